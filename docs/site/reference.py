@@ -11,6 +11,7 @@ import importlib
 import inspect
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,16 +24,40 @@ from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
 from pcpc.tools.terminal.command import Command
 
+_Leaf = tuple[Command, argparse.ArgumentParser]  # a command without parts
+_Row = tuple[str | Exit, str]  # an argument and its help, or an exit code and its words
+
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100
 _NOTE = "<!-- written by `make reference`; change its source, not this page -->"
 _COMMANDS = f"""# Commands
 {_NOTE}
 
-RIG is the name of a rig that comes with pcpc (`pcpc rigs`) or a file; LOG is a file, a run folder,
-or `latest`, the newest run below `runs/`. All commands have the same exit codes; a command lists
-those that it can end with.
+RIG is the name of a rig that comes with pcpc (`pcpc rigs`), a rig file, a folder with a `rig.yaml`,
+or the name of a run that goes on. LOG is a log file, a run folder, or `latest`, the newest run
+below `runs/`. `pcpc COMMAND --help` prints the options of a command with an example.
+
+## Exit codes
+
+These codes mean the same in every command. A command below lists only what is special to it.
 """
+_SHARED = """
+## Options of many commands
+
+The commands below name these options without repeating their meaning.
+
+| argument | |
+|---|---|"""
+_MANY = 3  # commands that take an argument with the same help: it is explained once
+_CODES = {
+    Exit.OK: "done; the verdict of a run is good",
+    Exit.NOT_MET: "an expectation, a requirement or a comparison does not hold",
+    Exit.WRONG_INPUT: "an option, a rig or a file is wrong",
+    Exit.LOSS: "frames or records were lost, or a log is damaged; what is readable is written",
+    Exit.ENVIRONMENT: "a node, a bus or a package is missing, or a file cannot be written",
+    Exit.SAFETY_STOP: "the supervisor stopped the loop",
+    Exit.INTERRUPTED: "Ctrl-C or SIGTERM",
+}
 _API = f"""# The package
 {_NOTE}
 
@@ -75,35 +100,72 @@ _EVALUATION = {
 
 def commands() -> str:
     """Return the page of the command line."""
-    lines = [_COMMANDS, "| exit code | |", "|---|---|"]
-    lines += [f"| {code:d} | {code.meaning} |" for code in Exit]
+    lines = [_COMMANDS, "| exit code | | |", "|---|---|---|"]
+    lines += [f"| {code:d} | {code.meaning} | {_CODES[code]} |" for code in Exit]
     parsers = _parts(cli.parser())
+    found = [(one, parsers[one.name]) for group in GROUPS.values() for one in group]
+    common = _common([leaf for one in found for leaf in _leaves(*one)])
+    lines += [_SHARED, *(f"| {_code(one)} | {said} |" for (_, said), one in common.items() if one)]
     for name, group in GROUPS.items():
         lines.append(f"\n## {TITLES[name][0].upper()}{TITLES[name][1:]}")
         for command in group:
-            lines += _command(command, parsers[command.name])
+            lines += _command(command, parsers[command.name], common)
     return "\n".join(lines) + "\n"
 
 
-def _command(command: Command, parser: argparse.ArgumentParser) -> list[str]:
+def _leaves(command: Command, parser: argparse.ArgumentParser) -> list[_Leaf]:
+    """Return a command with its parser, or those of its parts."""
+    return [(part, _parts(parser)[part.name]) for part in command.parts] or [(command, parser)]
+
+
+def _common(leaves: Sequence[_Leaf]) -> dict[_Row, str]:
+    """Return what many commands have: arguments with their help, exit codes with their words."""
+    count: Counter[_Row] = Counter()
+    named: dict[_Row, str] = {}
+    for command, parser in leaves:
+        for row, one in _rows(parser).items():
+            count[row] += 1
+            named[row] = max(named.get(row, ""), _argument(one), key=len)
+        count.update((command.codes or {}).items())
+    return {row: named.get(row, "") for row, number in count.items() if number >= _MANY}
+
+
+def _rows(parser: argparse.ArgumentParser) -> dict[_Row, argparse.Action]:
+    """Return the arguments that a page shows, by name and help."""
+    actions = [one for one in parser._actions if one.dest != "help"]
+    shown = [one for one in actions if one.help and one.help != argparse.SUPPRESS]
+    return {(_argument(one).rpartition(", ")[2], _help(parser, one)): one for one in shown}
+
+
+def _command(
+    command: Command, parser: argparse.ArgumentParser, common: Mapping[_Row, str]
+) -> list[str]:
     lines = [f"\n### {parser.prog}\n", f"{command.help[0].upper()}{command.help[1:]}."]
     for part in command.parts:
-        lines += _command(part, _parts(parser)[part.name])
+        lines += _command(part, _parts(parser)[part.name], common)
     if command.parts:
         return lines
-    shown = [action for action in parser._actions if action.dest != "help"]
-    names = [_argument(action) for action in shown if not action.option_strings]
-    options = [one for one in shown if one.help and one.help != argparse.SUPPRESS]
+    actions = [one for one in parser._actions if one.dest != "help"]
+    names = [_argument(one) for one in actions if not one.option_strings]
     rest = [f"-- {command.rest}"] if command.rest else []
     usage = " ".join([parser.prog, "[OPTION ...]", *names, *rest])
     notes = ["", *command.notes.strip().splitlines()] if command.notes else []
     lines += ["\n```text", usage, "", *command.example.splitlines(), *notes, "```"]
-    if options:
-        lines += ["", "| argument | |", "|---|---|"]
-        lines += [f"| {_code(_argument(one))} | {_help(parser, one)} |" for one in options]
-    codes = command.codes or dict.fromkeys(Exit, "")
-    told = ", ".join(f"{code:d} {said or code.meaning}" for code, said in codes.items())
-    return [*lines, "", *textwrap.wrap(f"Exit code: {told}.", _COLUMNS)]
+    rows = _rows(parser)
+    own = [
+        f"| {_code(_argument(one))} | {row[1]} |" for row, one in rows.items() if row not in common
+    ]
+    lines += ["", "| argument | |", "|---|---|", *own] if own else []
+    strings = [one.option_strings for row, one in rows.items() if row in common]
+    also = [f"`{', '.join(one)}`" for one in strings if one]
+    lines += ["", *_wrapped(f"{'Also' if own else 'Options:'} {', '.join(also)}.")] if also else []
+    codes = [one for one in (command.codes or {}).items() if one[1] and one not in common]
+    told = ", ".join(f"{code:d} {said}" for code, said in codes)
+    return [*lines, *(["", *_wrapped(f"Exit code: {told}.")] if told else [])]
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, _COLUMNS, break_on_hyphens=False)
 
 
 def _parts(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

@@ -10,13 +10,11 @@ def replay(add: Add) -> None:
     """Take a log, and what is changed."""
     add("log", metavar="LOG", help="log file, run folder or latest")
     add("--node", choices=(*ROLES, "device", "all"), default="all",
-        help="device: what one sent, by the rig's own law; default: all")  # fmt: skip
-    add("--controller", metavar="NAME", help="another controller of the log's rig")
-    take.settings(
-        add, "recompute with a change, in open loop: the recorded frames stay what they were"
-    )
+        help="node to recompute; device: its frames, by the rig's law; default: all")  # fmt: skip
+    add("--controller", metavar="NAME", help="use another controller of the log's rig")
+    take.settings(add, "recompute with a change, in open loop: recorded frames stay")
     take.code_of_laws(add)
-    take.json(add, "print one JSON list")
+    take.json(add, "print JSON")
     take.quiet(add)
 
 
@@ -30,7 +28,7 @@ COMMANDS = (
             Exit.OK: "bit-identical",
             Exit.NOT_MET: "different or incomplete",
             Exit.WRONG_INPUT: "",
-            Exit.LOSS: "bit-identical, but the log is not whole",
+            Exit.LOSS: "bit-identical, but the log is incomplete",
             Exit.SAFETY_STOP: "a step hangs or raises",
             Exit.INTERRUPTED: "",
         },

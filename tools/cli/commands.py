@@ -9,14 +9,14 @@ from pcpc.tools.terminal.command import Command, exit_codes
 from pcpc.tools.terminal.rooms import part_of, rooms_with
 
 TITLES = {  # of the groups, which are the folders of tools/, in the order of use
-    "start": "before a run: the rigs, and what their bus takes",
-    "run": "a run, from a rig to a verdict; its nodes also one by one",
-    "live": "while it runs",
-    "after": "afterwards",
-    "study": "many runs, and what they show",
-    "make": "what is made of rigs",
+    "start": "before a run: rigs and bus load",
+    "run": "runs and single nodes",
+    "live": "while a run goes on",
+    "after": "after a run",
+    "study": "many runs and studies",
+    "make": "write rigs, DBC files, C and FMUs",
     "machine": "this machine",
-    "dev": "the workshop of the project itself",
+    "dev": "development of pcpc",
 }
 
 
@@ -40,7 +40,7 @@ COMMANDS = {command.name: command for group in GROUPS.values() for command in gr
 _WORDS = """\
 RIG is a name (pcpc rigs), a file, a folder with rig.yaml, or the name of a
 run that goes on; LOG a file, a run folder, or `latest`.
-`pcpc COMMAND --help` tells the options of each, with an example."""
+`pcpc COMMAND --help` prints the options, with an example."""
 
 
 def overview() -> str:
@@ -70,4 +70,4 @@ def of_group(name: str) -> str:
     for group in GROUPS if name == "all" else (name,):
         rows = [(f"  {one.name}", one.help) for one in GROUPS[group]]
         lines += [f"{group}: {TITLES[group]}", *screen.table(rows), ""]
-    return "\n".join([*lines, "`pcpc COMMAND --help` tells the options of each, with an example."])
+    return "\n".join([*lines, "`pcpc COMMAND --help` prints the options, with an example."])

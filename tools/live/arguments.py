@@ -14,7 +14,7 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
         add(
             "--node",
             metavar="NODE",
-            help="executive, plant, RIG, RIG.plant; without it, the one that has NAME",
+            help="executive, plant, RIG or RIG.plant; default: the one that has NAME",
         )
         at(add)
         take.json(add, "print JSON")
@@ -24,17 +24,19 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
 
 def node(add: Add) -> None:
     """Take one of several nodes."""
-    add("--node", metavar="NODE", help="executive, plant, RIG, RIG.plant, or a full name")
+    add("--node", metavar="NODE", help="executive, plant, RIG, RIG.plant or a full name")
     at(add)
 
 
 def at(add: Add) -> None:
     """Take on which other machine the nodes run."""
-    add("--at", metavar="HOST:PORT", help="nodes of another machine, by a `pcpc host` there")
+    add("--at", metavar="HOST:PORT", help="nodes of another machine, through its `pcpc host`")
     add(
         "--token-file",
         metavar="FILE",
-        help="--at: its token, in a file that only you read; else PCPC_TOKEN",
+        help="--at: file with its token; default: PCPC_TOKEN",
     )
-    add("--ca", metavar="FILE", help="--at: the certificate (PEM) of a host with one of its own")
-    add("--plain", action="store_true", help="--at: without TLS; all on the way can read and tune")
+    add("--ca", metavar="FILE", help="--at: the host's own certificate (PEM)")
+    add(
+        "--plain", action="store_true", help="--at: no TLS: anyone on the network can read and tune"
+    )

@@ -11,27 +11,34 @@ from pcpc.tools.terminal.command import NODE_CODES, Add, Command
 def list_(add: Add) -> None:
     """Take variables, and how much about them."""
     take_live.table("NAME", "*")(add)
-    add("-l", "--long", action="store_true", help="also writer and meaning")
+    add("-l", "--long", action="store_true", help="print also writer and meaning")
 
 
 def save(add: Add) -> None:
     """Take where the parameters of a node go."""
-    add("file", type=Path, metavar="FILE", help="a YAML file to write")
-    add("--all", action="store_true", help="all parameters that a rig gives, not only changed ones")
+    add("file", type=Path, metavar="FILE", help="the YAML file to write")
+    add("--all", action="store_true", help="all parameters of the rig, not only changed ones")
     add("--force", action="store_true", help="overwrite FILE")
     take_live.node(add)
 
 
 def load(add: Add) -> None:
     """Take where parameters of a node come from."""
-    add("file", metavar="FILE", help="as `pcpc save` writes it: NAME: VALUE lines")
+    add("file", metavar="FILE", help="lines NAME: VALUE, as `pcpc save` writes them")
     take_live.node(add)
     take.json(add, "print JSON")
 
 
 def undo(add: Add) -> None:
     """Take how many tunings."""
-    add("count", type=take.positive, nargs="?", default=1, metavar="N", help="the last N; 1")
+    add(
+        "count",
+        type=take.positive,
+        nargs="?",
+        default=1,
+        metavar="N",
+        help="undo the last N tunings; default: 1",
+    )
     take_live.node(add)
     take.json(add, "print JSON")
 
@@ -44,33 +51,45 @@ def watch(add: Add) -> None:
         type=take.seconds("--every"),
         default="200ms",
         metavar="TIME",
-        help="interval: 500us, 5ms, 10s",
+        help="interval: 500us, 5ms, 10s; default: %(default)s",
     )
 
 
 def scope(add: Add) -> None:
     """Take variables, a trigger and where to write."""
-    add("names", nargs="+", metavar="VAR", help="variables of one node, or patterns, * ? []")
+    add("names", nargs="+", metavar="VAR", help="variables of one node, or patterns with * ? []")
     add(
         "--trigger",
         required=True,
         metavar="CONDITION",
-        help="as in requirements; the cycle in which it becomes true",
+        help="trigger when this condition becomes true",
     )
     pre, post = (take.seconds(option, zero=True) for option in ("--pre", "--post"))
-    add("--pre", type=pre, default="200ms", metavar="TIME", help="before the trigger; %(default)s")
-    add("--post", type=post, default="1s", metavar="TIME", help="behind it; %(default)s")
+    add(
+        "--pre",
+        type=pre,
+        default="200ms",
+        metavar="TIME",
+        help="record before the trigger; default: %(default)s",
+    )
+    add(
+        "--post",
+        type=post,
+        default="1s",
+        metavar="TIME",
+        help="record after the trigger; default: %(default)s",
+    )
     add("-o", "--output", type=Path, required=True, metavar="FILE.mcap", help="the log to write")
-    add("--plot", type=Path, metavar="FILE.png", help="draw it, too")
+    add("--plot", type=Path, metavar="FILE.png", help="draw the capture")
     add(
         "--mode",
         choices=("single", "normal", "auto"),
         default="single",
-        help="one burst; each time; also without a trigger; %(default)s",
+        help="one burst, each trigger, or without a trigger; default: %(default)s",
     )
-    add("--count", type=take.positive, metavar="N", help="normal, auto: end after N bursts")
-    add("--within", type=take.duration, metavar="TIME", help="give up after it")
-    add("--past", action="store_true", help="also triggers that the node's ring still holds")
+    add("--count", type=take.positive, metavar="N", help="normal, auto: stop after N bursts")
+    add("--within", type=take.duration, metavar="TIME", help="give up after this time")
+    add("--past", action="store_true", help="search the node's ring buffer for past triggers too")
     add("--force", action="store_true", help="overwrite FILE.mcap")
     take_live.node(add)
     take.json(add, "print JSON")
@@ -80,7 +99,7 @@ def scope(add: Add) -> None:
 def stop(add: Add) -> None:
     """Take which rig's run, and how."""
     reset(add)
-    add("--quick", action="store_true", help="in supervisor.quick_stop_s instead of ramp_s")
+    add("--quick", action="store_true", help="ramp down in supervisor.quick_stop_s, not ramp_s")
 
 
 def reset(add: Add) -> None:
@@ -89,7 +108,7 @@ def reset(add: Add) -> None:
         "run",
         metavar="RIG|RUN",
         nargs="?",
-        help="if several go on: name of the rig, or its file, or the run: RIG.BUS",
+        help="if several runs go on: the rig's name or file, or RIG.BUS",
     )
     take_live.at(add)
     take.json(add, "print JSON")
@@ -103,25 +122,29 @@ def operate(add: Add) -> None:
 
 def handover(add: Add) -> None:
     """Take who is to be in charge."""
-    add("controller", metavar="CONTROLLER", help="who takes over: on standby, or the rig's")
+    add(
+        "controller",
+        metavar="CONTROLLER",
+        help="the controller that takes over: one on standby, or the rig's",
+    )
     take_live.node(add)
     take.json(add, "print JSON")
 
 
 def fault(add: Add) -> None:
     """Take a fault of the rig, how long and how large."""
-    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")
+    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig")
     add(
         "--for",
         dest="for_s",
         type=take.seconds("--for"),
         metavar="TIME",
-        help="200ms, 5s; without it, until --end",
+        help="duration: 200ms, 5s; default: until --end",
     )
-    add("--value", type=float, metavar="X", help="how large, instead of the rig's value")
-    add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
-    add("--end", action="store_true", help="end it")
-    add("--node", metavar="NODE", help="only there: executive, plant or a full name")
+    add("--value", type=float, metavar="X", help="magnitude; default: the rig's value")
+    add("--share", type=float, metavar="X", help="probability that it acts, 0 to 1")
+    add("--end", action="store_true", help="end the fault")
+    add("--node", metavar="NODE", help="only in this node: executive, plant or a full name")
     take_live.at(add)
     take.json(add, "print JSON")
 
@@ -156,16 +179,16 @@ COMMANDS = (
     ),
     Command(
         "save",
-        "write the parameters that were tuned to a file",
+        "write the tuned parameters to a file",
         "pcpc save tuned.yaml",
         save,
-        notes="a rig takes them over with --set @FILE, a running one with `pcpc load`",
+        notes="use them with --set @FILE, or in a running node with `pcpc load`",
         module="live.tunings",
         codes=NODE_CODES,
     ),
     Command(
         "load",
-        "tune parameters to what a file says, all at once or none",
+        "tune parameters to the values in a file, all at once or none",
         "pcpc load tuned.yaml",
         load,
         module="live.tunings",
@@ -173,7 +196,7 @@ COMMANDS = (
     ),
     Command(
         "undo",
-        "go back to the values before the last tuning, whoever made it",
+        "undo the last tuning, of any client",
         "pcpc undo\npcpc undo 3",
         undo,
         module="live.tunings",
@@ -181,7 +204,7 @@ COMMANDS = (
     ),
     Command(
         "watch",
-        "print values again and again",
+        "print values periodically",
         "pcpc watch 'controller.*' --every 500ms",
         watch,
         codes=NODE_CODES,
@@ -205,7 +228,7 @@ COMMANDS = (
     ),
     Command(
         "lock",
-        "forbid tunings (tune, all), or allow them again (none)",
+        "forbid tuning (tune) or everything (all), or allow it (none)",
         "pcpc lock tune",
         take_live.table("none|tune|all", 1),
         module="live.variables",
@@ -213,7 +236,7 @@ COMMANDS = (
     ),
     Command(
         "stop",
-        "end a run in order, also one that is locked",
+        "stop a run in order, even a locked one",
         "pcpc stop --quick",
         stop,
         module="live.operation",
@@ -221,11 +244,11 @@ COMMANDS = (
     ),
     Command(
         "reset",
-        "go on after a fault that waits (supervisor.on_fault)",
+        "clear a fault that waits for it (supervisor.on_fault)",
         "pcpc reset hull",
         reset,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "its cause is still there"},
+        codes={**NODE_CODES, Exit.NOT_MET: "the cause is still there"},
     ),
     Command(
         "arm",
@@ -233,36 +256,36 @@ COMMANDS = (
         "pcpc arm",
         operate,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "not in this state"},
+        codes={**NODE_CODES, Exit.NOT_MET: "not possible in this state"},
     ),
     Command(
         "hold",
         "ramp commands to their safe values, without a fault",
         "pcpc hold",
         operate,
-        notes="time, references and laws go on; `pcpc resume` closes the loop again",
+        notes="time, references and laws continue; `pcpc resume` closes the loop again",
         module="live.operation",
         codes=NODE_CODES,
     ),
     Command(
         "resume",
-        "go on after `pcpc hold`: commands rise as fast as they fell",
+        "close the loop after `pcpc hold`, on the same ramp",
         "pcpc resume",
         operate,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "not in this state"},
+        codes={**NODE_CODES, Exit.NOT_MET: "not possible in this state"},
     ),
     Command(
         "handover",
-        "let another controller take over, without a step",
+        "let another controller take over, without a jump",
         "pcpc run hull --controller pd --standby pd_nn\npcpc handover pd_nn",
         handover,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "it is not usable; who is in charge stays"},
+        codes={**NODE_CODES, Exit.NOT_MET: "the controller is not usable; the present one stays"},
     ),
     Command(
         "fault",
-        "list the faults on purpose of a rig, begin or end one",
+        "list the injectable faults of a rig, begin or end one",
         "pcpc fault encoder_stuck --for 200ms",
         fault,
         codes=NODE_CODES,

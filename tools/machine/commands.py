@@ -10,7 +10,7 @@ def help_(add: Add) -> None:
 
 def completion(add: Add) -> None:
     """Take a shell."""
-    add("shell", choices=("bash", "zsh", "fish"), help="the shell that is to complete")
+    add("shell", choices=("bash", "zsh", "fish"), help="the shell")
 
 
 COMMANDS = (

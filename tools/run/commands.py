@@ -46,47 +46,49 @@ def play(add: Add) -> None:
         type=float,
         default=1.0,
         metavar="FACTOR",
-        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames",
+        help="speed: 2 is twice as fast; 0: as fast as the bus allows",
     )
-    add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
+    add(
+        "--loop", type=int, nargs="?", const=0, metavar="N", help="play N times; without N for ever"
+    )
     add(
         "--start",
         type=float,
         default=0.0,
         metavar="S",
-        help="begin S seconds behind the log's first frame",
+        help="start S seconds after the log's first frame",
     )
-    add("--duration", type=float, metavar="S", help="play S seconds of the recording")
+    add("--duration", type=float, metavar="S", help="play S seconds")
     add(
         "--step",
         nargs="?",
         const="frame",
         choices=("frame", "cycle"),
-        help="one frame, or the frames of one cycle, at each Enter",
+        help="send one frame, or one cycle, at each Enter",
     )
     add(
         "--only",
         action="append",
         default=[],
         metavar="NAME|ID",
-        help="only this frame: its name, or its id in hexadecimal; may be repeated",
+        help="only this frame, by name or hexadecimal id; repeatable",
     )
     add(
         "--as",
         dest="role",
         choices=("executive", "plant"),
-        help="only what this node sent, once the other node is heard",
+        help="send this node's frames once the other node is on the bus",
     )
-    add("--no-wait", action="store_true", help="with --as: begin without the other node")
+    add("--no-wait", action="store_true", help="--as: do not wait for the other node")
     add(
         "-p",
         "--priority",
         type=int,
         default=70,
         metavar="1..99",
-        help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's",
+        help="SCHED_FIFO priority, if allowed; default: %(default)s",
     )
-    take.json(add, "print the result as one JSON object")
+    take.json(add, "print JSON")
     take.quiet(add)
 
 
@@ -96,7 +98,7 @@ COMMANDS = (
         "check a rig file and print its wiring and bus load",
         "pcpc check hull",
         check,
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the bus"},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the bus cannot be used"},
         judges=True,
         compiles=True,
         module="run.check",
@@ -104,7 +106,7 @@ COMMANDS = (
     ),
     Command(
         "run",
-        "start emulator, executive and recorder, end with a verdict",
+        "start emulator, executive and recorder, and judge the run",
         "pcpc run hull\npcpc run hull --host --write",
         take.run,
         judges=True,
@@ -114,7 +116,7 @@ COMMANDS = (
     ),
     Command(
         "simulate",
-        "run the same in virtual time, in one process, without a bus",
+        "run a rig in virtual time, in one process, without a bus",
         "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003",
         simulate,
         judges=True,
@@ -124,7 +126,7 @@ COMMANDS = (
     ),
     Command(
         "plant",
-        "start the emulator only, or with a device of yours as the executive",
+        "start the emulator only, or with your device as the executive",
         "pcpc plant hull --bus vcan0\npcpc plant probe --pacing lockstep --device ./firmware {bus}",
         plant,
         judges=True,
@@ -143,7 +145,7 @@ COMMANDS = (
     ),
     Command(
         "local",
-        "start the node between the two only, of a rig with three",
+        "start only the third node of a rig with three",
         "pcpc local telerobot-u1 --bus vcan0",
         take.run,
         judges=True,
@@ -152,7 +154,7 @@ COMMANDS = (
     ),
     Command(
         "play",
-        "put recorded frames on a bus, at their times",
+        "send recorded frames on a bus at their times",
         "pcpc play latest --bus vcan0\n"
         "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"
         "pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0",
@@ -160,7 +162,7 @@ COMMANDS = (
         codes={
             Exit.OK: "played",
             Exit.WRONG_INPUT: "",
-            Exit.LOSS: "send errors or damaged log",
+            Exit.LOSS: "a frame was not sent, or the log is damaged",
             Exit.ENVIRONMENT: "",
             Exit.INTERRUPTED: "",
         },

@@ -6,8 +6,8 @@ from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 def rigs(add: Add) -> None:
     """Take names or patterns."""
-    add("names", nargs="*", metavar="NAME", help="only these rigs or plants; * ? []")
-    take.json(add, "print one JSON list")
+    add("names", nargs="*", metavar="NAME", help="only these rigs or plants; patterns with * ? []")
+    take.json(add, "print JSON")
 
 
 COMMANDS = (

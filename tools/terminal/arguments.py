@@ -15,7 +15,7 @@ MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
 BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
-def json(add: Add, help: str = "print one JSON object") -> None:
+def json(add: Add, help: str = "print JSON") -> None:
     """Take whether to print JSON."""
     add("--json", action="store_true", help=help)
 
@@ -35,18 +35,16 @@ def rig(add: Add) -> None:
     add(
         "rig",
         metavar="RIG",
-        help="name of a rig (pcpc rigs), its file or folder; a run that goes on",
+        help="a rig's name (pcpc rigs), file or folder, or a run that goes on",
     )
-    add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    add("--controller", metavar="NAME", help="use this controller; default: the rig's")
     add(
         "--standby",
         action=_Standby,
         metavar="NAME[,NAME]",
-        help="other controllers of the rig, which can take over",
+        help="controllers that can take over with `pcpc handover`",
     )
-    settings(
-        add, "any value of the rig or a block, as controller.kv_Nms_rad=130; @FILE: of pcpc save"
-    )
+    settings(add, "change a value, as controller.kv_Nms_rad=130; @FILE: those of pcpc save")
 
 
 class _Standby(argparse.Action):
@@ -78,14 +76,14 @@ def run(add: Add) -> None:
 
 def run_folder(add: Add) -> None:
     """Take where a run is kept, and how it is told and judged."""
-    add("-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>")
-    json(add, "print the summary as one JSON object")
-    add("--quiet", action="store_true", help="no progress; of the summary problems and verdict")
+    add("-o", "--output", metavar="DIR", help="run folder; default: runs/<UTC time>-<rig>")
+    json(add, "print JSON")
+    add("--quiet", action="store_true", help="print only problems and verdict")
     add("--no-figure", action="store_true", help="do not draw figure.png")
     add(
         "--judge",
         action="store_true",
-        help="a limit that could not be judged, or nothing to judge, is exit code 1",
+        help="exit with 1 if a limit was not judged, or there is none",
     )
 
 
@@ -108,7 +106,7 @@ def code_of_laws(add: Add) -> None:
     add(
         "--trust",
         action="store_true",
-        help="run the Python that stands in the log: its laws, its evaluation",
+        help="run the Python in the log: its laws, its evaluation",
     )
     add(
         "--law",
@@ -116,16 +114,16 @@ def code_of_laws(add: Add) -> None:
         default=[],
         metavar="FILE",
         type=_file("--law"),
-        help="a law, an evaluation or a file one reads, of a run whose files moved",
+        help="a Python file of the run that has moved, or a file it reads",
     )
-    add("--rig", metavar="RIG", help="the rig file beside which they lie now")
+    add("--rig", metavar="RIG", help="the rig file that the run's files lie beside now")
     add(
         "--fmu",
         action="append",
         default=[],
         metavar="FILE",
         type=_file("--fmu"),
-        help="run an FMU of the run, native code, which a log never holds",
+        help="run this FMU of the run (native code, never in a log)",
     )
 
 

@@ -16,7 +16,7 @@ BASIC_CODES = {Exit.OK: "", Exit.WRONG_INPUT: ""}
 NODE_CODES = {**BASIC_CODES, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
 LOG_CODES = {**BASIC_CODES, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
 OUTPUT_CODES = {
-    **BASIC_CODES, Exit.LOSS: "a log is damaged, what is readable was written",
+    **BASIC_CODES, Exit.LOSS: "a log is damaged; its readable part was written",
     Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
 }  # fmt: skip
 

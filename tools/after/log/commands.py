@@ -15,7 +15,7 @@ def info(add: Add) -> None:
 
 
 def _log(add: Add) -> None:
-    add("log", type=Path, metavar="LOG", help="log file or run folder")
+    add("log", type=Path, metavar="LOG", help="log file, run folder or latest")
 
 
 def cat(add: Add) -> None:
@@ -26,23 +26,23 @@ def cat(add: Add) -> None:
         "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
     add("--format", choices=("csv", "ndjson", "candump"),
         help="default: candump for frames, csv for variables, ndjson for all else")  # fmt: skip
-    _window(add, "up to here, exclusive")
+    _window(add, "up to this time")
     take.quiet(add)
 
 
 def _window(add: Add, end: str) -> None:
-    add("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
+    add("--start", metavar="TIME", help="from this time on: 1.5 or 500ms after the start")
     add("--end", metavar="TIME", help=end)
 
 
 def diff(add: Add) -> None:
     """Take two logs, and what counts as a difference."""
-    add("a", type=Path, metavar="A", help="log file or run folder")
-    add("b", type=Path, metavar="B", help="the other one")
+    add("a", type=Path, metavar="A", help="log file, run folder or latest")
+    add("b", type=Path, metavar="B", help="the other log")
     add("variables", nargs="*", metavar="VAR",
-        help="names or patterns, without frames; default: all but timing")  # fmt: skip
-    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
-    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
+        help="names or patterns; default: all but timing, and frames")  # fmt: skip
+    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative tolerance")
+    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute tolerance")
     take.json(add)
     take.quiet(add)
 
@@ -50,7 +50,7 @@ def diff(add: Add) -> None:
 def recover(add: Add) -> None:
     """Take a damaged log."""
     _log(add)
-    add("-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap")
+    add("-o", "--output", type=Path, metavar="OUT", help="new file; default: LOG-recovered.mcap")
     take.json(add)
     take.quiet(add)
 
@@ -58,12 +58,12 @@ def recover(add: Add) -> None:
 def export(add: Add) -> None:
     """Take a log, which part of it, and a file."""
     _log(add)
-    add("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
     add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
-        help="instead of what the suffix of FILE says")  # fmt: skip
+        help="default: by the suffix of FILE")  # fmt: skip
     add("--topics", nargs="+", metavar="TOPIC",
         help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
-    _window(add, "up to here, exclusive")
+    _window(add, "up to this time")
     add("--force", action="store_true", help="overwrite FILE")
     take.json(add)
     take.quiet(add)
@@ -72,9 +72,9 @@ def export(add: Add) -> None:
 def import_(add: Add) -> None:
     """Take a recording and its DBC file."""
     add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")
-    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log")
-    add("--node", metavar="NAME", help="see the bus as this node of the DBC file")
+    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="DBC file of its frames")
+    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log to write")
+    add("--node", metavar="NAME", help="direction of frames as seen by this node of the DBC file")
     add("--channel", metavar="NAME", help="only this channel of the recording")
     add("--force", action="store_true", help="overwrite OUT.mcap")
     take.json(add)
@@ -85,9 +85,9 @@ def require(add: Add) -> None:
     """Take a log, and what is required of it."""
     _log(add)
     add("--require", action="append", default=[], metavar="REQUIREMENT",
-        help="instead of the rig's: 'always: CONDITION', ...; may be repeated")  # fmt: skip
+        help="judge by this instead: 'always: CONDITION'; repeatable")  # fmt: skip
     take.code_of_laws(add)
-    take.json(add, "print one JSON list")
+    take.json(add, "print JSON")
     take.quiet(add)
 
 
@@ -97,26 +97,26 @@ def plot(add: Add) -> None:
         help="logs, and variables (* ? [] as in the shell, in quotes); "
         "no variables: the figure of its evaluation")  # fmt: skip
     add("-o", "--output", type=Path, default=Path("plot.png"), metavar="FILE.png",
-        help="picture, .png, .svg or .pdf; %(default)s")  # fmt: skip
+        help=".png, .svg or .pdf; default: %(default)s")  # fmt: skip
     take.code_of_laws(add)
-    _window(add, "up to here")
+    _window(add, "up to this time")
     take.quiet(add)
 
 
 def animate(add: Add) -> None:
     """Take a log, and a film."""
     _log(add)
-    add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="film")
-    add("--speed", type=float, default=1.0, metavar="X", help="seconds of the log a second; 1")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="GIF to write")
+    add("--speed", type=float, default=1.0, metavar="X", help="playback speed; default: 1")
     take.code_of_laws(add)
-    _window(add, "up to here")
+    _window(add, "up to this time")
     take.quiet(add)
 
 
 _PARTS = (
     Command(
         "info",
-        "tell what a log holds and what is missing in it",
+        "show what a log holds and what is missing in it",
         "pcpc log info latest",
         info,
         module="after.log.info",
@@ -140,19 +140,19 @@ _PARTS = (
             Exit.OK: "equal",
             Exit.NOT_MET: "they differ",
             Exit.WRONG_INPUT: "",
-            Exit.LOSS: "equal as far as they are readable",
+            Exit.LOSS: "equal as far as readable",
             Exit.INTERRUPTED: "",
         },
     ),
     Command(
         "recover",
-        "write what is readable of a damaged log to a new file",
+        "write the readable part of a damaged log to a new file",
         "pcpc log recover latest",
         recover,
         module="after.log.recover",
         codes={
-            Exit.OK: "something was recovered",
-            Exit.WRONG_INPUT: "nothing was",
+            Exit.OK: "messages were recovered",
+            Exit.WRONG_INPUT: "nothing was recovered",
             Exit.LOSS: "the disk is full",
             Exit.ENVIRONMENT: "cannot be written",
             Exit.INTERRUPTED: "",
@@ -160,7 +160,7 @@ _PARTS = (
     ),
     Command(
         "export",
-        "write frames as candump, BLF, ASC, or variables as CSV, Parquet",
+        "export frames as candump, BLF, ASC, or variables as CSV, Parquet",
         "pcpc log export latest -o frames.blf",
         export,
         module="after.log.export",
@@ -168,7 +168,7 @@ _PARTS = (
     ),
     Command(
         "import",
-        "make a log of a recording: candump, BLF, ASC, what else python-can reads",
+        "make a log of a recording that python-can reads: candump, BLF, ASC",
         "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
         import_,
         module="after.log.importer",
@@ -176,15 +176,15 @@ _PARTS = (
     ),
     Command(
         "require",
-        "judge a log by what its rig requires in time, or by other requirements",
+        "judge a log by its rig's requirements, or by others",
         "pcpc log require latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'",
         require,
         module="after.log.require",
         codes={
-            Exit.OK: "held",
+            Exit.OK: "all hold",
             Exit.NOT_MET: "violated",
             Exit.WRONG_INPUT: "",
-            Exit.LOSS: "held as far as the log is readable",
+            Exit.LOSS: "all hold as far as the log is readable",
             Exit.INTERRUPTED: "",
         },
     ),
@@ -198,7 +198,7 @@ _PARTS = (
     ),
     Command(
         "animate",
-        "show the plant of a log as it moved, as a GIF",
+        "animate the plant of a log as a GIF",
         "pcpc log animate latest -o barrel.gif\n"
         "pcpc log animate latest --start 0.4s --end 1.6s --speed 0.2 -o slew.gif",
         animate,
@@ -210,7 +210,7 @@ _PARTS = (
 COMMANDS = (
     Command(
         "log",
-        "look into logs, compare, draw, convert and repair them",
+        "inspect, compare, draw, convert and repair logs",
         "pcpc log info latest",
         compiles=True,
         reads_logs=True,

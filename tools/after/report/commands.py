@@ -10,7 +10,7 @@ def report(add: Add) -> None:
     """Take a log, and a page."""
     add("log", metavar="LOG", help="log file, run folder or latest")
     add("-o", "--output", type=Path, metavar="FILE.html",
-        help="instead of report.html in the run folder, LOG.html beside another log")  # fmt: skip
+        help="default: report.html in the run folder, or LOG.html beside a log")  # fmt: skip
     take.code_of_laws(add)
     take.quiet(add)
 
@@ -18,7 +18,7 @@ def report(add: Add) -> None:
 COMMANDS = (
     Command(
         "report",
-        "write a run as one HTML file, to hand on or to print",
+        "write a run as one HTML file",
         "pcpc report latest\npcpc report runs/A -o a.html",
         report,
         reads_logs=True,

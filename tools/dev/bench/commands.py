@@ -41,8 +41,8 @@ def _rounds(text: str) -> int:
 def bench(add: Add) -> None:
     """Take suites."""
     add("names", nargs="*", metavar="NAME", help="suites; default: all but batch, rate, startup")
-    add("--rounds", type=_rounds, default=15, metavar="N", help="default 15")
-    add("--json", type=Path, metavar="FILE", help="write the ratios there too")
+    add("--rounds", type=_rounds, default=15, metavar="N", help="default: 15")
+    add("--json", type=Path, metavar="FILE", help="write the ratios to this file too")
     take.quiet(add)
 
 
@@ -52,7 +52,11 @@ COMMANDS = (
         "measure ratios against C and others, interleaved in one run",
         "pcpc bench steps --json steps.json",
         bench,
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
+        codes={
+            **BASIC_CODES,
+            Exit.ENVIRONMENT: "a program to compare with is missing",
+            Exit.INTERRUPTED: "",
+        },
         notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
         compiles=True,
         module="dev.bench.cli",

@@ -14,14 +14,50 @@ _MOST_H = 87_600.0  # ten years
 def evidence(add: Add) -> None:
     """Take the parts of the evidence, how much of each, and where it goes."""
     add("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all")
-    add("--runs", type=take.positive, default=3000, metavar="N", help="of each fault; 3000")
-    add("--hours", type=hours, default=100.0, metavar="H", help="without a fault; 100")
-    add("--frames", type=take.positive, default=1_000_000, metavar="N", help="damaged frames; 10^6")
-    add("--laws", type=take.positive, default=100_000, metavar="N", help="random ones; 100,000")
-    add("--kills", type=take.positive, default=100, metavar="N", help="disturbed processes; 100")
-    add("--seed", type=take.seed, default=1, metavar="N", help="the first of the seeds; 1")
-    add("-j", "--jobs", type=take.positive, metavar="N", help="processes; as many as processors")
-    add("-o", "--output", default="evidence", metavar="FOLDER", help="for faults.md, faults.json")
+    add(
+        "--runs",
+        type=take.positive,
+        default=3000,
+        metavar="N",
+        help="runs of each fault; default: 3000",
+    )
+    add(
+        "--hours",
+        type=hours,
+        default=100.0,
+        metavar="H",
+        help="hours without a fault; default: 100",
+    )
+    add(
+        "--frames",
+        type=take.positive,
+        default=1_000_000,
+        metavar="N",
+        help="damaged frames; default: 10^6",
+    )
+    add(
+        "--laws",
+        type=take.positive,
+        default=100_000,
+        metavar="N",
+        help="random laws; default: 100,000",
+    )
+    add(
+        "--kills",
+        type=take.positive,
+        default=100,
+        metavar="N",
+        help="disturbed processes; default: 100",
+    )
+    add("--seed", type=take.seed, default=1, metavar="N", help="first seed; default: 1")
+    add("-j", "--jobs", type=take.positive, metavar="N", help="processes; default: one a processor")
+    add(
+        "-o",
+        "--output",
+        default="evidence",
+        metavar="FOLDER",
+        help="folder for faults.md and faults.json",
+    )
     take.quiet(add, "-q")
 
 
@@ -39,41 +75,47 @@ def hours(text: str) -> float:
 
 def soak(add: Add) -> None:
     """Take a rig and for how long."""
-    add("rig", metavar="RIG", help="rig file, or the name of one that comes with pcpc")
+    add("rig", metavar="RIG", help="a rig's name (pcpc rigs) or file")
     add("--hours", type=hours, default=1.0, metavar="H", help="default: %(default)s")
     add("--each", type=take.duration, default=600.0, metavar="DURATION",
-        help="of a run on a clock; 10min")  # fmt: skip
-    add("--seed", type=take.seed, default=1, metavar="N", help="of what is drawn; %(default)s")
-    take.json(add, "print a row a run as JSON")
+        help="duration of a run on a clock; default: 10min")  # fmt: skip
+    add(
+        "--seed",
+        type=take.seed,
+        default=1,
+        metavar="N",
+        help="seed of tunings and faults; default: %(default)s",
+    )
+    take.json(add, "print JSON, a line a run")
     take.quiet(add, "-q")
 
 
 COMMANDS = (
     Command(
         "evidence",
-        "inject every fault, count what notices it, write a page of all",
+        "inject every fault and count what detects it",
         "pcpc evidence\npcpc evidence mutants kills --kills 32",
         evidence,
         compiles=True,
         module="dev.evidence.native_process",
         codes={
-            Exit.OK: "all as stated",
-            Exit.NOT_MET: "something was not",
+            Exit.OK: "all figures as stated",
+            Exit.NOT_MET: "a figure is not as stated",
             Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "the folder cannot be written",
+            Exit.ENVIRONMENT: "cannot be written",
             Exit.INTERRUPTED: "",
         },
     ),
     Command(
         "soak",
-        "run after run with other tunings and faults for hours; check each log",
+        "run with random tunings and faults for hours; check each log",
         "pcpc soak hull --hours 8",
         soak,
         compiles=True,
         module="dev.evidence.soak",
         codes={
-            Exit.OK: "nothing wrong",
-            Exit.NOT_MET: "a log was",
+            Exit.OK: "no problem",
+            Exit.NOT_MET: "a log has a problem",
             Exit.WRONG_INPUT: "",
             Exit.INTERRUPTED: "",
         },

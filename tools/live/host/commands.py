@@ -14,31 +14,33 @@ def host(add: Add) -> None:
         "what",
         nargs="?",
         metavar="RIG|RUN|LOG",
-        help="a rig whose run is shown, or a run folder, log or latest; what runs",
+        help="a rig or run that goes on, or a log; default: what runs",
     )
-    add("--node", default="", metavar="NAME", help="where several run: a node, by its full name")
+    add("--node", default="", metavar="NAME", help="full name of a node, if several run")
     page(add)
     add(
         "--address",
         default="127.0.0.1",
         metavar="IP",
-        help="where it listens; %(default)s: for this machine only",
+        help="address to listen on; default: %(default)s, this machine only",
     )
     add(
         "--name",
         action="append",
         default=[],
         metavar="HOST",
-        help="another name of this machine that browsers may use",
+        help="another name of this machine in browsers",
     )
-    add("--tls-cert", metavar="FILE", help="certificate (PEM), and with")
-    add("--tls-key", metavar="FILE", help="its key, what is sent is encrypted")
+    add("--tls-cert", metavar="FILE", help="TLS certificate (PEM)")
+    add("--tls-key", metavar="FILE", help="TLS key")
     add(
         "--plain",
         action="store_true",
-        help="other addresses without TLS: all on the way can read and tune",
+        help="no TLS on other addresses: anyone on the network can read, tune",
     )
-    add("--new-token", action="store_true", help="pages opened before lose their right")
+    add(
+        "--new-token", action="store_true", help="make a new token: pages opened before lose access"
+    )
     for more in offers("BESIDE_HOST"):
         more(add)
     take.code_of_laws(add)
@@ -46,27 +48,25 @@ def host(add: Add) -> None:
 
 def beside(add: Add) -> None:
     """Take the page beside a run."""
-    add(
-        "--host", action="store_true", help="a page beside the run, as of `pcpc host`; ends with it"
-    )
+    add("--host", action="store_true", help="show the page of `pcpc host` during the run")
     page(add, "--host: ")
 
 
 def page(add: Add, of: str = "") -> None:
     """Take what a page may do, where it listens and records to; `of`: what else must be given."""
     add("--write", action="store_true", help=f"{of}let the page tune, stop, reset, begin faults")
-    add("--port", type=int, metavar="N", help=f"{of}default: the first free from 8642 on")
+    add("--port", type=int, metavar="N", help=f"{of}port; default: the first free from 8642 on")
     add(
         "--recordings",
         type=Path,
         metavar="DIR",
-        help=f"{of}where the page records to, and saves what was; default runs/host",
+        help=f"{of}folder of the page's recordings; default: runs/host",
     )
     add(
         "--recordings-mb",
         type=take.positive,
         metavar="N",
-        help=f"{of}the most that all of them together have, MB; default 4000",
+        help=f"{of}largest size of all recordings, MB; default: 4000",
     )
 
 
@@ -74,7 +74,7 @@ BESIDE_RUN = beside
 COMMANDS = (
     Command(
         "host",
-        "show a run or a log in any browser: moving plots, tuning, timing",
+        "show a run or a log in a browser: live plots, tuning, timing",
         "pcpc host --write\npcpc host latest\npcpc host --foxglove",
         host,
         reads_logs=True,
@@ -82,7 +82,7 @@ COMMANDS = (
         codes={
             Exit.OK: "Ctrl-C",
             Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "a package or the port is missing",
+            Exit.ENVIRONMENT: "a package is missing, or the port is taken",
         },
         first=True,
     ),

@@ -12,17 +12,17 @@ def top(add: Add) -> None:
         "run",
         metavar="RIG|RUN",
         nargs="?",
-        help="only runs of this rig, its name or its file; or one run, as RIG.BUS",
+        help="runs of this rig, by name or file, or one run: RIG.BUS",
     )
-    add("--node", metavar="NODE", help="of several runs: a node, or RIG.BUS")
+    add("--node", metavar="NODE", help="a node, if several run, or RIG.BUS")
     add(
         "--every",
         type=take.seconds("--every"),
         default="1s",
         metavar="TIME",
-        help="interval; %(default)s",
+        help="interval; default: %(default)s",
     )
-    add("--once", action="store_true", help="one screen, then end")
+    add("--once", action="store_true", help="print one screen and end")
     take_live.at(add)
 
 
@@ -32,7 +32,7 @@ COMMANDS = (
         "show a run on one screen: states, faults, timing, frames, parameters",
         "pcpc top\npcpc top hull --once",
         top,
-        notes="q or Ctrl-C ends it; where a run ends, it waits for the next",
+        notes="q or Ctrl-C quits; after a run it waits for the next",
         module="live.top.cli",
         codes={**BASIC_CODES, Exit.ENVIRONMENT: "--once: no such run", Exit.INTERRUPTED: ""},
     ),

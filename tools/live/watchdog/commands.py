@@ -9,18 +9,22 @@ def watchdog(add: Add) -> None:
     """Take a rig, its bus, and what is fed while all is well."""
     take.rig(add)
     add("--bus", metavar="INTERFACE[:CHANNEL]", help=f"{take.BUSES}; the rig's run, if one goes on")
-    add("--pacing", choices=("real", "sync", "lockstep"), help="of the run; the rig's")
+    add(
+        "--pacing",
+        choices=("real", "sync", "lockstep"),
+        help="pacing of the run; default: the rig's",
+    )
     add(
         "--feed",
         metavar="FILE",
-        help="written as long as all is well: /dev/watchdog, a relay's heartbeat",
+        help="write here as long as all is well: /dev/watchdog, a relay",
     )
 
 
 COMMANDS = (
     Command(
         "watchdog",
-        "watch a run from its bus alone; send its stop frame if it goes wrong",
+        "watch a run from its bus alone; send the stop frame on a fault",
         "pcpc watchdog hull --bus vcan0 --feed /dev/watchdog",
         watchdog,
         codes={

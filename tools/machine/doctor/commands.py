@@ -7,17 +7,17 @@ from pcpc.tools.terminal.command import Add, Command
 
 def doctor(add: Add) -> None:
     """Take what to look at and how to print."""
-    add("--tune", action="store_true", help="settings for real time, as commands, and their worth")
+    add("--tune", action="store_true", help="measure, and print commands that improve real time")
     take.json(add)
 
 
 COMMANDS = (
     Command(
         "doctor",
-        "what it offers, and how to get the rest",
+        "show what this machine offers, and how to get the rest",
         "pcpc doctor\npcpc doctor --tune    # measures for 10 s",
         doctor,
-        codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "it cannot"},
+        codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "no rig can run"},
         module="machine.doctor.cli",
         first=True,
     ),

@@ -9,33 +9,50 @@ from pcpc.tools.terminal.command import Add, Command
 
 def jitter(add: Add) -> None:
     """Take what cyclictest takes, and yardsticks."""
-    add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")
-    add("-D", "--duration", default="10s", metavar="TIME", help="of all rounds of a loop; 10s")
+    add(
+        "-i",
+        "--interval",
+        default="1000us",
+        metavar="TIME",
+        help="period, 50us to 1s; default: 1000us",
+    )
+    add(
+        "-D",
+        "--duration",
+        default="10s",
+        metavar="TIME",
+        help="of all rounds of a loop; default: 10s",
+    )
     add(
         "-p",
         "--priority",
         type=int,
         default=80,
         metavar="1..99",
-        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less",
+        help="SCHED_FIFO priority, if allowed; plant: 10 less; default: 80",
     )
-    add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
+    add("-h", "--histogram", type=int, metavar="US", help="print cyclictest's histogram up to US")
     take.quiet(add, "-q")
     add(
         "-a",
         "--affinity",
         metavar="CPU[,CPU]",
-        help="processors of executive and plant; other loops: the first one",
+        help="processors of executive and plant; other loops use the first",
     )
     add(
         "--bus",
         metavar="INTERFACE[:CHANNEL]",
-        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses",
+        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; must be unused",
     )
     add("--against", metavar="NAME,...", help="compare with cyclictest, c, python")
-    add("--rounds", type=int, metavar="N", help="parts of the duration; 5 with --against")
-    add("--limits", type=Path, metavar="FILE", help="limits in YAML: 1 unless all hold")
-    add("--json", type=Path, metavar="FILE", help="write all figures there")
+    add("--rounds", type=int, metavar="N", help="parts of the duration; default: 1, --against: 5")
+    add(
+        "--limits",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of limits; exit with 1 if one does not hold",
+    )
+    add("--json", type=Path, metavar="FILE", help="write all figures to this file")
     add("--plot", type=Path, metavar="FILE.png", help="draw the histograms of all loops")
 
 
@@ -49,9 +66,9 @@ COMMANDS = (
         jitter,
         codes={
             Exit.OK: "measured, all limits held",
-            Exit.NOT_MET: "a limit not held, or not judged",
+            Exit.NOT_MET: "a limit does not hold, or was not judged",
             Exit.WRONG_INPUT: "",
-            Exit.LOSS: "the log is not whole",
+            Exit.LOSS: "the log is incomplete",
             Exit.ENVIRONMENT: "",
             Exit.INTERRUPTED: "",
         },

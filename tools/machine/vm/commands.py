@@ -36,6 +36,6 @@ COMMANDS = (
         judges=True,
         rest="COMMAND [ARGUMENT ...]",
         module="machine.vm.cli",
-        codes={Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "no machine, or it broke"},
+        codes={Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "the machine did not start, or broke"},
     ),
 )

@@ -11,14 +11,14 @@ from pcpc.tools.terminal.rates import bits_per_s
 
 def slcan(add: Add) -> None:
     """Take a bus, and the line: a port, or after -- a program."""
-    add("bus", metavar="BUS", help="as --bus: vcan0, udp_multicast:GROUP[:PORT]")
-    add("port", type=Path, nargs="?", metavar="PORT", help="a serial line: /dev/ttyACM0")
+    add("bus", metavar="BUS", help="vcan0, udp_multicast:GROUP[:PORT]")
+    add("port", type=Path, nargs="?", metavar="PORT", help="serial line: /dev/ttyACM0")
     add("--baud", type=take.positive, default=115200, metavar="N", help="default: %(default)s")
     add(
         "--bitrate",
         type=bits_per_s,
         metavar="RATE",
-        help="that the adapter has to set: 500k, 1M; default: as it is",
+        help="bit rate to set in the adapter: 500k, 1M; default: unchanged",
     )
 
 
@@ -28,8 +28,8 @@ def in_place(add: Add) -> None:
         "--device",
         nargs=argparse.REMAINDER,
         metavar="COMMAND",
-        help="record and judge a device in the executive's place: the rest of the line starts it, "
-        "{bus} is the bus; without one it is waited for",
+        help="record and judge a device in the executive's place; the rest of the line starts it, "
+        "with {bus} for the bus; without COMMAND, wait for it",
     )
 
 
@@ -37,12 +37,16 @@ BESIDE_PLANT = in_place
 COMMANDS = (
     Command(
         "slcan",
-        "put a device on a bus that speaks slcan on a serial line, or in QEMU",
+        "connect an slcan device, on a serial line or in QEMU, to a bus",
         "pcpc slcan vcan0 /dev/ttyACM0\npcpc slcan vcan0 -- sh firmware/qemu.sh m7",
         slcan,
-        notes="of a program the exit code is its own",
+        notes="with a program, the exit code is the program's",
         rest="PROGRAM ...",
         module="make.device.slcan",
-        codes={Exit.OK: "the line has ended", Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "the bus"},
+        codes={
+            Exit.OK: "the serial line was closed",
+            Exit.WRONG_INPUT: "",
+            Exit.ENVIRONMENT: "the bus cannot be used",
+        },
     ),
 )

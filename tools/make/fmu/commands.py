@@ -10,8 +10,8 @@ from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 def fmu(add: Add) -> None:
     """Take a rig, which block of its plant, and where to write."""
     add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
-    add("--block", metavar="NAME", help="which block of the plant; without one, the only one")
-    take.settings(add, "any value of the rig or of a block")
+    add("--block", metavar="NAME", help="block of the plant; default: the only one")
+    take.settings(add, "change a value of the rig or a block")
     add("-o", "--output", type=Path, metavar="FILE", help="default: BLOCK.fmu")
 
 
@@ -20,7 +20,7 @@ PARTS_OF = {
     "generate": (
         Command(
             "fmu",
-            "make an FMU of a rig's plant, FMI 2.0 for co-simulation, with its bits",
+            "write a bit-identical FMU of a rig's plant (FMI 2.0, co-simulation)",
             "pcpc generate fmu slew10 -o barrel.fmu",
             fmu,
             compiles=True,

@@ -15,38 +15,36 @@ def c(add: Add) -> None:
         help="a law: pd, references:sine, plants/atb1000/model.py; or a rig: a name (pcpc rigs), "
         "a file",
     )
-    add("--controller", metavar="NAME", help="of a rig: another controller than its own")
-    take.settings(add, "of a rig: any value of it or of a block")
-    add("-o", "--output", type=Path, metavar="DIR", help="where to write; default: NAME_c")
+    add("--controller", metavar="NAME", help="of a rig: use this controller")
+    take.settings(add, "of a rig: change a value of it or of a block")
+    add("-o", "--output", type=Path, metavar="DIR", help="folder; default: NAME_c")
     add(
         "--device",
         action="store_true",
-        help="of a rig: also frames, counters, CRC, supervisor, a main for Linux and for a "
-        "Cortex-M",
+        help="of a rig: also frames, CRC, supervisor, a main for Linux and Cortex-M",
     )
     add(
         "--check",
         action="store_true",
-        help="of a rig: run its closed loop in C in every build of this machine, compare with "
-        "`pcpc simulate`; exit code 4 where it has no compiler",
+        help="of a rig: run its closed loop in C, in every build that this machine can make, "
+        "and compare with `pcpc simulate`",
     )
     add(
         "--single",
         action="store_true",
-        help="floats instead of doubles; with --check the builds with each other, and the whole "
-        "run with double; with --cost beside double",
+        help="float, not double; --check compares the builds, and the run with double",
     )
     add(
         "--cost",
         action="store_true",
-        help="instructions and stack of a law, or of a rig's controllers, on Cortex-M7 and M4",
+        help="instructions and stack on Cortex-M7 and M4",
     )
     add(
         "--cycles",
         type=take.positive,
         default=200,
         metavar="N",
-        help="--check, --cost: the first of the run; default: %(default)s",
+        help="--check, --cost: number of cycles; default: %(default)s",
     )
     take.quiet(add, "-q")
 
@@ -54,7 +52,7 @@ def c(add: Add) -> None:
 _PARTS = (
     Command(
         "c",
-        "write readable C99 of a law, or of all laws of a rig's executive, wired",
+        "write readable C99 of a law, or of a rig's executive",
         "pcpc generate c pd_nn_fast -o firmware\n"
         "pcpc generate c hull --controller pd_nn_fast --check",
         c,
@@ -72,7 +70,7 @@ _PARTS = (
 COMMANDS = (
     Command(
         "generate",
-        "write C from laws and rigs, or an FMU of a plant, with their bits",
+        "write bit-identical C of laws and rigs, or an FMU of a plant",
         "pcpc generate c pd -o firmware",
         compiles=True,
         parts=_PARTS,

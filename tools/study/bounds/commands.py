@@ -9,10 +9,10 @@ from pcpc.tools.terminal.command import Add, Command
 
 def bounds(add: Add) -> None:
     """Take a rig or a log, and by which law's theorem it is judged."""
-    add("what", metavar="RIG|LOG", help="a rig, run in virtual time; a log file, folder or latest")
-    add("--controller", metavar="NAME", help="controller, instead of the rig's")
-    take.settings(add, "any value of the rig")
-    add("--as", dest="law_as", metavar="LAW", help="by the theorem of this law of the plant")
+    add("what", metavar="RIG|LOG", help="a rig, which is simulated, or a log")
+    add("--controller", metavar="NAME", help="use this controller; default: the rig's")
+    take.settings(add, "change a value of the rig")
+    add("--as", dest="law_as", metavar="LAW", help="use the theorem of this law")
     add("--plot", type=Path, metavar="FILE", help="draw V, its derivatives, |r|, weights, bounds")
     take.code_of_laws(add)
     take.json(add)
@@ -22,11 +22,11 @@ def bounds(add: Add) -> None:
 COMMANDS = (
     Command(
         "bounds",
-        "hold a run against the theorem of its law: V, V', ultimate bound",
+        "check a run against the theorem of its law: V, V', ultimate bound",
         "pcpc bounds friction-c\npcpc bounds latest --plot bounds.png",
         bounds,
         codes={
-            Exit.OK: "it holds, or no theorem is known",
+            Exit.OK: "the theorem holds, or none is known",
             Exit.NOT_MET: "violated",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the log is damaged",

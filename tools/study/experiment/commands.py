@@ -13,15 +13,15 @@ def experiment(add: Add) -> None:
         help="chapterN of the book, approximation, actuators, drawings, margins, rivals, rough, "
         "theorems, tuning, or a study.py",
     )
-    add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
-    add("--jobs", type=int, metavar="N", help="processes; all processors")
+    add("-o", "--output", metavar="DIR", help="folder; default: runs/<UTC time>-NAME")
+    add("--jobs", type=int, metavar="N", help="processes; default: one a processor")
     take.quiet(add)
 
 
 COMMANDS = (
     Command(
         "experiment",
-        "run a whole study in virtual time: tables and figures",
+        "run a study in virtual time: tables and figures",
         "pcpc experiment chapter9 -o results",
         experiment,
         codes={

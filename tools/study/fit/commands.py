@@ -7,39 +7,39 @@ from pcpc.tools.terminal.command import Add, Command
 
 def fit(add: Add) -> None:
     """Take a rig, a log, and what is to be estimated from which sensors."""
-    add("rig", metavar="RIG", help="whose plant is the model: its name (pcpc rigs), or its file")
+    add("rig", metavar="RIG", help="the rig whose plant is the model: name or file")
     add("log", metavar="LOG", help="log file, run folder or latest")
     add(
         "--parameter",
         action="append",
         default=[],
         metavar="NAME[=lo:hi]",
-        help="a setting of the plant, BLOCK.NAME, and its bounds; default: those that the plant's "
-        "identification.py names",
+        help="a setting of the plant, BLOCK.NAME, and its bounds; default: those of the plant's "
+        "identification.py",
     )
     add(
         "--sensor",
         action="append",
         default=[],
         metavar="NAME",
-        help="FRAME.signal, or BLOCK.PORT of the plant's own record; all it sends",
+        help="FRAME.signal, or BLOCK.PORT in the plant's record; default: all sent",
     )
     add(
         "--set",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="any value of the rig, of the model or where the search starts",
+        help="change a value of the model, or a start of the search",
     )
-    add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-fit-<rig>")
-    take.json(add, "print the result as one JSON object")
+    add("-o", "--output", metavar="DIR", help="folder; default: runs/<UTC time>-fit-<rig>")
+    take.json(add, "print JSON")
     take.quiet(add)
 
 
 COMMANDS = (
     Command(
         "fit",
-        "estimate parameters of the plant from a log, with 95 % intervals",
+        "estimate plant parameters from a log, with 95 % intervals",
         "pcpc fit slew10 latest\n"
         "pcpc fit slew10 latest --parameter barrel.gap_rad=0:0.01 -o fitted\n"
         "pcpc simulate slew10 --set @fitted/fit.yaml",
@@ -50,7 +50,7 @@ COMMANDS = (
         module="study.fit.cli",
         codes={
             Exit.OK: "",
-            Exit.NOT_MET: "the log tells nothing of a --parameter, or of all",
+            Exit.NOT_MET: "the log does not determine a --parameter, or any",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the log is damaged",
             Exit.ENVIRONMENT: "a package is missing",

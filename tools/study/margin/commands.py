@@ -12,15 +12,19 @@ from pcpc.tools.terminal.rates import frequency
 def margin(add: Add) -> None:
     """Take a rig, a loop, the point, what is injected."""
     take.rig(add)
-    add("--loop", metavar="SIGNAL", help="the sent signal that closes it; default: the first")
+    add(
+        "--loop",
+        metavar="SIGNAL",
+        help="the command signal that closes the loop; default: the first",
+    )
     add(
         "--at",
         type=take.duration,
         dest="at_s",
         metavar="TIME",
-        help="hold the reference at what it is at this time of the run; default 0 s",
+        help="hold the reference of this time of the run; default: 0 s",
     )
-    add("--settle", type=take.duration, metavar="TIME", help="come to rest first; default 4s")
+    add("--settle", type=take.duration, metavar="TIME", help="time to come to rest; default: 4s")
     add(
         "--method",
         choices=("both", "linearised", "measured"),
@@ -31,40 +35,44 @@ def margin(add: Add) -> None:
         "--amplitude",
         type=float,
         metavar="A",
-        help="most that is injected, in the signal's unit; default: chosen by the error",
+        help="injected amplitude, in the signal's unit; default: automatic",
     )
-    add("--lowest", type=frequency, metavar="F", help="lowest frequency; default: the rate by 4000")
+    add("--lowest", type=frequency, metavar="F", help="lowest frequency; default: rate/4000")
     add(
-        "--seed", type=take.seed, default=1, metavar="N", help="of the phases; default: %(default)s"
+        "--seed",
+        type=take.seed,
+        default=1,
+        metavar="N",
+        help="seed of the phases; default: %(default)s",
     )
     add(
         "-o",
         "--output",
         type=Path,
         metavar="DIR",
-        help="write margin.json, bode.png and nyquist.png there",
+        help="folder for margin.json, bode.png and nyquist.png",
     )
     add(
         "--limit-cycle",
         metavar="GAIN",
-        help="tell from which factor of this setting on the rig cycles",
+        help="predict the factor of this setting where a limit cycle begins",
     )
     add(
         "--linear",
         action="append",
         default=[],
         metavar="SETTING",
-        help="--limit-cycle: what makes it linear, as --set; default: a linear.yaml there",
+        help="--limit-cycle: makes it linear, as --set; default: its linear.yaml",
     )
     add(
         "--with",
         action="append",
         dest="grown",
         metavar="NAME",
-        help="--limit-cycle: which of these come back; default: all but noise",
+        help="--limit-cycle: nonlinearities to restore; default: all but noise",
     )
-    add("--factors", type=numbers, metavar="F,...", help="--limit-cycle: runs at these factors")
-    take.json(add, "print all, with both responses, as one JSON object")
+    add("--factors", type=numbers, metavar="F,...", help="--limit-cycle: also run at these factors")
+    take.json(add, "print JSON")
 
 
 def numbers(text: str) -> list[float]:
@@ -81,7 +89,7 @@ def numbers(text: str) -> list[float]:
 COMMANDS = (
     Command(
         "margin",
-        "tell how far its loop is from instability: linearised and measured",
+        "compute and measure the stability margins of a rig's loop",
         "pcpc margin sin0.5 --controller pd\n"
         "pcpc margin sin0.5 --at 500ms --amplitude 0.2 -o margins",
         margin,

@@ -14,10 +14,8 @@ def sweep(add: Add) -> None:
         help="name of a rig (pcpc rigs), or its file; merge: folders of shards; "
         "rerun: a folder, the number of a draw, a controller",
     )
-    add(
-        "--on-bus", action="store_true", help="rerun: also on a bus, in lockstep; compares the bits"
-    )
-    add("--controllers", metavar="A,B", help="these on the same draws; the rig's own")
+    add("--on-bus", action="store_true", help="rerun: also on a bus, in lockstep; compare the bits")
+    add("--controllers", metavar="A,B", help="controllers on the same draws; default: the rig's")
     add(
         "--vary",
         action="append",
@@ -27,48 +25,57 @@ def sweep(add: Add) -> None:
         "a factor on the rig's value",
     )
     add(
-        "--draws", type=int, metavar="N", help="1000; of a grid all, with --until as many as needed"
+        "--draws",
+        type=int,
+        metavar="N",
+        help="number of draws; default: 1000, grid: all, --until: as needed",
     )
-    add("--sampling", choices=("random", "lhs", "sobol", "grid"), help="sobol; random with --until")
+    add(
+        "--sampling",
+        choices=("random", "lhs", "sobol", "grid"),
+        help="default: sobol; --until: random",
+    )
     add(
         "--seed",
         type=take.seed,
         default=1,
         metavar="N",
-        help="of the draws and of the runs' noises",
+        help="seed of draws and noise",
     )
-    take.settings(add, "any value of the rig or a block, of all runs")
+    take.settings(add, "change a value in all runs")
     add(
         "--until",
         metavar="STATEMENT",
-        help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'",
+        help="stop when decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'",
     )
     add(
         "--worst",
         type=int,
         metavar="RUNS",
-        help="search for the smallest margin of the requirements, or the largest --of",
+        help="search for the smallest requirement margin, or the largest --of",
     )
     add(
         "--rare",
         type=int,
         metavar="RUNS",
-        help="probability of a rare failure: subset simulation, RUNS a step, as 1000",
+        help="estimate a rare failure: subset simulation, RUNS a step, as 1000",
     )
-    add("--of", metavar="METRIC", help="in place of the requirements; --rare: with --limit")
-    add("--limit", type=float, metavar="X", help="--rare: the metric fails above it")
-    add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
-    add("--threads", type=int, metavar="N", help="two more than processors")
+    add(
+        "--of", metavar="METRIC", help="use this metric, not the requirements; --rare: with --limit"
+    )
+    add("--limit", type=float, metavar="X", help="--rare: the metric fails above X")
+    add("--shard", metavar="I/N", help="run part I of N of the draws")
+    add("--threads", type=int, metavar="N", help="threads; default: processors + 2")
     add(
         "--scheduler",
         metavar="ADDRESS",
-        help="Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine",
+        help="Dask: tcp://HOST:PORT, or local[:N] for N workers here",
     )
     add(
         "-o",
         "--output",
         metavar="DIR",
-        help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on",
+        help="folder; resumes a sweep; default: runs/<UTC time>-sweep-<rig>",
     )
     take.quiet(add)
 
@@ -76,7 +83,7 @@ def sweep(add: Add) -> None:
 COMMANDS = (
     Command(
         "sweep",
-        "run it a thousand times with values that vary: table, statement, report",
+        "run a rig with many parameter values: table, statement, report",
         "pcpc sweep hull --controllers pd,pd_nn --vary barrel.gap_rad=x0.5:2 --draws 200\n"
         "pcpc sweep hull --vary barrel.gap_rad=x0.5:2 --until 'p_fail < 1e-2 at 95%'\n"
         "pcpc sweep merge SHARDS ...\n"
@@ -86,13 +93,13 @@ COMMANDS = (
         compiles=True,
         module="study.sweep.start",
         codes={
-            Exit.OK: "done, whatever the runs came to",
-            Exit.NOT_MET: "--until: it does not hold; rerun: not ok, or not as in the table",
+            Exit.OK: "done, with any verdicts of the runs",
+            Exit.NOT_MET: "--until does not hold; rerun: not ok, or not as in the table",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the disk is full",
             Exit.ENVIRONMENT: "a package is missing",
             Exit.SAFETY_STOP: "rerun: a node faulted",
-            Exit.INTERRUPTED: "the same command with -o goes on",
+            Exit.INTERRUPTED: "interrupted; the same command with -o resumes",
         },
         first=True,
     ),

@@ -13,9 +13,9 @@ def beside(add: Add) -> None:
         nargs="?",
         const=-1,
         metavar="PORT",
-        help="for Foxglove and Lichtblick instead; the first free from 8765 on",
+        help="serve Foxglove and Lichtblick; default: first free port from 8765",
     )
-    add("--foxglove-layout", action="store_true", help="print a layout of RIG for both, and end")
+    add("--foxglove-layout", action="store_true", help="print a layout of RIG for both")
 
 
 def port(text: str) -> int:
