@@ -1,4 +1,4 @@
-"""What judges and draws a run: the one object that an evaluation.py declares.
+"""The vocabulary of an evaluation.py, which judges and draws a run.
 
     from pcpc.plants.evaluation import *    # the vocabulary, `__all__` below
 
@@ -9,22 +9,21 @@
         notes=(("error rms {error_rms_rad:.4f} rad",), ()),
     )
 
-signals   functions of a `Run` (plants/judging.py) that return a value a cycle, NaN where nothing is
-          known. What they say of a cycle may depend on the cycles beside it and on no others: a
-          long run is looked at in stretches. Signals may use each other: run["error_rad"]
-merits    a statistic of a signal, of a recorded variable `NODE:NAME` (of `NAME` alone the
-          executive's, else that of the node that has it) or of a function like it,
-          over a window; or a function of a `Judged` run. Figures that are NaN are left out
-panels    axes with lines of such sources; below them how late a paced run woke, across them where
-          it was tuned
-notes     the parts of the two lines under the title, with figures by name; a part whose figures are
-          not all known is left out. A function of the figures may return a part, too
+signals   functions of a `Run` that return a value a cycle, (n,), NaN where unknown. A value may
+          depend on its own and the neighbouring cycles only, because a long run is evaluated in
+          stretches. Signals may use each other: run["error_rad"]
+merits    statistics over a window, of a signal, of a recorded variable `NODE:NAME` (`NAME` alone:
+          the executive's, or that of the node that has it), or of a function like a signal;
+          or functions of a `Judged` run. Figures that are NaN are left out
+panels    axes with lines of such sources
+notes     parts of the two lines under the title, with figures by name, or functions of the
+          figures; a part with an unknown figure is left out
 numbers   what the rig may give under `evaluation` besides `window_s` and further windows
           NAME_from_s, NAME_to_s (default: the end); found in run.numbers and run.windows
 
-A variable that only some controllers have is NaN for the others where a string names it, and by
-run.get(...); run[...] insists on it. `pcpc check` tries all of it out on imagined runs, and refuses
-a string that names a variable of no controller of the rig.
+A variable that only some controllers have is NaN for the others, in a string and in run.get(...);
+run[...] requires it. `pcpc check` tries the evaluation on made-up runs and refuses a string that
+names a variable of no controller of the rig.
 """
 
 import math
@@ -98,14 +97,14 @@ def diverged(metrics: Figures) -> str:
 
 
 def started(source: Source) -> Signal:
-    """Return a source from 0.5 s on, NaN before."""
+    """Return a source (n,) that is NaN before 0.5 s."""
     return lambda run: np.where(run.t_s < STARTED_S, math.nan, run.values(source))
 
 
 def settling(source: Source, bound: float, over: str = RUN, needs: str = "") -> Merit:
-    """Return the time from the window's begin until |source| stays within `bound`, inf for never.
+    """Return the time from the window's begin until |source| stays within `bound`; inf for never.
 
-    Of the cycles with the plant's record; a value that is not finite is outside.
+    Only cycles with a record of the plant count; a value that is not finite is outside.
     """
 
     def ends(run: Run) -> Vector:
@@ -241,9 +240,9 @@ class Evaluation:
         window_s: tuple[float, float], numbers: Mapping[str, float] | None = None,
         violations: Sequence[tuple[float, str]] = (),
     ) -> None:  # fmt: skip
-        """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib.
+        """Write one PNG, 1200 x 1500 pixels.
 
-        Without a `path` it is laid out only. `violations`: of requirements, time in s and name.
+        ImportError without matplotlib, with the cure; Mistake for a line that cannot be drawn.
         """
         period_s = 1e-9 * float(log.metadata.get("executive", {}).get("period_ns", 1e9))
         judged = self.judged(log, window_s, numbers or {}, period_s)

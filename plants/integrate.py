@@ -17,7 +17,7 @@
 
     runge_kutta(slope, t, h, p, w, x.motion, x.integrator)
 
-`w` is handed through beside the parameters: what is held over the step, such as torques.
+`w` holds what is constant over the step, such as torques.
 """
 
 from collections.abc import Callable

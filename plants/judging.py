@@ -41,7 +41,7 @@ _OWN = [str(Path(__file__).with_name(f"{name}.py")) for name in ("judging", "pag
 def paired_rows(
     log: Log, period_s: float, node: str = "plant", leader: str = "executive"
 ) -> NDArray[np.int64]:
-    """Return the row of `node` that belongs to each cycle of `leader`; -1 for none."""
+    """Return the row (n,) of `node` that belongs to each cycle of `leader`; -1 for none."""
     lead, other = log.node[leader], log.node.get(node)
     if other is None or not len(other.cycle):
         return np.full(len(lead.cycle), -1, np.int64)
@@ -82,8 +82,8 @@ def declared_at() -> Place:
 class Run:
     """A run, or a stretch of it, by cycle of the executive or of another `leader`.
 
-    `run["plant:arm.q_rad"]`, `run["error_rad"]`: columns (n,), NaN where the log does not tell.
-    `first_row`: of the stretch in the run.
+    `run["plant:arm.q_rad"]`, `run["error_rad"]`: columns (n,), NaN where the log has no value;
+    Mistake for a variable that is not in the log. `first_row`: where a stretch begins in the run.
     """
 
     log: Log
@@ -101,26 +101,26 @@ class Run:
 
     @cached_property
     def cycle(self) -> NDArray[np.int64]:
-        """The cycles."""
+        """The cycle numbers, (n,)."""
         return self.log.node[self.leader].cycle
 
     @cached_property
     def t_s(self) -> Vector:
-        """Time of the cycles."""
+        """Time of the cycles, (n,), s."""
         return np.asarray(self.cycle * self.period_s, np.float64)
 
     @property
     def plant_told(self) -> Mask:
-        """Which cycles have the plant's record."""
+        """Which cycles have a record of the plant, (n,)."""
         return self.told("plant")
 
     def told(self, node: str) -> Mask:
-        """Return which cycles have the record of a node."""
+        """Return which cycles have a record of a node, (n,)."""
         return self._rows(node) >= 0
 
     @cached_property
     def plant_tells(self) -> bool:
-        """Whether any cycle of the whole run has the plant's record."""
+        """Whether any cycle of the whole run has a record of the plant."""
         if self.whole is not None:
             node = self.whole.node.get("plant")
             return node is not None and len(node.cycle) > 0
@@ -140,7 +140,7 @@ class Run:
         return found
 
     def get(self, name: str) -> Vector:
-        """As `run[name]`; NaN also for a variable that the records do not have."""
+        """Return `run[name]`, (n,); NaN also for a variable that the records do not have."""
         known = name in self.signals or self.has(name)
         return self[name] if known else np.full(len(self.cycle), math.nan)
 
@@ -149,7 +149,10 @@ class Run:
         return names.find_variable(self.whole or self.log, name) is not None
 
     def values(self, source: Source, place: Place | None = None) -> Vector:
-        """Return what a source says, a value or a row a cycle; `place`: where it is declared."""
+        """Return the values of a source, (n,) or (n, m), a row a cycle.
+
+        `place`: where the source is declared. Mistake: it does not return a number a cycle.
+        """
         given = self.get(source) if isinstance(source, str) else source(self)
         try:
             values = np.asarray(given, np.float64)
@@ -196,26 +199,26 @@ class Run:
         return found
 
     def before(self, values: Vector) -> Vector:
-        """Return the values of the cycle before each; NaN where the log has no such cycle."""
+        """Return the value (n,) of the cycle before each; NaN where the log has no such cycle."""
         moved = np.append(math.nan, values[:-1])
         return np.where(np.diff(self.cycle, prepend=-2) == 1, moved, math.nan)
 
     def after(self, values: Vector) -> Vector:
-        """Return the values of the cycle after each; NaN where the log has no such cycle."""
+        """Return the value (n,) of the cycle after each; NaN where the log has no such cycle."""
         moved = np.append(values[1:], math.nan)
         return np.where(np.diff(self.cycle, append=-1) == 1, moved, math.nan)
 
     def step(self, values: Vector) -> Vector:
-        """Return the change since the cycle before."""
+        """Return the change (n,) since the cycle before."""
         return values - self.before(values)
 
     def between(self, begin_s: float, end_s: float) -> Mask:
-        """Return which cycles are in the window [begin, end)."""
+        """Return which cycles are in the window [begin, end), (n,)."""
         first, past = edges(self.period_s, begin_s, end_s)
         return (self.cycle >= first) & (self.cycle < past)
 
     def window(self, name: str) -> Mask:
-        """Return which cycles are in one of `windows`; not to be changed."""
+        """Return which cycles are in one of `windows`, (n,); do not change it."""
         key = f"window {name}"
         if key not in self._made:
             self._made[key] = self.between(*self.windows[name])
@@ -249,12 +252,12 @@ def _parsed(rig: str) -> Any:
 
 @dataclass(frozen=True)
 class Merit:
-    """A figure of a run: `scale` times a statistic of a source.
+    """A figure of merit of a run: `scale` times a statistic of a source.
 
     over     WINDOW    the rig's window; EACH: also each further one, as NAME_...
              RUN       the whole run;    LATE: from the end of the rig's window on
              NAME      the rig's further window NAME_from_s to NAME_to_s; absent if it has none
-    needs    a number, or a further window, of the rig without which there is no such figure
+    needs    a number or a further window of the rig; without it there is no such figure
     leader   the node whose cycles count
     """
 
@@ -267,14 +270,14 @@ class Merit:
     place: Place = field(default_factory=declared_at, compare=False)
 
     def of(self, run: Run, own: slice) -> Vector:
-        """Return the source's values in a run's own cycles, and of those in the window."""
+        """Return the source's values (m,) in a run's own cycles that lie in the window."""
         values = run.values(self.source, self.place)
         return values[own] if self.over == RUN else values[own][run.window(self.over)[own]]
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A run of any length with what the rig says of its evaluation."""
+    """A run of any length with the windows and numbers of its rig."""
 
     log: Log
     period_s: float
@@ -285,7 +288,7 @@ class Judged:
     _runs: dict[str, Run] = field(default_factory=dict, init=False, compare=False)
 
     def run(self, leader: str = "executive") -> Run:
-        """Return the run as a whole; of a short one its signals are computed once."""
+        """Return the whole run; a short one computes its signals once."""
         if isinstance(self.log, LongLog):
             return self._run(self.log, leader)
         if leader not in self._runs:
@@ -297,7 +300,7 @@ class Judged:
         return Run(log, self.period_s, leader, row, whole, *about, self.suspects)
 
     def stretches(self, leader: str) -> Iterator[tuple[Run, slice]]:
-        """Yield the run, a long one in stretches, with the slice of their own cycles."""
+        """Yield the run, a long one in stretches, each with the slice of its own cycles."""
         if not isinstance(self.log, LongLog):
             yield self.run(leader), slice(None)
             return
@@ -307,9 +310,9 @@ class Judged:
             row += end - begin
 
     def measured(self, merits: Mapping[str, Merit], leader: str = "executive") -> dict[str, float]:
-        """Return the figures by name; NaN where the log does not tell.
+        """Return the figures by name; NaN where the log has no values.
 
-        A short run is looked at as a whole, a long one stretch by stretch.
+        A long run is evaluated stretch by stretch.
         """
         if not self._reaches(leader):
             return dict.fromkeys(merits, math.nan)
@@ -332,9 +335,9 @@ class Judged:
         }
 
     def non_finite(self, one: Merit) -> str:
-        """Return which recorded value of a figure's window is no finite number; "" for none.
+        """Return the first recorded value of a figure's window that is not finite; "" for none.
 
-        Such a value does not count to a figure; unlike one that the log lacks, it was there.
+        Figures ignore such values.
         """
         for run, own in self.stretches(one.leader) if self.suspects else ():
             fresh = replace(run)  # it knows what this figure alone asks for

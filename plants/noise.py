@@ -1,4 +1,4 @@
-"""White noise whose bits are the same everywhere: MRG32k3a in exact double arithmetic.
+"""White noise that is bit-identical everywhere: MRG32k3a in exact double arithmetic.
 
     s1 = (1403580 s1[n-2] -  810728 s1[n-3]) mod m1        m1 = 2^32 - 209                 (1)
     s2 = ( 527612 s2[n-1] - 1370589 s2[n-3]) mod m2        m2 = 2^32 - 22853               (2)
@@ -6,9 +6,9 @@
     w  = u_1 + ... + u_12 - 6                              standard deviate, |w| < 6       (4)
 
 All states are whole numbers below 2^32 and all products below 2^53, so every operation is exact.
-The quotient a/m is rounded to a whole number q, at most one too large, and a - q m is corrected by
-m where it is negative. The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9
-instead of 3 (thin tails) and needs no logarithm. A stream is six states: s1, then s2, oldest first.
+The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9 instead of 3 (thin tails).
+A stream is six states (6,): s1, then s2, oldest first.
+
 Source: L'Ecuyer, Good parameters and implementations for combined multiple recursive random number
 generators, Operations Research 47 (1999), 159-164.
 """
@@ -24,10 +24,7 @@ _MASK = (1 << 64) - 1
 
 
 def seeded(seed: int, stream: int) -> list[float]:
-    """Return the start state of one stream, six whole numbers; any two integers will do.
-
-    Splitmix64 over the pair: neighbouring seeds and streams start at unrelated points.
-    """
+    """Return the start state (6,) of a stream; `seed` and `stream` are any two integers."""
     mixed = _splitmix(_splitmix(seed & _MASK) ^ (stream & _MASK))
     state = []
     for modulus in (M1, M1, M1, M2, M2, M2):

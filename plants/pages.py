@@ -53,7 +53,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Level:
-    """A bound on both sides of 0; named only where it lies far from what is drawn. NaN: none."""
+    """A bound, drawn on both sides of 0; only named if it is far from the lines. NaN: none."""
 
     value: Callable[[Run], float]
     label: str
@@ -62,7 +62,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes of a page: label with unit, lines, relative height; `when`: drawn where that holds."""
+    """Axes of a page: label with unit, lines, relative height; `when`: draw it only if true."""
 
     label: str
     lines: Sequence[Line]
@@ -130,7 +130,7 @@ def draw_page(
 
 
 def draw_panel(ax: "Axes", panel: Panel, drawn: Sequence[tuple[Vector, Vector]], run: Run) -> None:
-    """Draw lines and levels."""
+    """Draw the lines, `drawn` as pairs (t, y) of shape (n,), and the levels."""
     for line, (t, y) in zip(panel.lines, drawn, strict=True):
         draw_line(ax, t, y, line.label, line.colour, linewidth=line.width, linestyle=line.style)
     largest = peak(np.concatenate([y for _, y in drawn]))
@@ -179,7 +179,7 @@ def mark_violations(
 
 
 def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
-    """Return a line of about `points` points that shows the lowest and highest of every piece."""
+    """Return about `points` of the line y (n,) over t (n,): the extremes of every piece."""
     size = -(-len(y) // (points // 2))
     if size <= 2:
         return t, y
@@ -193,7 +193,7 @@ def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]
 
 
 def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]:
-    """Return time and values of each line over the whole run; of a long one enough to draw."""
+    """Return (t, y), each (n,), of every line over the run; of a long one enough to draw."""
     cycles = max(len(judged.log.node["executive"].cycle), 1)
     points = cycles + 2
     if isinstance(judged.log, LongLog):
@@ -210,7 +210,7 @@ def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]
 
 
 def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style: Any) -> None:
-    """Draw a signal where there is one; a fast one without dashes, and so that others are seen."""
+    """Draw y (n,) over t (n,) if it has finite values; a fast line thin, without dashes."""
     if not np.isfinite(y).any():
         return
     look = {"linewidth": 1.1, "linestyle": "-", **style}

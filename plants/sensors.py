@@ -1,10 +1,10 @@
-"""Sensors: a first-order lag that the plant integrates, white noise and a resolution of samples.
+"""Sensors: a first-order lag that the plant integrates, white noise, a resolution.
 
     l' = 2 pi f (s - l)                            bandwidth f, -3 dB           (1)
     y_k = l(t_k) + std w_k                         w_k of plants.noise          (2)
     y_k = lsb floor(l(t_k)/lsb + 1/2)              coarser than the codec's     (3)
 
-Where the scale of the CAN signal is the sensor's resolution, the codec rounds instead of (3).
+Where the scale of the CAN signal is the sensor's resolution, the codec rounds and (3) is not used.
 """
 
 from pcpc.drivers.compiled.jit import inline

@@ -67,8 +67,9 @@ What `import pcpc` offers, from its docstrings; [the guide](../python.md) shows 
 _RIG_PYTHON = f"""# The Python of a rig
 {_NOTE}
 
-What a law, a plant and an `evaluation.py` beside your rig may import. [How to write a
-controller](../howto/controller.md) and [the tutorial](../tutorial.md) show it at work.
+What a law, a plant and an `evaluation.py` beside your rig may import. Each file names its
+literature. [How to write a controller](../howto/controller.md) and [the
+tutorial](../tutorial.md) show it.
 
 ```text
 from pcpc.executive.laws.block import Block, Ports, inline, port, stage    # in a law and in a plant
@@ -225,7 +226,8 @@ def _module(name: str) -> Any:
 
 
 def _told(module: str) -> str:
-    return _prose(inspect.cleandoc(_module(module).__doc__))
+    paragraphs = inspect.cleandoc(_module(module).__doc__).split("\n\n")
+    return _prose("\n\n".join(one for one in paragraphs if not one.startswith("Source:")))
 
 
 def _defined(module: str) -> dict[str, Any]:
@@ -270,14 +272,14 @@ def _functions(module: str) -> list[str]:
 
 def _references() -> list[str]:
     """Return a table of the ready-made references with their parameters."""
-    lines = ["\n| `law:` | parameter | unit | default | range | |", "|---|---|---|---|---|---|"]
+    lines = ["\n| `law:` | parameter | default | range | |", "|---|---|---|---|---|"]
     for module in ("references", "sequences"):
         found = vars(_module(f"executive.laws.{module}")).items()
         for name, block in ((name, one) for name, one in found if isinstance(one, Block)):
             for number, one in enumerate(block.settings):
                 law = "" if number else f"`{module}:{name}`"
                 default = "required" if one.default is None else f"`{one.default:g}`"
-                about = f"`{one.name}` | {one.unit} | {default} | {one.low:g} to {one.high:g}"
+                about = f"`{one.name}` | {default} | {one.low:g} to {one.high:g}"
                 lines.append(f"| {law} | {about} | {one.help} |")
     return lines
 

@@ -71,7 +71,7 @@ VIEW = types.float64[::1]
 
 
 def inline(function: Callable[..., Any]) -> Any:
-    """Compile a helper that stages and loops call; always inlined (worth 10 % in the stages)."""
+    """Compile a helper that stages and loops call; always inlined."""
     return kept_code.for_callers(numba.njit(forceinline=True, **OPTIONS)(function))
 
 

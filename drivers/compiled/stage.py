@@ -38,7 +38,7 @@ _OPTIONS = OPTIONS | {"pipeline_class": _NoAlias, "_nrt": False, "no_cpython_wra
 
 
 class Stage:
-    """A step; compiled, unless numba is switched off."""
+    """A step; compiled, unless numba is switched off. TypeError: the arguments are not a step's."""
 
     def __init__(self, function: Callable[..., None]) -> None:
         self.py_func = function
@@ -86,8 +86,8 @@ def _address(dispatcher: Any, name: str) -> int:
 def stage(function: Callable[..., None]) -> Any:
     """Make `step(t, dt, p, x, u, y)` the step of a block: t, dt in s, ports by name; no result.
 
-    It cannot allocate: without reference counting, which would be a tenth of a plant's step, numba
-    refuses what needs memory of its own.
+    It cannot allocate: numba refuses anything that needs memory of its own. TypeError: its
+    arguments are not a step's.
     """
     return Stage(function)
 

@@ -6,13 +6,13 @@
 
     BLOCK = Block(step)
 
-t, dt in s. The annotations name declarations (`executive.laws.ports`); a block without states takes
-`x: Nothing`. Returns nothing.
+t, dt in s. The annotations name declarations (`executive.laws.ports`); a block without states
+takes `x: Nothing`.
 
-Inside a step: + - * /, sqrt, abs, comparisons, `where(c, a, b)` for what depends on a state,
-written loops, and the functions of `executive.laws.emath`. No libm, no numpy reductions, no `**`
-but x*x, no clock, bus, file, allocation or global. Then compiled and interpreted runs give the same
-bits on every machine.
+A step may use + - * /, sqrt, abs, comparisons, `where(c, a, b)` where a choice depends on a state,
+written loops, and the functions of `executive.laws.emath`. It must not use libm, numpy reductions,
+`**` (write x*x), clocks, buses, files, allocation or globals. Then compiled and interpreted runs
+are bit-identical on every machine.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Prepared:
-    """What `prepare` returns: values by port name, a float or a sequence of the port's size."""
+    """What `prepare` returns: values by port name, a float or a sequence (size,) of the port."""
 
     parameters: Mapping[str, float | Sequence[float]]
     states: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
@@ -40,10 +40,10 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Block:
-    """A stage with what a rig may set of it.
+    """A stage and the settings that a rig gives it.
 
-    `settings` declares that, where it is not the parameters; then `prepare(settings, rate_hz,
-    seed)` computes parameters and initial states from them, once, at set-up:
+    `settings` declares them if they are not the parameters. `prepare(settings, rate_hz, seed)` then
+    computes parameters and initial states once, at set-up:
 
         def prepare(settings, rate_hz, seed):    # settings: those of `p` and begin_m
             return Prepared(settings, {"level_m": settings["begin_m"]})

@@ -1,7 +1,7 @@
-"""Elementary functions with the same bits on every machine: + - * /, comparison and select only.
+"""Elementary functions that are bit-identical everywhere: + - * /, comparison and select only.
 
-IEEE 754 fixes the bits of these operations on every processor, compiled or interpreted; nothing
-fixes those of a libm. So stages call these functions, never `math` or numpy.
+IEEE 754 fixes the bits of these operations, compiled or interpreted; a libm does not. So stages
+call these functions, never `math` or numpy.
 
     x = k ln2 + r                      Cody-Waite: ln2 in two parts, k times the first exact   (1)
     exp(x) = 2^k (1 + r + r^2 q(r))    |r| <= ln2/2; q of degree 10, Estrin's scheme           (2)
@@ -10,20 +10,19 @@ fixes those of a libm. So stages call these functions, never `math` or numpy.
     logistic(x) = 1 / (1 + exp(-x))    for x >= 0; below, exp(x) / (1 + exp(x))                (5)
     x = k pi/2 + y + yl                Cody-Waite: pi/2 in four parts, |k| <= 2^20             (6)
 
-    function                    error     valid for
-    exp                         0.9 ulp   all x, subnormal results included
-    expmsq                      1.0 ulp   all x  (exp(-(x*x)) of a libm: up to 500 ulp)
-    tanh                        1.3 ulp   all x
-    logistic                    2.5 ulp   all x
-    sin, cos, sincos            0.9 ulp   |x| <= 2^20 pi/2 = 1.6e6 rad; NaN beyond
-    sqrt                        0.5 ulp   x >= 0; NaN below
-    floor, clip, sign, pow2     exact     all x; pow2: whole numbers -1022..1023
+function                    error     valid for
+exp                         0.9 ulp   all x, subnormal results included
+expmsq                      1.0 ulp   all x  (exp(-(x*x)) of a libm: up to 500 ulp)
+tanh                        1.3 ulp   all x
+logistic                    2.5 ulp   all x
+sin, cos, sincos            0.9 ulp   |x| <= 2^20 pi/2 = 1.6e6 rad; NaN beyond
+sqrt                        0.5 ulp   x >= 0; NaN below
+floor, clip, sign, pow2     exact     all x; pow2: whole numbers -1022..1023
 
-NaN gives NaN (its bits are the processor's). Arguments are float64. `where`, `pow2` and `sqrt` are
-the only primitives, for a number of one run and for one of each lane (`drivers.compiled.lanes`).
+NaN gives NaN. Arguments are float64, of one run or of each lane (`drivers.compiled.lanes`).
 
-Polynomials: own Chebyshev fits, computed in 60 digits. Methods: Cody and Waite, Software Manual for
-the Elementary Functions (1980); Dekker, A floating-point technique for extending the available
+Source: own Chebyshev fits, computed in 60 digits. Cody and Waite, Software Manual for the
+Elementary Functions (1980); Dekker, A floating-point technique for extending the available
 precision, Numerische Mathematik 18 (1971), 224-242; Estrin, Organization of computer systems, Proc.
 Western Joint Computer Conference (1960), 33-40.
 """

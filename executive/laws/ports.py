@@ -33,13 +33,13 @@ _T = TypeVar("_T", bound="Ports")
 
 @dataclass(frozen=True)
 class Port:
-    """One variable (or `size` of them, named name_0, name_1, ...) of a block.
+    """One variable of a block (or `size` of them, named name_0, name_1, ...).
 
-    `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the
-    text that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file
-    must give it (settings) or that `prepare` does (parameters); a state starts at its default or 0.
+    `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`). `unit` is the
+    text that wiring compares ("rad/s", "N m", "" for none). `default` None: a rig file must give
+    the value (settings), or `prepare` does (parameters). A state starts at its default or 0.
     `recorded` False keeps it out of the log: scratch, random generators, weights. A state that
-    `adapts`, a weight or an integral, stands still while another controller is in charge.
+    `adapts`, a weight or an integral, is frozen while another controller is in charge.
     """
 
     name: str
@@ -83,8 +83,8 @@ def port(
 ) -> Any:
     """Declare a port of the class around it; see Port.
 
-    `shape` makes it an array; `named` names its elements in the table, # counts from 1; `default`
-    may then be a sequence.
+    `shape` (n,) or (n, m) makes it an array. `named` names its elements in the table, # counts from
+    1; `default` may then be a sequence. ValueError: a name, default or shape that cannot be.
     """
     extents = (shape,) if isinstance(shape, int) else tuple(shape)
     if any(type(extent) is not int or extent < 1 for extent in extents):
@@ -101,7 +101,7 @@ def port(
 
 
 def group(ports: type[_T], prefix: str = "", recorded: bool = True) -> _T:
-    """Declare the ports of another declaration as a part: `x.network.w`.
+    """Include the ports of another declaration as a part: `x.network.w`.
 
     `prefix` begins their names in the table; `recorded` False keeps them out of the log.
     """
@@ -258,4 +258,4 @@ class _Access:
 
 
 class Nothing(Ports):
-    """No ports: of a block without states, inputs or parameters."""
+    """No ports, for a block without states, inputs or parameters."""

@@ -4,10 +4,11 @@
     tau_k+1 = min(max(tau_k, m (u_k+1 - d+)), m (u_k+1 - d-))                                (2)
     inverse   u_k+1 = w_k+1/m + d+ if w rises, w_k+1/m + d- if it falls, else u_k            (3)
 
-m > 0, d+ > 0 > d-. (2) is the exact solution of (1) for any monotone move of u between two calls:
-it needs no derivative of u and does not depend on how often it is called. Call it once per step of
-the plant, with the u that holds there; under a held u further calls change nothing. (2) after (3)
-gives w back once tau_0 = m (u_0 - d+) or m (u_0 - d-). The inverse jumps by d+ - d- where w turns.
+m > 0, d+ > 0 > d-. (2) solves (1) exactly for any monotone move of u between two calls. Call it
+once per step of the plant, with the u of that step; under a held u further calls change nothing.
+(2) after (3) gives w back once tau_0 = m (u_0 - d+) or m (u_0 - d-). The inverse jumps by d+ - d-
+where w turns.
+
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; (2) is the play operator of the hysteresis
 literature.
 """

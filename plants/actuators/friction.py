@@ -7,10 +7,12 @@
     T    = g(v) tanh(v/v0) + sig2 v                          Stribeck torque                    (5)
     T    = Tc tanh(v/v0) + b v                               Coulomb torque                     (6)
 
-v rad/s, z rad, T N m; T opposes v, so subtract it. (3) goes to the same steady state at the fastest
-rate that a Runge-Kutta step h still follows: (2) alone is unstable at speed. The fading of sig1
-with vd keeps (4) passive. Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for
-control of systems with friction, IEEE Trans. Automatic Control 40 (1995).
+v rad/s, z rad, T N m; T opposes v, so subtract it. (2) alone is unstable at speed; (3) goes to the
+same steady state at the fastest rate that a Runge-Kutta step h can follow. The fading of sig1 with
+vd keeps (4) passive.
+
+Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with
+friction, IEEE Trans. Automatic Control 40 (1995).
 """
 
 from pcpc.drivers.compiled.jit import inline

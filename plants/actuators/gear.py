@@ -1,13 +1,13 @@
 """A gear of ratio N with play, a torsion spring and a damper, seen at its output shaft.
 
-    d    = th_m/N - rel                            wind-up before the play is taken off   (1)
+    d    = th_m/N - rel                            wind-up before the play is subtracted  (1)
     pen  = d - gap/2  for d >  gap/2,                                                     (2)
            d + gap/2  for d < -gap/2,  else 0      penetration of the flank
     T    = ks pen + cs min(1, |pen|/p0) dd,        dd = d'                                (3)
            but 0 where its sign differs from that of pen: flanks push, they never pull
 
 rad, N m. `gap` is the total play at the output. T acts + on the load and -T/N on the rotor. The
-factor min(1, |pen|/p0) lets the damper fade in over p0, so that T is continuous at touch.
+factor min(1, |pen|/p0) makes T continuous at touch.
 """
 
 from pcpc.drivers.compiled.jit import inline

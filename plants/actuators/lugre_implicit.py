@@ -1,21 +1,21 @@
-"""LuGre friction at a fixed step: linearly implicit, stable however stiff the bristles are.
+"""LuGre friction at a fixed step: linearly implicit, stable for bristles of any stiffness.
 
     z' = v - |v|/g(v) z,   g(v) = (a0 + a1 exp(-(v/v0)^2))/s0                                (1)
     F  = s0 z + s1 z' + a2 v                                                                 (2)
 
-With a = |v|/g(v) at the old velocity, z+ = z + dt (v+ - a z+) and F from v+ and z+ is
+With a = |v|/g(v) at the old velocity, z+ = z + dt (v+ - a z+) and F from v+ and z+:
 
     z+ = (z + dt v+)/(1 + dt a)                                                              (3)
     F  = A v+ + B                                                                            (4)
     A  = (s0 dt + s1)/(1 + dt a) + a2,   B = (s0 - s1 a) z/(1 + dt a)                        (5)
     (M + dt diag(A)) v+ = M v + dt (tau - h - B),   x+ = x + dt v+                           (6)
 
-One or two coupled axes. As in the continuous model |z| <= (a0 + a1)/s0, except that a speed which
-grows within a step may add dt (|v+| - |v|), because a is that of the old velocity: second order in
-dt, and nothing to the arm at 1e-4 s. First order in dt otherwise; friction.py has the same model
-for a Runge-Kutta step, with a limit on a instead of the implicit (3).
-rad, rad/s, N m, s. Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of
-systems with friction, IEEE Trans. Automatic Control 40 (1995); the scheme is this project's.
+One or two coupled axes; rad, rad/s, N m, s. First order in dt. |z| <= (a0 + a1)/s0 holds up to a
+term of second order in dt, as a is that of the old velocity. friction.py has the same model for a
+Runge-Kutta step.
+
+Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with
+friction, IEEE Trans. Automatic Control 40 (1995); the scheme is this project's.
 """
 
 from pcpc.drivers.compiled.jit import inline

@@ -6,11 +6,11 @@
     empirical     level = a + b exp(-c |v|) + d |v|                                          (4)
     exponential   level = a0 + a1 exp(-B1 |v|) + a2 (1 - exp(-B2 |v|))                       (5)
 
-At rest F is whatever holds, up to level(0): the break-away torque, a + b of (4), a0 + a1 of (5).
-With (5) the level at speed is a0 + a2: a2 is a part that grows with speed and saturates. In (4) a
-is the Coulomb level, b the excess of stiction, c its decay, d viscous.
+At rest F takes any value up to the break-away torque level(0): a + b of (4), a0 + a1 of (5). In (4)
+a is the Coulomb level, b the excess of stiction, c its decay, d viscous. In (5) a2 grows with speed
+and saturates. rad/s, N m. Do not call sgn(v) with these in a step that integrates: see
+stick_slip.py.
 
-rad/s, N m. No step that integrates may call sgn(v) with these: see stick_slip.py.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; the formulas of (4) and (5) are lost in the
 available copies, (5) follows the book's list of symbols, the roles in (4) are chosen.
 """

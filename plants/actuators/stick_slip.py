@@ -3,20 +3,20 @@
     M v+ + diag(c) Sgn(v+)  contains  p,   c_i = dt level_i(|v_i|),  Sgn(0) = [-1, 1]        (1)
     p = M v + dt (tau - h),   x+ = x + dt v+                                                 (2)
 
-The level is that of the old velocity, so that (1) is a monotone problem: with M > 0 it has one
-solution. A stuck axis has exactly v+ = 0.0, without a band of velocities, and holds up to level(0).
-First order in dt. One axis: v+ = soft(p, c)/m with soft(p, c) = p - clip(p, -c, c)      (3)
-Two axes, the three kinds of solution:
+The level is that of the old velocity, so with M > 0 the monotone problem (1) has one solution. A
+stuck axis has exactly v+ = 0.0 and holds up to level(0). First order in dt.
 
+    one axis     v+ = soft(p, c)/m,  soft(p, c) = p - clip(p, -c, c)                         (3)
     one sticks   v_i = 0, v_j = soft(p_j, c_j)/m_jj     valid if |p_i - m_ij v_j| <= c_i     (4)
     both slip    v = M^-1 (p - [s_1 c_1; s_2 c_2])      valid if v_i s_i > 0, s_i = +-1      (5)
     both stick   is (4) with v_j = 0
 
-All six candidates are computed and one is selected, so that there is no order to depend on and no
-branch. Where rounding leaves none valid, the solution lies on the edge of (4): then the one of (4)
-with the smaller excess is taken. Unlike sgn(v) in an explicit step, nothing chatters or creeps.
-Units: dt times torque for p and c, e.g. N m s. Source: implicit time stepping of set-valued
-friction, as in J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988).
+With two axes all six candidates are computed and one is selected, without branches. Where rounding
+leaves none valid, the candidate of (4) with the smaller excess is taken. Nothing chatters or
+creeps, unlike sgn(v) in an explicit step. p and c are dt times torque, e.g. N m s.
+
+Source: implicit time stepping of set-valued friction, as in J. J. Moreau, Unilateral contact and
+dry friction in finite freedom dynamics (1988).
 """
 
 from pcpc.drivers.compiled.jit import inline

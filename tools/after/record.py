@@ -59,7 +59,7 @@ class NotOk(UserError, AssertionError):
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture of a run; a notebook shows it by itself."""
+    """A picture of a run; a notebook shows it."""
 
     png: bytes = field(repr=False)
 
@@ -76,13 +76,13 @@ class Run:
     """A recorded run.
 
         run["controller.e_rad"]         of the executive, (n,) float64, a value a cycle
-        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles; NaN for none;
-                                        barrel.theta_rad alone, as the executive has no such name
+        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles, NaN if missing;
+                                        also barrel.theta_rad, as the executive has no such name
         run["error_rad"]                a signal of the rig's evaluation
         run.t_s                         (n,) float64, time of the cycles, k T, s
 
-    UnknownName, with a proposal, for what was not recorded. What is returned is the run's own:
-    copy it before writing into it.
+    UnknownName, with a proposal, for a name that was not recorded. Copy the arrays before you
+    change them.
     """
 
     def __init__(
@@ -340,8 +340,8 @@ class Run:
     def replay(self, **changes: Any) -> "list[Replayed]":
         """Recompute every node from the log and compare bit by bit; a verdict for each.
 
-        `all(node.identical for node in run.replay())`. `controller` and `set`, as in `simulate`:
-        what the node would have done with the recorded input instead.
+        `all(node.identical for node in run.replay())`. `controller` and `set`, as in `simulate`,
+        recompute what the node would have sent on the recorded input. TypeError: another option.
         """
         from pcpc.tools.after.replay import replay
 

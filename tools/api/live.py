@@ -28,7 +28,7 @@ _END_S = 60.0  # in which a run that was asked to end has its summary
 
 
 class NotMet(UserError, AssertionError):
-    """What was waited for did not come in time."""
+    """A condition was not met in time."""
 
 
 class Live:
@@ -38,10 +38,11 @@ class Live:
         live.set({"controller.kv_Nms_rad": 120.0})                  returns the first cycle with it
         live.wait_until("controller.e_rad", below=1e-3, within_s=2)
         live.inject("encoder_stuck", for_s=0.2)                     a fault of the rig file
-        live.plot("controller.e_rad", window_s=5)                   moves while the cell runs
+        live.plot("controller.e_rad", window_s=5)                   updates while the cell runs
         live.run                                                    the record, after the end
 
-    UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
+    UnknownName, with a proposal, for an unknown variable; pcpc.Error for a refused request. With a
+    device, which has no executive here, "executive" below means the plant.
     """
 
     def __init__(self, command: Child, folder: Path, keep: Any, leader: str = "executive") -> None:
@@ -57,17 +58,17 @@ class Live:
 
     @property
     def running(self) -> bool:
-        """Whether its executive goes on; with a device its plant."""
+        """Whether the executive is running; pcpc.Error: no such node."""
         return not self._command.ended and self._node(self._leader).running
 
     @property
     def cycle(self) -> int:
-        """The executive's newest cycle; with a device the plant's."""
+        """The executive's newest cycle; pcpc.Error: no such node."""
         return self._node(self._leader).read().cycle
 
     @property
     def state(self) -> str:
-        """The executive's state, with a device the plant's: INIT, READY, RUN, HOLD, FAULT, STOP."""
+        """The executive's state: INIT, READY, RUN, HOLD, FAULT, STOP; pcpc.Error: no such node."""
         block = self._node(self._leader).block
         return str(block.description["state_names"][int(block.control.state)])
 
@@ -76,9 +77,9 @@ class Live:
         return node.read()[variable]
 
     def read(self, *names: str) -> dict[str, float]:
-        """Return values by name, those of a node of one and the same cycle; of all, without names.
+        """Return values by name; those of one node are of the same cycle.
 
-        Without names: the executive's, with a device the plant's.
+        Without names: all of the executive. UnknownName, with a proposal, for an unknown variable.
         """
         if not names:
             return dict(self._node(self._leader).read())
@@ -88,7 +89,7 @@ class Live:
 
     @property
     def page(self) -> str:
-        """The address of the page beside it, with its token; "" without one."""
+        """The address of the page of the run, with its token; "" without one."""
         said = [line for line in self._command.complaint() if line.startswith(SAID)]
         return said[0].removeprefix(SAID) if said else ""
 
@@ -97,7 +98,7 @@ class Live:
     def set(self, changes: Mapping[str, float]) -> int:
         """Set parameters of one node, all between the same two cycles or none.
 
-        Returns the first cycle with them. pcpc.Error: unknown, no parameter, out of range, locked.
+        Returns the first cycle with them. pcpc.Error: no such parameter, out of range, locked.
         """
         split = {name: self._split(name) for name in changes}
         if len({id(node) for node, _ in split.values()}) > 1:
@@ -115,33 +116,33 @@ class Live:
         value: float | None = None,
         share: float | None = None,
     ) -> int:
-        """Begin a fault of the rig (`faults:`), in every node that has it; return the first cycle.
+        """Begin a fault of the rig (`faults:`) in every node that has it; return the first cycle.
 
         It ends after `for_s` seconds of the run, or by `clear`. `value`, `share`: instead of the
-        rig's. pcpc.Error: no such fault, a value out of range, a stall where no clock runs.
+        rig's. pcpc.Error: no such fault, a value out of range, a stall without a clock.
         """
         nodes = list(self._nodes.values())
         return min(injecting.inject(nodes, fault, for_s, value, share).values())
 
     def arm(self) -> int:
-        """Close the loop of a run that is disarmed, by `arm: manual` or `hold`.
+        """Close the loop of a disarmed run (`arm: manual`, or after `hold`).
 
-        Returns the cycle that takes it. pcpc.Error: armed already, in INIT or FAULT.
+        Returns the cycle that executes it. pcpc.Error: already armed, in INIT or FAULT.
         """
         return operating.arm(self._node("executive"))
 
     def hold(self) -> int:
-        """Ramp the commands to their safe values, until `arm`; return the cycle that takes it.
+        """Ramp the commands to their safe values, until `arm`; return the cycle that executes it.
 
-        It is no fault. Time, references and laws go on. pcpc.Error: disarmed already.
+        This is not a fault. Time, references and laws continue. pcpc.Error: already disarmed.
         """
         return operating.hold(self._node("executive"))
 
     def handover(self, controller: str) -> int:
         """Let a controller on standby, or the rig's own, take over; return the first cycle with it.
 
-        The command has no step: `handover.over_s`. pcpc.Error: nobody of that name, in charge
-        already, or an output of it is no finite number.
+        The command does not jump: `handover.over_s`. pcpc.Error: no such controller, already in
+        charge, or an output of it is not finite.
         """
         return operating.hand_over(self._node("executive"), controller)
 
@@ -160,9 +161,9 @@ class Live:
     ) -> float:
         """Wait until a variable is `below` and `above` limits; return its value then.
 
-        `what` may be a function of the executive's values, too: it is waited for until it is true,
-        and time, s, is returned. `magnitude`: the limits are about the absolute value. NotMet after
-        `within_s` seconds of this machine, or when the run ends before. It looks once a period.
+        `what` may also be a function of the executive's values: the call waits until it is true and
+        returns the time, s. `magnitude`: the limits apply to the absolute value. NotMet after
+        `within_s` seconds of this machine, or when the run ends first. TypeError: no limit.
         """
         if callable(what):
             found = self._wait(self._node(self._leader), what, within_s, "the condition")
@@ -189,11 +190,11 @@ class Live:
         every_s: float = 0.2,
         for_s: float | None = None,
     ) -> Figure:
-        """Draw recorded variables over the last seconds again and again, until the run ends.
+        """Draw recorded variables over the last seconds, repeatedly, until the run ends.
 
         Or for `for_s` seconds of the run, or until the cell is interrupted, which the run survives.
-        A notebook shows the plot where it began, at most each `every_s` seconds; elsewhere nothing
-        is shown. Returns the last picture. UnknownName: not there, or not recorded.
+        A notebook updates the plot every `every_s` seconds; elsewhere nothing is shown. Returns the
+        last picture. UnknownName: unknown, or not recorded.
         """
         from pcpc.tools.api.live_plot import LivePlot, follow, notebook_display
 
@@ -208,7 +209,7 @@ class Live:
         return follow(live_plot, goes_on, every_s, notebook_display())
 
     def wait(self, within_s: float | None = None) -> Run:
-        """Wait for the run's own end; NotMet if that takes longer than `within_s` seconds."""
+        """Wait for the run's own end; NotMet if it takes longer than `within_s` seconds."""
         try:
             self._command.process.wait(math.inf if within_s is None else within_s)
         except subprocess.TimeoutExpired:
@@ -216,13 +217,13 @@ class Live:
         return self.run
 
     def stop(self) -> Run:
-        """Ask the run to end, in order, and return its record."""
+        """Stop the run in order and return its record."""
         self._command.end(0.0, _END_S)
         return self.run
 
     @property
     def run(self) -> Run:
-        """The record of the run, once it has ended; pcpc.Error while it runs, or if it has none."""
+        """The record of the run after its end; pcpc.Error before, or without a log."""
         if self._run is None:
             if not self._command.ended:
                 raise UserError("the run goes on; its record is there after its end")
@@ -304,15 +305,15 @@ def running(
         live.run.verdict
 
     pacing   real, sync or lockstep; None: the rig's
-    bus      as --bus: auto takes a free one, so that any number of rigs run side by side
-    host     True: a page beside it, which may tune; `live.page` is its address
-    standby  other controllers of the rig, to which `live.handover` can hand over
-    device   words of a command that is the executive in their place, started and ended with the
-             run; {bus} in them is the bus. []: one started elsewhere. See docs/device.md
+    bus      as --bus; auto takes a free one, so that any number of rigs run side by side
+    host     True: with a page that may tune; `live.page` is its address
+    standby  other controllers of the rig, for `live.handover`
+    device   words of a command that replaces the executive, started and ended with the run; {bus}
+             in them is the bus. []: a device that is started elsewhere. See docs/device.md
 
-    The others are those of `pcpc.simulate`. At the end of the block a run that goes on is ended in
-    order (its verdict is then `interrupted`), whatever the block does; processes, memory and
-    sockets are gone, also if this process is killed. pcpc.Error if the run does not begin.
+    The others are those of `pcpc.simulate`. The end of the block stops a run that still goes on
+    (verdict `interrupted`). Processes, memory and sockets are released, also if this process is
+    killed. Raises pcpc.Error: the run does not begin.
     """
     place, words = find(str(rig)), settings(set, seed, standby)
     roles: tuple[str, ...] = load_rig(place, controller, words, resolve=False).roles

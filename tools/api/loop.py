@@ -54,12 +54,14 @@ class Values(MutableMapping[str, float]):
 
 
 class Sample(Values):
-    """A cycle of the executive, waiting for the controller; valid until the next one.
+    """A cycle of the executive that waits for your command; valid until the next one.
 
     sample["rx.FB_A.encoder"]            any variable of the executive
-    sample.inputs["encoder_rad"]         what the rig wires to its controller
-    sample.command["motor_torque_Nm"]    to be set; else it stays what it was
+    sample.inputs["encoder_rad"]         the controller's inputs, as the rig wires them
+    sample.command["motor_torque_Nm"]    set it; otherwise it keeps its value
     sample.t_s, sample.dt_s, sample.cycle
+
+    UnknownName, with a proposal, for another name.
     """
 
     inputs: Values
@@ -74,9 +76,10 @@ class Sample(Values):
 
 
 class Loop:
-    """A rig in virtual time whose controller is the body of a `for`; `run` is there after it.
+    """A rig in virtual time whose controller is the body of a `for`.
 
-    An exception in the body, or `break`, ends the run; its record is kept.
+    An exception in the body, or `break`, ends the run and keeps its record in `run`. pcpc.Error:
+    the rig has controllers on standby, or the loop has already run.
     """
 
     def __init__(
@@ -173,9 +176,10 @@ def loop(
             sample.command["motor_torque_Nm"] = 2.0 * error
         loop.run.metrics
 
-    Ports are those of `controller`, one of the rig's, whose law is not used. Everything else is as
-    in `pcpc.simulate`: one sample of delay, the codec's rounding, limits, losses; the same program
-    gives the same bits, and `loop.run.replay()` recomputes all but the commands. It is slow: some
-    20 us a cycle beside your own code. The rig's limits are not judged.
+    The ports are those of `controller`, one of the rig's, whose law is not used. All else is as in
+    `pcpc.simulate`: one sample of delay, the codec's rounding, limits, losses. The same program
+    gives the same bits, and `loop.run.replay()` recomputes all but the commands. It takes some 20
+    us a cycle beside your own code. The rig's limits are not judged. Raises pcpc.Error as
+    `pcpc.simulate`.
     """
     return Loop(rig, controller, settings(set, seed), folder, quiet)

@@ -24,20 +24,20 @@ def simulate(
     quiet: bool | None = None,
     standby: Sequence[str] = (),
 ) -> Run:
-    """Run a rig in virtual time, in this process, and return what was recorded.
+    """Run a rig in virtual time, in this process, and return the recorded run.
 
-    The bits are those of `pcpc simulate` and of a lockstep run on a bus.
+    It is bit-identical to `pcpc simulate` and to a lockstep run on a bus.
 
-    rig         a rig file, or the name of one that comes with pcpc (`pcpc rigs`)
-    controller  one of the rig's controllers; None: the one that it names
+    rig         a rig's name (`pcpc rigs`) or file
+    controller  one of the rig's controllers; None: the rig's default
     set         other values of the rig, as --set: {"barrel.gap_rad": 0.003, "duration_s": 2}
-    seed        of the rig's noises and random draws
-    folder      keeps log and summary there; None: a temporary one, which goes with the run
+    seed        of the rig's noise and random draws
+    folder      keeps log and summary there; None: a temporary folder, deleted with the run
     quiet       no progress; None: progress on a terminal only
-    standby     other controllers of the rig; its `schedule` may hand over to them
+    standby     other controllers of the rig, for its `schedule` of handovers
 
-    Raises pcpc.Error, one line with its place and cure, for a rig, setting or bus that cannot be,
-    and for a log that cannot be written. A fault of the run is no error: see `Run.verdict`.
+    Raises pcpc.Error, one line with place and cure: a wrong rig, setting or bus, or a log that
+    cannot be written. A fault of the run raises nothing: see `Run.verdict`.
     """
     words, shown = settings(set, seed, standby), progress(quiet)
     loaded = load_rig(find(str(rig)), controller, words)
@@ -55,8 +55,8 @@ def simulate(
 def open(log: str | Path, *, trust: bool = False) -> Run:  # as `pcpc.open`
     """Return the run of a log file, a run folder, or `"latest"`.
 
-    `trust`: also run the Python that stands in the log, see `pcpc replay --help`. pcpc.Error for
-    what is no log.
+    `trust`: also run the Python in the log, see `pcpc replay --help`. Raises pcpc.Error: no
+    such log, or not a log.
     """
     run = Run(log_of(str(log)), trust=trust)
     run.log  # noqa: B018  read now: what is no log is said here

@@ -16,8 +16,7 @@ def compare(old: str | Path | Run, new: str | Path | Run, tolerance: float = 0.0
         found = pcpc.compare(before, after)
         found.changed, found.pairs[0].first, found.pairs[0].changed_metrics, found.markdown()
 
-    `tolerance`: metrics that change by no more than this share count as equal. pcpc.Error for what
-    is no log.
+    `tolerance`: relative change of a metric that counts as equal. Raises pcpc.Error: no such log.
     """
     if isinstance(old, Run) and isinstance(new, Run):
         return Comparison(str(old.path), str(new.path), [compare_runs(old, new, tolerance)])

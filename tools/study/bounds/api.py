@@ -18,21 +18,21 @@ def bounds(
     what: str | Path | Run, controller: str | None = None, *,
     set: Mapping[str, Any] | None = None, law: str | None = None, trust: bool = False,
 ) -> Bounds:  # fmt: skip
-    """Hold a run against the theorem of its law: V, V' twice, w, the ultimate bound, S_r.
+    """Check a run against the theorem of its law: V, V' in two ways, the ultimate bound.
 
         found = pcpc.bounds("friction-c", set={"controller.kappa": 0.02})
         found.holds, found.account.checks(), found.account.proof.asked
         found.account.own.error, found.account.largest      the bound, and the largest |r|
-        found.account.unexplained                           V' of the run against that of the proof
+        found.account.unexplained                           V' of the run minus that of the proof
         found.draw("bounds.png"), found.to_dict()
 
-    what        a Run, a log file, a run folder, "latest"; or a rig, which is run in virtual time
+    what        a Run, a log file, a run folder, "latest"; or a rig, which is simulated
     controller, set   of a rig, as in `pcpc.simulate`
-    law         by the theorem of this law of the plant
-    trust       run the laws that a log carries where its files are not in their places
+    law         use the theorem of this law of the plant
+    trust       run the laws in the log if their files have moved
 
-    Raises pcpc.Error where no theorem is known of the law, and for a log that is not recomputed bit
-    by bit.
+    Raises BoundsError (a pcpc.Error): no theorem of the law is known, or the log cannot be
+    recomputed bit-identically.
     """
     place = what.path if isinstance(what, Run) else Path(what)
     a_log = isinstance(what, Run) or what == "latest" or place.suffix == ".mcap"

@@ -37,9 +37,9 @@ PLACES = ("theorem.py", "book/theorem.py")  # beside a model; a wheel has no boo
 
 @dataclass(frozen=True)
 class Bounds:
-    """A run's account, and what it is of; `left_out`: cycles of the run that are not in it.
+    """The account of a run and its theorem; `left_out`: cycles that are not in it.
 
-    `missing`: what its log lacks, in words; `rates_set`: tuning rates that --set gave its run.
+    `missing`: gaps of the log, in words; `rates_set`: tuning rates that --set changed.
     """
 
     name: str

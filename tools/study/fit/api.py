@@ -25,24 +25,24 @@ def fit(
     set: Mapping[str, Any] | None = None,
     quiet: bool | None = None,
 ) -> Fit:
-    """Estimate parameters of a rig's plant from the commands and sensors that a log holds.
+    """Estimate parameters of a rig's plant from the commands and sensors in a log.
 
         found = pcpc.fit("slew10", run, ["barrel.coulomb_Nm", "barrel.gap_rad"])
         found["barrel.gap_rad"].value, .low, .high       with the 95 % interval
         found.values                                     for pcpc.simulate(rig, set=found.values)
         found.correlation, found.sensors, found.notes, found.draw("fit.png")
 
-    rig         whose plant is the model; its values are the start
+    rig         the rig whose plant is the model; its values are the start
     log         a Run, a log file, a run folder, or "latest"
-    parameters  BLOCK.NAME of settings of the plant, or {name: (low, high)}; (): those that the
-                plant's identification.py names, else all that have a unit and are not 0
-    sensors     FRAME.signal as it came over the bus, or BLOCK.PORT, the plant's own record; (): as
-                identification.py says, else all that the plant sends
+    parameters  BLOCK.NAME of settings of the plant, or {name: (low, high)}; (): those of
+                identification.py, or all that have a unit and are not 0
+    sensors     FRAME.signal from the bus, or BLOCK.PORT of the plant's record; (): those of
+                identification.py, or all that the plant sends
     set         other values of the rig, as in `pcpc.simulate`
 
-    The model is driven by the recorded commands; what is minimised is the simulation error, each
-    sensor in units of its noise (`pcpc fit --help`, docs/howto/fit.md). Raises pcpc.Error for a log
-    of another plant, one that is too short, and names that are not the plant's.
+    The recorded commands drive the model. The fit minimises the simulation error, each sensor in
+    units of its noise (docs/howto/fit.md). Raises pcpc.Error: the log is of another plant or too
+    short, or a name is not the plant's.
     """
     loaded = load_rig(find(str(rig)), None, settings(set))
     bounds = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)

@@ -87,10 +87,10 @@ class Sensor:
 class Fit(Result):
     """A plant fitted to a log; `values` may go to `pcpc.simulate(rig, set=fit.values)`.
 
-    `measured`, `predicted` (rows, sensors) at `t_s` (rows,); `correlation` (p, p) of the estimates;
-    `notes`: what to mind, each a sentence; `missing`: what the log lacks, in words. `arrived`:
-    whether the model leaves no more than noise; if not, `notes` begin with why, and no value is an
-    estimate of the plant's.
+    `fit[NAME]`: a parameter, KeyError for another name. `measured`, `predicted`: (rows, sensors) at
+    `t_s` (rows,); `correlation`: (p, p) of the estimates; `notes`: sentences on what to mind;
+    `missing`: gaps of the log, in words. `arrived`: whether the model leaves no more than noise; if
+    not, `notes` begin with the reason and no value is an estimate of the plant's.
     """
 
     name = "fit"
@@ -110,7 +110,7 @@ class Fit(Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """The fitted values, BLOCK.NAME to number, of what the log tells."""
+        """The fitted values by BLOCK.NAME, without those that the log does not determine."""
         return {one.name: one.value for one in self.parameters if one.excited}
 
     def __getitem__(self, name: str) -> Parameter:

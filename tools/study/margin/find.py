@@ -40,18 +40,17 @@ def margin(
 ) -> Margin:
     """Return the margins of a rig's loop, linearised and measured in virtual time.
 
-    rig, controller, set   as of `pcpc.simulate`
-    loop        the signal by which the loop is known, as CMD.motor_torque; None: the first
-    at_s        the reference is held at what it is at this time of the run, s
+    rig, controller, set   as in `pcpc.simulate`
+    loop        the command signal that closes the loop, as CMD.motor_torque; None: the first
+    at_s        hold the reference of this time of the run, s
     method      "linearised", "measured" or "both"
-    amplitude   the largest value that is injected, in the signal's unit; None: of 2, 5, 12 and
-                30 % of half its range the one that leaves the least error
-    seed        of the phases of what is injected
-    settle_s    how long the rig comes to rest before, s
-    lowest_hz   the lowest frequency; None: the rate by 4000
+    amplitude   the largest injected value, in the signal's unit; None: 2, 5, 12 or 30 % of half its
+                range, the one with the least error
+    seed        of the phases of the injection
+    settle_s    time to come to rest before, s
+    lowest_hz   the lowest frequency; None: rate/4000
 
-    Raises pcpc.Error for a rig without a loop, one that is unstable, ends in a fault or has no
-    gain.
+    Raises pcpc.Error: the rig has no loop, is unstable, ends in a fault or has no gain.
     """
     question = Question(loop, at_s, method, amplitude, seed, settle_s, lowest_hz)
     return margin_of(load_rig(find(str(rig)), controller, settings(set)), question)

@@ -61,7 +61,7 @@ class Margins:
         return 2.0 * math.degrees(math.atan(0.5 * self.disk_margin))
 
     def json(self) -> dict[str, Any]:
-        """Return all numbers; None for what is not finite."""
+        """Return all numbers; None where not finite."""
         low, high = self.disk_gain
         found = vars(self) | {
             "gain_margin_db": self.gain_margin_db, "disk_gain_low": low, "disk_gain_high": high,

@@ -31,8 +31,8 @@ _ROWS = (  # of the table: what, attribute, where, format
 class Response:
     """The open loop L (n,) over f_hz (n,), with its margins.
 
-    `spread`: of a measured one, how far L of single periods lies from their mean, relative to it;
-    `coherence` of the command with what was injected.
+    `spread` (n,) of a measured loop: relative deviation of single periods from their mean;
+    `coherence` (n,) of the command with the injection.
     """
 
     f_hz: Vector
@@ -51,16 +51,15 @@ class Response:
 
 @dataclass(frozen=True)
 class Margin(Result):
-    """A rig's loop: numbers of the linearised response, else of the measured one, as attributes.
+    """A rig's loop: margins of the linearised response, or of the measured one, as attributes.
 
         found = pcpc.margin("sin0.5", "pd")
         found.gain_margin, found.phase_margin_deg, found.delay_margin_s, found.disk_margin
-        found.linearised.f_hz, found.linearised.response       arrays; the same of found.measured
+        found.linearised.f_hz, found.linearised.response       (n,) each; the same of found.measured
 
-    `reference`: what is held; `command`: where the command stands; `poles` z of the closed loop;
-    `kinks`: states at which it cannot be differentiated; `amplitude` of what was injected;
-    `moving_s`: when of its own run the rig is looked at, nan: at rest;
-    `deviation`: between both, at the measured lines, relative to the linearised one.
+    `reference`: the held reference; `command`: the command there; `poles` (p,): z of the closed
+    loop; `kinks`: states where it is not differentiable; `amplitude` of the injection; `moving_s`:
+    time of the run at which the loop is taken, nan: at rest.
     """
 
     name = "margin"
@@ -83,13 +82,13 @@ class Margin(Result):
 
     @property
     def responses(self) -> dict[str, Response]:
-        """Those that there are, by method."""
+        """The responses by method."""
         both = {"linearised": self.linearised, "measured": self.measured}
         return {method: one for method, one in both.items() if one is not None}
 
     @property
     def margins(self) -> Margins:
-        """The numbers that count: of the linearised loop, else of the measured one."""
+        """The margins of the linearised loop, or of the measured one."""
         return next(iter(self.responses.values())).margins
 
     def __getattr__(self, name: str) -> Any:

@@ -95,33 +95,33 @@ def sweep(
     folder: str | Path | None = None,
     quiet: bool | None = None,
 ) -> Sweep:
-    """Run a rig again and again with values that vary, in virtual time, eight runs at once.
+    """Run a rig many times with varying values, in virtual time, eight runs at once.
 
-    Each row is what `pcpc simulate` says of its settings, bit for bit.
+    Each row is bit-identical to `pcpc simulate` with its settings.
 
-    rig          a rig file, or the name of one that comes with pcpc (`pcpc rigs`)
-    controllers  of the rig, each on the same draws; None: the one that it names
+    rig          a rig's name (`pcpc rigs`) or file
+    controllers  of the rig, each on the same draws; None: the rig's default
     vary         {"barrel.gap_rad": "x0.5:2"}: lo:hi, lo:hi:n, normal(m,s), lognormal(median,
                  factor), choice(a,b); x before one: a factor on the rig's value
-    draws        1000; of a grid all, with `until` as many as it needs
+    draws        default 1000; of a grid all, with `until` as many as needed
     sampling     random, lhs, sobol (default), grid
-    seed         of the draws, and of the runs' noises
-    set          other values of the rig, of all runs
+    seed         of draws and noise
+    set          other values of the rig, in all runs
     until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
-    worst        search for the worst case with so many runs, in place of draws: the smallest margin
-                 of the requirements
-    rare         the probability of a rare failure, by subset simulation with so many runs a step,
+    worst        search for the worst case, the smallest margin of the requirements, with this
+                 many runs, in place of draws
+    rare         probability of a rare failure by subset simulation, with this many runs a step,
                  as 1000, in place of draws
-    of           a metric that worst makes large, or that rare has above `limit` when a run fails
+    of           the metric that `worst` maximises, or that fails above `limit` with `rare`
     limit        see `of`
-    threads      two more than processors
-    scheduler    Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine (then below
-                 `if __name__ == "__main__":`, as each of them imports your script)
-    folder       keeps the rows there, and goes on with what is there; None: a temporary one
+    threads      default: processors + 2
+    scheduler    Dask: tcp://HOST:PORT, or local[:N] for N workers here (your script needs
+                 `if __name__ == "__main__":`, as each worker imports it)
+    folder       keeps the rows there and resumes; None: a temporary folder
     quiet        no progress; None: progress on a terminal only
 
-    Raises pcpc.Error, one line with its place and cure, for what cannot be. A run that ends in a
-    fault, or whose values are out of range, is a row like any other.
+    Raises pcpc.Error, one line with place and cure, for a wrong argument. A run that ends in a
+    fault, or with values out of range, is a row like any other.
     """
     need_for_sweep()
     with native("numba" not in sys.modules):
