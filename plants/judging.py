@@ -347,7 +347,7 @@ class Judged:
                 wrong = ~np.isfinite(fresh[name]) & fresh.told(node)
                 wrong &= True if one.over == RUN else fresh.window(one.over)
                 if len(found := fresh.t_s[own][wrong[own]]):
-                    return f"{name} is no finite number at {found[0]:.4g} s"
+                    return f"{name} is not a finite number at {found[0]:.4g} s"
         return ""
 
     def _reaches(self, leader: str) -> bool:

@@ -43,7 +43,9 @@ class _Watch:
         """Say for which process this one waits, once, but for its own helper."""
         if self.listener is not None and process not in {*self._named, str(self.helper)}:
             self._named.add(process)
-            print(f"waiting for process {process}, which compiles the same", file=sys.stderr)
+            print(
+                f"waiting for process {process}, which is compiling the same code", file=sys.stderr
+            )
 
 
 watch = _Watch()
@@ -157,7 +159,7 @@ def distrust(folder: Path) -> str:
             return f"{path} belongs to user {found.st_uid}"
         if path == folder and found.st_mode & stat.S_IWOTH:
             return f"everybody may write into {path}"
-        return "" if stat.S_ISDIR(found.st_mode) else f"{path} is no folder"
+        return "" if stat.S_ISDIR(found.st_mode) else f"{path} is not a folder"
     return ""
 
 

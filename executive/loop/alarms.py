@@ -20,7 +20,7 @@ KINDS = {  # a key of the rig's `alarms` but for its end; word of `control`, wha
     "held": ("held", "cycle on a held input"),
     "skipped": ("skipped", "period skipped"),
     "send": ("send_errors", "frame that the bus did not take"),
-    "bus": ("bus_errors", "error told by the CAN controller"),
+    "bus": ("bus_errors", "error reported by the CAN controller"),
 }
 
 

@@ -60,7 +60,7 @@ def inject(
     for live in having:
         clocked = live.block.description["metadata"]["pacing"] in ("real", "sync")
         if _known(live)[name]["kind"] == STALL and not clocked:
-            what = "without a clock nobody would notice; give it a time in the rig file"
+            what = "without a clock it has no effect; give it a time in the rig file"
             raise UserError(f"{name}: a stall on demand needs pacing real or sync: {what}")
         left = FOR_EVER if for_s is None else float(round(for_s * 1e9 / live.period_ns))
         changes = {"left": 0.0 if end else left, "value": value, "share": share}

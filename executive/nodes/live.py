@@ -192,7 +192,7 @@ class Live:
                 pause(self.block, min(rest_s, _SLICE_S))
 
     def wait_until(
-        self, holds: Callable[[Values], bool], within_s: float, what: str = "what was waited for"
+        self, holds: Callable[[Values], bool], within_s: float, what: str = "the condition"
     ) -> Values:
         """Return the values for which `holds` is true first; LiveError if that takes too long.
 
@@ -207,7 +207,7 @@ class Live:
             if now.cycle != seen and holds(now):
                 return now
             if over:
-                why = f"not within {within_s:g} s" if self.running else "it ended before"
+                why = f"not within {within_s:g} s" if self.running else "the node ended first"
                 raise LiveError(f"{self.name}: {what}: {why}", Exit.NOT_MET)
             seen = now.cycle
             pause(self.block, max(1e-9 * self.period_ns, POLL_S))
@@ -281,7 +281,9 @@ def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | Non
     found = [name for name, live in nodes.items() if node in live.names]
     if len(found) > 1:
         choice = " or ".join(found)
-        raise LiveError(f"{node}: {len(found)} run here; choose one with --node {choice}")
+        raise LiveError(
+            f"{node}: {len(found)} nodes of this name run here; choose one with --node {choice}"
+        )
     if found:
         return nodes[found[0]]
     others = f"; running: {', '.join(nodes)}" if nodes else ""
@@ -309,9 +311,13 @@ def find_for(words: Sequence[str], among: Mapping[str, Live] | None = None) -> L
     found = [name for name in holders if name.endswith(".executive")] or holders
     if len(found) > 1:
         choice = " or ".join(found)
-        raise LiveError(f"{words[0]}: {len(found)} nodes have it; choose one with --node {choice}")
+        raise LiveError(
+            f"{words[0]}: {len(found)} nodes have this variable; choose one with --node {choice}"
+        )
     if not found:
-        raise LiveError(f"{' '.join(words)}: no node has all of them; ask for one node's at a time")
+        raise LiveError(
+            f"{' '.join(words)}: no node has all of them; name variables of one node at a time"
+        )
     return nodes[found[0]]
 
 

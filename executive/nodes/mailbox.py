@@ -22,11 +22,11 @@ STOP = "supervisor.stop"
 PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 POLL_S = 0.001
 _REFUSALS = {
-    sh.BAD_COUNT: "the request was no request",
-    sh.NO_PARAMETER: "it is no parameter",
+    sh.BAD_COUNT: "the request is not valid",
+    sh.NO_PARAMETER: "it is not a parameter",
     sh.OUT_OF_RANGE: "it is out of range",
     sh.LOCKED: "it is locked",
-    sh.NO_RESET: "there is no fault that waits for it with safe commands",
+    sh.NO_RESET: "no fault waits for a reset with safe commands",
 }
 
 
@@ -55,7 +55,7 @@ class Mailbox:
             if level != "none" and [*places] != [STOP]:
                 raise LiveError(f"{block.name}: locked ({level}); `pcpc lock none` allows tunings")
             if not block.control.passes:
-                what = "no cycle yet, it waits for the other node"
+                what = "no cycle yet; it waits for the other node"
                 raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
             self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting
             block["mail_index"][: len(places)] = [*places.values()]
@@ -91,7 +91,7 @@ class Mailbox:
             if pid > 1:  # not a group
                 os.kill(pid, signal.SIGTERM)
         if not self._heard(place):
-            what = f"no request and no signal reaches it; kill -9 {pid} ends it"
+            what = f"it reacts to no request and no signal; kill -9 {pid} ends it"
             raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
         return int(block.control.cycle)
 

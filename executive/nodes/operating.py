@@ -20,7 +20,7 @@ _WITHIN_S = 2.0  # a node that runs needs a few cycles
 def arm(live: Live) -> int:
     """Let an executive that is disarmed close its loop; return the cycle that takes it.
 
-    LiveError: armed already, in INIT or FAULT (NOT_MET), or what `Live.tune` says.
+    LiveError: the loop is already closed, in INIT or FAULT (NOT_MET), or what `Live.tune` says.
     """
     now = live.read()
     state = int(now["supervisor.state"])
@@ -28,19 +28,19 @@ def arm(live: Live) -> int:
         why = faults.reason(live.block.description, live.block.control)
         raise LiveError(f"{live.name}: FAULT, {why}; `pcpc reset` first", Exit.NOT_MET)
     if state == State.INIT:
-        raise LiveError(f"{live.name}: waits for the other node; later", Exit.NOT_MET)
+        raise LiveError(f"{live.name}: waits for the other node; try again later", Exit.NOT_MET)
     if now[DISARMED] == 0.0:
-        raise LiveError(f"{live.name}: armed already")
+        raise LiveError(f"{live.name}: the loop is already closed")
     return live.tune({DISARMED: 0.0})
 
 
 def hold(live: Live) -> int:
     """Ramp commands to their safe values, until `arm`; return the cycle that takes it.
 
-    LiveError: disarmed already, or what `Live.tune` says.
+    LiveError: the loop is already open, or what `Live.tune` says.
     """
     if live[DISARMED] != 0.0:
-        raise LiveError(f"{live.name}: disarmed already")
+        raise LiveError(f"{live.name}: the loop is already open")
     return live.tune({DISARMED: 1.0})
 
 
@@ -62,14 +62,14 @@ def hand_over(live: Live, controller: str) -> int:
     """
     names = laws(live)
     if not names:
-        what = "nobody is on standby; start it with --standby NAME"
+        what = "no controller is on standby; start the run with --standby NAME"
         raise LiveError(f"{live.name}: {what}")
     if controller not in names:
         cure = did_you_mean(controller, names)
         raise LiveError(f"{live.name}: {controller} is not on standby{cure}")
     now = live.read()
     if int(now[IN_CHARGE]) == names.index(controller):
-        raise LiveError(f"{live.name}: {controller} is in charge already")
+        raise LiveError(f"{live.name}: {controller} is already in charge")
     if now[f"handover.usable_{controller}"] == 0.0:
         raise LiveError(_refused(live, controller), Exit.NOT_MET)
     wanted = float(names.index(controller))
@@ -85,5 +85,5 @@ def hand_over(live: Live, controller: str) -> int:
 
 def _refused(live: Live, controller: str) -> str:
     stays = in_charge(live, live.read())
-    what = f"{controller} cannot take over: an output of it is no finite number"
+    what = f"{controller} cannot take over: one of its outputs is not finite"
     return f"{live.name}: {what}; {stays} stays in charge"

@@ -60,7 +60,9 @@ def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     at = (*keys, "law")
     found = re.fullmatch(r"([^:]+)(?::(\w+))?", present_name(law))
     if not found:
-        raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
+        raise document.error(
+            at, f"'{law}' is not a law; expected NAME, pkg.mod:NAME or file.py:NAME"
+        )
     module_name, name = found[1], found[2] or "BLOCK"
     is_file, is_bare = module_name.endswith(".py"), "." not in module_name
     full_name = shipped_laws().get(module_name, module_name) if is_bare else module_name

@@ -55,7 +55,7 @@ class Verdict:
         if self.identical:
             return "bit-identical"
         if self.differences:
-            return "DIFFERENT, in a log that is not whole" if self.missing else "DIFFERENT"
+            return "DIFFERENT, in an incomplete log" if self.missing else "DIFFERENT"
         return "bit-identical as far as the log goes" if self.cycles else "nothing to compare"
 
     @property

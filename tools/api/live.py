@@ -102,7 +102,9 @@ class Live:
         """
         split = {name: self._split(name) for name in changes}
         if len({id(node) for node, _ in split.values()}) > 1:
-            raise UserError(f"{', '.join(changes)}: of two nodes; set one node's at a time")
+            raise UserError(
+                f"{', '.join(changes)}: of two nodes; set one node's parameters at a time"
+            )
         if not split:
             return self.cycle
         node = next(iter(split.values()))[0]
@@ -127,14 +129,16 @@ class Live:
     def arm(self) -> int:
         """Close the loop of a disarmed run (`arm: manual`, or after `hold`).
 
-        Returns the cycle that executes it. pcpc.Error: already armed, in INIT or FAULT.
+        Returns the cycle that executes it. pcpc.Error: the loop is already closed, or in INIT
+        or FAULT.
         """
         return operating.arm(self._node("executive"))
 
     def hold(self) -> int:
         """Ramp the commands to their safe values, until `arm`; return the cycle that executes it.
 
-        This is not a fault. Time, references and laws continue. pcpc.Error: already disarmed.
+        This is not a fault. Time, references and laws continue. pcpc.Error: the loop is already
+        open.
         """
         return operating.hold(self._node("executive"))
 

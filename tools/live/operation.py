@@ -31,17 +31,19 @@ def command(options: argparse.Namespace) -> int:
 def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     live = nodes_of(options).find(options.node or "executive")
     if (role := live.block.description["node"]) != "executive":
-        raise UserError(f"{live.name}: is a {role}; `pcpc {options.command}` asks an executive")
+        raise UserError(
+            f"{live.name}: this is a {role} node; `pcpc {options.command}` needs an executive"
+        )
     if options.command == "handover":
         cycle = operating.hand_over(live, options.controller)
         text = f"{options.controller} is in charge from cycle {cycle}"
         return {"cycle": cycle, "in_charge": options.controller}, text
     if options.command == "hold":
         cycle = operating.hold(live)
-        text = f"held, commands go to their safe values: cycle {cycle}"
+        text = f"the commands ramp to their safe values from cycle {cycle}"
         return {"cycle": cycle, "armed": False}, text
     cycle = operating.arm(live)
-    return {"cycle": cycle, "armed": True}, f"armed: cycle {cycle}"
+    return {"cycle": cycle, "armed": True}, f"the loop is closed from cycle {cycle}"
 
 
 def _stop(options: argparse.Namespace) -> dict[str, int]:
@@ -76,5 +78,5 @@ def _reset_one(node: Live) -> int:
         now = node.wait_until(lambda now: now["supervisor.state"] != State.FAULT, _WITHIN_S)
     except LiveError:
         why = reason(node.block.description, node.block.control)
-        raise LiveError(f"{node.name}: still there: {why}", Exit.NOT_MET) from None
+        raise LiveError(f"{node.name}: the cause is still there: {why}", Exit.NOT_MET) from None
     return now.cycle

@@ -149,7 +149,7 @@ class Scope:
         part = Part(path)
         log = part.node(self.live.block.description, self.names)
         try:
-            self.progress.say(f"{self.live.name}: armed: {self.options.trigger}")
+            self.progress.say(f"{self.live.name}: waiting for the trigger {self.options.trigger}")
             self._capture(log)
         except KeyboardInterrupt:
             if not self.bursts:
@@ -173,7 +173,7 @@ class Scope:
                     self._tell(log, rest)
                 return
             if self.tap.stuck:
-                what = "its ring is full, as nobody records it; start the rig with `pcpc run`"
+                what = "its ring buffer is full: no recorder reads it; start the rig by `pcpc run`"
                 raise LiveError(f"{self.live.name}: {what}", Exit.ENVIRONMENT)
             time.sleep(POLL_S)
 
@@ -209,7 +209,7 @@ class Scope:
         """Return why a burst begins later than `--pre` before its trigger."""
         held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
         begin = burst.cycle - self.trigger.pre + burst.short
-        why = "the node's ring holds no more" if begin else "the run began there"
+        why = "the node's ring buffer holds no more" if begin else "the run began there"
         return f"--pre {self.options.pre:g}s: only {held_s:.6g} s, from cycle {begin} on: {why}"
 
 
@@ -259,7 +259,7 @@ def _selection(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[st
         live = there.find(named) if named else there.find_for(words)
         if roles - {role := str(live.block.description["node"])}:
             other = min(roles - {role})
-            raise UserError(f"{other}: a scope is on one node, here on {live.name}")
+            raise UserError(f"{other}: a scope covers one node, here {live.name}")
         condition = ex.condition(options.trigger, lambda name: _unit(live, _bare(name)))
     except ex.ExpressionError as error:
         raise UserError(f"--trigger: {error}") from None

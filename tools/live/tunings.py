@@ -78,13 +78,13 @@ def undo_changes(live: Live, count: int = 1) -> State:
     values, path = live.read(), states(live)
     steps = len(path) - 1
     if any(values[name] != value for name, value in path[-1].items()):
-        raise LiveError(f"{live.name}: its events no longer tell what it was tuned to")
+        raise LiveError(f"{live.name}: its events no longer hold all tunings")
     if count > steps:
         what = f"tunings that can be undone: {steps}" if steps else "nothing was tuned"
         raise LiveError(f"{live.name}: {what}")
     now, then = path[-1], path[-1 - count]
     if missing := [name for name in now if name not in then]:
-        raise LiveError(f"{missing[0]}: its value before is no longer known; the log tells it")
+        raise LiveError(f"{missing[0]}: its previous value is no longer known; the log has it")
     return {name: then[name] for name in now if now[name] != then[name]}
 
 
@@ -106,8 +106,8 @@ def _save(options: argparse.Namespace) -> None:
     rig, file = live.block.description, str(options.file)
     lines = [
         f"# {live.name}, cycle {values.cycle}, controller {rig['metadata']['controller']}",
-        f"# at once: pcpc load {shlex.quote(file)}",
-        f"# a rig: pcpc run {rigs.shell_name(rig.get('file', rig['rig']))} "
+        f"# in a running node: pcpc load {shlex.quote(file)}",
+        f"# in a new run: pcpc run {rigs.shell_name(rig.get('file', rig['rig']))} "
         f"--set {shlex.quote(f'@{file}')}",
     ]
     for name in chosen:
@@ -134,7 +134,7 @@ def _settings(about: Mapping[str, Any]) -> set[str]:
         names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
         return names | {f"handover.{name}" for name in data["handover"]}
     except (KeyError, TypeError, AttributeError):
-        what = f"{about['name']}: says nothing sensible about its rig; what answers there?"
+        what = f"{about['name']}: sent no valid description of its rig; what answers there?"
         raise UserError(what, Exit.ENVIRONMENT) from None
 
 
@@ -153,7 +153,7 @@ def _load(options: argparse.Namespace) -> None:
     elif options.json:
         print(json.dumps({"cycle": before.cycle, "values": {}, "before": {}}))
     else:
-        print(f"{live.name}: has these values already")
+        print(f"{live.name}: already has these values")
 
 
 def _changes(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, float]]:

@@ -39,7 +39,9 @@ def command(options: argparse.Namespace) -> int:
         show(_columns(chosen, globs=options.command == "watch"), options)
         return Exit.OK
     if len({live.name for live, _ in chosen}) > 1:
-        raise UserError(f"{' '.join(options.names)}: of several nodes; {options.command} one's")
+        raise UserError(
+            f"{' '.join(options.names)}: of several nodes; {options.command} those of one node"
+        )
     one = {"list": _list, "set": _set, "lock": _lock}
     one[options.command](chosen[0][0], [word for _, word in chosen if word], options)
     return Exit.OK

@@ -282,4 +282,4 @@ def _show_bus(report: dict[str, Any]) -> None:
         this = "  <- this rig" if entry["rate_hz"] == report["rate_hz"] else ""
         print(f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}")
     if bus["highest_rate_hz"]:
-        _say(f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` tells when frames arrive")
+        _say(f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` shows when frames arrive")

@@ -76,7 +76,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.step and options.loop is not None:
         raise PlayError("--step with --loop: leave out one of them")
     if options.no_wait and options.role is None:
-        raise PlayError("--no-wait: only with --as, nothing is waited for otherwise")
+        raise PlayError("--no-wait: only with --as")
     named = buses.parse(options.bus)
     if named[0] != "auto" and not named_bus(named, f"--bus {options.bus}").compiled:
         os.environ["PCPC_LOOP"] = "interpreted"  # before numba is imported
@@ -283,5 +283,5 @@ def text_of(result: dict[str, Any]) -> str:
     reason = f", the last: {result['last_send_error']}" if result["send_errors"] else ""
     lines.append(f"send errors   {result['send_errors']}{reason}")
     if result["queue_full"]:
-        lines.append(f"bus queue     full {result['queue_full']} times, waited for")
+        lines.append(f"bus queue     full {result['queue_full']} times, waited each time")
     return "\n".join(lines)

@@ -162,7 +162,7 @@ class Host:
         if self.choice.note:
             self.progress.say(f"{self.bus}: {self.choice.note}")
         if self.rig.config.supervisor.arm == "manual":
-            self.progress.say("arm: manual: commands stay safe until `pcpc arm`")
+            self.progress.say("arm: manual: commands stay at their safe values until `pcpc arm`")
         if not self.bus.compiled:
             self.progress.say(
                 f"{self.bus.interface}: through python-can in the interpreted loop, 10 to 50 times "

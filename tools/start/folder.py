@@ -107,7 +107,7 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
             break
         except FileExistsError:
             if named:
-                what = "holds a log already" if folder.is_dir() else "is no folder"
+                what = "holds a log already" if folder.is_dir() else "is not a folder"
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:
             raise _refused(folder, error) from None

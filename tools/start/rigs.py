@@ -52,7 +52,7 @@ def shipped_rigs() -> Iterator[ShippedRig]:
 def find(text: str) -> str:
     """Return the path of the rig file that `text` names; RigError if there is none."""
     if not text:
-        raise RigError("'' is no rig; `pcpc rigs` lists all, and `.` is this folder")
+        raise RigError("'' is not a rig; `pcpc rigs` lists all, and `.` is this folder")
     path = Path(text)
     if (path / "rig.yaml").is_file():
         return str(path / "rig.yaml")

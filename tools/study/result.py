@@ -36,7 +36,7 @@ class Result:
         return "\n".join(self.lines()).rstrip() + "\n"
 
     def json(self) -> dict[str, Any]:
-        """Return all as plain values; None for what is no finite number."""
+        """Return all as plain values; None for what is not a finite number."""
         facts = msgspec.json.encode(self.facts(), enc_hook=methodcaller("tolist"))
         return dict(msgspec.json.decode(facts))
 

@@ -9,7 +9,7 @@ from pcpc.tools.terminal.extras import FIGURE, need
 def check_picture(option: str, path: Path) -> None:
     """Raise UserError if matplotlib is missing or no picture can be `path`; `option` named it."""
     if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise UserError(f"{option} {path}: no picture; expected FILE.png, .svg or .pdf")
+        raise UserError(f"{option} {path}: not a picture; expected FILE.png, .svg or .pdf")
     if not path.parent.is_dir():
         raise UserError(f"{option} {path}: there is no folder {path.parent}")
     need(f"{option} {path}: a picture needs", FIGURE)

@@ -44,7 +44,7 @@ def saying(block: sh.Shared, **values: float) -> Live:
     [
         (State.FAULT, 1.0, "FAULT, no valid input; `pcpc reset` first", Exit.NOT_MET),
         (State.INIT, 1.0, "waits for the other node; later", Exit.NOT_MET),
-        (State.RUN, 0.0, "armed already", Exit.WRONG_INPUT),
+        (State.RUN, 0.0, "already closed", Exit.WRONG_INPUT),
     ],
 )
 def test_who_cannot_be_armed_says_why(
@@ -60,7 +60,7 @@ def test_who_cannot_be_armed_says_why(
 
 def test_who_is_disarmed_is_not_held_again(block: sh.Shared) -> None:
     node = saying(block, state=State.READY, disarmed=1.0)
-    with pytest.raises(LiveError, match="disarmed already"):
+    with pytest.raises(LiveError, match="already open"):
         operating.hold(node)
     assert node.block["mail"][sh.REQUEST] == 0
 
@@ -69,7 +69,7 @@ def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
     node = saying(block, state=State.RUN, usable_pd=1.0)
     with pytest.raises(LiveError) as refused:
         operating.hand_over(node, "pid")
-    says = "pid cannot take over: an output of it is no finite number; pd stays in charge"
+    says = "pid cannot take over: one of its outputs is not finite; pd stays in charge"
     assert (str(refused.value), refused.value.code) == (f"{node.name}: {says}", Exit.NOT_MET)
     assert node.block["mail"][sh.REQUEST] == 0
 

@@ -84,7 +84,7 @@ LAW_FAULTS = [
          "10:5: controllers.pd.law: NUMBER of laws.py is of type int"),
     Case('"laws.py:PD"', "none.py",
          "10:5: controllers.pd.law: BLOCK of none.py does not exist; end the file with BLOCK = B"),
-    Case('"laws.py:PD"', "a:b:c", "10:5: controllers.pd.law: 'a:b:c' is no law; expected NAME"),
+    Case('"laws.py:PD"', "a:b:c", "10:5: controllers.pd.law: 'a:b:c' is not a law; expected NAME"),
     Case('"laws.py:PD"', "nosuchlaw",
          "10:5: controllers.pd.law: no law nosuchlaw"),
     Case('"laws.py:PD"', "no.such:LAW", "10:5: controllers.pd.law: no module no.such"),

@@ -113,7 +113,7 @@ OPTION_ERRORS = {
     "bad port": (["--bus", "udp_multicast:239.1.1.1:99999"], ("239.1.1.1:99999: expected an",)),
     "no place": (["-o", "/proc/here"], ("/proc/here: ", "choose another folder with -o")),
     "not writable": (["-o", "/proc/sys"], ("/proc/sys: ", "choose another folder with -o")),
-    "a file": (["-o", str(SLEW10)], (r"slew10\.yaml: is no folder", "choose another folder")),
+    "a file": (["-o", str(SLEW10)], (r"slew10\.yaml: is not a folder", "choose another folder")),
 }
 
 

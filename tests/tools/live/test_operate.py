@@ -71,7 +71,7 @@ def test_a_terminal_hands_over_and_undo_hands_back(run: pcpc.Live, capsys: Scree
     code, out, err = said(capsys, run, "handover", "pid", "--json")
     assert code == 0 and json.loads(out)["in_charge"] == "pid", err
     code, out, err = said(capsys, run, "handover", "pid")
-    assert code == 2 and err.endswith("pid is in charge already\n"), err
+    assert code == 2 and err.endswith("pid is already in charge\n"), err
     code, out, err = said(capsys, run, "undo")
     assert code == 0 and out.startswith("handover.to = 0 (was 1) from cycle "), out + err
     until(lambda: run["handover.in_charge"] == 0.0, "handed back", 10.0)
@@ -94,10 +94,10 @@ def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) ->
     run.hold()
     run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
     assert run.state == "READY" and abs(run["tx.CMD.motor_torque"]) < 1e-12
-    for word, why in (("hold", "disarmed already"), ("resume", ""), ("arm", "armed already")):
+    for word, why in (("hold", "already open"), ("resume", ""), ("arm", "already closed")):
         code, out, err = said(capsys, run, word)
         assert (code == 0) == (why == "") and why in err, out + err
-        assert why or out.startswith("armed: cycle "), out
+        assert why or out.startswith("the loop is closed from cycle "), out
     run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=20.0)
     assert run.state in ("RUN", "HOLD") and run["supervisor.fault"] == 0.0
 
@@ -144,7 +144,7 @@ def test_from_another_machine_a_hand_over_and_a_hold_are_as_here(
     assert run.cycle >= told["cycle"]
     assert there(capsys, host, "handover", "pd")[0] == 0 and run["handover.in_charge"] == 0.0
     code, out, err = there(capsys, host, "hold")
-    assert code == 0 and out.startswith("held, commands go to their safe values: cycle "), err
+    assert code == 0 and out.startswith("the commands ramp to their safe values from cycle "), err
     run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
     assert run.state == "READY"
     for word in ("resume", "hold", "arm"):
@@ -206,6 +206,8 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits() -> None:
 def test_a_run_without_standby_says_how_to_have_one(capsys: Screen) -> None:
     with (
         pcpc.running("slew10", set=PATIENT, bus=own_bus()) as live,
-        pytest.raises(pcpc.Error, match="nobody is on standby; start it with --standby NAME"),
+        pytest.raises(
+            pcpc.Error, match="no controller is on standby; start the run with --standby NAME"
+        ),
     ):
         live.handover("pid")

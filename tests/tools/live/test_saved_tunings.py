@@ -169,7 +169,7 @@ def test_what_was_tuned_is_saved_and_loaded_with_every_bit(
     assert code == 0 and json.loads(out)["values"] == {KV: 0.1 + 0.2, LAM: 15.0}, out + err
     until(lambda: parameters(run) == after, "loaded", ANSWER_S)
     code, out, _ = said(capsys, run, "load", str(file))
-    assert (code, out) == (0, f"{run.node}: has these values already\n"), out
+    assert (code, out) == (0, f"{run.node}: already has these values\n"), out
 
 
 def test_a_file_is_not_overwritten_unless_told(run: Run, capsys: Screen, tmp_path: Path) -> None:

@@ -234,7 +234,7 @@ def test_rows_that_were_overwritten_are_a_loss(
 
 
 @pytest.mark.parametrize(
-    ("first", "why"), [(0, "the run began there"), (700, "the node's ring holds no more")]
+    ("first", "why"), [(0, "the run began there"), (700, "the node's ring buffer holds no more")]
 )
 def test_more_before_a_trigger_than_there_was_is_a_line(
     first: int, why: str, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

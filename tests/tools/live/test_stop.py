@@ -93,7 +93,7 @@ def test_a_run_is_called_by_its_rigs_name_its_own_or_its_rigs_file(
     code, text = said(capsys, "save", "my tuned.yaml", "--node", run)
     assert code == Exit.OK, text
     saved = (tmp_path / "my tuned.yaml").read_text()
-    assert "# a rig: pcpc run rig.yaml --set '@my tuned.yaml'\n" in saved, saved
+    assert "# in a new run: pcpc run rig.yaml --set '@my tuned.yaml'\n" in saved, saved
 
 
 def test_of_two_runs_of_a_rig_each_has_its_name(

@@ -129,7 +129,7 @@ def test_what_is_not_there_is_told(capsys: Screen) -> None:
     assert main(["top", "--every", "5x"]) == 2
     assert capsys.readouterr().err.startswith("--every 5x: not a duration")
     assert main(["top", "", "--once"]) == 2
-    assert capsys.readouterr().err.startswith("'' is no rig; ")
+    assert capsys.readouterr().err.startswith("'' is not a rig; ")
     assert main(["top", "no such rig"]) == 2
     assert "no file and no rig" in capsys.readouterr().err
 

@@ -154,7 +154,7 @@ def test_a_cycle_that_is_not_in_the_log_is_an_error_not_a_figure(tmp_path: Path)
     damaged = tmp_path / "log.mcap"
     half = len(whole) // 2
     damaged.write_bytes(whole[:half] + bytes(64) + whole[half + 64 :])
-    with pytest.raises(JitterError, match="the log is not whole") as caught:
+    with pytest.raises(JitterError, match="the log is incomplete") as caught:
         jitter_probe.read(damaged, measured()[2], {})
     assert caught.value.code == 3
 

@@ -127,7 +127,7 @@ def test_the_table_has_a_line_for_each_frame_by_priority(capsys: Screen) -> None
         "load 67.4%",
         "(up to 1333 Hz; at 1000 Hz from 750 kbit/s on)",
         "held FB_C may miss the receiver's cycle",
-        "(none up to 925 Hz; at 1000 Hz at no bit rate of CAN)",
+        "(none up to 925 Hz; at 1000 Hz at no CAN bit rate)",
     ):
         assert said in text, text
 
@@ -135,7 +135,7 @@ def test_the_table_has_a_line_for_each_frame_by_priority(capsys: Screen) -> None
 def test_where_no_rate_is_slow_enough_it_says_so(capsys: Screen) -> None:
     assert main(["bus", HULL, "--set", "rate_hz=1", "--jitter", "900ms"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "on the frame before (at any rate; at 1 Hz at no bit rate of CAN)" in out, out
+    assert "uses the previous frame (at any rate; at 1 Hz at no CAN bit rate)" in out, out
 
 
 def test_each_bus_of_three_nodes_has_its_own_table_and_bit_rate(capsys: Screen) -> None:
@@ -213,7 +213,7 @@ def test_the_fullest_cycle_is_drawn(tmp_path: Path, capsys: Screen) -> None:
     capsys.readouterr()
     assert main(["bus", HULL, "--plot", str(tmp_path / "bus.txt")]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1 and "bus.txt: no picture; expected" in err, err
+    assert out == "" and err.count("\n") == 1 and "bus.txt: not a picture; expected" in err, err
     assert main(["bus", HULL, "--plot", str(tmp_path / "none" / "bus.png")]) == 2
     assert capsys.readouterr().err.endswith(f"bus.png: there is no folder {tmp_path / 'none'}\n")
 

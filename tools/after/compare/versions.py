@@ -70,7 +70,7 @@ def compared(options: argparse.Namespace, how: How, progress: Progress) -> Compa
             Tree(repository.root, repository.files()),
         )
         if trees[1].holds_pcpc and not trees[0].holds_pcpc:
-            what = "there pcpc is not yet what it takes to run its rigs; name a later version"
+            what = "that version of pcpc cannot run its rigs; name a later version"
             raise UserError(f"--against {options.against}: {what}")
         found = Comparison(f"{options.against} ({commit[:10]})", "working tree")
         plan = _Plan(trees, options, how, folder, repository.changed(commit))

@@ -146,11 +146,15 @@ def _node_of(one: series.Series) -> str:
     return first if first in logs.NODES else "executive"
 
 
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def _only(report: Report, what: str, a: set[str], b: set[str]) -> None:
     for path, names in ((report.a, a - b), (report.b, b - a)):
         if names:
             listed = ", ".join(sorted(names)[:8]) + (", ..." if len(names) > 8 else "")
-            report.only.append(f"only {path} has {len(names)} {what}(s): {listed}")
+            report.only.append(f"only {path} has {_counted(len(names), what)}: {listed}")
 
 
 def _shared_cycles(
@@ -166,9 +170,8 @@ def _shared_cycles(
         for path, own in ((report.a, ours), (report.b, theirs)):
             rest = np.setdiff1d(own, common)
             if len(rest):
-                report.only.append(
-                    f"only {path} has {len(rest)} cycle(s) of {name}: {rest[0]} to {rest[-1]}"
-                )
+                count = _counted(len(rest), "cycle")
+                report.only.append(f"only {path} has {count} of {name}: {rest[0]} to {rest[-1]}")
     return shared
 
 

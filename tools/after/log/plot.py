@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
 def plot(options: argparse.Namespace, progress: Progress) -> int:
     """As `command`; raises LogCommandError, RigError."""
     if options.output.suffix.lower() not in SUFFIXES:
-        raise LogCommandError(f"{options.output}: no picture; expected {', '.join(SUFFIXES)}")
+        raise LogCommandError(f"{options.output}: not a picture; expected {', '.join(SUFFIXES)}")
     paths, patterns = sorted_out(options.words)
     need("a picture needs", FIGURE)
     read = [series.read_log(path, progress) for path in paths]

@@ -46,7 +46,7 @@ def write(
     the log may run, see `tools.after.log.rig`; `summary`: of the run, if it is known.
     """
     if output.suffix.lower() not in SUFFIXES:
-        raise LogCommandError(f"-o {output}: no page; expected FILE.html")
+        raise LogCommandError(f"-o {output}: not an HTML file; expected FILE.html")
     need("a report needs", FIGURE)
     from pcpc.tools.after.report import details, sections
     from pcpc.tools.after.report.record import gather

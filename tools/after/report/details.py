@@ -59,7 +59,7 @@ def timing(record: Record) -> list[Part]:
     latest = [[one.get(key, "") for key in keys] for one in summary.latest_cycles]
     return [
         drawn, words, Table(("stage [us]", *points), rows, range(1, len(points) + 1)),
-        listed("The latest cycles", [*keys.values()], latest, (0, 1, 2)),
+        listed("The slowest cycles", [*keys.values()], latest, (0, 1, 2)),
     ]  # fmt: skip
 
 

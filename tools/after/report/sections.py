@@ -61,7 +61,7 @@ def verdict(record: Record) -> Verdict:
             lines.append("the rig states no limits for this controller: nothing was judged")
         lines += [record.unjudged] if record.unjudged else []
         if not record.at_end:
-            lines.append("judged from the log alone: what was set for the run is not known")
+            lines.append("judged from the log alone, without the settings of the run")
         missing = [line for line in missing if line not in summary.log_missing]
     reasons = [*lines, *(f"missing in the log: {line}" for line in missing)]
     return Verdict(word, reasons, word == "ok" and not missing)

@@ -38,7 +38,7 @@ LIMITS = {  # key of the summary's frames -> of the rig's errors, what it counts
     "wrong_sequence": ("wrong_sequence", "frames with a jump of the counter"),
     "implausible": ("implausible", "received values that were not plausible"),
     "send_errors": ("send", "frames that the bus did not take"),
-    "bus_errors": ("bus", "errors told by the CAN controller"),
+    "bus_errors": ("bus", "errors reported by the CAN controller"),
 }
 CONTROLLER = {  # of these errors: key of the summary's frames without `bus_`, what it counts
     "warnings": "warning", "passives": "passive", "offs": "bus-off", "restarts": "restarted",

@@ -230,7 +230,7 @@ class Judge:
             value = found.metrics.get(name, math.nan)
             if not low <= value <= high:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
-                said = "is not told by this run" if math.isnan(value) else f"= {value:.4g}"
+                said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
             elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
                 found.failed.append(f"{name} = {value:.4g} leaves out that {odd}")
@@ -257,7 +257,7 @@ def _outside(log: Log) -> str:
     stepped = (node.description.get("external") or () for node in log.node.values())
     if not any("controller" in names for names in stepped):
         return ""
-    return "the commands came from outside, the limits are about the rig's controllers"
+    return "the commands came from outside, but the limits are for the rig's controllers"
 
 
 def _beyond(rig: Rig, changed: list[str]) -> str:
@@ -265,7 +265,7 @@ def _beyond(rig: Rig, changed: list[str]) -> str:
     names = [setting.partition("=")[0] for setting in changed]
     for name in names:
         if name.partition(".")[0] == "evaluation":
-            return f"{name} was changed: the limits are about another window"
+            return f"{name} was changed: the limits are for another window"
     if "duration_s" not in names or rig.evaluation is None:
         return ""
     if "window_s" not in (rig.config.evaluation or {}):
@@ -273,7 +273,7 @@ def _beyond(rig: Rig, changed: list[str]) -> str:
     numbers = rig.evaluation.numbers.items()
     last = max([rig.evaluation.window_s[1], *(v for k, v in numbers if k.endswith("_to_s"))])
     if rig.config.duration_s < last:
-        return f"the run ends at {rig.config.duration_s:g} s, before the window does at {last:g} s"
+        return f"the run ends at {rig.config.duration_s:g} s, before its window ends at {last:g} s"
     return ""
 
 
@@ -351,7 +351,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
         judge.check_requirements(imagined_log(rig, config.pacing))
     if evaluation is None:
         if any(config.expect.values()):
-            raise rig.error("expect", "the rig has no evaluation that tells metrics; add one")
+            raise rig.error("expect", "the rig has no evaluation with metrics; add one")
         return []
     told: dict[str, None] = {}
     for fill in (nothing, noise, large):
@@ -369,7 +369,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
     warnings = [f"the limits will not be judged: {unjudged}"] if unjudged and expected else []
     warnings += [str(rig.error(f"evaluation.{n}", what)) for n, what in judge.unused().items()]
     return warnings + [
-        f"{evaluation.file}: {name} is not told by a trial run; it may depend on what happens"
+        f"{evaluation.file}: {name} is not known after a trial run; it may depend on the run"
         for name in expected
         if name not in told
     ]

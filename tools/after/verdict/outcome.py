@@ -84,7 +84,7 @@ class Outcome:
             self.faults.append(f"{name}: {_fault(block)}")
         elif code < 0:
             killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
-            hint = " (`dmesg` tells if memory ran out)" if -code == signal.SIGKILL else ""
+            hint = " (`dmesg` shows whether memory ran out)" if -code == signal.SIGKILL else ""
             self.faults.append(killer + hint)
         elif code == Exit.SAFETY_STOP and name != "watchdog":
             self.faults.append(f"{name}: ended before its first cycle, see above")

@@ -22,7 +22,7 @@ METRICS_SHOWN = 24
 LINES_SHOWN = 6  # of problems
 NARROWEST = 40
 _LABEL = 9  # letters
-_LEAST = "report", "stages", "latest", "records", "frames", "timing", "require", "run"  # first
+_LEAST = "report", "stages", "slowest", "records", "frames", "timing", "require", "run"  # first
 _QUIET = {"problem", "verdict", "folder"}
 _AS_THEY_ARE = {"stages", "metrics", "folder"}  # in columns, or in one piece: to be copied
 _PROMPT = 2  # lines of the terminal that are not ours: the command, the next prompt
@@ -81,7 +81,7 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
             f"{summary.timing_level}; lateness and work at p99.9: {summary.timing_share:.1%} of a "
             "period"
         ] * (bool(summary.timing_us) and summary.pacing not in WITHOUT_CLOCK),
-        "latest": [
+        "slowest": [
             f"cycle {worst['cycle']}, {worst['wake_late_us']:g} us: {worst['cause']}"
             for worst in summary.latest_cycles[:LATEST_SHOWN]
         ],
@@ -161,7 +161,7 @@ def _frames(summary: Summary) -> list[str]:
                 parts.insert(0, "used 0")
             found.append(f"to {role}: sent {row['sent']:,} = {' + '.join(parts)}")
         elif row["sent"]:
-            found.append(f"heard by none of the nodes: {row['sent']:,}")
+            found.append(f"received by no node: {row['sent']:,}")
     known = _ACCOUNTED | ({"missed", "starved"} if "lost_on_purpose" not in total else set())
     others = [f"{name} {count:,}" for name, count in total.items() if name not in known]
     return [text for text in (*found, "  ".join(others), summary.most_cut) if text]

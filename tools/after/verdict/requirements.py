@@ -242,7 +242,7 @@ def _seconds(cycle: int, period_s: float) -> float:
 def _why_not(one: Monitor) -> str:
     """Return why nothing of a requirement was judged."""
     if not one.rows:
-        return "nothing was recorded of what it asks"
+        return "its variables were not recorded"
     if one.events:
-        return "the run ended before it was over"
-    return "its event never happened" if one.timed.event else "the run ended before it began"
+        return "the run ended before its time was over"
+    return "its event never happened" if one.timed.event else "the run ended before its time began"

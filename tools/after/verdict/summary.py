@@ -133,7 +133,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     health = _sum(each)
     early = ""
     if outcome.interrupted or outcome.faults or outcome.short:
-        early = "the run did not come to its end"
+        early = "the run did not finish"
     changed = [*outcome.changed, *_tuned(rig, log)]
     found = (judge or Judge.of(rig)).judge(log, changed, early)
     timing = _timing(log, outcome)

@@ -17,7 +17,7 @@ from pcpc.tools.live.host.recordings import Recordings
 from pcpc.tools.live.host.sources import Source, full
 from pcpc.tools.live.operation import nodes_in_fault
 
-_NOTHING = "no run is shown: where several go on choose one, else `pcpc run RIG` starts one"
+_NOTHING = "no run is shown; choose one if several go on, or start one with `pcpc run RIG`"
 _WORDS = {
     "stop": {"supervisor.stop": 1.0},
     "quick_stop": {"supervisor.stop": 2.0},
@@ -49,7 +49,7 @@ class Actions:
         if isinstance(wanted, messages.Act) and wanted.what == "clear":
             return self._clear(self._source())
         if not self.write:
-            raise UserError("this page only shows; start `pcpc host` with --write")
+            raise UserError("this page is read-only; start `pcpc host` with --write")
         source = self._source()
         if not source.live or not source.nodes:
             raise UserError(_NOTHING)
@@ -83,7 +83,7 @@ class Actions:
         places = {name: source.place(name) for name in values}
         roles = {role for role, _ in places.values()}
         if len(roles) != 1:
-            raise UserError("of two nodes; set one node's at a time")
+            raise UserError("of two nodes; set one node's parameters at a time")
         (role,) = roles
         cycle = source.nodes[role].live.tune({places[k][1]: v for k, v in values.items()})
         self._tuned = role

@@ -74,7 +74,7 @@ def open_door(options: argparse.Namespace) -> Door:
             raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
     folder = options.recordings
     if folder and folder.exists() and not folder.is_dir():
-        raise UserError(f"--recordings {folder}: is no folder")
+        raise UserError(f"--recordings {folder}: is not a folder")
     line = _listener(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)
@@ -115,10 +115,14 @@ def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) 
 
 
 def _summary(options: argparse.Namespace, shown: Source | FollowedRun) -> str:
-    what = "everything on it" if options.write else "it only shows; --write lets it tune"
+    what = (
+        "the page can tune and stop the run"
+        if options.write
+        else "the page is read-only (--write lets it tune)"
+    )
     if isinstance(shown, Source):
-        return f"{shown.rig}, a finished log; Ctrl-C ends"
-    return f"shows {options.node or options.what or 'whatever rig runs'}; {what}; Ctrl-C ends"
+        return f"{shown.rig}, a finished log; Ctrl-C stops"
+    return f"showing {options.node or options.what or 'any rig that runs'}; {what}; Ctrl-C stops"
 
 
 def _source(what: str | None, node: str) -> Source | FollowedRun:

@@ -53,7 +53,7 @@ class Terminal:
                 except IndexError:
                     raise LiveError(f"{word.ring}: no such column") from None
         if not self._write:
-            raise UserError("this host only shows; start it with `pcpc host --write`")
+            raise UserError("this host is read-only; start it with `pcpc host --write`")
         if isinstance(word, messages.Tune):
             return {"done": word.id, "cycle": live.tune(word.values)}
         live.lock(word.level)

@@ -80,7 +80,7 @@ def description_in(told: Any) -> dict[str, Any]:
     msgspec.convert(about["metadata"], dict[str, str])
     named = {*node.ranges, *node.initial, *node.state_columns, *node.timing_columns}
     if not named | {"time.t_s", "supervisor.state"} <= names:
-        raise ValueError("a variable that there is not")
+        raise ValueError("an unknown variable")
     if any(not key.isdecimal() for key in node.frames):
         raise ValueError("a frame without an id")
     return dict(about)
@@ -91,9 +91,9 @@ def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) ->
     control: Any = found["control"]
     for word, names in (("state", "state_names"), ("fault", "fault_names")):
         if not 0 <= int(control[word]) < len(about[names]):
-            raise ValueError("a state that there is not")
+            raise ValueError("an unknown state")
     if min(int(control.cycle), int(control.passes)) < -1 or int(control.cycle) > 2**62:
-        raise ValueError("a cycle that there is not")
+        raise ValueError("an impossible cycle")
     if "snapshot" in found:
         kinds = [(row[0], row[2]) for row in about["variables"]]
         for (name, kind), value in zip(kinds, found["snapshot"].tolist(), strict=True):

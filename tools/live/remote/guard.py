@@ -79,7 +79,7 @@ class Guard:
             return
         why = self.refusal(scope["headers"])
         if scope["type"] == "http" and not why and scope["method"] not in ("GET", "HEAD"):
-            why = "it only shows"
+            why = "it is read-only"
         if not why:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":

@@ -93,7 +93,7 @@ class Remote(Live):
             def read(body: Any) -> tuple[NDArray[np.int64], int, int]:
                 rows, first, newest = fields.rows_in(body)
                 if not 0 <= first <= newest or len(rows) > newest - first:
-                    raise ValueError("rows that there are not")
+                    raise ValueError("rows that do not exist")
                 return answers.rows_of_width(rows, broad), first, newest
 
             taken, first, newest = self._link.answer(read, "rows", node=self._handle, **about)

@@ -1,7 +1,7 @@
 """`pcpc doctor --tune`: settings of this machine for real time, as commands, and their worth.
 
 The worth of what a process may switch is measured, see `worth`. What takes a boot, or another
-frequency, is not: `pcpc jitter --json` before and after tells it.
+frequency, is not: `pcpc jitter --json` before and after shows it.
 """
 
 import os
@@ -23,7 +23,7 @@ from pcpc.tools.machine.doctor.worth import BLOCKS, ROUNDS, blocks, worth
 from pcpc.tools.terminal.progress import Progress
 
 _ISOLATING = ("isolcpus", "nohz_full", "rcu_nocbs")
-_UNKNOWN = "not measured; `pcpc jitter --json` before and after tells it"
+_UNKNOWN = "not measured; `pcpc jitter --json` before and after shows it"
 _IRQS = Path("/proc/irq")
 
 

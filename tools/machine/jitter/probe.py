@@ -168,7 +168,7 @@ def read(
             missing += [] if paths else ["executive: frames are not in the log"]
             nodes[name] = replace(nodes[name], paths_us=paths)
     if missing and not interrupted:
-        raise JitterError(f"the log is not whole: {'; '.join(missing)}", Exit.LOSS)
+        raise JitterError(f"the log is incomplete: {'; '.join(missing)}", Exit.LOSS)
     return nodes, metadata
 
 

@@ -55,7 +55,7 @@ def _head(result: Result) -> Iterator[str]:
     )
     refused = [name for name, granted in result.fifo.items() if not granted]
     if refused:
-        yield f"# without SCHED_FIFO: {', '.join(refused)}; `pcpc doctor` says what to do"
+        yield f"# without SCHED_FIFO: {', '.join(refused)}; `pcpc doctor` shows what to do"
     yield f"# T: 0 executive, T: 1 plant; us; {bus}"
 
 

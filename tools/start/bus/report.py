@@ -119,14 +119,14 @@ def _verdicts(bus: Bus) -> Iterator[tuple[str, str]]:
     yield "with", ", ".join(given)
     yield "load", f"{traffic.load(rows):.1%} in the worst case"
     late = [row.sent.frame.name for row in rows if row.late]
-    what = "every frame is gone before the next of its kind"
+    what = "each frame is sent before its next one"
     if late:
-        what = f"not: {_named(late)} may still wait when the next of its kind comes"
+        what = f"not: {_named(late)} may still wait when its next one comes"
     yield "fits", f"{what} ({_limits(bus, traffic.fits, not late)})"
     held = [row.sent.frame.name for row in rows if row.held]
-    what = "no frame of a cycle misses that of its receiver"
+    what = "no frame misses the receiver's cycle"
     if held:
-        what = f"{_named(held)} may miss the receiver's cycle, which runs on the frame before"
+        what = f"{_named(held)} may miss the receiver's cycle, which then uses the previous frame"
     yield "held", f"{what} ({_limits(bus, traffic.in_time, not held)})"
 
 
@@ -139,7 +139,7 @@ def _limits(bus: Bus, good: Good, is_good: bool) -> str:
     """Return up to which rate the frames of a bus are `good`, and from which bit rate on."""
     hz, bitrate = bus.limits(good)
     rates = f"{'' if is_good else 'none '}up to {hz} Hz" if hz else "at any rate"
-    needed = f"from {rate_of(bitrate)} on" if bitrate else "at no bit rate of CAN"
+    needed = f"from {rate_of(bitrate)} on" if bitrate else "at no CAN bit rate"
     return f"{rates}; at {bus.setup.rate_hz:g} Hz {needed}"
 
 

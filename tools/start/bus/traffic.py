@@ -1,6 +1,6 @@
 """The frames of a rig as traffic: who sends what, how often, and by when it is needed.
 
-    late   a frame may still wait when the next of its kind comes: the bus does not carry the rig
+    late   a frame may still wait when its next one comes: the bus does not carry the rig
     held   a frame of every cycle may come after its receiver's next cycle, which then runs on the
            frame before: one sample of delay more
 
@@ -160,7 +160,7 @@ def load(rows: Sequence[Row]) -> float:
 
 
 def fits(rows: Sequence[Row]) -> bool:
-    """Return whether every frame is gone before the next of its kind."""
+    """Return whether each frame is sent before its next one."""
     return not any(row.late for row in rows)
 
 

@@ -50,7 +50,7 @@ def _check(options: argparse.Namespace) -> None:
     folder = options.output
     there = [] if folder is None else [one for one in (folder, *folder.parents) if one.exists()]
     if there and not there[0].is_dir():
-        raise UserError(f"{there[0]}: is no folder; choose another one with -o")
+        raise UserError(f"{there[0]}: is not a folder; choose another one with -o")
 
 
 def _limit_cycle(options: argparse.Namespace) -> LimitCycle:

@@ -119,7 +119,7 @@ def _number(variation: Variation, word: str) -> float:
     except ValueError as error:
         raise variation.error(str(error)) from None
     if type(number) not in (int, float) or not math.isfinite(number):
-        what = f"{word!r} is no finite number" if word else "a number is missing"
+        what = f"{word!r} is not a finite number" if word else "a number is missing"
         raise variation.error(f"{what}; expected {_FORMS}")
     return float(number)
 

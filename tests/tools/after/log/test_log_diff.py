@@ -74,7 +74,7 @@ def test_tolerances_and_names_limit_what_is_compared(other: Any) -> None:
 
 def test_cycles_and_variables_of_one_log_are_told(other: Any) -> None:
     report = compared(barrel_log("pd"), other("duration_s=0.2"), code=1)
-    assert any("100 cycle(s) of executive: 200 to 299" in line for line in report["only"]), report
+    assert any("100 cycles of executive: 200 to 299" in line for line in report["only"]), report
     assert report["cycles"]["executive"] == 200
     report = compared(barrel_log("pd"), barrel_log(), code=1)
     assert any("variable(s)" in line for line in report["only"]), f"{report['only']}"

@@ -152,7 +152,7 @@ def test_a_metric_that_is_not_there_is_named_with_a_proposal(rig: Write) -> None
     own = rig(metric="eror_rms")
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
     (line,) = summary.expectations_failed
-    assert line.startswith("eror_rms is not told by this run") and "error_rms?" in line, line
+    assert line.startswith("eror_rms is not known in this run") and "error_rms?" in line, line
 
 
 def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:

@@ -145,7 +145,7 @@ def test_a_run_cut_short_is_judged_as_far_as_it_goes(run: Run) -> None:
     found = run._judge.requirements(rows_of(run.log, 520, "executive"))
     assert [one.held for one in found] == [False, None, None, None, None, False, True], found
     reasons = {one.reason for one in found if one.held is None}
-    assert reasons == {"the run ended before it was over"}
+    assert reasons == {"the run ended before its time was over"}
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def test_a_figure_that_leaves_out_what_is_no_number_is_not_met(wrong: float) -> 
     log = dataclasses.replace(log, node=log.node | {"plant": plant})
     found = summarise(rig, log, Outcome("virtual", "memory"))
     assert found.verdict == "expectation not met", found.metrics
-    assert "barrel.theta_rad is no finite number at 4 s" in found.expectations_failed[0], found
+    assert "barrel.theta_rad is not a finite number at 4 s" in found.expectations_failed[0], found
 
 
 def test_a_log_that_was_replaced_while_the_run_went_on_is_a_loss() -> None:
@@ -103,7 +103,7 @@ def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> Non
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("duration_s=1.0", "the run ends at 1 s, before the window does at 6 s"),
+        ("duration_s=1.0", "the run ends at 1 s, before its window ends at 6 s"),
         ("evaluation.window_s=[1.0, 2.0]", "evaluation.window_s was changed"),
     ],
 )

@@ -91,7 +91,7 @@ def test_what_is_missing_or_wrong_is_told_before_the_run(
     (tmp_path / "file").touch()
     words = ["--recordings", str(tmp_path / "file"), "-o", str(tmp_path / "b")]
     assert main(["run", "hull", "--host", *words]) == 2
-    assert "file: is no folder" in capsys.readouterr().err
+    assert "file: is not a folder" in capsys.readouterr().err
     (tmp_path / "file").unlink()
     assert main(["run", "hull", "--host", "--port", "70000", "-o", str(tmp_path / "b")]) == 2
     assert "0..65535" in capsys.readouterr().err

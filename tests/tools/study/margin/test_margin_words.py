@@ -40,5 +40,5 @@ def test_a_file_is_no_folder_to_write_to(
     (tmp_path / "file").touch()
     assert main(["margin", "slew10", "-o", str(tmp_path / name), *more]) == 2
     found = capsys.readouterr()
-    assert found.err == f"{tmp_path / 'file'}: is no folder; choose another one with -o\n"
+    assert found.err == f"{tmp_path / 'file'}: is not a folder; choose another one with -o\n"
     assert not found.out

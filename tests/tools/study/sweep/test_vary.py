@@ -72,9 +72,9 @@ def test_grid_values_include_both_ends_and_choices_are_equally_frequent() -> Non
         ("a=1:2:1", "expected a whole number of 2 or more"),
         ("a=1:2:2.5", "expected a whole number of 2 or more"),
         ("a=1:", "a number is missing"),
-        ("a=one:2", "'one' is no finite number"),
+        ("a=one:2", "'one' is not a finite number"),
         ("a=.nan:2", "give a number"),
-        ("a=1:.inf", "is no finite number"),
+        ("a=1:.inf", "is not a finite number"),
         ("a=1:1e999", "beyond the range"),
         ("a=norml(1,2)", "did you mean normal?"),
         ("a=normal(1)", "1 numbers; expected"),
@@ -85,8 +85,8 @@ def test_grid_values_include_both_ends_and_choices_are_equally_frequent() -> Non
         ("a=lognormal(0,2)", "expected median > 0 and factor > 1"),
         ("a=choice(1,1)", "a value stands there twice"),
         ("a=choice()", "a number is missing"),
-        ("a=choice(yes,no)", "'yes' is no finite number"),
-        ("a=xx1:2", "'x1' is no finite number"),
+        ("a=choice(yes,no)", "'yes' is not a finite number"),
+        ("a=xx1:2", "'x1' is not a finite number"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_the_option_and_the_cure(option: str, words: str) -> None:

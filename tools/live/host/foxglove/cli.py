@@ -88,8 +88,10 @@ def _say(options: argparse.Namespace, shown: FollowedRun, port: int, token: str)
     )
     to_tune = f"to tune, set the parameter {TOKEN} to {token}"
     lines = (
-        f"shows {options.node or options.what or 'whatever rig runs'}; Ctrl-C ends",
-        f"it asks for no token: {reach} can read it",
-        to_tune if options.write else "it only shows; --write lets who has the token tune",
+        f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C stops",
+        f"reading needs no token: {reach} can read",
+        to_tune
+        if options.write
+        else "it is read-only; with --write, clients with the token can tune",
     )
     print(*lines, sep="\n", file=sys.stderr, flush=True)

@@ -82,7 +82,7 @@ class Parameters(ServerListener):
     def _set(self, client: int, wanted: dict[str, Any]) -> dict[str, float]:
         """Return the values that have been set; UserError: refused, nothing has changes."""
         if not self._actions.write:
-            raise UserError("this server only shows; start `pcpc host --foxglove` with --write")
+            raise UserError("this server is read-only; start `pcpc host --foxglove` with --write")
         if TOKEN in wanted:
             given = wanted.pop(TOKEN)
             if not guard.is_token(given, self._token):
