@@ -100,7 +100,7 @@ class Run:
 
     @cached_property
     def log(self) -> logs.Log:
-        """The log as it was read: nodes with their columns, events, tunings, attachments."""
+        """The log: nodes with their columns, events, tunings, attachments."""
         return logs.read(self.path)
 
     @cached_property
@@ -190,7 +190,7 @@ class Run:
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
-        """States, faults, tunings, skipped periods of all nodes, by cycle; each says its node."""
+        """States, faults, tunings, skipped periods of all nodes, by cycle; each with its node."""
         found = [
             {"node": name, **event}
             for name, node in self.log.node.items() for event in (*node.events, *node.tunings)
@@ -215,7 +215,7 @@ class Run:
 
     @cached_property
     def rig(self) -> Rig:
-        """The rig of the run, with all that was set."""
+        """The rig of the run, with all settings."""
         if self._rig_given is not None:
             return self._rig_given
         self._files = tempfile.TemporaryDirectory(prefix="pcpc-")  # of the rig, as long as it
@@ -232,12 +232,12 @@ class Run:
 
     @property
     def judged_at_its_end(self) -> bool:
-        """The verdict is the run's own; that of a log alone knows nothing of what was set."""
+        """Whether the verdict is the run's own; a log alone lacks the run's settings."""
         return self._outcome is not None or self._bound is not None
 
     @cached_property
     def result(self) -> summaries.Summary:
-        """What the run came to; judged anew where there is no summary of this log."""
+        """The result of the run; judged again if there is no summary of this log."""
         if self._bound is not None:
             return self._bound
         outcome = self._outcome or summaries.outcome_of(self.log)
@@ -245,7 +245,7 @@ class Run:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What `summary.json` of a run holds, and the run came to."""
+        """The content of `summary.json`."""
         return summary_file.plain(self.result)
 
     @property
@@ -255,17 +255,17 @@ class Run:
 
     @cached_property
     def requirements(self) -> list[Result]:
-        """What became of the rig's requirements: held or not, where first, with which margin."""
+        """The results of the rig's requirements: held or not, where first, with which margin."""
         return self._judge.requirements(self.log)
 
     def require(self, **entry: Any) -> Result:
-        """Return what became of a requirement that holds in this run, else raise NotOk.
+        """Return the result of a requirement that holds in this run; NotOk if it does not hold.
 
             run.require(always="abs(controller.e_rad) < 2 mrad", after="1s")
             run.require(when="reference.q_d_rad changes", within="200ms", then=..., for_="1s")
 
-        The keys are those of a rig's `require`, but `for_`. NotOk is an AssertionError; it says
-        where the requirement was first violated, or why it could not be judged.
+        The keys are those of a rig's `require`, with `for_` in place of `for`. NotOk (an
+        AssertionError) shows where it was first violated, or why it could not be judged.
         """
         words = {key.removesuffix("_"): value for key, value in entry.items()}
         try:
@@ -283,7 +283,7 @@ class Run:
         return self.result.verdict
 
     def check(self) -> "Run":
-        """Return the run itself if its verdict is ok, else raise NotOk (an AssertionError)."""
+        """Return the run if its verdict is ok; NotOk (an AssertionError) if it is not."""
         if self.verdict != "ok":
             why = "; ".join(self.result.problems()) or "see its summary"
             raise NotOk(f"{self.result.rig}: {self.verdict}: {why}")

@@ -43,8 +43,8 @@ def saying(block: sh.Shared, **values: float) -> Live:
     ("state", "disarmed", "says", "code"),
     [
         (State.FAULT, 1.0, "FAULT, no valid input; `pcpc reset` first", Exit.NOT_MET),
-        (State.INIT, 1.0, "waits for the other node; later", Exit.NOT_MET),
-        (State.RUN, 0.0, "already closed", Exit.WRONG_INPUT),
+        (State.INIT, 1.0, "waits for the other node; try again later", Exit.NOT_MET),
+        (State.RUN, 0.0, "the loop is already closed", Exit.WRONG_INPUT),
     ],
 )
 def test_who_cannot_be_armed_says_why(

@@ -114,7 +114,7 @@ def test_who_is_not_there_is_refused_with_who_is(run: pcpc.Live, capsys: Screen)
 def test_a_plant_is_asked_for_nothing(run: pcpc.Live, capsys: Screen, words: list[str]) -> None:
     name = run._node("plant").name
     assert main([*words, "--node", name]) == 2
-    told = f"{name}: is a plant; `pcpc {words[0]}` asks an executive\n"
+    told = f"{name}: this is a plant node; `pcpc {words[0]}` needs an executive\n"
     assert capsys.readouterr().err == told
 
 

@@ -142,11 +142,11 @@ def test_a_history_that_is_cut_tells_what_it_does_not_know(
     path = states(node)
     assert len(path) == sh.EVENT_RING_ROWS and path[0] == {}, (len(path), path[0])
     assert main(["undo", str(sh.EVENT_RING_ROWS - 1), "--node", node.name]) == 2
-    assert "a.gain: its value before is no longer known" in capsys.readouterr().err
+    assert "a.gain: its previous value is no longer known" in capsys.readouterr().err
     put(9999, 0, 8.0, Event.LATE)
     standing._standing[node.name].block["snapshot"][0] = 77.0  # a tuning that was dropped
     assert main(["undo", "--node", node.name]) == 2
-    assert "no longer tell what it was tuned to" in capsys.readouterr().err
+    assert "no longer hold all tunings" in capsys.readouterr().err
 
 
 # Files

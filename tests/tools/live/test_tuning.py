@@ -244,7 +244,7 @@ def test_a_wait_ends_with_its_node(run: Run) -> None:
         looks.append(now.cycle)
         return False
 
-    with pytest.raises(live.LiveError, match="a miracle: it ended before"):
+    with pytest.raises(live.LiveError, match="a miracle: the node ended first"):
         node.wait_until(miracle, 60.0, "a miracle")
     assert not node.running and looks, looks
 

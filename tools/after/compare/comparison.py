@@ -31,7 +31,7 @@ _APART = {ALONE: "on one side only", FAILED: "not compared"}
 
 @dataclass
 class Comparison:
-    """What came of comparing `old` with `new`, pair by pair."""
+    """The comparison of `old` with `new`, pair by pair."""
 
     old: str
     new: str
@@ -43,13 +43,13 @@ class Comparison:
 
     @property
     def changed(self) -> bool:
-        """Something differs, or is on one side only, or could not be compared."""
+        """Whether something differs, is on one side only, or could not be compared."""
         return bool(self.of(CHANGED, ALONE, FAILED))
 
     def fails(self, on: str = "any") -> bool:
-        """Return whether it differs in what counts: anything, a metric, a verdict.
+        """Return whether it differs in `on`: any, metrics, verdict, never.
 
-        So does what differs and does not tell what counts, or nothing that was compared.
+        True also if nothing was compared, or if a difference cannot be classified.
         """
         if on in ("any", "never"):
             return on == "any" and self.changed
@@ -62,13 +62,13 @@ class Comparison:
 
     @property
     def counts(self) -> str:
-        """How many are in which state, in words."""
+        """How many pairs are in which state, in words."""
         words = {CHANGED: "changed", EQUAL: "equal", UNCHANGED: "unchanged", **_APART}
         told = [f"{n} {word}" for state, word in words.items() if (n := len(self.of(state)))]
         return ", ".join(told) or "nothing to compare"
 
     def text(self) -> str:
-        """Return what a terminal shows."""
+        """Return the text for a terminal."""
         parts = [terminal(f"{self.old} -> {self.new}: {self.counts}")]
         parts += [_block(pair) for pair in self.of(CHANGED)]
         for state, word in _APART.items():
@@ -81,7 +81,7 @@ class Comparison:
         return "\n\n".join("\n".join(lines) for lines in parts)
 
     def markdown(self, pictures: bool = False) -> str:
-        """Return a table for a pull request and what does not fit into it, maybe `pictures`."""
+        """Return a table for a pull request and the rest below it, with `pictures` if asked."""
         changed = self.of(CHANGED)
         rows = [row for pair in changed for row in _rows(pair)]
         more = [line for pair in changed for line in _more(pair)]

@@ -40,7 +40,7 @@ def diff(add: Add) -> None:
     add("a", type=Path, metavar="A", help="log file, run folder or latest")
     add("b", type=Path, metavar="B", help="the other log")
     add("variables", nargs="*", metavar="VAR",
-        help="names or patterns; default: all but timing, and frames")  # fmt: skip
+        help="compare only these, and no frames; default: all but timing")  # fmt: skip
     add("--tolerance", type=float, default=0.0, metavar="REL", help="relative tolerance")
     add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute tolerance")
     take.json(add)
