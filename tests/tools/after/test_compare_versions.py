@@ -396,7 +396,7 @@ def test_each_version_runs_with_its_own_code_where_the_repository_is_pcpcs(
     git(root, "rm", "-q", "--cached", "-r", "pcpc")
     git(root, "commit", "-q", "-m", "before")
     git(root, "checkout", "-q", "-f", "now")
-    assert "before: there pcpc is not yet" in compared(against="before", code=2).err
+    assert "before: that version of pcpc cannot run" in compared(against="before", code=2).err
     edit(root / "tools/after/verdict/judge.py", code, "found.metrics = {'answer': 42.0}")
     pair = pairs("probe", code=1)["probe/proportional"]
     assert pair["first"] is None and pair["settings"] == []
