@@ -47,7 +47,7 @@ def _bounded_import(what: str) -> Iterator[None]:
 
     def say() -> None:
         if compile_cache.watch.done == before:  # else that is said
-            print(f"{what}: still importing; Ctrl-C stops it", file=sys.stderr)
+            print(f"{what}: still importing; Ctrl-C ends it", file=sys.stderr)
 
     told = threading.Timer(LONG_S, say)
     told.start()

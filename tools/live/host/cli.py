@@ -121,8 +121,8 @@ def _summary(options: argparse.Namespace, shown: Source | FollowedRun) -> str:
         else "the page is read-only (--write lets it tune)"
     )
     if isinstance(shown, Source):
-        return f"{shown.rig}, a finished log; Ctrl-C stops"
-    return f"showing {options.node or options.what or 'any rig that runs'}; {what}; Ctrl-C stops"
+        return f"{shown.rig}, a finished log; Ctrl-C ends it"
+    return f"showing {options.node or options.what or 'any rig that runs'}; {what}; Ctrl-C ends it"
 
 
 def _source(what: str | None, node: str) -> Source | FollowedRun:

@@ -88,7 +88,7 @@ def _say(options: argparse.Namespace, shown: FollowedRun, port: int, token: str)
     )
     to_tune = f"to tune, set the parameter {TOKEN} to {token}"
     lines = (
-        f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C stops",
+        f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C ends it",
         f"reading needs no token: {reach} can read",
         to_tune
         if options.write
