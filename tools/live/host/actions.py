@@ -83,7 +83,7 @@ class Actions:
         places = {name: source.place(name) for name in values}
         roles = {role for role, _ in places.values()}
         if len(roles) != 1:
-            raise UserError("of two nodes; set one node's parameters at a time")
+            raise UserError("of two nodes; set one node's at a time")
         (role,) = roles
         cycle = source.nodes[role].live.tune({places[k][1]: v for k, v in values.items()})
         self._tuned = role

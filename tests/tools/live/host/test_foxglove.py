@@ -186,7 +186,7 @@ def test_a_page_of_another_site_reads_but_sets_nothing_and_the_next_run_is_found
                 assert foreign.get(GAIN) == {GAIN: 110.0}
                 assert TOKEN not in foreign.get()
                 for values in ({GAIN: 1.0}, {TOKEN: "x"}):
-                    assert "only shows" in refused(foreign, values)
+                    assert "read-only" in refused(foreign, values)
                 assert live[GAIN] == 110.0
             with Client(server) as client:
                 client.know(ALL)
