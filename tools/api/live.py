@@ -102,9 +102,7 @@ class Live:
         """
         split = {name: self._split(name) for name in changes}
         if len({id(node) for node, _ in split.values()}) > 1:
-            raise UserError(
-                f"{', '.join(changes)}: of two nodes; set one node's at a time"
-            )
+            raise UserError(f"{', '.join(changes)}: of two nodes; set one node's at a time")
         if not split:
             return self.cycle
         node = next(iter(split.values()))[0]
