@@ -248,7 +248,7 @@ def test_what_pcpc_new_writes_and_the_shipped_systems_have_one_shape() -> None:
         names = {path.name for path in folder.iterdir()} - {"__pycache__", "__init__.py"}
         assert SHAPE | {f"{folder.name}.dbc"} <= names, folder.name
         others = names - SHAPE - MORE - {f"{folder.name}.dbc"}
-        assert all(one.endswith(".py") or one == "linear.yaml" for one in others), others
+        assert all(one.endswith((".py", ".md")) or one == "linear.yaml" for one in others), others
 
 
 def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
