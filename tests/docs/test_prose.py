@@ -18,7 +18,7 @@ pytestmark = pytest.mark.deep
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACES = (
-    "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md", "plants/*/README.md",
+    "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md", "plants/*/*.md",
     "tools/make/template/**/README.md",
 )  # fmt: skip
 PAGES = {
