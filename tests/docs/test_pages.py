@@ -25,7 +25,7 @@ NOT_RUN = {  # blocks by page that nobody carries out, each with its reason abov
     "docs/howto/can-adapter.md": 2,
     "docs/howto/firmware.md": 3,
     "docs/howto/fit.md": 2,
-    "docs/howto/fmu.md": 2,
+    "docs/howto/fmu.md": 1,
     "docs/howto/foxglove.md": 1,
     "docs/howto/generate.md": 4,
     "docs/margin.md": 4,
