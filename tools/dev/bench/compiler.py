@@ -1,6 +1,6 @@
 """The C side of the bench: steps that `pcpc generate c` writes, headers, compilation.
 
-Generated C of a step is as fast as C by hand (docs/decisions/settled, 33; suite `generated`), so no
+Generated C of a step is as fast as C by hand (docs/decisions/settled, 32; suite `generated`), so no
 step is written twice. It is compiled in two ways:
 
     the same functions   -O2 -ffp-contract=off: the bits of Python
