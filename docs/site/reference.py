@@ -29,6 +29,7 @@ _Row = tuple[str | Exit, str]  # an argument and its help, or an exit code and i
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100
+_NAME = 30  # of them for a name with its meaning beside it
 _NOTE = "<!-- written by `make reference`; change its source, not this page -->"
 _COMMANDS = f"""# Commands
 {_NOTE}
@@ -44,10 +45,9 @@ These codes mean the same in every command. A command below lists only what is s
 _SHARED = """
 ## Options of many commands
 
-The commands below name these options without repeating their meaning.
-
-| argument | |
-|---|---|"""
+The commands below name these options without repeating their meaning. Where one has `--host` or
+`--at`, it also has the options whose meaning begins with that name.
+"""
 _MANY = 3  # commands that take an argument with the same help: it is explained once
 _CODES = {
     Exit.OK: "done; the verdict of a run is good",
@@ -77,6 +77,10 @@ from pcpc.executive.laws.emath import clip, sqrt, where                    # wha
 from pcpc.plants.evaluation import *                                       # in an evaluation.py
 ```
 """
+_REFERENCES = """
+As `law:` of a block; a parameter without a default is required.
+
+```text"""
 _TYPES = """
 Colours of lines: `BLACK`, `BLUE`, `VERMILION`, `GREEN`, `ORANGE`, `PURPLE`, `SKY`, `GREY`. Types
 for hints: `Vector`, an array (n,); `Signal`, a function of a run that returns one; `Source`, a name
@@ -87,6 +91,10 @@ _BLOCKS = {  # module -> what a law takes of it, by way of laws.block
     "drivers.compiled.stage": ("stage",),
     "drivers.compiled.jit": ("inline",),
 }
+_PARTS_OF_PLANTS = """
+## Parts of plants
+
+Each heading is a module: `from pcpc.plants.sensors import noisy`."""
 _PARTS = (
     "sensors", "noise", "integrate", "transport", "actuators.stick_slip", "actuators.friction",
     "actuators.lugre_implicit", "actuators.sliding", "actuators.backlash", "actuators.deadzone",
@@ -101,12 +109,13 @@ _EVALUATION = {
 
 def commands() -> str:
     """Return the page of the command line."""
-    lines = [_COMMANDS, "| exit code | | |", "|---|---|---|"]
-    lines += [f"| {code:d} | {code.meaning} | {_CODES[code]} |" for code in Exit]
+    codes = [(f"{code:<5d}{code.meaning}", _CODES[code]) for code in Exit]
+    lines = [_COMMANDS, "```text", *_columns(codes), "```"]
     parsers = _parts(cli.parser())
     found = [(one, parsers[one.name]) for group in GROUPS.values() for one in group]
     common = _common([leaf for one in found for leaf in _leaves(*one)])
-    lines += [_SHARED, *(f"| {_code(one)} | {said} |" for (_, said), one in common.items() if one)]
+    shared = [(one, said) for (_, said), one in common.items() if one]
+    lines += [_SHARED, "```text", *_columns(shared), "```"]
     for name, group in GROUPS.items():
         lines.append(f"\n## {TITLES[name][0].upper()}{TITLES[name][1:]}")
         for command in group:
@@ -149,16 +158,16 @@ def _command(
     actions = [one for one in parser._actions if one.dest != "help"]
     names = [_argument(one) for one in actions if not one.option_strings]
     rest = [f"-- {command.rest}"] if command.rest else []
-    usage = " ".join([parser.prog, "[OPTION ...]", *names, *rest])
-    notes = ["", *command.notes.strip().splitlines()] if command.notes else []
-    lines += ["\n```text", usage, "", *command.example.splitlines(), *notes, "```"]
     rows = _rows(parser)
-    own = [
-        f"| {_code(_argument(one))} | {row[1]} |" for row, one in rows.items() if row not in common
-    ]
-    lines += ["", "| argument | |", "|---|---|", *own] if own else []
-    strings = [one.option_strings for row, one in rows.items() if row in common]
-    also = [f"`{', '.join(one)}`" for one in strings if one]
+    known = any(not one.option_strings and row in common for row, one in rows.items())
+    usage = [" ".join([parser.prog, *names, *rest]), ""] if known or rest else []
+    own = _columns([(_argument(one), row[1]) for row, one in rows.items() if row not in common])
+    notes = ["", *command.notes.strip().splitlines()] if command.notes else []
+    example = [*command.example.splitlines(), *notes]
+    lines += ["\n```text", *usage, *own, *([""] if own else []), *example, "```"]
+    shared = {one.option_strings[0]: row[1] for row, one in rows.items()
+              if row in common and one.option_strings}  # fmt: skip
+    also = [f"`{name}`" for name, said in shared.items() if said.partition(":")[0] not in shared]
     lines += ["", *_wrapped(f"{'Also' if own else 'Options:'} {', '.join(also)}.")] if also else []
     codes = [one for one in (command.codes or {}).items() if one[1] and one not in common]
     told = ", ".join(f"{code:d} {said}" for code, said in codes)
@@ -167,6 +176,20 @@ def _command(
 
 def _wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, _COLUMNS, break_on_hyphens=False)
+
+
+def _columns(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Return lines of names and what they mean, the latter below a name that is long."""
+    width = min(max((len(name) for name, _ in rows), default=0), _NAME)
+    lines = []
+    for name, said in rows:
+        indent = " " * (width + 2)
+        lines += [name] if len(name) > width else []
+        begin = indent if len(name) > width else name.ljust(width + 2)
+        lines += textwrap.wrap(
+            said, _COLUMNS, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False
+        ) or [begin.rstrip()]
+    return lines
 
 
 def _parts(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
@@ -187,12 +210,7 @@ def _choices(action: argparse.Action) -> str:
 
 
 def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
-    text = parser._get_formatter()._expand_help(action)
-    return text.replace("|", "&#124;").replace("*", "\\*").replace("[", "\\[")
-
-
-def _code(text: str) -> str:
-    return f"<code>{text.replace('|', '&#124;')}</code>" if "|" in text else f"`{text}`"
+    return parser._get_formatter()._expand_help(action)
 
 
 def api() -> str:
@@ -210,7 +228,7 @@ def rig_python() -> str:
     lines += _vocabulary(_BLOCKS)
     lines += ["\n## Functions with the same bits everywhere\n", _told("executive.laws.emath")]
     lines += _functions("executive.laws.emath")
-    lines.append("\n## Parts of plants")
+    lines.append(_PARTS_OF_PLANTS)
     for part in _PARTS:
         lines += [f"\n### {part}\n", _told(f"plants.{part}"), *_functions(f"plants.{part}")]
     lines += ["\n## References\n", _told("executive.laws.references"), *_references()]
@@ -244,7 +262,7 @@ def _vocabulary(parts: Mapping[str, Sequence[str]]) -> list[str]:
         for name, node in ((name, _defined(module)[name]) for name in names):
             head, *rest = _definition(node, name, "###")
             made = any("dataclass" in ast.unparse(one) for one in node.decorator_list)
-            lines += [head, *([f"```text\n{_made(node)}\n```\n"] if made else []), *rest]
+            lines += [head, *([*_signature(_made(node)), ""] if made else []), *rest]
     return lines
 
 
@@ -260,28 +278,29 @@ def _made(node: ast.ClassDef) -> str:
 
 
 def _functions(module: str) -> list[str]:
-    """Return a table of a module's public functions."""
-    lines = [f"\n| `from pcpc.{module} import` | |", "|---|---|"]
+    """Return a module's public functions, each with the first paragraph of its docstring."""
+    rows = []
     for name, node in _defined(module).items():
         if name[0] != "_" and isinstance(node, ast.FunctionDef):
             said = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
             text = ", ".join(one.arg for one in node.args.args)
-            lines.append(f"| `{name}({text})` | {said.replace('|', '&#124;')} |")
-    return lines
+            rows.append((f"{name}({text})", re.sub("^Return (the )?", "", said).replace("`", "")))
+    return ["\n```text", *_columns(rows), "```"]
 
 
 def _references() -> list[str]:
-    """Return a table of the ready-made references with their parameters."""
-    lines = ["\n| `law:` | parameter | default | range | |", "|---|---|---|---|---|"]
+    """Return the ready-made references with their parameters."""
+    lines = []
     for module in ("references", "sequences"):
         found = vars(_module(f"executive.laws.{module}")).items()
         for name, block in ((name, one) for name, one in found if isinstance(one, Block)):
-            for number, one in enumerate(block.settings):
-                law = "" if number else f"`{module}:{name}`"
-                default = "required" if one.default is None else f"`{one.default:g}`"
-                about = f"`{one.name}` | {default} | {one.low:g} to {one.high:g}"
-                lines.append(f"| {law} | {about} | {one.help} |")
-    return lines
+            rows = []
+            for one in block.settings:
+                default = "" if one.default is None else f"; default: {one.default:g}"
+                said = f"{one.help}, {one.low:g}..{one.high:g}{default}"
+                rows.append((f"    {one.name}", said))
+            lines += [f"{module}:{name}", *_columns(rows)]
+    return [_REFERENCES, *lines, "```"]
 
 
 def _statistics() -> str:
@@ -291,25 +310,36 @@ def _statistics() -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _definition(node: Any, name: str, level: str) -> list[str]:
+def _definition(node: Any, name: str, level: str = "") -> list[str]:
     """Return the chapter of a function or class, with its public members below."""
     told = _prose(ast.get_docstring(node) or "")
+    head = [f"\n{level} {name}\n"] if level else [""]
     if isinstance(node, ast.FunctionDef):
-        return [f"\n{level} {name}\n", f"```text\n{_call(name, node)}\n```\n", told]
+        return [*head, *_signature(_call(name, node)), "", _returned(told)]
     body = node.body
     if any(ast.unparse(base) == "Result" for base in node.bases):  # it makes text and files of them
         result = _defined("tools.study.result")["Result"].body
         makes = {"lines", "facts", "pictures"}
         body = [one for one in [*body, *result] if getattr(one, "name", "") not in makes]
     members = [one for one in body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"]
-    lines, values = [f"\n{level} {name}\n", told], [one for one in members if _is_value(one)]
-    lines += ["\n| value | type | |", "|---|---|---|"] if values else []
-    for one in values:
-        said = " ".join((ast.get_docstring(one) or "").split())
-        lines.append(f"| `{one.name}` | `{_type(one)}` | {said} |")
+    lines, values = [*head, told], [one for one in members if _is_value(one)]
+    if values:
+        said = [" ".join((ast.get_docstring(one) or "").split()) for one in values]
+        names = [f"{one.name}: {_type(one)}" for one in values]
+        lines += ["\n```text", *_columns(list(zip(names, said, strict=True))), "```"]
     for one in members:
-        lines += [] if one in values else _definition(one, f"{name}.{one.name}", level + "#")
+        lines += [] if one in values else _definition(one, f"{name.split('.')[-1]}.{one.name}")
     return lines
+
+
+def _signature(text: str) -> list[str]:
+    return ["```text", text, "```"] if "\n" in text else [f"**`{text}`**"]
+
+
+def _returned(told: str) -> str:
+    """Return the words of a function without the verb that all have."""
+    rest = told.removeprefix("Return ")
+    return told if rest == told else rest[0].upper() + rest[1:]
 
 
 def _is_value(node: ast.FunctionDef) -> bool:
@@ -321,13 +351,14 @@ def _type(node: ast.FunctionDef) -> str:
 
 
 def _call(name: str, node: ast.FunctionDef) -> str:
-    """Return a function's signature, an argument a line where it would be too long."""
+    """Return a function's signature, an argument a line where it would be too long.
+
+    Of an argument that is None by default, its other type is shown.
+    """
     node.args.args = [one for one in node.args.args if one.arg != "self"]
-    text = (
-        re.sub(r"(: [^=,]+)=", r"\1 = ", ast.unparse(node.args))
-        .replace("''", '""')
-        .replace("'", "")
-    )
+    text = re.sub(r"(: [^=,]+(?:\[[^=]*\][^=,]*)?)=", r"\1 = ", ast.unparse(node.args))
+    text = text.replace("''", '""').replace("'", "").replace(" | None = None", " = None")
+    text = text.replace(" | ", "|")
     returned = f" -> {_type(node)}"
     if len(f"{name}({text}){returned}") <= _COLUMNS:
         return f"{name}({text}){returned}"
@@ -337,11 +368,13 @@ def _call(name: str, node: ast.FunctionDef) -> str:
 
 def _prose(text: str) -> str:
     """Return a docstring as Markdown: what stands in columns stays in columns."""
-    paragraphs = text.split("\n\n")
-    return "\n\n".join(
-        f"```text\n{textwrap.dedent(one)}\n```" if re.search(r"\S {2,}\S|^ {4}", one, re.M) else one
-        for one in paragraphs
-    )
+    found: list[tuple[bool, str]] = []
+    for one in text.split("\n\n"):
+        code = bool(re.search(r"\S {2,}\S|^ {4}", one, re.M))
+        if code and found and found[-1][0]:
+            one = f"{found.pop()[1]}\n\n{textwrap.dedent(one)}"
+        found.append((code, textwrap.dedent(one) if code else one))
+    return "\n\n".join(f"```text\n{one}\n```" if code else one for code, one in found)
 
 
 PAGES = {"commands.md": commands, "api.md": api, "rig-python.md": rig_python}

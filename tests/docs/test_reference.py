@@ -22,12 +22,12 @@ def test_the_written_pages_are_what_the_sources_say() -> None:
 
 def test_every_option_and_every_function_has_its_line() -> None:
     commands, api = reference.commands(), reference.api()
-    for told in ("### pcpc run\n", "### pcpc log cat\n", "`--set NAME=VALUE`", "-- COMMAND"):
+    for told in ("### pcpc run\n", "### pcpc log cat\n", "\n--set NAME=VALUE ", "-- COMMAND"):
         assert told in commands, told
     assert all(f"## pcpc.{name}\n" in api for name in pcpc.__all__)
     python = reference.rig_python()
     for name in evaluation.__all__:
         assert re.search(rf"\b{name}\b", python), name
-    for told in ("### port\n", "| `clip(x, low, high)`", "| `references:step` | `amplitude_rad`"):
+    for told in ("### port\n", "\nclip(x, low, high) ", "\nreferences:step\n    amplitude_rad "):
         assert told in python, told
-    assert "`metrics` | `dict[str, float]`" in api and "### pcpc.Live.wait_until" in api
+    assert "\nmetrics: dict[str, float] " in api and "\nLive.wait_until(" in api
