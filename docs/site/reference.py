@@ -159,8 +159,8 @@ def _command(
     names = [_argument(one) for one in actions if not one.option_strings]
     rest = [f"-- {command.rest}"] if command.rest else []
     rows = _rows(parser)
-    known = any(not one.option_strings and row in common for row, one in rows.items())
-    usage = [" ".join([parser.prog, *names, *rest]), ""] if known or rest else []
+    shown = [row for row, one in rows.items() if row not in common and not one.option_strings]
+    usage = [" ".join([parser.prog, *names, *rest]), ""] if len(names) > len(shown) or rest else []
     own = _columns([(_argument(one), row[1]) for row, one in rows.items() if row not in common])
     notes = ["", *command.notes.strip().splitlines()] if command.notes else []
     example = [*command.example.splitlines(), *notes]
