@@ -1,14 +1,19 @@
-"""What a log says about where it was made: versions, machine, clock."""
+"""What a log says about where it was made: versions, machine, clock, the commit of the rig."""
 
 import functools
 import importlib.metadata
 import os
 import platform
+import re
 import subprocess
 import time
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 _PROJECT = Path(__file__).resolve().parents[2]
+RIG_COMMIT = "rig_git"  # the key of `of_rig`
+_RIGS_OWN = (".yaml", ".yml", ".py", ".dbc", ".csv", ".fmu")  # of files that nobody has added yet
+_PATIENCE_S = 2.0
 _PACKAGES = ("pcpc", "numba", "llvmlite", "numpy", "cantools", "python-can", "mcap")
 
 
@@ -18,6 +23,55 @@ def facts() -> dict[str, str]:
         "clock_monotonic_ns": str(time.monotonic_ns()),
         "clock_wall_ns": str(time.time_ns()),
     }
+
+
+def of_rig(rig: Path) -> dict[str, str]:
+    """Return the commit of the work tree that a rig file lies in; {} of one that lies in none.
+
+    `-dirty` where the rig's folder differs from it. Without a work tree no process is started, else
+    one; without git, or if it takes too long, nothing is known.
+    """
+    file = rig.resolve()
+    root = next((above for above in file.parents if (above / ".git").exists()), None)
+    if root is None:
+        return {}
+    command = [
+        "git", "-c", "core.fsmonitor=false", "--literal-pathspecs", "-C", str(file.parent),
+        "status", "--porcelain=v2", "--branch", "--no-ahead-behind", "-z", "--no-renames",
+        "--untracked-files=all", "--ignored=matching", "--", ".",
+    ]  # fmt: skip
+    ours = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE")  # of a hook that runs us
+    environment = {key: value for key, value in os.environ.items() if key not in ours}
+    environment["GIT_OPTIONAL_LOCKS"] = "0"
+    try:
+        done = subprocess.run(
+            command, capture_output=True, stdin=subprocess.DEVNULL, check=True,
+            timeout=_PATIENCE_S, env=environment,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return {}
+    text = _commit(os.fsdecode(done.stdout).split("\0"), file.relative_to(root).as_posix())
+    return {RIG_COMMIT: text} if text else {}
+
+
+def rig_commits(metadata: Mapping[str, Mapping[str, str]], nodes: Iterable[str]) -> str:
+    """Return what a log's nodes say of the commit: once, or by node where they differ."""
+    found = {node: text for node in nodes if (text := metadata[node].get(RIG_COMMIT, ""))}
+    if len({*found.values()}) == 1:
+        return next(iter(found.values()))
+    return ", ".join(f"{text} ({node})" for node, text in found.items())
+
+
+def _commit(lines: Sequence[str], file: str) -> str:
+    """Return the commit that `git status` tells; "" before the first, or if `file` is ignored."""
+    commit = next((x.split()[2] for x in lines if x.startswith("# branch.oid ")), "")
+    if not re.fullmatch("[0-9a-f]{40,64}", commit):
+        return ""
+    if any(f"{file}/".startswith(f"{x[2:].rstrip('/')}/") for x in lines if x.startswith("! ")):
+        return ""
+    changed = any(x[:2] in ("1 ", "u ") for x in lines)
+    new = any(x.startswith("? ") and x.endswith(_RIGS_OWN) for x in lines)
+    return commit[:12] + "-dirty" * (changed or new)
 
 
 @functools.cache

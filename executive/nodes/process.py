@@ -35,7 +35,7 @@ from pcpc.drivers.can import choice
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.drivers.machine import claim, kernel, realtime
 from pcpc.executive.laws.emath_selftest import selftest
-from pcpc.executive.log.provenance import facts
+from pcpc.executive.log.provenance import facts, of_rig
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED
@@ -119,13 +119,17 @@ class Process:
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
         held = sharing.lock(name)
         self.claim_frames()
-        metadata = facts() | {
-            "pacing": self.pacing,
-            "bus": str(self.bus),
-            "controller": self.rig.config.controller,
-            "seed": str(self.rig.config.seed),
-            "rate_hz": repr(self.rig.config.rate_hz),
-        }
+        metadata = (
+            facts()
+            | of_rig(self.rig.path)
+            | {
+                "pacing": self.pacing,
+                "bus": str(self.bus),
+                "controller": self.rig.config.controller,
+                "seed": str(self.rig.config.seed),
+                "rate_hz": repr(self.rig.config.rate_hz),
+            }
+        )
         self.signals = kernel.signal_file(_SIGNALS)
         about = describe(self.plan, metadata)
         about["initial"], about["file"] = self._parameters(), str(self.rig.path.resolve())

@@ -18,7 +18,7 @@ from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.long_logs import Wanted
-from pcpc.executive.log.provenance import facts
+from pcpc.executive.log.provenance import facts, of_rig
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
@@ -96,13 +96,18 @@ class VirtualRun:
             check(one)
         if controller is not None:
             made[0].external["controller"] = controller.entry
-        metadata = facts() | {
-            "pacing": "virtual",
-            "bus": "memory",
-            "controller": rig.config.controller,
-            "seed": str(rig.config.seed),
-            "rate_hz": repr(rig.config.rate_hz),
-        }
+        own = {} if log is None else of_rig(rig.path)
+        metadata = (
+            facts()
+            | own
+            | {
+                "pacing": "virtual",
+                "bus": "memory",
+                "controller": rig.config.controller,
+                "seed": str(rig.config.seed),
+                "rate_hz": repr(rig.config.rate_hz),
+            }
+        )
         self.blocks: list[sh.Shared] = []
         for p in made:
             block = sh.private(describe(p, metadata, kept=log is not None))

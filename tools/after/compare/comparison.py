@@ -67,9 +67,18 @@ class Comparison:
         told = [f"{n} {word}" for state, word in words.items() if (n := len(self.of(state)))]
         return ", ".join(told) or "nothing to compare"
 
+    def commits(self) -> list[str]:
+        """Return a line for each two commits that rigs were at, where both sides tell one."""
+        found: dict[str, list[Pair]] = {}
+        for pair in self.pairs:
+            if pair.commit.old and pair.commit.new and pair.commit.differs:
+                found.setdefault(f"{pair.commit.old} -> {pair.commit.new}", []).append(pair)
+        return [f"commit of the rig {two}: {_names(pairs)}" for two, pairs in found.items()]
+
     def text(self) -> str:
         """Return the text for a terminal."""
         parts = [terminal(f"{self.old} -> {self.new}: {self.counts}")]
+        parts += [terminal(line) for line in self.commits()]
         parts += [_block(pair) for pair in self.of(CHANGED)]
         for state, word in _APART.items():
             parts += [
@@ -90,6 +99,7 @@ class Comparison:
             Bullets([(Strong(pair.name), f": {'; '.join(pair.said)}")])
             for pair in self.of(ALONE, FAILED)
         ]
+        parts.append(Bullets(self.commits()))
         parts.append(Section("what else differs", [Bullets(more)], folded=True))
         for state, word in _SAME.items():
             names = _names(self.of(state))

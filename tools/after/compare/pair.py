@@ -19,6 +19,7 @@ import yaml
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.provenance import rig_commits
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
 from pcpc.tools.after.verdict.summary import Summary
@@ -77,6 +78,7 @@ class Pair:
     judged: list[str] = field(default_factory=list)  # metrics that the rig limits
     verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
     settings: list[Change] = field(default_factory=list)  # of the rig
+    commit: Change = field(default_factory=lambda: Change("commit", "", ""))  # "": not known
     unknown: list[str] = field(default_factory=list)  # metrics, verdict: of one side
     figure: str = ""
 
@@ -107,9 +109,11 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     `tolerance`: metrics that change by no more than this share count as equal.
     """
     report = diff.compare(old.log, new.log)
+    commits = (rig_commits(run.log.metadata, run.log.node) for run in (old, new))
     found = Pair(
         _both(old, new, "rig"), _both(old, new, "controller"), old=str(old.path), new=str(new.path),
         said=[*report.only, *report.missing], first=next(iter(report.differences), None),
+        commit=Change("commit", *commits),
     )  # fmt: skip
     found.signals = sorted(_signals(old.log, report.differences), key=lambda s: -s.share)
     found.frames = sum(one.name.startswith("frame ") for one in report.differences)

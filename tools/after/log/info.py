@@ -16,6 +16,7 @@ from typing import Any
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
+from pcpc.executive.log.provenance import RIG_COMMIT, rig_commits
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.foreign import survey
 from pcpc.tools.after.log.tally import DIRECTIONS, Tally
@@ -59,6 +60,7 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
         "file": str(path), "bytes": found.size,
         "bytes_per_hour": round(found.size / duration_s * 3600) if duration_s else None,
         **{name: facts.get(name, "") for name in _FACTS},
+        RIG_COMMIT: rig_commits(log.metadata, log.node),
         "start": start_of(facts, zero_ns), "duration_s": duration_s,
         "versions": {k.removeprefix("version_"): v for k, v in facts.items()
                      if k.startswith("version_") or k in ("python", "git")},
@@ -103,6 +105,7 @@ def _texts(report: Mapping[str, Any]) -> dict[str, list[str]]:
     per_hour = "" if hour is None else f", {_size(hour)} an hour"
     return {
         "rig": [", ".join((str(report["rig"]), *facts))],
+        "rig's commit": [report[RIG_COMMIT]] if report[RIG_COMMIT] else [],
         "start": [f"{report['start'] or 'unknown'}, for {report['duration_s']:g} s"],
         **{name: [_node_text(node)] for name, node in report["nodes"].items()},
         "frames": [_frames_text(report["frames"], way) for way in DIRECTIONS],

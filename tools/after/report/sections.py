@@ -7,6 +7,7 @@ from pathlib import Path
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import MOST_ENTRIES, LongLog
+from pcpc.executive.log.provenance import rig_commits
 from pcpc.executive.loop.alarms import KINDS
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log.drawing import page_of
@@ -31,12 +32,14 @@ def facts(record: Record) -> str:
     real = {None: "", True: "SCHED_FIFO", False: "no SCHED_FIFO"}[
         summary.realtime if summary else None
     ]
+    commit = rig_commits(record.log.metadata, record.log.node)
     lead = next(iter(record.log.node))
     cycles = len(record.log.node[lead].cycle)
     start = start_of(facts, record.tally.first_ns.get(logs.topic(lead, "state"), 0))
     parts = [
         f"controller {facts.get('controller')}", f"pacing {facts.get('pacing')}",
         f"bus {facts.get('bus')}", real, f"seed {facts.get('seed')}",
+        f"rig at commit {commit}" if commit else "",
         f"{cycles:,} cycles recorded at {facts.get('rate_hz')} Hz, {record.end_s:.6g} s",
         f"{start[:19].replace('T', ' ')} UTC" if start else "",
     ]  # fmt: skip

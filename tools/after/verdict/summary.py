@@ -29,6 +29,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
+from pcpc.executive.log.provenance import RIG_COMMIT
 from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict import on_purpose
@@ -57,6 +58,7 @@ class Summary(msgspec.Struct, kw_only=True):
     bus: str = ""
     seed: int = 0
     rate_hz: float = 0.0
+    rig_git: str = ""  # commit of the rig, where it lies in a work tree
     cycles: int = 0
     late_cycles: int = 0
     skipped_cycles: int = 0
@@ -169,6 +171,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         bus=outcome.bus,
         seed=rig.config.seed,
         rate_hz=rig.config.rate_hz,
+        rig_git=log.metadata.get(LEADER, {}).get(RIG_COMMIT, ""),
         cycles=max(_cycles(executive), outcome.cycles),
         late_cycles=health.pop("late_cycles"),
         skipped_cycles=health.pop("skipped_cycles"),
