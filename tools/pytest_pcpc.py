@@ -126,7 +126,7 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
     lines = [f"log      {folder / 'log.mcap'}"]
     try:
         run = pcpc.open(folder)
-        told = {"verdict": run.verdict, **run.metrics}
+        told = {"verdict": run.verdict, **run.metrics, **_requirements(run)}
         properties = [(f"{title}: {name}", value) for name, value in told.items()]
         item.user_properties += properties  # of the reports to come, as JUnit takes them
         report.user_properties += properties
@@ -140,6 +140,17 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
     lines.append(f"replay   pcpc replay {folder}")
     if report.failed:
         report.sections.append((f"pcpc, {title}", "\n".join(lines)))
+
+
+def _requirements(run: "pcpc.Run") -> dict[str, str]:
+    """Return what became of each requirement and limit that has an id."""
+    result, words = run.result, {True: "held", False: "violated", None: "not judged"}
+    found = {one.id: words[one.held] for one in result.requirements if one.id}
+    for name, one in (result.ids or {}).items():
+        failed = any(text.startswith(f"{one} {name} ") for text in result.expectations_failed)
+        word = "violated" if failed else "held"
+        found[one] = word if name in result.judged else "not judged"
+    return {str(name): word for name, word in found.items()}
 
 
 def _verdict_lines(run: "pcpc.Run") -> list[str]:

@@ -16,7 +16,7 @@ from pcpc.executive.rig import fmu, standby, tables
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.effective import file_keys, value_at
 from pcpc.executive.rig.modules import project_file
-from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation
+from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Expected
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 Problems = Iterator[tuple[Keys, str]]
@@ -58,6 +58,7 @@ def check(document: Document, config: Config) -> None:
         _patience(config),
         _expectations(config),
         _requirements(config),
+        _ids(config),
     )
     for keys, what in problems:
         raise document.error(keys, what)
@@ -169,6 +170,28 @@ def _requirements(config: Config) -> Problems:
             timed_requirement(entry, lambda name: None)
         except RequirementError as error:
             yield ("require", i, *error.keys), error.what
+
+
+def _ids(config: Config) -> Problems:
+    """Refuse an id that two requirements of one controller have."""
+    for controller in config.controllers:
+        entries: list[tuple[Keys, str | None]] = [
+            (("require", i, "id"), one.id)
+            for i, one in enumerate(config.require)
+            if one.controllers is None or controller in one.controllers
+        ]
+        limits = config.expect.get(controller, {}).items()
+        entries += [
+            (("expect", controller, name, "id"), one.id)
+            for name, one in limits if isinstance(one, Expected)
+        ]  # fmt: skip
+        known: dict[str, str] = {}
+        for keys, one in entries:
+            if one is None:
+                continue
+            if one in known:
+                yield keys, f"{one} is the id of {known[one]} too; give each requirement its own"
+            known[one] = ".".join(map(str, keys[:-1])).replace("require.", "require ")
 
 
 def evaluation(document: Document, config: Config) -> Evaluation | None:

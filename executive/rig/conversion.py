@@ -1,6 +1,7 @@
 """Plain YAML data to typed values; what does not fit is an error at its line and column."""
 
 import re
+from types import UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
@@ -25,6 +26,10 @@ def convert(document: Document, data: Any, kind: type[T], keys: Keys) -> T:
 def _raise_at_part(document: Document, data: Any, kind: Any, keys: Keys) -> None:
     """Raise the error of the first part of `data` that is not what `kind` says, if it is a part."""
     origin, arguments = get_origin(kind), get_args(kind)
+    if origin is UnionType and isinstance(data, dict | list):
+        for one in arguments:
+            if isinstance(data, dict) == (isinstance(one, type) and issubclass(one, Struct)):
+                _raise_at_part(document, data, one, keys)
     if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
         fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
         for key in data:

@@ -36,7 +36,7 @@ _SPOKEN = (  # the order of the keys in a sentence
     "when", "always", "never", "settles", "overshoot", "rate", "to", "into", "over", "at_most",
     "until", "within", "then", "for", "after", "before",
 )  # fmt: skip
-_ALSO = ("after", "before", "name", "controllers")
+_ALSO = ("after", "before", "id", "name", "controllers")
 _FORMS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # needs, and may have
     "always": ((), ("until", "within")),
     "never": ((), ()),
@@ -107,9 +107,13 @@ class TimedRequirement:
 
 
 def text_of(entry: schema.Requirement) -> str:
-    """Return a requirement's name, or what it says."""
-    if entry.name:
-        return entry.name
+    """Return a requirement's name, or what it says, behind its id if it has one."""
+    words = entry.name or _sentence(entry)
+    return f"{entry.id} {words}" if entry.id else words
+
+
+def _sentence(entry: schema.Requirement) -> str:
+    """Return what a requirement says."""
     given: dict[str, Any] = msgspec.to_builtins(entry)
     words = ", ".join(f"{key.replace('_', ' ')} {given[key]}" for key in _SPOKEN if key in given)
     return words.removeprefix("then ")

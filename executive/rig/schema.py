@@ -2,6 +2,8 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
@@ -31,6 +33,7 @@ Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Duration = Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")]
 BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
 Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
+Id = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9][A-Za-z0-9._/#-]{0,39}\Z")]  # of a requirement
 
 
 class Bus(Keyed):
@@ -318,6 +321,7 @@ class Record(Keyed):
 class Requirement(Keyed, omit_defaults=True, rename={"for_": "for"}):
     """What has to hold in time, in one of the forms of `rig.requirements`, for `controllers`."""
 
+    id: Id | None = None
     name: Word | None = None
     always: Condition | None = None
     never: Condition | None = None
@@ -336,6 +340,18 @@ class Requirement(Keyed, omit_defaults=True, rename={"for_": "for"}):
     after: Duration | None = None
     before: Duration | None = None
     controllers: list[Name] | None = None
+
+
+class Expected(Keyed, omit_defaults=True):
+    """A limit of `expect` in full: the lowest and highest value, and the requirement's id."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    id: Id | None = None
+
+    def __iter__(self) -> Iterator[float]:
+        """Yield the pair that most rigs write."""
+        yield from (self.low, self.high)
 
 
 class Config(Keyed):
@@ -371,13 +387,20 @@ class Config(Keyed):
     schedule: list[Tuning] = []
     note: list[str] = []
     require: list[Requirement] = []
-    expect: dict[str, dict[str, tuple[float, float]]] = {}
+    expect: dict[str, dict[str, tuple[float, float] | Expected]] = {}
 
     @property
     def sections(self) -> dict[Role, Section]:
         """The nodes that this rig has, by role."""
         nodes = {role: getattr(self, role) for role in ROLES}
         return {role: node for role, node in nodes.items() if node is not None}
+
+    def limit_ids(self) -> dict[str, str]:
+        """Return the ids of the limits of the controller that runs, by their metrics."""
+        limits = self.expect.get(self.controller, {})
+        return {
+            name: one.id for name, one in limits.items() if isinstance(one, Expected) and one.id
+        }
 
     def no_controller(self, name: str) -> str:
         """Return what is wrong with a name that is no controller's."""

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 from copies import program
+from processes import RIGS
 
 from pcpc.drivers.compiled import compile_cache
 
@@ -116,3 +117,20 @@ def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None
         "    other.release()\n"
     )
     run(pytester).assert_outcomes(passed=1)
+
+
+def test_what_became_of_an_id_is_a_property_of_its_test(pytester: pytest.Pytester) -> None:
+    rig = pytester.path / "own.yaml"
+    rig.write_text(
+        f"base: {RIGS / 'slew10.yaml'}\nrequire:\n"
+        "  - {id: R-1, never: abs(controller.e_rad) > 1000}\n"
+        "  - {id: R-2, always: time.t_s < 1}\n"
+        "  - {id: R-3, when: time.t_s > 1000, then: time.t_s > 0}\n"
+        "expect: {pd: {muzzle_error_rms_mrad: {low: 0, high: 1.0e-9, id: R-4}}}\n"
+    )
+    pytester.makepyfile(f"def test_it(simulate):\n    simulate({str(rig)!r})\n")
+    run(pytester, "--junitxml=junit.xml").assert_outcomes(passed=1)
+    found = ElementTree.parse(pytester.path / "junit.xml").iter("property")
+    told = {str(one.get("name")).rpartition(": ")[2]: one.get("value") for one in found}
+    known = {name: word for name, word in told.items() if name.startswith("R-")}
+    assert known == {"R-1": "held", "R-2": "violated", "R-3": "not judged", "R-4": "violated"}

@@ -25,7 +25,10 @@ def rows(
     for field in inspect.type_info(kind).fields:
         key, found = f"{above}{field.encode_name}", field.type
         below = struct_in(found)
-        key += ".NAME" if isinstance(found, inspect.DictType) and below else ""
+        if below and (brief := in_brief(found)):  # what may stand in place of the keys below
+            yield key, default(field), values(brief)
+        while below and isinstance(found, inspect.DictType):
+            key, found = f"{key}.NAME", found.value_type
         key += "[]" if isinstance(found, inspect.ListType) and below else ""
         if below is None:
             first = default(field)
@@ -36,6 +39,15 @@ def rows(
         else:
             told[below] = key
             yield from rows(below, f"{key}.", told)
+
+
+def in_brief(kind: inspect.Type) -> inspect.Type | None:
+    """Return a mapping's type with what may stand in place of a struct; None for nothing."""
+    if isinstance(kind, inspect.DictType) and (inner := in_brief(kind.value_type)):
+        return inspect.DictType(kind.key_type, inner)
+    if isinstance(kind, inspect.UnionType):
+        return next((one for one in kind.types if isinstance(one, inspect.TupleType)), None)
+    return None
 
 
 def struct_in(kind: inspect.Type) -> type | None:

@@ -1,7 +1,6 @@
 """`pcpc log require`: judge a log by the requirements of its rig, or by others."""
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from pcpc.tools.terminal.progress import Progress
 
 def command(options: argparse.Namespace) -> int:
     """Print what became of each requirement; return the exit code."""
+    from pcpc.tools.after.verdict import summary_file
     from pcpc.tools.after.verdict.judge import Judge
 
     path, progress = options.log, Progress(options.quiet)
@@ -38,7 +38,7 @@ def command(options: argparse.Namespace) -> int:
         name = rig.config.controller
         raise LogCommandError(f"{path}: its rig requires nothing of {name}; try --require")
     if options.json:
-        print(json.dumps([vars(one) for one in found], indent=2))
+        print(summary_file.text_of([one.json() for one in found]))
     for one in () if options.json else found:
         print("\n".join(screen.wrapped(str(one), "", "    ")))
     if any(one.held is False for one in found) or not any(one.held for one in found):

@@ -59,7 +59,8 @@ def verdict(record: Record) -> Verdict:
                 "cycles without a valid input": summary.frames.get("starved", 0),
             }
             lines += [f"{what}: {n:,}" for what, n in counts.items() if n > 0]
-        lines += [f"{name} was not judged: {why}" for name, why in summary.not_judged.items()]
+        left = summary.not_judged.items()
+        lines += [f"{summary.named(name)} was not judged: {why}" for name, why in left]
         if not summary.judged and not summary.not_judged:
             lines.append("the rig states no limits for this controller: nothing was judged")
         lines += [record.unjudged] if record.unjudged else []
@@ -97,7 +98,12 @@ def metrics(record: Record) -> Table | None:
             state = "met" if low <= value <= high else Strong("not met")
             state = "not judged" if name in summary.not_judged else state
         rows.append(
-            (name, f"{value:.4g}" if name in summary.metrics else "not told", bounds, state)
+            (
+                summary.named(name),
+                f"{value:.4g}" if name in summary.metrics else "not told",
+                bounds,
+                state,
+            )
         )
     return Table(("metric", "value", "limits", ""), rows, (1,))
 

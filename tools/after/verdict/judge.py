@@ -214,7 +214,7 @@ class Judge:
     ) -> None:
         """Judge the metrics that the rig limits."""
         config = self.rig.config
-        expected = config.expect.get(config.controller, {})
+        expected, ids = config.expect.get(config.controller, {}), config.limit_ids()
         try:
             found.metrics = guarded(lambda: self.evaluation.figures(judged))
         except EvaluationError as error:
@@ -228,12 +228,13 @@ class Judge:
         for name, (low, high) in expected.items():
             found.judged.append(name)
             value = found.metrics.get(name, math.nan)
+            limited = f"{ids[name]} {name}" if name in ids else name
             if not low <= value <= high:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
-                found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
+                found.failed.append(f"{limited} {said}, expected {low:g} to {high:g}{known}")
             elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
-                found.failed.append(f"{name} = {value:.4g} leaves out that {odd}")
+                found.failed.append(f"{limited} = {value:.4g} leaves out that {odd}")
 
 
 def changes(settings: Sequence[str]) -> str:

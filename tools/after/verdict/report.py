@@ -173,7 +173,7 @@ def _metrics(summary: Summary, width: int) -> list[str]:
         return []
     first = {*summary.judged, *summary.not_judged}
     known = sorted(summary.metrics.items(), key=lambda pair: pair[0] not in first)
-    texts = [(name, f"{value:.4g}") for name, value in known[:METRICS_SHOWN]]
+    texts = [(summary.named(name), f"{value:.4g}") for name, value in known[:METRICS_SHOWN]]
     broad, high = (max(map(len, column)) for column in zip(*texts, strict=True))
     across = max((width + 2) // (broad + high + 3), 1)
     down = -(-len(texts) // across)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from pcpc.executive.errors import did_you_mean
@@ -57,6 +58,7 @@ class Result:
     open: int = 0
     unrecorded: int = 0
     text: str = ""  # all of it, as a line
+    id: str | msgspec.UnsetType = msgspec.UNSET  # with which its name begins
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", self._line())
@@ -81,7 +83,7 @@ class Result:
 
     def json(self) -> dict[str, Any]:
         """Return it as summary.json has it."""
-        return {**vars(self)}
+        return {key: value for key, value in vars(self).items() if value is not msgspec.UNSET}
 
     def _line(self) -> str:
         of = f", {self.judged} of {self.events} events judged" if self.open else ""
@@ -195,11 +197,13 @@ def results(
             one.take(known.rows(one.timed.names, run, own))
     for one in watched:
         one.end(_cut(judged, one.last) if cut is None else cut)
-    return [
+    found = [
         Result(text_of(entry), None, f"the log has no {one}") if isinstance(one, str)
         else _result(one, judged)
         for entry, one in zip(entries, able, strict=True)
     ]  # fmt: skip
+    ids = (entry.id for entry in entries)
+    return [replace(one, id=i) if i else one for one, i in zip(found, ids, strict=True)]
 
 
 def _cut(judged: Judged, last: int) -> bool:

@@ -84,6 +84,7 @@ class Summary(msgspec.Struct, kw_only=True):
     start_to_first_cycle_s: float | None = None
     log_missing: list[str] = []
     verdict: str
+    ids: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # of limits, by their metrics
     device: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
     bound: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # see summary_file
 
@@ -92,6 +93,11 @@ class Summary(msgspec.Struct, kw_only=True):
         return [
             *self.faults, *self.expectations_failed, *self.frames_too_many, *self.log_missing,
         ]  # fmt: skip
+
+    def named(self, limit: str) -> str:
+        """Return the name of a limit behind its id, if it has one."""
+        ids = self.ids or {}
+        return f"{ids[limit]} {limit}" if limit in ids else limit
 
     def note_failed(self, problems: list[str]) -> None:
         """Enter what was not met besides, if anything was not."""
@@ -151,7 +157,11 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     if outcome.short and not (outcome.interrupted or outcome.faults):
         failed.append(outcome.short)
     if outcome.strict:
-        failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
+        labels = {name: f"{one} {name}" for name, one in rig.config.limit_ids().items()}
+        failed += [
+            f"{labels.get(name, name)} was not judged: {why}"
+            for name, why in found.not_judged.items()
+        ]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     frames_wrong = [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)]
@@ -201,6 +211,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         start_to_first_cycle_s=_start_s(executive, outcome),
         log_missing=missing,
         verdict=verdict,
+        ids=rig.config.limit_ids() or msgspec.UNSET,
     )
 
 

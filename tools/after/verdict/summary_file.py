@@ -66,8 +66,8 @@ def plain(summary: Summary) -> dict[str, Any]:
     return dict(msgspec.to_builtins(summary))
 
 
-def text_of(summary: Mapping[str, Any]) -> str:
-    """Return a summary as JSON, which has no word for them: with "inf", "-inf", "nan" as text."""
+def text_of(summary: Mapping[str, Any] | list[Any]) -> str:
+    """Return a summary, or a part, as JSON without a word for them: "inf", "-inf", "nan" as text."""
     return json.dumps(_told(summary), indent=2)
 
 

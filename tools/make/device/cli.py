@@ -53,7 +53,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     judge, left = judge_of_device(host.judge, log)
     found = behaviour(rig, log, outcome.pacing, host.counts)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
-    summary.controller = "device"
+    summary.controller, summary.ids = "device", rig.config.limit_ids() or summary.ids
     summary.device = {"command": options.device, **found.json()}
     for key in _CYCLES:
         setattr(summary, key, outcome.health.get("plant", {}).get(key, 0))

@@ -298,3 +298,90 @@ def test_a_rig_without_an_evaluation_has_requirements_too(tmp_path: Path) -> Non
     wrong = rig_file(tmp_path, "  - {always: controller.e_rd < 1}\n")
     refused = pcpc("simulate", str(wrong), "-o", str(tmp_path / "no"), "--quiet")
     assert refused.code == 2 and "did you mean controller.e_rad" in refused.err, refused
+
+
+# ----------------------------------------------------------------------------------- the id
+
+
+IDS = f"""\
+  - {{id: REQ-7, {PAST}}}
+  - {{id: REQ-8, name: no jump, always: abs(muzzle_error_rad) < 1}}
+  - {{always: time.t_s >= 0}}
+"""
+LIMITS = "{{pd: {{muzzle_error_rms_mrad: {{low: {}, high: 1000, id: REQ-12}}}}}}"
+
+
+def with_ids(folder: Path, low: float = 0.0) -> Path:
+    """Write the step of 10 deg with requirements and a limit that have ids."""
+    path = rig_file(folder, IDS)
+    text = path.read_text("utf-8").replace("expect: null", f"expect: {LIMITS.format(low)}")
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_an_id_stands_wherever_its_requirement_is_named(tmp_path: Path) -> None:
+    run = simulate(with_ids(tmp_path, low=900.0), folder=tmp_path / "run", quiet=True)
+    told = json.loads((tmp_path / "run/summary.json").read_text("utf-8"))
+    assert [one.get("id") for one in told["requirements"]] == ["REQ-7", "REQ-8", None]
+    assert told["requirements"][1]["name"] == "REQ-8 no jump"
+    assert told["ids"] == {"muzzle_error_rms_mrad": "REQ-12"}
+    assert told["expectations_failed"][0].startswith("REQ-12 muzzle_error_rms_mrad = ")
+    shown = report.rows(run.result, tmp_path, 100)
+    assert any("REQ-12 muzzle_error_rms_mrad" in line for line in shown["metrics"]), shown
+    assert any(line.startswith("REQ-8 no jump: held") for line in shown["require"]), shown
+    page = run.report(tmp_path / "report.html").read_text("utf-8")
+    for text in ("REQ-7 never abs(", "REQ-8 no jump", "REQ-12 muzzle_error_rms_mrad"):
+        assert text in page, text
+
+
+def test_a_rig_without_ids_has_none_in_its_files(run: Run) -> None:
+    told = json.loads(run.path.with_name("summary.json").read_text("utf-8"))
+    assert "ids" not in told
+    assert not any("id" in one for one in told["requirements"])
+    assert "{id" not in run.log.attachments["rig-resolved.yaml"]
+    assert "\n  id:" not in run.log.attachments["rig-resolved.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("requirements", "expect", "what"),
+    [
+        ("{id: 12, always: time.t_s >= 0}", "null", "require[0].id: expected text"),
+        ("{id: '', always: time.t_s >= 0}", "null", "require[0].id: expected text of the form"),
+        ("{id: a b, always: time.t_s >= 0}", "null", "of the form [A-Za-z0-9]"),
+        ("{id: -7, always: time.t_s >= 0}", "null", "require[0].id: expected text"),
+        (f"{{id: {'x' * 41}, always: time.t_s >= 0}}", "null", "require[0].id: expected text"),
+        ('{id: "R\\u0007", always: time.t_s >= 0}', "null", "rig.yaml:"),
+        ("{id: [R], always: time.t_s >= 0}", "null", "require[0].id: expected text"),
+        ("{id: R}", "null", "nothing that has to hold"),
+        ("{id: R, always: time.t_s >= 0}\n  - {id: R, never: time.t_s < 0}", "null",
+         "require[1].id: R is the id of require 0 too; give each requirement its own"),
+        ("{id: R, always: time.t_s >= 0}", "{pd: {muzzle_error_rms_mrad: {high: 9, id: R}}}",
+         "expect.pd.muzzle_error_rms_mrad.id: R is the id of require 0 too"),
+        ("{id: R, always: time.t_s >= 0}", "{pd: {muzzle_error_rms_mrad: {id: Q}}}",
+         "expect.pd.muzzle_error_rms_mrad: all is within that"),
+        ("{id: R, always: time.t_s >= 0}", "{pd: {muzzle_error_rms_mrad: {high: 9, it: Q}}}",
+         "expect.pd.muzzle_error_rms_mrad.it: unknown key"),
+        ("{id: R, always: time.t_s >= 0}", "{pd: {muzzle_error_rms_mrad: {high: big, id: Q}}}",
+         "expect.pd.muzzle_error_rms_mrad.high: expected a number"),
+        ("{id: R, always: time.t_s >= 0}", "{pd: {muzzle_error_rms_mrad: [1]}}",
+         "expect.pd.muzzle_error_rms_mrad: expected a list of length 2"),
+    ],
+)  # fmt: skip
+def test_a_wrong_id_is_refused_in_its_place(
+    tmp_path: Path, requirements: str, expect: str, what: str
+) -> None:
+    path = rig_file(tmp_path, f"  - {requirements}\n")
+    path.write_text(path.read_text("utf-8").replace("expect: null", f"expect: {expect}"), "utf-8")
+    with pytest.raises(RigError) as refused:
+        load_rig(path)
+    assert what in str(refused.value)
+    assert str(refused.value).startswith(f"{path}:"), refused.value
+
+
+def test_two_controllers_may_share_an_id(tmp_path: Path) -> None:
+    path = rig_file(
+        tmp_path,
+        "  - {id: R, always: time.t_s >= 0, controllers: [pd]}\n"
+        "  - {id: R, always: time.t_s >= 1, controllers: [pid]}\n",
+    )
+    assert len(load_rig(path).config.require) == 2
