@@ -2,14 +2,15 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
-import math
-from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.judged_keys import Duration, Name, Word
+from pcpc.executive.rig.judged_keys import Expected as Expected
+from pcpc.executive.rig.judged_keys import Requirement as Requirement
 from pcpc.executive.rig.keyed import Keyed
 from pcpc.executive.rig.roles import ROLES, Role
 from pcpc.executive.rig.scheduling import Fraction, Realtime
@@ -25,15 +26,10 @@ EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and
     for key in keys
 }
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
-Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]{1,64}\Z")]  # it becomes part of a file's name
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
-Word = Annotated[str, Meta(max_length=200)]
 PerSecond = Annotated[float, Meta(ge=0, le=1e9)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Duration = Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")]
 BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
-Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
-Id = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9][A-Za-z0-9._/#-]{0,39}\Z")]  # of a requirement
 
 
 class Bus(Keyed):
@@ -316,42 +312,6 @@ class Record(Keyed):
     def events(self) -> list[str]:
         """`on` as a list."""
         return [self.on] if isinstance(self.on, str) else list(self.on)
-
-
-class Requirement(Keyed, omit_defaults=True, rename={"for_": "for"}):
-    """What has to hold in time, in one of the forms of `rig.requirements`, for `controllers`."""
-
-    id: Id | None = None
-    name: Word | None = None
-    always: Condition | None = None
-    never: Condition | None = None
-    until: Condition | None = None
-    when: Condition | None = None
-    then: Condition | None = None
-    settles: Condition | None = None
-    to: Condition | float | None = None
-    into: Condition | float | None = None
-    overshoot: Condition | None = None
-    over: Condition | None = None
-    rate: Condition | None = None
-    at_most: Condition | float | None = None
-    within: Duration | None = None
-    for_: Duration | None = None
-    after: Duration | None = None
-    before: Duration | None = None
-    controllers: list[Name] | None = None
-
-
-class Expected(Keyed, omit_defaults=True):
-    """A limit of `expect` in full: the lowest and highest value, and the requirement's id."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    id: Id | None = None
-
-    def __iter__(self) -> Iterator[float]:
-        """Yield the pair that most rigs write."""
-        yield from (self.low, self.high)
 
 
 class Config(Keyed):

@@ -23,6 +23,18 @@ class Code(str):
     """Words to copy."""
 
 
+class Link(str):
+    """Words that lead to a file; `to`: its address, relative and quoted. Only a page follows it."""
+
+    to: str
+
+    def __new__(cls, words: str, to: str) -> "Link":
+        """Return the words with the address beside them."""
+        found = super().__new__(cls, words)
+        found.to = to
+        return found
+
+
 class Strong(str):
     """Words not to be overlooked."""
 
@@ -133,6 +145,8 @@ def html(part: Part, level: int = 2) -> str:
 def _inline(value: Line) -> str:
     if isinstance(value, tuple):
         return "".join(map(_inline, value))
+    if isinstance(value, Link):
+        return f'<a href="./{tags.text(value.to)}">{tags.text(value)}</a>'
     tag = "code" if isinstance(value, Code) else "b" if isinstance(value, Strong) else ""
     return f"<{tag}>{tags.text(value)}</{tag}>" if tag else tags.text(value)
 

@@ -1,5 +1,7 @@
 """`pcpc report LOG`: a run as one HTML file that needs no network, to hand on or to print.
 
+`--suite`: all runs of a project by their requirements, see `suite`.
+
 What it says, in this order: the verdict with its reasons, the figure of the evaluation,
 requirements, metrics, what happened when, timing, bus, configuration, versions, how to replay.
 """
@@ -9,11 +11,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.after.log.recorded import log_of
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.terminal.document import Section, html
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page
+from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -22,7 +26,16 @@ SUFFIXES = (".html", ".htm")
 
 def command(options: argparse.Namespace) -> int:
     """Write the report of a log; LOSS if a part of the log is missing."""
-    path = Path(options.log)
+    if options.suite:
+        from pcpc.tools.after.report import suite_files
+
+        if options.log is not None:
+            raise UserError(f"{options.log}: behind --suite, as the other runs")
+        return suite_files.command(options, Progress(options.quiet))
+    refuse(options, "only with --suite", "junit", "need")
+    if options.log is None:
+        raise UserError("no log; name a log, a run folder or latest, or runs with --suite")
+    path = log_of(options.log)
     output = options.output or path.with_name(
         "report.html" if path.name == "log.mcap" else f"{path.stem}.html"
     )

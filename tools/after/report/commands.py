@@ -2,15 +2,36 @@
 
 from pathlib import Path
 
+from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import OUTPUT_CODES, Add, Command
 
 
 def report(add: Add) -> None:
-    """Take a log, and a page."""
-    add("log", metavar="LOG", help="log file, run folder or latest")
+    """Take a log, or all runs of a suite, and a page."""
+    add("log", nargs="?", metavar="LOG", help="log file, run folder or latest")
+    add(
+        "--suite",
+        nargs="+",
+        default=[],
+        metavar="DIR|LOG",
+        help="all runs below folders, and logs: one page of what became of each requirement",
+    )
+    add(
+        "--need",
+        action="append",
+        default=[],
+        metavar="ID[,ID]",
+        help="with --suite: an id that no run tests is not judged",
+    )
+    add(
+        "--junit",
+        type=Path,
+        metavar="FILE.xml",
+        help="with --suite: a testcase for each requirement and rig",
+    )
     add("-o", "--output", type=Path, metavar="FILE.html",
-        help="default: report.html in the run folder, or LOG.html beside a log")  # fmt: skip
+        help="default: report.html in the run folder, LOG.html beside a log, suite.html")  # fmt: skip
     take.code_of_laws(add)
     take.quiet(add)
 
@@ -18,12 +39,16 @@ def report(add: Add) -> None:
 COMMANDS = (
     Command(
         "report",
-        "write a run as one HTML file",
-        "pcpc report latest\npcpc report runs/A -o a.html",
+        "write a run, or a suite of runs, as one HTML file",
+        "pcpc report latest\npcpc report runs/A -o a.html\n"
+        "pcpc report --suite runs -o suite.html --junit suite.xml",
         report,
-        reads_logs=True,
         module="after.report.cli",
-        codes=OUTPUT_CODES,
+        codes={
+            Exit.OK: "",
+            Exit.NOT_MET: "of a suite: not ok, or not judged",
+            **{code: said for code, said in OUTPUT_CODES.items() if code != Exit.OK},
+        },
         first=True,
     ),
 )

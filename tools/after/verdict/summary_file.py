@@ -67,7 +67,7 @@ def plain(summary: Summary) -> dict[str, Any]:
 
 
 def text_of(summary: Mapping[str, Any] | list[Any]) -> str:
-    """Return a summary, or a part, as JSON without a word for them: "inf", "-inf", "nan" as text."""
+    """Return a summary or a part as JSON, which has no word for them: they become text."""
     return json.dumps(_told(summary), indent=2)
 
 

@@ -1,0 +1,203 @@
+"""`pcpc report --suite`: what it says of many runs, and that nothing makes it say ok falsely."""
+
+import json
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from html_page import Page
+from logcommand import Done, run_here
+from processes import RIGS
+
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes.virtual import simulate as bare
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict import summary_file
+
+HOLDS = "{id: R-1, never: abs(controller.e_rad) > 1000}"
+LIMIT = "{muzzle_error_rms_mrad: {low: 0, high: 1000, id: R-2}}"
+
+
+def made(folder: Path, require: str = HOLDS, limit: str = LIMIT, *words: str) -> Path:
+    """Run 0.2 s of the step of 10 deg into `folder`."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    rig = folder.parent / f"{folder.name}.yaml"
+    rig.write_text(
+        f"base: {RIGS / 'step10.yaml'}\nduration_s: 0.2\nevaluation: {{window_s: [0, 0.2]}}\n"
+        f"require: [{require}]\nexpect: {{pd: {limit}}}\n"
+    )
+    done = run_here("simulate", rig, "-o", folder, "--no-figure", "--quiet", *words)
+    assert (folder / "log.mcap").exists(), done.err
+    return folder
+
+
+def suite(folder: Path, *words: str | Path) -> Done:
+    """Return what the suite of the runs below a folder comes to."""
+    out = folder / "suite.html"
+    words = words or (folder,)
+    return run_here("report", "--suite", *words, "-o", out, "--junit", folder / "suite.xml")
+
+
+def cases(folder: Path) -> dict[str, str]:
+    """Return the failure's type of each test case, "" for none; the counts are right."""
+    top = ElementTree.parse(folder / "suite.xml").getroot()
+    assert top.tag == "testsuites"
+    found = {}
+    for one in top:
+        own = one.findall("testcase")
+        assert one.get("tests") == str(len(own))
+        assert one.get("failures") == str(len(one.findall("testcase/failure")))
+        assert one.get("errors") == str(len(one.findall("testcase/error")))
+        for case in own:
+            assert case.get("classname") and case.get("name") and case.get("time") == "0"
+            wrong = next((x for x in case if x.tag in ("failure", "error")), None)
+            found[str(case.get("name"))] = "" if wrong is None else str(wrong.get("type"))
+    assert top.get("tests") == str(len(found))
+    return found
+
+
+def test_all_that_holds_is_ok_with_margin_log_and_digest(tmp_path: Path) -> None:
+    made(tmp_path / "runs/a <b>")
+    done = suite(tmp_path)
+    assert (done.code, done.out) == (0, f"{tmp_path / 'suite.html'}\n"), done
+    assert set(cases(tmp_path).values()) == {""}
+    page = Page(tmp_path / "suite.html")
+    text = (tmp_path / "suite.html").read_text("utf-8")
+    assert 'href="./runs/a%20%3Cb%3E/log.mcap"' in text and "Verdict: <b>ok</b>" in text
+    assert page.tables and "R-1" in text and "R-2" in text
+
+
+@pytest.mark.parametrize(
+    ("require", "limit", "words", "verdicts"),
+    [
+        ("{id: R-1, never: abs(controller.e_rad) >= 0}", LIMIT, (), {"R-1": "violated"}),
+        ("{id: R-1, when: time.t_s > 9, then: time.t_s > 0}", LIMIT, (), {"R-1": "never happened"}),
+        ("{id: R-1, always: time.t_s >= 0, after: 9s}", LIMIT, (), {"R-1": "not judged"}),
+        (HOLDS, "{muzzle_error_rms_mrad: {high: -1, id: R-2}}", (), {"R-2": "violated"}),
+        (HOLDS, LIMIT, ("--set", "duration_s=0.1"), {"R-2": "not judged"}),
+    ],
+)  # fmt: skip
+def test_what_does_not_hold_is_told(
+    tmp_path: Path, require: str, limit: str, words: tuple[str, ...], verdicts: dict[str, str]
+) -> None:
+    made(tmp_path / "a", require, limit, *words)
+    assert suite(tmp_path).code == 1
+    found = cases(tmp_path)
+    told = {key: word for key in ("R-1", "R-2") for name, word in found.items()
+            if name.startswith(key) and word}  # fmt: skip
+    assert told == verdicts, found
+
+
+# ------------------------------------------------------------------------------- ok, falsely?
+
+
+def test_the_worst_of_two_runs_counts_whichever_is_later(tmp_path: Path) -> None:
+    for first, second in (("a", "b"), ("b", "a")):
+        folder = tmp_path / first
+        made(folder / first)
+        made(folder / second, HOLDS, LIMIT, "--set", "duration_s=0.1")
+        assert suite(folder).code == 1
+        assert "not judged" in cases(folder).values()
+
+
+def test_a_requirement_that_was_deleted_is_not_judged_any_more(tmp_path: Path) -> None:
+    made(tmp_path / "a")
+    made(tmp_path / "b", "{id: R-9, never: abs(controller.e_rad) > 1000}")
+    done = suite(tmp_path)
+    assert done.code == 1 and "a later run of this rig does not test it any more" in done.out
+    done = run_here("report", "--suite", tmp_path / "b", "-o", tmp_path / "s.html",
+                    "--need", "R-9,R-1")  # fmt: skip
+    assert done.code == 1 and "R-1: not judged: no run tests it" in done.out
+
+
+def test_a_log_changed_after_the_run_is_not_ok(tmp_path: Path) -> None:
+    folder, other = made(tmp_path / "runs/a"), made(tmp_path / "b")
+    shutil.copy(other / "log.mcap", folder / "log.mcap")
+    assert suite(tmp_path, tmp_path / "runs").code == 1 or "changed since" in (
+        tmp_path / "suite.html"
+    ).read_text("utf-8")
+    with (folder / "log.mcap").open("ab") as file:
+        file.write(b"x")
+    done = suite(tmp_path, tmp_path / "runs")
+    assert done.code in (1, 3) and "changed since" in done.out, done
+
+
+def test_a_summary_that_says_ok_does_not_help_a_log_that_does_not(tmp_path: Path) -> None:
+    folder = made(tmp_path / "a", "{id: R-1, never: abs(controller.e_rad) >= 0}")
+    told = json.loads((folder / "summary.json").read_text("utf-8"))
+    told |= {"verdict": "ok", "expectations_failed": [], "requirements": []}
+    del told["bound"]
+    summary_file.write_json(summary_file.from_json(told), folder / "summary.json")  # sealed anew
+    done = suite(tmp_path)
+    assert done.code == 1 and "summary.json says ok, the log does not" in done.out
+    assert "violated" in cases(tmp_path).values()
+
+
+@pytest.mark.parametrize("how", ["no log", "empty", "text", "cut"])
+def test_a_run_without_a_whole_log_is_told(tmp_path: Path, how: str) -> None:
+    made(tmp_path / "a")
+    log = made(tmp_path / "b") / "log.mcap"
+    content = log.read_bytes()
+    log.write_bytes({"cut": content[: len(content) // 2], "text": b"no log"}.get(how, b""))
+    if how == "no log":
+        log.unlink()
+    done = suite(tmp_path)
+    assert done.code in (1, 3) and str(log) in done.out, done
+    assert cases(tmp_path)[str(log)], done
+
+
+def test_a_run_with_nothing_to_judge_is_not_ok(tmp_path: Path) -> None:
+    made(tmp_path / "a", "", "null")
+    done = suite(tmp_path)
+    assert done.code == 1 and "nothing to judge" in done.out and "nothing was judged" in done.out
+
+
+def test_a_bare_log_is_judged_and_says_so(tmp_path: Path) -> None:
+    made(tmp_path / "a")
+    rig = load_rig(tmp_path / "a.yaml")
+    bare(rig, tmp_path / "bare.mcap")
+    assert suite(tmp_path, tmp_path / "bare.mcap").code == 0
+    assert "judged from the log alone" in (tmp_path / "suite.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("--suite", "EMPTY"), "no run below this folder"),
+        (("--suite", "EMPTY/none"), "no such log or folder"),
+        (("--suite", ""), "an empty name"),
+        (("--suite",), "expected at least one argument"),
+        (("LOG", "--suite", "EMPTY"), "behind --suite"),
+        (("LOG", "--junit", "a.xml"), "only with --suite"),
+        (("LOG", "--need", "R"), "only with --suite"),
+        ((), "no log"),
+        (("--suite", "RUN", "-o", "EMPTY/a.txt"), "expected FILE.html"),
+        (("--suite", "RUN", "-o", "EMPTY/no/a.html"), "there is no folder"),
+        (("--suite", "RUN", "-o", "EMPTY/a.html", "--junit", "EMPTY"), "is a folder"),
+        (("--suite", "RUN", "-o", "EMPTY/a.html", "--junit", "EMPTY/a.html"), "is the page"),
+        (("--suite", "RUN", "-o", "EMPTY/a.html", "--need", "R,"), "an empty name"),
+    ],
+)
+def test_wrong_input_is_refused(
+    tmp_path: Path, words: tuple[str, ...], what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").mkdir()
+    places = {"EMPTY": str(tmp_path / "empty"), "RUN": str(tmp_path / "run"), "LOG": "x.mcap"}
+    if "RUN" in words:
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run/log.mcap").touch()
+    given = []
+    for word in words:
+        for name, place in places.items():
+            word = word.replace(name, place)
+        given.append(word)
+    try:
+        done = run_here("report", *given)
+        code, err = done.code, done.err
+    except SystemExit as error:
+        code, err = int(str(error.code)), capsys.readouterr().err
+    except RigError as error:
+        code, err = 2, str(error)
+    assert code == 2 and what in err, (code, err)
+    assert not [*tmp_path.rglob("*.html")]

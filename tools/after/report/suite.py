@@ -1,0 +1,323 @@
+"""`pcpc report --suite`: all runs of a project by the requirements that they test.
+
+Each log is judged anew, by the rig and the evaluation that it holds; the summary beside it has to
+say the same. Of several verdicts the worst counts, so that no later or earlier run hides another:
+
+    violated         in any run
+    not judged       in any run: by which reason; also where a later run of the same rig and
+                     controller does not test it any more
+    never happened   the event that it begins with
+    ok               in every run
+
+A run that is none, damaged, cut, changed since, or not ok, keeps the suite from being ok.
+"""
+
+import argparse
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import quote
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.requirements import text_of
+from pcpc.executive.rig.schema import Expected
+from pcpc.plants.judging import effective_rig
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.verdict import summary as summaries
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.summary import Summary
+from pcpc.tools.start.folder import LOG
+from pcpc.tools.terminal.progress import Progress
+
+OK, HAPPENED, UNJUDGED, VIOLATED = WORDS = "ok", "never happened", "not judged", "violated"
+_NEVER = "its event never happened"
+_KEYS = "rig", "controller", "seed", "version_pcpc", "git", "clock_wall_ns", "start"
+
+
+@dataclass(frozen=True)
+class Tested:
+    """What became of a requirement in a run; `key`: its id, else its text."""
+
+    key: str
+    words: str
+    verdict: str
+    margin: str = ""
+    why: str = ""
+
+
+@dataclass
+class OneRun:
+    """A run, and what it tests; `problems`: what keeps it from being ok, whatever it tests."""
+
+    path: Path
+    facts: dict[str, str] = field(default_factory=dict)
+    sha256: str = ""
+    verdict: str = "no log"
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    tested: list[Tested] = field(default_factory=list)
+
+    @property
+    def of(self) -> str:
+        """Rig and controller."""
+        return f"{self.facts.get('rig', '')}, {self.facts.get('controller', '')}"
+
+    @property
+    def begin_ns(self) -> int:
+        """When it began, 0 for unknown."""
+        text = self.facts.get("clock_wall_ns", "")
+        return int(text) if text.isdecimal() else 0
+
+    @property
+    def code(self) -> int:
+        """The exit code of its verdict."""
+        return summaries.CODES.get(self.verdict, Exit.LOSS)
+
+    @property
+    def ok(self) -> bool:
+        """Nothing speaks against it, and something was judged."""
+        return self.verdict == "ok" and not self.problems
+
+    @property
+    def revision(self) -> str:
+        """Which versions made it."""
+        known = ("pcpc " + self.facts.get("version_pcpc", ""), self.facts.get("git", ""))
+        return ", ".join(one.strip() for one in known if one not in ("", "pcpc "))
+
+
+@dataclass
+class Cell:
+    """A requirement in the runs of a rig with a controller; `worst`: with its run, which counts."""
+
+    key: str
+    of: str
+    runs: list[tuple[OneRun, Tested]] = field(default_factory=list)
+
+    @property
+    def worst(self) -> tuple[OneRun, Tested]:
+        """The run with the worst verdict, the latest of several."""
+        return max(self.runs, key=lambda one: (WORDS.index(one[1].verdict), one[0].begin_ns))
+
+
+@dataclass
+class Suite:
+    """All runs, and what they say of each requirement; `absent`: asked for, tested by none."""
+
+    runs: list[OneRun]
+    cells: list[Cell]
+    absent: list[str]
+
+    @property
+    def ok(self) -> bool:
+        """Everything was judged, and is ok."""
+        return self.code == Exit.OK
+
+    @property
+    def code(self) -> Exit:
+        """The exit code: what is violated or not judged goes before what is missing."""
+        bad = [cell for cell in self.cells if cell.worst[1].verdict != OK]
+        failed = [run for run in self.runs if not run.ok and run.code != Exit.LOSS]
+        if bad or failed or self.absent or not self.cells:
+            return Exit.NOT_MET
+        return Exit.OK if all(run.ok for run in self.runs) else Exit.LOSS
+
+
+def gather(
+    names: Sequence[str], needed: Sequence[str], options: argparse.Namespace, progress: Progress
+) -> Suite:
+    """Judge the runs of folders and logs; UserError where there is none."""
+    paths = list(dict.fromkeys(path for name in names for path in _paths(name)))
+    runs = []
+    for number, path in enumerate(paths, 1):
+        progress.show(f"judging {number}/{len(paths)}: {path}")
+        runs.append(_judged(path, options))
+    progress.close()
+    cells = _cells(runs)
+    known = {cell.key for cell in cells}
+    return Suite(runs, cells, [one for one in needed if one not in known])
+
+
+# Which runs
+
+
+def _paths(name: str) -> list[Path]:
+    """Return the logs below a folder, also where they should be; or the one that is named."""
+    if not name.strip() or not Path(name).is_dir() or (Path(name) / LOG).exists():
+        path = log_of(name)
+        if not path.exists():
+            raise UserError(f"{name}: no such log or folder; name a run, or a folder of runs")
+        return [path]
+    found = sorted(_below(Path(name)))
+    if not found:
+        cure = "name a folder that holds run folders, or the logs themselves"
+        raise UserError(f"{name}: no run below this folder; {cure}")
+    return found
+
+
+def _below(top: Path) -> Iterator[Path]:
+    """Yield the log of each run folder below a folder, by way of links too, each once."""
+
+    def refused(error: OSError) -> None:
+        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
+
+    seen = set[str]()
+    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
+        if (real := os.path.realpath(text)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        if LOG in files or LOG in folders or summary_file.NAME in files:
+            yield Path(text) / LOG
+
+
+# A run
+
+
+def _judged(path: Path, options: argparse.Namespace) -> OneRun:
+    found = OneRun(path)
+    try:
+        with path.open("rb") as file:
+            found.sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        head = logs.head(path)
+    except (OSError, UserError) as error:
+        found.problems.append(_reason(error, path))
+        return found
+    for facts in head.metadata.values():
+        for key in _KEYS:
+            found.facts.setdefault(key, facts[key]) if key in facts else None
+    try:
+        with tempfile.TemporaryDirectory(prefix="pcpc-suite-") as folder:
+            _judge(found, head, Path(folder), options)
+    except (OSError, UserError) as error:
+        found.verdict = "not judged"
+        found.problems.append(_reason(error, path))
+        found.tested = _unjudged(head, found.problems[-1])
+    return found
+
+
+def _reason(error: Exception, path: Path) -> str:
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return text.removeprefix(f"{path}: ")
+
+
+def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namespace) -> None:
+    rig, note = log_rig.judged_rig(head, folder, options)
+    judge = Judge.of(rig)
+    log = long_logs.read(found.path, lambda log: judge.needed_columns(log, False))
+    own, outcome = summary_file.beside(found.path), summaries.outcome_of(log)
+    outcome.changed = list(own.changed) if own else []
+    summary = summaries.summarise(rig, log, outcome, judge)
+    found.verdict, found.notes = summary.verdict, [note] if note else []
+    found.problems += summary.problems()
+    if own is not None:
+        _hold_against(found, summary, own)
+    elif (found.path.parent / summary_file.NAME).exists():
+        found.problems.append("summary.json is not of this log: one of them was changed since")
+    else:
+        found.notes.append("judged from the log alone: what was set is not known")
+    own = own or summary
+    found.tested = [*_requirements(judge, summary, own), *_limits(judge, summary, own)]
+    if not found.tested:
+        found.problems.append("nothing to judge: the rig states no requirement and no limit")
+
+
+def _hold_against(found: OneRun, summary: Summary, own: Summary) -> None:
+    """Enter what the run's own summary says besides; the worse verdict counts."""
+    found.notes += [f"changed: {', '.join(own.changed)}"] if own.changed else []
+    found.problems += [line for line in own.problems() if line not in found.problems]
+    if own.verdict != "ok" and summary.verdict == "ok":
+        found.verdict = own.verdict
+    elif own.verdict == "ok" and summary.verdict != "ok":
+        found.problems.append("summary.json says ok, the log does not")
+
+
+def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
+    """Yield what became of the rig's requirements in time, as the log and the summary say."""
+    known = {one.name: one for one in summary.requirements}
+    for entry in judge.required().values():
+        name = text_of(entry)
+        key, words = entry.id or name, name.removeprefix(f"{entry.id} ")
+        one, left = known.get(name), own.not_judged.get(name) or summary.not_judged.get(name)
+        if one is not None and one.held is False:
+            yield Tested(key, words, VIOLATED, one.smallest, one.first)
+        elif one is None or one.held is None or left:
+            why = left or (one.reason if one else "the log was not judged by it")
+            yield Tested(key, words, HAPPENED if why == _NEVER else UNJUDGED, "", why)
+        elif any(two.name == name and two.held is False for two in own.requirements):
+            yield Tested(key, words, VIOLATED, "", "summary.json says so")
+        else:
+            yield Tested(key, words, OK, one.smallest)
+
+
+def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
+    """Yield what became of the rig's limits; the margin is that to the nearer one."""
+    config = judge.rig.config
+    for name, limit in config.expect.get(config.controller, {}).items():
+        low, high = limit
+        key = limit.id if isinstance(limit, Expected) and limit.id else name
+        words = f"{name} {low:g} to {high:g}"
+        label = config.limit_ids().get(name)
+        begin = f"{label} {name} " if label else f"{name} "
+        failed = [
+            line for one in (summary, own) for line in one.expectations_failed
+            if line.startswith(begin) and " was not judged: " not in line
+        ]  # fmt: skip
+        value = summary.metrics.get(name, own.metrics.get(name))
+        left = own.not_judged.get(name) or summary.not_judged.get(name)
+        margin = "" if value is None else f"{min(value - low, high - value):.4g}"
+        if left:
+            yield Tested(key, words, UNJUDGED, "", left)
+        elif failed:
+            yield Tested(key, words, VIOLATED, margin, failed[0])
+        elif value is None or not low <= value <= high or name not in summary.judged:
+            yield Tested(key, words, UNJUDGED, "", "this run does not tell it")
+        else:
+            yield Tested(key, words, OK, margin)
+
+
+def _unjudged(head: logs.Log, why: str) -> list[Tested]:
+    """Return the requirements and limits that a log's rig names, which nobody could judge."""
+    try:
+        plain = effective_rig(head)
+        controller = plain.get("controller")
+        required = [
+            one for one in plain.get("require") or ()
+            if controller in (one.get("controllers") or [controller])
+        ]  # fmt: skip
+        keys = [str(one.get("id") or one.get("name") or one) for one in required]
+        for name, one in ((plain.get("expect") or {}).get(controller) or {}).items():
+            keys.append(str((isinstance(one, dict) and one.get("id")) or name))
+    except (AttributeError, TypeError, LookupError, RigError):
+        return []
+    return [Tested(key, "", UNJUDGED, "", why) for key in keys]
+
+
+# All of them
+
+
+def _cells(runs: Iterable[OneRun]) -> list[Cell]:
+    """Return each requirement with each rig and controller that tests it, or did before."""
+    found: dict[tuple[str, str], Cell] = {}
+    for run in runs:
+        for one in run.tested:
+            found.setdefault((one.key, run.of), Cell(one.key, run.of)).runs.append((run, one))
+    for (key, of), cell in found.items():
+        last = max(run.begin_ns for run, _ in cell.runs)
+        for run in runs:
+            if run.of == of and run.begin_ns > last and run.tested != []:
+                why = "a later run of this rig does not test it any more"
+                cell.runs.append((run, Tested(key, cell.runs[0][1].words, UNJUDGED, "", why)))
+    return sorted(found.values(), key=lambda cell: (cell.key, cell.of))
+
+
+def link(path: Path, page: Path) -> str:
+    """Return a log's address for a page: from there, so that both can move together."""
+    return quote(os.path.relpath(path.resolve(), page.resolve().parent))
