@@ -1,0 +1,106 @@
+"""docs/reference/schemas: what commands print with --json, held against real output.
+
+A command with --json has a schema there, or stands among those that have none yet. A new one
+without a schema fails; so does one of the list that has got a schema.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+from logcommand import run_here
+from processes import RIGS, pcpc
+
+from pcpc.tools import cli
+from pcpc.tools.terminal.command import Command
+
+SCHEMAS = Path(__file__).resolve().parents[2] / "docs/reference/schemas"
+NOT_YET = {
+    *("arm", "bench", "bounds", "bus", "check", "compare", "doctor", "fault", "fit", "get"),
+    *("handover", "hold", "jitter", "list", "load", "lock", "log diff", "log export"),
+    *("log import", "log info", "margin", "play", "replay", "reset", "resume", "scope", "set"),
+    *("soak", "stop", "undo", "watch"),
+}
+
+
+def with_json(commands: Sequence[Command], above: str = "") -> Iterator[str]:
+    """Yield the names of all commands that take --json."""
+    for one in commands:
+        names: list[str] = []
+        one.arguments(lambda *words, names=names, **about: names.extend(words))  # type: ignore[misc]
+        if "--json" in names:
+            yield above + one.name
+        yield from with_json(one.parts, f"{above}{one.name} ")
+
+
+def schema(command: str) -> dict[str, Any]:
+    """Return the schema of a command; of one that prints what another does, that one's."""
+    found = json.loads((SCHEMAS / f"{command.replace(' ', '-')}.json").read_text("utf-8"))
+    own = found.get("$ref", "")
+    return schema(own.removesuffix(".json")) if own.endswith(".json") else dict(found)
+
+
+def holds(command: str, text: str) -> Any:
+    """Return what a command printed, which its schema has to hold of; no bare NaN or Infinity."""
+    told = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    Draft202012Validator(schema(command)).validate(told)
+    return told
+
+
+def test_every_command_with_json_has_a_schema_or_is_known_to_lack_one() -> None:
+    found = set(with_json([*cli.COMMANDS.values()]))
+    known = {path.stem for path in SCHEMAS.glob("*.json")}
+    told = {name for name in found if name.replace(" ", "-") in known}
+    assert found - told == NOT_YET
+    assert known == {name.replace(" ", "-") for name in told}, "a schema of no command"
+
+
+@pytest.mark.parametrize("path", sorted(SCHEMAS.glob("*.json")), ids=lambda path: path.stem)
+def test_a_schema_is_one_and_strict(path: Path) -> None:
+    Draft202012Validator.check_schema(json.loads(path.read_text("utf-8")))
+    todo: list[Any] = [schema(path.stem)]
+    while todo:
+        one = todo.pop()
+        if isinstance(one, dict):
+            assert "properties" not in one or one.get("additionalProperties") is False, one
+            todo += one.values()
+        elif isinstance(one, list):
+            todo += one
+
+
+def test_the_summary_of_a_run_and_its_requirements(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(
+        f"base: {RIGS / 'step10.yaml'}\nduration_s: 0.2\nevaluation: {{window_s: [0, 0.2]}}\n"
+        "require: [{id: R-1, never: abs(controller.e_rad) > 1000}, "
+        "{when: time.t_s > 9, then: time.t_s > 0}, {always: sqrt(0 - time.t_s) < 1}]\n"
+        "expect: {pd: {muzzle_error_rms_mrad: {low: 0, high: 1000, id: R-2}}}\n"
+    )
+    done = run_here("simulate", rig, "-o", tmp_path / "a", "--no-figure", "--quiet", "--json")
+    told = holds("simulate", done.out)
+    assert told["ids"] == {"muzzle_error_rms_mrad": "R-2"}
+    assert holds("log require", run_here("log", "require", tmp_path / "a", "--json").out)
+    text = run_here("log", "recover", tmp_path / "a", "-o", tmp_path / "b.mcap", "--json").out
+    assert holds("log recover", text)
+
+
+def test_the_summary_of_real_processes(tmp_path: Path) -> None:
+    done = pcpc("run", "slew10", "--pacing", "lockstep", "--set", "duration_s=0.2", "--no-figure",
+                "--quiet", "--json", "-o", str(tmp_path / "a"))  # fmt: skip
+    assert holds("run", done.out)["pacing"] == "lockstep", done
+
+
+def test_the_rigs() -> None:
+    assert len(holds("rigs", run_here("rigs", "--json").out)) > 20
+
+
+@pytest.mark.parametrize("key", ["verdict", "metrics", "new"])
+def test_a_key_that_is_missing_or_new_is_found(key: str, tmp_path: Path) -> None:
+    done = run_here("simulate", "slew10", "--set", "duration_s=0.1", "-o", tmp_path / "a",
+                    "--no-figure", "--quiet", "--json")  # fmt: skip
+    told = json.loads(done.out)
+    told = {**told, key: 1} if key == "new" else {k: v for k, v in told.items() if k != key}
+    assert not Draft202012Validator(schema("simulate")).is_valid(told)
