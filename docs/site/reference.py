@@ -288,14 +288,17 @@ def _functions(module: str) -> list[str]:
     return ["\n```text", *_columns(rows), "```"]
 
 
+_FURTHER = re.compile(r"_(?:[2-9]|1\d)(?:_s)?$")  # numbered like the first one: to_2
+
+
 def _references() -> list[str]:
     """Return the ready-made references with their parameters."""
     lines = []
-    for module in ("references", "sequences"):
+    for module in ("references", "profiles", "sequences"):
         found = vars(_module(f"executive.laws.{module}")).items()
         for name, block in ((name, one) for name, one in found if isinstance(one, Block)):
             rows = []
-            for one in block.settings:
+            for one in (s for s in block.settings if not _FURTHER.search(s.name)):
                 default = "" if one.default is None else f"; default: {one.default:g}"
                 said = f"{one.help}, {one.low:g}..{one.high:g}{default}"
                 rows.append((f"    {one.name}", said))

@@ -15,8 +15,9 @@ written loops, and the functions of `executive.laws.emath`. It must not use libm
 are bit-identical on every machine.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pcpc.drivers.compiled.jit import inline
@@ -70,6 +71,14 @@ class Block:
             object.__setattr__(self, kind, ports.ports)
         given = self.parameters if self.settings is None else self.settings.ports
         object.__setattr__(self, "settings", given)
+
+    def with_units(self, of: Callable[[str], str]) -> "Block":
+        """Return the same block with the unit `of` each port's unit; its step is the same code."""
+        made = copy.copy(self)
+        for kind in ("settings", "parameters", "states", "inputs", "outputs"):
+            ports = (replace(one, unit=of(one.unit)) for one in getattr(self, kind))
+            object.__setattr__(made, kind, tuple(ports))
+        return made
 
     def size(self, ports: Sequence[Port]) -> int:
         """Return the number of float64 values of these ports."""

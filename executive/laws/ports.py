@@ -27,6 +27,7 @@ from typing import Any, ClassVar, TypeVar, cast
 from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.executive.errors import did_you_mean
 
+ANY_UNIT = "?"  # in the unit of a port: that of the port which it feeds
 MOST_VALUES = 1_000_000  # of a declaration; a node holds far less, `executive.nodes.plan` says it
 _T = TypeVar("_T", bound="Ports")
 

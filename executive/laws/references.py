@@ -8,7 +8,8 @@
                from T_c before each corner to T_c after it                                    (5)
     ramp       v rises linearly from 0 to V in T_r, then stays                                (6)
 
-rad, rad/s, rad/s^2, s. All are closed forms of t, so a skipped cycle or a replay changes nothing.
+rad, rad/s, rad/s^2, s; in another unit: `profiles`. All are closed forms of t, so a skipped cycle or
+a replay changes nothing.
 """
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
@@ -80,15 +81,15 @@ class Ramp(Ports):
 
 
 @inline
-def _within(s: float) -> float:
+def within(s: float) -> float:
     """Return `s` clamped to 0..1."""
     return where(s < 0.0, 0.0, where(s > 1.0, 1.0, s))
 
 
 @inline
-def _rise(s: float) -> tuple[float, float, float]:
+def rise(s: float) -> tuple[float, float, float]:
     """Quintic from 0 to 1 for s in 0..1, clamped outside: value, first, second derivative."""
-    s = _within(s)
+    s = within(s)
     s2 = s * s
     value = s2 * s * (10.0 + s * (6.0 * s - 15.0))  # (1)
     first = 30.0 * s2 * (1.0 + s * (s - 2.0))
@@ -99,8 +100,8 @@ def _rise(s: float) -> tuple[float, float, float]:
 @stage
 def quintic_step(t: float, dt: float, p: Quintic, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (1), up and back."""
-    u0, u1, u2 = _rise((t - p.up_s) / p.move_s)
-    b0, b1, b2 = _rise((t - p.back_s) / p.move_s)
+    u0, u1, u2 = rise((t - p.up_s) / p.move_s)
+    b0, b1, b2 = rise((t - p.back_s) / p.move_s)
     y.q_d_rad = p.amplitude_rad * (u0 - b0)
     y.q_d_rate_rad_s = p.amplitude_rad * (u1 - b1) / p.move_s
     y.q_d_acc_rad_s2 = p.amplitude_rad * (u2 - b2) / (p.move_s * p.move_s)
@@ -109,7 +110,7 @@ def quintic_step(t: float, dt: float, p: Quintic, x: Nothing, u: Nothing, y: Des
 @stage
 def bang_bang_step(t: float, dt: float, p: BangBang, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (2)."""
-    s = _within((t - p.start_s) / p.move_s)
+    s = within((t - p.start_s) / p.move_s)
     left = 1.0 - s
     first_half = s < 0.5
     y.q_d_rad = p.amplitude_rad * where(first_half, 2.0 * s * s, 1.0 - 2.0 * left * left)

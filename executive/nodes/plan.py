@@ -238,10 +238,12 @@ def _source(made: Plan, name: str, unit: str, place: str, target: str) -> int:
 def _other_cure(made: Plan, name: str, target: str) -> str:
     """Return what else cures a wiring of two units: a reference from a table, the DBC file."""
     block = made.rig.config.sections[made.role].blocks.get(name.partition(".")[0])
-    if block is not None and (block.law or "").startswith("references:"):
-        column = target.rpartition(".")[2]
-        what = "the ready-made references are angles"
-        return f"; {what}; for another unit: law: table with a column {column} (docs/rig.md)"
+    law = "" if block is None else block.law or ""
+    if law.startswith("references:"):
+        return "; these references are angles; for another unit: law: profiles:step (docs/rig.md)"
+    if law.startswith("profiles:"):
+        cure = "value, rate and acc are in its unit, unit/s and unit/s2"
+        return f"; {cure}, the unit being that of the first input it feeds, or `unit: ...`"
     for path in (name.removeprefix("rx."), target):
         frame, _, signal = path.partition(".")
         if frame in (one.name for one in (*made.rx_frames, *made.tx_frames)):

@@ -6,10 +6,10 @@ value of a setting = port's default  <  plant.parameters_file  <  rig file  <  -
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig import fmu, tables, yamlfile
+from pcpc.executive.rig import fmu, tables, wired_units, yamlfile
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.law_lookup import Use, law_block
 from pcpc.executive.rig.roles import Role
@@ -40,6 +40,19 @@ class BlockSpec:
     def where(self, path: str = "") -> str:
         """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
         return self.places.get(path, self.places[""])
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A block before its unit is known and its settings are."""
+
+    name: str
+    keys: Keys
+    entry: Entry
+    law: Any
+    block: "Block"
+    text: str
+    inputs: dict[str, str]
 
 
 def _shared_parameters(document: Document, node: Section) -> dict[str, Shared]:
@@ -73,6 +86,7 @@ def law_keys(config: Config, section: str, name: str) -> Keys:
 def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]:
     """Return the blocks of a node, with laws imported and settings complete; RigError."""
     specs: list[BlockSpec] = []
+    found: list[_Found] = []
     shared = _shared_parameters(document, config.sections[section])
     unused = dict(shared)
     for name, entry in entries(config, section):
@@ -88,6 +102,12 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
             law = entry
         else:
             block = law_block(document, keys, str(law.law), use)
+        inputs = {**entry.inputs, **law.inputs}
+        found.append(_Found(name, keys, entry, law, block, text, inputs))
+    for one in found:
+        name, keys, entry, law = one.name, one.keys, one.entry, one.law
+        unit = entry.unit if law is entry else None
+        block = wired_units.in_its_unit(document, keys, name, one.block, unit, found)
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
         for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
@@ -95,7 +115,7 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
         settings = _settings(document, keys, law.parameters, block, shared, places)
         for used in settings:
             unused.pop(used, None)
-        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places, text))
+        specs.append(BlockSpec(name, block, settings, one.inputs, places, one.text))
     for name, (_, source, at) in unused.items():
         known = [setting for spec in specs for setting in spec.settings]
         raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")

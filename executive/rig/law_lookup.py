@@ -36,7 +36,7 @@ _PLANTS = (  # the project's folders; another one beside them is a user's
     "actuators", "atb1000", "backlash_map", "backlash_pendulum", "deadzone_arm", "deadzone_map",
     "friction_arm", "map_chains", "payload_arm", "probe", "quarter_car", "telerobot",
 )  # fmt: skip
-_READY = "executive/laws/references.py", "executive/laws/sequences.py"
+_READY = tuple(f"executive/laws/{name}.py" for name in ("references", "profiles", "sequences"))
 _LAWS = "plants/*/laws/*.py", "plants/families/*/laws/*.py"  # of systems, of families of them
 
 

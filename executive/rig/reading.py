@@ -41,6 +41,7 @@ from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.options import apply_options, rename_earlier_keys
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Config, Evaluation, Limit
+from pcpc.executive.rig.segments import expand_segments
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 
@@ -185,7 +186,7 @@ def load_rig(
     """
     document = yamlfile.load(path, text)
     checks.check_characters(document)
-    for expand in (rename_earlier_keys, inherit_controllers, fmu.expand_shorthand):
+    for expand in (rename_earlier_keys, inherit_controllers, fmu.expand_shorthand, expand_segments):
         expand(document)
     if controller is not None or settings:
         apply_options(document, controller, settings)

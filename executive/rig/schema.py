@@ -63,8 +63,7 @@ class Supervisor(Keyed):
     `peer_timeout_s`: how long a node that is ready waits for the other one. `on_fault`: what
     follows the ramp. `arm`: by an operator, at the start and behind a fault. `estop`: a received
     signal, 0 as long as all is well; `stop_frame`: a frame that any node may send; both are a quick
-    stop and a fault. `intrusion`: what follows when two senders of a frame are recognised, see
-    `loop.intrusion`.
+    stop and a fault. `intrusion`: what two senders of a frame lead to, see `loop.intrusion`.
     """
 
     hold_cycles: Annotated[int, Meta(ge=2)] = 2
@@ -160,6 +159,7 @@ class Entry(Keyed):
     """
 
     law: str | None = None
+    unit: Word | None = None  # of a reference of any unit, see `rig.wired_units`
     file: str | None = None
     signal: str | list[str] | None = None
     interpolation: Literal["linear", "hold"] | None = None

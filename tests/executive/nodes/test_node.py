@@ -76,8 +76,7 @@ ERRORS: dict[str, tuple[str, str, str]] = {
     ),
     "a reference in another unit": (
         inputs("hub_rate_rad_s: reference.q_d_rad"),
-        "the ready-made references are angles; for another unit: law: table with a column "
-        "hub_rate_rad_s (docs/rig.md)",
+        "these references are angles; for another unit: law: profiles:step (docs/rig.md)",
         "reference.q_d_rad",
     ),
     "missing input": (

@@ -1,0 +1,96 @@
+"""The unit of a reference of any unit (`law: profiles:step`): that of the input which it feeds.
+
+    value [m] feeds x_d_m [m]       rate is in m/s, acc in m/s2, the amplitude in m
+    only rate feeds v_d_m_s [m/s]   the value is in m
+    no block is fed                 `unit: m` at the block says it
+
+Given units are compared with the wiring as all others are, by `executive.loop.table`.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block
+
+ORDERS = {"value": 0, "rate": 1, "acc": 2}  # outputs, and which derivative each is
+
+
+class Wired(Protocol):
+    """A block with what it is wired to."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def block(self) -> "Block": ...  # noqa: D102
+    @property
+    def inputs(self) -> Mapping[str, str]: ...  # noqa: D102
+
+
+def is_free(block: "Block") -> bool:
+    """Return whether the block takes its unit from the wiring."""
+    from pcpc.executive.laws.ports import ANY_UNIT  # here, because it imports numba
+
+    return any(ANY_UNIT in port.unit for port in block.outputs)
+
+
+def in_its_unit(
+    document: Document, keys: Keys, name: str, block: "Block", given: str | None,
+    others: Sequence[Wired],
+) -> "Block":  # fmt: skip
+    """Return the block `name` in the unit that is `given`, or that the `others` have; RigError."""
+    if not is_free(block):
+        if given is not None:
+            what = "only references of any unit take it, as law: profiles:step"
+            raise document.error((*keys, "unit"), what)
+        return block
+    unit = _fed(document, keys, name, others) if given is None else given.strip()
+    return block.with_units(lambda text: _derived(text, unit))
+
+
+def _fed(document: Document, keys: Keys, name: str, others: Sequence[Wired]) -> str:
+    """Return the unit of what the block's value feeds, or its derivatives."""
+    for output, order in ORDERS.items():
+        for other in others:
+            ports = {one: port.unit for port in other.block.inputs for one in port.names()}
+            for target, source in other.inputs.items():
+                if source != f"{name}.{output}" or target not in ports:
+                    continue
+                unit = _integrated(ports[target], order)
+                if unit is None:
+                    what = f"{source} feeds {other.name}.{target}, whose unit "
+                    what += f"'{ports[target]}' is no {'rate' if order == 1 else 'acceleration'}"
+                    raise document.error(keys, f"{what}; say `unit: ...` of the value")
+                return unit
+    what = "no input tells its unit: wire its value to one"
+    raise document.error(keys, f'{what}, or say `unit: m` (`unit: ""`: a plain number)')
+
+
+def _derived(text: str, unit: str) -> str:
+    """Return "?", "?/s" or "?/s2" with `unit` in the place of the ?; other texts as they are."""
+    head, mark, per = text.partition("?")
+    if not mark or not per:
+        return unit if mark else text
+    base, power = _parted(unit)
+    return head + _per(base, power + int(per.removeprefix("/s") or 1))
+
+
+def _integrated(unit: str, order: int) -> str | None:
+    """Return the unit whose derivative of this order is `unit`; None if there is none."""
+    base, power = _parted(unit)
+    return _per(base, power - order) if power >= order else None
+
+
+def _parted(unit: str) -> tuple[str, int]:
+    """Return a unit without the seconds that it is divided by last, and their power: m, 2."""
+    found = re.fullmatch(r"(.+)/s(\d?)", unit)
+    return (found[1], int(found[2] or 1)) if found else (unit, 0)
+
+
+def _per(base: str, power: int) -> str:
+    if power == 0:
+        return "" if base == "1" else base
+    return f"{base or '1'}/s{power if power > 1 else ''}"
