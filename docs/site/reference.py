@@ -336,7 +336,8 @@ def _definition(node: Any, name: str, level: str = "") -> list[str]:
 
 
 def _signature(text: str) -> list[str]:
-    return ["```text", text, "```"] if "\n" in text else [f"**`{text}`**"]
+    fits = "\n" not in text and len(text) <= _COLUMNS
+    return [f"**`{text}`**"] if fits else ["```text", text, "```"]
 
 
 def _returned(told: str) -> str:

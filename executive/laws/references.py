@@ -8,8 +8,8 @@
                from T_c before each corner to T_c after it                                    (5)
     ramp       v rises linearly from 0 to V in T_r, then stays                                (6)
 
-rad, rad/s, rad/s^2, s; in another unit: `profiles`. All are closed forms of t, so a skipped cycle or
-a replay changes nothing.
+rad, rad/s, rad/s^2, s; in another unit: `profiles`. All are closed forms of t, so a skipped cycle
+or a replay changes nothing.
 """
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage

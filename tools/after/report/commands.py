@@ -31,7 +31,7 @@ def report(add: Add) -> None:
         help="with --suite: a testcase for each requirement and rig",
     )
     add("-o", "--output", type=Path, metavar="FILE.html",
-        help="default: report.html in the run folder, LOG.html beside a log, suite.html")  # fmt: skip
+        help="default: report.html in the run folder, LOG.html by a log, suite.html")  # fmt: skip
     take.code_of_laws(add)
     take.quiet(add)
 
