@@ -286,7 +286,7 @@ def test_what_is_judged_does_not_depend_on_what_is_kept(run: Run, tmp_path: Path
         "--no-figure", "--set", "record.keep=10ms",
     )  # fmt: skip
     assert done.summary["records"]["written"] == 0, done
-    assert done.summary["requirements"] == [vars(one) for one in run.requirements]
+    assert done.summary["requirements"] == [one.json() for one in run.requirements]
 
 
 def test_a_rig_without_an_evaluation_has_requirements_too(tmp_path: Path) -> None:
