@@ -25,7 +25,7 @@ pytestmark = pytest.mark.deep
 
 (_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.text.startswith("# .github/")]
 WORKFLOW, WORKFLOW_FILE = yaml.safe_load(_TEXT), _TEXT.split()[1]
-(REQUIREMENTS,) = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.language == "text"]
+REQUIREMENTS, *_ = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.language == "text"]
 JOB = WORKFLOW["jobs"]["rigs"]
 STEPS: dict[str, dict[str, Any]] = {s["name"]: s for s in JOB["steps"] if "run" in s}
 PACKAGES, ON_VCAN = "packages for a machine with CAN", "the same on a CAN interface of the kernel"
