@@ -7,9 +7,10 @@ import pytest
 
 import pcpc
 from pcpc.executive.errors import RigError
+from pcpc.executive.laws import profiles
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.rig import wired_units
+from pcpc.executive.rig import segments, wired_units
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import cli
 
@@ -202,3 +203,8 @@ def test_what_is_wrong_is_told_with_its_place_and_cure(tmp_path: Path, name: str
     with pytest.raises(RigError) as caught:
         units_of(written(tmp_path, goal, watch))
     assert words in str(caught.value) and "rig.yaml:" in str(caught.value), str(caught.value)
+
+
+def test_segments_of_a_rig_are_those_of_the_law() -> None:
+    shapes = {name: getattr(profiles, name.upper()) for name in segments._SHAPES}
+    assert segments._SHAPES == shapes and segments._MOST == profiles.SEGMENTS
