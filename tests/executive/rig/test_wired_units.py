@@ -207,4 +207,4 @@ def test_what_is_wrong_is_told_with_its_place_and_cure(tmp_path: Path, name: str
 
 def test_segments_of_a_rig_are_those_of_the_law() -> None:
     shapes = {name: getattr(profiles, name.upper()) for name in segments._SHAPES}
-    assert segments._SHAPES == shapes and segments._MOST == profiles.SEGMENTS
+    assert shapes == segments._SHAPES and segments._MOST == profiles.SEGMENTS
