@@ -286,6 +286,14 @@ def test_nan_is_sent_as_raw_zero_and_counted() -> None:
     assert got == (bytes(8), len(values)), f"{got}"
 
 
+@pytest.mark.parametrize("bits", [32, 64])
+@pytest.mark.parametrize("is_float", [True, False])
+def test_nan_in_a_float_or_a_wide_signal_is_raw_zero_too(bits: int, is_float: bool) -> None:
+    conversion = BaseConversion.factory(is_float=is_float)
+    table = single(Signal("s", 0, bits, conversion=conversion, is_signed=True))
+    assert pack({"s": math.nan}, 0, table) == (bytes(8), 1)
+
+
 def test_a_frame_is_found_by_id_and_format() -> None:
     found = [codec.frame_of(entry.word, TABLE.frames, len(FRAMES)) for entry in FRAMES]
     assert found == list(range(len(FRAMES))), f"{found}"
