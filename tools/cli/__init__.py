@@ -125,7 +125,10 @@ def _name_files(options: argparse.Namespace) -> None:
 
         for key in {"log", "a", "b"} & vars(options).keys():
             value = getattr(options, key)
-            setattr(options, key, type(value)(log_of(str(value))))
+            path = log_of(str(value))
+            if not path.exists():
+                raise UserError(f"{path}: no such log; name a log, a run folder or `latest`")
+            setattr(options, key, type(value)(path))
         if "words" in options:  # of `log plot`: logs and variables
             options.words = [
                 str(log_of(word)) if word == LATEST or Path(word).is_dir() else word

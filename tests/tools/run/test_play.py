@@ -222,7 +222,7 @@ def test_of_a_damaged_log_the_rest_is_played(
 
 
 WRONG = {
-    "no such log": (["NOWHERE"], "No such file"),
+    "no such log": (["NOWHERE"], "NOWHERE: no such log; name a log"),
     "not a log": ([str(RIGS / "slew10.yaml")], "not an MCAP file"),
     "negative rate": (["LOG", "-r", "-1"], "-r -1: expected 0"),
     "no number": (["LOG", "-r", "nan"], "-r nan"),
