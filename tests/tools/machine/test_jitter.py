@@ -260,7 +260,7 @@ def test_a_ratio_is_taken_within_its_round_and_needs_both_loops() -> None:
         (("-h", "0"), "-h 0: expected 1 to"),
         (("--rounds", "0"), "--rounds 0: expected 1 or more"),
         (("--json", "/nowhere/x.json"), "--json /nowhere/x.json: there is no folder /nowhere"),
-        (("--plot", "x.txt"), "--plot x.txt: no picture"),
+        (("--plot", "x.txt"), "--plot x.txt: not a picture"),
         (("--bus", "udp_multicast:10.0.0.1:1"), "10.0.0.1"),
         (("--bus", "nothing:0"), "no bus interface nothing"),
     ],
