@@ -13,7 +13,7 @@ a node sends while it looks for the other one or ends.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,13 +33,15 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.loop.clock import GIVEN, paced
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.stalls import forget
 from pcpc.executive.loop.states import State
-from pcpc.executive.loop.variables import COUNTED, STATE
+from pcpc.executive.loop.variables import COUNTED, COUNTERS, STATE
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
@@ -52,6 +54,7 @@ from pcpc.executive.rig.roles import Role
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand
 K, PASSES, STAMP = range(3)  # first columns of Slice.rows
 HEAD = 3
+_OF_THE_MACHINE = ("late", "skipped", "send_errors")  # counters that no frame tells
 BUS_FAILED, FRAMES_END, TUNINGS_END, ENDS = range(3, 7)  # further columns of the loop's rows
 
 
@@ -89,12 +92,7 @@ class Assembler:
     def add(self, node: logs.Node) -> None:
         """Append a further piece of the log; LogError if it lacks what each cycle has."""
         self._frames = np.concatenate((self._frames, node.frames))
-        for entry in node.tunings:
-            try:
-                tuning = int(entry["cycle"]), str(entry["name"]), float(entry["value"])
-            except (KeyError, TypeError, ValueError, OverflowError):
-                raise logs.LogError(f"a recorded tuning is none: {str(entry)[:80]}") from None
-            self._tunings.append(tuning)
+        self._tunings += map(tuning_of, node.tunings)
         if not len(node.cycle):
             return
         both = {**node.columns, **node.timing}
@@ -133,6 +131,14 @@ class Assembler:
             yield Slice(rows, frames, tunings)
 
 
+def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:
+    """Return cycle, name and value of a recorded tuning; LogError for what is none."""
+    try:
+        return int(entry["cycle"]), str(entry["name"]), float(entry["value"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise logs.LogError(f"a recorded tuning is none: {str(entry)[:80]}") from None
+
+
 @loop_function
 def hear(n: Any, frame: Any) -> None:
     """Take a recorded frame as the bus brought it; byte 5 says that it was foreign."""
@@ -142,6 +148,13 @@ def hear(n: Any, frame: Any) -> None:
         note_bus_error(n)
     else:
         take_frame(n)
+
+
+@loop_function
+def tune_as_recorded(n: Any, place: Any, value: Any) -> None:
+    """Take a recorded tuning, and note it again."""
+    n.v[place] = value
+    push_event(n, Event.TUNING, place, value)
 
 
 @loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
@@ -155,6 +168,7 @@ def recompute(
     foreign. `clocked` (cycles, clocks): for the places `clocks`, what was measured in the cycle
     before or written from outside. Periods in which the node stood still on purpose are over before
     the next frames come; those that the machine skipped pass behind them, as in `loop.tuning`.
+    What was sent in the last cycle stays in the outbox.
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
@@ -164,6 +178,7 @@ def recompute(
         n.k = rows[i, K]
         n.passes = rows[i, PASSES]
         n.clock.now_ns = n.clock.deadline = rows[i, STAMP]
+        n.wire.outbox_put = 0
         if n.passes == 0 and n.meeting.seeks_below != 0:
             request_first_sample(n)
         while stood_still and k < rows[i, K]:
@@ -174,7 +189,7 @@ def recompute(
                 forget(n)
             count_down(n, 1)
             while tuning < rows[i, TUNINGS_END] and times[tuning] <= k:
-                n.v[tuned[tuning]] = values[tuning]
+                tune_as_recorded(n, tuned[tuning], values[tuning])
                 tuning += 1
             k += 1
         while frame < rows[i, FRAMES_END]:
@@ -186,7 +201,7 @@ def recompute(
             periods = max(times[tuning] + 1 - k, 0)
             count_down(n, periods)
             k += periods
-            n.v[tuned[tuning]] = values[tuning]
+            tune_as_recorded(n, tuned[tuning], values[tuning])
             tuning += 1
         count_down(n, rows[i, K] + 1 - k)
         for j in range(clocks.shape[0]):
@@ -197,7 +212,6 @@ def recompute(
         if rows[i, ENDS] != 0 and not waits:
             n.control.stop = 1
         one_pass(n, steps)
-        n.wire.outbox_put = 0
         if n.passes == rows[i, PASSES]:
             return i
     return rows.shape[0]
@@ -209,21 +223,23 @@ class Replay:
     def __init__(
         self, rig: Rig, role: Role, pacing: str, recorded: Collection[str],
         external: Sequence[str] = (), check: Callable[[Plan], None] = lambda made: None,
+        metadata: dict[str, str] | None = None,
     ) -> None:  # fmt: skip
         """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError.
 
         `external`: blocks that were stepped from outside; what they wrote is taken from the record.
-        `check`: of VirtualRun.
+        `check`: of VirtualRun. `metadata`: of a log that is written of it.
         """
         selftest()
         made = plan(rig, role, virtual_pacing(rig) if pacing == "virtual" else pacing)
         check(made)
         made.external = dict.fromkeys(external, idle.entry)
-        self.block = sh.private(describe(made, facts()))
+        written = metadata is not None
+        self.block = sh.private(describe(made, metadata or facts(), kept=written))
         loop = self.block.loop
         install_in_memory(made, loop)
         loop.clock.kind, loop.tuning.n, loop.meeting.ordered = GIVEN, 0, 0
-        self.steps, self._opened = made.steps, made.opened
+        self.plan, self.steps = made, made.steps  # the plan keeps open what its blocks have opened
         about = self.block.description
         counted = [name for name in COUNTED if name in recorded]
         self.names = [*about["state_columns"], *counted]
@@ -257,7 +273,7 @@ class Replay:
         raw[:, 8:16] = received["data"]
         tunings = [t for t in part.tunings if t[1] in self._index]
         for tuning in tunings:
-            self._check(*tuning)
+            self.check_tuning(*tuning)
         tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
         values = np.array([t[2] for t in tunings], np.float64)
         rows = np.zeros((len(part.rows), 7), np.int64)
@@ -287,7 +303,24 @@ class Replay:
         self._taken("event")
         return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
 
-    def _check(self, cycle: int, name: str, value: float) -> None:
+    def repeat_clocks(self, part: Slice, names: Sequence[str], done: int) -> None:
+        """Let the last `done` rows, and the counters, hold what was measured in those of `part`.
+
+        For a log that goes on: what frames take from there is in it again.
+        """
+        ring, columns = self.block["record"], self.block.description["timing_columns"]
+        put = int(self.block["record_ends"][sh.PUT])
+        rows = np.arange(put - done, put) % len(ring)
+        first = sh.RECORD_HEAD + len(self.block.description["state_columns"]) + 1
+        for name in self._clocks:
+            ring[rows, first + columns.index(name)] = part.rows[:done, HEAD + names.index(name)]
+        loop, last = self.block.loop, ring[rows[-1]].view(np.float64)
+        loop.v[self._places[: len(self._clocks)]] = self._clocked[-1]
+        for word, name, _ in COUNTERS:
+            if word in _OF_THE_MACHINE and name in self._clocks:
+                loop.control[word] = int(last[first + columns.index(name)])
+
+    def check_tuning(self, cycle: int, name: str, value: float) -> None:
         """Raise LogError for a tuning that no node takes."""
         variable = self._table.variables[self._index[name]]
         what = f"cycle {cycle}: the log has a tuning of {name} to {value:g}"
@@ -311,8 +344,24 @@ class Replay:
 
     def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
         """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting."""
-        meeting = (frames["cycle"] == 0) & np.isin(frames["id"], self._heartbeats)
-        return frames[(frames["direction"] == 0) & ~meeting]
+        return frames[(frames["direction"] == 0) & ~self._is_meeting(frames)]
+
+    def _is_meeting(self, frames: NDArray[Any]) -> NDArray[np.bool_]:
+        return (frames["cycle"] == 0) & np.isin(frames["id"], self._heartbeats)
+
+    def repeat_meeting(self, frames: NDArray[Any]) -> None:
+        """Note again what of `frames` the node sent while it met the others, without a clock.
+
+        The last heartbeat of cycle 0 is that of the cycle itself.
+        """
+        loop, block = self.block.loop, self.block
+        said = frames[(frames["direction"] == 0) & self._is_meeting(frames)].copy()
+        said = said[: max(len(said) - len(self._heartbeats), 0)]
+        said["stamp_ns"] = 0
+        block["frame"][: len(said), 0] = sh.CDR_HEADER
+        block["frame"][: len(said), 1:] = said[:, None].view(np.int64)
+        block["frame_ends"][sh.PUT] = len(said)
+        loop.control.sent += len(said)
 
     def _frames(self) -> NDArray[Any]:
         return np.ascontiguousarray(self._taken("frame")[:, 1:]).view(logs.FRAME)[:, 0]

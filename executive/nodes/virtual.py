@@ -80,6 +80,8 @@ class Memory:
 class VirtualRun:
     """A rig in virtual time; `advance` runs it piece by piece, `close` completes the log."""
 
+    _controller: External | None = None
+
     def __init__(
         self, rig: Rig, log: Path | None, judged: Wanted | None = None,
         controller: External | None = None, check: Callable[[Plan], None] = lambda made: None,
@@ -108,20 +110,28 @@ class VirtualRun:
                 "rate_hz": repr(rig.config.rate_hz),
             }
         )
-        self.blocks: list[sh.Shared] = []
+        blocks: list[sh.Shared] = []
         for p in made:
             block = sh.private(describe(p, metadata, kept=log is not None))
             install_in_memory(p, block.loop)
-            block.control.pid = os.getpid()
-            self.blocks.append(block)
-        self.steps = tuple(p.steps for p in made)
-        self.plans = made
-        self.over = () if rig.config.bus.emulate is None else _over_line(rig)
+            blocks.append(block)
         self._controller = controller
-        self.memory = Memory(self.blocks, rig)
+        self._begin(rig, made, blocks, log, judged)
+
+    def _begin(
+        self, rig: Rig, plans: list[Plan], blocks: list[sh.Shared], log: Path | None,
+        judged: Wanted | None,
+    ) -> None:  # fmt: skip
+        """Take the nodes, as they stand in `blocks`, and open the log."""
+        self.plans, self.blocks = plans, blocks
+        self.steps = tuple(p.steps for p in plans)
+        for block in blocks:
+            block.control.pid = os.getpid()
+        self.over = () if rig.config.bus.emulate is None else _over_line(rig)
+        self.memory = Memory(blocks, rig)
         self._stopped = False
         self.recorder = None if log is None else Recorder(
-            log, self.blocks, judged=judged, clock=lambda: 0
+            log, blocks, judged=judged, clock=lambda: 0
         )  # fmt: skip
 
     def advance(self) -> Iterator[int]:

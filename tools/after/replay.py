@@ -10,7 +10,7 @@ import argparse
 import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.frontier import Frontier
+from pcpc.executive.log.frontier import ALL, Frontier
 from pcpc.executive.nodes.fmus import step_of
-from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
+from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log import rig as log_rig
@@ -82,20 +82,29 @@ def _of_device(head: logs.Log) -> bool:
 
 
 class Comparison:
-    """One node recomputed and compared piece by piece, until the end or a gap in the log."""
+    """One node recomputed and compared piece by piece, until the end or a gap in the log.
 
-    def __init__(self, head: logs.Log, rig: Rig, role: Any) -> None:
+    Or until cycle `last`, its log written with `metadata`; `each` is called after every slice.
+    """
+
+    def __init__(
+        self, head: logs.Log, rig: Rig, role: Any, last: int = ALL,
+        metadata: dict[str, str] | None = None, each: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
         about = head.node[role].description
         if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
             raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
-        self.role = role
+        self.role, self.last, self._each = role, last, each
+        self.is_there = False  # at its last cycle
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
         pacing = head.metadata[role].get("pacing", "lockstep")
         external = [str(name) for name in about.get("external", [])]
         steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
         fmus = {name: step.model for name, step in steps.items() if step and not step.file}
         external += fmus
-        self.replay = Replay(rig, role, pacing, self.recorded.names, external)
+        self.external, self._is_written = external, metadata is not None
+        names = self.recorded.names
+        self.replay = Replay(rig, role, pacing, names, external, metadata=metadata)
         theirs, ours = self.recorded.names, self.replay.names
         absent = [name for name in self.replay.needed if name not in theirs]
         if absent or len(set(theirs)) != len(theirs):
@@ -120,31 +129,42 @@ class Comparison:
             self._take(piece, whole, last)
         except logs.LogError as error:
             raise logs.LogError(f"{self.path}: {self.role}: {error}") from None
-        if last:
+        if last and self.last == ALL:
             _told_as_missing(self.verdict, self.recorded.left)
 
     def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
         verdict = self.verdict
         verdict.missing += piece.missing
+        if self.is_there:
+            return
         if self.role in piece.node and not verdict.incomplete:
             try:
                 self.recorded.add(piece.node[self.role])
             except logs.LogError as error:
                 verdict.incomplete = str(error)
                 return
-        for part in self.recorded.take(whole, last):
+        for part in self.recorded.take(min(whole, self.last), last or whole >= self.last):
             verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
             if verdict.incomplete:
                 return
+            if self._is_written:  # the log has no clock
+                part.rows[:, STAMP] = part.rows[:, K] * self.replay.block.description["period_ns"]
+                if not verdict.cycles:
+                    self.replay.repeat_meeting(part.frames)
+                    self._each()
             computed = self.replay.advance(part, self.recorded.names)
             done = len(computed.values)
             old, new = part.rows[:done, self._theirs], computed.values[:, self._ours]
             _compare(verdict, self.both, part.rows[:done, K], old, new)
             compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
             verdict.cycles += done
+            if self._is_written and done:
+                self.replay.repeat_clocks(part, self.recorded.names, done)
+            self._each()
             if done < len(part.rows):
                 cycle = part.rows[done, K]
                 verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
+        self.is_there = whole >= self.last
         verdict.spent_s = time.monotonic() - self._begin_s
 
 

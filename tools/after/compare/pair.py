@@ -12,6 +12,7 @@ The states of a pair:
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -190,7 +191,7 @@ def _settings(log: logs.Log) -> Iterator[tuple[str, Any]]:
     for name, value in _flat(data, ()):
         of_another = name[0] in ("controllers", "expect") and name[1:2] != (chosen,)
         if not of_another and name[0] not in _APART:
-            yield ".".join(name), value
+            yield ".".join(name), PurePath(value).name if name == ("dbc",) else value
 
 
 def _flat(data: Any, above: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:

@@ -210,14 +210,14 @@ def _frames(report: Report, a: logs.Log, b: logs.Log, exact: bool) -> None:
     parts = ("cycle", "dlc", "e2e", "data") if exact else ("cycle", "dlc")
     for node in (name for name in a.node if name in b.node):
         ours, theirs = (_by_id(log.node[node].frames) for log in (a, b))
-        begin = a.node[node].stamp_ns[:1]
+        begins = [log.node[node].stamp_ns[:1] for log in (a, b)]
         for key in sorted(ours.keys() | theirs.keys()):
             name = f"{names.get(key[1], can_id.text_of(key[1]))} {DIRECTIONS[key[0]]}"
             name = name if node == "executive" else f"{node}.{name}"
             none = np.empty(0, logs.FRAME)
             one, other = ours.get(key, none), theirs.get(key, none)
             report.frames += max(len(one), len(other))
-            found = _frame_difference(f"frame {name}", one, other, parts, begin)
+            found = _frame_difference(f"frame {name}", one, other, parts, begins)
             if found is not None:
                 report.differences.append(found)
 
@@ -229,12 +229,13 @@ def _by_id(frames: NDArray[Any]) -> Mapping[tuple[int, int], NDArray[Any]]:
 
 
 def _frame_difference(
-    name: str, a: NDArray[Any], b: NDArray[Any], parts: Sequence[str], begin: NDArray[np.int64]
-) -> Difference | None:
+    name: str, a: NDArray[Any], b: NDArray[Any], parts: Sequence[str],
+    begins: Sequence[NDArray[np.int64]],
+) -> Difference | None:  # fmt: skip
     count, at = unequal_frames(a, b, parts)
     if not count:
         return None
-    longer = a if len(a) > at else b
+    longer, begin = (a, begins[0]) if len(a) > at else (b, begins[1])
     zero_ns = int(begin[0]) if len(begin) else int(longer["stamp_ns"][0])
     time_s = (int(longer["stamp_ns"][at]) - zero_ns) / 1e9
     texts = unequal_texts(a, b, at, payload)

@@ -66,16 +66,20 @@ class Carried:
 
 @contextmanager
 def rig_of(
-    head: logs.Log, folder: Path, options: argparse.Namespace
+    head: logs.Log, folder: Path, options: argparse.Namespace, whole: bool = False
 ) -> Iterator[Rig]:  # fmt: skip
     """Yield the rig of a log, its files below `folder`; LogError, RigError.
 
-    While it is in use, laws open what the run's laws opened.
+    While it is in use, laws open what the run's laws opened. `whole`: with its evaluation and its
+    schedule, as for another run.
     """
     options = argparse.Namespace(
         **({"trust": False, "law": [], "rig": None, "fmu": []} | vars(options))
     )
-    data = _resolved(head, folder) | {"evaluation": None}
+    data = _resolved(head, folder, whole)
+    if whole and isinstance(given := data.get("evaluation"), dict):
+        given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
+    data |= {} if whole else {"evaluation": None}
     for entry in _entries(data):
         if entry.get("law") == fmu.LAW and (file := fmu_file(head, entry, folder, options.fmu)):
             entry["file"] = str(file)
@@ -96,7 +100,7 @@ def rig_of(
         yield load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 
-def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
+def _resolved(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, Any]:
     """Return the effective rig of a log, with its DBC file in `folder`; LogError."""
     names = [name for name in head.attachments if name.endswith("rig-resolved.yaml")]
     if not names:
@@ -110,11 +114,12 @@ def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
         raise logs.LogError(f"{head.path}: its rig builds on a file, as none of a log does")
     data = yamlfile.load(folder / "rig.yaml", text).data
     database = PurePosixPath(str(data.get("dbc", ""))).name
-    (folder / "log.dbc").write_text(head.attachments.get(database, ""), encoding="utf-8")
-    data |= {"dbc": "log.dbc"}
+    data |= {"dbc": database if database.endswith(".dbc") else "log.dbc"}
+    (folder / data["dbc"]).write_text(head.attachments.get(database, ""), encoding="utf-8")
     for name in (entry["file"] for entry in _entries(data) if isinstance(entry.get("file"), str)):
         (folder / PurePosixPath(name).name).write_text(head.attachments.get(name, ""), "utf-8")
-    data["schedule"], data["note"] = [], []  # its tunings are in the log
+    if not whole:
+        data["schedule"], data["note"] = [], []  # its tunings are in the log
     if isinstance(data.get("plant"), dict):
         data["plant"]["parameters_file"] = None
     return data

@@ -14,6 +14,7 @@ from pcpc.tools.after.log.drawing import page_of
 from pcpc.tools.after.log.info import start_of
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import Record
+from pcpc.tools.after.verdict.summary import branched
 from pcpc.tools.terminal.document import Note, Part, Picture, Section, Strong, Table, Verdict
 from pcpc.tools.terminal.html import png_of
 
@@ -67,6 +68,7 @@ def verdict(record: Record) -> Verdict:
         if not record.at_end:
             lines.append("judged from the log alone, without the settings of the run")
         missing = [line for line in missing if line not in summary.log_missing]
+    lines = [*(f"no run: a {what}" for what in branched(record.log)), *lines]
     reasons = [*lines, *(f"missing in the log: {line}" for line in missing)]
     return Verdict(word, reasons, word == "ok" and not missing)
 

@@ -217,6 +217,7 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
     summary = summaries.summarise(rig, log, outcome, judge)
     found.verdict, found.notes = summary.verdict, [note] if note else []
     found.problems += summary.problems()
+    found.problems += [f"no run: a {what}" for what in summaries.branched(log)]
     if own is not None:
         _hold_against(found, summary, own)
     elif (found.path.parent / summary_file.NAME).exists():

@@ -14,7 +14,7 @@ from typing import Any
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.tools.after.verdict.summary import Summary
+from pcpc.tools.after.verdict.summary import Summary, is_branch
 from pcpc.tools.terminal import document
 
 LATEST_SHOWN = 3  # of those in summary.json
@@ -39,7 +39,8 @@ def show(summary: Summary, folder: Path, *, quiet: bool = False) -> None:
     size = shutil.get_terminal_size()
     shown = rows(summary, folder, max(size.columns, NARROWEST))
     if quiet:
-        shown = {label: lines for label, lines in shown.items() if label in _QUIET}
+        said = _QUIET | {"changed"} if is_branch(summary) else _QUIET
+        shown = {label: lines for label, lines in shown.items() if label in said}
     if sys.stdout.isatty():
         shown = fitted(shown, size.lines - _PROMPT)
     lines = (

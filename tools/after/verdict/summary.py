@@ -142,7 +142,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     early = ""
     if outcome.interrupted or outcome.faults or outcome.short:
         early = "the run did not finish"
-    changed = [*outcome.changed, *_tuned(rig, log)]
+    changed = [*dict.fromkeys((*branched(log), *outcome.changed, *_tuned(rig, log)))]
     found = (judge or Judge.of(rig)).judge(log, changed, early)
     timing = _timing(log, outcome)
     failed, limits = [*found.failed], rig.config.timing
@@ -213,6 +213,19 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         verdict=verdict,
         ids=rig.config.limit_ids() or msgspec.UNSET,
     )
+
+
+def branched(log: logs.Log) -> list[str]:
+    """Return of which log a run is a branch, and where it begins; [] if it is none."""
+    about = log.metadata.get(LEADER, {})
+    if "branch_of" not in about:
+        return []
+    return [f"branch at cycle {about.get('branch_cycle')} of {about['branch_of']}"]
+
+
+def is_branch(summary: Summary) -> bool:
+    """Return whether a summary is that of a branch."""
+    return any(one.startswith("branch at cycle ") for one in summary.changed)
 
 
 def _tuned(rig: Rig, log: logs.Log) -> list[str]:

@@ -1,0 +1,277 @@
+"""`pcpc branch`: the road not taken, from a cycle of a log on.
+
+The oracle of a change is a fresh simulation whose rig has the change in its schedule: it shares
+the loop with the branch, but neither the recomputation nor the cycle at which it is left.
+"""
+
+import json
+import random
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from logcommand import Done, run_here
+from processes import RIGS, ROOT, pcpc
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
+
+ALL_RIGS = sorted(ROOT.glob("plants/*/rigs/*.yaml"))
+FAULTS = {
+    "stuck": "kind: stuck, at: controller.hub_rate_rad_s",
+    "bias": "kind: bias, at: controller.encoder_rad, value: 0.001",
+    "gone": "kind: loss, frame: CMD, share: 0.3, from: 200ms, for: 100ms",
+    "late": "kind: delay, frame: FB_A, value: 2",
+}
+
+
+def record(path: Path) -> dict[str, Any]:
+    """Return what counts of a log, by node: rows' bits, frames, tunings."""
+    found: dict[str, Any] = {}
+    for role, node in logs.read(path).node.items():
+        table = np.stack([node.cycle, *(x.view(np.int64) for x in node.columns.values())])
+        frames = Counter(
+            (int(f["cycle"]), int(f["id"]), int(f["dlc"]), int(f["direction"]), int(f["e2e"]),
+             f["data"].tobytes())
+            for f in node.frames
+        )  # fmt: skip
+        tunings = [(t["cycle"], t["name"], t["value"]) for t in node.tunings]
+        found[role] = table.tobytes(), frames, tunings
+    return found
+
+
+def branch(log: Path, out: Path, *words: str) -> Done:
+    return run_here("branch", log, "-o", out, "--no-figure", "--quiet", *words)
+
+
+def branched(log: Path, out: Path, *words: str) -> Path:
+    """Return the log of a branch."""
+    done = branch(log, out, *words)
+    assert done.code in (0, 1), done
+    return out / "log.mcap"
+
+
+def simulated(path: Path, rig: str, *settings: str, controller: str | None = None) -> Path:
+    (file,) = [one for one in ALL_RIGS if one.stem == rig]
+    simulate(load_rig(file, controller, settings), path)
+    return path
+
+
+def faulty(folder: Path, name: str, **more: str) -> Path:
+    """Return the log of a rig with faults, some of which have `more` keys."""
+    faults = "".join(f"  {one}: {{{what}{more.get(one, '')}}}\n" for one, what in FAULTS.items())
+    rig = folder / f"{name}.yaml"
+    rig.write_text(f"base: {RIGS / 'engage.yaml'}\nduration_s: 0.6\nfaults:\n{faults}")
+    simulate(load_rig(rig), path := folder / f"{name}.mcap")
+    return path
+
+
+def cycles(count: int, last: int, seed: str) -> list[int]:
+    """Return cycles in which to branch: the first ones, the last, and `count` at random."""
+    drawn = random.Random(seed)
+    return [1, 2, 3, last, *(drawn.randrange(4, last) for _ in range(count))]
+
+
+@pytest.mark.parametrize("rig", ["hull", "suspension-8", "friction-c", "telerobot-u0"])
+def test_unchanged_it_has_the_bits_of_its_log(rig: str, tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=0.5")
+    last = len(logs.read(parent).node["executive"].cycle) - 1
+    for n in cycles(1, last, rig):
+        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
+        assert record(new) == record(parent), n
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("rig", [one.stem for one in ALL_RIGS])
+def test_unchanged_each_rig_goes_on_with_its_bits(rig: str, tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=2")
+    last = len(logs.read(parent).node["executive"].cycle) - 1
+    expected = record(parent)
+    for n in cycles(2, last, rig):
+        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
+        assert record(new) == expected, n
+        shutil.rmtree(new.parent)
+
+
+@pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
+def test_a_run_in_lockstep_goes_on_with_its_bits(rig: str, tmp_path: Path) -> None:
+    done = pcpc("run", rig, "--pacing", "lockstep", "--set", "duration_s=0.4", "--no-figure",
+                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    assert done.code == 0, done
+    parent = tmp_path / "a/log.mcap"
+    for n in (1, 2, 173):
+        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
+        for role, (rows, frames, _) in record(parent).items():
+            assert record(new)[role][0] == rows, (role, n)
+            assert record(new)[role][1] == frames, (role, n)
+
+
+def test_a_change_is_what_the_same_change_in_the_schedule_is(tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=1")
+    new = branched(parent, tmp_path / "b", "--cycle", "400", "--set", "controller.kv_Nms_rad=150")
+    planned = simulated(
+        tmp_path / "s.mcap", "engage", "duration_s=1",
+        "schedule=[{at_s: 0.4, set: {controller.kv_Nms_rad: 150}}]",
+    )  # fmt: skip
+    assert record(new) == record(planned)
+    first = np.flatnonzero(_torque(new) != _torque(parent))[0]
+    assert first == 400
+    assert run_here("replay", new, "--quiet").code == 0
+
+
+def _torque(path: Path) -> np.ndarray[Any, Any]:
+    return logs.read(path).node["executive"].columns["controller.motor_torque_Nm"]
+
+
+def test_a_fault_and_its_length_are_those_of_the_rig_in_that_cycle(tmp_path: Path) -> None:
+    parent = faulty(tmp_path, "log")
+    for n in cycles(2, 599, "faults"):  # 200 to 300 has lost frames
+        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
+        assert record(new) == record(parent), n
+    new = branched(parent, tmp_path / "b", "--time", "0.25", "--fault", "stuck:100ms",
+                   "--fault", "late:0.05s")  # fmt: skip
+    planned = faulty(tmp_path, "s", stuck=", from: 250ms, for: 100ms",
+                     late=", from: 250ms, for: 50ms")  # fmt: skip
+    for role, (rows, *_) in record(planned).items():
+        assert record(new)[role][0] == rows, role
+
+
+def test_a_controller_takes_over_as_from_standby(tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.6")
+    new = branched(parent, tmp_path / "b", "--cycle", "300", "--controller", "pid")
+    planned = simulated(
+        tmp_path / "s.mcap", "engage", "duration_s=0.6", "standby=[pid]",
+        "schedule=[{at_s: 0.3, handover: pid}]",
+    )  # fmt: skip
+    for role, (rows, *_) in record(planned).items():
+        assert record(new)[role][0] == rows, role
+
+
+def test_later_tunings_of_the_log_come_as_they_did(tmp_path: Path) -> None:
+    parent = simulated(
+        tmp_path / "log.mcap", "engage", "duration_s=0.6",
+        "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}, "
+        "{at_s: 0.5, set: {controller.kv_Nms_rad: 120}}]",
+    )  # fmt: skip
+    for n in (100, 200, 201, 500, 550):
+        assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
+
+
+def test_a_branch_of_a_branch_and_a_longer_run(tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", "hull", "duration_s=0.3")
+    first = branched(parent, tmp_path / "b", "--cycle", "100", "--set", "controller.kv_Nms_rad=150")
+    again = branched(first, tmp_path / "c", "--cycle", "200")
+    assert record(again) == record(first)
+    longer = branched(parent, tmp_path / "d", "--cycle", "250", "--duration", "0.5s")
+    assert record(longer) == record(simulated(tmp_path / "s.mcap", "hull", "duration_s=0.5"))
+
+
+def test_a_run_that_waits_for_its_operator_and_one_that_was_stopped(tmp_path: Path) -> None:
+    schedule = "schedule=[{at_s: 0.1, set: {supervisor.disarmed: 0}}]"
+    parent = simulated(tmp_path / "log.mcap", "hull", "duration_s=0.4", "supervisor.arm=manual",
+                       schedule)  # fmt: skip
+    for n in (50, 100, 101, 200):
+        assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
+
+
+def test_a_branch_says_of_what_it_is_one(tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", "hull", "duration_s=0.3")
+    done = branch(parent, tmp_path / "b", "--cycle", "100", "--set", "controller.kv_Nms_rad=150")
+    what = f"branch at cycle 100 of {parent}"
+    assert "branch at cycle 100 of" in done.out, done
+    told = json.loads((tmp_path / "b/summary.json").read_text())
+    assert told["changed"][0] == what
+    assert "controller.kv_Nms_rad=150" in told["changed"]
+    page = tmp_path / "b/report.html"
+    assert run_here("report", tmp_path / "b", "-o", page).code in (0, 1)
+    assert "no run: a branch at cycle 100" in page.read_text()
+    done = run_here("report", "--suite", tmp_path / "b", "-o", tmp_path / "suite.html")
+    assert done.code == 1, "a suite takes no branch for a run"
+    assert "no run: a branch at cycle 100" in (tmp_path / "suite.html").read_text()
+
+
+WRONG: Sequence[tuple[Sequence[str], str]] = [
+    ((), "give --cycle N or --time S"),
+    (("--cycle", "5", "--time", "1"), "give --cycle N or --time S"),
+    (("--cycle", "-1"), "expected 0 or more"),
+    (("--cycle", "300"), "cycle 300 is not there, the log comes to cycle 299"),
+    (("--cycle", "301"), "cycle 301 is not there, the log comes to cycle 299"),
+    (("--cycle", "100000"), "cycle 100000 is not there, the log comes to cycle 299"),
+    (("--cycle", "99999999999999999999"), "expected 0 or more"),
+    (("--cycle", "1.5"), "invalid int value"),
+    (("--time", "nan"), "expected 0 s or more"),
+    (("--time", "-1"), "expected 0 s or more"),
+    (("--time", "1e300"), "expected 0 or more"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad"), "expected NAME=VALUE"),
+    (("--cycle", "9", "--set", "=4"), "expected NAME=VALUE"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad=x"), "is not a number"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad=nan"), "outside"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad=inf"), "outside"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad=-1e9"), "outside"),
+    (("--cycle", "9", "--set", "controller.kvv=1"), "no parameter controller.kvv; did you mean"),
+    (("--cycle", "9", "--set", "controller.e_rad=1"), "no parameter"),
+    (("--cycle", "9", "--set", "rate_hz=500"), "no parameter"),
+    (("--cycle", "9", "--set", "roof:barrel.gap_rad=0"), "no node roof"),
+    (("--cycle", "9", "--set", "controller.kv_Nms_rad=1", "--set", "controller.kv_Nms_rad=2"),
+     "given twice"),
+    (("--cycle", "9", "--fault", "stuck"), "no such fault; its rig has no faults"),
+    (("--cycle", "9", "--controller", "nobody"), "nobody"),
+    (("--cycle", "9", "--controller", "pd_nn_fast"), "the controller of this run already"),
+    (("--cycle", "9", "--duration", "0s"), "0s"),
+    (("--cycle", "9", "--rig", "nowhere.yaml"), "nowhere.yaml"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def hull(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("hull") / "log.mcap"
+    return simulated(path, "hull", "duration_s=0.3", controller="pd_nn_fast")
+
+
+@pytest.mark.parametrize(("words", "message"), WRONG, ids=lambda one: " ".join(one)[:40])
+def test_wrong_words_are_one_line_and_leave_nothing(
+    words: Sequence[str], message: str, hull: Path, tmp_path: Path
+) -> None:
+    done = branch(hull, tmp_path / "out", *words)
+    assert done.code == 2, done
+    assert message in done.err, done
+    lines = done.err.strip().splitlines()
+    assert len(lines) == 1 or lines[0].startswith("usage"), done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_a_foreign_and_a_changed_log_are_refused(hull: Path, tmp_path: Path) -> None:
+    data = hull.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    done = branch(tmp_path / "cut.mcap", tmp_path / "out", "--cycle", "290")
+    assert done.code in (2, 3), done
+    assert "cycle" in done.err, done
+    (tmp_path / "no.mcap").write_bytes(b"no log")
+    assert branch(tmp_path / "no.mcap", tmp_path / "out", "--cycle", "5").code in (2, 3)
+    assert branch(tmp_path / "nix.mcap", tmp_path / "out", "--cycle", "5").code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_row_that_the_laws_do_not_give_is_refused_with_cycle_and_name(
+    hull: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pcpc.executive.nodes import replay
+
+    true = replay.Replay.advance
+
+    def changed(self: Any, part: Any, names: Any) -> Any:
+        if "controller.motor_torque_Nm" in names:
+            place = replay.HEAD + list(names).index("controller.motor_torque_Nm")
+            part.rows[part.rows[:, replay.K] == 57, place] += 1
+        return true(self, part, names)
+
+    monkeypatch.setattr(replay.Replay, "advance", changed)
+    done = branch(hull, tmp_path / "out", "--cycle", "200")
+    assert done.code == 2, done
+    assert "controller.motor_torque_Nm in cycle 57 is recorded as" in done.err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,248 @@
+"""All nodes of a rig, from a cycle of a log on in virtual time, their loop closed.
+
+    before    each node is recomputed from its record and compared with it, bit for bit
+    at N - 2  what the node below the executive sent last lies in its neighbours' inboxes; no clock
+              runs from here on
+    from N    changes act in cycle N of each node, later tunings of the log in theirs
+
+In cycle k of the exchange in `executive.loop.exchange` the nodes below the executive are one cycle
+ahead, and a fault of frames is set in the cycle before. So the executive is recomputed to N - 3 and
+they to N - 2, from N = 3 on; before that the run begins anew. Of a paced log that cycle is the one
+whose frames the executive took in N - 2.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.can.wire_layout import QUEUE_FRAMES
+from pcpc.drivers.errors import UserError
+from pcpc.executive.laws.emath_selftest import selftest
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import Frontier
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import ON_FRAMES, VIRTUAL
+from pcpc.executive.nodes.replay import tuning_of
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.replay import Comparison
+
+_FIRST = 3  # cycle that has something to recompute before it
+_FRAMES_KEPT = 1 << 14  # of a node, newest last: some hundred cycles
+
+
+@dataclass(frozen=True)
+class Change:
+    """A parameter of a node that the branch sets."""
+
+    role: str
+    name: str
+    value: float
+    early: int = 0  # cycles
+
+
+class Branch(VirtualRun):
+    """A run as `VirtualRun`, of which `before` recomputes what was, and `advance` goes on."""
+
+    def __init__(
+        self, head: logs.Log, rig: Rig, cycle: int, metadata: dict[str, str], log: Path,
+        judged: Wanted | None,
+    ) -> None:  # fmt: skip
+        """`metadata`: of the log that is written. UserError for a log that cannot be branched."""
+        selftest()
+        self.head, self.cycle, self._anew = head, cycle, cycle < _FIRST
+        self.notes: list[str] = []
+        self._skipped: set[str] = set()
+        self._newest: dict[str, int] = {}
+        absent = [role for role in rig.roles if role not in head.node]
+        if absent:
+            raise UserError(f"{head.path}: no record of the {absent[0]}; a branch needs all nodes")
+        if rig.config.bus.emulate is not None:
+            what = "bus.emulate: what waits on the emulated line is in no log"
+            raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
+        lasts = _last_cycles(head, rig.roles, -1 if self._anew else cycle - 2)
+        self._nodes = [
+            Comparison(head, rig, role, lasts[role], metadata.copy(), self._drain)
+            for role in rig.roles
+        ]
+        for node in self._nodes:
+            if node.external:
+                what = f"{node.external[0]} of the {node.role}: its state is not in the log"
+                raise UserError(f"{head.path}: {what}; an FMU goes on with --fmu FILE")
+        self._later: dict[str, list[tuple[int, int, float]]] = {role: [] for role in rig.roles}
+        replays = [node.replay for node in self._nodes]
+        plans = [replay.plan for replay in replays]
+        self._begin(rig, plans, [replay.block for replay in replays], log, judged)
+
+    def _drain(self) -> None:
+        assert self.recorder is not None, "a branch has a log"
+        self.recorder.drain()
+
+    def before(self) -> Iterator[int]:
+        """Recompute the cycles before; yield how many are done. UserError where that differs."""
+        frontier, path = Frontier(), self.head.path
+        for piece, last in logs.pieces(path, see=frontier.see):
+            for node in self._nodes:
+                if not self._anew:
+                    node.take(piece, frontier.whole[node.role], last)
+                self._note_tunings(node, piece)
+                self._note_skips(node, piece)
+            self.notes += [line for line in piece.missing if line not in self.notes]
+            if self._stopped:
+                raise KeyboardInterrupt
+            yield min(node.verdict.cycles for node in self._nodes)
+        newest = self._newest.get(self._nodes[0].role, -1)
+        if newest < self.cycle:
+            what = f"cycle {self.cycle} is not there, the log comes to cycle {newest}"
+            raise UserError(f"{path}: {what}; choose another --cycle")
+        for node in () if self._anew else self._nodes:
+            self._check(node)
+        if not self._anew:
+            hand_on([block.loop for block in self.blocks])
+        for node in self._nodes:
+            _let_go(node, self._later[node.role])
+
+    def _note_tunings(self, node: Comparison, piece: logs.Log) -> None:
+        """Keep the tunings of the log that come later."""
+        index = node.replay.plan.table.index
+        for entry in piece.node[node.role].tunings if node.role in piece.node else ():
+            cycle, name, value = tuning_of(entry)
+            if name in index and cycle > node.last:
+                node.replay.check_tuning(cycle, name, value)
+                self._later[node.role].append((cycle, index[name], value))
+
+    def _note_skips(self, node: Comparison, piece: logs.Log) -> None:
+        """Note where a node of the log skipped periods behind the branch, which does not."""
+        if node.role not in piece.node or not len(piece.node[node.role].cycle):
+            return
+        cycle = np.append(self._newest.get(node.role, -1), piece.node[node.role].cycle)
+        self._newest[node.role] = int(cycle[-1])
+        at = np.flatnonzero((np.diff(cycle) > 1) & (cycle[:-1] > node.last))
+        if len(at) and node.role not in self._skipped:
+            self._skipped.add(node.role)
+            count = cycle[at[0] + 1] - cycle[at[0]] - 1
+            what = f"the {node.role} of the log skipped {count} periods behind cycle"
+            self.notes.append(f"{what} {cycle[at[0]]}; the branch skips none")
+
+    def _check(self, node: Comparison) -> None:
+        """Raise UserError for a node that did not come to its cycle with the bits of the log."""
+        verdict, path = node.verdict, self.head.path
+        k, first = int(node.replay.block.loop.k), verdict.first()
+        if first is not None:
+            what = f"{first.name} in cycle {first.cycle} is recorded as {first.recorded}, "
+            what += f"recomputed it is {first.recomputed}: laws or versions have changed"
+            raise UserError(f"{path}: {node.role}: {what}; see `pcpc replay`")
+        if verdict.incomplete or verdict.dropped:
+            what = verdict.incomplete or f"{verdict.dropped} frames or events are missing"
+            raise UserError(f"{path}: {node.role}: {what}")
+        if k != node.last + 1:
+            what = f"cycle {node.last} is not there; it was skipped, or the log ends before"
+            raise UserError(f"{path}: {node.role}: {what}; choose another --cycle")
+
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Return by node the parameters that can be set, as variables of its table."""
+        return {
+            node.role: {one.name: one for one in node.replay.plan.table.variables
+                        if one.kind == "parameter"}
+            for node in self._nodes
+        }  # fmt: skip
+
+    def discard(self) -> None:
+        """Leave no log behind."""
+        if self.recorder is not None:
+            self.recorder.writer.file.close()
+            self.recorder.path.write_bytes(b"")  # an empty one goes with its folder
+
+    def change(self, changes: Sequence[Change]) -> None:
+        """Set parameters in the cycle of the branch, before what the log tunes there.
+
+        Call it before `before`. UserError: what the node would refuse.
+        """
+        for one in changes:
+            node = next(node for node in self._nodes if node.role == one.role)
+            place = node.replay.plan.table.index[one.name]
+            leads = node is self._nodes[0] or self._anew
+            at = self.cycle if leads else node.last + 2
+            self._later[one.role].append((max(at - one.early, 0), place, one.value))
+
+
+def hand_on(nodes: Sequence[Any]) -> None:
+    """Put what the node below the executive sent last into the inboxes of its neighbours.
+
+    All else was taken in the same cycle: each node works before the one above it.
+    """
+    end = nodes[1].wire
+    downwards = set(end.second[: end.n_second].tolist())
+    for frame in end.outbox[: end.outbox_put]:
+        into = nodes[2 * (int(frame[:4].view(np.uint32)[0]) in downwards)].wire
+        into.inbox[into.inbox_put % QUEUE_FRAMES] = frame
+        into.inbox_put += 1
+    for node in nodes:
+        node.wire.outbox_put = 0
+
+
+def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
+    """Let a node go on without a clock, with the tunings that come later."""
+    loop = node.replay.block.loop
+    loop.clock.kind, loop.clock.trigger = VIRTUAL, ON_FRAMES
+    loop.meeting.ordered = loop.wire.in_turn = 1
+    if len(later) > sh.MAX_SCHEDULE:
+        what = f"{len(later)} tunings of the {node.role} come later"
+        raise UserError(f"{node.path}: {what}; one branch takes {sh.MAX_SCHEDULE}")
+    later.sort(key=lambda row: row[0])
+    for i, (cycle, place, value) in enumerate(later):
+        loop.tuning.schedule[i] = (cycle, place)
+        loop.tuning.value[i] = value
+    loop.tuning.n, loop.tuning.done = len(later), 0
+
+
+# Which cycles of the nodes belong together
+
+
+def _last_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
+    """Return by node the last cycle before the executive's `cycle`; UserError if nothing tells it.
+
+    -1 where there is none.
+    """
+    if cycle < 0:
+        return dict.fromkeys(roles, -1)
+    paced = head.metadata[roles[0]].get("pacing", "") not in WITHOUT_CLOCK
+    below = _met(head, roles, cycle) if paced else dict.fromkeys(roles[1:], cycle)
+    return {roles[0]: cycle - 1} | below
+
+
+def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
+    """Return by node below the cycle whose frames the node above took, the executive's `cycle`."""
+    frames: dict[str, NDArray[Any]] = {role: np.empty(0, logs.FRAME) for role in roles}
+    for piece, _ in logs.pieces(head.path):
+        for role in (role for role in roles if role in piece.node):
+            frames[role] = np.concatenate((frames[role], piece.node[role].frames))[-_FRAMES_KEPT:]
+        if len(frames[roles[0]]) and frames[roles[0]]["cycle"][-1] > cycle + 2:
+            break
+    found: dict[str, int] = {}
+    for above, role in pairwise(roles):
+        here = found.get(above, cycle)
+        taken = frames[above][(frames[above]["direction"] == 1) & (frames[above]["cycle"] == here)]
+        sent = frames[role][frames[role]["direction"] == 0]
+        cycles = [_sender_cycle(one, sent) for one in taken]
+        known = [one for one in cycles if one >= 0]
+        if not known:
+            what = f"in cycle {here} the {above} took no frame of the {role}"
+            raise UserError(f"{head.path}: {what}; choose another --cycle")
+        found[role] = max(known)
+    return found
+
+
+def _sender_cycle(frame: Any, sent: NDArray[Any]) -> int:
+    """Return the cycle in which a received frame was sent, -1 if none of `sent` is it."""
+    same = (sent["id"] == frame["id"]) & (sent["data"] == frame["data"]).reshape(len(sent), -1).all(
+        1
+    )
+    before = np.flatnonzero(same & (sent["stamp_ns"] <= frame["stamp_ns"]))
+    return int(sent["cycle"][before[-1]]) if len(before) else -1

@@ -1,0 +1,235 @@
+"""`pcpc branch LOG --cycle N`: a recorded run that goes on differently, beside its parent."""
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import BusError, UserError
+from pcpc.executive.durations import duration_ns
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.executive.log.provenance import RIG_COMMIT, facts
+from pcpc.executive.loop.injection import FOR_EVER
+from pcpc.executive.nodes.planned_faults import STALL
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.standby import TO, laws
+from pcpc.tools.after.branch.branching import Branch, Change
+from pcpc.tools.after.compare.overlay import How
+from pcpc.tools.after.compare.recorded import compared
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.conclude import conclude
+from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.start.children import on_request
+from pcpc.tools.start.folder import LOG, run_folder
+from pcpc.tools.terminal.progress import Progress
+
+_LEADER = "executive"
+
+
+def command(options: argparse.Namespace) -> int:
+    """Branch `options.log`, judge the new run, print how it differs; return its exit code."""
+    path = Path(options.log)
+    head = logs.head(path)
+    if _LEADER not in head.node:
+        raise UserError(f"{path}: no record of the executive; a branch needs all nodes")
+    cycle = _cycle(head, options)
+    with tempfile.TemporaryDirectory(prefix="pcpc-branch-") as folder:
+        chosen = argparse.Namespace(
+            **vars(options) | {"controller": None, "set": _of_the_rig(head, options)}
+        )
+        try:
+            with log_rig.rig_of(head, Path(folder), chosen, whole=True) as rig:
+                return _branched(head, rig, cycle, options)
+        except BusError as error:  # the log's DBC, not a bus of this machine
+            raise UserError(str(error)) from None
+
+
+def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
+    judge = Judge.of(rig)
+    judged = columns_to_keep(judge, "lockstep", not options.no_figure)
+    outcome = Outcome("virtual", "memory", strict=options.judge)
+    asked = _asked(options)
+    settled = {one.partition("=")[0] for one in asked}
+    outcome.changed = [o for o in _of_the_parent(head) if o.partition("=")[0] not in settled]
+    outcome.changed += asked
+    progress = Progress(options.quiet)
+    progress.show(f"reading {head.path}")
+    about = _about(head, rig, cycle)
+    with run_folder(options.output, rig) as folder:
+        run = Branch(head, rig, cycle, about, folder / LOG, judged)
+        try:
+            run.change(changes(run, rig, options))
+            on_request(lambda *_: _stop(run, outcome))
+            _to_end(run, rig, outcome, progress)
+        except BaseException:
+            run.discard()
+            raise
+        for line in run.notes:
+            progress.say(line)
+        code = conclude(judge, folder, outcome, options, judged)
+        if not options.json:
+            how = How(figures=None if options.no_figure else folder)
+            found = compared(str(head.path), str(folder / LOG), how, progress)
+            sys.stdout.write(f"\n{found.text()}\n")
+        return code
+
+
+def _stop(run: Branch, outcome: Outcome) -> None:
+    outcome.interrupted = True
+    run.stop()
+
+
+def _to_end(run: Branch, rig: Rig, outcome: Outcome, progress: Progress) -> None:
+    """Recompute what was, then go on to the end; what came of it goes into the outcome."""
+    total = run.blocks[0].description["cycles"]
+    for cycles in run.before():
+        progress.show(f"recomputed {cycles}/{run.cycle}")
+    begin_s = time.monotonic()
+    try:
+        for cycles in run.advance():
+            speed = (cycles - run.cycle) / rig.config.rate_hz
+            speed /= max(time.monotonic() - begin_s, 1e-9)
+            progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
+        run.close()
+    except StepError as error:
+        if str(error):
+            print(error, file=sys.stderr)
+        run.close()
+    except RecordError as error:
+        outcome.missing.append(str(error))
+    progress.close()
+    for block in run.blocks:
+        outcome.judge(block.description["node"], 0, block)
+
+
+# What was asked for
+
+
+def _cycle(head: logs.Log, options: argparse.Namespace) -> int:
+    """Return the first cycle that is different; UserError for one that is none."""
+    if (options.cycle is None) == (options.time is None):
+        raise UserError("give --cycle N or --time S: from where on is it different?")
+    period_s = 1e-9 * float(head.node[_LEADER].description["period_ns"])
+    if options.time is not None and not 0.0 <= options.time < math.inf:
+        raise UserError(f"--time {options.time:g}: expected 0 s or more")
+    cycle = options.cycle if options.time is None else round(options.time / period_s)
+    if not 0 <= cycle < 2**53:
+        raise UserError(f"--cycle {cycle}: expected 0 or more")
+    return int(cycle)
+
+
+def _of_the_rig(head: logs.Log, options: argparse.Namespace) -> list[str]:
+    """Return what is asked for as settings of the rig: a longer run, one more law on standby."""
+    about = head.node[_LEADER].description
+    found = [] if options.duration is None else [f"duration_s={options.duration!r}"]
+    name, there = options.controller, [str(law) for law in about.get("laws", ())]
+    own = head.metadata[_LEADER].get("controller", "")
+    if name is not None and name not in (own, *there):
+        found.append(f"standby=[{','.join([*there[1:], name])}]")
+    return found
+
+
+def _asked(options: argparse.Namespace) -> list[str]:
+    """Return in words what is different."""
+    found = [f"fault {text}" for text in options.fault]
+    found += [] if options.controller is None else [f"controller={options.controller}"]
+    found += [] if options.duration is None else [f"duration_s={options.duration:g}"]
+    return found
+
+
+def _of_the_parent(head: logs.Log) -> list[str]:
+    """Return what the parent's command had changed; its tunings are in its log."""
+    own = summary_file.beside(head.path)
+    tunable = {name for node in head.node.values() for name in node.description["ranges"]}
+    return [one for one in own.changed if one.partition("=")[0] not in tunable] if own else []
+
+
+def _about(head: logs.Log, rig: Rig, cycle: int) -> dict[str, str]:
+    """Return the facts of the new log, its parent among them."""
+    config, parent = rig.config, head.metadata[_LEADER]
+    commit = {RIG_COMMIT: parent[RIG_COMMIT]} if RIG_COMMIT in parent else {}
+    return facts() | commit | {
+        "pacing": "virtual", "bus": "memory", "controller": config.controller,
+        "seed": str(config.seed), "rate_hz": repr(config.rate_hz),
+        "branch_of": str(head.path.resolve()), "branch_sha256": carried_files.sha256(head.path),
+        "branch_cycle": str(cycle),
+    }  # fmt: skip
+
+
+def changes(run: Branch, rig: Rig, options: argparse.Namespace) -> list[Change]:
+    """Return what is to be set in which node; UserError for what no node takes."""
+    known = run.parameters()
+    found = [_setting(known, text) for text in options.set]
+    for text in options.fault:
+        found += _begun(run, rig, text)
+    if options.controller is not None:
+        found.append(_taken_over(rig, options.controller))
+    names = [(one.role, one.name) for one in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"{name[1]}: given twice")
+    return found
+
+
+def _setting(known: Mapping[str, Mapping[str, Any]], text: str) -> Change:
+    """Return the change that `--set` asks for: [NODE:]NAME=VALUE."""
+    word, equals, number = text.partition("=")
+    role, colon, name = word.rpartition(":")
+    if not (equals and name):
+        raise UserError(f"--set {text!r}: expected NAME=VALUE")
+    if colon and role not in known:
+        raise UserError(f"--set {text}: no node {role}; known: {', '.join(known)}")
+    roles = [one for one in known if name in known[one] and role in ("", one)]
+    if not roles:
+        among = [name for one in known if role in ("", one) for name in known[one]]
+        what = f"--set {text}: no parameter {name}{did_you_mean(name, among)}"
+        raise UserError(f"{what}; a branch sets parameters that `pcpc set` would")
+    try:
+        value = float(number)
+    except ValueError:
+        raise UserError(f"--set {text}: {number!r} is not a number") from None
+    variable = known[roles[0]][name]
+    if not (math.isfinite(value) and variable.low <= value <= variable.high):
+        raise UserError(f"--set {text}: outside {variable.low:g}..{variable.high:g}")
+    return Change(roles[0], name, value)
+
+
+def _begun(run: Branch, rig: Rig, text: str) -> list[Change]:
+    """Return the changes that begin a fault of the rig in the nodes that have it.
+
+    As `planned_faults.moments_of`: what acts on frames is set in the cycle before.
+    """
+    name, _, length = text.partition(":")
+    if name not in rig.config.faults:
+        cure = did_you_mean(name, rig.config.faults) if rig.config.faults else ""
+        raise UserError(f"--fault {text}: no such fault{cure or '; its rig has no faults'}")
+    if rig.config.faults[name].kind == STALL:
+        raise UserError(f"--fault {text}: a stall on demand has no effect without a clock")
+    left = FOR_EVER
+    if length:
+        try:
+            left = float(round(duration_ns(length) * 1e-9 * rig.config.rate_hz))
+        except ValueError as error:
+            raise UserError(f"--fault {text}: {error}") from None
+    return [
+        Change(made.role, f"fault.{name}.left", left, int(one.acts_later))
+        for made in run.plans for one in made.faults if one.name == name
+    ]  # fmt: skip
+
+
+def _taken_over(rig: Rig, name: str) -> Change:
+    """Return the change by which a controller takes over."""
+    names = laws(rig.config)
+    if len(names) == 1:
+        raise UserError(f"--controller {name}: it is the controller of this run already")
+    return Change(_LEADER, TO, float(names.index(name)))

@@ -1,0 +1,37 @@
+"""Commands: branch."""
+
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import Add, Command
+
+
+def branch(add: Add) -> None:
+    """Take a log, a cycle, and what is different from there on."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("--cycle", type=int, metavar="N", help="first cycle that is different, of the executive")
+    add("--time", type=float, metavar="S", help="the same as a time of the run, s")
+    take.settings(add, "set a parameter there, as controller.kv_Nms_rad=130; NODE:NAME=VALUE "
+                       "where several nodes have it")  # fmt: skip
+    add("--controller", metavar="NAME", help="hand over to this controller there")
+    add("--fault", action="append", default=[], metavar="NAME[:DURATION]",
+        help="begin a fault of the rig there; without a duration to the end")  # fmt: skip
+    add("--duration", type=take.duration, metavar="DURATION",
+        help="length of the whole run; default: as the log's rig")  # fmt: skip
+    take.code_of_laws(add)
+    take.run_folder(add)
+
+
+COMMANDS = (
+    Command(
+        "branch",
+        "let a recorded run go on differently from a cycle on, its loop closed",
+        "pcpc branch latest --cycle 4000 --set controller.kv_Nms_rad=130\n"
+        "pcpc branch latest --time 2 --controller pid --duration 20s",
+        branch,
+        notes="All nodes go on in virtual time. The new run is complete from cycle 0.\n"
+        "Without a change the branch has the bits of a virtual or lockstep log.",
+        judges=True,
+        compiles=True,
+        reads_logs=True,
+        module="after.branch.cli",
+    ),
+)
