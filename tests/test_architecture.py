@@ -181,7 +181,11 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
     assert not wrong, wrong
 
 
-FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/make/template/test_motor.py")
+FOR_PYTEST = (
+    "tools/pytest_pcpc.py",
+    "tools/make/template/test_motor.py",
+    "tools/make/template/cart/test_cart.py",
+)
 FOR_WEB = {
     f"tools/live/host/{name}.py": {"starlette", "uvicorn"}
     for name in ("batched_socket", "clients", "requests", "server")
@@ -239,8 +243,10 @@ MORE = {"parameters.yaml", "rigs", "identification.py", "device", "book", "figur
 
 def test_what_pcpc_new_writes_and_the_shipped_systems_have_one_shape() -> None:
     """A system's further modules are parts of its model; a rig of its own has tests beside it."""
-    written = {path.name for path in (ROOT / "tools/make/template").iterdir()} - {"__pycache__"}
-    assert written - MORE == SHAPE | {"motor.dbc", "test_motor.py"}
+    for folder, rig in (("template", "motor"), ("template/cart", "cart")):
+        written = {path.name for path in (ROOT / "tools/make" / folder).iterdir()}
+        others = {"__pycache__", "cart"}
+        assert written - MORE - others == SHAPE | {f"{rig}.dbc", f"test_{rig}.py"}, folder
     systems = [path.parent for path in (ROOT / "plants").glob("*/rig.yaml")]
     shipped = [folder for folder in systems if folder.name != "probe"]  # which measures, no system
     assert len(shipped) == 10

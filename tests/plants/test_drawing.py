@@ -241,9 +241,12 @@ def test_every_plant_has_a_drawing() -> None:
     assert set(DRAWN) == rigs
 
 
-@pytest.mark.parametrize("folder", ["plants/probe", "tools/make/template"])
-def test_probe_and_template_are_drawn_where_they_are(folder: str) -> None:
-    rig = load_rig(ROOT / folder / "rig.yaml", settings=["duration_s=0.3"])
+@pytest.mark.parametrize(
+    "folder", ["plants/probe", "tools/make/template", "tools/make/template/cart"]
+)
+def test_probe_and_templates_are_drawn_where_they_are(folder: str) -> None:
+    lean = ["cart.start_rad=0.2"] if folder.endswith("cart") else []
+    rig = load_rig(ROOT / folder / "rig.yaml", settings=["duration_s=0.3", *lean])
     made = drawing_of(rig)
     assert made is not None
     columns = columns_of(made, in_memory(rig), rig.config.rate_hz)
@@ -251,7 +254,13 @@ def test_probe_and_template_are_drawn_where_they_are(folder: str) -> None:
         now = at(columns, row)
         found = made.scene(now, settings_of(rig))
         assert sound(found) and not any("no data" in word for word in words(found))
-        if "angle" in now:
+        if lean:
+            (rod,) = roles(found, "area", "moving")
+            (x, y), (top_x, top_y) = np.mean(rod[7:], axis=0), np.mean(rod[:7], axis=0)
+            lean_rad = math.atan2(top_x - x, top_y - y)
+            assert lean_rad == pytest.approx(now["angle"], abs=1e-12)
+            assert top_x + x == pytest.approx(2 * now["x"] + 0.6 * math.sin(lean_rad), abs=1e-12)
+        elif "angle" in now:
             (pointer,) = roles(found, "line", "moving")
             angle = math.atan2(pointer[1][1], pointer[1][0])
             assert math.remainder(angle - now["angle"], 2 * math.pi) == pytest.approx(0, abs=1e-12)

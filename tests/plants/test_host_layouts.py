@@ -1,4 +1,4 @@
-"""What the page shows first of a plant is recorded in all rigs, and in that of `pcpc new`."""
+"""What the page shows first of a plant is recorded in all rigs, and in those of `pcpc new`."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,8 @@ from pcpc.tools.live.host.sources import full
 from pcpc.tools.make.new import TEMPLATE
 from pcpc.tools.start.rigs import shipped_rigs
 
-RIGS = {rig.name: rig.path for rig in shipped_rigs()} | {"pcpc new": TEMPLATE / "rig.yaml"}
+RIGS = {rig.name: rig.path for rig in shipped_rigs()}
+RIGS |= {"pcpc new": TEMPLATE / "rig.yaml", "pcpc new --cart": TEMPLATE / "cart/rig.yaml"}
 
 
 @pytest.mark.parametrize("path", RIGS.values(), ids=RIGS)

@@ -1,14 +1,13 @@
 """Commands: new, dbc."""
 
-from pathlib import Path
-
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 
 def new(add: Add) -> None:
     """Take a folder, and what is to be in it."""
-    add("dir", type=Path, metavar="DIR", help="a new or empty folder; names the rig")
+    add("dir", nargs="?", metavar="DIR", help="a new or empty folder; names the rig")
+    add("--cart", action="store_true", help="a pole on a cart in place of the motor")
     add(
         "--device",
         action="store_true",
@@ -32,8 +31,8 @@ def dbc(add: Add) -> None:
 COMMANDS = (
     Command(
         "new",
-        "write a first rig of your own: a DC motor with an encoder",
-        "pcpc new my-motor\npcpc new my-motor --device",
+        "write a first rig of your own: a DC motor, or a pole on a cart",
+        "pcpc new my-motor\npcpc new my-motor --device\npcpc new --cart pole",
         new,
         codes={**BASIC_CODES, Exit.ENVIRONMENT: "cannot be written"},
         module="make.new",

@@ -1,13 +1,17 @@
-"""`pcpc new DIR`: a rig of the user's own, a DC motor with an encoder, to run and to change.
+"""`pcpc new DIR`: a rig of the user's own, a DC motor or a pole on a cart, to run and to change.
 
-Its files are those of template/, a rig like any other; only its name becomes the folder's.
-With `--device` also those of template/device, whose README.md continues the other one.
+Its files are those of template/, with `--cart` of template/cart, a rig like any other; only its
+name becomes the folder's. How to run it stands in the README.md of the motor, for both; the table
+of files of the cart is that below.
+With `--device` also those of template/device, whose README.md continues that of the motor.
 """
 
 import argparse
 import re
 import shlex
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -27,6 +31,16 @@ FILES = {
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",
 }
+CART_FILES = {
+    "rig.yaml": FILES["rig.yaml"],
+    "model.py": "the plant: drive, cart, pole, two encoders",
+    "laws/state_feedback.py": "the law: feedback of the full state, poles chosen",
+    "cart.dbc": FILES["motor.dbc"],
+    **{file: FILES[file] for file in ("evaluation.py", "drawing.py", "identification.py")},
+    "layout.json": FILES["layout.json"],
+    "test_cart.py": FILES["test_motor.py"],
+    "README.md": FILES["README.md"],
+}
 DEVICE_FILES = {
     "device.py": "the law as a program of its own, in place of the executive",
     "device.yaml": "the rig for it, or for your firmware",
@@ -41,15 +55,34 @@ NEXT = {
     "pytest": "its tests",
 }
 NEXT_DEVICE = "pcpc plant device.yaml --pacing lockstep --device python device.py {bus}"
+_TO_RUN = re.compile("(?<=\n)## Four ways to run it\n.*?(?=## )", re.DOTALL)  # in a README.md
 _NAME = re.compile("(?!-)[a-z0-9._-]{1,64}")  # of a rig
+
+
+@dataclass(frozen=True)
+class Template:
+    """A rig that is written: its folder, what it is, its files with what each is for."""
+
+    folder: Path
+    rig: str
+    what: str
+    files: Mapping[str, str]
+
+
+MOTOR = Template(TEMPLATE, "motor", "a DC motor with an encoder", FILES)
+CART = Template(TEMPLATE / "cart", "cart", "a pole on a cart", CART_FILES)
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the rig, and say what can be done with it."""
-    folder: Path = options.dir
-    write(folder, options.device)
-    print(f"{folder}: a rig of your own, a DC motor with an encoder")
-    files = FILES | (DEVICE_FILES if options.device else {})
+    template = CART if options.cart else MOTOR
+    if not options.dir:
+        flag = "--cart " if options.cart else ""
+        raise UserError(f"DIR is missing: name a new folder, as in pcpc new {flag}{template.rig}")
+    folder = Path(options.dir)
+    write(folder, options.device, template)
+    print(f"{folder}: a rig of your own, {template.what}")
+    files = {**template.files, **(DEVICE_FILES if options.device else {})}
     print("\n".join(screen.table([(f"  {name}", what) for name, what in files.items()])))
     print(f"next:\n  cd {shlex.quote(str(folder))}")
     print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
@@ -58,11 +91,14 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def write(folder: Path, device: bool = False) -> None:
+def write(folder: Path, device: bool = False, template: Template = MOTOR) -> None:
     """Write the rig into `folder`, which is new or empty, also for a device; UserError."""
+    if device and template is not MOTOR:
+        what = "--device writes a program for the motor; leave it out"
+        raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the cart's law")
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
-        cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or "motor"
+        cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or template.rig
         what = f"'{name}' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'"
         what += ", which is not its first" if name.startswith("-") else ""
         raise RigError(f"{folder}: {what}; try {cure}")
@@ -71,8 +107,9 @@ def write(folder: Path, device: bool = False) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
-        for file, text in _texts(device).items():
-            text = text.replace("rig: motor\n", f"rig: {name}\n") if file == "rig.yaml" else text
+        for file, text in _texts(template, device).items():
+            if file == "rig.yaml":
+                text = text.replace(f"rig: {template.rig}\n", f"rig: {name}\n")
             path = folder / file
             path.parent.mkdir(exist_ok=True)
             written.append(path)
@@ -91,11 +128,20 @@ def write(folder: Path, device: bool = False) -> None:
         raise UserError(what, code_of(error)) from None
 
 
-def _texts(device: bool) -> dict[str, str]:
+def _texts(template: Template, device: bool) -> dict[str, str]:
     """Return what is written, by file."""
-    texts = {file: (TEMPLATE / file).read_text(encoding="utf-8") for file in FILES}
+    texts = {file: _text(template.folder / file) for file in template.files}
+    if template is not MOTOR:
+        rows = [f"| `{file}` | {what} |\n" for file, what in template.files.items()]
+        shared = "| file | what |\n|---|---|\n" + "".join(rows[:-1])  # all but itself
+        shared += "\n" + _TO_RUN.findall(_text(TEMPLATE / "README.md"))[0]
+        texts["README.md"] = texts["README.md"].replace("## What one", f"{shared}## What one", 1)
     if device:
         more = TEMPLATE / "device"
-        texts |= {file: (more / file).read_text(encoding="utf-8") for file in DEVICE_FILES}
-        texts["README.md"] += (more / "README.md").read_text(encoding="utf-8")
+        texts |= {file: _text(more / file) for file in DEVICE_FILES}
+        texts["README.md"] += _text(more / "README.md")
     return texts
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8")

@@ -14,7 +14,24 @@ from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
-from pcpc.tools.make.new import DEVICE_FILES, FILES, NEXT, NEXT_DEVICE, TEMPLATE
+from pcpc.tools.make.new import CART, DEVICE_FILES, FILES, MOTOR, NEXT, NEXT_DEVICE, Template
+
+FIGURES = {  # of a README: its controller, the words around it, the figure
+    "motor": (
+        ("pid", r"within 30 mrad after (\S+) s", "settled_s"),
+        ("pd", r"holds the motor up to (\S+) mrad off", "rest_error_max_mrad"),
+    ),
+    "cart": (
+        ("state_feedback", r"goes back by (\S+) mm", "back_mm"),
+        ("state_feedback", r"by (\S+) mrad at most", "lean_max_mrad"),
+        ("state_feedback", r"within 4 mm after (\S+) s", "settled_s"),
+        ("state_feedback", r"stays within (\S+) mm:", "rest_error_max_mm"),
+        ("state_feedback", r"instead of (\S+) N", "force_max_N"),
+        ("soft", r"It needs (\S+) s", "settled_s"),
+        ("soft", r"and (\S+) N instead", "force_max_N"),
+    ),
+}
+LIMITS, CYCLES = {"motor": 5, "cart": 6}, {"motor": 1000, "cart": 5000}
 
 
 @pytest.fixture(scope="module")
@@ -26,26 +43,46 @@ def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module", params=[MOTOR, CART], ids=lambda one: one.rig)
+def template(request: pytest.FixtureRequest) -> Template:
+    """Return each kind of rig that can be written."""
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def new_rig(template: Template, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a new rig of this kind."""
+    folder = tmp_path_factory.mktemp("elsewhere") / f"my-{template.rig}"
+    done = pcpc("new", *(["--cart"] if template is CART else []), str(folder))
+    assert done.code == 0, str(done)
+    return folder
+
+
 def files_of(folder: Path) -> set[str]:
     found = (path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc")
     return {path.relative_to(folder).as_posix() for path in found}
 
 
-def test_every_file_of_the_template_is_written_and_named(motor: Path) -> None:
-    known = {name for name in files_of(TEMPLATE) if not name.startswith("device/")}
-    assert known == set(FILES) == files_of(motor)
-    told = (motor / "README.md").read_text(encoding="utf-8")
-    missing = [word for word in (*FILES, *NEXT) if word != "README.md" and f"{word}" not in told]
-    assert not missing, missing
-    assert "\nrig: my-motor\n" in (motor / "rig.yaml").read_text(encoding="utf-8")
+def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
+    others = ("device/", "cart/") if template is MOTOR else ("/",)
+    known = {name for name in files_of(template.folder) if not name.startswith(others)}
+    assert known == set(template.files) == files_of(new_rig)
+    told = (new_rig / "README.md").read_text(encoding="utf-8")
+    named = [word for word in (*template.files, *NEXT) if word != "README.md"]
+    assert not [word for word in named if word not in told], told
+    assert told.count("## Four ways to run it\n") == 1 and "\n\n\n" not in told
+    text = (new_rig / "rig.yaml").read_text(encoding="utf-8")
+    assert f"\nrig: my-{template.rig}\n" in text
 
 
-@pytest.mark.parametrize("more", [[], ["--device"]])
+@pytest.mark.parametrize("more", [[], ["--device"], ["--cart"]])
 def test_what_it_prints_fits_80_columns(tmp_path: Path, more: list[str]) -> None:
     done = pcpc("new", "my-motor", *more, cwd=tmp_path)
     long = [line for line in done.out.splitlines() if len(line) > 80]
     assert done.code == 0 and not long, long
-    assert done.out.splitlines()[-len(NEXT) - len(more) - 1] == "  cd my-motor", done.out
+    assert done.out.splitlines()[-len(NEXT) - more.count("--device") - 1] == "  cd my-motor", (
+        done.out
+    )
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +140,10 @@ def undisturbed(*words: str, folder: Path) -> Done:
 
 
 def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
-    motor: Path, tmp_path: Path
+    template: Template, new_rig: Path, tmp_path: Path
 ) -> None:
-    quiet = (str(motor), "--quiet", "--no-figure", "--judge")
+    quiet = (str(new_rig), "--quiet", "--no-figure", "--judge")
+    judged = f"verdict  ok ({LIMITS[template.rig]} limits judged)"
     bus = ("--bus", own_bus())
     lockstep = (*bus, "--pacing", "lockstep")
     for way, words in {
@@ -113,19 +151,19 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
         "lockstep": ("run", *quiet, *lockstep),
     }.items():  # fmt: skip
         done = undisturbed(*words, folder=tmp_path / way)
-        assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, f"{way}: {done}"
-    with Running("plant", str(motor), *lockstep) as plant:
+        assert done.code == 0 and judged in done.out, f"{way}: {done}"
+    with Running("plant", str(new_rig), *lockstep) as plant:
         done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))
         assert (done.code, plant.done().code) == (0, 0), f"{done}\n{plant}"
     states = [logs.payloads(tmp_path / way / "log.mcap", "/state")
               for way in ("virtual", "lockstep", "two")]  # fmt: skip
-    assert len(states[0]) == 1000 and states[0] == states[1] == states[2]
+    assert len(states[0]) == CYCLES[template.rig] and states[0] == states[1] == states[2]
     again = pcpc("replay", str(tmp_path / "real"), "--quiet")
     assert again.code == 0, str(again)
 
 
-def test_its_own_tests_pass(motor: Path) -> None:
-    pytest_of(motor)
+def test_its_own_tests_pass(new_rig: Path) -> None:
+    pytest_of(new_rig)
 
 
 def pytest_of(folder: Path, *files: str) -> None:
@@ -142,18 +180,14 @@ def pytest_of(folder: Path, *files: str) -> None:
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout + done.stderr
 
 
-def test_its_readme_says_the_figures_that_a_run_has(motor: Path, tmp_path: Path) -> None:
-    told = (motor / "README.md").read_text(encoding="utf-8")
-    for controller, form, name in (
-        ("pid", r"within 30 mrad after (\S+) s", "settled_s"),
-        ("pd", r"holds the motor up to (\S+) mrad off", "rest_error_max_mrad"),
-    ):
-        words = ("--controller", controller, "-o", str(tmp_path / controller))
-        done = pcpc("simulate", str(motor), "--json", "--quiet", "--no-figure", *words)
+def test_its_readme_says_the_figures_that_a_run_has(template: Template, new_rig: Path) -> None:
+    told = (new_rig / "README.md").read_text(encoding="utf-8")
+    for controller, form, name in FIGURES[template.rig]:
         found = re.search(form, told)
         assert found, form
         digits = len(found[1].partition(".")[2])
-        assert f"{done.summary['metrics'][name]:.{digits}f}" == found[1], str(done)
+        run = pcpc_api.simulate(new_rig, controller, quiet=True)
+        assert f"{run.metrics[name]:.{digits}f}" == found[1], (controller, name)
 
 
 @pytest.mark.parametrize(
@@ -178,3 +212,24 @@ def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
     assert done.code == code and why in done.err and len(done.err.splitlines()) == 1, str(done)
     assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]
     assert (tmp_path / "full" / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--cart"], "DIR is missing: name a new folder, as in pcpc new --cart cart"),
+        ([""], "DIR is missing: name a new folder, as in pcpc new motor"),
+        (["--cart", "full"], "full: is not empty; name a folder that is new or empty"),
+        (["--cart", "My Cart"], "'-'; try my-cart"),
+        (["--cart", "--", "--"], "which is not its first; try cart"),
+        (["--cart", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the"),
+    ],
+)
+def test_a_cart_that_cannot_be_is_refused_in_a_line_with_the_cure(
+    words: list[str], why: str, tmp_path: Path
+) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("mine")
+    done = pcpc("new", *words, cwd=tmp_path)
+    assert done.code == 2 and why in done.err and len(done.err.splitlines()) == 1, str(done)
+    assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]

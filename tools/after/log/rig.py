@@ -42,7 +42,7 @@ from pcpc.plants.judging import effective_rig
 MOST_UP = 64  # folders that a file may lie above its rig
 
 
-_DRAWINGS = "plants/*/drawing.py", "tools/make/template/drawing.py"
+_DRAWINGS = "plants/*/drawing.py", "tools/make/template/**/drawing.py"
 
 
 @dataclass(frozen=True)
