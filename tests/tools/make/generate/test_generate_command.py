@@ -15,6 +15,7 @@ from pcpc.tools.make.generate.closed import Closed, digest_of
 from pcpc.tools.make.generate.cost import step_cost
 from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.new import TEMPLATE
 from pcpc.tools.start.rigs import find, shipped_rigs
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
@@ -173,6 +174,18 @@ def test_a_loop_of_three_nodes_and_a_slow_one_have_the_digest_of_their_logs(
     builds.fixed_files(tmp_path)
     gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
     assert gcc.digest(tmp_path) == digest_of(in_memory(rig), closed.columns(), 90)
+
+
+@pytest.mark.parametrize("written", ["my-motor", "2 carts.new"])
+def test_a_folder_may_have_a_name_that_c_does_not_know(written: str, tmp_path: Path) -> None:
+    source = TEMPLATE / "cart" if "cart" in written else TEMPLATE
+    folder = shutil.copytree(source, tmp_path / written)
+    rig = load_rig(folder / "rig.yaml")
+    closed = Closed(rig)
+    write(closed.files(200), tmp_path / "c")
+    builds.fixed_files(tmp_path / "c")
+    gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
+    assert gcc.digest(tmp_path / "c") == digest_of(in_memory(rig), closed.columns(), 200)
 
 
 def test_the_cost_of_a_step_is_counted() -> None:

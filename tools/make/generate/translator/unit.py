@@ -22,6 +22,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     number_text,
 )
 from pcpc.tools.make.generate.translator.source import source_of
+from pcpc.tools.make.generate.words import identifier
 
 COLUMNS = 100
 ROLES = ("parameters", "states", "inputs", "outputs")
@@ -108,7 +109,7 @@ class Unit:
         file, _ = source_of(function)
         name = function.__name__.strip("_")
         stem = file.path.stem
-        stem = file.path.parent.name if stem == "model" else stem
+        stem = identifier(file.path.parent.name if stem == "model" else stem)
         return name if name.startswith(f"{stem}_") else f"{stem}_{name}"
 
     def _free(self, name: str) -> str:
