@@ -12,6 +12,7 @@ not notice. Rows that the ring lost before they were read are told, and are a lo
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -241,7 +242,8 @@ def command(options: argparse.Namespace) -> int:
         if scope.short:
             print(scope.short)
     if missed:
-        print(f"{missed} cycles lost: they were overwritten before they were read")
+        lost = f"{missed} cycles lost: they were overwritten before they were read"
+        print(lost, file=sys.stderr if options.json else sys.stdout)
     return Exit.LOSS if missed else Exit.OK
 
 

@@ -214,21 +214,22 @@ def test_without_a_trigger_there_is_no_file(run: Run, capsys: Screen, tmp_path: 
     assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.parametrize("jump", [0, 300_000])
+@pytest.mark.parametrize(("jump", "more"), [(0, []), (300_000, []), (300_000, ["--json"])])
 def test_rows_that_were_overwritten_are_a_loss(
-    jump: int, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    jump: int, more: list[str], capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, file = f"scoped.{os.getpid()}.executive", tmp_path / "burst.mcap"
     block, go_on = stepping(name, jump)
     monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
     try:
-        code = main([*WORDS, "-o", str(file), "--node", name])
+        code = main([*WORDS, "-o", str(file), "--node", name, *more])
     finally:
         standing.end_all()
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
     lost = jump + ROWS - len(block["record"]) + 1 if jump else 0
     assert code == (3 if jump else 0), out
-    assert (f"{lost} cycles lost" in out) == bool(jump), (out, lost)
+    assert (f"{lost} cycles lost" in (err if more else out)) == bool(jump), (out, lost)
+    assert not more or json.loads(out)["lost"] == lost, "nothing but JSON on stdout"
     if not jump:
         assert logs.read(file).node["executive"].cycle.tolist() == CAPTURED
 
