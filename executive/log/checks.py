@@ -39,6 +39,7 @@ _ENTRY: dict[str, Any] = {
     "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,
     "value": Number | str,
 }  # fmt: skip
+PARTS = tuple(_ENTRY)
 _NEEDED = ("cycle", "stamp_ns", "value")
 _NUMBER_TEXT = re.compile(r"-?(nan|inf)")
 _WHOLE = re.compile(r"-?[0-9]{1,19}")

@@ -7,7 +7,6 @@ loop: the plant does not answer) and shows how far that is from the record.
 """
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -27,6 +26,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.ulp import ulp_distance
 from pcpc.tools.after.replayed import Difference, Verdict, compare_frames
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import is_installed, part_of
@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
         raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
     progress.close()
     if options.json:
-        print(json.dumps([_plain(v) for v in verdicts], indent=1))
+        print(summary_file.text_of([_plain(v) for v in verdicts]))
     else:
         for verdict in verdicts:
             show(verdict, changed=bool(options.controller or options.set))

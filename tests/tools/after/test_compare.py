@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import Done, run_here
 
 import pcpc
@@ -50,7 +51,7 @@ def test_a_comparison_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
 
 def pairs(*words: str | Path, code: int) -> dict[str, Any]:
     """Return the pairs that `--json` tells, by rig."""
-    told = json.loads(compared(*words, "--json", "-", code=code).out)
+    told = holds("compare", compared(*words, "--json", "-", code=code).out)
     assert told["changed"] is any(pair["state"] != "equal" for pair in told["pairs"])
     return {f"{pair['rig']}/{pair['controller']}": pair for pair in told["pairs"]}
 

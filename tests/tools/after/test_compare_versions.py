@@ -1,6 +1,5 @@
 """`pcpc compare --against`: the rigs of two versions of a real git repository."""
 
-import json
 import os
 import re
 import shutil
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from json_schemas import holds
 from logcommand import Done, run_here
 from processes import ROOT, Running, alive, until
 
@@ -77,7 +77,7 @@ def compared(*words: str, code: int, against: str = "HEAD") -> Done:
 
 
 def pairs(*words: str, code: int) -> dict[str, Any]:
-    told = json.loads(compared(*words, "--json", "-", code=code).out)
+    told = holds("compare", compared(*words, "--json", "-", code=code).out)
     return {f"{pair['rig']}/{pair['controller']}".rstrip("/"): pair for pair in told["pairs"]}
 
 

@@ -1,7 +1,6 @@
 """Recorded runs recomputed from their log alone, bit for bit, through the command."""
 
 import argparse
-import json
 import os
 import shutil
 import signal
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from json_schemas import holds
 from processes import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
 
 from pcpc.executive.log import reader as logs
@@ -26,7 +26,7 @@ def replay(log: Path, *words: str) -> tuple[int, dict[str, dict[str, Any]]]:
     """Return exit code and verdict by node of `pcpc replay --json`."""
     done = pcpc("replay", str(log), "--json", "--quiet", *words)
     assert done.code in (0, 1), done
-    return done.code, {verdict["node"]: verdict for verdict in json.loads(done.out)}
+    return done.code, {verdict["node"]: verdict for verdict in holds("replay", done.out)}
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """What counts as the same run: each part of each frame that was sent, and each variable."""
 
 import argparse
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import PLANT, barrel_log, run_here
 from numpy.typing import NDArray
 
@@ -133,7 +133,7 @@ def told(log: Path) -> dict[str, Any]:
 )
 def test_a_replay_with_one_node_that_differs_is_not_met(setting: str, which: str) -> None:
     done = run_here("replay", barrel_log("pd"), "--json", "--quiet", "--set", setting)
-    identical = {one["node"]: one["identical"] for one in json.loads(done.out)}
+    identical = {one["node"]: one["identical"] for one in holds("replay", done.out)}
     assert identical == {role: role != which for role in ("executive", "plant")}, done
     assert done.code == 1, done
 

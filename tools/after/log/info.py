@@ -20,6 +20,7 @@ from pcpc.executive.log.provenance import RIG_COMMIT, rig_commits
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.foreign import survey
 from pcpc.tools.after.log.tally import DIRECTIONS, Tally
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal import document
 from pcpc.tools.terminal.progress import Progress
 
@@ -39,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
         raise
     progress.close()
     if options.json:
-        print(json.dumps(report, indent=2))
+        print(summary_file.text_of(report))
     else:
         show(report)
     return Exit.LOSS if report["missing"] else Exit.OK
@@ -130,7 +131,7 @@ def _some(texts: Sequence[str], most: int) -> list[str]:
     return [*texts[:most], *more]
 
 
-def _node_text(node: Mapping[str, int]) -> str:
+def _node_text(node: Mapping[str, int | None]) -> str:
     span = f" ({node['first']} to {node['last']})" if node["cycles"] else ""
     lost = f", {node['lost']} lost" if node["lost"] else ""
     return f"{node['cycles']} cycles{span}, {node['skipped']} skipped{lost}"

@@ -89,13 +89,13 @@ class Tally:
         for (topic, key), n in self._frames.items():
             yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, key >> 48, n
 
-    def cycles(self, topic: str) -> dict[str, int]:
+    def cycles(self, topic: str) -> dict[str, int | None]:
         """Return count, first and last of a node's cycles, and how many between are not there.
 
         `skipped`: the loop had no time for them, and says so; `lost`: the log has no row of them.
         """
         if topic not in self._steps:
-            return {"cycles": 0, "skipped": 0, "lost": 0}
+            return {"cycles": 0, "first": None, "last": None, "skipped": 0, "lost": 0}
         first, last = self._steps[topic]
         count = self.messages[topic]
         gone = max(last - first + 1 - count, 0)  # cycles out of order are none that are gone
@@ -159,7 +159,7 @@ class Tally:
     def entries(self, kind: str, zero_ns: int) -> list[dict[str, Any]]:
         """Return the events or tunings of both nodes by time, `time_s` after `zero_ns`."""
         found = [
-            (at_ns, {"time_s": (at_ns - zero_ns) / 1e9, "node": node, **entry})
+            (at_ns, {"time_s": (at_ns - zero_ns) / 1e9, "node": node, **_told(entry)})
             for node in logs.NODES
             for at_ns, entry in self._entries.get(logs.topic(node, kind), [])
         ]
@@ -169,6 +169,11 @@ class Tally:
         """Return messages and bytes, as they were before compression, of all topics."""
         names = [channel.topic for channel in self.found.channels.values()]
         return [{"topic": n, "messages": self.messages[n], "bytes": self.bytes[n]} for n in names]
+
+
+def _told(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what an event or a tuning is made of, without what others may have added."""
+    return {key: entry[key] for key in log_checks.PARTS if key in entry}
 
 
 def senseless(left_out: Mapping[str, int]) -> list[str]:

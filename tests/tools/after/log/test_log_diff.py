@@ -1,12 +1,12 @@
 """`pcpc log diff`: equal runs are equal bit for bit; of others it tells where they part."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import PLANT, barrel_log, run
 
 from pcpc.executive.log import reader as logs
@@ -35,7 +35,7 @@ def compared(a: Path, b: Path, *words: str, code: int) -> dict[str, Any]:
     """Return what `--json` says."""
     done = run("diff", a, b, *words, "--json")
     assert done.code == code, done
-    return json.loads(done.out)
+    return dict(holds("log diff", done.out))
 
 
 def test_same_run_again_is_equal_bit_for_bit(other: Any) -> None:

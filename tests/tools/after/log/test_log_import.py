@@ -1,6 +1,5 @@
 """`pcpc log import`: other people's recordings become logs; nothing is lost without a word."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import can
 import cantools
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import DBC, Done, barrel_log, run
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -166,7 +166,7 @@ def test_missing_and_corrupt_frames_are_counted(tmp_path: Path) -> None:
         del lines[i]
     recording.write_text("".join(lines))
     done, log = imported(recording, DBC, "--json")
-    counts = json.loads(done.out)
+    counts = holds("log import", done.out)
     assert (counts["lost"], counts["not_decoded"]) == (3, 1), counts
     values = log.node["executive"].columns["rx.FB_A.encoder"]
     assert abs(values).max() < 1.0, f"a corrupt encoder of {abs(values).max()} rad was decoded"

@@ -1,12 +1,12 @@
 """`pcpc log info`: what it tells is what the log holds, also of a log that is cut or not ours."""
 
-import json
 import os
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
+from json_schemas import holds
 from logcommand import PLANT, Done, barrel_log, run
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -21,7 +21,7 @@ def told(path: Path, code: int = 0) -> dict[str, Any]:
     """Return what `--json` says of a log."""
     done = run("info", path, "--json")
     assert done.code == code, done
-    return json.loads(done.out)
+    return dict(holds("log info", done.out))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_cut_log_is_described_as_far_as_it_goes(tmp_path: Path) -> None:
     assert "damaged or cut" in report["missing"][0], f"{report['missing']}"
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])  # within the only chunk
     report = told(tmp_path / "cut.mcap", code=3)
-    nothing = {"cycles": 0, "skipped": 0, "lost": 0}
+    nothing = {"cycles": 0, "first": None, "last": None, "skipped": 0, "lost": 0}
     assert report["nodes"]["executive"] == nothing, f"{report['nodes']}"
     assert report["rig"] == "slew10" and report["attachments"], f"{report}"
     assert "missing" in run("info", tmp_path / "cut.mcap").out
