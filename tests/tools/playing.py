@@ -1,6 +1,5 @@
 """A `pcpc play` in a process of its own, and who hears its bus."""
 
-import json
 import socket
 import subprocess
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from typing import Any
 import msgpack
 import numpy as np
 from copies import program
+from json_schemas import holds
 from processes import ROOT
 
 from pcpc.drivers.can import bus as buses
@@ -65,7 +65,7 @@ class Playing:
         """Return exit code, the printed JSON and stderr."""
         out, err = self.process.communicate(text, timeout=ENOUGH_S)
         assert out, f"{self.process.returncode}, no result: {err}"
-        return self.process.returncode, json.loads(out), err
+        return self.process.returncode, dict(holds("play", out)), err
 
     def __enter__(self) -> "Playing":
         return self

@@ -5,7 +5,6 @@ A signal that is sent but wired to nothing carries 0: a warning.
 """
 
 import argparse
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +24,7 @@ from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import Judge, check
 from pcpc.tools.start.bus import traffic
@@ -50,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
     report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
     report["warnings"] += _try_drawing(rig)
     if options.json:
-        print(json.dumps(report, indent=2))
+        print(summary_file.text_of(report))
     else:
         show(report)
     return Exit.OK

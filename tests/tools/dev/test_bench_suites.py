@@ -1,7 +1,6 @@
 """The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
 
 import ctypes
-import json
 import resource
 import sys
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from free_bus import own_bus
+from json_schemas import holds
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.wire import FRAME, get_frame, put_frame
@@ -234,7 +234,7 @@ def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
     table = tmp_path / "ratios.json"
     words = ["bench", "codec", "steps", "--rounds", "1", "--quiet", "--json", str(table)]
     assert main(words) == 0
-    suites = [row["suite"] for row in json.loads(table.read_text())]
+    suites = [row["suite"] for row in holds("bench", table.read_text())]
     assert suites[0] == "codec" and suites[-1] == "steps", f"{suites}"
     assert capfd.readouterr().out.count("ratio") == len(suites)
 

@@ -1,6 +1,5 @@
 """`pcpc doctor`: it says what really happens on this machine, and changes nothing."""
 
-import json
 import os
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from json_schemas import holds
 
 from pcpc.drivers.can import bus
 from pcpc.drivers.machine import claim
@@ -43,7 +43,7 @@ def refused() -> dict[str, Any]:
     command = [sys.executable, "-c", UNPRIVILEGED]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = holds("doctor", done.stdout)
     return found
 
 

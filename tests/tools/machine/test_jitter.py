@@ -4,7 +4,6 @@ Times are never asserted, only ratios of loops that ran in turn: the machine may
 """
 
 import dataclasses
-import json
 import re
 import tempfile
 from functools import cache
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import Done, run_here
 from processes import blocks_left, own_bus
 
@@ -60,7 +60,7 @@ def compared() -> tuple[Done, dict[str, Any], bytes]:
     words = ("-D", "1s", "--rounds", "2", "--against", names, "--bus", own_bus(), "-h", "40")
     done = run(*words, f"--json={data}", "--plot", picture)
     assert done.code == 0, done
-    return done, json.loads(data.read_text()), picture.read_bytes()
+    return done, holds("jitter", data.read_text()), picture.read_bytes()
 
 
 def result(probe: jitter_probe.Probe, setup: Setup) -> Result:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 from logcommand import Done, run_here
 from processes import own_bus
 from scipy.stats import binom
@@ -274,7 +275,7 @@ def test_limits_are_judged_on_a_measurement_of_the_product(tmp_path: Path) -> No
     done = run_here("jitter", "-q", *words)
     assert done.code == 1 and f"limits of {file}\n" in done.out, done
     assert [x for x in done.out.splitlines() if len(x) > 80 and str(file) not in x] == [], done
-    told = json.loads(data.read_text())
+    told = holds("jitter", data.read_text())
     assert [one["verdict"] for one in told["limits"]] == [HELD, BROKEN, TOO_FEW], told["limits"]
     assert told["nines_us"]["wake"]["cycles"] == 400
     assert set(told["nines_us"]["wake"]) == {"cycles", "99"}

@@ -1,11 +1,11 @@
 """`pcpc check`: what it says about a rig is what the rig and its DBC file say."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 
 from pcpc import simulate
 from pcpc.drivers.can import dbc
@@ -34,7 +34,7 @@ def report(screen: Screen, *words: str) -> dict[str, Any]:
     code = main(["check", *words, "--json"])
     out, err = screen.readouterr()
     assert code == 0, err
-    found: dict[str, Any] = json.loads(out)
+    found: dict[str, Any] = holds("check", out)
     return found
 
 

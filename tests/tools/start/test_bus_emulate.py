@@ -11,6 +11,7 @@ from typing import Any
 
 import can
 import pytest
+from json_schemas import holds
 from processes import DEADLINE_S, PCPC, own_bus, until
 
 from pcpc.drivers.can import bus as buses
@@ -78,7 +79,7 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
         gateway.send_signal(signal.SIGINT)
         out, _ = gateway.communicate(timeout=60.0)
     assert gateway.returncode == 130
-    found: dict[str, Any] = json.loads(out)
+    found: dict[str, Any] = holds("bus", out)
     assert [side["sent"] for side in found["sides"]] == [50, 0]
     assert found["bitrate"] == 125_000 and found["not_taken"] == 0
     assert found["sides"][0]["longest_us"] >= 8 * 108 and found["sides"][0]["lost_off"] == 0

@@ -1,12 +1,12 @@
 """`pcpc bus`: what it says of a rig's frames, and who else warns of what it finds."""
 
-import json
 from collections.abc import Sequence
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import pytest
+from json_schemas import holds
 from processes import own_bus, pcpc
 
 from pcpc.drivers.can import dbc
@@ -110,7 +110,7 @@ def report(screen: Screen, *words: str, code: int = 0) -> dict[str, Any]:
     given = main(["bus", *words, "--json"])
     out, err = screen.readouterr()
     assert (given, err) == (code, ""), err
-    found: dict[str, Any] = json.loads(out)
+    found: dict[str, Any] = holds("bus", out)
     return found
 
 

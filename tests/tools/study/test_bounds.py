@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from json_schemas import holds
 from processes import pcpc
 
 import pcpc as pcpc_package
@@ -34,7 +35,7 @@ def test_a_log_says_what_its_rig_says(log: Path, tmp_path: Path) -> None:
     of_log = pcpc("bounds", str(log), "--json", "--plot", str(picture))
     of_rig = pcpc("bounds", "friction-c", "--set", SHORT, "--json")
     assert of_log.code == of_rig.code == 0, of_log
-    found = json.loads(of_log.out)
+    found = holds("bounds", of_log.out)
     assert found == json.loads(of_rig.out)
     assert found["theorem"] == "Theorem 3.2.2" and found["holds"]
     assert picture.stat().st_size > 20_000
@@ -78,7 +79,7 @@ def test_a_rate_that_a_log_was_set_to_is_judged_and_told(log: Path, tmp_path: Pa
         assert f"by --set   {told}: the theorem is judged with" in done.out, done
         assert "holds      weights move as the proof has them move" in done.out, done
         assert done.code == code and max(map(len, done.out.splitlines())) <= 80, done
-        assert json.loads(pcpc("bounds", str(path), "--json").out)["rates_set"] == [told]
+        assert holds("bounds", pcpc("bounds", str(path), "--json").out)["rates_set"] == [told]
     assert "by --set" not in pcpc("bounds", str(log)).out
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import BusError, Exit, UserError
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.dev.bench.commands import NEEDS, SUITES
 from pcpc.tools.machine.jitter.compiler import BenchError, find
 from pcpc.tools.start.native import native
@@ -43,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
         found, code = _in_processes(names, options)
     if options.json:
         try:
-            options.json.write_text(json.dumps(found, indent=1) + "\n")
+            options.json.write_text(summary_file.text_of(found) + "\n")
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(options.json)) from None
     return Exit.ENVIRONMENT if missing else code

@@ -116,13 +116,15 @@ def judged_run(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any
             wrong += early_end(Path(folder) / "run", settings["duration_s"])
         row["settled"] = settled_memory(memory)
         row["wrong"] += wrong + growing_memory(row["settled"])
-        if row["wrong"]:
+        if row["wrong"] and (Path(folder) / "run").is_dir():
             row["wrong"].append(f"its log: {_kept_folder(Path(folder) / 'run', loaded)}")
     return row
 
 
 def early_end(run: Path, for_s: float) -> list[str]:
     """Return that a run which waits in FAULT ended before its last cycle though nobody asked."""
+    if not (run / "summary.json").is_file():
+        return []  # it came to none, and its exit code is told
     summary = json.loads((run / "summary.json").read_text())
     done_s = summary["cycles"] / summary["rate_hz"]
     if done_s > for_s - _STALL_S:

@@ -35,7 +35,10 @@ def plain(name: str, controller: str, account: Account) -> dict[str, object]:
         **{key: value if math.isfinite(value) else None for key, value in figures.items()},
         "bound": {key: _finite(value) for key, value in vars(account.own).items()},
         "bound_of_constants": {key: _finite(value) for key, value in vars(account.stated).items()},
-        "constants": vars(proof.constants),
+        "constants": {
+            key: _finite(value) if isinstance(value, float) else value
+            for key, value in vars(proof.constants).items()
+        },
         "weights": {
             one.name: {
                 "declared": one.rate,
@@ -51,8 +54,8 @@ def plain(name: str, controller: str, account: Account) -> dict[str, object]:
     }
 
 
-def _sums(account: Account, terms: Mapping[str, Vector]) -> dict[str, float]:
-    return {key: float(values[:-1] @ account.period_s) for key, values in terms.items()}
+def _sums(account: Account, terms: Mapping[str, Vector]) -> dict[str, float | None]:
+    return {key: _finite(float(values[:-1] @ account.period_s)) for key, values in terms.items()}
 
 
 def _finite(value: float) -> float | None:

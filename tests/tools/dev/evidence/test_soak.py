@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import in_memory
@@ -48,6 +49,7 @@ def test_runs_in_virtual_time_and_on_a_clock_keep_every_promise(rig: Path) -> No
     assert virtual["wrong"] == paced["wrong"] == [], (virtual, paced)
     assert virtual["cycles"] == 3001 and virtual["tuned"] == 3 and virtual["faults"] == 2, virtual
     assert paced["tuned"] >= 5 and paced["faults"] >= 1 and paced["cycles"] > 1000, paced
+    assert all(holds("soak", json.dumps(row)) for row in (virtual, paced))
     told = soak.summary_lines([virtual, paced])
     assert told[0].startswith("2 runs, 1 of them on a clock, "), told
     assert "no run lasted long enough" in told[-1] and max(map(len, told)) <= 80, told
@@ -61,7 +63,7 @@ def test_the_log_of_a_run_with_an_error_is_kept_and_named(
     options = argparse.Namespace(rig=str(rig), seed=1, hours=0.0, each=1.0, json=True, quiet=False)
     assert soak.command(options) == 1
     out, err = capsys.readouterr()
-    row = json.loads(out)  # one row a line
+    row = holds("soak", out)  # one row a line
     assert row["wrong"][0] == "the moon is missing" and "run 0: the moon is missing" in err
     kept = Path(row["wrong"][1].removeprefix("its log: "))
     assert kept.parent == Path("runs") and logs.read(kept / "log.mcap").node, row
@@ -77,6 +79,14 @@ def test_the_memory_of_every_process_of_a_run_is_looked_at(rig: Path, tmp_path: 
     finally:
         child.end(60.0)
     assert held.keys() == {"host", "executive", "plant", "recorder"} and min(held.values()) > 10_000
+
+
+def test_a_run_that_cannot_begin_is_told_with_its_reason(rig: Path, tmp_path: Path) -> None:
+    path = tmp_path / "soak.yaml"
+    path.write_text(f"{rig.read_text()}bus: {{interface: socketcan, channel: nowhere}}\n")
+    row = soak.judged_run(str(path), 1, 1, each_s=1.5)
+    code, *why = holds("soak", json.dumps(row))["wrong"]
+    assert code == "exit 4" and any("nowhere" in line for line in why), row
 
 
 def test_a_run_that_ends_by_itself_is_told(tmp_path: Path) -> None:
@@ -148,4 +158,4 @@ def test_the_command_takes_hours_and_tells_rows_as_json(
     monkeypatch.setattr(soak, "judged_run", lambda *_: row)
     assert cli.main(["soak", str(rig), "--hours", "1e-15", "--json", "--quiet"]) == 1
     rows = capsys.readouterr().out.splitlines()  # one and more: the clock says how many
-    assert rows and all(json.loads(one) == row for one in rows)
+    assert rows and all(holds("soak", one) == row for one in rows)
