@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from json_schemas import holds
+from json_schemas import holds, validator, without_a_key_or_with_another
 from live_run import pcpc as started
 from logcommand import run_here
 from processes import ROOT, own_bus, until
@@ -51,10 +51,13 @@ def node(live: pcpc.Live, role: str = "executive") -> Live:
 
 
 def told(command: str, *words: str, at: str = "") -> Any:
-    """Return what a command prints, which its schema has to hold of."""
+    """Return what a command prints, which its schema has to hold of, but not with a new key."""
     done = run_here(command, *words, "--json", *(("--node", at) if at else ()))
     assert done.code == 0, done.err
-    return holds(command, done.out)
+    found = holds(command, done.out)
+    *_, (_, with_a_new_key) = without_a_key_or_with_another(found)
+    assert not validator(command).is_valid(with_a_new_key), done
+    return found
 
 
 def refused(code: int, command: str, *words: str) -> None:

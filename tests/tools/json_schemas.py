@@ -1,6 +1,7 @@
 """The schemas of docs/reference/schemas, which may refer to each other, and what they hold of."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,3 +34,11 @@ def holds(command: str, text: str) -> Any:
     told = strictly(text)
     validator(command).validate(told)
     return told
+
+
+def without_a_key_or_with_another(told: Any) -> Iterator[tuple[str, Any]]:
+    """Yield what was printed without each key of its outermost object, and with a new one."""
+    one, more = (told[0], told[1:]) if isinstance(told, list) else (told, None)
+    changed = {key: {k: v for k, v in one.items() if k != key} for key in one}
+    for key, other in {**changed, "new": {**one, "new": 1}}.items():
+        yield key, other if more is None else [other, *more]

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from json_schemas import holds
 from processes import own_bus, pcpc
 from reference_fmus import fmu, rig
 
@@ -81,7 +82,7 @@ def test_a_wrong_fmu_is_one_line(tmp_path: Path) -> None:
 
 def test_check_tells_what_it_is_and_whether_it_keeps_up(echo: Path) -> None:
     done = pcpc("check", str(echo), "--json")
-    (about,) = json.loads(done.out)["nodes"]["plant"]["fmus"]
+    (about,) = holds("check", done.out)["nodes"]["plant"]["fmus"]
     assert (about["model"], about["fmi"], about["period_us"]) == ("Feedthrough", "3.0", 5000.0)
     text = pcpc("check", str(echo)).out
     assert "real-time capable: " in text and "FMU Feedthrough, FMI 3.0" in text
