@@ -9,7 +9,7 @@ loop: the plant does not answer) and shows how far that is from the record.
 import argparse
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL, Frontier
 from pcpc.executive.nodes.fmus import step_of
-from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
+from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay, Slice
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log import rig as log_rig
@@ -97,7 +97,7 @@ class Comparison:
         self.role, self.last, self._each = role, last, each
         self.is_there = False  # at its last cycle
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
-        pacing = head.metadata[role].get("pacing", "lockstep")
+        pacing, self.branched = prefix_of(head, role)
         external = [str(name) for name in about.get("external", [])]
         steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
         fmus = {name: step.model for name, step in steps.items() if step and not step.file}
@@ -132,6 +132,13 @@ class Comparison:
         if last and self.last == ALL:
             _told_as_missing(self.verdict, self.recorded.left)
 
+    def _parts(self, whole: int, last: bool) -> Iterator[Slice]:
+        """Yield what is complete up to cycle `whole`, first what a branch took from its log."""
+        if whole >= self.branched >= 0:
+            yield from self.recorded.take(min(self.branched, self.last), True)
+            self.replay.without_clock()
+        yield from self.recorded.take(min(whole, self.last), last or whole >= self.last)
+
     def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
         verdict = self.verdict
         verdict.missing += piece.missing
@@ -143,7 +150,7 @@ class Comparison:
             except logs.LogError as error:
                 verdict.incomplete = str(error)
                 return
-        for part in self.recorded.take(min(whole, self.last), last or whole >= self.last):
+        for part in self._parts(whole, last):
             verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
             if verdict.incomplete:
                 return
@@ -166,6 +173,13 @@ class Comparison:
                 verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
         self.is_there = whole >= self.last
         verdict.spent_s = time.monotonic() - self._begin_s
+
+
+def prefix_of(head: logs.Log, role: str) -> tuple[str, int]:
+    """Return how a node was paced, and up to which cycle of a branch; -1 if to the end."""
+    about = head.metadata[role]
+    pacing, last = about.get("pacing", "lockstep"), about.get("branch_last", "")
+    return (about.get("branch_pacing", pacing), int(last)) if last.isdecimal() else (pacing, -1)
 
 
 def _dropped(head: logs.Log, role: str) -> int:

@@ -12,6 +12,7 @@ whose frames the executive took in N - 2.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -25,13 +26,13 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
-from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted, sidecar
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import ON_FRAMES, VIRTUAL
 from pcpc.executive.nodes.replay import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.replay import Comparison
+from pcpc.tools.after.replay import Comparison, prefix_of
 
 _FIRST = 3  # cycle that has something to recompute before it
 _FRAMES_KEPT = 1 << 14  # of a node, newest last: some hundred cycles
@@ -63,13 +64,16 @@ class Branch(VirtualRun):
         absent = [role for role in rig.roles if role not in head.node]
         if absent:
             raise UserError(f"{head.path}: no record of the {absent[0]}; a branch needs all nodes")
+        if head.metadata.get("run", {}).get("discarded", "0") != "0":
+            what = "record.keep: it holds a part of its run, which cannot be recomputed"
+            raise UserError(f"{head.path}: {what}")
         if rig.config.bus.emulate is not None:
             what = "bus.emulate: what waits on the emulated line is in no log"
             raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
         lasts = _last_cycles(head, rig.roles, -1 if self._anew else cycle - 2)
         self._nodes = [
-            Comparison(head, rig, role, lasts[role], metadata.copy(), self._drain)
-            for role in rig.roles
+            Comparison(head, rig, role, last, metadata | _prefix(head, role, last), self._drain)
+            for role, last in lasts.items()
         ]
         for node in self._nodes:
             if node.external:
@@ -99,8 +103,8 @@ class Branch(VirtualRun):
             yield min(node.verdict.cycles for node in self._nodes)
         newest = self._newest.get(self._nodes[0].role, -1)
         if newest < self.cycle:
-            what = f"cycle {self.cycle} is not there, the log comes to cycle {newest}"
-            raise UserError(f"{path}: {what}; choose another --cycle")
+            comes = f"the log comes to cycle {newest}" if newest >= 0 else "the log holds none"
+            raise UserError(f"{path}: cycle {self.cycle} is not there, {comes}")
         for node in () if self._anew else self._nodes:
             self._check(node)
         if not self._anew:
@@ -154,10 +158,14 @@ class Branch(VirtualRun):
         }  # fmt: skip
 
     def discard(self) -> None:
-        """Leave no log behind."""
+        """Leave no log behind, nor columns beside it."""
         if self.recorder is not None:
-            self.recorder.writer.file.close()
-            self.recorder.path.write_bytes(b"")  # an empty one goes with its folder
+            path = self.recorder.path
+            with suppress(OSError):
+                self.recorder.writer.file.close()
+            for name in self.recorder.judged:
+                sidecar(path, name).unlink(missing_ok=True)
+            path.write_bytes(b"")  # an empty one goes with its folder
 
     def change(self, changes: Sequence[Change]) -> None:
         """Set parameters in the cycle of the branch, before what the log tunes there.
@@ -208,13 +216,25 @@ def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
 def _last_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node the last cycle before the executive's `cycle`; UserError if nothing tells it.
 
-    -1 where there is none.
+    -1 where there is none. Behind the cycle of a branch all nodes go on side by side.
     """
     if cycle < 0:
         return dict.fromkeys(roles, -1)
-    paced = head.metadata[roles[0]].get("pacing", "") not in WITHOUT_CLOCK
-    below = _met(head, roles, cycle) if paced else dict.fromkeys(roles[1:], cycle)
+    pacing, branched = prefix_of(head, roles[0])
+    if pacing in WITHOUT_CLOCK:
+        below = dict.fromkeys(roles[1:], cycle)
+    elif 0 <= branched < cycle:
+        below = {role: prefix_of(head, role)[1] + cycle - 1 - branched for role in roles[1:]}
+    else:
+        below = _met(head, roles, cycle)
     return {roles[0]: cycle - 1} | below
+
+
+def _prefix(head: logs.Log, role: str, last: int) -> dict[str, str]:
+    """Return what a replay of the branch has to know of a node's cycles before it."""
+    pacing, branched = prefix_of(head, role)
+    last = min(last, branched) if branched >= 0 else last
+    return {"branch_pacing": pacing, "branch_last": str(last)} if last >= 0 else {}
 
 
 def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
@@ -230,7 +250,9 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
         here = found.get(above, cycle)
         taken = frames[above][(frames[above]["direction"] == 1) & (frames[above]["cycle"] == here)]
         sent = frames[role][frames[role]["direction"] == 0]
-        cycles = [_sender_cycle(one, sent) for one in taken]
+        ours, theirs = prefix_of(head, above)[1], prefix_of(head, role)[1]
+        near = here + theirs - ours if ours >= 0 else None
+        cycles = [_sender_cycle(one, sent, near) for one in taken]
         known = [one for one in cycles if one >= 0]
         if not known:
             what = f"in cycle {here} the {above} took no frame of the {role}"
@@ -239,10 +261,12 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     return found
 
 
-def _sender_cycle(frame: Any, sent: NDArray[Any]) -> int:
-    """Return the cycle in which a received frame was sent, -1 if none of `sent` is it."""
-    same = (sent["id"] == frame["id"]) & (sent["data"] == frame["data"]).reshape(len(sent), -1).all(
-        1
-    )
-    before = np.flatnonzero(same & (sent["stamp_ns"] <= frame["stamp_ns"]))
-    return int(sent["cycle"][before[-1]]) if len(before) else -1
+def _sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:
+    """Return the cycle in which a received frame was sent, -1 for none.
+
+    The last one before it by their stamps; in a branch, which has no clock, the one nearest `near`.
+    """
+    same = sent[(sent["id"] == frame["id"]) & (sent["data"] == frame["data"]).all(axis=1)]
+    if near is None:
+        same = same[same["stamp_ns"] <= frame["stamp_ns"]][-1:]
+    return int(same["cycle"][np.argmin(np.abs(same["cycle"] - (near or 0)))]) if len(same) else -1

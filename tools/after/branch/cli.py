@@ -63,7 +63,6 @@ def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace)
     outcome.changed = [o for o in _of_the_parent(head) if o.partition("=")[0] not in settled]
     outcome.changed += asked
     progress = Progress(options.quiet)
-    progress.show(f"reading {head.path}")
     about = _about(head, rig, cycle)
     with run_folder(options.output, rig) as folder:
         run = Branch(head, rig, cycle, about, folder / LOG, judged)

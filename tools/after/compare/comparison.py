@@ -28,6 +28,8 @@ _HEAD = "rig", "first difference", "metric", "old", "new", "change"
 _SAME = {EQUAL: "equal to the bit", UNCHANGED: "unchanged, not run"}
 _APART = {ALONE: "on one side only", FAILED: "not compared"}
 
+_MOST_PERCENT = 1e6
+
 
 @dataclass
 class Comparison:
@@ -219,4 +221,6 @@ def _percent(one: Change) -> str:
     percent = 100 * one.relative
     if math.isnan(percent):
         return ""
+    if abs(percent) >= _MOST_PERCENT:
+        return f"{percent:+.1e} %"
     return f"{percent:+.1f} %" if abs(percent) >= 0.1 else f"{percent:+.1g} %"

@@ -111,6 +111,27 @@ def test_a_run_in_lockstep_goes_on_with_its_bits(rig: str, tmp_path: Path) -> No
             assert record(new)[role][1] == frames, (role, n)
 
 
+@pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
+def test_a_paced_run_goes_on_from_its_bits_and_can_be_replayed(rig: str, tmp_path: Path) -> None:
+    """What it went on from is in the log; when frames come afterwards is the machine's affair."""
+    done = pcpc("run", rig, "--pacing", "real", "--set", "duration_s=0.5", "--no-figure",
+                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    parent = tmp_path / "a/log.mcap"
+    before = logs.read(parent).node["executive"]
+    if 240 not in before.cycle[2:-2]:
+        pytest.fail(f"the machine did not come to cycle 240: {done}")
+    first = branched(parent, tmp_path / "b", "--cycle", "240")
+    again = branched(first, tmp_path / "c", "--cycle", "120")
+    later = branched(first, tmp_path / "d", "--cycle", "300")
+    for path, n in ((first, 239), (again, 119), (later, 239)):
+        rows, old = logs.read(path).node["executive"], before.cycle < n
+        for name, values in before.columns.items():
+            new = rows.columns[name][rows.cycle < n]
+            assert new.tobytes() == values[old].tobytes(), (path, name)
+        assert run_here("replay", path, "--quiet").code == 0, path
+    assert record(later) == record(first)
+
+
 def test_a_change_is_what_the_same_change_in_the_schedule_is(tmp_path: Path) -> None:
     parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=1")
     new = branched(parent, tmp_path / "b", "--cycle", "400", "--set", "controller.kv_Nms_rad=150")
