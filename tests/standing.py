@@ -8,6 +8,7 @@ from typing import Any
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.loop.requests import Refusal
 
 _SLICE_S = 0.01
 _GRANT_S = 0.001  # a period
@@ -62,14 +63,14 @@ def granting(*blocks: sh.Shared) -> Iterator[list[tuple[str, dict[str, float]]]]
     def loop() -> None:
         while not over.wait(_GRANT_S):
             for block in blocks:
-                mail, answer = block["mail"], block["answer"]
-                if (request := int(mail[sh.REQUEST])) != answer[sh.ACK]:
-                    asked = slice(int(mail[sh.COUNT]))
+                mail, answer = block.mail, block.answer
+                if (request := int(mail.request)) != answer.request:
+                    asked = slice(int(mail.count))
                     index, value = block["mail_index"][asked], block["mail_value"][asked]
                     names = [block.description["variables"][place][0] for place in index]
                     granted.append((block.name, dict(zip(names, value.tolist(), strict=True))))
                     block["snapshot"][index] = value
-                    answer[sh.REFUSAL], answer[sh.ACK] = sh.ACCEPTED, request
+                    answer.refusal, answer.request = Refusal.ACCEPTED, request
 
     for block in blocks:
         block.control.passes = 1

@@ -41,9 +41,10 @@ def _untyped(function: Any) -> Any:
 if not LOOP_INTERPRETED:
     from numba import extending
 
-    from pcpc.drivers.compiled.views import data
+    from pcpc.drivers.compiled.views import Fields, address_of, data
 
     intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
+    literal_intrinsic: Any = extending.intrinsic(prefer_literal=True)  # type: ignore[call-arg]
 
     def _external(name: str) -> Any:
         result, *arguments = _SIGNATURES[name]
@@ -65,28 +66,34 @@ if not LOOP_INTERPRETED:
         """Return the calling thread's errno."""
         return np.int64(carray(_errno_location(), 1)[0])
 
+    def _word(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        """Return the address of an array's element, or of a structure's word of that name."""
+        kind, at = signature.args[:2]
+        if isinstance(kind, Fields):
+            return address_of(context, builder, args[0], kind.field(at.literal_value))[0]
+        return builder.gep(data(context, builder, kind, args[0]), [args[1]])
+
     @_untyped
-    @intrinsic
+    @literal_intrinsic
     def load_acquire(typing_context: Any, array: Any, index: Any) -> Any:
-        """Return array[index] (int64) with acquire order."""
+        """Return array[index] (int64) with acquire order; of a structure, the word of that name."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            first = data(context, builder, signature.args[0], args[0])
-            return builder.load_atomic(builder.gep(first, [args[1]]), "acquire", 8)
+            return builder.load_atomic(_word(context, builder, signature, args), "acquire", 8)
 
-        return _i8(array, _i8), generate
+        return _i8(array, index if isinstance(array, Fields) else _i8), generate
 
     @_untyped
-    @intrinsic
+    @literal_intrinsic
     def store_release(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-        """Set array[index] (int64) with release order."""
+        """Set array[index] (int64) with release order; of a structure, the word of that name."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            first = data(context, builder, signature.args[0], args[0])
-            builder.store_atomic(args[2], builder.gep(first, [args[1]]), "release", 8)
+            word = _word(context, builder, signature, args)
+            builder.store_atomic(args[2], word, "release", 8)
             return context.get_dummy_value()
 
-        return types.void(array, _i8, _i8), generate
+        return types.void(array, index if isinstance(array, Fields) else _i8, _i8), generate
 
     @_untyped
     @intrinsic
@@ -132,11 +139,11 @@ else:
     sched_yield = _bind("sched_yield")
     errno = ctypes.get_errno
 
-    def load_acquire(array: Any, index: int) -> int:
+    def load_acquire(array: Any, index: int | str) -> int:
         """Return array[index]."""
         return int(array[index])
 
-    def store_release(array: Any, index: int, value: int) -> None:
+    def store_release(array: Any, index: int | str, value: int) -> None:
         """Set array[index]."""
         array[index] = value
 

@@ -21,3 +21,15 @@ class Numbered(IntEnum, metaclass=NumberedKind):
     def names(cls) -> tuple[str, ...]:
         """Return the names in the order of their numbers."""
         return tuple(cls.__members__)
+
+
+class Told(Numbered):
+    """Names numbered from 0 on, each with what it says to a reader."""
+
+    says: str
+
+    def __new__(cls, says: str) -> "Told":
+        """Return the next member."""
+        one = int.__new__(cls, len(cls.__members__))
+        one._value_, one.says = int(one), says
+        return one

@@ -1,18 +1,35 @@
 """The rows of the tables that the compiled loop walks: frames, signals, receivers (no numba here).
 
 int64 each, but of a signal what is no whole number. `drivers.can.dbc` makes frames and signals of a
-DBC file, `drivers.can.codec` and `drivers.can.e2e` go by them.
+DBC file, `drivers.can.codec` and `drivers.can.e2e` go by them. Words that several processes write
+are in records too.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+LINE_BYTES = 64  # of a cache line
 
 
 def row_of(names: str, floats: str = "") -> np.dtype[Any]:
     """Return the type of a row with these int64, and these float64 behind them."""
     fields = [(name, "<i8") for name in names.split()]
     return np.dtype((np.record, fields + [(name, "<f8") for name in floats.split()]))
+
+
+def lines_of(*groups: Sequence[str]) -> np.dtype[Any]:
+    """Return the type of a record of these int64, each group on cache lines of its own."""
+    places: dict[str, int] = {}
+    end = 0
+    for group in groups:
+        places |= {name: end + 8 * i for i, name in enumerate(group)}
+        end += -(-8 * len(group) // LINE_BYTES) * LINE_BYTES
+    return np.dtype((np.record, {
+        "names": list(places), "formats": ["<i8"] * len(places), "offsets": list(places.values()),
+        "itemsize": end, "aligned": True,
+    }))  # fmt: skip
 
 
 FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`

@@ -160,8 +160,8 @@ def _words(typing: Any, structure: Any) -> Any:
 
 
 def words_of(structure: Any) -> Any:
-    """Return the int64 of a structure that has nothing else, as an array on its memory."""
-    return np.asarray(structure).reshape(1).view(np.int64)
+    """Return the int64 of a structure or array that has nothing else, as an array on its memory."""
+    return np.asarray(structure).reshape(-1).view(np.int64)
 
 
 def _data_interpreted(frame: Any) -> Any:

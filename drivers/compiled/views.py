@@ -129,7 +129,7 @@ class _Attributes(AttributeTemplate):
         return None if found is None else found[0]
 
 
-def _address(context: Any, builder: Any, pointer: Any, found: Any) -> tuple[Any, bool]:
+def address_of(context: Any, builder: Any, pointer: Any, found: Any) -> tuple[Any, bool]:
     """Return the address of a part, and whether it is one number."""
     kind, place = found
     first = builder.bitcast(pointer, ir.IntType(8).as_pointer())
@@ -140,7 +140,7 @@ def _address(context: Any, builder: Any, pointer: Any, found: Any) -> tuple[Any,
 
 @lower_getattr_generic(Fields)
 def _get(context: Any, builder: Any, kind: Fields, pointer: Any, name: str) -> Any:
-    address, number = _address(context, builder, pointer, kind.field(name))
+    address, number = address_of(context, builder, pointer, kind.field(name))
     return builder.load(address) if number else address
 
 
@@ -148,7 +148,7 @@ def _get(context: Any, builder: Any, kind: Fields, pointer: Any, name: str) -> A
 def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
     kind, given = signature.args
     found = kind.field(name)
-    address, number = _address(context, builder, arguments[0], found)
+    address, number = address_of(context, builder, arguments[0], found)
     if not number:
         raise TypeError(f"{name} has several values: set them one by one")
     builder.store(context.cast(builder, arguments[1], given, found[0]), address)

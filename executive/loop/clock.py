@@ -13,12 +13,9 @@ from typing import Any
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.structures import words
-from pcpc.executive.loop import control
 
 REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)
 CLOCKED, ON_FRAMES = 0, 1
-STOP = control.place("stop")
 
 
 @loop_inline
@@ -49,7 +46,7 @@ def stamp(clock: Any) -> Any:
 @loop_inline
 def stopping(n: Any) -> Any:
     """Return True once the host asked this node to stop."""
-    return libc.load_acquire(words(n.control), STOP) != 0
+    return libc.load_acquire(n.control, "stop") != 0
 
 
 @loop_inline

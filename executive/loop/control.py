@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-LINE_BYTES = 64
-GROUPS = (
+from pcpc.drivers.compiled.rows import lines_of
+
+CONTROL = lines_of(
     ("stop",),  # 1: the end is asked for
     (
         "state", "cycle", "done", "fault",
@@ -28,22 +29,6 @@ GROUPS = (
     ),
     ("pid", "ready", "realtime", "recorded"),
 )  # fmt: skip
-
-
-def _dtype() -> np.dtype[Any]:
-    places: dict[str, int] = {}
-    end = 0
-    for group in GROUPS:
-        places |= {name: end + 8 * i for i, name in enumerate(group)}
-        end += -(-8 * len(group) // LINE_BYTES) * LINE_BYTES
-    return np.dtype((np.record, {
-        "names": list(places), "formats": ["<i8"] * len(places), "offsets": list(places.values()),
-        "itemsize": end, "aligned": True,
-    }))  # fmt: skip
-
-
-CONTROL = _dtype()
-CONTROL_WORDS = CONTROL.itemsize // 8
 
 
 def place(name: str) -> int:

@@ -25,7 +25,7 @@ from typing import Any
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, loop_inline, types
 from pcpc.drivers.compiled.stage import ENTRY
-from pcpc.drivers.compiled.structures import structure, words
+from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.loop import control, meeting, timing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import next_period, now, runs, set_time, wait
@@ -126,7 +126,7 @@ def finish(n: Any) -> None:
         n.control.fault = guard.faulted
         push_event(n, Event.FAULT, guard.faulted, 0.0)
     publish_table(n)
-    libc.store_release(words(n.control), DONE, 1)
+    libc.store_release(n.control, "done", 1)
 
 
 @loop_function

@@ -36,6 +36,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
 from pcpc.executive.loop.reception_layout import intrusion, meeting, plausible
+from pcpc.executive.loop.requests import ANSWER, MAIL, SLOTS
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
@@ -44,12 +45,6 @@ END_WORDS = 16
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 LINE_WORDS = 8  # what two processes write lies on lines of its own
 PAGE_BYTES = mmap.PAGESIZE
-
-REQUEST, COUNT, LOCK = 0, 1, 8  # words of `mail`; LOCK: 0 none, 1 tune, 2 all
-MAIL_WORDS = 16
-MAIL_SLOTS = 64
-ACK, ACK_CYCLE, REFUSAL, REFUSED_ENTRY = range(4)  # words of `answer`
-ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED, NO_RESET = range(6)  # of REFUSAL
 
 RINGS = ("record", "frame", "event")
 GREETING = 0x1FFFFFE0  # 29 bits, the last in every arbitration; see `executive.nodes.greeting`
@@ -85,7 +80,7 @@ _LIMIT = row_of("", "low high rate last safe sent")  # rate: a cycle; last: befo
 _PUBLISHED = [  # written by the node, read by all
     ("control", CONTROL),
     ("seq", "<i8", (LINE_WORDS,)),
-    ("answer", "<i8", (LINE_WORDS,)),
+    ("answer", ANSWER),
     ("record_ends", "<i8", (END_WORDS,)),
     ("frame_ends", "<i8", (END_WORDS,)),
     ("event_ends", "<i8", (END_WORDS,)),
@@ -98,9 +93,9 @@ _PUBLISHED = [  # written by the node, read by all
     ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),
 ]
 _MAILBOX = [  # written by clients, which the loop does not trust
-    ("mail", "<i8", (MAIL_WORDS,)),
-    ("mail_index", "<i8", (MAIL_SLOTS,)),
-    ("mail_value", "<f8", (MAIL_SLOTS,)),
+    ("mail", MAIL),
+    ("mail_index", "<i8", (SLOTS,)),
+    ("mail_value", "<f8", (SLOTS,)),
     ("record_taken", "<i8", (LINE_WORDS,)),
     ("frame_taken", "<i8", (LINE_WORDS,)),
     ("event_taken", "<i8", (LINE_WORDS,)),
@@ -172,8 +167,8 @@ _TUNING = [
     ("schedule", "<i8", (MAX_SCHEDULE, 2)),  # cycle, variable of a scheduled tuning, by cycle
     ("value", "<f8", (MAX_SCHEDULE,)),
     ("done", "<i8"),  # those of the schedule that were applied
-    ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
-    ("asked_value", "<f8", (MAIL_SLOTS,)),
+    ("asked_index", "<i8", (SLOTS,)),  # a request as it was when it was checked
+    ("asked_value", "<f8", (SLOTS,)),
 ]
 _BLOCKS = [
     ("n", "<i8"),
@@ -298,6 +293,16 @@ class Shared:
         """The control words, by name."""
         return self["control"]
 
+    @property
+    def mail(self) -> Any:
+        """The words of a request, by name."""
+        return self["mail"]
+
+    @property
+    def answer(self) -> Any:
+        """The words of the answer to one, by name."""
+        return self["answer"]
+
     def alive(self) -> bool:
         """Return whether the process of the node is there."""
         if self.client is None:
@@ -328,9 +333,9 @@ def blank() -> mmap.mmap:
 
 
 def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a structure that begins `memory`, and its control words, by name."""
+    """Return the arrays of a structure that begins `memory`, and its records, by name."""
     record = np.frombuffer(memory, kind, 1)
-    names = [name for name in kind.names or () if kind[name].shape or name == "control"]
+    names = [name for name in kind.names or () if kind[name].shape or kind[name].names]
     return {name: record[name][0] for name in names}
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_part
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import count_down
+from pcpc.executive.loop.requests import SLOTS, Lock, Refusal
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
@@ -33,8 +33,8 @@ def tune(n: Any) -> None:
         n.v[j] = value
         push_event(n, Event.TUNING, j, value)
         tuning.done += 1
-    request = libc.load_acquire(n.mail, sh.REQUEST)
-    if request != n.answer[sh.ACK]:
+    request = libc.load_acquire(n.mail, "request")
+    if request != n.answer.request:
         answer(n, request)
 
 
@@ -44,44 +44,44 @@ def answer(n: Any, request: Any) -> None:
 
     One that changes meanwhile is looked at in the next cycle.
     """
-    count, lock = n.mail[sh.COUNT], n.mail[sh.LOCK]
+    count, lock = n.mail.count, n.mail.lock
     index, value = n.tuning.asked_index, n.tuning.asked_value
-    for i in range(sh.MAIL_SLOTS):
+    for i in range(SLOTS):
         index[i] = n.mail_index[i]
         value[i] = n.mail_value[i]
-    if libc.load_acquire(n.mail, sh.REQUEST) != request:
+    if libc.load_acquire(n.mail, "request") != request:
         return
     refusal, entry = judge_request(n, count, lock)
-    if refusal == sh.ACCEPTED:
+    if refusal == Refusal.ACCEPTED:
         for i in range(count):
             n.v[index[i]] = value[i]
             push_event(n, Event.TUNING, index[i], value[i])
     else:
         n.control.refused += 1
         push_event(n, Event.REFUSED, index[entry], value[entry])
-    n.answer[sh.ACK_CYCLE] = n.k
-    n.answer[sh.REFUSAL] = refusal
-    n.answer[sh.REFUSED_ENTRY] = entry
-    libc.store_release(n.answer, sh.ACK, request)
+    n.answer.cycle = n.k
+    n.answer.refusal = refusal
+    n.answer.entry = entry
+    libc.store_release(n.answer, "request", request)
 
 
 @loop_function
 def judge_request(n: Any, count: Any, lock: Any) -> Any:
     """Return why the copied request is refused, or ACCEPTED, and the entry that is the reason."""
     tuning, first = n.tuning, np.int64(0)
-    if count < 0 or count > sh.MAIL_SLOTS:
-        return sh.BAD_COUNT, first
+    if count < 0 or count > SLOTS:
+        return Refusal.BAD_COUNT, first
     stops = count == 1 and tuning.asked_index[0] == STOP_ASKED  # which nobody can lock
-    if lock != 0 and count > 0 and not stops:
-        return sh.LOCKED, first
+    if lock != Lock.NONE and count > 0 and not stops:
+        return Refusal.LOCKED, first
     for i in range(count):
         j, value = tuning.asked_index[i], tuning.asked_value[i]
         if j < 0 or j >= n.n_variables or tuning.low[j] != tuning.low[j]:
-            return sh.NO_PARAMETER, np.int64(i)
+            return Refusal.NO_PARAMETER, np.int64(i)
         if not (abs(value) < INFINITE and tuning.low[j] <= value <= tuning.high[j]):
-            return sh.OUT_OF_RANGE, np.int64(i)
+            return Refusal.OUT_OF_RANGE, np.int64(i)
         if j == RESET_ASKED and (
             n.v[STATE] != State.FAULT or n.guard.waits == 0 or n.guard.gain > 0.0
         ):
-            return sh.NO_RESET, np.int64(i)
-    return sh.ACCEPTED, first
+            return Refusal.NO_RESET, np.int64(i)
+    return Refusal.ACCEPTED, first

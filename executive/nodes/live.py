@@ -25,6 +25,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.loop.requests import SLOTS
 from pcpc.executive.nodes.mailbox import (
     LEVELS,
     PATIENCE_S,
@@ -233,8 +234,8 @@ class Live:
 
     def check(self, changes: Mapping[str, float]) -> list[int]:
         """Return the places of parameters whose values are in their range; LiveError."""
-        if len(changes) > sh.MAIL_SLOTS:
-            raise LiveError(f"{len(changes)} values; at most {sh.MAIL_SLOTS} apply at once")
+        if len(changes) > SLOTS:
+            raise LiveError(f"{len(changes)} values; at most {SLOTS} apply at once")
         for name, value in changes.items():
             one = self.variables[known(name, self.variables)]
             if one.range is None:

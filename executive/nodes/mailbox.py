@@ -16,18 +16,13 @@ from contextlib import contextmanager, suppress
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.requests import Lock, Refusal
 
-LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
+LEVELS = tuple(name.lower() for name in Lock.names())
 STOP = "supervisor.stop"
 PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 POLL_S = 0.001
-_REFUSALS = {
-    sh.BAD_COUNT: "the request is not valid",
-    sh.NO_PARAMETER: "it is not a parameter",
-    sh.OUT_OF_RANGE: "it is out of range",
-    sh.LOCKED: "it is locked",
-    sh.NO_RESET: "no fault waits for a reset with safe commands",
-}
+_REFUSALS = {int(one): one.says for one in Refusal}
 
 
 class LiveError(UserError):
@@ -36,7 +31,7 @@ class LiveError(UserError):
 
 def level_of(block: sh.Shared) -> str:
     """Return what is locked, one of LEVELS; a word that is none of them locks all."""
-    word = int(block["mail"][sh.LOCK])
+    word = int(block.mail.lock)
     return LEVELS[word] if 0 <= word < len(LEVELS) else LEVELS[-1]
 
 
@@ -49,7 +44,7 @@ class Mailbox:
     def post(self, places: Mapping[str, int], values: Sequence[float]) -> int:
         """Ask for values of variables, by their places; return the first cycle with them."""
         block = self._block
-        mail, answer = block["mail"], block["answer"]
+        mail, answer = block.mail, block.answer
         with self._one_client():
             level = level_of(block)
             if level != "none" and [*places] != [STOP]:
@@ -57,16 +52,16 @@ class Mailbox:
             if not block.control.passes:
                 what = "no cycle yet; it waits for the other node"
                 raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
-            self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting
+            self._acknowledged(int(mail.request))  # of a client that died waiting
             block["mail_index"][: len(places)] = [*places.values()]
             block["mail_value"][: len(places)] = values
-            mail[sh.COUNT] = len(places)
+            mail.count = len(places)
             _release()
-            request = _next(int(mail[sh.REQUEST]))
-            mail[sh.REQUEST] = request
+            request = _next(int(mail.request))
+            mail.request = request
             cycle = self._acknowledged(request)
-            refusal, entry = int(answer[sh.REFUSAL]), int(answer[sh.REFUSED_ENTRY])
-            if refusal != sh.ACCEPTED:
+            refusal, entry = int(answer.refusal), int(answer.entry)
+            if refusal != Refusal.ACCEPTED:
                 name = dict(enumerate(places)).get(entry, block.name)  # if another wrote meanwhile
                 why = _REFUSALS.get(refusal, f"reason {refusal}")
                 raise LiveError(f"{name}: refused by the node: {why}; nothing was set")
@@ -98,7 +93,7 @@ class Mailbox:
     def lock(self, level: str) -> None:
         """Write a lock level, one of LEVELS."""
         with self._one_client():
-            self._block["mail"][sh.LOCK] = LEVELS.index(level)
+            self._block.mail.lock = LEVELS.index(level)
 
     def _runs(self) -> bool:
         return self._block.alive() and not self._block.control.done
@@ -138,15 +133,15 @@ class Mailbox:
     def _acknowledged(self, request: int) -> int:
         """Wait for the node's acknowledgement; return its cycle, or withdraw: LiveError."""
         deadline_s = time.monotonic() + PATIENCE_S
-        answer = self._block["answer"]
-        while int(answer[sh.ACK]) != request:
+        answer = self._block.answer
+        while int(answer.request) != request:
             runs = self._runs()
             if not runs or time.monotonic() > deadline_s:
-                self._block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none here too
+                self._block.mail.count = 0  # the loop looks at it once: all or none here too
                 why = f"took no tunings for {PATIENCE_S:g} s" if runs else "ended"
                 raise LiveError(f"{self._block.name}: {why}; nothing was set", Exit.ENVIRONMENT)
             pause(self._block, POLL_S)
-        return int(answer[sh.ACK_CYCLE])
+        return int(answer.cycle)
 
 
 def pause(block: sh.Shared, seconds: float) -> None:

@@ -133,7 +133,7 @@ def write_until_stopped(n: Any, burst: Any) -> Any:
         publish_table(n)
         for _ in range(100 if burst > 0 else 0):  # a reader begins to copy here
             libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.clock.timespec))
-        while burst > 0 and k % burst == 0 and n.mail[sh.REQUEST] < k and not stopping(n):
+        while burst > 0 and k % burst == 0 and n.mail.request < k and not stopping(n):
             libc.sched_yield()
     return k
 
@@ -225,8 +225,8 @@ class Node:
         n = self.loop
         for i, (name, value) in enumerate(values.items()):
             n.mail_index[i], n.mail_value[i] = self.place(name), value
-        n.mail[sh.COUNT] = len(values)
-        n.mail[sh.REQUEST] += 1
+        n.mail.count = len(values)
+        n.mail.request += 1
 
     def go(self, passes: int = 1) -> int:
         """Do passes of this node alone; return how many it did."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pcpc.drivers.errors import BusError
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import injected_frames, injected_values
-from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.requests import SLOTS, Refusal
 from pcpc.executive.nodes.planned_faults import FLOOD, HOWS, STALL, WITHOUT_VALUE
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
@@ -79,7 +79,7 @@ def test_any_entry_of_faults_is_run_or_refused_in_a_line(faults: dict[str, Any])
 
 @LOOK
 @given(
-    st.lists(st.tuples(WORD, st.floats()), max_size=sh.MAIL_SLOTS),
+    st.lists(st.tuples(WORD, st.floats()), max_size=SLOTS),
     WORD | st.none(), WORD, WORD, st.integers(0, 1),
 )  # fmt: skip
 def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
@@ -93,11 +93,11 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     for i, (place, value) in enumerate(entries):
         known = place % len(places) if place % 3 else place  # two of three are variables
         n.mail_index[i], n.mail_value[i] = known, value
-    n.mail[sh.COUNT] = len(entries) if count is None else count
-    n.mail[sh.LOCK], n.mail[sh.REQUEST] = lock if lock % 2 else 0, request
+    n.mail.count = len(entries) if count is None else count
+    n.mail.lock, n.mail.request = lock if lock % 2 else 0, request
     before = n.v[: n.n_variables].copy()
     bench.advance(1)
-    refused = request == 0 or n.answer[sh.REFUSAL] != sh.ACCEPTED
+    refused = request == 0 or n.answer.refusal != Refusal.ACCEPTED
     low, high = tuning.low[: n.n_variables], tuning.high[: n.n_variables]
     parameters = low == low
     now = n.v[: n.n_variables]

@@ -10,9 +10,9 @@ from engine import LOST, Bench, both, puppet_rig
 
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.loop import drive
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -57,7 +57,7 @@ def test_with_arm_manual_it_waits_in_READY_with_safe_commands(made: Made) -> Non
     assert bench.plant.state == "RUN", "its command is there, a safe one"
     node.post({DISARMED: 0.0})
     found = np.array(course(bench, 20))
-    assert node.state == "RUN" and node.loop.answer[sh.REFUSAL] == sh.ACCEPTED
+    assert node.state == "RUN" and node.loop.answer.refusal == Refusal.ACCEPTED
     assert np.abs(np.diff([0.25, *found])).max() <= 0.75 / RAMP_CYCLES + 1e-12, found
     assert found[0] == 0.25 and found[-1] == 1.0, "from the cycle behind the one that took it"
     ready, run = [at for at, to, _ in node.events(Event.STATE) if to in (State.READY, State.RUN)]
@@ -154,7 +154,7 @@ def test_only_an_executive_is_held(made: Made) -> None:
     bench = made(BY_ITSELF)
     bench.plant.post({DISARMED: 1.0})
     bench.run(5)
-    assert bench.plant.loop.answer[sh.REFUSAL] == sh.OUT_OF_RANGE and bench.plant.state == "RUN"
+    assert bench.plant.loop.answer.refusal == Refusal.OUT_OF_RANGE and bench.plant.state == "RUN"
 
 
 def arms(*moments: tuple[float, int]) -> str:

@@ -10,10 +10,10 @@ from engine import ATB1000, LOST, Bench, both, puppet_rig
 
 from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
@@ -55,7 +55,7 @@ def test_a_reset_leads_back_to_RUN_and_the_command_rises_from_its_safe_value(
     node = waiting.executive
     node.post({RESET: 1.0})
     waiting.run(1)
-    assert node.loop.answer[sh.REFUSAL] == sh.ACCEPTED
+    assert node.loop.answer.refusal == Refusal.ACCEPTED
     assert node.state == "FAULT" and node[RESET] == 0.0, "heard once, for the next cycle"
     waiting.run(RAMP_CYCLES + 5)
     states = [STATE_NAMES[to] for _, to, _ in node.events(Event.STATE)]
@@ -71,7 +71,7 @@ def test_a_reset_is_refused_while_the_ramp_lasts_and_without_a_fault(waiting: Be
     for _ in range(2):
         node.post({RESET: 1.0})
         waiting.run(1)
-        assert node.loop.answer[sh.REFUSAL] == sh.NO_RESET
+        assert node.loop.answer.refusal == Refusal.NO_RESET
         waiting.run(3, {"FB_A": LOST})
     assert node.state == "FAULT" and node["supervisor.gain"] > 0.0
     waiting.run(2 * RAMP_CYCLES)
@@ -161,7 +161,7 @@ def test_a_stop_ramps_the_command_down_and_is_no_fault(
     node = made.executive
     node["controller.torque_Nm"] = 2.0
     made.run(10)
-    node.loop.mail[sh.LOCK] = 1  # nobody can lock it
+    node.loop.mail.lock = 1  # nobody can lock it
     node.post({STOP: how})
     done = made.run(100)
     assert done == cycles

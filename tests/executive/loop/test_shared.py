@@ -16,6 +16,7 @@ from engine import ROOT, SLEW10, Bench, both
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.requests import SLOTS
 from pcpc.executive.nodes.plan import Plan, describe
 from pcpc.executive.rig.reading import load_rig
 
@@ -90,10 +91,10 @@ def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
     node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
     node.loop.mail_value[:] = 110.0
     for _ in range(20):
-        node.loop.mail[sh.COUNT] = sh.MAIL_SLOTS
+        node.loop.mail.count = SLOTS
         bench.run(1)
-        node.loop.mail[sh.REQUEST] += 1
-    pushed = 2 + 20 * sh.MAIL_SLOTS  # READY, RUN
+        node.loop.mail.request += 1
+    pushed = 2 + 20 * SLOTS  # READY, RUN
     assert int(ends[sh.PUT]) == sh.EVENT_RING_ROWS, int(ends[sh.PUT])
     assert int(ends[sh.DROPPED]) == pushed - sh.EVENT_RING_ROWS, int(ends[sh.DROPPED])
 
@@ -104,11 +105,11 @@ def test_a_full_mailbox_is_applied_and_more_than_that_refused(plans: tuple[Plan,
     node.post({"controller.kv_Nms_rad": 120.0})
     node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
     node.loop.mail_value[:] = 120.0
-    for count, applied in ((10**6, 0), (sh.MAIL_SLOTS, sh.MAIL_SLOTS)):
-        node.loop.mail[sh.COUNT] = count
+    for count, applied in ((10**6, 0), (SLOTS, SLOTS)):
+        node.loop.mail.count = count
         bench.run(1)
         assert len(node.events(Event.TUNING)) == applied, count
-        node.loop.mail[sh.REQUEST] += 1
+        node.loop.mail.request += 1
 
 
 def test_without_a_clock_the_loop_waits_for_the_recorder(plans: tuple[Plan, Plan]) -> None:
@@ -174,7 +175,7 @@ def test_a_snapshot_under_a_running_writer_in_another_process_is_never_torn() ->
             if values is not nothing:
                 assert values[0] >= newest, f"{values[0]} after {newest}"
                 newest = float(values[0])
-                block["mail"][sh.REQUEST] = int(newest)  # let it go on while we read again
+                block.mail.request = int(newest)  # let it go on while we read again
     assert newest >= 900, f"{newest} of 900"
 
 

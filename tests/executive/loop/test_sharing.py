@@ -63,8 +63,8 @@ def test_a_search_for_nodes_passes_over_what_is_none(block: sh.Shared, name: str
 def test_a_client_finds_description_and_fields_by_name(block: sh.Shared, name: str) -> None:
     other = sharing.attach(name)
     assert other.description == block.description and other.name == name
-    block["record"][3, 2], other["mail"][sh.COUNT] = 77, 5
-    assert int(other["record"][3, 2]) == 77 and int(block["mail"][sh.COUNT]) == 5
+    block["record"][3, 2], other.mail.count = 77, 5
+    assert int(other["record"][3, 2]) == 77 and int(block.mail.count) == 5
     assert name in [one.name for one in sharing.running()]
 
 

@@ -55,14 +55,14 @@ def test_who_cannot_be_armed_says_why(
     with pytest.raises(LiveError) as refused:
         operating.arm(node)
     assert (str(refused.value), refused.value.code) == (f"{node.name}: {says}", code)
-    assert node.block["mail"][sh.REQUEST] == 0, "something was asked all the same"
+    assert node.block.mail.request == 0, "something was asked all the same"
 
 
 def test_who_is_disarmed_is_not_held_again(block: sh.Shared) -> None:
     node = saying(block, state=State.READY, disarmed=1.0)
     with pytest.raises(LiveError, match="already open"):
         operating.hold(node)
-    assert node.block["mail"][sh.REQUEST] == 0
+    assert node.block.mail.request == 0
 
 
 def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
@@ -71,7 +71,7 @@ def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
         operating.hand_over(node, "pid")
     says = "pid cannot take over: one of its outputs is not finite; pd stays in charge"
     assert (str(refused.value), refused.value.code) == (f"{node.name}: {says}", Exit.NOT_MET)
-    assert node.block["mail"][sh.REQUEST] == 0
+    assert node.block.mail.request == 0
 
 
 def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared) -> None:

@@ -14,7 +14,6 @@ import pytest
 from engine import ATB1000, ROOT, SLEW10, puppet_rig
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -208,8 +207,8 @@ def test_a_fault_ends_with_STOP_and_no_torque_on_the_bus_and_all_of_it_in_the_lo
     block = run.blocks[0]
     block["mail_index"][0] = names.index("controller.torque_Nm")
     block["mail_value"][0] = 1.5
-    block["mail"][sh.COUNT] = 1
-    block["mail"][sh.REQUEST] += 1
+    block.mail.count = 1
+    block.mail.request += 1
     next(pieces)
     block["v"][names.index("controller.torque_Nm")] = math.nan  # no request could do that
     next(pieces)

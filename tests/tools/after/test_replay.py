@@ -13,7 +13,6 @@ from processes import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_records import MAGIC, RECORD
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after import replay as replaying
@@ -89,7 +88,7 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
         changes = ("controller.kv_Nms_rad=117", "controller.lam_per_s=15")
         tuned = pcpc("set", *changes, "--node", block.name)
         assert tuned.code == 0, tuned
-        acknowledged = int(block["answer"][sh.ACK_CYCLE])
+        acknowledged = int(block.answer.cycle)
         until(lambda: block.control.cycle > acknowledged + 300, "300 cycles more")
         os.kill(run.process.pid, signal.SIGINT)
         assert run.done().code == 130

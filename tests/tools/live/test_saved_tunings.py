@@ -61,10 +61,10 @@ def test_undo_of_several_is_one_tuning(run: Run, capsys: Screen) -> None:
     before = parameters(run)
     for gain in (111.0, 112.0, 113.0):
         tuned(run, kv_Nms_rad=gain)
-    requests = int(live.find(run.node).block["mail"][sh.REQUEST])
+    requests = int(live.find(run.node).block.mail.request)
     code, out, err = said(capsys, run, "undo", "3")
     assert code == 0 and out.startswith(f"{KV} = 110 N m s/rad (was 113) from cycle "), out + err
-    assert int(live.find(run.node).block["mail"][sh.REQUEST]) == requests + 1
+    assert int(live.find(run.node).block.mail.request) == requests + 1
     until(lambda: parameters(run) == before, "undone", ANSWER_S)
 
 
@@ -197,11 +197,11 @@ def test_a_wrong_file_is_refused_with_its_line_and_nothing_is_set(
 ) -> None:
     file, before = tmp_path / "wrong.yaml", parameters(run)
     file.write_text(text)
-    requests = int(live.find(run.node).block["mail"][sh.REQUEST])
+    requests = int(live.find(run.node).block.mail.request)
     code, out, err = said(capsys, run, "load", str(file))
     assert (code, out) == (2, ""), out
     assert f"{file}:{message}" in err and err.count("\n") == 1, err
-    assert int(live.find(run.node).block["mail"][sh.REQUEST]) == requests
+    assert int(live.find(run.node).block.mail.request) == requests
     assert parameters(run) == before
 
 

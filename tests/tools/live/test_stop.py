@@ -7,13 +7,14 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from processes import ROOT, own_bus
 
 import pcpc
+from pcpc.drivers.compiled.structures import words_of
 from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.requests import SLOTS
 from pcpc.executive.nodes.live import LiveError, find, running
 from pcpc.tools.cli import main
 from pcpc.tools.start import rigs
@@ -110,7 +111,8 @@ def test_of_two_runs_of_a_rig_each_has_its_name(
     assert {one.run for one in running(NAME).values()} == {*runs} - {mine}, "the other goes on"
 
 
-EXTREMES = (2**63 - 1, -(2**63), -1, 1, 2**62, sh.MAIL_SLOTS + 1)
+SOME_WORDS = 16  # of a field
+EXTREMES = (2**63 - 1, -(2**63), -1, 1, 2**62, SLOTS + 1)
 
 
 def test_a_stop_ends_a_run_whatever_stands_in_any_word_of_the_mailbox(
@@ -119,8 +121,8 @@ def test_a_stop_ends_a_run_whatever_stands_in_any_word_of_the_mailbox(
     node = find("executive", NAME)
     refused = 0
     for field in sh.MAILBOX_FIELDS:
-        words = node.block[field].view(np.int64)
-        for place in range(min(len(words), sh.MAIL_WORDS)):
+        words = words_of(node.block[field])
+        for place in range(min(len(words), SOME_WORDS)):
             for extreme in EXTREMES:
                 words[place] = extreme
                 try:
@@ -128,10 +130,10 @@ def test_a_stop_ends_a_run_whatever_stands_in_any_word_of_the_mailbox(
                 except LiveError as error:
                     assert "locked" in str(error), (field, place, extreme, error)
                     refused += 1
-                node.block["mail"][sh.LOCK] = 0
+                node.block.mail.lock = 0
     assert refused == len(EXTREMES), "as often as there was a lock"
     for field in sh.MAILBOX_FIELDS:
-        node.block[field].view(np.int64)[:] = 2**63 - 1
+        words_of(node.block[field])[:] = 2**63 - 1
     code, text = said(capsys, "set", "controller.gain=2", "--node", node.name)
     assert (code, "locked (all)" in text) == (Exit.WRONG_INPUT, True), text
     code, text = said(capsys, "stop", str(rig))
@@ -150,8 +152,8 @@ def test_a_stop_ends_a_run_while_another_client_holds_the_mailbox_and_writes(
     def write() -> None:
         while not over.wait(1e-3):
             node.block["mail_index"][:] = -1
-            node.block["mail"][sh.COUNT] = 0
-            node.block["mail"][sh.REQUEST] += 1
+            node.block.mail.count = 0
+            node.block.mail.request += 1
 
     writer = threading.Thread(target=write)
     writer.start()
@@ -173,7 +175,7 @@ def test_a_request_that_another_client_empties_is_no_stop(
 
     def write() -> None:
         while not over.is_set():
-            node.block["mail"][sh.COUNT] = 0
+            node.block.mail.count = 0
 
     writer = threading.Thread(target=write)
     writer.start()

@@ -12,6 +12,7 @@ from processes import until
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.requests import SLOTS, Refusal
 from pcpc.executive.nodes import live
 
 PAIRS = 25
@@ -73,16 +74,16 @@ def test_set_says_old_value_new_value_and_cycle(run: Run, capsys: Screen) -> Non
 def test_a_wrong_tuning_is_refused_with_all_that_came_with_it(
     run: Run, capsys: Screen, words: list[str], message: str
 ) -> None:
-    requests = int(live.find(run.node).block["mail"][sh.REQUEST])
+    requests = int(live.find(run.node).block.mail.request)
     code, out, err = said(capsys, run, "set", "controller.km_Nms_rad=61", *words)
     assert (code, out, err) == (2, "", message + "\n")
-    posted = int(live.find(run.node).block["mail"][sh.REQUEST]) - requests
+    posted = int(live.find(run.node).block.mail.request) - requests
     assert posted == 0, f"{posted} requests in the mailbox"
     assert value(capsys, run, "controller.km_Nms_rad") == 60.0
 
 
 def test_more_values_than_the_mailbox_holds_are_refused(run: Run) -> None:
-    changes = {f"controller.p_{i}": 0.0 for i in range(sh.MAIL_SLOTS + 1)}
+    changes = {f"controller.p_{i}": 0.0 for i in range(SLOTS + 1)}
     with pytest.raises(live.LiveError, match="65 values; at most 64 apply at once"):
         live.find(run.node).tune(changes)
 
@@ -102,11 +103,11 @@ def test_a_lock_forbids_tunings_until_it_is_lifted(run: Run, capsys: Screen, lev
 def ask(block: sh.Shared, places: list[int], values: list[float]) -> int:
     """Post a request without any check, as a program of somebody else may; return the answer."""
     block["mail_index"][: len(places)], block["mail_value"][: len(values)] = places, values
-    block["mail"][sh.COUNT] = len(places)
-    request = int(block["mail"][sh.REQUEST]) + 1
-    block["mail"][sh.REQUEST] = request
-    until(lambda: int(block["answer"][sh.ACK]) == request, "an answer", ANSWER_S)
-    return int(block["answer"][sh.REFUSAL])
+    block.mail.count = len(places)
+    request = int(block.mail.request) + 1
+    block.mail.request = request
+    until(lambda: int(block.answer.request) == request, "an answer", ANSWER_S)
+    return int(block.answer.refusal)
 
 
 def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) -> None:
@@ -116,10 +117,10 @@ def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) 
     places = {row[0]: at for at, row in enumerate(table)}
     before, refused = node.read(), value(capsys, run, "health.requests_refused")
     for wrong in (1e300, math.inf, math.nan, -500.0, 1000.5):
-        assert ask(block, [places[LAM], places[KV]], [9.0, wrong]) == sh.OUT_OF_RANGE, wrong
+        assert ask(block, [places[LAM], places[KV]], [9.0, wrong]) == Refusal.OUT_OF_RANGE, wrong
     others = [at for at, (_, _, kind, _, _) in enumerate(table) if kind != "parameter"]
     for at in (*others, -1, len(table), 2**62):
-        assert ask(block, [places[KV], at], [99.0, 7.0]) == sh.NO_PARAMETER, at
+        assert ask(block, [places[KV], at], [99.0, 7.0]) == Refusal.NO_PARAMETER, at
     now = value(capsys, run, "health.requests_refused")
     assert now == refused + 5 + len(others) + 3, f"{now - refused} counted"
     after = node.read()

@@ -307,7 +307,7 @@ def test_a_node_that_takes_no_tunings_keeps_none_of_them(
     block.control.pid, block.control.passes = os.getpid(), 1
     with pytest.raises(live.LiveError, match="took no tunings for 2 s; nothing was set"):
         live.find(name).tune({"a.gain": 1.0})
-    assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
+    assert int(block.mail.count) == 0, "the request would still apply later"
 
 
 def test_a_node_that_dies_meanwhile_is_told_to_have_ended(

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from processes import RIGS, Running, alive, blocks_left, own_bus, pcpc, until
 
+from pcpc.drivers.compiled.structures import words_of
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.requests import SLOTS
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 
@@ -35,14 +37,14 @@ def states(folder: Path) -> list[list[bytes]]:
 def nonsense(block: sh.Shared, random: np.random.Generator) -> None:
     """Write random words into the mailbox of a node, and what comes closer to a request."""
     for name in ("mail_index", "mail_value", "mail"):
-        words = block[name].view(np.uint8)
+        words = words_of(block[name]).view(np.uint8)
         words[:] = random.integers(0, 256, len(words), np.uint8)
-    block["mail_index"][:] = random.integers(-2, 300, sh.MAIL_SLOTS)
+    block["mail_index"][:] = random.integers(-2, 300, SLOTS)
     block["mail_index"][0] = 1  # supervisor.state: whatever else, it is no request to be granted
-    block["mail"][sh.COUNT] = random.integers(1, 80)
-    block["mail"][sh.LOCK] = random.integers(0, 2)
-    request = int(block["mail"][sh.REQUEST])
-    while int(block["answer"][sh.ACK]) != request and not block.control.done:
+    block.mail.count = random.integers(1, 80)
+    block.mail.lock = random.integers(0, 2)
+    request = int(block.mail.request)
+    while int(block.answer.request) != request and not block.control.done:
         assert block.alive(), "it died of it"  # what changes meanwhile is not judged
         os.sched_yield()
 
@@ -74,7 +76,7 @@ def test_garbage_in_all_that_clients_write_neither_ends_a_node_nor_hangs_it(
     words = ("run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, *USUAL[2:], *PATIENT)
     with Running(*words) as run:
         block = run.in_the_middle("slew10", bus)
-        fields = [block[name].view(np.uint8) for name in sh.MAILBOX_FIELDS]
+        fields = [words_of(block[name]).view(np.uint8) for name in sh.MAILBOX_FIELDS]
         first = int(block.control.cycle)
         for _ in range(2000):
             for words in fields:

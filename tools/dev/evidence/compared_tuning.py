@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN, REAL
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
 from pcpc.tools.dev.evidence.episodes import Episodes
@@ -25,10 +25,10 @@ SCHEDULE = ((3, 150, 0.5), (3, 151, 7.0), (9, 150, -4.0), (60, 199, 0.0))  # the
 STUBS = """
 from types import ModuleType
 libc = ModuleType("libc")
-def _load(array, place):
-    return array[place]
-def _store(array, place, value):
-    array[place] = value
+def _load(record, word):
+    return record.request
+def _store(record, word, value):
+    record.request = value
 libc.load_acquire, libc.store_release = loop_function(_load), loop_function(_store)
 _push = push_event
 def _limited(n, code, argument, value):
@@ -44,14 +44,14 @@ def tuned(_m, n, about, gain, index, value, told, kept):
     for s in range(about.shape[0]):
         a, t = about[s], told[s]
         n.k, n.clock.kind, n.clock.behind, n.faults.stalled = a[0], a[1], a[2], a[3]
-        n.mail[0], n.mail[1], n.mail[8] = a[4], a[5], a[6]
+        n.mail.request, n.mail.count, n.mail.lock = a[4], a[5], a[6]
         n.v[1], n.guard.waits, n.guard.gain, n.faults.n_places = a[7], a[8], gain[s], a[9]
         for i in range(64):
             n.mail_index[i], n.mail_value[i] = index[s, i], value[s, i]
         n.event_taken[0] = n.event_ends[0]
         m_tune(_m, n)
         for i in range(4):
-            t[i] = n.answer[i]
+            t[i] = words(n.answer)[i]
         event = n.event[(n.event_ends[0] - 1) % 1024]
         t[4], t[5], t[6], t[7] = n.event_ends[0], event[2], event[3], event[4]
         t[8], t[9] = n.control.refused, n.tuning.done
@@ -87,7 +87,7 @@ class Tuned:
             may_reset = state == State.FAULT and waits and gain <= 0.0
             asked = list(zip(index, value, strict=True))
             why, entry = self.refusal(asked, count, lock, bool(may_reset))
-            if why == sh.ACCEPTED:
+            if why == Refusal.ACCEPTED:
                 for one in asked[:count]:
                     self.set(*one)
             else:
@@ -101,18 +101,18 @@ class Tuned:
     ) -> tuple[int, int]:
         """Return why a request is refused, and the entry that is the reason."""
         if not 0 <= count <= len(asked):
-            return sh.BAD_COUNT, 0
+            return Refusal.BAD_COUNT, 0
         if lock and count and not (count == 1 and asked[0][0] == STOP_ASKED):
-            return sh.LOCKED, 0
+            return Refusal.LOCKED, 0
         for i, (place, value) in enumerate(asked[:count]):
             if place not in RANGES or place >= VARIABLES:
-                return sh.NO_PARAMETER, i
+                return Refusal.NO_PARAMETER, i
             low, high = RANGES[place]
             if not (math.isfinite(value) and low <= value <= high):
-                return sh.OUT_OF_RANGE, i
+                return Refusal.OUT_OF_RANGE, i
             if place == RESET_ASKED and not may_reset:
-                return sh.NO_RESET, i
-        return sh.ACCEPTED, 0
+                return Refusal.NO_RESET, i
+        return Refusal.ACCEPTED, 0
 
     def set(self, place: int, value: float) -> None:
         """Apply a tuning."""

@@ -63,7 +63,7 @@ def test_nodes_in_fault_are_reset_from_the_lowest_up(
 def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.Shared]) -> None:
     with pytest.raises(UserError, match="no node is in FAULT"):
         actions(blocks).do(messages.Act(1, "reset"))
-    assert not any(block["mail"][sh.REQUEST] for block in blocks.values())
+    assert not any(block.mail.request for block in blocks.values())
 
 
 def test_what_is_told_is_made_anew_once_more_was_recorded(
