@@ -19,7 +19,7 @@ import subprocess
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers.can import wire_layout
+from pcpc.drivers.can.wire_layout import Medium
 from pcpc.drivers.errors import BusError
 
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
@@ -133,11 +133,11 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
 
     if bus.interface == "socketcan":
         fd = _open_socketcan(bus.channel, receive_ids)
-        wire.prepare(end, wire_layout.SOCKETCAN, fd, fd)
+        wire.prepare(end, Medium.SOCKETCAN, fd, fd)
     elif bus.interface == "udp_multicast":
-        wire.prepare(end, wire_layout.UDP, *_open_udp(bus.channel))
+        wire.prepare(end, Medium.UDP, *_open_udp(bus.channel))
     elif LOOP_INTERPRETED:
-        wire.prepare(end, wire_layout.PYTHON_CAN, _open_python_can(bus), -1)
+        wire.prepare(end, Medium.PYTHON_CAN, _open_python_can(bus), -1)
     else:
         raise BusError(
             f"{bus}: the compiled loop speaks socketcan and udp_multicast; "
@@ -147,9 +147,9 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
 
 def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
     """Open a second bus of the same kind for a node whose WIRE record `end` is open; BusError."""
-    if bus.interface == "socketcan" and end.kind == wire_layout.SOCKETCAN:
+    if bus.interface == "socketcan" and end.kind == Medium.SOCKETCAN:
         end.fd_tx2 = end.fd_rx2 = _open_socketcan(bus.channel, receive_ids)
-    elif bus.interface == "udp_multicast" and end.kind == wire_layout.UDP:
+    elif bus.interface == "udp_multicast" and end.kind == Medium.UDP:
         end.fd_tx2, end.fd_rx2 = _open_udp(bus.channel)
     else:
         raise BusError(
@@ -179,7 +179,7 @@ def know_own(end: Any) -> None:
 
     SocketCAN and python-can do not give a sender its own frames.
     """
-    if end.kind != wire_layout.UDP:
+    if end.kind != Medium.UDP:
         return
     for i, descriptor in enumerate((int(end.fd_tx), int(end.fd_tx2))):
         if descriptor >= 0:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import can_id, dbc
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.compiled.jit import inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
@@ -77,13 +78,13 @@ def _round(x: float) -> float:
 def _unscale(raw: np.int64, signal: Any) -> float:
     """Return the physical value of a raw word, already masked and sign-extended."""
     kind, factor, offset = signal.kind, signal.factor, signal.offset
-    if kind == dbc.SCALED:
+    if kind == Kind.SCALED:
         return np.float64(raw) * factor + offset
-    if kind == dbc.UNSIGNED_64:
+    if kind == Kind.UNSIGNED_64:
         return np.float64(np.int64(raw).view(np.uint64)) * factor + offset
-    if kind == dbc.FLOAT_32:
+    if kind == Kind.FLOAT_32:
         code = np.float64(np.int32(raw).view(np.float32))
-    elif kind == dbc.FLOAT_64:
+    elif kind == Kind.FLOAT_64:
         code = np.int64(raw).view(np.float64)
     else:
         return np.float64(raw * signal.int_factor + signal.int_offset)
@@ -118,7 +119,7 @@ def _float_bits(code: float, signal: Any) -> np.int64:
         code = signal.code_low
     elif code > signal.code_high:
         code = signal.code_high
-    if signal.kind == dbc.FLOAT_32:
+    if signal.kind == Kind.FLOAT_32:
         return np.int64(np.float32(code).view(np.int32))
     return np.float64(code).view(np.int64)
 
@@ -152,7 +153,7 @@ def pack(
         signal = signals[row]
         code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
         kind, bits = signal.kind, np.int64(0)
-        if kind == dbc.FLOAT_32 or kind == dbc.FLOAT_64:
+        if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
             if code == code:
                 bits = _float_bits(code, signal)
         else:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc_file import load, parse, place, text
 from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import FRAME, SIGNAL
 from pcpc.drivers.errors import BusError, DbcError, printable
 
@@ -47,17 +48,25 @@ __all__ = [
     "text",
 ]
 
-# Values of `protected` in a row of frames.
-UNPROTECTED, CRC_8, CRC_16 = range(3)
-
-# Values of `kind` in a row of signals: integer computed in float64, integer computed in int64,
-# IEEE 754 on the wire.
-SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
-
 _BREAKS = "\n\xa0"  # kept in comments
 _LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days; of one without a cycle
 _EXACT = 2**53  # every integer up to here is a float64
 _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
+
+
+class Protection(Numbered):
+    """Values of `protected` in a row of frames."""
+
+    UNPROTECTED, CRC_8, CRC_16 = range(3)
+
+
+class Kind(Numbered):
+    """Values of `kind` in a row of signals.
+
+    Integer computed in float64, in int64, integer of 64 bits without sign, IEEE 754 on the wire.
+    """
+
+    SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ class Signal:
     big_endian: bool
     signed: bool
     is_float: bool
-    kind: int
+    kind: Kind
     codes: tuple[float, float]
     choices: Mapping[int, str]
 
@@ -113,7 +122,7 @@ class Frame:
     @property
     def protected(self) -> bool:
         """Whether it has counter and CRC."""
-        return self.crc[0] != UNPROTECTED
+        return self.crc[0] != Protection.UNPROTECTED
 
     @property
     def word(self) -> int:
@@ -166,7 +175,7 @@ def frame(message: Message) -> Frame:
         cycle_ms=_cycle_ms(message, where),
         has_sequence="sequence" in tail,
         counter=_counter(message.get_signal_by_name(tail[0]), where) if tail else (0, 0, 0),
-        crc=_crc(message, tail[0]) if tail else (UNPROTECTED, 0, 0),
+        crc=_crc(message, tail[0]) if tail else (Protection.UNPROTECTED, 0, 0),
         signals=tuple(
             _signal(s, message.length, where) for s in message.signals if s.name not in tail
         ),
@@ -213,7 +222,7 @@ def _crc(message: Message, counter: str) -> tuple[int, int, int]:
     """Return which CRC a protected frame has, where, and the id that it is over."""
     crc, where = message.get_signal_by_name("crc"), f"frame {message.name}"
     if crc.length == 8:
-        return CRC_8, message.length - 1, message.frame_id
+        return Protection.CRC_8, message.length - 1, message.frame_id
     place = crc.start // 8
     whole = (place + 2, 0, 255) == _counter(message.get_signal_by_name(counter), where)
     if crc.start % 8 or crc.byte_order == "big_endian" or not whole:
@@ -223,7 +232,7 @@ def _crc(message: Message, counter: str) -> tuple[int, int, int]:
     data_id = message.frame_id & 0xFFFF if given is None else given.value
     if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
         raise DbcError(f"{where}: E2EDataId {printable(repr(data_id)[:40])}; expected 0 to 65535")
-    return CRC_16, place, data_id
+    return Protection.CRC_16, place, data_id
 
 
 def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
@@ -290,7 +299,7 @@ def _real(number: float) -> float:
         return math.inf if number > 0 else -math.inf
 
 
-def _kind(signal: DbcSignal, where: str) -> int:
+def _kind(signal: DbcSignal, where: str) -> Kind:
     """Return in what arithmetic the float64 value of this signal is the one of cantools.
 
     cantools computes integer factors and offsets in integers of any size. Up to 2^53 float64
@@ -299,9 +308,9 @@ def _kind(signal: DbcSignal, where: str) -> int:
     if signal.is_float:
         if signal.length not in (32, 64):
             raise DbcError(f"{where}: float of {signal.length} bits; use 32 or 64")
-        return FLOAT_32 if signal.length == 32 else FLOAT_64
+        return Kind.FLOAT_32 if signal.length == 32 else Kind.FLOAT_64
     unsigned_64 = signal.length == 64 and not signal.is_signed
-    in_floats = UNSIGNED_64 if unsigned_64 else SCALED
+    in_floats = Kind.UNSIGNED_64 if unsigned_64 else Kind.SCALED
     whole_offset = float(signal.offset).is_integer()
     if not (isinstance(signal.scale, int) or (signal.scale.is_integer() and whole_offset)):
         return in_floats
@@ -312,7 +321,7 @@ def _kind(signal: DbcSignal, where: str) -> int:
         return in_floats
     if not whole_offset or unsigned_64 or largest + abs(int(signal.offset)) >= 2**63:
         raise DbcError(f"{where}: scaled values exceed 64 bits; use fewer bits")
-    return WIDE
+    return Kind.WIDE
 
 
 def table(
@@ -343,7 +352,7 @@ def _signal_row(signal: Signal, place: int) -> tuple[float, ...]:
     from_top = signal.start // 8 * 8 + 7 - signal.start % 8
     shift = 64 - from_top - signal.nbits if signal.big_endian else signal.start
     extends = (signal.signed or signal.is_float) and signal.nbits < 64
-    wide = signal.kind == WIDE
+    wide = signal.kind == Kind.WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
     return (
         signal.big_endian, shift, _wrap(mask),

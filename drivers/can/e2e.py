@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc
+from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import compiled, inline
 from pcpc.drivers.compiled.rows import RECEIVER
@@ -87,7 +87,7 @@ def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np
 def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
     """Return the CRC that belongs to the data of a protected frame."""
     place = frames[frame].crc_byte
-    if frames[frame].protected == dbc.CRC_16:
+    if frames[frame].protected == Protection.CRC_16:
         return crc16(frames[frame].data_id, data, place, frames[frame].dlc)
     return crc8(frames[frame].can_id, data, place)
 
@@ -97,7 +97,7 @@ def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int6
     """Return the CRC that stands in the data of a protected frame."""
     place = frames[frame].crc_byte
     crc = np.int64(data[place])
-    if frames[frame].protected == dbc.CRC_16:
+    if frames[frame].protected == Protection.CRC_16:
         crc |= np.int64(data[place + 1]) << 8
     return crc
 
@@ -107,7 +107,7 @@ def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], crc: int)
     """Write a CRC into the data of a protected frame, as many bits of it as it has."""
     place = frames[frame].crc_byte
     data[place] = crc & 0xFF
-    if frames[frame].protected == dbc.CRC_16:
+    if frames[frame].protected == Protection.CRC_16:
         data[place + 1] = crc >> 8 & 0xFF
 
 
@@ -117,13 +117,13 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: 
 
     `counter` is the SYNC sequence in a frame of every cycle, the transmission's number in others.
     """
-    if frames[frame].protected == 0:
+    if frames[frame].protected == Protection.UNPROTECTED:
         return
     byte, shift = frames[frame].counter_byte, frames[frame].counter_shift
     mask = frames[frame].counter_mask
     kept = np.int64(data[byte]) & ~(mask << shift)
     data[byte] = kept | ((counter & mask) << shift)
-    if frames[frame].protected == dbc.CRC_8:
+    if frames[frame].protected == Protection.CRC_8:
         last = frames[frame].crc_byte
         data[last] = crc8(frames[frame].can_id, data, last)
     else:
@@ -169,13 +169,14 @@ def check(
     last, protected = frames[frame].crc_byte, frames[frame].protected
     if length != frames[frame].dlc or (
         crc8(frames[frame].can_id, data, last) != np.int64(data[last])
-        if protected == dbc.CRC_8
-        else protected != 0 and right_crc(data, frame, frames) != crc_of(data, frame, frames)
+        if protected == Protection.CRC_8
+        else protected != Protection.UNPROTECTED
+        and right_crc(data, frame, frames) != crc_of(data, frame, frames)
     ):
         state[frame].state = FrameState.ERROR
         state[frame].errors += 1
         return FrameState.ERROR, 0
-    if protected == 0:
+    if protected == Protection.UNPROTECTED:
         _use(state, frame, FrameState.OK)
         return FrameState.OK, 0
     mask = frames[frame].counter_mask

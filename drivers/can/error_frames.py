@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import line as lines
+from pcpc.drivers.can.line import Condition
 from pcpc.drivers.compiled.jit import loop_function
 
 FLAG = 0x20  # in the id's top byte
@@ -34,9 +35,9 @@ def news(line: Any, s: Any, frame: Any) -> Any:
     for i in range(16):
         frame[i] = 0
     frame[3], frame[4] = FLAG, 8
-    if state == lines.OFF:
+    if state == Condition.OFF:
         frame[0] = OFF
-    elif before == lines.OFF:
+    elif before == Condition.OFF:
         frame[1] = RESTARTED >> 8
     else:
         frame[0], frame[9] = STATE, _TOLD[state]

@@ -35,17 +35,29 @@ from pcpc.drivers.can.stuffing import (
     encode,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import copy, structure
 
 SENDERS, MOST_ROOM = 4, 256
-NOTHING, SENT, ERROR, BUS_OFF, RECOVERED = range(5)  # what `advance` returns
-ACTIVE, WARNING, PASSIVE, OFF = range(4)  # the state of a sender
 WARNING_AT, PASSIVE_AT, OFF_AT = 96, 128, 256  # of the higher counter; bus off by that of sending
 RECESSIVE_RUN, RUNS_TO_RECOVER = 11, 128
 SUSPENDED_BITS, DELIMITER_BITS, FLAG_BITS = 8, 8, 6
 _PRIME, _FACTOR = 2**31 - 1, 48271  # Park and Miller's generator, as `executive.loop.losses`
 _NEVER = 2**62
 _S = 1_000_000_000
+
+
+class Outcome(Numbered):
+    """What happens next on a line."""
+
+    NOTHING, SENT, ERROR, BUS_OFF, RECOVERED = range(5)
+
+
+class Condition(Numbered):
+    """The state of a sender."""
+
+    ACTIVE, WARNING, PASSIVE, OFF = range(4)
+
 
 LINE = np.dtype(
     [
@@ -98,15 +110,9 @@ N = structure(LINE)
 
 
 def prepare(
-    line: Any,
-    senders: int,
-    room: int = 64,
-    *,
-    in_order: bool = False,
-    p: float = 0.0,
-    burst: float = 1.0,
-    seed: int = 1,
-) -> None:
+    line: Any, senders: int, room: int = 64, *,
+    in_order: bool = False, p: float = 0.0, burst: float = 1.0, seed: int = 1,
+) -> None:  # fmt: skip
     """Fill the zeroed LINE record `line`."""
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
@@ -171,18 +177,18 @@ def advance(line: Any, until: Any) -> Any:
     if line.sending < 0:
         begin = _next_begin(line)
         if _recovers(line, min(begin, until)):
-            return RECOVERED
+            return Outcome.RECOVERED
         if begin >= until:
-            return NOTHING
+            return Outcome.NOTHING
         _begin(line, begin)
     if line.due > until:
-        return NOTHING
+        return Outcome.NOTHING
     line.who, line.at = line.sending, line.due
     line.sending = -1
     if line.hit >= 0:
         return _fail(line, line.who)
     _succeed(line, line.who)
-    return SENT
+    return Outcome.SENT
 
 
 @loop_function
@@ -214,11 +220,11 @@ def passive(line: Any, s: Any) -> Any:
 def state_of(line: Any, s: Any) -> Any:
     """Return ACTIVE, WARNING, PASSIVE or OFF."""
     if line.off[s] != 0:
-        return OFF
+        return Condition.OFF
     if passive(line, s):
-        return PASSIVE
+        return Condition.PASSIVE
     worse = max(line.transmit_errors[s], line.receive_errors[s]) >= WARNING_AT
-    return WARNING if worse else ACTIVE
+    return Condition.WARNING if worse else Condition.ACTIVE
 
 
 @loop_inline
@@ -346,10 +352,10 @@ def _fail(line: Any, s: Any) -> Any:
         line.times_off[s] += 1
         line.lost_off[s] += line.waiting[s]
         line.waiting[s] = 0
-        return BUS_OFF
+        return Outcome.BUS_OFF
     if passive(line, s):
         line.not_before[s] = line.free_at + SUSPENDED_BITS
-    return ERROR
+    return Outcome.ERROR
 
 
 @loop_function

@@ -10,6 +10,7 @@ from typing import Any
 import can
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import Arrival
 
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out
@@ -40,18 +41,18 @@ def put(wire: Any) -> bool:
 
 
 def get(wire: Any, block: bool) -> int:
-    """Receive into `wire.rx`: 1 a frame, 0 nothing, 2 no classic data frame, -1 the bus failed."""
+    """Receive into `wire.rx`; return what came, an Arrival."""
     try:
         message = _open[wire.fd_tx].recv(_BLOCK_S if block else 0.0)
     except can.CanError:
-        return -1
+        return Arrival.FAILED
     if message is None:
-        return 0
+        return Arrival.NOTHING
     foreign = message.is_remote_frame or message.is_error_frame or message.is_fd
     if foreign or len(message.data) > 8:
-        return 2
+        return Arrival.FOREIGN
     word = can_id.word_of(message.arbitration_id, message.is_extended_id)
     head = word.to_bytes(4, "little") + bytes([len(message.data), 0, 0, 0])
     for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte
-    return 1
+    return Arrival.FRAME

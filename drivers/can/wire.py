@@ -22,13 +22,11 @@ import numpy as np
 from pcpc.drivers.can.wire_layout import (
     ADDRESS_BYTES,
     FRAME_BYTES,
-    MEMORY,
     PACKET_BYTES,
-    PYTHON_CAN,
     QUEUE_FRAMES,
-    SOCKETCAN,
-    UDP,
     WIRE,
+    Arrival,
+    Medium,
 )
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function, loop_inline
@@ -38,7 +36,6 @@ END = structure(WIRE)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.can.bus
 ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
 NO_SUCH_KIND = errno.EPROTONOSUPPORT
-NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
 
 
 def _template() -> tuple[bytes, int, int, int]:
@@ -195,7 +192,7 @@ else:
 
     @loop_function
     def _get_python_can(wire: Any, block: Any) -> Any:
-        return FAILED
+        return Arrival.FAILED
 
 
 @loop_function
@@ -215,7 +212,7 @@ def on_second(wire: Any, frame: Any) -> Any:
 @loop_inline
 def put_frame(wire: Any) -> Any:
     """Send `wire.tx`; return True when the bus took it (never blocks)."""
-    if wire.kind != MEMORY:
+    if wire.kind != Medium.MEMORY:
         return _send(wire)
     if wire.outbox_put >= QUEUE_FRAMES:
         return False
@@ -227,11 +224,11 @@ def put_frame(wire: Any) -> Any:
 @loop_function
 def _send(wire: Any) -> Any:
     """Send `wire.tx` by a system call; as `put_frame`."""
-    if wire.kind == PYTHON_CAN:
+    if wire.kind == Medium.PYTHON_CAN:
         return _put_python_can(wire)
-    if wire.kind == SOCKETCAN:
+    if wire.kind == Medium.SOCKETCAN:
         n, at = np.int64(FRAME_BYTES), libc.address(wire.tx)
-    elif wire.kind == UDP:
+    elif wire.kind == Medium.UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
     else:
         wire.errno = NO_SUCH_KIND
@@ -256,19 +253,19 @@ def get_frame(wire: Any, block: Any) -> Any:
 
     With `block` the call waits at most the socket's receive time-out (set when the bus was opened).
     """
-    if wire.kind != MEMORY:
+    if wire.kind != Medium.MEMORY:
         return _receive(wire, block)
     if wire.inbox_taken == wire.inbox_put:
-        return NOTHING
+        return Arrival.NOTHING
     copy(wire.rx, wire.inbox[wire.inbox_taken % QUEUE_FRAMES])
     wire.inbox_taken += 1
-    return BUS_ERROR if wire.rx[3] & ERROR_FLAG != 0 else FRAME
+    return Arrival.BUS_ERROR if wire.rx[3] & ERROR_FLAG != 0 else Arrival.FRAME
 
 
 @loop_function
 def _receive(wire: Any, block: Any) -> Any:
     """Receive by system calls; as `get_frame`."""
-    if wire.kind == PYTHON_CAN:
+    if wire.kind == Medium.PYTHON_CAN:
         return _get_python_can(wire, block)
     if wire.fd_rx2 < 0:
         return _take(wire, wire.fd_rx, 0 if block else libc.MSG_DONTWAIT)
@@ -279,40 +276,40 @@ def _receive(wire: Any, block: Any) -> Any:
     for attempt in range(2):
         for fd in (wire.fd_rx, wire.fd_rx2):
             result = _take(wire, fd, libc.MSG_DONTWAIT)
-            if result != NOTHING:
+            if result != Arrival.NOTHING:
                 return result
         if attempt == 1 or not block or _wait_for_either(wire) <= 0:
             break
-    return NOTHING
+    return Arrival.NOTHING
 
 
 @loop_function
 def _take(wire: Any, fd: Any, flags: Any) -> Any:
     """Receive from one descriptor; as `get_frame`."""
-    if wire.kind == SOCKETCAN:
+    if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
         known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
         if n == FRAME_BYTES and wire.rx[3] & ERROR_FLAG != 0:
-            return BUS_ERROR
-    elif wire.kind == UDP:
+            return Arrival.BUS_ERROR
+    elif wire.kind == Medium.UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
         size = libc.address(wire.address_bytes)
         n = libc.recvfrom(fd, packet, PACKET_BYTES, flags, address, size)
         wire.source = wire.address[0]
         if n >= 0 and (wire.source == wire.own[0] or wire.source == wire.own[1]):
-            return OWN
+            return Arrival.OWN
         known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
     else:
         wire.errno = NO_SUCH_KIND
-        return FAILED
+        return Arrival.FAILED
     if n < 0:
         e = libc.errno()
         if e == libc.EAGAIN or e == libc.EINTR:
-            return NOTHING
+            return Arrival.NOTHING
         wire.errno = e
-        return FAILED
-    return FRAME if known else FOREIGN
+        return Arrival.FAILED
+    return Arrival.FRAME if known else Arrival.FOREIGN
 
 
 @loop_function

@@ -2,7 +2,21 @@
 
 import numpy as np
 
-MEMORY, SOCKETCAN, UDP, PYTHON_CAN = 0, 1, 2, 3
+from pcpc.drivers.compiled.numbered import Numbered
+
+
+class Medium(Numbered):
+    """What an end of a bus is on, its `kind`."""
+
+    MEMORY, SOCKETCAN, UDP, PYTHON_CAN = range(4)
+
+
+class Arrival(Numbered):
+    """What came, see `drivers.can.wire.get_frame`."""
+
+    NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR = range(5)
+    FAILED = -1
+
 
 FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
 QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames

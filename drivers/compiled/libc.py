@@ -44,7 +44,7 @@ if not LOOP_INTERPRETED:
     from pcpc.drivers.compiled.views import Fields, address_of, data
 
     intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
-    literal_intrinsic: Any = extending.intrinsic(prefer_literal=True)  # type: ignore[call-arg]
+    literal_intrinsic: Any = extending.intrinsic(prefer_literal=True)
 
     def _external(name: str) -> Any:
         result, *arguments = _SIGNATURES[name]

@@ -22,6 +22,11 @@ class Numbered(IntEnum, metaclass=NumberedKind):
         """Return the names in the order of their numbers."""
         return tuple(cls.__members__)
 
+    @classmethod
+    def words(cls) -> tuple[str, ...]:
+        """Return the names as a rig has them, in small letters."""
+        return tuple(name.lower() for name in cls.__members__)
+
 
 class Told(Numbered):
     """Names numbered from 0 on, each with what it says to a reader."""

@@ -31,7 +31,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.can import e2e
+from pcpc.drivers.can.dbc import Kind, Protection
 from pcpc.drivers.compiled.jit import OPTIONS, inline, numba
 from pcpc.drivers.compiled.lanes import WIDTH, in_single
 from pcpc.drivers.compiled.stage import call, part
@@ -133,8 +134,8 @@ def supervise(n: Any, w: Any) -> None:
 def tune(n: Any, w: Any, k: Any) -> None:
     """Apply the rig's tunings whose time has come."""
     tuning = n.tuning
-    while tuning.done < tuning.n and tuning.schedule[tuning.done, 0] <= k:
-        w[tuning.schedule[tuning.done, 1]] = tuning.value[tuning.done]
+    while tuning.done < tuning.n and tuning.schedule[tuning.done].cycle <= k:
+        w[tuning.schedule[tuning.done].place] = tuning.value[tuning.done]
         tuning.done += 1
 
 
@@ -146,7 +147,7 @@ def carry(n: Any, w: Any, block: Any) -> None:
     """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
     first = n.blocks.copies_end[block - 1] if block > 0 else 0
     for i in range(first, n.blocks.copies_end[block]):
-        w[n.blocks.copies[i, 1]] = w[n.blocks.copies[i, 0]]
+        w[n.blocks.copies[i].target] = w[n.blocks.copies[i].source]
 
 
 @inline
@@ -160,8 +161,8 @@ def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
             continue
         carry(n, w, b)
         at = n.blocks.views[b]
-        p, x = part(values, WIDTH * at[0]), part(values, WIDTH * at[2])
-        u, y = part(values, WIDTH * at[4]), part(values, WIDTH * at[6])
+        p, x = part(values, WIDTH * at.p), part(values, WIDTH * at.x)
+        u, y = part(values, WIDTH * at.u), part(values, WIDTH * at.y)
         n.control.stepping = b + 1  # for `executive.nodes.watched`
         call(steps[b], t, dt, p, x, u, y)
     n.control.stepping = 0
@@ -184,7 +185,7 @@ def limit(n: Any, w: Any) -> None:
     """Carry the outputs into what is sent; clamp them and limit their rate."""
     carry(n, w, sh.MAX_BLOCKS)
     for b in range(n.blocks.n):
-        look_for_odd(n, w, n.blocks.views[b, 6], n.blocks.views[b, 7])
+        look_for_odd(n, w, n.blocks.views[b].y, n.blocks.views[b].y_end)
     look_for_odd(n, w, n.tx.first, n.tx.past)
     w[CLAMPED] = 0.0
     table, waits = n.limits.table, w[STATE] == float(State.INIT)
@@ -229,7 +230,7 @@ def end(n: Any, w: Any) -> None:
 @inline
 def survives(m: Any, z: Any, row: Any) -> Any:
     """Return in which runs a frame of `row` is used, by its loss and its counter."""
-    if m.rx.loss[row, losses.ENTER] <= 0.0:
+    if m.rx.loss[row].enter <= 0.0:
         add(m, z, RECEIVED, 1.0)
         return z[m.n_variables + ODD] == z[m.n_variables + ODD]
     own = of_frame(m, row)
@@ -237,11 +238,11 @@ def survives(m: Any, z: Any, row: Any) -> Any:
     s = s - (s * (1.0 / _PRIME) + ROUND - ROUND) * _PRIME
     s = where(s < 0.0, s + _PRIME, s)
     lost = z[own + IN_LOSS] > 0.5
-    turns = s / _PRIME < where(lost, m.rx.loss[row, losses.LEAVE], m.rx.loss[row, losses.ENTER])
+    turns = s / _PRIME < where(lost, m.rx.loss[row].leave, m.rx.loss[row].enter)
     lost = (lost & ~turns) | (turns & ~lost)
     gap = where(z[own + HEARD] > 0.5, z[own + GAP] + 1.0, 1.0)  # since the last one
     z[own + SEED], z[own + IN_LOSS] = s, number(lost)
-    used, protected = ~lost, m.rx.frames[row].protected != 0
+    used, protected = ~lost, m.rx.frames[row].protected != Protection.UNPROTECTED
     if protected:
         used = used & (gap <= float(e2e.MAX_DELTA))
         add(m, z, ODD, number(gap > float(m.rx.frames[row].counter_mask)))
@@ -259,23 +260,23 @@ def encoded(n: Any, w: Any, i: Any) -> Any:
     kind, low, high = signal.kind, signal.code_low, signal.code_high
     code = w[signal.variable]
     code = (code - signal.offset) / signal.factor
-    if kind < dbc.FLOAT_32:
+    if kind < Kind.FLOAT_32:
         size = abs(code)
         size = where(size < _TWO_52, (size + _TWO_52) - _TWO_52, size)
         code = where(code < 0.0, -size, size)
     void = code != code
     outside = void | (code < low) | (code > high)
     code = where(void, 0.0, where(code < low, low, where(code > high, high, code)))
-    if kind == dbc.FLOAT_32:
+    if kind == Kind.FLOAT_32:
         return in_single(code), outside
-    return (code + 0.0 if kind < dbc.FLOAT_32 else code), outside
+    return (code + 0.0 if kind < Kind.FLOAT_32 else code), outside
 
 
 @inline
 def decoded(m: Any, i: Any, code: Any) -> Any:
     """Return the value of signal `i` of what is received."""
     signal = m.rx.signals[i]
-    factor, offset, whole = signal.factor, signal.offset, signal.kind < dbc.FLOAT_32
+    factor, offset, whole = signal.factor, signal.offset, signal.kind < Kind.FLOAT_32
     return code * factor + offset if whole or factor != 1.0 or offset != 0.0 else code
 
 

@@ -67,8 +67,8 @@ def _alone(
             at = n.blocks.views[b]
             n.control.stepping = b + 1
             call(
-                steps[b], t, dt, part(values, at[0]), part(values, at[2]), part(values, at[4]),
-                part(values, at[6]),
+                steps[b], t, dt, part(values, at.p), part(values, at.x), part(values, at.u),
+                part(values, at.y),
             )  # fmt: skip
         n.control.stepping = 0
         cycle.carry(n, values, sh.MAX_BLOCKS)

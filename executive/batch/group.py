@@ -102,7 +102,7 @@ class Group:
             (role, int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED, frame.name)
             for role, seat in self.seats.items()
             for row, frame in enumerate(self.plans[role].rx_frames)
-            if seat.n.rx.loss[row, losses.ENTER] > 0.0
+            if seat.n.rx.loss[row].enter > 0.0
         ]
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
         for made, loop in zip(self.plans.values(), (top, low), strict=True):
@@ -243,6 +243,6 @@ def _beginning(role: Role, seat: cycle.Seat) -> NDArray[np.float64]:
         values[n + cycle.EXTRA + i] = loop.limits.table[i].sent
     for row in range(loop.rx.n):
         at = n + cycle.EXTRA + loop.limits.n + cycle.OF_FRAME * row
-        values[at + cycle.SEED] = loop.rx.loss_state[row, losses.STATE]
+        values[at + cycle.SEED] = loop.rx.loss_state[row].draw
         values[at + cycle.HEARD] = loop.rx.state[row].last_counter >= 0
     return values

@@ -13,15 +13,25 @@ from typing import Any
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.numbered import Numbered
 
-REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)
-CLOCKED, ON_FRAMES = 0, 1
+
+class Time(Numbered):
+    """What time it is, see above."""
+
+    REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)
+
+
+class Trigger(Numbered):
+    """What starts a cycle."""
+
+    CLOCKED, ON_FRAMES = range(2)
 
 
 @loop_inline
 def runs(clock: Any) -> Any:
     """Return True if time goes on by itself."""
-    return clock.kind == REAL or clock.kind == LOCKSTEP
+    return clock.kind == Time.REAL or clock.kind == Time.LOCKSTEP
 
 
 @loop_inline
@@ -40,7 +50,7 @@ def now(clock: Any) -> Any:
 @loop_inline
 def stamp(clock: Any) -> Any:
     """Return what frames and events are stamped with, ns."""
-    return clock.now_ns if clock.kind == LOCKSTEP else now(clock)
+    return clock.now_ns if clock.kind == Time.LOCKSTEP else now(clock)
 
 
 @loop_inline
@@ -52,13 +62,13 @@ def stopping(n: Any) -> Any:
 @loop_inline
 def paced(n: Any) -> Any:
     """Return True if this cycle begins at a deadline, not with frames."""
-    return n.clock.trigger == CLOCKED and n.passes > n.clock.arm_pass
+    return n.clock.trigger == Trigger.CLOCKED and n.passes > n.clock.arm_pass
 
 
 @loop_inline
 def set_time(n: Any) -> None:
     """Let it be k T, where that is the time."""
-    if n.clock.kind == LOCKSTEP or n.clock.kind == VIRTUAL:
+    if n.clock.kind == Time.LOCKSTEP or n.clock.kind == Time.VIRTUAL:
         n.clock.now_ns = n.k * n.clock.period_ns
 
 
@@ -73,7 +83,7 @@ def wait(n: Any) -> None:
 def start(n: Any) -> None:
     """Begin a cycle whose frames are here; the clock runs from the arming pass on."""
     clock = n.clock
-    if clock.trigger == CLOCKED and n.passes == clock.arm_pass:
+    if clock.trigger == Trigger.CLOCKED and n.passes == clock.arm_pass:
         arm(clock)
         _sleep(n)
     else:

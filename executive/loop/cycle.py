@@ -35,7 +35,7 @@ from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
-from pcpc.executive.loop.sending import announce, request_first_sample, transmit
+from pcpc.executive.loop.sending import LastWord, announce, request_first_sample, transmit
 from pcpc.executive.loop.stalls import own_up, stalled, stand_still
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.stepping import limit, step
@@ -117,7 +117,7 @@ def finish(n: Any) -> None:
     if refused(n):
         n.control.fault = guard.faulted
         meeting.greet(n)
-    elif n.tx.last_word == sh.ALL_FRAMES:
+    elif n.tx.last_word == LastWord.ALL_FRAMES:
         limit(n)
         transmit(n)
     else:

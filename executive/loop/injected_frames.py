@@ -25,9 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.can import e2e
+from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
@@ -35,14 +37,21 @@ from pcpc.executive.loop.intrusion import suspect
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.strangers import note_repeat, word_of
 
-KINDS = (
-    "loss", "corruption", "repetition", "sequence", "delay", "insertion", "masquerade",
-    "addressing", "length", "counter", "checksum", "payload", "forgery",
-)  # fmt: skip
-(LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE, ADDRESSING, LENGTH, COUNTER,
- CHECKSUM, PAYLOAD, FORGERY) = range(13)  # fmt: skip
-HOWS = ("value", "freeze", "random", "offset")
-FIXED, FREEZE, AT_RANDOM, OFFSET = range(4)
+
+class Wrong(Numbered):
+    """What a fault does to a frame."""
+
+    LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE = range(7)
+    ADDRESSING, LENGTH, COUNTER, CHECKSUM, PAYLOAD, FORGERY = range(7, 13)
+
+
+class How(Numbered):
+    """What a counter, a checksum or data become."""
+
+    VALUE, FREEZE, RANDOM, OFFSET = range(4)
+
+
+KINDS, HOWS = Wrong.words(), How.words()
 GONE, CHANGED, AND_ANOTHER = 1, 2, 4  # what faults did to a frame
 EXCUSED_CYCLES = 20  # after a fault a frame that does not fit the counter is its consequence
 
@@ -53,7 +62,7 @@ def inject(n: Any, row: Any) -> Any:
     faults, done = n.faults, 0
     copy(faults.raw, n.wire.rx)
     for f in range(faults.n_values, faults.n):
-        if faults.kind[f] == ADDRESSING and faults.other[f] == row:
+        if faults.kind[f] == Wrong.ADDRESSING and faults.other[f] == row:
             copy(faults.waiting[f, 0], faults.raw)
         if faults.target[f] != row:
             continue
@@ -65,7 +74,7 @@ def inject(n: Any, row: Any) -> Any:
                 faults.count[f] = 0
         elif acts(n, f):
             done |= disturb(n, row, f)
-        if faults.kind[f] == REPETITION:
+        if faults.kind[f] == Wrong.REPETITION:
             copy(faults.waiting[f, 0], faults.raw)
     if done != 0:
         faults.acted[row] = n.passes + 1
@@ -79,28 +88,28 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
     """Do to the frame in `wire.rx` what fault `f` does, and note a further one to come."""
     faults, frame = n.faults, n.wire.rx
     kind, data = faults.kind[f], data_of(n.wire.rx)
-    if kind == LOSS:
+    if kind == Wrong.LOSS:
         return GONE
-    if kind == REPETITION:
+    if kind == Wrong.REPETITION:
         copy(faults.another, faults.waiting[f, 0])
         return CHANGED | (AND_ANOTHER if faults.another[4] != 0 else 0)
-    if kind == INSERTION:
+    if kind == Wrong.INSERTION:
         copy(faults.another, frame)
         draw(n, f, data_of(faults.another))
         return CHANGED | AND_ANOTHER
-    if kind == FORGERY:
+    if kind == Wrong.FORGERY:
         copy(faults.another, frame)
         rewrite(n, row, f)
         return CHANGED | AND_ANOTHER
-    if kind in (SEQUENCE, DELAY):
+    if kind in (Wrong.SEQUENCE, Wrong.DELAY):
         return hold(n, f)
-    if kind == CORRUPTION:
+    if kind == Wrong.CORRUPTION:
         for _ in range(np.int64(size(n, f))):
             bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[4]), 1))
             data[bit >> 3] = data[bit >> 3] ^ (1 << (bit & 7))
-    elif kind == LENGTH:
+    elif kind == Wrong.LENGTH:
         frame[4] = np.uint8(min(max(size(n, f), 0.0), 8.0))
-    elif kind == ADDRESSING:
+    elif kind == Wrong.ADDRESSING:
         for i in range(8):
             data[i] = faults.waiting[f, 0, 8 + i]
     else:
@@ -112,7 +121,7 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
 def hold(n: Any, f: Any) -> Any:
     """Let the frame wait for later ones; return what came instead of it."""
     faults, frame = n.faults, n.wire.rx
-    if faults.kind[f] == SEQUENCE:
+    if faults.kind[f] == Wrong.SEQUENCE:
         if faults.count[f] == 0:
             copy(faults.waiting[f, 0], frame)
             faults.count[f] = 1
@@ -147,16 +156,16 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
     if faults.count[f] == 0:
         faults.count[f] = 1
         copy(faults.waiting[f, 0], n.wire.rx)
-        faults.first[f] = crc if kind == CHECKSUM else counter
-    if kind == CHECKSUM:
-        span = 65536.0 if frames[row].protected == dbc.CRC_16 else 256.0
+        faults.first[f] = crc if kind == Wrong.CHECKSUM else counter
+    if kind == Wrong.CHECKSUM:
+        span = 65536.0 if frames[row].protected == Protection.CRC_16 else 256.0
         e2e.put_crc(data, row, frames, altered(n, f, how, crc, span))
         return
-    if kind == COUNTER and is_on(n, f):
+    if kind == Wrong.COUNTER and is_on(n, f):
         faults.kept[f] = altered(n, f, how, counter, 256.0) - counter
-    if kind == COUNTER:
+    if kind == Wrong.COUNTER:
         counter += np.int64(faults.kept[f])
-    elif kind == PAYLOAD and how == FREEZE:
+    elif kind == Wrong.PAYLOAD and how == How.FREEZE:
         for i in range(8):
             data[i] = faults.waiting[f, 0, 8 + i]
     else:
@@ -167,12 +176,12 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
 @loop_function
 def altered(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
     """Return a counter or checksum in the place of the true one; a drawn one is below `span`."""
-    if how == FREEZE:
+    if how == How.FREEZE:
         return n.faults.first[f]
-    if how == AT_RANDOM:
+    if how == How.RANDOM:
         return np.int64(span * uniform(n, f))
     wanted = np.int64(size(n, f))
-    return true + wanted if how == OFFSET else wanted
+    return true + wanted if how == How.OFFSET else wanted
 
 
 @loop_function

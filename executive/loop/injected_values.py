@@ -29,16 +29,20 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
 
-KINDS = (
-    "value", "bias", "gain", "drift", "stuck", "dropout", "noise", "random", "quantise", "delay",
-    "saturation", "rate", "dead_zone", "nan",
-)  # fmt: skip
-(FIXED, BIAS, GAIN, DRIFT, STUCK, DROPOUT, NOISE, RANDOM, QUANTISE, DELAY, SATURATION, RATE,
- DEAD_ZONE, NOT_A_NUMBER) = range(14)  # fmt: skip
+
+class Wrong(Numbered):
+    """What a fault makes of a value."""
+
+    VALUE, BIAS, GAIN, DRIFT, STUCK, DROPOUT, NOISE, RANDOM, QUANTISE, DELAY = range(10)
+    SATURATION, RATE, DEAD_ZONE, NAN = range(10, 14)
+
+
+KINDS = Wrong.words()
 # Where a fault acts: SENT, the inputs of block b at b, its outputs at OUTPUTS + b
 PARAMETERS, SENT, OUTPUTS = -1, sh.MAX_BLOCKS, sh.MAX_BLOCKS + 1
 
@@ -82,11 +86,11 @@ def wrong(n: Any, f: Any, x: Any) -> Any:
     kind, a, cycles = faults.kind[f], size(n, f), n.k - faults.since[f]
     faults.earlier[f, cycles % FAULT_DEPTH] = x
     if not acts(n, f):
-        if kind != STUCK:
+        if kind != Wrong.STUCK:
             faults.kept[f] = x
         return x
     value = changed(n, f, x, a, cycles)
-    if kind == RATE:
+    if kind == Wrong.RATE:
         faults.kept[f] = value
     return value
 
@@ -96,32 +100,32 @@ def changed(n: Any, f: Any, x: Any, a: Any, cycles: Any) -> Any:
     """Return (1) to (14)."""
     faults, period_s = n.faults, n.clock.period_ns * 1e-9
     kind, kept = faults.kind[f], faults.kept[f]
-    if kind == FIXED:
+    if kind == Wrong.VALUE:
         return a
-    if kind == BIAS:
+    if kind == Wrong.BIAS:
         return x + a
-    if kind == GAIN:
+    if kind == Wrong.GAIN:
         return a * x
-    if kind == DRIFT:
+    if kind == Wrong.DRIFT:
         return x + a * (cycles * period_s)
-    if kind in (STUCK, DROPOUT):
+    if kind in (Wrong.STUCK, Wrong.DROPOUT):
         return kept
-    if kind == NOISE:
+    if kind == Wrong.NOISE:
         total = -6.0
         for _ in range(12):
             total += uniform(n, f)
         return x + a * total
-    if kind == RANDOM:
+    if kind == Wrong.RANDOM:
         return a * (2.0 * uniform(n, f) - 1.0)
-    if kind == QUANTISE:
+    if kind == Wrong.QUANTISE:
         return a * floor(x / a + 0.5) if abs(x / a) < 2.0**52 else x
-    if kind == DELAY:
+    if kind == Wrong.DELAY:
         back = np.int64(min(max(a, 0.0), FAULT_DEPTH - 1.0))
         return faults.earlier[f, (cycles - back) % FAULT_DEPTH]
-    if kind == SATURATION:
+    if kind == Wrong.SATURATION:
         return min(max(x, -a), a)
-    if kind == RATE:
+    if kind == Wrong.RATE:
         return min(max(x, kept - a * period_s), kept + a * period_s)
-    if kind == NOT_A_NUMBER:
+    if kind == Wrong.NAN:
         return np.nan
     return 0.0 if abs(x) <= a else x - a * np.sign(x)

@@ -22,6 +22,7 @@ import numpy as np
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -29,10 +30,17 @@ from pcpc.executive.loop.plausibility import take_plausible
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.strangers import blame, word_of
 
-REACTIONS = ("count", "hold", "fault")
-COUNT, HOLD, FAULT = range(3)
 HINTS, HINT_TURNS = 3, 10
 EVENT_CYCLES = 100  # a frame is told at most this often
+
+
+class Reaction(Numbered):
+    """What follows."""
+
+    COUNT, HOLD, FAULT = range(3)
+
+
+REACTIONS = Reaction.words()
 
 
 @loop_function
@@ -92,9 +100,9 @@ def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
     if n.k >= watch.told_until[row]:
         watch.told_until[row] = n.k + EVENT_CYCLES
         push_event(n, event, word & can_id.ID, n.control.intrusions)
-    if watch.hints[row] >= HINTS and watch.reaction != COUNT:
+    if watch.hints[row] >= HINTS and watch.reaction != Reaction.COUNT:
         take_back(n, row)
-        if watch.reaction == FAULT:
+        if watch.reaction == Reaction.FAULT:
             blame(n, Fault.INTRUSION, word)
 
 
@@ -124,7 +132,7 @@ def unpack_with_care(n: Any, row: Any, new: Any) -> None:
     if watch.doubted[row] == cycle:
         rx.fresh -= awaited
         return
-    if new and watch.reaction != COUNT:
+    if new and watch.reaction != Reaction.COUNT:
         watch.kept[row] = cycle
         for i in range(rx.frames[row].first, rx.frames[row].end):
             watch.before[i] = n.v[rx.signals[i].variable]

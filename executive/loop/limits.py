@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.executive.loop import shared as sh
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import bits_of, push_event
@@ -24,6 +24,12 @@ from pcpc.executive.loop.states import RAMPS, SENDS
 from pcpc.executive.loop.variables import CLAMPED, STATE
 
 FINITE = 1e300  # from here on, and as NaN, a value counts as not finite
+
+
+class Quick(Numbered):
+    """A quick stop, whose ramp is another one."""
+
+    NONE, ASKED, BEGUN = range(3)
 
 
 @loop_function
@@ -45,7 +51,7 @@ def check_finite(n: Any) -> Any:
     place = np.int64(-1)
     for b in range(n.blocks.n):
         if place < 0:
-            place = find_not_finite(n.v, n.blocks.views[b, 6], n.blocks.views[b, 7])
+            place = find_not_finite(n.v, n.blocks.views[b].y, n.blocks.views[b].y_end)
     if place < 0:
         place = find_not_finite(n.v, n.tx.first, n.tx.past)
     if place >= 0 and n.control.odd_place == 0:
@@ -110,8 +116,8 @@ def quick_stop(n: Any, fault: Any) -> None:
     """Note a fault whose ramp is a quick stop, also if another fault came first."""
     if n.guard.faulted == Fault.NONE:
         n.guard.faulted = fault
-    if n.guard.quick == 0:
-        n.guard.quick = sh.ASKED
+    if n.guard.quick == Quick.NONE:
+        n.guard.quick = Quick.ASKED
 
 
 @loop_function
@@ -119,8 +125,8 @@ def begin_ramp(n: Any, asked: Any) -> None:
     """Set the pace of the ramp by the slowest command; at an end nobody above is waited for."""
     guard, rx, table = n.guard, n.rx, n.limits.table
     guard.pace = guard.ramp_step
-    if guard.quick != 0:
-        guard.pace, guard.quick = guard.quick_step, sh.BEGUN
+    if guard.quick != Quick.NONE:
+        guard.pace, guard.quick = guard.quick_step, Quick.BEGUN
     for i in range(n.limits.n):
         way = abs(table[i].last - table[i].safe)
         if way * guard.pace > table[i].rate:

@@ -15,8 +15,6 @@ from typing import Any
 from pcpc.drivers.can import dbc
 from pcpc.drivers.compiled.jit import loop_inline
 
-ENTER, LEAVE = 0, 1  # columns of `loss`: p and q of (1)
-STATE, LOST = 0, 1  # columns of `loss_state`: s of (2), 1 in the lost state
 PRIME, FACTOR = 2**31 - 1, 48271
 
 
@@ -41,11 +39,12 @@ def first(seed: int, name: str) -> int:
 @loop_inline
 def is_lost(n: Any, row: Any) -> Any:
     """Draw whether the frame that has just come in on `row` is lost (1) (2)."""
-    if n.rx.loss[row, ENTER] <= 0.0:
+    loss, state = n.rx.loss[row], n.rx.loss_state[row]
+    if loss.enter <= 0.0:
         return False
-    s = n.rx.loss_state[row, STATE] * FACTOR % PRIME
-    n.rx.loss_state[row, STATE] = s
-    turns = s / PRIME < n.rx.loss[row, LEAVE if n.rx.loss_state[row, LOST] != 0 else ENTER]
+    s = state.draw * FACTOR % PRIME
+    state.draw = s
+    turns = s / PRIME < (loss.leave if state.lost != 0 else loss.enter)
     if turns:
-        n.rx.loss_state[row, LOST] = 1 - n.rx.loss_state[row, LOST]
-    return n.rx.loss_state[row, LOST] != 0
+        state.lost = 1 - state.lost
+    return state.lost != 0

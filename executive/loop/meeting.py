@@ -26,39 +26,50 @@ from pcpc.drivers.can import codec
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.strangers import blame, word_of
 
 _ROLES = 0x1F  # its bits that say whose it is
-NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)  # heartbeats; frames of a sample
-TAKE, LEAVE, HELD_FIRST = range(3)
+
+
+class Part(Numbered):
+    """The part of a received frame: of heartbeats; of frames of a sample, by that of its node."""
+
+    NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)
+
+
+class Turn(Numbered):
+    """What to do with a frame."""
+
+    TAKE, LEAVE, HELD_FIRST = range(3)
 
 
 @loop_function
 def sorted_out(n: Any, row: Any) -> Any:
     """Return what to do with `wire.rx`, a frame of `row` that came before the first cycle ended."""
     part = n.rx.role[row].meeting
-    if part in (FROM_ABOVE, FROM_BELOW):
-        if n.meeting.met[row] == 0 or (part == FROM_BELOW and n.meeting.sampled != 0):
+    if part in (Part.FROM_ABOVE, Part.FROM_BELOW):
+        if n.meeting.met[row] == 0 or (part == Part.FROM_BELOW and n.meeting.sampled != 0):
             n.meeting.met[row] = 1
-            return TAKE
-        if part == FROM_BELOW:
+            return Turn.TAKE
+        if part == Part.FROM_BELOW:
             n.meeting.holding = row + 1
             copy(n.meeting.held, n.wire.rx)
-        return LEAVE
-    if part == BEFORE:
+        return Turn.LEAVE
+    if part == Part.BEFORE:
         n.meeting.holding = np.int64(0)
-    if part in (BEFORE, AFTER):
+    if part in (Part.BEFORE, Part.AFTER):
         n.meeting.sampled = 1
-    return HELD_FIRST if part == AFTER and n.meeting.holding != 0 else TAKE
+    return Turn.HELD_FIRST if part == Part.AFTER and n.meeting.holding != 0 else Turn.TAKE
 
 
 @loop_inline
 def asks(n: Any) -> Any:
     """Return whether `wire.rx` is the heartbeat of the node above, which waits for one."""
     row = codec.frame_of(word_of(n.wire.rx), n.rx.frames, n.rx.n)
-    return row >= 0 and n.rx.role[row].meeting == FROM_ABOVE
+    return row >= 0 and n.rx.role[row].meeting == Part.FROM_ABOVE
 
 
 @loop_inline

@@ -15,6 +15,7 @@ from typing import Any
 
 from pcpc.drivers.can import error_frames, wire
 from pcpc.drivers.can import line as lines
+from pcpc.drivers.can.line import Outcome
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
 from pcpc.executive.loop.exchange import end_run, meet, work_below
@@ -34,8 +35,8 @@ def _queue(line: Any, s: Any, end: Any, at: Any) -> None:
 def _go_on(line: Any, nodes: Any, until: Any) -> None:
     """Let the line go on to bit `until`, and put what is through into its receiver's inbox."""
     what = lines.advance(line, until)
-    while what != lines.NOTHING:
-        if what == lines.SENT:
+    while what != Outcome.NOTHING:
+        if what == Outcome.SENT:
             wire.deliver(line.frame, nodes[1 - line.who].wire)
         for s in range(2):
             if error_frames.news(line, s, line.news):

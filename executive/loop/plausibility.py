@@ -15,14 +15,26 @@ Until each of its limited signals has been taken once, a frame is not the input 
 from typing import Any
 
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.numbered import Told
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE
 from pcpc.executive.loop.rings import bits_of, push_event
 
-WHYS = ("", "no finite number", "outside of its bounds", "too fast", "standing still")
-GOOD, NO_NUMBER, OUTSIDE, TOO_FAST, STILL = range(5)
 EVENT_CYCLES = 100  # a signal is told at most this often
+
+
+class Why(Told):
+    """What is wrong with a value."""
+
+    GOOD = ""
+    NO_NUMBER = "no finite number"
+    OUTSIDE = "outside of its bounds"
+    TOO_FAST = "too fast"
+    STILL = "standing still"
+
+
+WHYS = [why.says for why in Why]
 
 
 @loop_function
@@ -34,7 +46,7 @@ def take_plausible(n: Any, row: Any) -> Any:
             j = these.place[i]
             x = n.v[j]
             why = judged(n, i, x)
-            if why == GOOD:
+            if why == Why.GOOD:
                 these.taken[i], these.taken_at[i], these.in_a_row[i] = x, n.k, 0
             else:
                 n.v[j] = these.taken[i]
@@ -50,13 +62,13 @@ def judged(n: Any, i: Any, x: Any) -> Any:
     if x != these.came[i]:
         these.came[i], these.came_at[i] = x, n.k
     if not abs(x) < FINITE:
-        return NO_NUMBER
+        return Why.NO_NUMBER
     if x < bounds.low or x > bounds.high:
-        return OUTSIDE
+        return Why.OUTSIDE
     periods = max(n.k - these.taken_at[i], 1)
     if these.taken_at[i] >= 0 and abs(x - these.taken[i]) > bounds.rate * periods:
-        return TOO_FAST
-    return STILL if n.k - these.came_at[i] > these.still_cycles[i] else GOOD
+        return Why.TOO_FAST
+    return Why.STILL if n.k - these.came_at[i] > these.still_cycles[i] else Why.GOOD
 
 
 @loop_function

@@ -13,11 +13,12 @@ import numpy as np
 
 from pcpc.drivers.can import codec, e2e
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
+from pcpc.drivers.can.wire import get_frame
+from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.structures import copy, data_of
-from pcpc.executive.loop import losses, meeting, on_wire
+from pcpc.executive.loop import meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
@@ -27,6 +28,7 @@ from pcpc.executive.loop.injection import peer_stalled
 from pcpc.executive.loop.intrusion import suspect, unpack_with_care
 from pcpc.executive.loop.limits import quick_stop
 from pcpc.executive.loop.losses import is_lost
+from pcpc.executive.loop.meeting import Turn
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.sending import announce, announce_again
 from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat, refused, word_of
@@ -56,7 +58,7 @@ def drain(n: Any) -> None:
     """Take the frames that are there."""
     for _ in range(DRAIN_FRAMES):
         result = take(n, False)
-        if result in (NOTHING, FAILED):
+        if result in (Arrival.NOTHING, Arrival.FAILED):
             break
 
 
@@ -72,15 +74,15 @@ def gather(n: Any) -> None:
     while n.rx.started < n.rx.starters and drained < DRAIN_FRAMES:
         result = take(n, True)
         drained += stopping(n)
-        if result == FRAME:
+        if result == Arrival.FRAME:
             waits = 0
             if refused(n):
                 break
             if n.passes == 0 and runs(n.clock) and meeting.asks(n) and not meeting.is_over(n):
                 announce_again(n)  # it may ask so often that no time-out comes
-        elif result == FAILED or (result == NOTHING and stopping(n)):
+        elif result == Arrival.FAILED or (result == Arrival.NOTHING and stopping(n)):
             break
-        elif result == NOTHING:
+        elif result == Arrival.NOTHING:
             waits += 1
             if n.passes == 0 and runs(n.clock):
                 if not meeting.is_over(n):
@@ -103,12 +105,12 @@ def patience(n: Any) -> Any:
 def take(n: Any, block: Any) -> Any:
     """Take one frame, if one comes; return what came, see `drivers.can.wire.get_frame`."""
     result = get_frame(n.wire, block)
-    if result == FRAME:
+    if result == Arrival.FRAME:
         take_frame(n)
-    elif result == FAILED:
+    elif result == Arrival.FAILED:
         n.control.bus_errno = n.wire.errno
         n.guard.faulted = Fault.BUS_FAILED
-    elif result == BUS_ERROR:
+    elif result == Arrival.BUS_ERROR:
         note_bus_error(n)
     return result
 
@@ -122,15 +124,15 @@ def wait_for_peer(n: Any) -> Any:
     n.wire.muted = n.meeting.ordered
     while not stopping(n) and n.guard.faulted == Fault.NONE:
         result = get_frame(n.wire, True)
-        if result == FRAME:
+        if result == Arrival.FRAME:
             row = take_frame(n)
             if row >= 0 and n.rx.role[row].peer != 0:
                 n.wire.muted = 0
                 announce(n)
                 return True
-        if result == NOTHING and (n.meeting.ordered == 0 or n.wire.n_second == 0):
+        if result == Arrival.NOTHING and (n.meeting.ordered == 0 or n.wire.n_second == 0):
             announce_again(n)
-        if result == FAILED:
+        if result == Arrival.FAILED:
             n.control.bus_errno = n.wire.errno
             n.guard.faulted = Fault.BUS_FAILED
             return False
@@ -150,9 +152,9 @@ def take_frame(n: Any) -> Any:
         return row
     if n.meeting.ordered != 0 and n.passes == 0:
         what = meeting.sorted_out(n, row)
-        if what == meeting.LEAVE:
+        if what == Turn.LEAVE:
             return np.int64(-1)
-        if what == meeting.HELD_FIRST:
+        if what == Turn.HELD_FIRST:
             meeting.exchange_held(n)
             use_frame(n, meeting.held_row(n))
             meeting.exchange_held(n)
@@ -162,7 +164,7 @@ def take_frame(n: Any) -> Any:
 @loop_function
 def use_frame(n: Any, row: Any) -> Any:
     """Disturb, accept and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost."""
-    after_loss = n.rx.loss_state[row, losses.LOST]
+    after_loss = n.rx.loss_state[row].lost
     on_wire.note_as_came(n, row)
     if disturbed(n, row):
         return np.int64(-1)

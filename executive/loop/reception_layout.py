@@ -1,9 +1,13 @@
-"""What the loop keeps of what it doubts, and of the meeting: parts of the LOOP record."""
+"""What the loop keeps of what it doubts, of losses and of the meeting: parts of LOOP."""
 
 from typing import Any
 
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.rows import row_of
+
+STREAK = row_of("since count")  # since: the pass in which the count began
+LOSS = row_of("", "enter leave")  # p and q of `executive.loop.losses`
+LOSS_STATE = row_of("draw lost")  # s of it; 1 in the lost state
 
 
 def plausible(limits: int) -> list[Any]:

@@ -7,6 +7,7 @@ import numpy as np
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
@@ -17,12 +18,18 @@ from pcpc.executive.loop.states import HEARTBEATS
 from pcpc.executive.loop.variables import CLAMPED, ERROR_CODE, NMT, STATE
 
 
+class LastWord(Numbered):
+    """What is sent at the end."""
+
+    HEARTBEAT, ALL_FRAMES = range(2)
+
+
 @loop_inline
 def copy_inputs(n: Any, block: Any) -> None:
     """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
     first = n.blocks.copies_end[block - 1] if block > 0 else 0
     for i in range(first, n.blocks.copies_end[block]):
-        n.v[n.blocks.copies[i, 1]] = n.v[n.blocks.copies[i, 0]]
+        n.v[n.blocks.copies[i].target] = n.v[n.blocks.copies[i].source]
 
 
 @loop_inline

@@ -35,7 +35,14 @@ from pcpc.drivers.compiled.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
-from pcpc.executive.loop.reception_layout import intrusion, meeting, plausible
+from pcpc.executive.loop.reception_layout import (
+    LOSS,
+    LOSS_STATE,
+    STREAK,
+    intrusion,
+    meeting,
+    plausible,
+)
 from pcpc.executive.loop.requests import ANSWER, MAIL, SLOTS
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
@@ -64,16 +71,15 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 
-ASKED, BEGUN = 1, 2  # values of `guard.quick`
-SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `guard.overrun_policy`
 STAGES, BUCKETS, LATEST, STAGE_FIGURES = 6, 320, 8, 4  # sizes of `executive.loop.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 LATE_FIGURES = LATE_USAGE + 4
-HEARTBEAT, ALL_FRAMES = 0, 1  # `tx.last_word`
 
 _ROLE = row_of("starts awaited peer meeting")  # of a received frame; peer: of the node waited for
 _KIND = row_of("is_sync is_heartbeat is_emergency told")  # of a sent frame; told: its last code
+_MOMENT, _COPY = row_of("cycle place"), row_of("source target")
+_VIEWS = row_of("p p_end x x_end u u_end y y_end")  # of a block
 _LIMIT = row_of("", "low high rate last safe sent")  # rate: a cycle; last: before a ramp
 
 # The record of a node, ordered by who may write it; each part begins on a page of its own.
@@ -120,7 +126,7 @@ _RX = [
     ("frames", FRAME, (MAX_FRAMES,)),  # tables of drivers.can.dbc
     ("signals", SIGNAL, (MAX_SIGNALS,)),
     ("role", _ROLE, (MAX_FRAMES,)),
-    ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
+    ("loss", LOSS, (MAX_FRAMES,)),  # of `executive.loop.losses`
     ("listen_ns", "<i8"),  # before the first word on a bus
     ("patience", "<i8"),  # receive time-outs until the other node counts as silent
     ("starters", "<i8"),  # frames that start a cycle, and frames awaited in it
@@ -129,15 +135,15 @@ _RX = [
     ("fresh", "<i8"),
     ("state", RECEIVER, (MAX_FRAMES,)),  # see drivers.can.e2e
     ("source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
-    ("strange", "<i8", (2, 2)),
-    ("loss_state", "<i8", (MAX_FRAMES, 2)),
+    *((name, STREAK) for name in ("foreign", "repeats")),
+    ("loss_state", LOSS_STATE, (MAX_FRAMES,)),
 ]
 _GUARD = [  # the supervisor
     ("cycles", "<i8"),  # of the run
     ("hold_cycles", "<i8"),
     ("fault_after", "<i8"),
     ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
-    ("overrun_policy", "<i8"),
+    ("overrun_policy", "<i8"),  # of `executive.loop.supervisor`
     ("overrun_after", "<i8"),  # overruns in a row that count
     ("grace_passes", "<i8"),  # cycles at the start in which none does
     ("odd_output", "<i8"),  # the fault when an output is no finite number
@@ -156,7 +162,7 @@ _GUARD = [  # the supervisor
     ("reset", "<i8"),  # 1: asked for in the cycle before
     ("stop", "<i8"),  # 1: the end was asked for
     ("off", "<i8"),  # 1: the CAN controller is bus-off
-    ("quick", "<i8"),  # of a quick stop: ASKED, BEGUN
+    ("quick", "<i8"),  # of `executive.loop.limits`
     ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
     ("pace", "<f8"),  # its change a cycle; 0 before a ramp
 ]
@@ -164,7 +170,7 @@ _TUNING = [
     ("low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
     ("high", "<f8", (MAX_VARIABLES,)),
     ("n", "<i8"),
-    ("schedule", "<i8", (MAX_SCHEDULE, 2)),  # cycle, variable of a scheduled tuning, by cycle
+    ("schedule", _MOMENT, (MAX_SCHEDULE,)),  # of the scheduled tunings, by cycle
     ("value", "<f8", (MAX_SCHEDULE,)),
     ("done", "<i8"),  # those of the schedule that were applied
     ("asked_index", "<i8", (SLOTS,)),  # a request as it was when it was checked
@@ -175,8 +181,8 @@ _BLOCKS = [
     ("owe_periods", "<i8"),  # 1: after a stall they are stepped for the skipped periods too
     ("controller", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
     ("fallback", "<i8"),
-    ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
-    ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
+    ("views", _VIEWS, (MAX_BLOCKS,)),
+    ("copies", _COPY, (MAX_COPIES,)),  # the wiring
     ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
     ("n_noted", "<i8"),
     ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
@@ -192,7 +198,7 @@ _TX = [
     ("frames", FRAME, (MAX_FRAMES,)),  # in the order of sending
     ("signals", SIGNAL, (MAX_SIGNALS,)),
     ("kind", _KIND, (MAX_FRAMES,)),
-    ("last_word", "<i8"),  # what is sent at the end: ALL_FRAMES, or the HEARTBEAT alone
+    ("last_word", "<i8"),  # of `executive.loop.sending`
     ("first", "<i8"),  # places of what is sent
     ("past", "<i8"),
 ]

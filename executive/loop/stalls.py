@@ -8,7 +8,7 @@ periods, as after a stall of the machine.
 from typing import Any
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.executive.loop.clock import GIVEN, paced
+from pcpc.executive.loop.clock import Time, paced
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import any_on
 from pcpc.executive.loop.reception import receive
@@ -19,7 +19,7 @@ from pcpc.executive.loop.tuning import tune
 @loop_inline
 def stalled(n: Any) -> Any:
     """Return whether this node stands still now; in a replay the record says when it did."""
-    if n.faults.n_own_stalls == 0 or n.clock.kind == GIVEN:
+    if n.faults.n_own_stalls == 0 or n.clock.kind == Time.GIVEN:
         return False
     return any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
 

@@ -39,7 +39,7 @@ def step_blocks(n: Any, steps: Any, k: Any) -> None:
             spoil(n, b)
         at = blocks.views[b]
         n.control.stepping = b + 1
-        p, x, u, y = part(v, at[0]), part(v, at[2]), part(v, at[4]), part(v, at[6])
+        p, x, u, y = part(v, at.p), part(v, at.x), part(v, at.u), part(v, at.y)
         call(steps[b], v[T_S], dt, p, x, u, y)
         if n.faults.n_values > 0:
             spoil(n, OUTPUTS + b)

@@ -22,8 +22,8 @@ import numpy as np
 
 from pcpc.drivers.can import can_id, codec
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire import FAILED, FRAME, get_frame
-from pcpc.drivers.can.wire_layout import STRANGER
+from pcpc.drivers.can.wire import get_frame
+from pcpc.drivers.can.wire_layout import STRANGER, Arrival
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.clock import now, runs, stopping
 from pcpc.executive.loop.events import Event
@@ -35,8 +35,6 @@ FLOOD_NS = 200_000_000  # of a bus that is never empty
 FOREIGN_FRAMES, FOREIGN_CYCLES = 3, 10
 REPEATED_FRAMES, REPEATED_CYCLES = 10, 100
 SILENT_TURNS = 3
-FOREIGN, REPEATED = 0, 1  # rows of `strange`
-SINCE, COUNT = 0, 1  # its columns: the pass in which the count began, and the count
 
 
 @loop_inline
@@ -65,27 +63,27 @@ def note_foreign(n: Any, word: Any) -> None:
     """Count and record the foreign frame in `wire.rx`; too many are a fault."""
     n.control.foreign += 1
     push_frame(n, n.wire.rx, 1, FrameState.FOREIGN)
-    if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
+    if _note(n, n.rx.foreign, FOREIGN_CYCLES) == 1:
         push_event(n, Event.FOREIGN, word & can_id.ID, n.control.foreign)
-    if n.rx.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
+    if n.rx.foreign.count >= FOREIGN_FRAMES or n.passes == 0:
         blame(n, Fault.ANOTHER_SENDER, word)
 
 
 @loop_function
 def note_repeat(n: Any, word: Any) -> None:
     """Count a repeated awaited frame; too many are a fault."""
-    if _note(n, REPEATED, REPEATED_CYCLES) >= REPEATED_FRAMES:
+    if _note(n, n.rx.repeats, REPEATED_CYCLES) >= REPEATED_FRAMES:
         blame(n, Fault.REPEATED_INPUT, word)
 
 
 @loop_function
-def _note(n: Any, kind: Any, cycles: Any) -> Any:
+def _note(n: Any, streak: Any, cycles: Any) -> Any:
     """Count one more of a kind; return how many there were within `cycles` cycles."""
-    if n.rx.strange[kind, COUNT] == 0 or n.passes - n.rx.strange[kind, SINCE] >= cycles:
-        n.rx.strange[kind, SINCE] = n.passes
-        n.rx.strange[kind, COUNT] = 0
-    n.rx.strange[kind, COUNT] += 1
-    return n.rx.strange[kind, COUNT]
+    if streak.count == 0 or n.passes - streak.since >= cycles:
+        streak.since = n.passes
+        streak.count = 0
+    streak.count += 1
+    return streak.count
 
 
 @loop_function
@@ -111,18 +109,18 @@ def listen(n: Any) -> None:
     """
     if not runs(n.clock) or n.rx.listen_ns <= 0:
         return
-    time, result = now(n.clock), np.int64(FRAME)
+    time, result = now(n.clock), np.int64(Arrival.FRAME)
     until = time + n.rx.listen_ns
-    while time < until or (result == FRAME and time < until + FLOOD_NS):
+    while time < until or (result == Arrival.FRAME and time < until + FLOOD_NS):
         if stopping(n) or n.guard.faulted != Fault.NONE:
             break
         result = np.int64(get_frame(n.wire, time < until))
         time = now(n.clock)
-        if result == FRAME:
+        if result == Arrival.FRAME:
             word = word_of(n.wire.rx)
             row = codec.frame_of(word, n.rx.frames, n.rx.n)
             if row < 0 and is_foreign(n, row, word):
                 note_foreign(n, word)
-        elif result == FAILED:
+        elif result == Arrival.FAILED:
             n.control.bus_errno = n.wire.errno
             n.guard.faulted = Fault.BUS_FAILED

@@ -26,13 +26,13 @@ import numpy as np
 
 from pcpc.drivers.can import e2e
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop import on_wire
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import CLOCKED, stopping
+from pcpc.executive.loop.clock import Trigger, stopping
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.limits import begin_ramp, quick_stop, settled
+from pcpc.executive.loop.limits import Quick, begin_ramp, quick_stop, settled
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.states import EXPECTS, HEARTBEATS, RAMPS, RUNS, SENDS, State, next_state
 from pcpc.executive.loop.variables import (
@@ -48,14 +48,20 @@ from pcpc.executive.loop.variables import (
 )
 
 
+class Overrun(Numbered):
+    """What follows from cycles that ran past their end."""
+
+    SKIP, FAULT_AFTER, FALL_BACK = range(3)
+
+
 @loop_function
 def judge_overrun(n: Any) -> None:
     """Count cycles in a row that ran past their end; do what the rig says about too many."""
     guard, behind = n.guard, n.clock.behind
     guard.overruns = guard.overruns + 1 if behind > 0 and n.passes > guard.grace_passes else 0
-    if guard.overrun_policy == sh.SKIP or guard.overruns < guard.overrun_after:
+    if guard.overrun_policy == Overrun.SKIP or guard.overruns < guard.overrun_after:
         return
-    if guard.overrun_policy == sh.FAULT_AFTER:
+    if guard.overrun_policy == Overrun.FAULT_AFTER:
         if guard.faulted == Fault.NONE:
             guard.faulted = Fault.OVERRUN
     elif n.v[FALLBACK] == 0.0:
@@ -100,7 +106,7 @@ def supervise(n: Any) -> None:
         guard.faulted = Fault.INPUT_MISSING
     watch_estop(n)
     safe = settled(n.limits)
-    listens = n.clock.trigger == CLOCKED or not silent  # the node above, to what is sent
+    listens = n.clock.trigger == Trigger.CLOCKED or not silent  # the node above, to what is sent
     leave = asked and (safe or not listens)
     fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
     if guard.reset != 0:
@@ -111,7 +117,7 @@ def supervise(n: Any) -> None:
     ramps = RAMPS[state] != 0 or asked or waits
     if before == State.READY and not ramps:
         guard.pace = 0.0
-    if ramps and (guard.pace == 0.0 or guard.quick == sh.ASKED):
+    if ramps and (guard.pace == 0.0 or guard.quick == Quick.ASKED):
         begin_ramp(n, asked)
     if RAMPS[before] != 0 or (asked and not leave) or (waits and before == state):
         guard.gain = max(guard.gain - guard.pace, 0.0)
@@ -142,11 +148,11 @@ def hear_requests(n: Any) -> None:
     if n.v[RESET_ASKED] != 0.0:
         n.v[RESET_ASKED] = 0.0
         if n.v[STATE] == State.FAULT and guard.waits != 0 and safe:
-            guard.reset, guard.faulted, guard.quick = 1, Fault.NONE, 0
+            guard.reset, guard.faulted, guard.quick = 1, Fault.NONE, Quick.NONE
     if n.v[STOP_ASKED] != 0.0:
         guard.stop = 1
-        if n.v[STOP_ASKED] > 1.0 and guard.quick == 0:
-            guard.quick = sh.ASKED
+        if n.v[STOP_ASKED] > 1.0 and guard.quick == Quick.NONE:
+            guard.quick = Quick.ASKED
 
 
 @loop_inline

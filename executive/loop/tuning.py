@@ -11,7 +11,7 @@ import numpy as np
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_part
-from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import count_down
 from pcpc.executive.loop.requests import SLOTS, Lock, Refusal
@@ -26,10 +26,10 @@ INFINITE = float("inf")
 def tune(n: Any) -> None:
     """Apply the tunings whose time has come, and those in the mailbox, which are answered."""
     tuning = n.tuning
-    if n.faults.n_places > 0 and n.clock.kind != GIVEN:
+    if n.faults.n_places > 0 and n.clock.kind != Time.GIVEN:
         count_down(n, 1 + n.clock.behind - n.faults.stalled)
-    while tuning.done < tuning.n and tuning.schedule[tuning.done, 0] <= n.k:
-        j, value = tuning.schedule[tuning.done, 1], tuning.value[tuning.done]
+    while tuning.done < tuning.n and tuning.schedule[tuning.done].cycle <= n.k:
+        j, value = tuning.schedule[tuning.done].place, tuning.value[tuning.done]
         n.v[j] = value
         push_event(n, Event.TUNING, j, value)
         tuning.done += 1

@@ -14,7 +14,8 @@ import numpy as np
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import error_frames, line, wire
-from pcpc.drivers.can.wire_layout import MEMORY, SOCKETCAN, WIRE
+from pcpc.drivers.can.line import Outcome
+from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function
 from pcpc.drivers.compiled.structures import copy, structure
@@ -65,14 +66,14 @@ def _read(n: Any, end: Any, s: Any) -> Any:
     """Queue what has come on a side; return False if its bus failed."""
     for _ in range(_READ_AT_ONCE):
         what = wire.get_frame(end, False)
-        if what == wire.FRAME:
+        if what == Arrival.FRAME:
             line.put(n.line, s, end.rx, n.until)
-        elif what == wire.FOREIGN:
+        elif what == Arrival.FOREIGN:
             n.foreign[s] += 1
-        elif what == wire.FAILED:
+        elif what == Arrival.FAILED:
             n.control[ERRNO] = end.errno
             return False
-        elif what == wire.NOTHING:
+        elif what == Arrival.NOTHING:
             break
     return True
 
@@ -92,13 +93,13 @@ def _hand_over(n: Any, end: Any) -> None:
 def _go_on(n: Any) -> None:
     """Let the line go on to bit `until`."""
     what = line.advance(n.line, n.until)
-    while what != line.NOTHING:
-        if what == line.SENT:
+    while what != Outcome.NOTHING:
+        if what == Outcome.SENT:
             if n.line.who == 0:
                 _hand_over(n, n.b)
             else:
                 _hand_over(n, n.a)
-        if n.a.kind == SOCKETCAN:  # udp_multicast carries no error frames to us
+        if n.a.kind == Medium.SOCKETCAN:  # udp_multicast carries no error frames to us
             if error_frames.news(n.line, 0, n.a.tx):
                 wire.put_frame(n.a)
             if error_frames.news(n.line, 1, n.b.tx):
@@ -145,7 +146,7 @@ class Gateway:
         self.n = self._block(bitrate, room, options)
         dry = self._block(bitrate, room, options)  # compiled, loaded, touched
         for end in (dry.a, dry.b):
-            wire.prepare(end, MEMORY, -1, -1)
+            wire.prepare(end, Medium.MEMORY, -1, -1)
         dry.control[STOP] = 1
         carry(dry)
 

@@ -10,12 +10,14 @@ import numpy as np
 
 from pcpc.drivers.can import dbc, e2e, wire
 from pcpc.drivers.can.bus import RECEIVE_TIMEOUT_US
-from pcpc.drivers.can.wire_layout import MEMORY
+from pcpc.drivers.can.wire_layout import Medium
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
+from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.intrusion import REACTIONS
+from pcpc.executive.loop.intrusion import REACTIONS, Reaction
+from pcpc.executive.loop.sending import LastWord
+from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.loop.variables import DISARMED
 from pcpc.executive.nodes import fmus
@@ -39,9 +41,9 @@ PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is giv
 
 def install_in_memory(made: Plan, loop: Any) -> None:
     """Write `made` into the zeroed LOOP record `loop` without bus, clock and recorder."""
-    wire.prepare(loop.wire, MEMORY, -1, -1)
+    wire.prepare(loop.wire, Medium.MEMORY, -1, -1)
     install(made, loop)
-    loop.clock.kind = VIRTUAL if made.pacing in ("lockstep", OVER_LINE) else GIVEN
+    loop.clock.kind = Time.VIRTUAL if made.pacing in ("lockstep", OVER_LINE) else Time.GIVEN
     loop.rings.wait_recorder = 0
 
 
@@ -109,7 +111,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     config, clock = made.rig.config, loop.clock
     leads = made.role == "executive"
     clocked = made.pacing in ("real", OVER_LINE) or (made.pacing == "sync" and leads)
-    clock.trigger = CLOCKED if clocked else ON_FRAMES
+    clock.trigger = Trigger.CLOCKED if clocked else Trigger.ON_FRAMES
     clock.period_ns = round(1e9 / config.rate_hz)
     clock.phase_ns = round(clock.period_ns * config.realtime.of_node(made.role).phase)
     clock.late_ns = round(clock.period_ns * config.realtime.late_fraction)
@@ -118,7 +120,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     loop.rx.listen_ns = round(1e9 * LISTEN_S)
     loop.rx.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     lockstep = made.pacing == "lockstep"
-    clock.kind = LOCKSTEP if lockstep else REAL
+    clock.kind = Time.LOCKSTEP if lockstep else Time.REAL
     loop.rings.wait_recorder = loop.meeting.ordered = loop.wire.in_turn = lockstep
     _install_overrun(made, loop)
     loop.blocks.n, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
@@ -131,7 +133,7 @@ def _install_part(made: Plan, loop: Any) -> None:
     loop.blocks.owe_periods = is_plant
     loop.guard.safe_start = made.role == "executive"
     loop.guard.odd_output = Fault.PLANT_NOT_FINITE if is_plant else Fault.OUTPUT_NOT_FINITE
-    loop.tx.last_word = sh.HEARTBEAT if is_plant else sh.ALL_FRAMES
+    loop.tx.last_word = LastWord.HEARTBEAT if is_plant else LastWord.ALL_FRAMES
 
 
 def _install_overrun(made: Plan, loop: Any) -> None:
@@ -139,14 +141,14 @@ def _install_overrun(made: Plan, loop: Any) -> None:
     config, names = made.rig.config, [block.name for block in made.spec.blocks]
     overrun, guard, blocks = config.overrun, loop.guard, loop.blocks
     blocks.controller = blocks.fallback = -1
-    guard.overrun_policy = sh.SKIP
+    guard.overrun_policy = Overrun.SKIP
     if made.role != "executive":
         return
     guard.grace_passes = round(overrun.grace_s * config.rate_hz)
     if overrun.fault_after is not None:
-        guard.overrun_policy, guard.overrun_after = sh.FAULT_AFTER, overrun.fault_after
+        guard.overrun_policy, guard.overrun_after = Overrun.FAULT_AFTER, overrun.fault_after
     if overrun.fallback is not None:
-        guard.overrun_policy, guard.overrun_after = sh.FALL_BACK, overrun.fallback_after
+        guard.overrun_policy, guard.overrun_after = Overrun.FALL_BACK, overrun.fallback_after
         blocks.controller = names.index("controller")
         blocks.fallback = names.index(FALLBACK)
 
@@ -188,7 +190,7 @@ def _install_intrusion(made: Plan, loop: Any) -> None:
     for row, frame in enumerate(made.rx_frames):
         if is_heartbeat(frame) and frame.cycle_ms:
             watch.beat_every[row] = frame.every_n(config.rate_hz)
-        doubted = watch.reaction > 0 or frame.name in limited
+        doubted = watch.reaction != Reaction.COUNT or frame.name in limited
         watch.care[row] = doubted or watch.beat_every[row] > 0
 
 
@@ -201,9 +203,9 @@ def _install_wiring(made: Plan, loop: Any) -> None:
         blocks.copies_end[i] = at
     for i, views in enumerate(made.views):
         ranges = (views.parameters, views.states, views.inputs, views.outputs)
-        blocks.views[i] = [edge for r in ranges for edge in (r.start, r.stop)]
+        blocks.views[i] = tuple(edge for r in ranges for edge in (r.start, r.stop))
         if views.judged is not None:
-            blocks.views[i, 7] = views.outputs.start + views.judged
+            blocks.views[i].y_end = views.outputs.start + views.judged
     for name, timing in (("state", False), ("timing", True)):
         places = made.columns(timing)
         rings[f"{name}_columns"][: len(places)] = places

@@ -18,7 +18,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.requests import Lock, Refusal
 
-LEVELS = tuple(name.lower() for name in Lock.names())
+LEVELS = Lock.words()
 STOP = "supervisor.stop"
 PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 POLL_S = 0.001

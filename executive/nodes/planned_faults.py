@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pcpc.drivers.can import dbc
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import injected_frames, injected_values, losses
@@ -33,7 +34,10 @@ ANY = (-math.inf, math.inf)
 HOWS = {"counter": injected_frames.HOWS, "checksum": injected_frames.HOWS, "payload": ("freeze",)}
 
 
-VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL = range(5)
+class Group(Numbered):
+    """Where a fault acts."""
+
+    VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL = range(5)
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Planned:
     name: str
     fault: Fault
     place: int
-    group: int  # VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL
+    group: Group
     seam: int = 0
     target: int = 0
     other: int = -1
@@ -51,7 +55,7 @@ class Planned:
     @property
     def acts_later(self) -> bool:
         """Whether it acts from the cycle after the one in which it is set."""
-        return self.group not in (VALUES, FLOODS)
+        return self.group not in (Group.VALUES, Group.FLOODS)
 
 
 def add_faults(
@@ -68,7 +72,7 @@ def add_faults(
         raise rig.error("faults", f"{len(found)} faults; one node holds {MAX_FAULTS}")
     planned = []
     for name, fault, group, seam, target, other in found:
-        unit = table.variables[target].unit if group == VALUES else ""
+        unit = table.variables[target].unit if group == Group.VALUES else ""
         help = f"{fault.kind} of {fault.at or fault.frame or fault.node}"
         place = table.add(_variable(name, "left", "", f"{help}: cycles for which it is on",
                                     0.0, FOR_EVER, True))  # fmt: skip
@@ -116,7 +120,7 @@ def moments_of(rig: Rig, role: Role, planned: Planned) -> Iterator[tuple[int, in
     else:
         starts = [first]
     early = int(planned.acts_later)
-    if planned.group == PEER_STALL and role == "plant":
+    if planned.group == Group.PEER_STALL and role == "plant":
         early = 0
     for start in starts:
         yield max(start - early, 0), planned.place, cycles
@@ -129,18 +133,18 @@ def _cycles(duration: str | None, rate_hz: float) -> int | None:
 def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> None:
     """Write a node's faults into its LOOP record."""
     faults = loop.faults
-    rows = [one for one in planned if one.group in (VALUES, FRAMES, FLOODS)]
+    rows = [one for one in planned if one.group in (Group.VALUES, Group.FRAMES, Group.FLOODS)]
     faults.n_values, faults.n_floods = (
-        sum(one.group == group for one in rows) for group in (VALUES, FLOODS)
+        sum(one.group == group for one in rows) for group in (Group.VALUES, Group.FLOODS)
     )
     faults.n = len(rows) - faults.n_floods
     faults.n_places = len(planned)
     for i, one in enumerate(planned):
         faults.every_place[i] = one.place
-        if one.group == OWN_STALL:
+        if one.group == Group.OWN_STALL:
             faults.own_stall[faults.n_own_stalls] = one.place
             faults.n_own_stalls += 1
-        elif one.group == PEER_STALL:
+        elif one.group == Group.PEER_STALL:
             faults.peer_stall[faults.n_peer_stalls] = one.place
             faults.n_peer_stalls += 1
     for f, one in enumerate(rows):
@@ -151,33 +155,33 @@ def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> N
         faults.target[f], faults.other[f] = one.target, one.other
         faults.seed[f] = losses.first(rig.config.seed, f"{one.name} {role}")
         faults.since[f], faults.goes_on[f] = -1, one.fault.goes_on
-        if one.group == FRAMES:
+        if one.group == Group.FRAMES:
             faults.spoiled[one.target] = 1
 
 
 def _places(
     rig: Rig, role: Role, pacing: str, name: str, fault: Fault, table: Table, views: list[Views],
     rx: list[dbc.Frame],
-) -> Iterator[tuple[int, int, int, int]]:  # fmt: skip
+) -> Iterator[tuple[Group, int, int, int]]:  # fmt: skip
     """Yield group, seam, target, other of a fault in this node; nothing if it acts elsewhere."""
     key = f"faults.{name}"
     _check(rig, key, fault)
     if fault.at is not None:
         node, colon, variable = fault.at.rpartition(":")
         if (node if colon else "executive") == role:
-            yield VALUES, *_seam(rig, key, fault, table, views, variable), -1
+            yield Group.VALUES, *_seam(rig, key, fault, table, views, variable), -1
     elif fault.frame is not None:
         names = [frame.name for frame in rx]
         if fault.frame in names and fault.node in (None, role):
             row = names.index(fault.frame)
-            yield FRAMES, 0, row, _other(rig, key, fault, rx, row)
+            yield Group.FRAMES, 0, row, _other(rig, key, fault, rx, row)
     elif fault.kind == FLOOD:
         if fault.node == role:
-            yield FLOODS, 0, _unknown_id(rig), -1
+            yield Group.FLOODS, 0, _unknown_id(rig), -1
     elif fault.node == role:
-        yield OWN_STALL, 0, 0, -1
+        yield Group.OWN_STALL, 0, 0, -1
     elif pacing == "lockstep":
-        yield PEER_STALL, 0, 0, -1
+        yield Group.PEER_STALL, 0, 0, -1
 
 
 def _check(rig: Rig, key: str, fault: Fault) -> None:
@@ -282,8 +286,7 @@ def _seam(
 
 def _other(rig: Rig, key: str, fault: Fault, rx: list[dbc.Frame], row: int) -> int:
     """Return the row of the frame whose data come instead, -1 for none; check counter and CRC."""
-    table = dbc.table(rx, rig.config.rate_hz)
-    protected = table.frames[row].protected != 0
+    protected = rx[row].protected
     if fault.kind in PROTECTED and not protected:
         raise rig.error(f"{key}.frame", f"{fault.frame} has no counter and CRC")
     if fault.data_of is None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.wire_layout import MEMORY, UDP, WIRE
+from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.drivers.compiled.structures import copy, structure
@@ -137,9 +137,9 @@ def play(n: Any, frames: Any, due: Any, start: Any, lap: Any, laps: Any) -> Any:
 def hear(n: Any, ids: Any) -> Any:
     """Wait at most the receive time-out; return 1 for a frame of `ids`, 0 for none, -1: failed."""
     result = wire.get_frame(n.wire, True)
-    if result == wire.FAILED:
+    if result == Arrival.FAILED:
         return np.int64(-1)
-    if result != wire.FRAME:
+    if result != Arrival.FRAME:
         return np.int64(0)
     word = np.int64(0)
     for i in range(4):
@@ -161,7 +161,7 @@ class Player:
         self.lap_ns = lap_ns
         self.n = _block(timed)
         dry = _block(True)
-        wire.prepare(dry.wire, MEMORY, -1, -1)
+        wire.prepare(dry.wire, Medium.MEMORY, -1, -1)
         play(dry, self.frames[:1], self.due_ns[:1], 0, 0, 1)  # compiled, loaded, touched
 
     def open(self, bus: buses.Bus, receive_ids: list[int]) -> None:
@@ -177,7 +177,7 @@ class Player:
 
     def close_ears(self) -> None:
         """Hear nothing any more: on udp_multicast the frames sent would come back unread."""
-        if self.n.wire.kind == UDP and self.n.wire.fd_rx >= 0:
+        if self.n.wire.kind == Medium.UDP and self.n.wire.fd_rx >= 0:
             os.close(int(self.n.wire.fd_rx))
             self.n.wire.fd_rx = -1
 

@@ -38,7 +38,7 @@ from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log.provenance import facts, of_rig
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import CLOCKED
+from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.loop.cycle import finish, run
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes import fmus, greeting, without_effect
@@ -329,7 +329,7 @@ def warm_up_memory(made: Plan) -> Any:
     scratch.view(np.uint8)[:] = 0
     loop: Any = scratch[0]
     install_in_memory(made, loop)
-    loop.clock.trigger, loop.clock.arm_pass = CLOCKED, -1  # every deadline is over already
+    loop.clock.trigger, loop.clock.arm_pass = Trigger.CLOCKED, -1  # every deadline is over already
     loop.meeting.seeks_below = 0  # it waits for nobody
     loop.guard.cycles = _WARM_UP_CYCLES
     return loop

@@ -31,7 +31,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import note_bus_error
-from pcpc.executive.loop.clock import GIVEN, ON_FRAMES, paced
+from pcpc.executive.loop.clock import Time, Trigger, paced
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -238,7 +238,7 @@ class Replay:
         self.block = sh.private(describe(made, metadata or facts(), kept=written))
         loop = self.block.loop
         install_in_memory(made, loop)
-        loop.clock.kind, loop.tuning.n, loop.meeting.ordered = GIVEN, 0, 0
+        loop.clock.kind, loop.tuning.n, loop.meeting.ordered = Time.GIVEN, 0, 0
         self.plan, self.steps = made, made.steps  # the plan keeps open what its blocks have opened
         about = self.block.description
         counted = [name for name in COUNTED if name in recorded]
@@ -305,7 +305,7 @@ class Replay:
 
     def without_clock(self) -> None:
         """Let frames begin what comes, as behind the cycle of a branch."""
-        self.block.loop.clock.trigger = ON_FRAMES
+        self.block.loop.clock.trigger = Trigger.ON_FRAMES
 
     def repeat_clocks(self, part: Slice, names: Sequence[str], done: int) -> None:
         """Let the last `done` rows, and the counters, hold what was measured in those of `part`.

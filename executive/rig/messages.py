@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from pcpc.drivers.can import dbc
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.loop import meeting
+from pcpc.executive.loop.meeting import Part
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -180,7 +180,7 @@ def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -
     return max(dbc.bus_load(database, rate_hz, bitrate, n) for n in frames_by_bus(rig, database))
 
 
-def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[int]:
+def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[Part]:
     """Return what each received frame is to the meeting; `below`: frames on the bus to the plant.
 
     `leads`: this is the executive, all of whose frames come from below.
@@ -190,12 +190,12 @@ def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: boo
     found = []
     for frame in rx:
         if is_heartbeat(frame) and frame not in lower:
-            found.append(meeting.FROM_ABOVE)
+            found.append(Part.FROM_ABOVE)
         elif not beats or frame not in lower:
-            found.append(meeting.NO_PART)
+            found.append(Part.NO_PART)
         elif frame is beats[0]:
-            found.append(meeting.FROM_BELOW)
+            found.append(Part.FROM_BELOW)
         else:
             later = sending_order(frame) > sending_order(beats[0])
-            found.append(meeting.AFTER if later else meeting.BEFORE)
+            found.append(Part.AFTER if later else Part.BEFORE)
     return found

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from pcpc.drivers.can import bus, choice, wire, wire_layout
 from pcpc.drivers.can.bus import Bus
 from pcpc.drivers.can.dbc import BusError
+from pcpc.drivers.can.wire_layout import Arrival, Medium
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,7 +83,7 @@ def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
 def receive(end: Any) -> tuple[int, bytes] | int:
     """Return word and data of the next frame, or what else `get_frame` returned."""
     outcome = wire.get_frame(end, True)
-    if outcome != wire.FRAME:
+    if outcome != Arrival.FRAME:
         return int(outcome)
     return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
@@ -93,7 +94,7 @@ def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, gro
     a, b = open_udp(channel), open_udp(channel)
     send(a, 0x123, b"from a")
     send(b, 0x1ABCDEF0, b"", extended=True)
-    expected = [(0x123, b"from a"), (0x9ABCDEF0, b""), wire.NOTHING]
+    expected = [(0x123, b"from a"), (0x9ABCDEF0, b""), Arrival.NOTHING]
     for name, end in (("a", a), ("b", b)):
         got = [receive(end) for _ in expected]
         assert got == expected, f"{name} received {got}"
@@ -122,7 +123,7 @@ def test_python_can_on_the_group_and_we_hear_each_other(
     assert got == (0x1ABCDEF0, True, b"12345678"), f"python-can received {message}"
     theirs.send(can.Message(arbitration_id=0x55, data=b"hi", is_extended_id=False))
     heard = [receive(ours), receive(ours), receive(ours)]
-    assert heard == [(0x9ABCDEF0, b"12345678"), (0x55, b"hi"), wire.NOTHING], f"{heard}"
+    assert heard == [(0x9ABCDEF0, b"12345678"), (0x55, b"hi"), Arrival.NOTHING], f"{heard}"
 
 
 def test_python_can_without_a_channel_hears_each_of_our_frames_once(
@@ -155,7 +156,7 @@ def test_groups_on_one_port_are_separate_and_unicasts_are_not_heard(open_udp: Op
         send(end, k, b"")
     for k, (channel, end) in enumerate(ends.items()):
         got = [receive(end), receive(end)]
-        assert got == [(k, b""), wire.NOTHING], f"{channel} heard {got}"
+        assert got == [(k, b""), Arrival.NOTHING], f"{channel} heard {got}"
 
 
 @pytest.mark.parametrize(
@@ -172,13 +173,13 @@ def test_a_strange_datagram_is_foreign_and_the_next_frame_is_read(
         sender.send(datagram)
     send(end, 1, b"next")
     got = [receive(end), receive(end)]
-    assert got == [wire.FOREIGN, (1, b"next")], f"{got}"
+    assert got == [Arrival.FOREIGN, (1, b"next")], f"{got}"
 
 
 def test_an_empty_bus_gives_nothing_with_and_without_blocking(open_udp: Open) -> None:
     end = open_udp(own_channel())
     got = [wire.get_frame(end, False), wire.get_frame(end, True)]
-    assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
+    assert got == [Arrival.NOTHING, Arrival.NOTHING], f"{got}"
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -256,8 +257,8 @@ def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
         ):
             theirs.send(sent)
         got = [receive(end) for _ in range(5)]
-        foreign = [wire.FOREIGN] * 3
-        assert got == [(0x7FF, b"hi"), *foreign, wire.NOTHING], f"{got}"
+        foreign = [Arrival.FOREIGN] * 3
+        assert got == [(0x7FF, b"hi"), *foreign, Arrival.NOTHING], f"{got}"
 
 
 def test_a_bus_that_python_can_cannot_open_is_a_bus_error() -> None:
@@ -288,4 +289,4 @@ def test_auto_is_a_bus_that_opens() -> None:
     taken.release()
     for descriptor in {int(end.fd_tx), int(end.fd_rx)}:
         os.close(descriptor)
-    assert chosen.compiled and end.kind in (wire_layout.SOCKETCAN, wire_layout.UDP), f"{chosen}"
+    assert chosen.compiled and end.kind in (Medium.SOCKETCAN, Medium.UDP), f"{chosen}"

@@ -18,6 +18,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pcpc.drivers.can import can_id, codec, dbc
+from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.compiled.jit import JIT_OFF
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -189,7 +190,7 @@ def test_a_signal_of_any_start_and_length_agrees_with_cantools_both_ways(order: 
         assert_same_values(value, expected, data)
         got = pack(value, 0, table)
         assert got == reference(message, value), f"{value} {signal} {got[0].hex(' ')}"
-        n_wide += int(table.signals[0].kind != dbc.SCALED)
+        n_wide += int(table.signals[0].kind != Kind.SCALED)
     assert n_wide > 20, f"only {n_wide} signals needed integer arithmetic"
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.rows import RECEIVER
 
@@ -114,9 +115,9 @@ def test_crc16_equals_the_published_vectors(
 def test_a_frame_of_16_bits_says_where_and_over_which_id() -> None:
     found = {entry.name: (entry.crc, entry.counter) for entry in FRAMES if entry.crc[0] == 2}
     assert found == {
-        "WIDE": ((dbc.CRC_16, 0, 291), (2, 0, 255)),
-        "WIDE_BEHIND": ((dbc.CRC_16, 4, 0x1234), (6, 0, 255)),
-        "WIDE_ID": ((dbc.CRC_16, 1, 2566848513 & 0xFFFF), (3, 0, 255)),
+        "WIDE": ((Protection.CRC_16, 0, 291), (2, 0, 255)),
+        "WIDE_BEHIND": ((Protection.CRC_16, 4, 0x1234), (6, 0, 255)),
+        "WIDE_ID": ((Protection.CRC_16, 1, 2566848513 & 0xFFFF), (3, 0, 255)),
     }
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from test_frame_bits import arbitration, classic_frame, classic_stream
 
 from pcpc.drivers.can import line as lines
-from pcpc.drivers.can.line import BUS_OFF, ERROR, NOTHING, RECOVERED, SENT
+from pcpc.drivers.can.line import Condition, Outcome
 from pcpc.tools.start.bus.response import Message, responses_ns
 
 A, B, C = range(3)
@@ -47,8 +47,8 @@ def bits(one: NDArray[np.uint8]) -> int:
 def events(line: Any, until: int) -> list[tuple[int, int, int]]:
     """Return what happens up to bit `until`: what, when, to whom."""
     found = []
-    while (what := lines.advance(line, until)) != NOTHING:
-        found.append((what, int(line.at), int(line.who)))
+    while (what := lines.advance(line, until)) != Outcome.NOTHING:
+        found.append((int(what), int(line.at), int(line.who)))
     return found
 
 
@@ -58,8 +58,8 @@ def sent(line: Any, arrivals: Iterable[Arrival], until: int) -> list[tuple[bytes
     for at, group in itertools.groupby(
         [*sorted(arrivals, key=lambda a: a[:2]), (until, -1, frame(0))], key=lambda a: a[0]
     ):
-        while (what := lines.advance(line, at)) != NOTHING:
-            if what == SENT:
+        while (what := lines.advance(line, at)) != Outcome.NOTHING:
+            if what == Outcome.SENT:
                 found.append((line.frame.tobytes(), int(line.waited)))
         for _, s, one in group:
             if s >= 0:
@@ -225,9 +225,9 @@ def test_an_error_frame_is_as_long_as_two_controllers_make_it(passive: bool) -> 
             for s in (A, B):
                 line.transmit_errors[s] = 128 if passive else 0
             lines.put(line, A, one, 0)
-            assert lines.advance(line, 1) == NOTHING, "it has begun"
+            assert lines.advance(line, 1) == Outcome.NOTHING, "it has begun"
             line.hit, line.due = hit, hit + 1
-            assert events(line, hit + 1) == [(ERROR, hit + 1, A)]
+            assert events(line, hit + 1) == [(Outcome.ERROR, hit + 1, A)]
             expected = error_frame(stream, hit, passive)
             assert line.free_at == expected, f"hit {hit} of {stream}"
             assert line.busy == expected <= hit + 1 + 23
@@ -237,10 +237,10 @@ def test_the_frame_comes_again_after_an_error_and_its_wait_counts_from_the_first
     one = frame(0x123, b"\x55\xaa")
     line = new(p=1.0)
     lines.put(line, A, one, 0)
-    assert [what for what, *_ in events(line, 20)] == [ERROR]
+    assert [what for what, *_ in events(line, 20)] == [Outcome.ERROR]
     again = int(line.free_at)
     line.p = 0.0
-    assert events(line, 1000) == [(SENT, again + bits(one) - 3, A)]
+    assert events(line, 1000) == [(Outcome.SENT, again + bits(one) - 3, A)]
     assert line.waited == again + bits(one) - 3
     assert line.errors[A] == 1 == line.sent[A]
 
@@ -266,9 +266,14 @@ def test_the_counters_pass_warning_passive_and_bus_off_where_the_standard_says()
         states.append(lines.state_of(line, A))
         assert line.transmit_errors[A] == 8 * n
         assert line.receive_errors[B] == line.receive_errors[C] == n
-        assert event[0] == (ERROR if n < 32 else BUS_OFF)
+        assert event[0] == (Outcome.ERROR if n < 32 else Outcome.BUS_OFF)
         line.waiting[A] = min(line.waiting[A], 1)
-    expected = [lines.ACTIVE] * 11 + [lines.WARNING] * 4 + [lines.PASSIVE] * 16 + [lines.OFF]
+    expected = (
+        [Condition.ACTIVE] * 11
+        + [Condition.WARNING] * 4
+        + [Condition.PASSIVE] * 16
+        + [Condition.OFF]
+    )
     assert states == expected, "96 is the 12th, 128 the 16th, 256 the 32nd"
     assert (line.times_off[A], line.worst[A]) == (1, 256)
 
@@ -305,13 +310,13 @@ def test_a_passive_sender_lets_the_others_go_first_for_eight_bits() -> None:
 def test_bus_off_ends_after_128_times_11_recessive_bits() -> None:
     line = new()
     *_, (what, _, who) = failing(line, A, 32)
-    assert (what, who) == (BUS_OFF, A)
+    assert (what, who) == (Outcome.BUS_OFF, A)
     assert not lines.put(line, A, frame(5), int(line.free_at)), "who is off sends nothing"
     assert line.lost_off[A] == 2, "what waited, and what came then"
     delimiter = int(line.free_at) - 11
     assert lines.next_due(line) == delimiter + 128 * 11
     assert events(line, delimiter + 128 * 11 - 1) == []
-    assert events(line, delimiter + 128 * 11) == [(RECOVERED, delimiter + 128 * 11, A)]
+    assert events(line, delimiter + 128 * 11) == [(Outcome.RECOVERED, delimiter + 128 * 11, A)]
     assert line.transmit_errors[A] == line.receive_errors[A] == 0
     assert lines.put(line, A, frame(5), int(line.at))
 
@@ -324,7 +329,7 @@ def test_between_frames_of_others_there_is_one_run_of_recessive_bits_each() -> N
     for _ in range(200):
         lines.put(line, B, one, begin)
     found = events(line, begin + 200 * bits(one))
-    place = [what for what, *_ in found].index(RECOVERED)
+    place = [what for what, *_ in found].index(Outcome.RECOVERED)
     assert place == 127, "the end of the error frame is the first run, then one a frame"
 
 
@@ -334,9 +339,9 @@ def test_who_is_alone_gets_no_acknowledgement_and_never_goes_off_by_it() -> None
     lines.put(line, A, frame(1, b"\x01"), int(line.free_at))
     found = events(line, int(line.free_at) + 40_000)
     whats = [what for what, *_ in found]
-    assert whats.count(SENT) == 1 and whats[-1] == SENT, "once B is back"
-    back = whats.index(RECOVERED)
-    assert set(whats[:back]) == {ERROR} and back > 16
+    assert whats.count(Outcome.SENT) == 1 and whats[-1] == Outcome.SENT, "once B is back"
+    back = whats.index(Outcome.RECOVERED)
+    assert set(whats[:back]) == {Outcome.ERROR} and back > 16
     assert line.worst[A] == 128 and line.times_off[A] == 0
     slot = bits(frame(1, b"\x01")) - 3 - 9
     first, second = (at for _, at, _ in found[:2])
@@ -378,13 +383,13 @@ def test_interpreted_it_gives_the_same_events() -> None:
 @pytest.mark.parametrize("p", [1e-5, 1e-4, 1e-3])
 def test_as_many_frames_are_hit_as_bits_are(p: float) -> None:
     whats = [what for what, *_ in drawn(3, p)[0]]
-    n, errors = len(whats), whats.count(ERROR)
+    n, errors = len(whats), whats.count(Outcome.ERROR)
     each = 1.0 - (1.0 - p) ** 118  # 8 equal bytes: 108 bits and some stuffing
     assert abs(errors - n * each) < 4.0 * math.sqrt(n * each) + 0.15 * n * each, f"{errors} of {n}"
 
 
 def test_a_burst_hits_as_many_transmissions_in_a_row_as_it_says() -> None:
     whats = [what for what, *_ in drawn(4, 1e-4, 4.0)[0]]
-    runs = [len(list(group)) for hit, group in itertools.groupby(whats, SENT.__ne__) if hit]
+    runs = [len(list(group)) for hit, group in itertools.groupby(whats, Outcome.SENT.__ne__) if hit]
     mean = sum(runs) / len(runs)
     assert abs(mean - 4.0) < 4.0 * math.sqrt(12.0 / len(runs)), f"{mean} in {len(runs)} bursts"

@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import wire, wire_layout
+from pcpc.drivers.can.wire_layout import Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
@@ -53,7 +54,7 @@ PACKET = np.zeros(wire_layout.PACKET_BYTES, np.uint8)
 PACKET[: wire.TEMPLATE_BYTES] = np.frombuffer(wire.TEMPLATE, np.uint8)
 
 
-def new_wire(kind: int = wire_layout.MEMORY) -> Any:
+def new_wire(kind: int = Medium.MEMORY) -> Any:
     """Return a zeroed WIRE record, prepared for `kind`."""
     records = np.recarray(1, wire_layout.WIRE)
     records.view(np.uint8)[:] = 0
@@ -222,11 +223,11 @@ def test_frames_in_memory_arrive_in_order_and_unchanged_over_many_turns_of_the_q
             sent.append(source.tx.tobytes())
             assert wire.put_frame(source), f"refused at turn {turn}"
         wire.carry(source, target)
-        while wire.get_frame(target, True) == wire.FRAME:
+        while wire.get_frame(target, True) == Arrival.FRAME:
             received.append(target.rx.tobytes())
     assert received == sent, f"{len(sent)} sent, {len(received)} received"
     assert len(sent) > wire_layout.QUEUE_FRAMES, f"only {len(sent)} frames"
-    assert wire.get_frame(source, True) == wire.NOTHING, "a sender must not hear itself"
+    assert wire.get_frame(source, True) == Arrival.NOTHING, "a sender must not hear itself"
 
 
 def test_a_full_memory_wire_refuses_and_overwrites_nothing() -> None:
@@ -239,7 +240,7 @@ def test_a_full_memory_wire_refuses_and_overwrites_nothing() -> None:
             wire.carry(source, target)
     received = []
     for _ in range(2):
-        while wire.get_frame(target, False) == wire.FRAME:
+        while wire.get_frame(target, False) == Arrival.FRAME:
             received.append(content(target.rx)[0])
         wire.carry(source, target)
     capacity = 2 * wire_layout.QUEUE_FRAMES
@@ -248,20 +249,20 @@ def test_a_full_memory_wire_refuses_and_overwrites_nothing() -> None:
 
 
 def test_a_closed_descriptor_fails_with_its_error_number() -> None:
-    closed = new_wire(wire_layout.UDP)
+    closed = new_wire(Medium.UDP)
     assert not wire.put_frame(closed)
     assert closed.errno == 9, f"errno {closed.errno}, not EBADF"
     closed.errno = 0
     got = wire.get_frame(closed, False)
-    assert got == wire.FAILED and closed.errno == 9, f"{got}, errno {closed.errno}"
+    assert got == Arrival.FAILED and closed.errno == 9, f"{got}, errno {closed.errno}"
 
 
 def test_a_kind_that_nobody_wrote_fails_both_ways() -> None:
-    unknown = new_wire(max(wire_layout.UDP, wire_layout.PYTHON_CAN) + 1)
+    unknown = new_wire(max(Medium.UDP, Medium.PYTHON_CAN) + 1)
     assert not wire.put_frame(unknown) and unknown.errno == errno.EPROTONOSUPPORT
     unknown.errno = 0
     for block in (False, True):
-        assert wire.get_frame(unknown, block) == wire.FAILED
+        assert wire.get_frame(unknown, block) == Arrival.FAILED
         assert unknown.errno == errno.EPROTONOSUPPORT
 
 

@@ -13,6 +13,7 @@ import pytest
 from pcpc.drivers.can import bus, wire, wire_layout
 from pcpc.drivers.can.bus import Bus
 from pcpc.drivers.can.dbc import BusError
+from pcpc.drivers.can.wire_layout import Arrival
 
 pytestmark = pytest.mark.vcan
 
@@ -62,7 +63,7 @@ def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
 def receive(end: Any) -> tuple[int, bytes] | int:
     """Return word and data of the next frame, or what else `get_frame` returned."""
     outcome = wire.get_frame(end, True)
-    if outcome != wire.FRAME:
+    if outcome != Arrival.FRAME:
         return int(outcome)
     return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
@@ -72,7 +73,12 @@ def test_two_wires_exchange_frames_and_hear_only_each_other(open_can: Open) -> N
     send(a, 0x123, b"from a")
     send(b, 0x124, b"12345678")
     got = [receive(a), receive(a), receive(b), receive(b)]
-    expected = [(0x124, b"12345678"), wire.NOTHING, (0x123, b"from a"), wire.NOTHING]
+    expected = [
+        (0x124, b"12345678"),
+        Arrival.NOTHING,
+        (0x123, b"from a"),
+        Arrival.NOTHING,
+    ]
     assert got == expected, f"{got}"
 
 
@@ -96,7 +102,7 @@ def test_python_can_and_we_read_each_other(open_can: Open, python_can: can.BusAB
     python_can.send(can.Message(arbitration_id=0x55, data=b"hi", is_extended_id=False))
     python_can.send(can.Message(arbitration_id=0x1ABCDEF0, data=b"", is_extended_id=True))
     heard = [receive(ours), receive(ours), receive(ours)]
-    assert heard == [(0x55, b"hi"), (0x9ABCDEF0, b""), wire.NOTHING], f"{heard}"
+    assert heard == [(0x55, b"hi"), (0x9ABCDEF0, b""), Arrival.NOTHING], f"{heard}"
 
 
 def test_only_data_frames_with_the_wanted_ids_arrive(
@@ -111,14 +117,14 @@ def test_only_data_frames_with_the_wanted_ids_arrive(
     ):
         python_can.send(message)
     got = [receive(ours), receive(ours)]
-    assert got == [(0x123, b"wanted"), wire.NOTHING], f"{got}"
+    assert got == [(0x123, b"wanted"), Arrival.NOTHING], f"{got}"
 
 
 def test_a_wire_without_ids_hears_nothing(open_can: Open, python_can: can.BusABC) -> None:
     ours = open_can([])
     python_can.send(can.Message(arbitration_id=0x123, is_extended_id=False))
     got = [wire.get_frame(ours, False), wire.get_frame(ours, True)]
-    assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
+    assert got == [Arrival.NOTHING, Arrival.NOTHING], f"{got}"
 
 
 def test_candump_reads_what_we_send(open_can: Open) -> None:
@@ -163,7 +169,7 @@ def test_an_interface_taken_down_fails_with_its_error_number() -> None:
         bus.open_bus(Bus("socketcan", name), [1], end)
         subprocess.run(["ip", "link", "set", name, "down"], check=True)
         got = wire.get_frame(end, True)
-        assert got == wire.FAILED and end.errno == errno.ENETDOWN, f"{got}, errno {end.errno}"
+        assert got == Arrival.FAILED and end.errno == errno.ENETDOWN, f"{got}, errno {end.errno}"
         assert not wire.put_frame(end) and end.errno == errno.ENETDOWN, f"errno {end.errno}"
         os.close(end.fd_rx)
     finally:
@@ -178,6 +184,6 @@ def test_an_error_frame_is_heard_as_one(open_can: Open, python_can: can.BusABC) 
     ours = open_can([0x123])
     python_can.send(can.Message(arbitration_id=0x040, is_error_frame=True, is_extended_id=False,
                                 data=bytes(8)))  # fmt: skip
-    assert receive(ours) == wire.BUS_ERROR
+    assert receive(ours) == Arrival.BUS_ERROR
     assert int.from_bytes(ours.rx[:4].tobytes(), "little") == 0x2000_0040
-    assert receive(ours) == wire.NOTHING
+    assert receive(ours) == Arrival.NOTHING

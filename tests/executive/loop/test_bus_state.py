@@ -10,7 +10,7 @@ from engine import ROOT, Bench, both, puppet_rig
 
 from pcpc.drivers.can import error_frames, line, wire
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import MEMORY, WIRE
+from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.loop.faults import Fault
@@ -121,9 +121,9 @@ def test_a_clean_line_tells_nothing(tmp_path: Path) -> None:
 
 def test_an_error_frame_in_memory_is_none_that_is_decoded() -> None:
     end: Any = np.zeros(1, WIRE).view(np.recarray)[0]
-    wire.prepare(end, MEMORY, -1, -1)
+    wire.prepare(end, Medium.MEMORY, -1, -1)
     wire.deliver(np.array([0x40, 0, 0, 0x20, 8, *[0] * 11], np.uint8), end)
-    assert wire.get_frame(end, False) == wire.BUS_ERROR
+    assert wire.get_frame(end, False) == Arrival.BUS_ERROR
 
 
 def test_a_line_tells_each_change_of_a_sender_once() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.executive.loop.clock import CLOCKED, GIVEN, arm
+from pcpc.executive.loop.clock import Time, Trigger, arm
 from pcpc.executive.loop.cycle import next_cycle
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -23,7 +23,7 @@ DETERMINISTIC = settings(max_examples=40, derandomize=True, deadline=None)
 def clock() -> Any:
     """Return a LOOP record with a clock of 1 kHz and nothing else."""
     n = zeroed()
-    n.clock.period_ns, n.clock.trigger, n.clock.kind = PERIOD_NS, CLOCKED, GIVEN
+    n.clock.period_ns, n.clock.trigger, n.clock.kind = PERIOD_NS, Trigger.CLOCKED, Time.GIVEN
     return n
 
 

@@ -115,7 +115,7 @@ def test_an_emergency_frame_is_sent_once_for_a_fault_and_once_for_its_end(driven
 
 def test_before_the_first_input_a_drive_is_not_ready(tmp_path: Path) -> None:
     made = Bench(both(load_rig(drive_rig(tmp_path))))
-    made.executive.loop.rx.loss[:, 0] = 1.0
+    made.executive.loop.rx.loss["enter"][:] = 1.0
     made.run(1)
     assert made.executive["tx.STATUS.word"] == drive.NOT_READY_TO_SWITCH_ON
 

@@ -14,7 +14,6 @@ from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.executive.loop.cycle import N, finish
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
-from pcpc.executive.loop.losses import ENTER
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import load_rig
@@ -197,10 +196,10 @@ def test_before_the_first_valid_input_a_command_is_safe(plans: tuple[Plan, Plan]
     made = Bench(plans)
     node = made.executive
     node["controller.torque_Nm"] = 1.5
-    node.loop.rx.loss[:, ENTER] = 1.0  # of every frame the first is lost
+    node.loop.rx.loss["enter"][:] = 1.0  # of every frame the first is lost
     assert made.run(1) == 1
     assert (node.state, node["tx.CMD.motor_torque"]) == ("INIT", 0.0)
-    node.loop.rx.loss[:, ENTER] = 0.0
+    node.loop.rx.loss["enter"][:] = 0.0
     made.run(1)
     assert (node.state, node["tx.CMD.motor_torque"]) == ("READY", 1.5)
 

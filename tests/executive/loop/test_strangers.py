@@ -13,6 +13,7 @@ from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import e2e, wire, wire_layout
 from pcpc.drivers.can.bus import Bus
 from pcpc.drivers.can.e2e_states import FrameState
+from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
@@ -91,9 +92,14 @@ def test_on_udp_an_end_knows_its_own_frames_and_tells_senders_apart(
     for _ in range(4):
         results.append(wire.get_frame(a, True))
         sources.append(int(a.source))
-    assert results == [wire.OWN, wire.FRAME, wire.FRAME, wire.FRAME], f"{results}"
+    assert results == [
+        Arrival.OWN,
+        Arrival.FRAME,
+        Arrival.FRAME,
+        Arrival.FRAME,
+    ], f"{results}"
     assert len(set(sources)) == 3 and sources[1] == sources[3] and 0 not in sources, f"{sources}"
-    assert wire.get_frame(b, True) == wire.FRAME, "who does not know its own hears itself"
+    assert wire.get_frame(b, True) == Arrival.FRAME, "who does not know its own hears itself"
 
 
 # The loop

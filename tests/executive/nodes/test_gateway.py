@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import line, wire, wire_layout
-from pcpc.drivers.can.line import bit_at, ns_of
+from pcpc.drivers.can.line import Condition, bit_at, ns_of
+from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.nodes.player import STOP
 
@@ -58,8 +59,8 @@ def send(end: Any, *ids: int) -> None:
 def there(end: Any) -> list[int]:
     """Return the ids of the frames of others that an end has."""
     found = []
-    while (what := wire.get_frame(end, False)) != wire.NOTHING:
-        if what == wire.FRAME:
+    while (what := wire.get_frame(end, False)) != Arrival.NOTHING:
+        if what == Arrival.FRAME:
             found.append(int.from_bytes(end.rx[:2].tobytes(), "little"))
     return found
 
@@ -99,11 +100,11 @@ def test_a_full_queue_and_a_bus_that_is_off_lose_frames_which_are_counted(make: 
     one_pass(gateway)
     assert gateway.n.line.refused[0] == 1
     one_pass(gateway, S)  # 32 times 27 bits
-    assert line.state_of(gateway.n.line, 0) == line.OFF
+    assert line.state_of(gateway.n.line, 0) == Condition.OFF
     assert (gateway.n.line.lost_off[0], there(b)) == (2, [])
     gateway.n.line.p = 0.0
     one_pass(gateway, 2 * S)  # 1408 recessive bits
-    assert line.state_of(gateway.n.line, 0) == line.ACTIVE
+    assert line.state_of(gateway.n.line, 0) == Condition.ACTIVE
     send(a, 4)
     one_pass(gateway)
     one_pass(gateway, S)
@@ -134,7 +135,7 @@ def test_in_its_thread_it_carries_both_ways_and_never_before_the_bits_have_passe
     for name, end in (("a", a), ("b", b)):
         heard[name] = found = []
         while len(found) < 20:
-            if wire.get_frame(end, True) == wire.FRAME:
+            if wire.get_frame(end, True) == Arrival.FRAME:
                 found.append(int(end.rx[0]))
     took_s = time.monotonic() - begin
     gateway.stop()

@@ -12,7 +12,7 @@ from engine import ATB1000, SLEW10, Node, both
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import CLOCKED, ON_FRAMES
+from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.nodes.plan import Plan, check_rate, cycles_of, describe, plan
 from pcpc.executive.rig.reading import Rig, load_rig
 
@@ -238,9 +238,9 @@ def test_feedback_is_awaited_and_SYNC_starts_the_plant(plans: tuple[Plan, Plan])
 @pytest.mark.parametrize(
     ("pacing", "triggers"),
     [
-        ("real", (CLOCKED, CLOCKED)),
-        ("sync", (CLOCKED, ON_FRAMES)),
-        ("lockstep", (ON_FRAMES, ON_FRAMES)),
+        ("real", (Trigger.CLOCKED, Trigger.CLOCKED)),
+        ("sync", (Trigger.CLOCKED, Trigger.ON_FRAMES)),
+        ("lockstep", (Trigger.ON_FRAMES, Trigger.ON_FRAMES)),
     ],
 )
 def test_the_pacing_says_who_has_a_clock(pacing: str, triggers: tuple[int, int]) -> None:

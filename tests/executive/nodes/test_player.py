@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.wire_layout import SOCKETCAN
+from pcpc.drivers.can.wire_layout import Medium
 from pcpc.executive.nodes import player
 from pcpc.executive.nodes.player import Player
 
@@ -24,7 +24,7 @@ def line() -> Iterator[tuple[Any, socket.socket]]:
     rows[:, 0] = numbers
     rows[:, 4] = 8
     made = Player(rows, 1_000_000 * numbers, 10_000_000, timed=True)
-    wire.prepare(made.n.wire, SOCKETCAN, mine.fileno(), mine.fileno())
+    wire.prepare(made.n.wire, Medium.SOCKETCAN, mine.fileno(), mine.fileno())
     other.settimeout(10.0)
     with mine, other:
         yield made, other

@@ -13,7 +13,8 @@ from free_bus import own_bus
 from json_schemas import holds
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can.wire import FRAME, get_frame, put_frame
+from pcpc.drivers.can.wire import get_frame, put_frame
+from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.executive.loop import shared as sh
 from pcpc.tools.cli import main
 from pcpc.tools.dev.bench import batch, codec, cycle, frame, rate, recorder, simulate, startup
@@ -104,11 +105,11 @@ def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
             head = np.array([0x21, 0x01, 0, extended, length, 0, 0, 0], np.uint8)
             data = np.arange(8, dtype=np.uint8) * (np.arange(8) < length)
             ours.tx[:] = np.concatenate([head, data])
-            assert put_frame(ours) and get_frame(ours, True) == FRAME
+            assert put_frame(ours) and get_frame(ours, True) == Arrival.FRAME
             received = ours.rx.copy()
             theirs.tx[:] = ours.tx
             assert c.drive_frames(address(ends[1]), ctypes.c_int64(1)) == 1
-            assert get_frame(ours, True) == FRAME
+            assert get_frame(ours, True) == Arrival.FRAME
             ours.rx[8], theirs.rx[8] = received[8], received[8]  # the driver numbers its frames
             assert bytes(ours.rx) == bytes(received) == bytes(theirs.rx), f"{length} bytes"
             get_frame(theirs, True)

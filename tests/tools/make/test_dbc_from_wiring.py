@@ -12,6 +12,7 @@ from processes import ROOT, pcpc
 
 import pcpc as api
 from pcpc.drivers.can import dbc
+from pcpc.drivers.can.dbc import Protection
 from pcpc.executive.errors import RigError
 from pcpc.tools.dev.evidence.expected import crc16
 from pcpc.tools.make.dbc import Frame, Signal, dbc_text, frames_of, resolution, rigs_of
@@ -50,7 +51,11 @@ def test_with_a_crc_of_16_bits_it_runs_and_replays(motor: Path) -> None:
     assert done.code == 0, str(done)
     entries = dbc.frames(dbc.load(motor.with_name("motor.dbc")), "EXEC", "tx")
     found = {entry.name: (entry.crc[0], entry.dlc) for entry in entries}
-    assert found == {"SYNC": (dbc.CRC_16, 3), "CMD": (dbc.CRC_16, 8), "HB_EXEC": (0, 1)}
+    assert found == {
+        "SYNC": (Protection.CRC_16, 3),
+        "CMD": (Protection.CRC_16, 8),
+        "HB_EXEC": (0, 1),
+    }
     shown = pcpc("check", str(motor))
     assert shown.out.count("counter, crc16") == 3, str(shown)
     run = api.simulate(motor, quiet=True)

@@ -14,6 +14,7 @@ from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 
 from pcpc.drivers.can import codec, dbc, e2e
+from pcpc.drivers.can.dbc import Kind
 from pcpc.tools.make.generate import frames as in_c
 from pcpc.tools.make.generate.words import identifier
 
@@ -114,7 +115,13 @@ def test_pack_and_unpack_give_the_bits_of_the_loop(built: tuple[list[dbc.Frame],
             unpacked = np.zeros(n)
             getattr(library, f"unpack_{name}")(data.ctypes, unpacked.ctypes)
             assert unpacked.tobytes() == values.tobytes(), (frame.name, data.tobytes().hex())
-    assert kinds == {dbc.SCALED, dbc.WIDE, dbc.UNSIGNED_64, dbc.FLOAT_32, dbc.FLOAT_64}
+    assert kinds == {
+        Kind.SCALED,
+        Kind.WIDE,
+        Kind.UNSIGNED_64,
+        Kind.FLOAT_32,
+        Kind.FLOAT_64,
+    }
 
 
 def a_value(signal: dbc.Signal, draw: random.Random) -> float:

@@ -28,7 +28,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted, sidecar
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import ON_FRAMES, VIRTUAL
+from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.nodes.replay import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
@@ -198,7 +198,7 @@ def hand_on(nodes: Sequence[Any]) -> None:
 def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
     """Let a node go on without a clock, with the tunings that come later."""
     loop = node.replay.block.loop
-    loop.clock.kind, loop.clock.trigger = VIRTUAL, ON_FRAMES
+    loop.clock.kind, loop.clock.trigger = Time.VIRTUAL, Trigger.ON_FRAMES
     loop.meeting.ordered = loop.wire.in_turn = 1
     if len(later) > sh.MAX_SCHEDULE:
         what = f"{len(later)} tunings of the {node.role} come later"

@@ -24,7 +24,7 @@ static int stopping(loop *n)
 
 static int runs(loop *n)
 {
-    return n->clock.kind == CLK_REAL || n->clock.kind == CLK_LOCKSTEP;
+    return n->clock.kind == TIME_REAL || n->clock.kind == TIME_LOCKSTEP;
 }
 
 static int64_t now(loop *n)
@@ -38,17 +38,17 @@ static int64_t now(loop *n)
 
 static int64_t stamp(loop *n)
 {
-    return n->clock.kind == CLK_LOCKSTEP ? n->clock.now_ns : now(n);
+    return n->clock.kind == TIME_LOCKSTEP ? n->clock.now_ns : now(n);
 }
 
 static int paced(loop *n)
 {
-    return n->clock.trigger == CLK_CLOCKED && n->passes > n->clock.arm_pass;
+    return n->clock.trigger == TRIGGER_CLOCKED && n->passes > n->clock.arm_pass;
 }
 
 static void set_time(loop *n)
 {
-    if (n->clock.kind == CLK_LOCKSTEP || n->clock.kind == CLK_VIRTUAL)
+    if (n->clock.kind == TIME_LOCKSTEP || n->clock.kind == TIME_VIRTUAL)
         n->clock.now_ns = n->k * n->clock.period_ns;
 }
 
@@ -200,14 +200,13 @@ static int is_foreign(loop *n, int64_t row, uint32_t word)
     return 0;
 }
 
-static int64_t note(loop *n, int64_t kind, int64_t cycles)
+static int64_t note(loop *n, int64_t *since, int64_t *count, int64_t cycles)
 {
-    int64_t *strange = n->rx.strange[kind];
-    if (strange[STRANGERS_COUNT] == 0 || n->passes - strange[STRANGERS_SINCE] >= cycles) {
-        strange[STRANGERS_SINCE] = n->passes;
-        strange[STRANGERS_COUNT] = 0;
+    if (*count == 0 || n->passes - *since >= cycles) {
+        *since = n->passes;
+        *count = 0;
     }
-    return ++strange[STRANGERS_COUNT];
+    return ++*count;
 }
 
 static void blame(loop *n, int64_t fault, uint32_t word)
@@ -222,7 +221,7 @@ static void note_foreign(loop *n, uint32_t word)
 {
     n->control.foreign++;
     push_frame(n, n->wire.rx, 1, FRAMESTATE_FOREIGN);
-    int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
+    int64_t found = note(n, &n->rx.foreign.since, &n->rx.foreign.count, STRANGERS_FOREIGN_CYCLES);
     if (found == 1)
         push_event(n, EVENT_FOREIGN, word & 0x1FFFFFFF, n->control.foreign);
     if (found >= STRANGERS_FOREIGN_FRAMES || n->passes == 0)
@@ -234,22 +233,22 @@ static void note_foreign(loop *n, uint32_t word)
 static int64_t sorted_out(loop *n, int64_t row)
 {
     int64_t part = n->rx.role[row].meeting;
-    if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
-        if (!n->meeting.met[row] || (part == MEETING_FROM_BELOW && n->meeting.sampled)) {
+    if (part == PART_FROM_ABOVE || part == PART_FROM_BELOW) {
+        if (!n->meeting.met[row] || (part == PART_FROM_BELOW && n->meeting.sampled)) {
             n->meeting.met[row] = 1;
-            return MEETING_TAKE;
+            return TURN_TAKE;
         }
-        if (part == MEETING_FROM_BELOW) {
+        if (part == PART_FROM_BELOW) {
             n->meeting.holding = row + 1;
             memcpy(n->meeting.held, n->wire.rx, WIRE_FRAME_BYTES);
         }
-        return MEETING_LEAVE;
+        return TURN_LEAVE;
     }
-    if (part == MEETING_BEFORE)
+    if (part == PART_BEFORE)
         n->meeting.holding = 0;
-    if (part == MEETING_BEFORE || part == MEETING_AFTER)
+    if (part == PART_BEFORE || part == PART_AFTER)
         n->meeting.sampled = 1;
-    return part == MEETING_AFTER && n->meeting.holding ? MEETING_HELD_FIRST : MEETING_TAKE;
+    return part == PART_AFTER && n->meeting.holding ? TURN_HELD_FIRST : TURN_TAKE;
 }
 
 static void exchange_held(loop *n)
@@ -277,9 +276,9 @@ static int64_t take_frame(loop *n)
         return -1;
     if (n->meeting.ordered && n->passes == 0) {
         int64_t what = sorted_out(n, row);
-        if (what == MEETING_LEAVE)
+        if (what == TURN_LEAVE)
             return -1;
-        if (what == MEETING_HELD_FIRST) {
+        if (what == TURN_HELD_FIRST) {
             int64_t first = n->meeting.holding - 1;
             exchange_held(n);
             n->meeting.holding = 0;
@@ -324,7 +323,8 @@ static int64_t use_frame(loop *n, int64_t row)
     } else if (state == FRAMESTATE_REPEATED) {
         n->control.repeated++;
         if (n->rx.role[row].starts + n->rx.role[row].awaited > 0
-            && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
+            && note(n, &n->rx.repeats.since, &n->rx.repeats.count, STRANGERS_REPEATED_CYCLES)
+                >= STRANGERS_REPEATED_FRAMES)
             blame(n, FAULT_REPEATED_INPUT, word);
     } else if (state == FRAMESTATE_WRONG_SEQUENCE) {
         n->control.wrong_sequence++;
@@ -344,10 +344,10 @@ static void receive(loop *n)
             break;
         int result = get_frame(&n->wire, gather);
         drained += !gather || stopping(n);
-        if (result == WIRE_FRAME) {
+        if (result == ARRIVAL_FRAME) {
             take_frame(n);
             waits = 0;
-        } else if (result == WIRE_NOTHING) {
+        } else if (result == ARRIVAL_NOTHING) {
             if (!gather || stopping(n))
                 break;
             waits++;
@@ -358,11 +358,11 @@ static void receive(loop *n)
                 n->guard.faulted = FAULT_PEER_SILENT;
                 break;
             }
-        } else if (result == WIRE_FAILED) {
+        } else if (result == ARRIVAL_FAILED) {
             n->control.bus_errno = n->wire.errno_;
             n->guard.faulted = FAULT_BUS_FAILED;
             break;
-        } else if (result == WIRE_BUS_ERROR) {
+        } else if (result == ARRIVAL_BUS_ERROR) {
             n->control.bus_errors++;
         }
     }
@@ -478,7 +478,7 @@ static void supervise(loop *n)
     int silent = before != STATE_INIT && n->guard.missing >= n->guard.fault_after;
     if (silent && n->guard.faulted == FAULT_NONE && !asked)
         n->guard.faulted = FAULT_INPUT_MISSING;
-    int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != CLK_CLOCKED));
+    int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != TRIGGER_CLOCKED));
     int disarmed = n->guard.disarmed != 0;
     int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe,
                             disarmed);
@@ -509,9 +509,9 @@ static void supervise(loop *n)
 static void judge_overrun(loop *n)
 {
     n->guard.overruns = n->clock.behind > 0 && n->passes > n->guard.grace_passes ? n->guard.overruns + 1 : 0;
-    if (n->guard.overrun_policy == SH_SKIP || n->guard.overruns < n->guard.overrun_after)
+    if (n->guard.overrun_policy == OVERRUN_SKIP || n->guard.overruns < n->guard.overrun_after)
         return;
-    if (n->guard.overrun_policy == SH_FAULT_AFTER) {
+    if (n->guard.overrun_policy == OVERRUN_FAULT_AFTER) {
         if (n->guard.faulted == FAULT_NONE)
             n->guard.faulted = FAULT_OVERRUN;
     } else if (n->v[V_FALLBACK] == 0.0) {
@@ -523,33 +523,33 @@ static void judge_overrun(loop *n)
 static int64_t judge_request(loop *n, int64_t count, int64_t lock, int64_t *entry)
 {
     *entry = 0;
-    if (count < 0 || count > SH_MAIL_SLOTS)
-        return SH_BAD_COUNT;
+    if (count < 0 || count > SH_SLOTS)
+        return REFUSAL_BAD_COUNT;
     if (lock && count > 0)
-        return SH_LOCKED;
+        return REFUSAL_LOCKED;
     for (int64_t i = 0; i < count; i++) {
         int64_t j = n->tuning.asked_index[i];
         double value = n->tuning.asked_value[i];
         *entry = i;
         if (j < 0 || j >= n->n_variables || n->tuning.low[j] != n->tuning.low[j])
-            return SH_NO_PARAMETER;
+            return REFUSAL_NO_PARAMETER;
         int finite = __builtin_fabs(value) < __builtin_inf();
         if (!(finite && n->tuning.low[j] <= value && value <= n->tuning.high[j]))
-            return SH_OUT_OF_RANGE;
+            return REFUSAL_OUT_OF_RANGE;
     }
     *entry = 0;
-    return SH_ACCEPTED;
+    return REFUSAL_ACCEPTED;
 }
 
 static void answer(loop *n, int64_t request)
 {
-    int64_t count = n->mail[SH_COUNT], lock = n->mail[SH_LOCK], entry;
+    int64_t count = n->mail.count, lock = n->mail.lock, entry;
     memcpy(n->tuning.asked_index, n->mail_index, sizeof n->mail_index);
     memcpy(n->tuning.asked_value, n->mail_value, sizeof n->mail_value);
-    if (__atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE) != request)
+    if (__atomic_load_n(&n->mail.request, __ATOMIC_ACQUIRE) != request)
         return;
     int64_t refusal = judge_request(n, count, lock, &entry);
-    if (refusal == SH_ACCEPTED) {
+    if (refusal == REFUSAL_ACCEPTED) {
         for (int64_t i = 0; i < count; i++) {
             n->v[n->tuning.asked_index[i]] = n->tuning.asked_value[i];
             push_event(n, EVENT_TUNING, n->tuning.asked_index[i], n->tuning.asked_value[i]);
@@ -558,21 +558,21 @@ static void answer(loop *n, int64_t request)
         n->control.refused++;
         push_event(n, EVENT_REFUSED, n->tuning.asked_index[entry], n->tuning.asked_value[entry]);
     }
-    n->answer[SH_ACK_CYCLE] = n->k;
-    n->answer[SH_REFUSAL] = refusal;
-    n->answer[SH_REFUSED_ENTRY] = entry;
-    __atomic_store_n(&n->answer[SH_ACK], request, __ATOMIC_RELEASE);
+    n->answer.cycle = n->k;
+    n->answer.refusal = refusal;
+    n->answer.entry = entry;
+    __atomic_store_n(&n->answer.request, request, __ATOMIC_RELEASE);
 }
 
 static void tune(loop *n)
 {
-    while (n->tuning.done < n->tuning.n && n->tuning.schedule[n->tuning.done][0] <= n->k) {
-        int64_t j = n->tuning.schedule[n->tuning.done][1];
+    while (n->tuning.done < n->tuning.n && n->tuning.schedule[n->tuning.done].cycle <= n->k) {
+        int64_t j = n->tuning.schedule[n->tuning.done].place;
         n->v[j] = n->tuning.value[n->tuning.done++];
         push_event(n, EVENT_TUNING, j, n->v[j]);
     }
-    int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
-    if (request != n->answer[SH_ACK])
+    int64_t request = __atomic_load_n(&n->mail.request, __ATOMIC_ACQUIRE);
+    if (request != n->answer.request)
         answer(n, request);
 }
 
@@ -580,7 +580,7 @@ static void copy_inputs(loop *n, int64_t block)
 {
     int64_t first = block > 0 ? n->blocks.copies_end[block - 1] : 0;
     for (int64_t i = first; i < n->blocks.copies_end[block]; i++)
-        n->v[n->blocks.copies[i][1]] = n->v[n->blocks.copies[i][0]];
+        n->v[n->blocks.copies[i].target] = n->v[n->blocks.copies[i].source];
 }
 
 static void step_blocks(loop *n, step_function **steps)
@@ -593,9 +593,9 @@ static void step_blocks(loop *n, step_function **steps)
             if (b == (v[V_FALLBACK] > 0.0 ? n->blocks.controller : n->blocks.fallback))
                 continue;
             copy_inputs(n, b);
-            const int64_t *at = n->blocks.views[b];
+            const struct views *at = &n->blocks.views[b];
             n->control.stepping = b + 1;
-            steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
+            steps[b](v[V_T_S], dt, v + at->p, v + at->x, v + at->u, v + at->y);
         }
     }
     n->control.stepping = 0;
@@ -631,7 +631,7 @@ static int check_finite(loop *n)
 {
     int64_t place = -1;
     for (int64_t b = 0; b < n->blocks.n && place < 0; b++)
-        place = find_not_finite(n, n->blocks.views[b][6], n->blocks.views[b][7]);
+        place = find_not_finite(n, n->blocks.views[b].y, n->blocks.views[b].y_end);
     if (place < 0)
         place = find_not_finite(n, n->tx.first, n->tx.past);
     if (place >= 0 && n->control.odd_place == 0) {
@@ -837,7 +837,7 @@ static int one_pass(loop *n, step_function **steps)
         receive(n);
     } else {
         receive(n);
-        if (n->clock.trigger == CLK_CLOCKED && n->passes == n->clock.arm_pass) {
+        if (n->clock.trigger == TRIGGER_CLOCKED && n->passes == n->clock.arm_pass) {
             arm(n);
             wait(n);
         } else {
@@ -876,7 +876,7 @@ static void finish(loop *n)
     n->guard.gain = 0.0;
     tell_drive(n, STATE_STOP);
     n->control.state = STATE_STOP;
-    if (n->tx.last_word == SH_ALL_FRAMES) {
+    if (n->tx.last_word == LASTWORD_ALL_FRAMES) {
         limit(n);
         transmit(n);
     } else {
@@ -906,15 +906,15 @@ static int wait_for_peer(loop *n)
     n->wire.muted = n->meeting.ordered;
     while (!stopping(n)) {
         int result = get_frame(&n->wire, 1);
-        if (result == WIRE_FAILED) {
+        if (result == ARRIVAL_FAILED) {
             n->control.bus_errno = n->wire.errno_;
             n->guard.faulted = FAULT_BUS_FAILED;
             return 0;
         }
-        int known = result == WIRE_FRAME && take_frame(n) >= 0;
+        int known = result == ARRIVAL_FRAME && take_frame(n) >= 0;
         if (known)
             n->wire.muted = 0;
-        if (known || result == WIRE_NOTHING)
+        if (known || result == ARRIVAL_NOTHING)
             announce(n);
         if (known)
             return 1;

@@ -27,17 +27,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import dbc, e2e, wire, wire_layout
+from pcpc.drivers.can import e2e, wire, wire_layout
+from pcpc.drivers.can.dbc import Kind, Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import put_frame
-from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE
+from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE, Arrival, Medium
 from pcpc.drivers.compiled.jit import i8, loop, types, u1
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws import references
 from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import (
-    clock,
     drive,
     faults,
     meeting,
@@ -48,10 +48,13 @@ from pcpc.executive.loop import (
     variables,
 )
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import CLOCKED, LOCKSTEP, now
+from pcpc.executive.loop.clock import Time, Trigger, now
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.rings import publish_table
+from pcpc.executive.loop.sending import LastWord
+from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.nodes.virtual import VirtualRun
@@ -73,12 +76,12 @@ REPEATS = 40  # of the recording, in a round in memory: the call itself takes 1 
 PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
-    "SH": sh, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
-    "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
-    "RECEPTION": reception, "DRIVE": drive,
+    "SH": sh, "V": variables, "E2E": e2e, "WIRE": wire_layout, "TIMING": timing,
+    "STRANGERS": strangers, "RECEPTION": reception, "DRIVE": drive,
 }  # fmt: skip
-RESULTS = (
-    "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
+NUMBERED = (
+    FrameState, states.State, states.Condition, faults.Fault, Event, Time, Trigger, Refusal,
+    Overrun, LastWord, Medium, Arrival, Protection, Kind, meeting.Part, meeting.Turn,
 )  # fmt: skip
 BLOCKS = {"quintic": references.quintic, "pd": pd.BLOCK, "barrel": model.BLOCK, "idle": Block(idle)}
 
@@ -94,8 +97,8 @@ def loop_header() -> str:
     fields: Any = sh.LOOP.fields
     texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
     texts += [
-        "".join(f"#define WIRE_{name} {getattr(wire, name)}\n" for name in RESULTS),
-        *map(compiler.numbers, (FrameState, states.State, states.Condition, faults.Fault, Event)),
+        compiler.macros("WIRE", wire),
+        *map(compiler.numbers, NUMBERED),
         "#include <stddef.h>\n#include <stdint.h>\n",
         *(compiler.struct(name, kind) for name, kind in _rows(sh.LOOP).items()),
         *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
@@ -113,12 +116,12 @@ def loop_header() -> str:
 
 
 def _rows(kind: Any) -> dict[str, np.dtype[Any]]:
-    """Return the types of rows in the parts of a record, by the name of the table."""
+    """Return the types of rows in a record and in its parts, by the name of the table."""
     found: dict[str, np.dtype[Any]] = {}
-    for part, *_ in kind.fields.values():
-        for name, (table, *_) in (part.fields or {}).items():
-            if table.base.fields:
-                found[name] = table.base
+    for name, (table, *_) in kind.fields.items():
+        found |= _rows(table) if table.fields else {}
+        if table.base.fields and (table.shape or kind is not sh.LOOP):
+            found[name] = table.base
     return found
 
 
@@ -256,7 +259,7 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     buses.open_bus(bus, [], peer[0])
     buses.know_own(n.wire)
     os.close(int(peer[0].fd_rx))  # it only sends
-    n.clock.kind, n.clock.trigger = LOCKSTEP, CLOCKED
+    n.clock.kind, n.clock.trigger = Time.LOCKSTEP, Trigger.CLOCKED
     n.clock.late_ns = n.clock.period_ns  # half a period is on time: no sleep of 50 us until now
     took = np.zeros(len(ends), np.int64)
     at, other, table = address(n[0]), address(peer), in_c(made.steps, c)

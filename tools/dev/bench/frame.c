@@ -28,15 +28,15 @@ static inline double unscale(int64_t raw, const signal_row *signal)
     float single;
     int32_t half = (int32_t)raw;
     switch (signal->kind) {
-    case DBC_SCALED:
+    case KIND_SCALED:
         return (double)raw * factor + offset;
-    case DBC_UNSIGNED_64:
+    case KIND_UNSIGNED_64:
         return (double)(uint64_t)raw * factor + offset;
-    case DBC_FLOAT_32:
+    case KIND_FLOAT_32:
         memcpy(&single, &half, sizeof single);
         code = single;
         break;
-    case DBC_FLOAT_64:
+    case KIND_FLOAT_64:
         memcpy(&code, &raw, sizeof code);
         break;
     default:
@@ -71,11 +71,11 @@ static inline int64_t code_bits(double code, int64_t kind)
     int64_t bits;
     int32_t half;
     float single = (float)code;
-    if (kind == DBC_FLOAT_32) {
+    if (kind == KIND_FLOAT_32) {
         memcpy(&half, &single, sizeof half);
         return half;
     }
-    if (kind == DBC_FLOAT_64) {
+    if (kind == KIND_FLOAT_64) {
         memcpy(&bits, &code, sizeof bits);
         return bits;
     }
@@ -91,7 +91,7 @@ static inline int64_t pack(uint8_t *data, const frame_row *frame, const signal_r
     for (int64_t row = frame->first; row < frame->end; row++) {
         const signal_row *signal = &signals[row];
         int64_t kind = signal->kind;
-        int is_float = kind == DBC_FLOAT_32 || kind == DBC_FLOAT_64;
+        int is_float = kind == KIND_FLOAT_32 || kind == KIND_FLOAT_64;
         double low = signal->code_low, high = signal->code_high;
         double code = (values[signal->variable] - signal->offset) / signal->factor;
         int64_t bits;
@@ -151,7 +151,7 @@ static uint16_t crc16(int64_t id, const uint8_t *data, int64_t place, int64_t n)
 
 static inline uint16_t right_crc(const uint8_t *data, const frame_row *frame)
 {
-    if (frame->protected == DBC_CRC_16)
+    if (frame->protected == PROTECTION_CRC_16)
         return crc16(frame->data_id, data, frame->crc_byte, frame->dlc);
     return crc8(frame->can_id, data, frame->crc_byte);
 }
@@ -159,7 +159,7 @@ static inline uint16_t right_crc(const uint8_t *data, const frame_row *frame)
 static inline uint16_t crc_of(const uint8_t *data, const frame_row *frame)
 {
     int64_t place = frame->crc_byte;
-    return data[place] | (frame->protected == DBC_CRC_16 ? data[place + 1] << 8 : 0);
+    return data[place] | (frame->protected == PROTECTION_CRC_16 ? data[place + 1] << 8 : 0);
 }
 
 static inline void protect(uint8_t *data, const frame_row *frame, int64_t counter)
@@ -171,7 +171,7 @@ static inline void protect(uint8_t *data, const frame_row *frame, int64_t counte
     *byte = (*byte & ~(mask << shift)) | (counter & mask) << shift;
     int64_t place = frame->crc_byte, crc = right_crc(data, frame);
     data[place] = crc;
-    if (frame->protected == DBC_CRC_16)
+    if (frame->protected == PROTECTION_CRC_16)
         data[place + 1] = crc >> 8;
 }
 
@@ -324,13 +324,13 @@ static inline int put_frame(struct wire *wire)
 {
     const void *what = wire->tx;
     int64_t n = WIRE_FRAME_BYTES;
-    if (wire->kind == WIRE_MEMORY) {
+    if (wire->kind == MEDIUM_MEMORY) {
         if (wire->outbox_put >= WIRE_QUEUE_FRAMES)
             return 0;
         memcpy(wire->outbox[wire->outbox_put++], wire->tx, WIRE_FRAME_BYTES);
         return 1;
     }
-    if (wire->kind == WIRE_UDP)
+    if (wire->kind == MEDIUM_UDP)
         what = wire->packet_tx, n = write_packet(wire->tx, wire->packet_tx);
     if (send(wire->fd_tx, what, n, MSG_DONTWAIT) == n)
         return 1;
@@ -342,16 +342,16 @@ static inline int get_frame(struct wire *wire, int block)
 {
     int64_t n;
     int known, flags = block ? 0 : MSG_DONTWAIT;
-    if (wire->kind == WIRE_MEMORY) {
+    if (wire->kind == MEDIUM_MEMORY) {
         if (wire->inbox_taken == wire->inbox_put)
-            return WIRE_NOTHING;
+            return ARRIVAL_NOTHING;
         memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_FRAME_BYTES);
-        return wire->rx[3] & WIRE_ERROR_FLAG ? WIRE_BUS_ERROR : WIRE_FRAME;
+        return wire->rx[3] & WIRE_ERROR_FLAG ? ARRIVAL_BUS_ERROR : ARRIVAL_FRAME;
     }
-    if (wire->kind == WIRE_SOCKETCAN) {
+    if (wire->kind == MEDIUM_SOCKETCAN) {
         n = recv(wire->fd_rx, wire->rx, WIRE_FRAME_BYTES, flags);
         if (n == WIRE_FRAME_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
-            return WIRE_BUS_ERROR;
+            return ARRIVAL_BUS_ERROR;
         known = n == WIRE_FRAME_BYTES && !(wire->rx[3] & WIRE_ERROR_FLAGS);
     } else {
         socklen_t *size = (socklen_t *)wire->address_bytes;
@@ -360,15 +360,15 @@ static inline int get_frame(struct wire *wire, int block)
                      (struct sockaddr *)wire->address, size);
         wire->source = wire->address[0];
         if (n >= 0 && (wire->source == wire->own[0] || wire->source == wire->own[1]))
-            return WIRE_OWN;
+            return ARRIVAL_OWN;
         known = n > 0 && read_packet(wire->packet_rx, n, wire->rx);
     }
     if (n >= 0)
-        return known ? WIRE_FRAME : WIRE_FOREIGN;
+        return known ? ARRIVAL_FRAME : ARRIVAL_FOREIGN;
     if (errno == EAGAIN || errno == EINTR)
-        return WIRE_NOTHING;
+        return ARRIVAL_NOTHING;
     wire->errno_ = errno;
-    return WIRE_FAILED;
+    return ARRIVAL_FAILED;
 }
 
 /* Send and receive `count` frames in turn; return those received. tools/dev/bench/frame.py. */
@@ -378,7 +378,7 @@ int64_t drive_frames(struct wire *wire, int64_t count)
     for (int64_t i = 0; i < count; i++) {
         wire->tx[8] = i;
         put_frame(wire);
-        received += get_frame(wire, 1) == WIRE_FRAME;
+        received += get_frame(wire, 1) == ARRIVAL_FRAME;
     }
     return received;
 }

@@ -18,8 +18,8 @@ import numpy as np
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.bus import Bus
-from pcpc.drivers.can.wire import END, FRAME, get_frame, put_frame
-from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.can.wire import END, get_frame, put_frame
+from pcpc.drivers.can.wire_layout import WIRE, Arrival
 from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.cycle import library
@@ -43,7 +43,7 @@ def drive(wire: Any, count: Any) -> Any:
     for i in range(count):
         wire.tx[8] = i & 255
         put_frame(wire)
-        received += get_frame(wire, True) == FRAME
+        received += get_frame(wire, True) == Arrival.FRAME
     return received
 
 

@@ -108,9 +108,9 @@ def segment() -> Segment:
         pass
     n = run.blocks[1].loop
     at = n.blocks.views[0]
-    x = n.v[at[2] : at[3]].copy()
+    x = n.v[at.x : at.x_end].copy()
     dt = n.clock.period_ns * 1e-9
-    return Segment(n.v[at[0] : at[1]].copy(), x, n.k * dt, dt, float(States(x).held_Nm))
+    return Segment(n.v[at.p : at.p_end].copy(), x, n.k * dt, dt, float(States(x).held_Nm))
 
 
 def own_muzzle(s: Segment) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.compiled.rows import FRAME
-from pcpc.executive.loop.clock import CLOCKED, GIVEN, ON_FRAMES
+from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.tools.dev.evidence import expected
@@ -134,7 +134,8 @@ def _commands(draw: np.random.Generator) -> list[expected.Command]:
 
 def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Command]) -> None:
     guard = n.guard
-    n.clock.kind, n.clock.trigger = GIVEN, CLOCKED if has.clocked else ON_FRAMES
+    n.clock.kind = Time.GIVEN
+    n.clock.trigger = Trigger.CLOCKED if has.clocked else Trigger.ON_FRAMES
     guard.cycles, guard.hold_cycles, guard.fault_after = (
         has.cycles,
         has.hold_cycles,
@@ -149,7 +150,7 @@ def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Command
     n.rx.n, n.rx.starters, n.rx.awaited = 2, 2, 2
     n.rx.role[:2] = [(1, 1, 1, 0), (1, 1, 0, 0)]
     n.tx.first, n.tx.past = AT, OUTPUTS
-    n.blocks.n, n.blocks.views[0, 6], n.blocks.views[0, 7] = 1, OUTPUTS, OUTPUTS + 2
+    n.blocks.n, n.blocks.views[0].y, n.blocks.views[0].y_end = 1, OUTPUTS, OUTPUTS + 2
     n.limits.n = len(commands)
     for i, one in enumerate(commands):
         n.limits.place[i] = AT + i

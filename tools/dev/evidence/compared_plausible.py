@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.loop import plausibility
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.plausibility import EVENT_CYCLES, Why
 from pcpc.tools.dev.evidence.episodes import Episodes
 
 EPISODES, STEPS = 60, 150
@@ -68,13 +68,13 @@ class Signal:
         if x != self.came:
             self.came, self.came_at = x, k
         if not math.isfinite(x) or abs(x) >= 1e300:
-            return plausibility.NO_NUMBER
+            return Why.NO_NUMBER
         if not self.low <= x <= self.high:
-            return plausibility.OUTSIDE
+            return Why.OUTSIDE
         most = self.rate * max(k - self.taken_at, 1)
         if self.taken_at != -1 and abs(x - self.taken) > most:
-            return plausibility.TOO_FAST
-        return plausibility.STILL if k - self.came_at > self.still else plausibility.GOOD
+            return Why.TOO_FAST
+        return Why.STILL if k - self.came_at > self.still else Why.GOOD
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Receiver:
         for i in own:
             signal, x = self.signals[i], values[i]
             why = signal.judge(x, k)
-            if why == plausibility.GOOD:
+            if why == Why.GOOD:
                 signal.taken, signal.taken_at, signal.in_a_row = x, k, 0
             else:
                 self.refuse(i, x, k, why)
@@ -112,7 +112,7 @@ class Receiver:
         self.count, signal.count = self.count + 1, signal.count + 1
         signal.in_a_row += 1
         if k >= signal.told_until:
-            signal.told_until = k + plausibility.EVENT_CYCLES
+            signal.told_until = k + EVENT_CYCLES
             self.event, self.events = (Event.IMPLAUSIBLE, PLACES[i], _bits(x)), self.events + 1
         if signal.in_a_row >= signal.after and self.fault == 0:
             self.fault, self.why = Fault.NOT_PLAUSIBLE, why

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc
+from pcpc.drivers.can.dbc import Kind
 from pcpc.executive.loop import control
-from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.variables import BUS_AT
 from pcpc.tools.dev.evidence import compared_plausible
 from pcpc.tools.dev.evidence.compared_senders import OWN
@@ -98,7 +98,7 @@ def reception(_m, n, about, frames, told, kept):
         for i in range(10):
             t[32 + i] = words(rx.state[max(a[3], 0)])[i]
             t[42 + i] = words(n.faults.on_wire[max(a[3], 0)])[i]
-        t[52], t[53], t[54] = n.faults.shown, rx.strange[0, 1], rx.strange[1, 1]
+        t[52], t[53], t[54] = n.faults.shown, rx.foreign.count, rx.repeats.count
         t[55], t[56] = n.meeting.sampled, n.meeting.holding
         for i in range(4):
             kept[s, i] = n.v[20 + i]
@@ -176,7 +176,7 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uin
 
 
 def _install(n: Any, has: Settings) -> None:
-    n.clock.kind = GIVEN
+    n.clock.kind = Time.GIVEN
     n.rx.n, n.tx.n, n.rx.awaited = len(ROWS), len(OWN), 2
     n.tx.frames["can_id"][: len(OWN)] = OWN
     n.guard.stop_row, n.v[51], n.faults.n_peer_stalls = STOP, 1.0, 1
@@ -196,7 +196,7 @@ def _install(n: Any, has: Settings) -> None:
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
     for i, (_, byte, place) in enumerate(SIGNALS):
-        n.rx.signals[i] = (0, 8 * byte, 255, 0, dbc.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
+        n.rx.signals[i] = (0, 8 * byte, 255, 0, Kind.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
     compared_plausible.install(n.plausible, has.signals)
 
 

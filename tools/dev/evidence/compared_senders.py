@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.loop.variables import FALLBACK
 from pcpc.tools.dev.evidence.episodes import Episodes
 
@@ -129,12 +129,12 @@ class Senders:
     def judge(self, passes: int, behind: int) -> None:
         """Do what the rig says about late cycles in a row."""
         self.overruns = self.overruns + 1 if behind > 0 and passes > self.grace else 0
-        if self.policy == sh.SKIP or self.overruns < self.after:
+        if self.policy == Overrun.SKIP or self.overruns < self.after:
             return
-        if self.policy == sh.FALL_BACK and not self.fallback:
+        if self.policy == Overrun.FALL_BACK and not self.fallback:
             self.fallback = 1
             self.tell(Event.FALLBACK, behind, 0.0)
-        elif self.policy == sh.FAULT_AFTER and self.fault == 0:
+        elif self.policy == Overrun.FAULT_AFTER and self.fault == 0:
             self.fault = Fault.OVERRUN
 
 
@@ -160,7 +160,7 @@ def _drawn(draw: np.random.Generator) -> NDArray[np.int64]:
 
 
 def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None:
-    n.clock.kind = GIVEN
+    n.clock.kind = Time.GIVEN
     n.rx.n, n.tx.n = len(IDS), len(OWN)
     for row, (can_id, every) in enumerate(zip(IDS, EVERY, strict=True)):
         n.rx.frames[row].can_id, n.rx.frames[row].every_n = can_id, every

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.loop.clock import GIVEN, REAL
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.states import State
@@ -78,7 +78,7 @@ class Tuned:
         """Return what is told and kept after a step."""
         k, clock, behind, stalled, request, count, lock, state, waits, places = given
         self.v[STATE] = state
-        if places and clock != GIVEN:
+        if places and clock != Time.GIVEN:
             self.v[FAULT_AT] = max(self.v[FAULT_AT] - (1 + behind - stalled), 0.0)
         while self.done < len(SCHEDULE) and SCHEDULE[self.done][0] <= k:
             self.set(*SCHEDULE[self.done][1:])
@@ -128,7 +128,7 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
     """Return steps, gains, and what stands in the mailbox: indices and values."""
     about, gain = np.zeros((STEPS, 10), np.int64), draw.choice([0.0, 0.0, 0.5, -0.5], STEPS)
     about[:, 0] = np.cumsum(draw.integers(0, 3, STEPS))
-    about[:, 1] = draw.choice([REAL, GIVEN], STEPS)
+    about[:, 1] = draw.choice([Time.REAL, Time.GIVEN], STEPS)
     about[:, 2] = draw.choice([0, 0, 3], STEPS)
     about[:, 3] = np.minimum(draw.choice([0, 1], STEPS), about[:, 2])
     about[:, 4] = np.cumsum(draw.random(STEPS) < 0.8)
@@ -160,7 +160,7 @@ def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     n.tuning.low[:] = n.tuning.high[:] = math.nan
     for place, (low, high) in RANGES.items():
         n.tuning.low[place], n.tuning.high[place] = low, high
-    n.tuning.n, n.tuning.schedule[8:, 0] = len(SCHEDULE), 8000  # no mutant runs past the end
+    n.tuning.n, n.tuning.schedule["cycle"][8:] = len(SCHEDULE), 8000  # no mutant runs past the end
     for i, (cycle, place, value) in enumerate(SCHEDULE):
         n.tuning.schedule[i], n.tuning.value[i] = (cycle, place), value
     for _ in range(count):

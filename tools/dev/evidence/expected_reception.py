@@ -12,6 +12,7 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.supervisor import Overrun
 from pcpc.tools.dev.evidence import compared_plausible, expected
 from pcpc.tools.dev.evidence.compared_senders import FOREIGN_LIMIT, REPEAT_LIMIT, Senders
 
@@ -56,7 +57,7 @@ class Node(Senders):
     """What a node makes of the frames that come."""
 
     def __init__(self, has: Settings) -> None:
-        super().__init__(sh.SKIP, 1, 0, STOP)
+        super().__init__(Overrun.SKIP, 1, 0, STOP)
         self.has, self.reaction = has, has.reaction
         self.receivers = [expected.Receiver(one) for one in ROWS]
         self.came = [expected.Receiver(one) for one in ROWS]  # spoiled ones, off the wire

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e, wire
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import words
@@ -55,9 +55,8 @@ def fed(n: Any, fd: Any, packets: Any, lengths: Any, state: Any, counts: Any, to
             n.rx.source[row] = 0
             for i in range(state.shape[1]):
                 words(n.rx.state[row])[i] = state[row, i]
-        for kind in range(2):
-            n.rx.strange[kind, 0] = 0
-            n.rx.strange[kind, 1] = 0
+        for streak in (n.rx.foreign, n.rx.repeats):
+            streak.since, streak.count = 0, 0
         n.guard.faulted = 0
         for i in range(counts.shape[0]):
             words(n.control)[counts[i]] = 0
@@ -207,9 +206,11 @@ def formats() -> Mapping[str, Format]:
     """Return the formats by name."""
     return {
         "struct can_frame": Format(
-            SOCKETCAN, lambda: socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM), _of_struct()
+            Medium.SOCKETCAN,
+            lambda: socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM),
+            _of_struct(),
         ),
-        "udp_multicast datagram": Format(UDP, _udp, _of_datagram()),
+        "udp_multicast datagram": Format(Medium.UDP, _udp, _of_datagram()),
     }
 
 
@@ -283,13 +284,13 @@ def _fates(told: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return what became of each frame."""
     result, counts = told[:, 0], told[:, 1 : 1 + len(_COUNTS)]
     found = np.full(len(told), LOST)
-    found[result == wire.FOREIGN] = NO_FRAME
-    found[result == wire.BUS_ERROR] = TOLD
-    found[result == wire.FRAME] = OTHER
+    found[result == Arrival.FOREIGN] = NO_FRAME
+    found[result == Arrival.BUS_ERROR] = TOLD
+    found[result == Arrival.FRAME] = OTHER
     counted = counts.sum(1)
     which = _FATE_OF[counts.argmax(1)]
     found[counted > 0] = which[counted > 0]
-    found[(counted > 1) | ((counted > 0) & (result != wire.FRAME))] = TWICE
+    found[(counted > 1) | ((counted > 0) & (result != Arrival.FRAME))] = TWICE
     return found
 
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.can import e2e
+from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, numba
 from pcpc.drivers.compiled.rows import FRAME
@@ -56,8 +57,8 @@ class Code:
         return e2e.MAX_DELTA / (self.counter[2] + 1) / 2**self.crc_bits
 
 
-CRC_8 = Code(8, (dbc.CRC_8, 7), (6, 4, 15))
-CRC_16 = Code(16, (dbc.CRC_16, 0), (2, 0, 255), times=50)
+CRC_8 = Code(8, (Protection.CRC_8, 7), (6, 4, 15))
+CRC_16 = Code(16, (Protection.CRC_16, 0), (2, 0, 255), times=50)
 CODES = CRC_8, CRC_16
 Task = tuple[int, int, int, int]  # code, wrong bits, frames, seed
 

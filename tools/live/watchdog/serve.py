@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice, wire
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, WIRE
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, WIRE, Arrival
 from pcpc.drivers.compiled.jit import i8, loop, types
 from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, Exit
@@ -44,11 +44,11 @@ def _receive(end: Any, frames: Any) -> Any:
     count = np.int64(0)
     for _ in range(frames.shape[0]):
         what = wire.get_frame(end, False)
-        if what == wire.FAILED:
+        if what == Arrival.FAILED:
             return np.int64(-1)
-        if what == wire.NOTHING:
+        if what == Arrival.NOTHING:
             break
-        if what == wire.FRAME:
+        if what == Arrival.FRAME:
             copy(frames[count], end.rx)
             count += 1
     return count

@@ -8,12 +8,12 @@ unpack_FB_A(data, s)           from eight bytes
 from collections.abc import Iterable, Iterator, Sequence
 
 from pcpc.drivers.can import dbc
+from pcpc.drivers.can.dbc import Kind
 from pcpc.executive.rig import messages
 from pcpc.tools.make.generate.words import comment, identifier, number
 
 Frames = Sequence[dbc.Frame]
-_PROTECTION = {dbc.UNPROTECTED: "UNPROTECTED", dbc.CRC_8: "CRC_8", dbc.CRC_16: "CRC_16"}
-_RAW_OF = {dbc.FLOAT_32: "raw_of_float32", dbc.FLOAT_64: "raw_of_float64"}
+_RAW_OF = {Kind.FLOAT_32: "raw_of_float32", Kind.FLOAT_64: "raw_of_float64"}
 
 
 def header(sent: Frames, heard: Frames) -> str:
@@ -54,7 +54,7 @@ def info(frame: dbc.Frame, rate_hz: float) -> str:
     told = ", ".join("true" if flag else "false" for flag in flags)
     return (
         f"{{{word}, {frame.every_n(rate_hz)}u, 0x{data_id & 0xFFFF:04X}u, {frame.dlc}u, "
-        f"{_PROTECTION[kind]}, {byte}u, {shift}u, 0x{mask:02X}u, {crc_byte}u, {told}}}"
+        f"{dbc.Protection(kind).name}, {byte}u, {shift}u, 0x{mask:02X}u, {crc_byte}u, {told}}}"
     )
 
 
@@ -128,17 +128,17 @@ def _unpack(frame: dbc.Frame) -> Iterator[str]:
 
 def _value(signal: dbc.Signal, raw: str, whole: tuple[int, int]) -> str:
     """Return the expression of a signal's value; without a scale of 1 and an offset of 0."""
-    if signal.kind in (dbc.FLOAT_32, dbc.FLOAT_64):
+    if signal.kind in (Kind.FLOAT_32, Kind.FLOAT_64):
         code = f"float{signal.nbits}_of({raw})"
         if signal.factor != 1.0 or signal.offset != 0.0:  # else -0.0 stays
             code = f"({code} * {number(signal.factor)}) + {number(signal.offset)}"
         return code
-    if signal.kind == dbc.UNSIGNED_64:
+    if signal.kind == Kind.UNSIGNED_64:
         code = f"(double)({raw})"
     else:
         extends = signal.signed and signal.nbits < 64
         code = f"signed_of({raw}, {signal.nbits}u)" if extends else f"(int64_t)({raw})"
-        if signal.kind == dbc.WIDE:
+        if signal.kind == Kind.WIDE:
             return f"(double)(({code} * {whole[0]}ll) + {whole[1]}ll)"
         code = f"(double){code}"
     if signal.factor < 0.0 and signal.offset == 0.0:  # so that raw 0 is no -0.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.tools.dev.evidence import cli, expected, frames, report
 
 pytestmark = pytest.mark.deep
@@ -52,10 +52,12 @@ def test_a_receiver_that_judges_otherwise_is_told(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(("told", "fate"), [
-    ((wire.NOTHING, 0, 0, 0, 0, 0), "lost"), ((wire.FRAME, 1, 0, 0, 0, 0), "used"),
-    ((wire.FRAME, 0, 0, 0, 0, 0), "another id"), ((wire.FRAME, 0, 0, 0, 0, 1), "own id"),
-    ((wire.FRAME, 1, 1, 0, 0, 0), "counted twice"), ((wire.FRAME, 0, 0, 0, 2, 0), "counted twice"),
-    ((wire.FOREIGN, 1, 0, 0, 0, 0), "counted twice"), ((wire.BUS_ERROR, *[0] * 5), "bus error"),
+    ((Arrival.NOTHING, 0, 0, 0, 0, 0), "lost"), ((Arrival.FRAME, 1, 0, 0, 0, 0), "used"),
+    ((Arrival.FRAME, 0, 0, 0, 0, 0), "another id"), ((Arrival.FRAME, 0, 0, 0, 0, 1), "own id"),
+    ((Arrival.FRAME, 1, 1, 0, 0, 0), "counted twice"),
+    ((Arrival.FRAME, 0, 0, 0, 2, 0), "counted twice"),
+    ((Arrival.FOREIGN, 1, 0, 0, 0, 0), "counted twice"),
+    ((Arrival.BUS_ERROR, *[0] * 5), "bus error"),
 ])  # fmt: skip
 def test_what_became_of_a_frame_is_what_was_counted(told: tuple[int, ...], fate: str) -> None:
     found = frames._fates(np.array([told]))
