@@ -22,7 +22,7 @@ from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import BulkWriter, message_records
 from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfFrame, OfRecord
 from pcpc.executive.rig import carried_files
 
 _OF_THE_MEMORY = (
@@ -56,7 +56,7 @@ class Channels:
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
         self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
         self.period_ns = int(about["period_ns"])
-        self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
+        self.state_end = 8 * (RECORD_HEAD + len(about["state_columns"]))
         both = {"state": about["state_columns"], "timing": about["timing_columns"]}
         self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
         self.ids |= register_entries(writer, self.name)
@@ -71,23 +71,23 @@ class Channels:
         """Return copies of ring rows as message records."""
         cells = rows.view(np.uint8)
         if ring == "record":
-            cycle, end = rows[:, 0], self.state_end
-            stamps = rows[:, 1] if self.clocked else cycle * self.period_ns
+            cycle, end = rows[:, OfRecord.CYCLE], self.state_end
+            stamps = rows[:, OfRecord.STAMP_NS] if self.clocked else cycle * self.period_ns
             log_ns = stamps + self.wall_ns
-            head = 8 * shared.RECORD_HEAD - logs.CDR_BYTES
+            head = 8 * RECORD_HEAD - logs.CDR_BYTES
             state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
             return [
                 message_records(self.ids["state"], cycle, log_ns, state),
                 message_records(self.ids["timing"], cycle, log_ns, timing),
             ]
         if ring == "frame":
-            log_ns, data = rows[:, 1] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
-            return [message_records(self.ids["can/frames"], rows[:, 2], log_ns, data)]
+            log_ns, data = rows[:, OfFrame.STAMP_NS] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
+            return [message_records(self.ids["can/frames"], rows[:, OfFrame.CYCLE], log_ns, data)]
         return [self._event(row) for row in rows]
 
     def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
         topic, entry = entry_of(row, self.about)
-        return self.entry(topic, int(row[0]), int(row[1]), entry)
+        return self.entry(topic, int(row[OfEvent.STAMP_NS]), int(row[OfEvent.CYCLE]), entry)
 
     def entry(self, kind: str, stamp: int, cycle: int, entry: dict[str, Any]) -> NDArray[Any]:
         """Return an entry of the topic `kind`, events or tunings, as a message record."""

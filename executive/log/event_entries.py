@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.schemas import EVENTS, OF_A_FRAME, VALUE_EVENTS
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.ring_layout import OfEvent
 
 
 def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[str, Any]]:
@@ -16,8 +17,8 @@ def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[
 
     `about` is the node's description.
     """
-    code, argument = int(row[2]), int(row[3])
-    number = float(row[4:].view(np.float64)[0])
+    code, argument = int(row[OfEvent.CODE]), int(row[OfEvent.ARGUMENT])
+    number = float(row[OfEvent.BITS :].view(np.float64)[0])
     value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
     variables = about["variables"]
     if code == Event.TUNING:

@@ -25,8 +25,9 @@ from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError
 from pcpc.executive.log.run_counts import RunCounts
 from pcpc.executive.log.snapshot import Sink, SnapshotRing
-from pcpc.executive.loop import shared, sharing
+from pcpc.executive.loop import sharing
 from pcpc.executive.loop.alarms import Alarms
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
 from pcpc.executive.loop.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
@@ -53,7 +54,7 @@ class _Node:
 
     def is_empty(self) -> bool:
         """Return whether all that was put is taken."""
-        return all(self.block[f"{r}_ends"][shared.PUT] == self.taken[r] for r in RINGS)
+        return all(self.block.ends(r).head == self.taken[r] for r in RINGS)
 
     def has_died(self) -> bool:
         """Return whether the loop ended without good order."""
@@ -69,7 +70,7 @@ class _Node:
         full = False
         for ring in RINGS:
             rows, taken = self.block[ring], self.taken[ring]
-            put = int(self.block[f"{ring}_ends"][shared.PUT])
+            put = int(self.block.ends(ring).head)
             self.backlog[ring] = max(self.backlog[ring], put - taken)
             full = full or put - taken > len(rows) // 8
             most = CHUNK_BYTES // (8 * rows.shape[1] + 128)  # with the heads of two messages
@@ -85,7 +86,8 @@ class _Node:
                 self.written[ring] += count
                 if ring == "event":
                     for row in rows[start : start + count]:
-                        sink.note_event(int(row[2]), int(row[0]) + self.channels.wall_ns)
+                        stamp = int(row[OfEvent.STAMP_NS]) + self.channels.wall_ns
+                        sink.note_event(int(row[OfEvent.CODE]), stamp)
         return full
 
 
@@ -94,7 +96,7 @@ def _rows_taken(block: Shared, ring: str) -> int:
 
     From here on the recorder's own count holds: any client may write into that word.
     """
-    put, rows = int(block[f"{ring}_ends"][shared.PUT]), len(block[ring])
+    put, rows = int(block.ends(ring).head), len(block[ring])
     taken = int(block[f"{ring}_taken"][0])
     return taken if 0 <= taken <= put <= taken + rows else max(put - rows, 0)
 
@@ -179,14 +181,14 @@ class Recorder:
 
     def _in_this_run(self, block: Shared) -> bool:
         """Return whether the node of `block`, which has ended, ran when the first had started."""
-        put, rows = int(block["record_ends"][shared.PUT]), block["record_values"]
+        put, rows = int(block.ends("record").head), block["record_values"]
         names = block.description["timing_columns"]
         if not put:
             return False
         last = (put - 1) % len(rows)
         if "timing.wall_s" not in names:
-            return int(block["record"][last, 1]) > self.started_ns
-        at = shared.RECORD_HEAD + len(block.description["state_columns"]) + 1
+            return int(block["record"][last, OfRecord.STAMP_NS]) > self.started_ns
+        at = RECORD_HEAD + len(block.description["state_columns"]) + 1
         wall_s = float(rows[last, at + names.index("timing.wall_s")])
         return wall_s > self.started_s  # stamps without a clock are k T
 
@@ -220,7 +222,7 @@ class Recorder:
     def dropped_rows(self) -> dict[str, int]:
         """Return the rows that found a ring full, by `node.ring`."""
         return {
-            f"{node.name}.{ring}": int(node.block[f"{ring}_ends"][shared.DROPPED])
+            f"{node.name}.{ring}": int(node.block.ends(ring).dropped)
             for node in self.nodes
             for ring in RINGS
         }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.long_logs import Table, sidecar
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 
 _ID_DIRECTION_E2E = ~(0xFF << 32)  # of the word of a frame's row, without its length
 
@@ -38,12 +38,12 @@ class Absences:
 
     def add_frames(self, rows: NDArray[np.int64]) -> None:
         """Take rows of frames."""
-        word = rows[:, 3]
+        word = rows[:, OfFrame.ABOUT]
         used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= FrameState.OK_SOME_LOST)
-        own = np.column_stack((rows[used, 2], word[used] & 0xFFFFFFFF))
+        own = np.column_stack((rows[used, OfFrame.CYCLE], word[used] & 0xFFFFFFFF))
         self._waiting = np.concatenate((self._waiting, own))
         self._count()
-        over = int(np.searchsorted(self._ran, rows[-1, 2]))
+        over = int(np.searchsorted(self._ran, rows[-1, OfFrame.CYCLE]))
         self._first, self._ran = self._first + over, self._ran[over:]
 
     def _count(self) -> None:
@@ -82,21 +82,25 @@ class RunCounts:
     def open_table(self, log: Path, columns: Sequence[str]) -> None:
         """Write `columns` of the whole run to a table beside the log."""
         about = self._about
-        cells = {name: shared.RECORD_HEAD + i for i, name in enumerate(about["state_columns"])}
-        first = shared.RECORD_HEAD + len(about["state_columns"]) + 1
+        cells = {name: RECORD_HEAD + i for i, name in enumerate(about["state_columns"])}
+        first = RECORD_HEAD + len(about["state_columns"]) + 1
         cells |= {name: first + i for i, name in enumerate(about["timing_columns"])}
         file = sidecar(log, about["node"]).open("wb")
         self._table = Table(file, [name for name in columns if name in cells])
-        self._cells = [0, 1, *(cells[name] for name in self._table.names)]
+        self._cells = [
+            OfRecord.CYCLE,
+            OfRecord.STAMP_NS,
+            *(cells[name] for name in self._table.names),
+        ]
 
     def add(self, ring: str, rows: NDArray[np.int64]) -> None:
         """Take rows of a ring."""
         if ring == "frame":
-            keys, counts = np.unique(rows[:, 3] & _ID_DIRECTION_E2E, return_counts=True)
+            keys, counts = np.unique(rows[:, OfFrame.ABOUT] & _ID_DIRECTION_E2E, return_counts=True)
             self._frames.update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
             self._absences.add_frames(rows)
         elif ring == "record":
-            self._absences.add_cycles(rows[:, 0])
+            self._absences.add_cycles(rows[:, OfRecord.CYCLE])
             if self._table is not None:
                 self._table.append(rows[:, self._cells])
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.timing_layout import BUCKETS, Stage
 
 EVERY_S = 1.0
 KINDS = {  # a key of the rig's `alarms` but for its end; word of `control`, what it counts
@@ -61,7 +62,7 @@ class Alarms:
         control, now_s = self._block.control, time.monotonic() if now_s is None else now_s
         if self._limits and control.passes and not control.done:
             counts = {kind: (int(control[word]), what) for kind, (word, what) in KINDS.items()}
-            late = int(self._block["histogram"][0, self._past :].sum())
+            late = int(self._block["histogram"][Stage.WAKE_LATE, self._past :].sum())
             for kind, (count, what) in ({"late": (late, self._late)} | counts).items():
                 if rose := self._rose(kind, count, now_s):
                     k = int(control.cycle)
@@ -83,4 +84,4 @@ class Alarms:
 def _bucket(ns: int) -> int:
     """Return the bucket of a time, as `executive.loop.timing` has them."""
     e = ns.bit_length() - 1
-    return ns if e < 4 else min(16 + 8 * (e - 4) + ((ns >> (e - 3)) & 7), sh.BUCKETS - 1)
+    return ns if e < 4 else min(16 + 8 * (e - 4) + ((ns >> (e - 3)) & 7), BUCKETS - 1)

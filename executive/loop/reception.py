@@ -96,7 +96,7 @@ def gather(n: Any) -> None:
 @loop_function
 def patience(n: Any) -> Any:
     """Return how many time-outs are silence: more while the recorder lags."""
-    lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
+    lags = n.record_ends.head != libc.load_acquire(n.record_taken, 0)
     waits = n.rings.wait_recorder != 0 and n.control.recorded != 0 and lags
     return n.rx.patience * (sh.RECORDER_PATIENCE if waits else 1)
 

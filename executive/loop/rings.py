@@ -1,7 +1,7 @@
 """What leaves the loop: the snapshot for readers, and three rings for the recorder.
 
-Each ring has one writer (the loop) and one reader; its layout stands in `executive.loop.shared`. A
-full ring drops the row and counts it; in lockstep, where no clock runs, the loop waits for the
+Each ring has one writer (the loop) and one reader; its rows stand in `executive.loop.ring_layout`.
+A full ring drops the row and counts it; in lockstep, where no clock runs, the loop waits for the
 recorder instead. One that was told to stop waits LAST_WAIT_NS for it, once: the recorder may be
 what has gone.
 """
@@ -15,6 +15,7 @@ from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import machine_ns, stamp, stopping
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfRecord
 
 LAST_WAIT_NS = 2_000_000_000
 NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
@@ -33,9 +34,9 @@ def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
 
     The row follows from the loop's own words alone: `taken` may hold anything.
     """
-    put = ends[sh.PUT]
+    put = ends.head
     if put - libc.load_acquire(taken, 0) >= rows and not _room(n, ends, taken, rows):
-        ends[sh.DROPPED] += 1
+        ends.dropped += 1
         return np.int64(-1)
     return np.int64(np.uint64(put) % np.uint64(rows))
 
@@ -44,11 +45,11 @@ def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
 def _room(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
     """Wait for room in a full ring, where the rig says so; return whether there is any."""
     until = np.int64(0)
-    while ends[sh.PUT] - libc.load_acquire(taken, 0) >= rows:
+    while ends.head - libc.load_acquire(taken, 0) >= rows:
         over = n.rings.wait_recorder == 0
         if not over and stopping(n):
             until = machine_ns(n.clock) + LAST_WAIT_NS if until == 0 else until
-            over = ends[sh.DROPPED] > 0 or machine_ns(n.clock) >= until
+            over = ends.dropped > 0 or machine_ns(n.clock) >= until
         if over:
             return False
         libc.sched_yield()
@@ -62,12 +63,13 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     if row < 0:
         return
     word = codec.four_bytes(frame, 0) | np.int64(frame[4]) << 32
-    n.frame[row, 0] = sh.CDR_HEADER
-    n.frame[row, 1] = stamp(n.clock)
-    n.frame[row, 2] = n.k
-    n.frame[row, 3] = word | received << 40 | state << 48
-    n.frame[row, 4] = codec.eight_bytes(frame, 8)
-    libc.store_release(n.frame_ends, sh.PUT, n.frame_ends[sh.PUT] + 1)
+    into = n.frame[row]
+    into.header = sh.CDR_HEADER
+    into.stamp_ns = stamp(n.clock)
+    into.cycle = n.k
+    into.about = word | received << 40 | state << 48
+    into.payload = codec.eight_bytes(frame, 8)
+    libc.store_release(n.frame_ends, "head", n.frame_ends.head + 1)
 
 
 @loop_function
@@ -76,34 +78,35 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
     if row < 0:
         return
-    n.event[row, 0] = stamp(n.clock)
-    n.event[row, 1] = n.k
-    n.event[row, 2] = code
-    n.event[row, 3] = argument
-    n.event[row, 4] = bits_of(value)
-    libc.store_release(n.event_ends, sh.PUT, n.event_ends[sh.PUT] + 1)
+    into = n.event[row]
+    into.stamp_ns = stamp(n.clock)
+    into.cycle = n.k
+    into.code = code
+    into.argument = argument
+    into.bits = bits_of(value)
+    libc.store_release(n.event_ends, "head", n.event_ends.head + 1)
 
 
 @loop_inline
 def push_record(n: Any) -> None:
     """Append the row of this cycle: the payloads of its state and timing messages."""
     rings, record = n.rings, n.record
-    columns = sh.RECORD_HEAD + rings.n_state + 1 + rings.n_timing
+    columns = RECORD_HEAD + rings.n_state + 1 + rings.n_timing
     row = _free_row(n, n.record_ends, n.record_taken, rings.record_rows)
     if row < 0:
         return
     at = row * columns
-    record[at] = n.k
-    record[at + 1] = n.clock.wake
-    record[at + 2] = sh.CDR_HEADER
-    at += sh.RECORD_HEAD
+    record[at + OfRecord.CYCLE] = n.k
+    record[at + OfRecord.STAMP_NS] = n.clock.wake
+    record[at + OfRecord.HEADER] = sh.CDR_HEADER
+    at += RECORD_HEAD
     for i in range(rings.n_state):
         record[at + i] = bits_of(n.v[rings.state_columns[i]])
     at += rings.n_state
     record[at] = sh.CDR_HEADER
     for i in range(rings.n_timing):
         record[at + 1 + i] = bits_of(n.v[rings.timing_columns[i]])
-    libc.store_release(n.record_ends, sh.PUT, n.record_ends[sh.PUT] + 1)
+    libc.store_release(n.record_ends, "head", n.record_ends.head + 1)
 
 
 @loop_inline

@@ -7,12 +7,10 @@
     snapshot    seqlock: the writer makes `seq` odd, copies, makes it even; it starts with
                 `seq | 1`, so that a writer killed in mid-copy does not invert the parity.
                 Readers retry a bounded number of times.
-    records     one row a cycle: [cycle, stamp ns, CDR header, state..., CDR header, timing...]
-    frames      one row a frame: [CDR header, stamp ns, cycle, id|dlc|direction|e2e, data]
-    events      one row an event: [stamp ns, cycle, code, argument, value as float64 bits]
+    rings       one row a cycle, a frame, an event, see `executive.loop.ring_layout`
     mailbox     tunings: indices and values, taken by the loop between two cycles, all or none
 
-Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put and
+Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put (head) and
 dropped, `taken` in the mailbox rows taken. How clients get it: `executive.loop.sharing`. A
 description in JSON goes with it: the variables with unit and writer, the columns of a row, the rig.
 """
@@ -44,20 +42,17 @@ from pcpc.executive.loop.reception_layout import (
     plausible,
 )
 from pcpc.executive.loop.requests import ANSWER, MAIL, SLOTS
+from pcpc.executive.loop.ring_layout import ENDS, EVENT_ROW, FRAME_ROW, RECORD_HEAD
+from pcpc.executive.loop.timing_layout import BUCKETS, FIGURES, LATE, LATEST, STAGES, USAGE
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
-PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
-END_WORDS = 16
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 LINE_WORDS = 8  # what two processes write lies on lines of its own
 PAGE_BYTES = mmap.PAGESIZE
 
 RINGS = ("record", "frame", "event")
 GREETING = 0x1FFFFFE0  # 29 bits, the last in every arbitration; see `executive.nodes.greeting`
-RECORD_HEAD = 3  # cycle, stamp, CDR header
-FRAME_WORDS = 5
-EVENT_WORDS = 5
 
 # Sizes are fixed, so that one compiled loop serves every rig; `nodes.plan` checks the fit.
 MAX_VARIABLES = 8192
@@ -71,10 +66,6 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 
-STAGES, BUCKETS, LATEST, STAGE_FIGURES = 6, 320, 8, 4  # sizes of `executive.loop.timing`
-COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
-LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
-LATE_FIGURES = LATE_USAGE + 4
 
 _ROLE = row_of("starts awaited peer meeting")  # of a received frame; peer: of the node waited for
 _KIND = row_of("is_sync is_heartbeat is_emergency told")  # of a sent frame; told: its last code
@@ -87,16 +78,16 @@ _PUBLISHED = [  # written by the node, read by all
     ("control", CONTROL),
     ("seq", "<i8", (LINE_WORDS,)),
     ("answer", ANSWER),
-    ("record_ends", "<i8", (END_WORDS,)),
-    ("frame_ends", "<i8", (END_WORDS,)),
-    ("event_ends", "<i8", (END_WORDS,)),
+    ("record_ends", ENDS),
+    ("frame_ends", ENDS),
+    ("event_ends", ENDS),
     ("snapshot", "<f8", (MAX_VARIABLES,)),
-    ("stages", "<i8", (STAGES, STAGE_FIGURES)),  # count, sum, least, most of each stage's ns
+    ("stages", FIGURES, (STAGES,)),
     ("histogram", "<i8", (STAGES, BUCKETS)),
-    ("latest", "<i8", (LATEST, LATE_FIGURES)),  # cycle, stages, faults and switches
+    ("latest", LATE, (LATEST,)),
     ("record", "<i8", (RECORD_RING_WORDS,)),
-    ("frame", "<i8", (FRAME_RING_ROWS, FRAME_WORDS)),
-    ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),
+    ("frame", FRAME_ROW, (FRAME_RING_ROWS,)),
+    ("event", EVENT_ROW, (EVENT_RING_ROWS,)),
 ]
 _MAILBOX = [  # written by clients, which the loop does not trust
     ("mail", MAIL),
@@ -214,7 +205,7 @@ _TIMING = [  # when this cycle did what; see `executive.loop.timing`
     *((name, "<i8") for name in ("received", "stepped", "sent", "done", "publish_ns")),
     ("stage_ns", "<i8", (STAGES,)),
     ("usage", "<i8", (18,)),  # struct rusage
-    ("usage_before", "<i8", (4,)),
+    ("usage_before", "<i8", (len(USAGE),)),
 ]
 _PRIVATE = [
     ("k", "<i8"),  # the cycle: time is k T
@@ -285,6 +276,7 @@ class Shared:
         self.arrays = arrays | {
             "record": arrays["record"][: rows * columns].reshape(rows, columns),
             "snapshot": arrays["snapshot"][: len(description["variables"])],
+            **{name: _words(arrays[name]) for name in ("frame", "event")},
         }
         for ring in RINGS:
             self.arrays[f"{ring}_values"] = self.arrays[ring].view(np.float64)
@@ -309,6 +301,10 @@ class Shared:
         """The words of the answer to one, by name."""
         return self["answer"]
 
+    def ends(self, ring: str) -> Any:
+        """Return the ends of a ring: rows put, `head`, and `dropped`."""
+        return self[f"{ring}_ends"]
+
     def alive(self) -> bool:
         """Return whether the process of the node is there."""
         if self.client is None:
@@ -325,6 +321,10 @@ class Shared:
         if self.client is not None:
             with contextlib.suppress(OSError):
                 self.client.line.send(word)
+
+
+def _words(rows: NDArray[Any]) -> NDArray[np.int64]:
+    return rows.view(np.int64).reshape(len(rows), -1)
 
 
 def _let_go(client: Client) -> None:

@@ -19,9 +19,9 @@ from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
 from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.timing_layout import BUCKETS, LATEST, STAGES, USAGE, Stage
 from pcpc.executive.loop.variables import (
     COUNTERS,
     COUNTERS_AT,
@@ -32,14 +32,11 @@ from pcpc.executive.loop.variables import (
     WALL,
 )
 
-WAKE_LATE, RECEIVE, STEP, SEND, PUBLISH, WORK = range(sh.STAGES)
 UPDATE_PASSES = 128  # the table's percentiles are renewed this often
 RUSAGE_THREAD = 1
-SHOWN = np.array([WAKE_LATE, WORK])
+SHOWN = np.array([Stage.WAKE_LATE, Stage.WORK])
 POINTS = np.array([0.5, 0.99, 0.999])
-USAGE = np.array([8, 9, 16, 17])  # of struct rusage: minor, major faults, switches asked, forced
-
-
+_USAGE = np.array([*USAGE.values()])
 COUNTER_WORDS = np.array([control.place(word) for word, *_ in COUNTERS])
 
 
@@ -47,11 +44,11 @@ COUNTER_WORDS = np.array([control.place(word) for word, *_ in COUNTERS])
 def note(n: Any) -> None:
     """Write the stage times and the counters of this cycle into the table."""
     v, clock, timing = n.v, n.clock, n.timing
-    v[TIMING_AT] = 0.001 * (clock.wake - clock.deadline)
-    v[TIMING_AT + 1] = 0.001 * (timing.received - clock.wake)
-    v[TIMING_AT + 2] = 0.001 * (timing.stepped - timing.received)
-    v[TIMING_AT + 3] = 0.001 * (timing.sent - timing.stepped)
-    v[TIMING_AT + 4] = 0.001 * timing.publish_ns
+    v[TIMING_AT + Stage.WAKE_LATE] = 0.001 * (clock.wake - clock.deadline)
+    v[TIMING_AT + Stage.RECEIVE] = 0.001 * (timing.received - clock.wake)
+    v[TIMING_AT + Stage.STEP] = 0.001 * (timing.stepped - timing.received)
+    v[TIMING_AT + Stage.SEND] = 0.001 * (timing.sent - timing.stepped)
+    v[TIMING_AT + Stage.PUBLISH] = 0.001 * timing.publish_ns
     counts = words(n.control)
     for i in range(COUNTER_WORDS.shape[0]):
         v[COUNTERS_AT + i] = counts[COUNTER_WORDS[i]]
@@ -68,7 +65,7 @@ def bucket(value: Any) -> Any:
         e += 1
     if e < 4:
         return v
-    return min(16 + 8 * (e - 4) + ((v >> (e - 3)) & 7), sh.BUCKETS - 1)
+    return min(16 + 8 * (e - 4) + ((v >> (e - 3)) & 7), BUCKETS - 1)
 
 
 @loop_function
@@ -83,14 +80,15 @@ def bucket_end(i: Any) -> Any:
 @loop_function
 def reset(n: Any) -> None:
     """Forget all that was counted."""
-    for s in range(sh.STAGES):
-        for i in range(sh.STAGE_FIGURES):
-            n.stages[s, i] = 2**62 if i == sh.LEAST else 0
-        for i in range(sh.BUCKETS):
+    for s in range(STAGES):
+        stage = n.stages[s]
+        stage.count, stage.total, stage.least, stage.most = 0, 0, 2**62, 0
+        for i in range(BUCKETS):
             n.histogram[s, i] = 0
-    for row in range(sh.LATEST):
-        for i in range(sh.LATE_FIGURES):
-            n.latest[row, i] = 0
+    for row in range(LATEST):
+        latest = words(n.latest[row])
+        for i in range(len(latest)):
+            latest[i] = 0
 
 
 @loop_part
@@ -100,23 +98,23 @@ def count(n: Any) -> None:
         n.v[RESET] = 0.0
         reset(n)
     clock, timing, times = n.clock, n.timing, n.timing.stage_ns
-    times[WAKE_LATE] = clock.wake - clock.deadline
-    times[RECEIVE] = timing.received - clock.wake
-    times[STEP] = timing.stepped - timing.received
-    times[SEND] = timing.sent - timing.stepped
-    times[PUBLISH] = timing.done - timing.sent
-    times[WORK] = timing.done - clock.wake
-    for s in range(sh.STAGES):
-        t = times[s]
-        n.stages[s, sh.COUNTED] += 1
-        n.stages[s, sh.TOTAL] += t
-        n.stages[s, sh.LEAST] = min(n.stages[s, sh.LEAST], t)
-        n.stages[s, sh.MOST] = max(n.stages[s, sh.MOST], t)
+    times[Stage.WAKE_LATE] = clock.wake - clock.deadline
+    times[Stage.RECEIVE] = timing.received - clock.wake
+    times[Stage.STEP] = timing.stepped - timing.received
+    times[Stage.SEND] = timing.sent - timing.stepped
+    times[Stage.PUBLISH] = timing.done - timing.sent
+    times[Stage.WORK] = timing.done - clock.wake
+    for s in range(STAGES):
+        t, stage = times[s], n.stages[s]
+        stage.count += 1
+        stage.total += t
+        stage.least = min(stage.least, t)
+        stage.most = max(stage.most, t)
         n.histogram[s, bucket(t)] += 1
     libc.getrusage(RUSAGE_THREAD, libc.address(timing.usage))
     _note_latest(n)
-    for i in range(USAGE.shape[0]):
-        timing.usage_before[i] = timing.usage[USAGE[i]]
+    for i in range(_USAGE.shape[0]):
+        timing.usage_before[i] = timing.usage[_USAGE[i]]
     if n.passes % UPDATE_PASSES == 0:
         show(n)
 
@@ -124,30 +122,30 @@ def count(n: Any) -> None:
 @loop_function
 def _note_latest(n: Any) -> None:
     """Keep this cycle if it is among those that woke latest; the first is not comparable."""
-    timing, late = n.timing, n.timing.stage_ns[WAKE_LATE]
-    row = np.int64(0)
-    for i in range(sh.LATEST):
-        if n.latest[i, sh.LATE_NS] < n.latest[row, sh.LATE_NS]:
-            row = np.int64(i)
-    if late <= n.clock.late_ns or late <= n.latest[row, sh.LATE_NS]:
+    timing, late = n.timing, n.timing.stage_ns[Stage.WAKE_LATE]
+    least = n.latest[0]
+    for i in range(1, LATEST):
+        if n.latest[i].stage_ns[Stage.WAKE_LATE] < least.stage_ns[Stage.WAKE_LATE]:
+            least = n.latest[i]
+    if late <= n.clock.late_ns or late <= least.stage_ns[Stage.WAKE_LATE]:
         return
-    n.latest[row, sh.LATE_CYCLE] = n.k
-    for s in range(sh.STAGES):
-        n.latest[row, sh.LATE_NS + s] = timing.stage_ns[s]
-    for i in range(USAGE.shape[0]):
-        n.latest[row, sh.LATE_USAGE + i] = timing.usage[USAGE[i]] - timing.usage_before[i]
+    least.cycle = n.k
+    for s in range(STAGES):
+        least.stage_ns[s] = timing.stage_ns[s]
+    for i in range(_USAGE.shape[0]):
+        least.usage[i] = timing.usage[_USAGE[i]] - timing.usage_before[i]
     push_event(n, Event.LATE, late, 0.0)
 
 
 @loop_function
 def percentile(n: Any, stage: Any, share: Any) -> Any:
     """Return the end of the bucket below which `share` of the times lie, ns."""
-    wanted, seen = share * n.stages[stage, sh.COUNTED], np.int64(0)
-    for i in range(sh.BUCKETS):
+    wanted, seen = share * n.stages[stage].count, np.int64(0)
+    for i in range(BUCKETS):
         seen += n.histogram[stage, i]
         if seen >= wanted:
-            return min(bucket_end(i), n.stages[stage, sh.MOST])
-    return n.stages[stage, sh.MOST]
+            return min(bucket_end(i), n.stages[stage].most)
+    return n.stages[stage].most
 
 
 @loop_function
@@ -156,9 +154,10 @@ def show(n: Any) -> None:
     at = STATISTICS_AT
     for j in range(SHOWN.shape[0]):
         s = SHOWN[j]
-        n.v[at] = 0.001 * n.stages[s, sh.LEAST]
-        n.v[at + 1] = 0.001 * n.stages[s, sh.TOTAL] / max(n.stages[s, sh.COUNTED], np.int64(1))
-        n.v[at + 2] = 0.001 * n.stages[s, sh.MOST]
+        stage = n.stages[s]
+        n.v[at] = 0.001 * stage.least
+        n.v[at + 1] = 0.001 * stage.total / max(stage.count, np.int64(1))
+        n.v[at + 2] = 0.001 * stage.most
         at += 3
         for k in range(POINTS.shape[0]):
             n.v[at] = 0.001 * percentile(n, s, POINTS[k])

@@ -16,6 +16,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.intrusion import REACTIONS, Reaction
+from pcpc.executive.loop.ring_layout import RECORD_HEAD
 from pcpc.executive.loop.sending import LastWord
 from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.loop.timing import reset
@@ -210,5 +211,5 @@ def _install_wiring(made: Plan, loop: Any) -> None:
         places = made.columns(timing)
         rings[f"{name}_columns"][: len(places)] = places
         rings[f"n_{name}"] = len(places)
-    columns = sh.RECORD_HEAD + rings.n_state + 1 + rings.n_timing
+    columns = RECORD_HEAD + rings.n_state + 1 + rings.n_timing
     rings.record_rows = sh.RECORD_RING_WORDS // columns

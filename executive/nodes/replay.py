@@ -37,6 +37,7 @@ from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.stalls import forget
@@ -244,7 +245,7 @@ class Replay:
         counted = [name for name in COUNTED if name in recorded]
         self.names = [*about["state_columns"], *counted]
         counters = [about["timing_columns"].index(name) for name in counted]
-        states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
+        states = RECORD_HEAD + np.arange(len(about["state_columns"]))
         self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
         self._table, self._index = made.table, made.table.index
         measured = [name for name in about["timing_columns"] if name not in COUNTED]
@@ -313,9 +314,9 @@ class Replay:
         For a log that goes on: what frames take from there is in it again.
         """
         ring, columns = self.block["record"], self.block.description["timing_columns"]
-        put = int(self.block["record_ends"][sh.PUT])
+        put = int(self.block.ends("record").head)
         rows = np.arange(put - done, put) % len(ring)
-        first = sh.RECORD_HEAD + len(self.block.description["state_columns"]) + 1
+        first = RECORD_HEAD + len(self.block.description["state_columns"]) + 1
         for name in self._clocks:
             ring[rows, first + columns.index(name)] = part.rows[:done, HEAD + names.index(name)]
         loop, last = self.block.loop, ring[rows[-1]].view(np.float64)
@@ -362,9 +363,9 @@ class Replay:
         said = frames[(frames["direction"] == 0) & self._is_meeting(frames)].copy()
         said = said[: max(len(said) - len(self._heartbeats), 0)]
         said["stamp_ns"] = 0
-        block["frame"][: len(said), 0] = sh.CDR_HEADER
-        block["frame"][: len(said), 1:] = said[:, None].view(np.int64)
-        block["frame_ends"][sh.PUT] = len(said)
+        block["frame"][: len(said), OfFrame.HEADER] = sh.CDR_HEADER
+        block["frame"][: len(said), OfFrame.STAMP_NS :] = said[:, None].view(np.int64)
+        block.ends("frame").head = len(said)
         loop.control.sent += len(said)
 
     def _frames(self) -> NDArray[Any]:
@@ -373,6 +374,6 @@ class Replay:
     def _taken(self, ring: str) -> NDArray[np.int64]:
         """Take what the loop put into a ring."""
         rows, taken_word = self.block[ring], self.block[f"{ring}_taken"]
-        put, taken = int(self.block[f"{ring}_ends"][sh.PUT]), int(taken_word[0])
+        put, taken = int(self.block.ends(ring).head), int(taken_word[0])
         taken_word[0] = put
         return np.asarray(rows[np.arange(taken, put) % len(rows)])

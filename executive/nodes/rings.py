@@ -10,7 +10,7 @@ from pcpc.executive.loop import shared as sh
 
 def put(block: sh.Shared, ring: str) -> int:
     """Return how many rows the node has put into a ring so far."""
-    return int(block[f"{ring}_ends"][sh.PUT])
+    return int(block.ends(ring).head)
 
 
 def rows_of(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
 from pcpc.executive.nodes.live import Live, known
 from pcpc.executive.nodes.rings import put
 
@@ -59,7 +60,7 @@ class Tap:
         self.live = live
         columns = columns_of(live.block.description)
         self.names = tuple(name for name in columns if names is None or name in names)
-        self._columns = [0, 1, *(columns[name] for name in self.names)]
+        self._columns = [OfRecord.CYCLE, OfRecord.STAMP_NS, *(columns[name] for name in self.names)]
         self._places = {name: place for place, name in enumerate(self.names)}
         self._next = {ring: put(live.block, ring) for ring in sh.RINGS}
         if past:
@@ -70,7 +71,7 @@ class Tap:
     @property
     def stuck(self) -> bool:
         """Whether a ring is full, as nobody records the node: nothing new comes."""
-        return any(int(self.live.block[f"{ring}_ends"][sh.DROPPED]) > 0 for ring in sh.RINGS)
+        return any(int(self.live.block.ends(ring).dropped) > 0 for ring in sh.RINGS)
 
     def rows(self) -> Rows:
         """Return the cycles since the last look."""
@@ -84,7 +85,10 @@ class Tap:
     def events(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
         """Yield cycle, topic and entry of what happened since the last look."""
         for row in self.raw("event"):
-            yield int(row[1]), *entry_of(row, node_description(self.live.block.description))
+            yield (
+                int(row[OfEvent.CYCLE]),
+                *entry_of(row, node_description(self.live.block.description)),
+            )
 
     def _size(self, ring: str) -> int:
         """Return how many rows a ring holds."""
@@ -105,6 +109,6 @@ class Tap:
 def columns_of(about: Mapping[str, Any]) -> dict[str, int]:
     """Return the places of a node's recorded variables in a row of its ring, by name."""
     states, timings = about["state_columns"], about["timing_columns"]
-    behind = sh.RECORD_HEAD + len(states) + 1
-    places = [*range(sh.RECORD_HEAD, behind - 1), *range(behind, behind + len(timings))]
+    behind = RECORD_HEAD + len(states) + 1
+    places = [*range(RECORD_HEAD, behind - 1), *range(behind, behind + len(timings))]
     return dict(zip((*states, *timings), places, strict=True))

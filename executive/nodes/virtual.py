@@ -23,6 +23,7 @@ from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.over_line import run_over_line
+from pcpc.executive.loop.ring_layout import RECORD_HEAD
 from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
@@ -48,13 +49,13 @@ class Memory:
         """Take the rows that are there."""
         for block, rows in zip(self._blocks, self._rows, strict=True):
             ring = block["record"]
-            put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
+            put, taken = int(block.ends("record").head), int(block["record_taken"][0])
             first, past = taken % len(ring), taken % len(ring) + put - taken
             rows.append(ring[first:past].copy())
             rows.append(ring[: max(0, past - len(ring))].copy())
             block["record_taken"][0] = put
             for name in ("frame", "event"):
-                block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
+                block[f"{name}_taken"][0] = block.ends(name).head
 
     def log(self) -> logs.Log:
         """Return the run as it would be read back from a file."""
@@ -64,10 +65,8 @@ class Memory:
             rows[:] = [table := np.concatenate(rows)]
             values = table.view(np.float64).T
             n = len(about["state_columns"])
-            columns = dict(zip(about["state_columns"], values[sh.RECORD_HEAD :], strict=False))
-            timing = dict(
-                zip(about["timing_columns"], values[sh.RECORD_HEAD + n + 1 :], strict=True)
-            )
+            columns = dict(zip(about["state_columns"], values[RECORD_HEAD:], strict=False))
+            timing = dict(zip(about["timing_columns"], values[RECORD_HEAD + n + 1 :], strict=True))
             nodes[about["node"]] = logs.Node(
                 table[:, 0], table[:, 1], columns, timing, np.empty(0, logs.FRAME), [], [], about
             )

@@ -22,6 +22,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import stopping
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.exchange import meet, pass_on
+from pcpc.executive.loop.ring_layout import RECORD_HEAD
 from pcpc.executive.loop.rings import publish_table
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes.install import install_in_memory
@@ -194,28 +195,25 @@ class Node:
 
     def events(self, code: int) -> list[tuple[int, int, float]]:
         """Return (cycle, argument, value) of all events with this code."""
-        rows = self.loop.event[: int(self.loop.event_ends[sh.PUT])]
-        values = rows.view(np.float64)[:, 4].tolist()
-        return [
-            (row[1], row[3], value)
-            for row, value in zip(rows.tolist(), values, strict=True)
-            if row[2] == code
-        ]
+        rows = self.loop.event[: int(self.loop.event_ends.head)]
+        rows = rows[rows["code"] == code]
+        columns = rows["cycle"], rows["argument"], rows["bits"].view(np.float64)
+        return [*zip(*(one.tolist() for one in columns), strict=True)]
 
     def records(self) -> NDArray[np.int64]:
         """Return the rows of the record ring that nobody has taken, oldest first."""
-        columns = sh.RECORD_HEAD + int(self.loop.rings.n_state) + 1 + int(self.loop.rings.n_timing)
+        columns = RECORD_HEAD + int(self.loop.rings.n_state) + 1 + int(self.loop.rings.n_timing)
         rows = int(self.loop.rings.record_rows)
         ring = self.loop.record[: rows * columns].reshape(rows, columns)
         return ring[
-            np.arange(int(self.loop.record_taken[0]), int(self.loop.record_ends[sh.PUT])) % rows
+            np.arange(int(self.loop.record_taken[0]), int(self.loop.record_ends.head)) % rows
         ]
 
     def series(self, name: str) -> NDArray[np.float64]:
         """Return the recorded values of a state or timing variable, a value a pass."""
         state, timing = self.plan.columns(False), self.plan.columns(True)
         place = self.place(name)
-        at = sh.RECORD_HEAD + (
+        at = RECORD_HEAD + (
             state.index(place) if place in state else len(state) + 1 + timing.index(place)
         )
         return self.records()[:, at].copy().view(np.float64)

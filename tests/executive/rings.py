@@ -61,12 +61,12 @@ def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES)
 
 def put(block: shared.Shared, ring: str, row: Sequence[int]) -> None:
     """Append a row as the loop does: drop and count it when the ring is full."""
-    ends, rows = block[f"{ring}_ends"], block[ring]
-    if ends[shared.PUT] - block[f"{ring}_taken"][0] == len(rows):
-        ends[shared.DROPPED] += 1
+    ends, rows = block.ends(ring), block[ring]
+    if ends.head - block[f"{ring}_taken"][0] == len(rows):
+        ends.dropped += 1
         return
-    rows[ends[shared.PUT] % len(rows)] = row
-    ends[shared.PUT] += 1
+    rows[ends.head % len(rows)] = row
+    ends.head += 1
 
 
 def values_of(cycle: int, count: int) -> np.ndarray:

@@ -44,7 +44,7 @@ def whole(blocks: Mapping[str, sh.Shared], log: Log) -> Whole:
     """Return what the rings of a short run still hold beside its records."""
     rings: list[dict[str, NDArray[np.int64]]] = []
     for ring in ("frame", "event"):
-        puts = {role: int(block[f"{ring}_ends"][sh.PUT]) for role, block in blocks.items()}
+        puts = {role: int(block.ends(ring).head) for role, block in blocks.items()}
         assert all(put <= len(blocks[role][ring]) for role, put in puts.items()), puts
         rings.append({role: block[ring][: puts[role]].copy() for role, block in blocks.items()})
     return Whole(log, *rings)

@@ -37,12 +37,12 @@ def stepping(name: str, jump: int = 0, first: int = 0) -> tuple[sh.Shared, Calla
 
     def go_on(seconds: float) -> None:
         """Put the rows, a step in their middle."""
-        put = int(block["record_ends"][sh.PUT])
+        put = int(block.ends("record").head)
         for k in range(put, put + ROWS):
             x = np.float64(k % ROWS > 25).view(np.int64)
             ring[k % len(ring)] = first + k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
         block.control.cycle = first + put + ROWS - 1
-        block["record_ends"][sh.PUT] = put + ROWS + (jump if put == ROWS else 0)
+        block.ends("record").head = put + ROWS + (jump if put == ROWS else 0)
 
     go_on(0.0)
     return block, go_on

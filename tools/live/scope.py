@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop.ring_layout import OfRecord
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
@@ -89,11 +90,11 @@ class Trigger:
                 break
             yield self._cut(self._open[0] + self.post)
         first = (self._open[0] if self._open else newest - self.post * self.auto) - self.pre
-        self._held = self._held[self._held[:, 0] >= max(first, self._begin or 0)]
+        self._held = self._held[self._held[:, OfRecord.CYCLE] >= max(first, self._begin or 0)]
 
     def rest(self) -> Burst | None:
         """Return the burst that the end of the node, or of the patience, has cut short."""
-        return None if self._open is None else self._cut(int(self._held[-1, 0]))
+        return None if self._open is None else self._cut(int(self._held[-1, OfRecord.CYCLE]))
 
     def _fills_one(self, newest: int) -> bool:
         """Return whether a burst is being filled; begin one where there is a trigger."""
@@ -108,7 +109,7 @@ class Trigger:
     def _cut(self, last: int) -> Burst:
         assert self._open is not None and self._oldest is not None, "a burst is being filled"
         (cycle, found), self._open = self._open, None
-        held, first = self._held[:, 0], cycle - self.pre
+        held, first = self._held[:, OfRecord.CYCLE], cycle - self.pre
         short = max(self._oldest - first, 0) if self._begin is None else 0
         own = (held >= max(first, self._begin or 0)) & (held <= last)
         self._begin = self.armed = last + 1
@@ -181,14 +182,14 @@ class Scope:
     def _tell(self, log: NodePart, burst: Burst) -> None:
         """Write a burst, and its trigger as an event; say so."""
         log.add("record", burst.rows)
-        stamps = burst.rows[burst.rows[:, 0] >= burst.cycle, 1]
+        stamps = burst.rows[burst.rows[:, OfRecord.CYCLE] >= burst.cycle, OfRecord.STAMP_NS]
         clocked, period_ns = log.channels.clocked, log.channels.period_ns
         stamp = int(stamps[0]) if clocked else burst.cycle * period_ns
         entry = {"event": "no trigger"}
         if burst.found:
             entry = {"event": "trigger", "name": self.options.trigger}
         log.happened(stamp, burst.cycle, entry | {"value": 0.0})
-        first, last = (int(burst.rows[i, 0]) for i in (0, -1))
+        first, last = (int(burst.rows[i, OfRecord.CYCLE]) for i in (0, -1))
         self.bursts.append(
             {
                 "cycle": burst.cycle,

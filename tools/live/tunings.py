@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.ring_layout import OfEvent
 from pcpc.executive.nodes.live import Live, known
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig import yamlfile
@@ -51,18 +51,20 @@ def states(live: Live) -> list[State]:
     present ones.
     """
     rows, first = live.rows("event", 0)
-    whole = first == 0 and not live.block["event_ends"][sh.DROPPED]
-    rows = rows[rows[:, 2] == Event.TUNING]
+    whole = first == 0 and not live.block.ends("event").dropped
+    rows = rows[rows[:, OfEvent.CODE] == Event.TUNING]
     names, own = list(live.variables), set(live.block.description.get("blocks", ()))
     given = live.block.description.get("initial", {}) if whole else {}
-    state: State = {name: given[name] for at in rows[:, 3] if (name := names[at]) in given}
+    state: State = {
+        name: given[name] for at in rows[:, OfEvent.ARGUMENT] if (name := names[at]) in given
+    }
     found = [state]
-    for _, group in groupby(rows, key=lambda row: row[1]):
+    for _, group in groupby(rows, key=lambda row: row[OfEvent.CYCLE]):
         state = dict(state)
         for row in group:
-            name = names[row[3]]
+            name = names[row[OfEvent.ARGUMENT]]
             if name.partition(".")[0] in own:  # faults, resets and stops are no tunings
-                state[name] = float(row[4:].view(np.float64)[0])
+                state[name] = float(row[OfEvent.BITS :].view(np.float64)[0])
         if state in found:
             del found[found.index(state) + 1 :]
         else:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.executive.loop.ring_layout import OfFrame
 from pcpc.executive.rig import schema, yamlfile
 
 Kinds = Counter[tuple[int, int]]  # frames by id word and length
@@ -30,7 +31,7 @@ class Counted:
     def __init__(self, rows: NDArray[np.int64]) -> None:
         self.seen, self.sent = Kinds(), Kinds()
         self.received: dict[int, Counter[int]] = {}  # by id word and state
-        words, counts = np.unique(rows[:, 3], return_counts=True)
+        words, counts = np.unique(rows[:, OfFrame.ABOUT], return_counts=True)
         for word, count in zip(words.tolist(), counts.tolist(), strict=True):
             number, state = word & _ID, word >> _STATE & 0xFF
             kind = number, word >> _LENGTH & 0xFF
@@ -69,7 +70,7 @@ def spacing(rows: NDArray[np.int64]) -> dict[tuple[int, bool], tuple[float, floa
     A kind of which there are less than two has none.
     """
     found = {}
-    stamps, kinds = rows[:, 1], rows[:, 3] & (_ID | 1 << _RECEIVED)
+    stamps, kinds = rows[:, OfFrame.STAMP_NS], rows[:, OfFrame.ABOUT] & (_ID | 1 << _RECEIVED)
     for kind in np.unique(kinds).tolist():
         apart = np.diff(stamps[kinds == kind])
         if len(apart):

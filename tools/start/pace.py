@@ -22,6 +22,7 @@ import numpy as np
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.ring_layout import OfRecord
 from pcpc.executive.rig.reading import Rig
 
 CYCLE_S = 20e-6
@@ -111,6 +112,6 @@ def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:
 
 def _longest_pause_ns(block: sh.Shared) -> int:
     """Return the longest time between two of the newest cycles of a node."""
-    put, rows = int(block["record_ends"][sh.PUT]), block["record"]
+    put, rows = int(block.ends("record").head), block["record"]
     newest = np.arange(max(0, put - len(rows)), put) % len(rows)
-    return int(np.diff(rows[newest, 1]).max()) if len(newest) > 1 else 0
+    return int(np.diff(rows[newest, OfRecord.STAMP_NS]).max()) if len(newest) > 1 else 0

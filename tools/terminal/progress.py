@@ -12,6 +12,7 @@ from contextlib import contextmanager
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import OfRecord
 
 _IN_PLACE_S = 0.1
 _LINES_S, _RAREST_S = 2.0, 120.0
@@ -144,10 +145,10 @@ def _watched(block: sh.Shared) -> str:
 
 def _rate_hz(block: sh.Shared) -> float:
     """Return the mean rate over the newest thousand records."""
-    ends, rows = block["record_ends"], block["record"]
-    put = int(ends[sh.PUT])
+    ends, rows = block.ends("record"), block["record"]
+    put = int(ends.head)
     count = min(put - 1, 1000)
     if count < 1:
         return 0.0
-    stamps = [int(rows[(put - 1 - back) % len(rows), 1]) for back in (0, count)]
+    stamps = [int(rows[(put - 1 - back) % len(rows), OfRecord.STAMP_NS]) for back in (0, count)]
     return 1e9 * count / max(stamps[0] - stamps[1], 1)

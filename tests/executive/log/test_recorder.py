@@ -28,12 +28,13 @@ from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.log.schemas import field_names
 from pcpc.executive.loop import shared
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.ring_layout import RECORD_HEAD
 
 
 def test_state_payload_is_the_ring_row_byte_for_byte(block: shared.Shared, tmp_path: Path) -> None:
     record(tmp_path / "log.mcap", block, range(200))
     rows = block["record"][:200].view(np.uint8)
-    begin, states = 8 * shared.RECORD_HEAD, 8 * len(STATES)
+    begin, states = 8 * RECORD_HEAD, 8 * len(STATES)
     state, timing = rows[:, begin - 4 : begin + states], rows[:, begin + states + 4 :]
     frames = block["frame"][:400].view(np.uint8)[:, 4:]
     for topic, expected in ("/state", state), ("/timing", timing), ("/can/frames", frames):
@@ -122,7 +123,7 @@ def test_events_and_tunings_keep_name_cycle_and_exact_value(
 
 def test_ring_that_wraps_around_loses_nothing(block: shared.Shared, tmp_path: Path) -> None:
     for ring in ("record", "frame"):  # as after seven rounds, shortly before the end of the eighth
-        block[f"{ring}_ends"][shared.PUT] = 8 * len(block[ring]) - 130
+        block.ends(ring).head = 8 * len(block[ring]) - 130
         block[f"{ring}_taken"][0] = 8 * len(block[ring]) - 130
     log = Recorder(tmp_path / "log.mcap", [block])
     for cycle in range(500):
@@ -130,7 +131,7 @@ def test_ring_that_wraps_around_loses_nothing(block: shared.Shared, tmp_path: Pa
         if cycle % 99 == 0:
             log.drain()
     log.finish()
-    assert block["record_ends"][shared.PUT] % len(block["record"]) == 370
+    assert block.ends("record").head % len(block["record"]) == 370
     node = logs.read(tmp_path / "log.mcap").node["executive"]
     assert np.array_equal(node.cycle, np.arange(500)), f"{len(node.cycle)} cycles"
     assert np.array_equal(node.frames["cycle"], np.arange(1000) // 2)

@@ -9,7 +9,6 @@ from engine import ATB1000, LOST, Bench, both, puppet_rig
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import drive
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import COMMUNICATION, ERROR_CODES, ERROR_REGISTERS, Fault
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
@@ -59,8 +58,8 @@ def driven(tmp_path: Path) -> Bench:
 def emergencies(bench: Bench) -> list[tuple[int, int, int]]:
     """Return (cycle, error code, register) of every emergency frame that was sent."""
     n = bench.executive.loop
-    rows = n.frame[: int(n.frame_ends[sh.PUT])]
-    data = [(int(row[2]), int(row[4])) for row in rows if row[3] & 0x7FF == EMCY_ID]
+    rows = n.frame[: int(n.frame_ends.head)]
+    data = [(int(row.cycle), int(row.payload)) for row in rows if row.about & 0x7FF == EMCY_ID]
     return [(cycle, word & 0xFFFF, word >> 16 & 0xFF) for cycle, word in data]
 
 

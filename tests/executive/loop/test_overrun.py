@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import timing
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
+from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.rig.reading import load_rig
 
 PERIOD_NS = 1_000_000
@@ -169,10 +169,10 @@ def test_the_latest_cycles_are_kept_whole() -> None:
     late = np.full(500, 20_000)
     late[[7, 70, 123, 124, 250, 251, 333, 400, 444, 490]] = np.arange(2, 12) * 100_000
     n = counted(late, np.full(500, 5_000))
-    kept = {int(row[sh.LATE_CYCLE]): row for row in n.latest}
+    kept = {int(row.cycle): row for row in n.latest}
     assert set(kept) == {123, 124, 250, 251, 333, 400, 444, 490}, sorted(kept)
-    assert int(kept[490][sh.LATE_NS]) == 1_100_000
-    assert int(kept[490][sh.LATE_NS + timing.WORK]) == 5_000
+    assert int(kept[490].stage_ns[Stage.WAKE_LATE]) == 1_100_000
+    assert int(kept[490].stage_ns[Stage.WORK]) == 5_000
 
 
 def test_a_reset_starts_anew() -> None:
@@ -188,4 +188,4 @@ def test_a_reset_starts_anew() -> None:
     at = timing.STATISTICS_AT
     assert n.v[timing.RESET] == 0.0
     assert (n.v[at], n.v[at + 2]) == (1.0, 1.0), n.v[at : at + 6]
-    assert int(n.stages[timing.WORK, sh.COUNTED]) == 1
+    assert int(n.stages[Stage.WORK].count) == 1

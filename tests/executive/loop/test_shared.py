@@ -68,7 +68,7 @@ def test_a_full_ring_drops_new_rows_and_counts_them(plans: tuple[Plan, Plan]) ->
     bench = bench_with_small_ring(plans, waits=False)
     assert bench.run(20) == 20
     node, ends = bench.executive, bench.executive.loop.record_ends
-    assert (int(ends[sh.PUT]), int(ends[sh.DROPPED])) == (ROWS, 20 - ROWS), ends
+    assert (int(ends.head), int(ends.dropped)) == (ROWS, 20 - ROWS), ends
     assert node.records()[:, 0].tolist() == list(range(ROWS)), node.records()[:, 0]
 
 
@@ -76,11 +76,11 @@ def test_a_ring_that_is_emptied_again_takes_new_rows(plans: tuple[Plan, Plan]) -
     bench = bench_with_small_ring(plans, waits=False)
     bench.run(20)
     ends = bench.executive.loop.record_ends
-    bench.executive.loop.record_taken[0] = ends[sh.PUT] - 3
+    bench.executive.loop.record_taken[0] = ends.head - 3
     bench.run(4)
     cycles = bench.executive.records()[:, 0].tolist()
     assert cycles == [5, 6, 7, 20, 21, 22, 23], cycles
-    assert int(ends[sh.DROPPED]) == 20 - ROWS, int(ends[sh.DROPPED])
+    assert int(ends.dropped) == 20 - ROWS, int(ends.dropped)
 
 
 def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
@@ -95,8 +95,8 @@ def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
         bench.run(1)
         node.loop.mail.request += 1
     pushed = 2 + 20 * SLOTS  # READY, RUN
-    assert int(ends[sh.PUT]) == sh.EVENT_RING_ROWS, int(ends[sh.PUT])
-    assert int(ends[sh.DROPPED]) == pushed - sh.EVENT_RING_ROWS, int(ends[sh.DROPPED])
+    assert int(ends.head) == sh.EVENT_RING_ROWS, int(ends.head)
+    assert int(ends.dropped) == pushed - sh.EVENT_RING_ROWS, int(ends.dropped)
 
 
 def test_a_full_mailbox_is_applied_and_more_than_that_refused(plans: tuple[Plan, Plan]) -> None:
@@ -126,7 +126,7 @@ def test_without_a_clock_the_loop_waits_for_the_recorder(plans: tuple[Plan, Plan
     seen += bench.executive.records()[:, 0].tolist()
     assert not driver.is_alive(), f"stuck after {len(seen)} cycles"
     assert seen == list(range(300)), f"{len(seen)} records"
-    assert int(ends[sh.DROPPED]) == 0
+    assert int(ends.dropped) == 0
 
 
 def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Plan]) -> None:
@@ -134,12 +134,12 @@ def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Pl
     driver = threading.Thread(target=bench.run, args=(300,), daemon=True)
     driver.start()
     ends, give_up = bench.executive.loop.record_ends, time.monotonic() + PATIENCE_S
-    while int(ends[sh.PUT]) < ROWS and time.monotonic() < give_up:
+    while int(ends.head) < ROWS and time.monotonic() < give_up:
         os.sched_yield()
     bench.executive.loop.control.stop = 1
     driver.join(PATIENCE_S)
     assert not driver.is_alive(), "it waits for ever"
-    assert int(ends[sh.PUT]) == ROWS and int(ends[sh.DROPPED]) <= 1, ends
+    assert int(ends.head) == ROWS and int(ends.dropped) <= 1, ends
 
 
 # --------------------------------------------------------------------------------------- snapshots

@@ -48,7 +48,7 @@ def test_many_rows_come_in_several_answers_and_none_is_missing(
     rows = block["record"][:count]
     rows[:, 0] = rows[:, 1] = np.arange(count)
     rows[:, 3] = np.where(np.arange(count) == count - 1, 1.0, 0.0).view(np.int64)
-    block.control.cycle, block["record_ends"][sh.PUT] = count - 1, count
+    block.control.cycle, block.ends("record").head = count - 1, count
     file = tmp_path / "burst.mcap"
     words = ["scope", "a.x", "--trigger", "a.x > 0.5 rad", "--pre", "95s", "--post", "0s", "--past",
              "-o", str(file), "--quiet"]  # fmt: skip
@@ -74,7 +74,7 @@ class Between(Link):
         """Ask, and go on there."""
         found = super().ask(what, **about)
         if what == "rows" and self.first:
-            self._block["record_ends"][sh.PUT] += len(self._block["record"])
+            self._block.ends("record").head += len(self._block["record"])
             self.first = False
         return found
 
@@ -86,7 +86,7 @@ def test_a_gap_between_two_answers_is_counted(
     block = standing.stand(name, HEAD)
     size = len(block["record"])
     block["record"][:, 0] = np.arange(size)
-    block["record_ends"][sh.PUT] = size - 1
+    block.ends("record").head = size - 1
     try:
         with hosting(tmp_path / "host", "--node", name) as other:
             monkeypatch.setenv("PCPC_TOKEN", other.token)
@@ -98,7 +98,7 @@ def test_a_gap_between_two_answers_is_counted(
             assert 1000 < len(first) < size // 4 and tap.missed["record"] == 0
             assert first.tolist() == [*range(begin, begin + len(first))]
             rest = tap.rows()
-            end = int(block["record_ends"][sh.PUT])
+            end = int(block.ends("record").head)
             assert tap.missed["record"] + len(first) + len(rest) == end - begin
             assert len(rest) == size - 1
             link.close()

@@ -104,10 +104,10 @@ def stand() -> Iterator[tuple[live.Live, Put]]:
     block["snapshot"][:] = 5.0, 0.0, 0.0
 
     def put(cycle: int, place: int, value: float, code: int = Event.TUNING) -> None:
-        row = int(block["event_ends"][sh.PUT]) % sh.EVENT_RING_ROWS
+        row = int(block.ends("event").head) % sh.EVENT_RING_ROWS
         bits = int(np.float64(value).view(np.int64))
         block["event"][row] = 1000 * cycle, cycle, code, place, bits
-        block["event_ends"][sh.PUT] += 1
+        block.ends("event").head += 1
         if code == Event.TUNING:
             block["snapshot"][place] = value
 

@@ -149,7 +149,7 @@ def test_what_is_captured_of_a_run_in_lockstep_is_what_its_log_holds(
 
     def full() -> bool:
         return any(
-            block[f"{ring}_ends"][sh.PUT] - block[f"{ring}_taken"][0] == len(block[ring])
+            block.ends(ring).head - block[f"{ring}_taken"][0] == len(block[ring])
             for block in blocks for ring in sh.RINGS
         )  # fmt: skip
 

@@ -178,10 +178,10 @@ def test_frames_are_counted_by_what_the_check_made_of_them(stand: str) -> None:
         [*states, (32, 0, FrameState.OK), (32, 1, FrameState.OK)]
     ):
         block["frame"][i, 3] = number | 8 << 32 | received << 40 | state << 48
-    block["frame_ends"][sh.PUT] = 12
+    block.ends("frame").head = 12
     for i, x in enumerate((0.5, -3.0, 0.25)):
         block["record"][i] = i, 0, sh.CDR_HEADER, np.float64(x).view(np.int64), sh.CDR_HEADER
-    block["record_ends"][sh.PUT] = 3
+    block.ends("record").head = 3
     block["snapshot"][4] = 0.25
     meter.look()
     page = [line.split() for line in lines(meter, 80, 24)]

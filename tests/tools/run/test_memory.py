@@ -112,7 +112,7 @@ def test_nothing_is_left_when_everything_is_killed(tmp_path: Path) -> None:
             os.kill(pid, signal.SIGKILL)
         until(lambda: not any(map(alive, (run.process.pid, *run.children.values()))), "all dead")
         cycles = int(block.control.cycle)
-        assert cycles > 50 and int(block["record_ends"][sh.PUT]) > 50, "read after its death"
+        assert cycles > 50 and int(block.ends("record").head) > 50, "read after its death"
         assert not block.alive()
     assert blocks_left(bus) == [], blocks_left(bus)
     again = pcpc(*words[:3], str(tmp_path / "again"), *words[4:], *PATIENT, "--set",

@@ -11,6 +11,7 @@ from processes import PATIENT, RIGS, Running, own_bus, pcpc, until
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.timing_layout import Stage
 
 PERIOD_NS = 1_000_000
 SLOW = """\
@@ -151,6 +152,6 @@ def test_statistics_of_a_running_node_are_in_its_table_and_reset(node: str, tmp_
 
         def fewer_than_passed() -> bool:
             passes = int(block.control.passes)
-            return bool(block["stages"][0, sh.COUNTED] < passes - 300)
+            return bool(block["stages"][Stage.WAKE_LATE]["count"] < passes - 300)
 
         until(lambda: fewer_than_passed() or process.over(), "counting starts anew")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pcpc.executive.loop import control
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.ring_layout import ENDS, OfRecord
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start import pace
 
@@ -99,16 +99,17 @@ class Block(dict[str, Any]):
     """What is asked of a node's memory."""
 
     control = control.blank()
+    ends: Any
 
 
 def node(fault: int, stall_ns: int) -> Any:
     """Return a node's block in a ring of 8 records that has gone round; one cycle was late."""
     stamps = np.cumsum([200_000 + (stall_ns if k == 17 else 0) for k in range(20)])
-    record, ends = np.zeros((8, 3), np.int64), np.zeros(8, int)
-    record[np.arange(20) % 8, 1] = stamps
-    block = Block(record=record, record_ends=ends)
-    block.control = control.blank()
-    block.control.fault, ends[sh.PUT] = fault, 20
+    record, ends = np.zeros((8, 3), np.int64), np.zeros(1, ENDS)[0]
+    record[np.arange(20) % 8, OfRecord.STAMP_NS] = stamps
+    block = Block(record=record)
+    block.control, block.ends = control.blank(), lambda ring: ends
+    block.control.fault, ends.head = fault, 20
     return block
 
 

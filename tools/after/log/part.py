@@ -22,6 +22,7 @@ from pcpc.executive.log.description import NodeDescription, node_description
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import RECORD_HEAD
 from pcpc.executive.nodes.tap import Rows
 
 _KINDS = "state_columns", "timing_columns"
@@ -38,7 +39,7 @@ class NodePart:
 
     def rows(self, seen: Rows) -> NDArray[np.int64]:
         """Return cycles as rows of a ring with the columns of this log only."""
-        head, states = sh.RECORD_HEAD, self._states
+        head, states = RECORD_HEAD, self._states
         found = np.full((len(seen), head + len(self.names) + 1), sh.CDR_HEADER, np.int64)
         found[:, 0], found[:, 1] = seen.cycle, seen.stamp_ns
         places = [seen.places[name] for name in self.names]

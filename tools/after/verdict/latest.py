@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.timing_layout import USAGE, Stage
 from pcpc.executive.rig.schema import Timing
 
-STAGES = ("wake_late", "receive", "step", "send", "publish", "work")
-USAGE = ("minor_faults", "major_faults", "switches", "forced_switches")
 LEVEL_PERCENTILE = 99.9
 
 
@@ -17,12 +16,12 @@ def latest_cycles(block: sh.Shared) -> list[dict[str, Any]]:
     """Return the cycles that woke latest, the latest first, with stages in us and a cause."""
     found = []
     for row in np.array(block["latest"]):
-        if row[sh.LATE_NS] == 0:
+        if row.stage_ns[Stage.WAKE_LATE] == 0:
             continue
-        times = row[sh.LATE_NS : sh.LATE_USAGE]
-        cycle: dict[str, Any] = {"cycle": int(row[sh.LATE_CYCLE])}
-        cycle |= {f"{s}_us": round(int(t) / 1e3, 1) for s, t in zip(STAGES, times, strict=True)}
-        cycle |= dict(zip(USAGE, map(int, row[sh.LATE_USAGE :]), strict=True))
+        times = zip(Stage.words(), row.stage_ns.tolist(), strict=True)
+        cycle: dict[str, Any] = {"cycle": int(row.cycle)}
+        cycle |= {f"{stage}_us": round(ns / 1e3, 1) for stage, ns in times}
+        cycle |= dict(zip(USAGE, row.usage.tolist(), strict=True))
         cycle["cause"] = cause(cycle, block.description["period_ns"] / 1e3)
         found.append(cycle)
     return sorted(found, key=lambda c: -c["wake_late_us"])

@@ -92,8 +92,8 @@ class Outcome:
             self.faults.append(f"{name}: failed, see its traceback above")
         if block is not None:
             self.nodes.append(name)
-            rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
-            self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
+            rings = [block.ends(ring) for ring in ("record", "frame", "event")]
+            self.dropped += sum(int(ends.dropped) for ends in rings)
             counters = block.control
             self.health[name] = {key: int(counters[word]) for key, (word, _) in HEALTH.items()}
             if name == "executive":

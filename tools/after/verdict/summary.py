@@ -30,6 +30,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.provenance import RIG_COMMIT
+from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict import on_purpose
@@ -41,7 +42,7 @@ from pcpc.tools.after.verdict.requirements import END_S, LEADER, Result
 
 CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
-_STAGES = ("wake_late", "receive", "step", "send", "publish")
+_STAGES = Stage.words()[: Stage.WORK]
 Counts = dict[str, int]
 
 

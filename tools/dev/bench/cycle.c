@@ -63,12 +63,11 @@ static int64_t bits_of(double value)
     return bits;
 }
 
-static int64_t free_row(loop *n, int64_t *ends, int64_t *taken, int64_t rows)
+static int64_t free_row(loop *n, int64_t put, int64_t *dropped, int64_t *taken, int64_t rows)
 {
-    int64_t put = ends[SH_PUT];
     while (put - __atomic_load_n(&taken[0], __ATOMIC_ACQUIRE) >= rows) {
         if (!n->rings.wait_recorder || stopping(n)) {
-            ends[SH_DROPPED]++;
+            ++*dropped;
             return -1;
         }
         sched_yield();
@@ -76,47 +75,46 @@ static int64_t free_row(loop *n, int64_t *ends, int64_t *taken, int64_t rows)
     return put % rows;
 }
 
-static void was_put(int64_t *ends)
+static void was_put(int64_t *head)
 {
-    __atomic_store_n(&ends[SH_PUT], ends[SH_PUT] + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(head, *head + 1, __ATOMIC_RELEASE);
 }
 
 static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t state)
 {
-    int64_t at = free_row(n, n->frame_ends, n->frame_taken, SH_FRAME_RING_ROWS);
+    int64_t at = free_row(n, n->frame_ends.head, &n->frame_ends.dropped, n->frame_taken, SH_FRAME_RING_ROWS);
     if (at < 0)
         return;
     uint32_t word;
-    int64_t *row = n->frame[at];
+    struct frame *row = &n->frame[at];
     memcpy(&word, frame, sizeof word);
-    row[0] = SH_CDR_HEADER;
-    row[1] = stamp(n);
-    row[2] = n->k;
-    row[3] = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
-    memcpy(&row[4], frame + 8, 8);
-    was_put(n->frame_ends);
+    row->header = SH_CDR_HEADER;
+    row->stamp_ns = stamp(n);
+    row->cycle = n->k;
+    row->about = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
+    memcpy(&row->payload, frame + 8, 8);
+    was_put(&n->frame_ends.head);
 }
 
 static void push_event(loop *n, int64_t code, int64_t argument, double value)
 {
-    int64_t at = free_row(n, n->event_ends, n->event_taken, SH_EVENT_RING_ROWS);
+    int64_t at = free_row(n, n->event_ends.head, &n->event_ends.dropped, n->event_taken, SH_EVENT_RING_ROWS);
     if (at < 0)
         return;
-    int64_t row[5] = {stamp(n), n->k, code, argument, bits_of(value)};
-    memcpy(n->event[at], row, sizeof row);
-    was_put(n->event_ends);
+    n->event[at] = (struct event){stamp(n), n->k, code, argument, bits_of(value)};
+    was_put(&n->event_ends.head);
 }
 
 static void push_record(loop *n)
 {
     int64_t columns = SH_RECORD_HEAD + n->rings.n_state + 1 + n->rings.n_timing;
-    int64_t at = free_row(n, n->record_ends, n->record_taken, n->rings.record_rows);
+    int64_t at = free_row(n, n->record_ends.head, &n->record_ends.dropped, n->record_taken, n->rings.record_rows);
     if (at < 0)
         return;
     int64_t *row = n->record + at * columns;
-    row[0] = n->k;
-    row[1] = n->clock.wake;
-    row[2] = SH_CDR_HEADER;
+    row[OFRECORD_CYCLE] = n->k;
+    row[OFRECORD_STAMP_NS] = n->clock.wake;
+    row[OFRECORD_HEADER] = SH_CDR_HEADER;
     row += SH_RECORD_HEAD;
     for (int64_t i = 0; i < n->rings.n_state; i++)
         row[i] = bits_of(n->v[n->rings.state_columns[i]]);
@@ -124,7 +122,7 @@ static void push_record(loop *n)
     row[0] = SH_CDR_HEADER;
     for (int64_t i = 0; i < n->rings.n_timing; i++)
         row[1 + i] = bits_of(n->v[n->rings.timing_columns[i]]);
-    was_put(n->record_ends);
+    was_put(&n->record_ends.head);
 }
 
 static void publish(loop *n)
@@ -756,24 +754,24 @@ static int64_t bucket_end(int64_t i)
 
 static void note_latest(loop *n)
 {
-    int64_t late = n->timing.stage_ns[TIMING_WAKE_LATE], row = 0;
-    for (int64_t i = 0; i < SH_LATEST; i++)
-        if (n->latest[i][SH_LATE_NS] < n->latest[row][SH_LATE_NS])
-            row = i;
-    int64_t *latest = n->latest[row];
-    if (late <= n->clock.late_ns || late <= latest[SH_LATE_NS])
+    int64_t late = n->timing.stage_ns[STAGE_WAKE_LATE];
+    struct latest *least = n->latest;
+    for (int64_t i = 1; i < SH_LATEST; i++)
+        if (n->latest[i].stage_ns[STAGE_WAKE_LATE] < least->stage_ns[STAGE_WAKE_LATE])
+            least = &n->latest[i];
+    if (late <= n->clock.late_ns || late <= least->stage_ns[STAGE_WAKE_LATE])
         return;
-    latest[SH_LATE_CYCLE] = n->k;
-    memcpy(latest + SH_LATE_NS, n->timing.stage_ns, sizeof n->timing.stage_ns);
+    least->cycle = n->k;
+    memcpy(least->stage_ns, n->timing.stage_ns, sizeof n->timing.stage_ns);
     for (int i = 0; i < 4; i++)
-        latest[SH_LATE_USAGE + i] = n->timing.usage[USAGE[i]] - n->timing.usage_before[i];
+        least->usage[i] = n->timing.usage[USAGE[i]] - n->timing.usage_before[i];
     push_event(n, EVENT_LATE, late, 0.0);
 }
 
 static int64_t percentile(loop *n, int64_t stage, double share)
 {
-    double wanted = share * n->stages[stage][SH_COUNTED];
-    int64_t seen = 0, most = n->stages[stage][SH_MOST];
+    double wanted = share * n->stages[stage].count;
+    int64_t seen = 0, most = n->stages[stage].most;
     for (int64_t i = 0; i < SH_BUCKETS; i++) {
         seen += n->histogram[stage][i];
         if (seen >= wanted)
@@ -784,13 +782,13 @@ static int64_t percentile(loop *n, int64_t stage, double share)
 
 static void show(loop *n)
 {
-    static const int64_t shown[] = {TIMING_WAKE_LATE, TIMING_WORK};
+    static const int64_t shown[] = {STAGE_WAKE_LATE, STAGE_WORK};
     double *v = n->v + V_STATISTICS_AT;
     for (int j = 0; j < 2; j++) {
-        const int64_t *stage = n->stages[shown[j]];
-        *v++ = 0.001 * stage[SH_LEAST];
-        *v++ = 0.001 * stage[SH_TOTAL] / (stage[SH_COUNTED] ? stage[SH_COUNTED] : 1);
-        *v++ = 0.001 * stage[SH_MOST];
+        const struct stages *stage = &n->stages[shown[j]];
+        *v++ = 0.001 * stage->least;
+        *v++ = 0.001 * stage->total / (stage->count ? stage->count : 1);
+        *v++ = 0.001 * stage->most;
         for (int i = 0; i < 3; i++)
             *v++ = 0.001 * percentile(n, shown[j], POINTS[i]);
     }
@@ -804,7 +802,7 @@ static void count(loop *n)
         memset(n->histogram, 0, sizeof n->histogram);
         memset(n->latest, 0, sizeof n->latest);
         for (int64_t s = 0; s < SH_STAGES; s++)
-            n->stages[s][SH_LEAST] = 1LL << 62;
+            n->stages[s].least = 1LL << 62;
     }
     int64_t times[SH_STAGES] = {
         n->clock.wake - n->clock.deadline, n->timing.received - n->clock.wake, n->timing.stepped - n->timing.received,
@@ -812,11 +810,12 @@ static void count(loop *n)
     };
     memcpy(n->timing.stage_ns, times, sizeof times);
     for (int64_t s = 0; s < SH_STAGES; s++) {
-        int64_t t = times[s], *stage = n->stages[s];
-        stage[SH_COUNTED]++;
-        stage[SH_TOTAL] += t;
-        stage[SH_LEAST] = t < stage[SH_LEAST] ? t : stage[SH_LEAST];
-        stage[SH_MOST] = t > stage[SH_MOST] ? t : stage[SH_MOST];
+        int64_t t = times[s];
+        struct stages *stage = &n->stages[s];
+        stage->count++;
+        stage->total += t;
+        stage->least = t < stage->least ? t : stage->least;
+        stage->most = t > stage->most ? t : stage->most;
         n->histogram[s][bucket(t)]++;
     }
     getrusage(RUSAGE_THREAD, (struct rusage *)n->timing.usage);
@@ -978,9 +977,9 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
 
 static void put_back(loop *n)
 {
-    n->record_taken[0] = n->record_ends[SH_PUT];
-    n->frame_taken[0] = n->frame_ends[SH_PUT];
-    n->event_taken[0] = n->event_ends[SH_PUT];
+    n->record_taken[0] = n->record_ends.head;
+    n->frame_taken[0] = n->frame_ends.head;
+    n->event_taken[0] = n->event_ends.head;
 }
 
 void drive_memory(loop *n, step_function **steps, const uint8_t (*frames)[16], const int64_t *ends,

@@ -52,9 +52,11 @@ from pcpc.executive.loop.clock import Time, Trigger, now
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.requests import Refusal
+from pcpc.executive.loop.ring_layout import OfFrame, OfRecord
 from pcpc.executive.loop.rings import publish_table
 from pcpc.executive.loop.sending import LastWord
 from pcpc.executive.loop.supervisor import Overrun
+from pcpc.executive.loop.timing_layout import USAGE, Stage
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.nodes.virtual import VirtualRun
@@ -82,6 +84,7 @@ _MODULES = {
 NUMBERED = (
     FrameState, states.State, states.Condition, faults.Fault, Event, Time, Trigger, Refusal,
     Overrun, LastWord, Medium, Arrival, Protection, Kind, meeting.Part, meeting.Turn,
+    Stage, OfRecord,
 )  # fmt: skip
 BLOCKS = {"quintic": references.quintic, "pd": pd.BLOCK, "barrel": model.BLOCK, "idle": Block(idle)}
 
@@ -109,7 +112,7 @@ def loop_header() -> str:
         compiler.array("NMT", "double", states.HEARTBEATS),
         compiler.array("ERROR_CODES", "double", faults.ERROR_CODES),
         compiler.array("ERROR_REGISTERS", "double", faults.ERROR_REGISTERS),
-        compiler.array("USAGE", "int64_t", timing.USAGE),
+        compiler.array("USAGE", "int64_t", np.array([*USAGE.values()])),
         compiler.array("COUNTERS", "int64_t", timing.COUNTER_WORDS),
     ]
     return "".join(texts)
@@ -144,13 +147,13 @@ def record(first: int = FIRST, cycles: int = CYCLES) -> Recording:
     for _ in run.advance():
         pass
     block = run.blocks[0]
-    rows = block["frame"][: int(block["frame_ends"][sh.PUT])]
-    about = rows[:, 3]
-    chosen = rows[(about >> 40 & 1 == 1) & (rows[:, 2] >= first) & (rows[:, 2] < first + cycles)]
+    rows = block["frame"][: int(block.ends("frame").head)]
+    about, cycle = rows[:, OfFrame.ABOUT], rows[:, OfFrame.CYCLE]
+    chosen = rows[(about >> 40 & 1 == 1) & (cycle >= first) & (cycle < first + cycles)]
     words = np.zeros((len(chosen), 2), np.int64)  # id and flags, length; data
-    words[:, 0] = chosen[:, 3] & 0xFF_FFFF_FFFF
-    words[:, 1] = chosen[:, 4]
-    ends = np.searchsorted(chosen[:, 2], np.arange(first, first + cycles), "right")
+    words[:, 0] = chosen[:, OfFrame.ABOUT] & 0xFF_FFFF_FFFF
+    words[:, 1] = chosen[:, OfFrame.PAYLOAD]
+    ends = np.searchsorted(chosen[:, OfFrame.CYCLE], np.arange(first, first + cycles), "right")
     return Recording(plan(rig, "executive", "lockstep"), words.view(np.uint8), ends)
 
 
@@ -174,9 +177,9 @@ def in_c(entries: Sequence[int], library: ctypes.CDLL) -> Any:
 @loop(types.void(N))
 def _put_back(n: Any) -> None:
     """Empty the rings, as a recorder would."""
-    n.record_taken[0] = n.record_ends[sh.PUT]
-    n.frame_taken[0] = n.frame_ends[sh.PUT]
-    n.event_taken[0] = n.event_ends[sh.PUT]
+    n.record_taken[0] = n.record_ends.head
+    n.frame_taken[0] = n.frame_ends.head
+    n.event_taken[0] = n.event_ends.head
 
 
 @loop(types.void(N, STEPS, u1[:, ::1], i8[::1], i8))

@@ -164,12 +164,12 @@ def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[s
 
 def _take(block: sh.Shared, rows: list[Any] | None) -> None:
     ring = block["record_values"]
-    put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
+    put, taken = int(block.ends("record").head), int(block["record_taken"][0])
     if rows is not None and put > taken:
         rows.append(ring[np.arange(taken, put) % len(ring)])
     block["record_taken"][0] = put
     for name in ("frame", "event"):
-        block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
+        block[f"{name}_taken"][0] = block.ends(name).head
 
 
 def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:

@@ -93,7 +93,7 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
 
 def timing(block: sh.Shared) -> NDArray[np.float64]:
     """Return lateness and work of each cycle that its record ring holds, (2, cycles), us."""
-    put, rows = int(block["record_ends"][sh.PUT]), block["record_values"]
+    put, rows = int(block.ends("record").head), block["record_values"]
     newest = rows[np.arange(max(0, put - len(rows)), put) % len(rows)]
     names = block.description["timing_columns"]
     columns = newest[:, newest.shape[1] - len(names) :].T
@@ -136,7 +136,7 @@ def _messages(recorder: Recorder, run: VirtualRun) -> tuple[int, list[tuple[int,
     messages, channel = [], 0
     for node in recorder.nodes:
         block = node.block
-        put = {ring: int(block[f"{ring}_ends"][sh.PUT]) for ring in ("record", "frame")}
+        put = {ring: int(block.ends(ring).head) for ring in ("record", "frame")}
         for row in block["record"][: put["record"]]:
             data = row.tobytes()
             messages.append((channel, data[20 : node.channels.state_end]))

@@ -17,6 +17,7 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 from pcpc.executive.loop.states import STATE_NAMES, State
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.plan import Plan, plan
@@ -41,11 +42,11 @@ def node_run(node: Live, rig: str, role: Any) -> Seen:
     block, made = node.block, plan(load_rig(rig), role, "real")
     safe = {f"rx.{name}": value for name, value in made.spec.safe.items()}
     safe |= {f"tx.{name}": limit.safe or 0.0 for name, limit in made.limits.items()}
-    put = int(block["record_ends"][sh.PUT])
+    put = int(block.ends("record").head)
     newest = np.arange(max(0, put - len(block["record"])), put) % len(block["record"])
     rows, values = block["record"][newest], block["record_values"][newest]
     names = block.description["state_columns"]
-    column = {name: sh.RECORD_HEAD + i for i, name in enumerate(names)}
+    column = {name: RECORD_HEAD + i for i, name in enumerate(names)}
     state = values[:, column["supervisor.state"]]
     away = np.any([values[:, column[name]] != value for name, value in safe.items()], axis=0)
     exposed = _longest(away & np.isin(state, (State.HOLD, State.FAULT, State.STOP)))
@@ -55,7 +56,7 @@ def node_run(node: Live, rig: str, role: Any) -> Seen:
     fault = block.description["fault_names"][int(block.control.fault)]
     asked = role == "plant" and bool(block.control.stop)
     return Seen(
-        rows[:, 0], STATE_NAMES[int(last["supervisor.state"])], fault, exposed,
+        rows[:, OfRecord.CYCLE], STATE_NAMES[int(last["supervisor.state"])], fault, exposed,
         asked or safe in (held, told),
         _limit(made), 1e-6 * node.period_ns,
     )  # fmt: skip
@@ -63,9 +64,9 @@ def node_run(node: Live, rig: str, role: Any) -> Seen:
 
 def _received(block: sh.Shared, made: Plan) -> dict[str, float]:
     """Return the last valid values that came over the bus for what has a safe value here."""
-    put, rows = int(block["frame_ends"][sh.PUT]), block["frame"]
+    put, rows = int(block.ends("frame").head), block["frame"]
     newest = np.arange(max(0, put - len(rows)), put) % len(rows)
-    about, data = rows[newest, 3], rows[newest, 4]
+    about, data = rows[newest, OfFrame.ABOUT], rows[newest, OfFrame.PAYLOAD]
     used = (about >> 40 & 0xFF == 1) & np.isin(
         about >> 48 & 0xFF, (FrameState.OK, FrameState.OK_SOME_LOST)
     )

@@ -18,6 +18,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
@@ -55,7 +56,7 @@ class Bench:
         self._parts = [part for loop in self.loops for part in _to_set_back(loop)]
         self._saved = [part.copy() for part in self._parts]
         self._columns = [
-            {name: sh.RECORD_HEAD + i for i, name in enumerate(block.description["state_columns"])}
+            {name: RECORD_HEAD + i for i, name in enumerate(block.description["state_columns"])}
             for block in self.run.blocks
         ]
         self.places = [
@@ -122,7 +123,7 @@ class Bench:
             part[:] = saved
         for block in self.run.blocks:
             for ring in sh.RINGS:
-                block[f"{ring}_ends"][sh.PUT] = block[f"{ring}_taken"][0] = 0
+                block.ends(ring).head = block[f"{ring}_taken"][0] = 0
 
     def column(self, node: int, name: str) -> NDArray[np.float64]:
         """Return a variable in the cycles since the run was set back."""
@@ -131,14 +132,14 @@ class Bench:
     def rows(self, node: int) -> NDArray[np.int64]:
         """Return the records of a node since then."""
         block = self.run.blocks[node]
-        return np.asarray(block["record"][: int(block["record_ends"][sh.PUT])])
+        return np.asarray(block["record"][: int(block.ends("record").head)])
 
     def _seen(self, begin: int) -> Seen:
         first: list[tuple[int, int, str]] = []  # cycle, rank, who
         answer, fault = "none", ""
         for node, block in enumerate(self.run.blocks):
             rows = self.rows(node)
-            cycle = rows[:, 0]
+            cycle = rows[:, OfRecord.CYCLE]
             state, missing, code = (
                 self.column(node, f"supervisor.{name}")
                 for name in ("state", "missing_cycles", "fault")
@@ -155,14 +156,15 @@ class Bench:
                 answer, fault = "FAULT", block.description["fault_names"][number]
             elif (state[after] == State.HOLD).any() and answer == "none":
                 answer = "HOLD"
-            told = block["event"][: int(block["event_ends"][sh.PUT])]
+            told = block["event"][: int(block.ends("event").head)]
             for event, who in NOTICED_BY.items():
-                if (told[:, 2] == event).any():
-                    first.append((int(told[told[:, 2] == event][0, 1]), 3, who))
+                cycles = told[told[:, OfEvent.CODE] == event, OfEvent.CYCLE]
+                if len(cycles):
+                    first.append((int(cycles[0]), 3, who))
             refused = self._refused(block)
             if len(refused):
                 first.append((int(refused[0]), 0, "counter or CRC"))
-        own = self.rows(1)[:, 0] >= begin
+        own = self.rows(1)[:, OfRecord.CYCLE] >= begin
         error = self.column(1, "barrel.theta_rad")[own]
         worst = float(np.abs(error).max()) if len(error) else 0.0
         if not first:
@@ -173,7 +175,7 @@ class Bench:
     @staticmethod
     def _refused(block: Any) -> NDArray[np.int64]:
         """Return the cycles in which a frame that a fault put on the way was not plainly used."""
-        put = int(block["frame_ends"][sh.PUT])
+        put = int(block.ends("frame").head)
         frames = np.ascontiguousarray(block["frame"][:put, 1:]).view(FRAME)[:, 0]
         state = frames["e2e"].astype(np.int64) - INJECTED
         return np.asarray(frames["cycle"][state >= FrameState.OK_SOME_LOST], np.int64)

@@ -55,7 +55,7 @@ def supervised(_m, n, whole, values, told):
         for i in range(4):
             n.v[100 + i] = values[s, i]
         m_limit_commands(_m, n)
-        t, guard, control, put = told[s], n.guard, n.control, n.event_ends[sh.PUT]
+        t, guard, control, put = told[s], n.guard, n.control, n.event_ends.head
         last = n.event[(put - 1) % sh.EVENT_RING_ROWS]
         t[0], t[1], t[2], t[3] = n.v[1], n.v[3], n.v[4], n.v[5]
         t[4], t[5], t[6] = guard.pace, n.v[100], n.v[101]
@@ -64,13 +64,13 @@ def supervised(_m, n, whole, values, told):
         t[11], t[12], t[13] = control.held, control.stale, control.saturated
         t[14], t[15] = guard.faulted, control.fault
         t[16], t[17], t[18] = control.odd_place, control.odd_cycle, put
-        t[19], t[20] = last[2] if put > 0 else 0, last[3] if put > 0 else 0
+        t[19], t[20] = last[2] if put > 0 else 0, last.about if put > 0 else 0
         t[21], t[22], t[23] = n.rx.awaited, guard.reset, guard.stop
         t[24], t[25], t[26] = n.rx.fresh, n.rx.started, n.wire.muted
         t[27], t[28] = control.state, n.rx.starters
         t[29], t[30] = n.v[RESET_ASKED], n.rx.state[0].age_cycles
         t[31], t[32], t[33] = control.odd_bits, n.v[FAULT], n.v[ERROR_CODE]
-        t[34], t[35] = last[4] if put > 0 else 0, n.v[DISARMED]
+        t[34], t[35] = last.payload if put > 0 else 0, n.v[DISARMED]
         t[36], t[37], t[38] = control.starved, n.faults.missed, n.faults.on_wire[1].age_cycles
 
 

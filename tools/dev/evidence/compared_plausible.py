@@ -30,12 +30,12 @@ def plausible(_m, n, about, values, told, kept):
         for i in range(these.n):
             if these.row[i] == a[1]:
                 n.v[these.place[i]] = values[s, i]
-        n.event_taken[0] = n.event_ends[0]
+        n.event_taken[0] = n.event_ends.head
         t[0] = m_take_plausible(_m, n, a[1])
         t[1], t[2], t[3] = n.control.implausible, n.guard.faulted, n.control.culprit
         t[4], t[5], t[6] = n.control.odd_place, n.control.odd_cycle, n.control.odd_bits
-        event = n.event[(n.event_ends[0] - 1) % 1024]
-        t[7], t[8], t[9], t[10] = n.event_ends[0], event[2], event[3], event[4]
+        event = n.event[(n.event_ends.head - 1) % 1024]
+        t[7], t[8], t[9], t[10] = n.event_ends.head, event.code, event.argument, event.bits
         for i in range(these.n):
             kept[s, i] = n.v[these.place[i]]
             kept[s, these.n + i] = n.v[these.count_place[i]]

@@ -74,8 +74,8 @@ def reception(_m, n, about, frames, told, kept):
         for i in range(16):
             n.wire.rx[i] = frames[s, 0, i]
             n.faults.another[i] = frames[s, 1, i]
-        n.frame_taken[0] = n.frame_ends[0]
-        n.event_taken[0] = n.event_ends[0]
+        n.frame_taken[0] = n.frame_ends.head
+        n.event_taken[0] = n.event_ends.head
         if a[11] != 0:
             m_note_bus_error(_m, n)
             if n.guard.off != 0:
@@ -87,12 +87,12 @@ def reception(_m, n, about, frames, told, kept):
             t[58 + i] = n.v[BUS_AT + i]
         t[1] = m_taken_on_purpose(_m, n)
         t[2], t[3], t[4], t[5] = rx.started, rx.fresh, n.wire.muted, n.guard.faulted
-        t[6], t[7], t[8] = n.guard.quick, n.event_ends[0], n.frame_ends[0]
-        event = n.event[(n.event_ends[0] - 1) % 1024]
-        t[9], t[10], t[11] = event[2], event[3], event[4]
+        t[6], t[7], t[8] = n.guard.quick, n.event_ends.head, n.frame_ends.head
+        event = n.event[(n.event_ends.head - 1) % 1024]
+        t[9], t[10], t[11] = event.code, event.argument, event.bits
         for i in range(2):
-            last = n.frame[(n.frame_ends[0] - 1 - i) % 65536]
-            t[12 + 2 * i], t[13 + 2 * i] = last[3], last[4]
+            last = n.frame[(n.frame_ends.head - 1 - i) % 65536]
+            t[12 + 2 * i], t[13 + 2 * i] = last.about, last.payload
         for i in range(len(COUNTED)):
             t[16 + i] = words(n.control)[COUNTED[i]]
         for i in range(10):

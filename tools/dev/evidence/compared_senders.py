@@ -36,8 +36,8 @@ def senders(_m, n, about, told):
             n.wire.rx[i] = word >> 8 * i & 255
         if row >= 0:
             n.rx.state[row].age_cycles = a[7]
-        n.frame_taken[0] = n.frame_ends[0]
-        n.event_taken[0] = n.event_ends[0]
+        n.frame_taken[0] = n.frame_ends.head
+        n.event_taken[0] = n.event_ends.head
         t[0] = m_is_foreign(_m, n, row, word)
         if t[0] != 0:
             m_note_foreign(_m, n, word)
@@ -46,12 +46,13 @@ def senders(_m, n, about, told):
         m_judge_overrun(_m, n)
         t[1] = m_refused(_m, n)
         t[2], t[3], t[4] = n.control.foreign, n.guard.faulted, n.control.culprit
-        t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends[0]
+        t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends.head
         for i in range(3):
             t[8 + i] = n.rx.source[i]
-        last, event = n.frame[(n.frame_ends[0] - 1) % 65536], n.event[(n.event_ends[0] - 1) % 1024]
-        t[11], t[12] = last[3] if t[7] > 0 else 0, n.event_ends[0]
-        t[13], t[14], t[15] = event[2], event[3], event[4]
+        last = n.frame[(n.frame_ends.head - 1) % 65536]
+        event = n.event[(n.event_ends.head - 1) % 1024]
+        t[11], t[12] = last.about if t[7] > 0 else 0, n.event_ends.head
+        t[13], t[14], t[15] = event.code, event.argument, event.bits
 """
 
 

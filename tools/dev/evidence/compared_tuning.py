@@ -33,7 +33,7 @@ libc.load_acquire, libc.store_release = loop_function(_load), loop_function(_sto
 _push = push_event
 def _limited(n, code, argument, value):
     _push(n, code, argument, value)
-    if n.event_ends[8] > 0:  # dropped
+    if n.event_ends.dropped > 0:  # dropped
         n.k = -(1 << 62)
 push_event = loop_function(_limited)
 """  # no mutant may go on for ever
@@ -48,12 +48,12 @@ def tuned(_m, n, about, gain, index, value, told, kept):
         n.v[1], n.guard.waits, n.guard.gain, n.faults.n_places = a[7], a[8], gain[s], a[9]
         for i in range(64):
             n.mail_index[i], n.mail_value[i] = index[s, i], value[s, i]
-        n.event_taken[0] = n.event_ends[0]
+        n.event_taken[0] = n.event_ends.head
         m_tune(_m, n)
         for i in range(4):
             t[i] = words(n.answer)[i]
-        event = n.event[(n.event_ends[0] - 1) % 1024]
-        t[4], t[5], t[6], t[7] = n.event_ends[0], event[2], event[3], event[4]
+        event = n.event[(n.event_ends.head - 1) % 1024]
+        t[4], t[5], t[6], t[7] = n.event_ends.head, event.code, event.argument, event.bits
         t[8], t[9] = n.control.refused, n.tuning.done
         for i in range(201):
             kept[s, i] = n.v[i]

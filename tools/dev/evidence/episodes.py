@@ -40,7 +40,8 @@ class Episodes:
         self, mutant: NDArray[Any], private: NDArray[np.uint8], inputs: Arrays, expected: Arrays
     ) -> bool:
         n = self._loop
-        words_of(n.control)[:] = words_of(n.answer)[:] = n.event_ends[:] = n.frame_ends[:] = 0
+        for record in (n.control, n.answer, n.event_ends, n.frame_ends):
+            words_of(record)[:] = 0
         n.event[:] = n.frame[-2:] = n.frame[:FRAMES] = 0
         self._private[:] = private
         outputs = [np.zeros_like(one) for one in expected]

@@ -27,7 +27,6 @@ from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control, reception
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.evidence import expected
@@ -62,7 +61,7 @@ def fed(n: Any, fd: Any, packets: Any, lengths: Any, state: Any, counts: Any, to
             words(n.control)[counts[i]] = 0
         for i in range(FRAME_BYTES):
             n.wire.rx[i] = 0
-        n.frame_taken[0], n.event_taken[0] = n.frame_ends[sh.PUT], n.event_ends[sh.PUT]
+        n.frame_taken[0], n.event_taken[0] = n.frame_ends.head, n.event_ends.head
         libc.send(fd, libc.address(packets[s]), lengths[s], libc.MSG_DONTWAIT)
         told[s, 0] = reception.take(n, True)
         for i in range(counts.shape[0]):

@@ -4,8 +4,8 @@ import math
 import time
 from typing import Any
 
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import reason
+from pcpc.executive.loop.timing_layout import BUCKETS, Stage
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.executive.nodes.mailbox import LEVELS, level_of
@@ -93,7 +93,7 @@ class Status:
             "pacing": about["metadata"].get("pacing", ""),
             "counters": {name: int(control[word]) for name, word in _COUNTERS.items()},
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
-            "late": _octaves(block["histogram"][0]),
+            "late": _octaves(block["histogram"][Stage.WAKE_LATE]),
             "locked": LEVELS.index(level_of(block)),
             "armed": now[operating.DISARMED] == 0.0, "in_charge": operating.in_charge(live, now),
         }  # fmt: skip
@@ -109,7 +109,7 @@ class Status:
 def _octaves(histogram: Any) -> list[list[float]]:
     """Return how many cycles woke later than 2^i ns and not than 2^(i + 1), as [us, count]."""
     counts = [[16e-3, float(histogram[:16].sum())]]
-    for at in range(16, sh.BUCKETS, _PERIODS):
+    for at in range(16, BUCKETS, _PERIODS):
         end_us = 1e-3 * 2 ** (5 + (at - 16) // _PERIODS)
         counts.append([end_us, float(histogram[at : at + _PERIODS].sum())])
     used = [i for i, (_, count) in enumerate(counts) if count]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.start import bus_load
 
@@ -47,7 +47,7 @@ class Traffic:
     def __init__(self, live: Live) -> None:
         self.kinds = _frame_kinds(live)
         self._live, self._new = live, list[NDArray[np.int64]]()
-        self._lately = np.zeros((0, sh.FRAME_WORDS), np.int64)
+        self._lately = np.zeros((0, FRAME_WORDS), np.int64)
         self._since_s, self._cycle = time.monotonic(), int(live.block.control.cycle)
         facts = live.block.description["metadata"]
         self._clocked = facts.get("pacing") not in WITHOUT_CLOCK
@@ -70,7 +70,8 @@ class Traffic:
         counted = bus_load.Counted(new)
         self.seen, self.sent = counted.seen, counted.sent
         lately = np.concatenate((self._lately, new))
-        self._lately = lately[lately[:, 1] > lately[-1:, 1] - _SPAN_NS]
+        stamps = lately[:, OfFrame.STAMP_NS]
+        self._lately = lately[stamps > stamps[-1:] - _SPAN_NS]
         self.spacing = bus_load.spacing(self._lately)
 
     @functools.cached_property

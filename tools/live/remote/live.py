@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import EVENT_WORDS, FRAME_WORDS
 from pcpc.executive.nodes import live as here
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LEVELS
@@ -123,7 +124,7 @@ class Remote(Live):
 
     def _columns(self, ring: str) -> int:
         own = int(self._mirror.description["record_columns"])
-        return {"record": own, "frame": sh.FRAME_WORDS, "event": sh.EVENT_WORDS}[ring]
+        return {"record": own, "frame": FRAME_WORDS, "event": EVENT_WORDS}[ring]
 
 
 class RemoteNodes(Nodes):

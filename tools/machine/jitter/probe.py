@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
+from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
@@ -22,7 +23,7 @@ from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.progress import Progress
 
 RIG = Path(__file__).resolve().parents[3] / "plants" / "probe" / "rig.yaml"
-STAGES = ("wake_late", "receive", "step", "send", "publish")
+STAGES = Stage.words()[: Stage.WORK]
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig
 ROLES = ("executive", "plant")
 _COUNTERS = ("passes", "late_cycles", "skipped_cycles", "send_errors", "held_cycles")

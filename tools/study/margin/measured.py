@@ -24,7 +24,6 @@ import numpy as np
 
 from pcpc.drivers.compiled.jit import VIEW, i8, loop, types
 from pcpc.drivers.errors import UserError
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.exchange import meet, pass_on, work_below
 from pcpc.executive.loop.faults import reason
@@ -282,7 +281,7 @@ def _drop_records(run: VirtualRun) -> None:
     """Forget the records of the nodes."""
     for block in run.blocks:
         for name in ("record", "frame", "event"):
-            block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
+            block[f"{name}_taken"][0] = block.ends(name).head
 
 
 def _why(run: VirtualRun, k: int) -> str:

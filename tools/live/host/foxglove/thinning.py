@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.loop.shared import FRAME_WORDS
+from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame, OfRecord
 
 RATE_HZ = 50
 _SLOT_NS = 10**9 // RATE_HZ
-_KIND = 0x0000_FF00_FFFF_FFFF  # id and direction, in the fourth word of a frame
+_KIND = 0x0000_FF00_FFFF_FFFF  # id and direction
 
 Rows = NDArray[np.int64]
 
@@ -32,7 +32,7 @@ class Thinning:
 
     def cycles(self, rows: Rows) -> Rows:
         """Return those of the rows of cycles that go."""
-        slots = rows[:, 0] // self._stride
+        slots = rows[:, OfRecord.CYCLE] // self._stride
         chosen = rows[_first_of_each(slots, self._cycles_slot)]
         if len(slots):
             self._cycles_slot = max(self._cycles_slot, int(slots[-1]))
@@ -41,7 +41,7 @@ class Thinning:
     def frames(self, rows: Rows) -> Rows:
         """Return those of the frames that go, of the slots that are over."""
         rows = np.concatenate((self._open, rows))
-        slots = rows[:, 1] // _SLOT_NS
+        slots = rows[:, OfFrame.STAMP_NS] // _SLOT_NS
         over = int(np.searchsorted(slots, slots[-1])) if len(slots) else 0
         self._open = rows[over:]
         begins = np.flatnonzero(np.diff(slots[:over], prepend=-1)).tolist()
@@ -50,7 +50,7 @@ class Thinning:
 
     def _next(self, rows: Rows, begin: int, end: int) -> int:
         """Return the place of the frame whose kind went longest ago; note that it goes."""
-        kinds = (rows[begin:end, 3] & _KIND).tolist()
+        kinds = (rows[begin:end, OfFrame.ABOUT] & _KIND).tolist()
         place = min(range(len(kinds)), key=lambda i: self._went.get(kinds[i], -1))
         self._count += 1
         self._went[kinds[place]] = self._count

@@ -14,6 +14,7 @@ from pcpc.executive.log.channels import Channels
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
+from pcpc.executive.loop.ring_layout import OfEvent
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.live.host.foxglove.thinning import Thinning
@@ -83,7 +84,8 @@ class NodeTopics:
     def _tell(self, row: NDArray[np.int64]) -> None:
         """Send an event or a tuning in words."""
         topic, entry = entry_of(row, self._about)
-        wall_ns, cycle = int(row[0]) + self._channels.wall_ns, int(row[1])
+        wall_ns = int(row[OfEvent.STAMP_NS]) + self._channels.wall_ns
+        cycle = int(row[OfEvent.CYCLE])
         name, value = str(entry.get("name", "")), entry["value"]
         if topic == "tunings":
             unit = self._live.variables[name].unit
