@@ -64,13 +64,13 @@ def supervised(_m, n, whole, values, told):
         t[11], t[12], t[13] = control.held, control.stale, control.saturated
         t[14], t[15] = guard.faulted, control.fault
         t[16], t[17], t[18] = control.odd_place, control.odd_cycle, put
-        t[19], t[20] = last[2] if put > 0 else 0, last.about if put > 0 else 0
+        t[19], t[20] = last.code if put > 0 else 0, last.argument if put > 0 else 0
         t[21], t[22], t[23] = n.rx.awaited, guard.reset, guard.stop
         t[24], t[25], t[26] = n.rx.fresh, n.rx.started, n.wire.muted
         t[27], t[28] = control.state, n.rx.starters
         t[29], t[30] = n.v[RESET_ASKED], n.rx.state[0].age_cycles
         t[31], t[32], t[33] = control.odd_bits, n.v[FAULT], n.v[ERROR_CODE]
-        t[34], t[35] = last.payload if put > 0 else 0, n.v[DISARMED]
+        t[34], t[35] = last.bits if put > 0 else 0, n.v[DISARMED]
         t[36], t[37], t[38] = control.starved, n.faults.missed, n.faults.on_wire[1].age_cycles
 
 
