@@ -221,7 +221,8 @@ def branched(log: logs.Log) -> list[str]:
     about = log.metadata.get(LEADER, {})
     if "branch_of" not in about:
         return []
-    return [f"branch at cycle {about.get('branch_cycle')} of {about['branch_of']}"]
+    parent = Path(about["branch_of"])
+    return [f"branch at cycle {about.get('branch_cycle')} of {parent.parent.name}/{parent.name}"]
 
 
 def is_branch(summary: Summary) -> bool:
