@@ -145,6 +145,16 @@ def test_a_change_is_what_the_same_change_in_the_schedule_is(tmp_path: Path) -> 
     assert run_here("replay", new, "--quiet").code == 0
 
 
+def test_a_parameter_of_the_plant_changes_in_its_own_cycle(hull: Path, tmp_path: Path) -> None:
+    change = "plant:barrel.coulomb_Nm=4"
+    new = logs.read(branched(hull, tmp_path / "b", "--cycle", "100", "--set", change)).node["plant"]
+    (tuning,) = new.tunings
+    assert (tuning["cycle"], tuning["name"], tuning["value"]) == (100, "barrel.coulomb_Nm", 4.0)
+    old = logs.read(hull).node["plant"]
+    unequal = [np.flatnonzero(x != new.columns[name]) for name, x in old.columns.items()]
+    assert min(at[0] for at in unequal if len(at)) in (100, 101), "acts in the step to the next"
+
+
 def _torque(path: Path) -> np.ndarray[Any, Any]:
     return logs.read(path).node["executive"].columns["controller.motor_torque_Nm"]
 
