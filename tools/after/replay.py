@@ -7,6 +7,7 @@ loop: the plant does not answer) and shows how far that is from the record.
 """
 
 import argparse
+import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -76,6 +77,32 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
     return [node.verdict for node in nodes]
 
 
+def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
+    """Return the cycle that `--cycle` or `--time` gives; UserError for one that is none."""
+    if (options.cycle is None) == (options.time is None):
+        raise UserError("which cycle? give --cycle N or --time S")
+    if options.time is not None and not 0.0 <= options.time < math.inf:
+        raise UserError(f"--time {options.time:g}: expected 0 s or more")
+    lead = next(iter(head.node.values())).description
+    cycle = options.cycle
+    if cycle is None:
+        cycle = round(options.time * 1e9 / float(lead["period_ns"]))
+    if not 0 <= cycle < 2**53:
+        raise UserError(f"--cycle {cycle}: expected 0 or more")
+    return int(cycle)
+
+
+def recomputed(path: Path, nodes: Sequence["Comparison"]) -> Iterator[logs.Log]:
+    """Recompute the nodes to their last cycles; yield the log's pieces on the way. LogError."""
+    frontier = Frontier()
+    for piece, last in logs.pieces(path, see=frontier.see):
+        for node in nodes:
+            node.take(piece, frontier.whole[node.role], last)
+        yield piece
+        if all(node.is_there for node in nodes):
+            return
+
+
 def _of_device(head: logs.Log) -> bool:
     """Return whether a log is that of a plant with a device whose order is certain."""
     return is_installed(_DEVICE) and bool(part_of(_DEVICE, "replay").is_of_device(head))
@@ -131,6 +158,20 @@ class Comparison:
             raise logs.LogError(f"{self.path}: {self.role}: {error}") from None
         if last and self.last == ALL:
             _told_as_missing(self.verdict, self.recorded.left)
+
+    def require_end(self) -> None:
+        """Raise UserError if it did not come to its last cycle with the bits of the log."""
+        verdict, k, first = self.verdict, int(self.replay.block.loop.k), self.verdict.first()
+        if first is not None:
+            what = f"{first.name} in cycle {first.cycle} is recorded as {first.recorded}, "
+            what += f"recomputed it is {first.recomputed}: laws or versions have changed"
+            raise UserError(f"{self.path}: {self.role}: {what}; see `pcpc replay`")
+        if verdict.incomplete or verdict.dropped:
+            what = verdict.incomplete or f"{verdict.dropped} frames or events are missing"
+            raise UserError(f"{self.path}: {self.role}: {what}")
+        if k != self.last + 1:
+            what = f"cycle {self.last} is not there; it was skipped, or the log ends before"
+            raise UserError(f"{self.path}: {self.role}: {what}; choose another --cycle")
 
     def _parts(self, whole: int, last: bool) -> Iterator[Slice]:
         """Yield what is complete up to cycle `whole`, first what a branch took from its log."""

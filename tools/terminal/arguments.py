@@ -30,6 +30,12 @@ def settings(add: Add, help: str) -> None:
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
 
 
+def moment(add: Add, help: str) -> None:
+    """Take a cycle of a log."""
+    add("--cycle", type=int, metavar="N", help=help)
+    add("--time", type=float, metavar="S", help="the same as a time of the run, s")
+
+
 def rig(add: Add) -> None:
     """Take a rig and what is changed in it."""
     add(

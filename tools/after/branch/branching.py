@@ -106,7 +106,7 @@ class Branch(VirtualRun):
             comes = f"the log comes to cycle {newest}" if newest >= 0 else "the log holds none"
             raise UserError(f"{path}: cycle {self.cycle} is not there, {comes}")
         for node in () if self._anew else self._nodes:
-            self._check(node)
+            node.require_end()
         if not self._anew:
             hand_on([block.loop for block in self.blocks])
         for node in self._nodes:
@@ -133,21 +133,6 @@ class Branch(VirtualRun):
             count = cycle[at[0] + 1] - cycle[at[0]] - 1
             what = f"the {node.role} of the log skipped {count} periods behind cycle"
             self.notes.append(f"{what} {cycle[at[0]]}; the branch skips none")
-
-    def _check(self, node: Comparison) -> None:
-        """Raise UserError for a node that did not come to its cycle with the bits of the log."""
-        verdict, path = node.verdict, self.head.path
-        k, first = int(node.replay.block.loop.k), verdict.first()
-        if first is not None:
-            what = f"{first.name} in cycle {first.cycle} is recorded as {first.recorded}, "
-            what += f"recomputed it is {first.recomputed}: laws or versions have changed"
-            raise UserError(f"{path}: {node.role}: {what}; see `pcpc replay`")
-        if verdict.incomplete or verdict.dropped:
-            what = verdict.incomplete or f"{verdict.dropped} frames or events are missing"
-            raise UserError(f"{path}: {node.role}: {what}")
-        if k != node.last + 1:
-            what = f"cycle {node.last} is not there; it was skipped, or the log ends before"
-            raise UserError(f"{path}: {node.role}: {what}; choose another --cycle")
 
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Return by node the parameters that can be set, as variables of its table."""

@@ -25,6 +25,7 @@ from pcpc.tools.after.branch.branching import Branch, Change
 from pcpc.tools.after.compare.overlay import How
 from pcpc.tools.after.compare.recorded import compared
 from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.replay import cycle_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
@@ -42,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
     head = logs.head(path)
     if _LEADER not in head.node:
         raise UserError(f"{path}: no record of the executive; a branch needs all nodes")
-    cycle = _cycle(head, options)
+    cycle = cycle_of(head, options)
     with tempfile.TemporaryDirectory(prefix="pcpc-branch-") as folder:
         chosen = argparse.Namespace(
             **vars(options) | {"controller": None, "set": _of_the_rig(head, options)}
@@ -112,19 +113,6 @@ def _to_end(run: Branch, rig: Rig, outcome: Outcome, progress: Progress) -> None
 
 
 # What was asked for
-
-
-def _cycle(head: logs.Log, options: argparse.Namespace) -> int:
-    """Return the first cycle that is different; UserError for one that is none."""
-    if (options.cycle is None) == (options.time is None):
-        raise UserError("give --cycle N or --time S: from where on is it different?")
-    period_s = 1e-9 * float(head.node[_LEADER].description["period_ns"])
-    if options.time is not None and not 0.0 <= options.time < math.inf:
-        raise UserError(f"--time {options.time:g}: expected 0 s or more")
-    cycle = options.cycle if options.time is None else round(options.time / period_s)
-    if not 0 <= cycle < 2**53:
-        raise UserError(f"--cycle {cycle}: expected 0 or more")
-    return int(cycle)
 
 
 def _of_the_rig(head: logs.Log, options: argparse.Namespace) -> list[str]:

@@ -7,8 +7,7 @@ from pcpc.tools.terminal.command import Add, Command
 def branch(add: Add) -> None:
     """Take a log, a cycle, and what is different from there on."""
     add("log", metavar="LOG", help="log file, run folder or latest")
-    add("--cycle", type=int, metavar="N", help="first cycle that is different, of the executive")
-    add("--time", type=float, metavar="S", help="the same as a time of the run, s")
+    take.moment(add, "first cycle that is different, of the executive")
     take.settings(add, "set a parameter there, as controller.kv_Nms_rad=130; NODE:NAME=VALUE "
                        "where several nodes have it")  # fmt: skip
     add("--controller", metavar="NAME", help="hand over to this controller there")

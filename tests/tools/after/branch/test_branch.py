@@ -189,7 +189,7 @@ def test_later_tunings_of_the_log_come_as_they_did(tmp_path: Path) -> None:
         "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}, "
         "{at_s: 0.5, set: {controller.kv_Nms_rad: 120}}]",
     )  # fmt: skip
-    for n in (100, 200, 201, 500, 550):
+    for n in (100, 200, 201, 202, 203, 500, 550):
         assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
 
 
@@ -227,8 +227,8 @@ def test_a_branch_says_of_what_it_is_one(tmp_path: Path) -> None:
 
 
 WRONG: Sequence[tuple[Sequence[str], str]] = [
-    ((), "give --cycle N or --time S"),
-    (("--cycle", "5", "--time", "1"), "give --cycle N or --time S"),
+    ((), "which cycle? give --cycle N or --time S"),
+    (("--cycle", "5", "--time", "1"), "which cycle? give --cycle N or --time S"),
     (("--cycle", "-1"), "expected 0 or more"),
     (("--cycle", "300"), "cycle 300 is not there, the log comes to cycle 299"),
     (("--cycle", "301"), "cycle 301 is not there, the log comes to cycle 299"),

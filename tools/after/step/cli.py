@@ -1,0 +1,145 @@
+"""`pcpc step LOG --cycle N`: a cycle of each node, from the frames that came to those it sent.
+
+    in       frames that the node took, with the result of their check, and what they said last
+    blocks   in the order in which they are stepped: inputs, states, outputs
+    out      what was sent, behind the limits, and the frames that carried it
+
+All values are those at the end of the cycle, recomputed; those that were recorded are compared to
+the bit. Clock readings stand in `pcpc log cat`.
+"""
+
+import argparse
+import json
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.can.e2e_states import name_of
+from pcpc.drivers.errors import BusError, Exit, UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop.table import Variable
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log.cat import frame_text
+from pcpc.tools.after.replay import Comparison, cycle_of, recomputed
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.progress import Progress
+
+_ORDER = "piso"  # initials of parameter, input, state, output
+
+
+def command(options: argparse.Namespace) -> int:
+    """Recompute up to the cycle, then print it."""
+    path = Path(options.log)
+    head = logs.head(path)
+    cycle, progress = cycle_of(head, options), Progress(options.quiet)
+    roles = [role for role in logs.NODES if role in head.node and options.node in (role, "all")]
+    if not roles:
+        raise UserError(f"{path}: no record of node {options.node}")
+    given = argparse.Namespace(**vars(options) | {"controller": None, "set": []})
+    frames: dict[str, list[Any]] = {role: [] for role in roles}
+    with tempfile.TemporaryDirectory(prefix="pcpc-step-") as folder:
+        try:
+            with log_rig.rig_of(head, Path(folder), given) as rig:
+                nodes = [Comparison(head, rig, role, cycle) for role in roles]
+        except BusError as error:  # the log's DBC, not a bus of this machine
+            raise UserError(str(error)) from None
+        for piece in recomputed(path, nodes):
+            for role in (role for role in roles if role in piece.node):
+                own = piece.node[role].frames
+                frames[role] += list(own[own["cycle"] == cycle])
+            progress.show(f"recomputed {min(node.verdict.cycles for node in nodes)}/{cycle}")
+    progress.close()
+    for node in nodes:
+        node.require_end()
+    cycles = [Cycle(node, frames[node.role]) for node in nodes]
+    chosen = _chosen(cycles, options.show)
+    if options.json:
+        print(json.dumps([one.as_dict(cycle, chosen) for one in cycles], indent=1))
+    else:
+        lines = [one.lines(cycle, chosen, not options.show) for one in cycles]
+        print("\n\n".join("\n".join(part) for part in lines if len(part) > 1))
+    return Exit.OK
+
+
+def _chosen(cycles: Sequence["Cycle"], words: Sequence[str]) -> set[str]:
+    """Return the variables that names and patterns choose, else all but parameters; UserError."""
+    known = {one.name: one.kind for each in cycles for one in each.variables}
+    if not words:
+        return {name for name, kind in known.items() if kind != "parameter"}
+    found: set[str] = set()
+    for word in words:
+        matched = {name for name in known if fnmatchcase(name, word)}
+        if not matched:
+            raise UserError(f"--show {word}: no such variable{did_you_mean(word, known)}")
+        found |= matched
+    return found
+
+
+class Cycle:
+    """What a node has in its table at the end of a cycle, and the frames of that cycle."""
+
+    def __init__(self, node: Comparison, frames: Sequence[Any]) -> None:
+        made, self.role, self.frames = node.replay.plan, node.role, frames
+        measured = {*node.replay.block.description["timing_columns"]}
+        self.variables = [v for v in made.table.variables if v.name not in measured]
+        self.values = {
+            v.name: float(node.replay.block.loop.v[made.table.index[v.name]])
+            for v in self.variables
+        }
+        self.blocks = [spec.name for spec in made.spec.blocks]
+        self.sources = node.replay.block.description["sources"]
+        self.names = node.replay.block.description["frames"]
+        self.period_s = 1e-9 * int(node.replay.block.description["period_ns"])
+
+    def stages(self) -> Iterator[tuple[str, list[Variable]]]:
+        """Yield the stages in the order of a cycle, with their variables."""
+        of: dict[str, list[Variable]] = {}
+        for one in self.variables:
+            of.setdefault(one.name.partition(".")[0], []).append(one)
+        known = {"rx": "signals in", "tx": "signals out"}
+        known |= {name: f"block {name}" for name in self.blocks}
+        for key in (*(key for key in of if key not in known), "rx", *self.blocks, "tx"):
+            if key in of:
+                yield known.get(key, key), sorted(of[key], key=lambda one: _ORDER.find(one.kind[0]))
+
+    def taken(self, direction: int) -> list[tuple[str, str, str]]:
+        """Return name, bytes and check of the frames received (1) or sent (0)."""
+        return [
+            (self.names.get(str(int(one["id"])), "?"), frame_text(one), name_of(int(one["e2e"])))
+            for one in self.frames if one["direction"] == direction
+        ]  # fmt: skip
+
+    def lines(self, cycle: int, chosen: set[str], frames: bool) -> list[str]:
+        """Return the text for a terminal; `frames`: with those of the cycle."""
+        found = [f"{self.role}, cycle {cycle} ({cycle * self.period_s:.6g} s)"]
+        if frames:
+            found += [f"  frame in   {' '.join(one)}" for one in self.taken(1)]
+        for title, variables in self.stages():
+            rows = [self._row(one) for one in variables if one.name in chosen]
+            found += [title, *screen.table(rows, right=(2,))] if rows else []
+        if frames:
+            found += [f"  frame out  {' '.join(one[:2])}" for one in self.taken(0)]
+        return found
+
+    def _row(self, one: Variable) -> tuple[str, str, str, str]:
+        """Return kind, name, value and unit, and of a limited command what was wanted."""
+        value, source = self.values[one.name], self.sources.get(one.name, "")
+        wanted = self.values.get(source, value) if one.kind == "sent" else value
+        limited = "" if wanted == value or math.isnan(wanted) else f" limited, {wanted:.6g} wanted"
+        kind = {"input": "in", "output": "out", "parameter": "set"}.get(one.kind, one.kind)
+        kind = kind if kind in ("in", "out", "set", "state") else ""
+        return f"  {kind}", one.name, f"{value:.9g}", f"{one.unit}{limited}"
+
+    def as_dict(self, cycle: int, chosen: set[str]) -> dict[str, Any]:
+        """Return everything for JSON; what is not finite is text."""
+        values = {name: self.values[name] for name in self.values if name in chosen}
+        return {
+            "node": self.role, "cycle": cycle, "t_s": cycle * self.period_s,
+            "received": [{"name": a, "frame": b, "check": c} for a, b, c in self.taken(1)],
+            "sent": [{"name": a, "frame": b} for a, b, _ in self.taken(0)],
+            "values": {k: x if math.isfinite(x) else repr(x) for k, x in values.items()},
+        }  # fmt: skip
