@@ -6,7 +6,8 @@
     w  = u_1 + ... + u_12 - 6                              standard deviate, |w| < 6       (4)
 
 All states are whole numbers below 2^32 and all products below 2^53, so every operation is exact.
-The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9 instead of 3 (thin tails).
+The period is about 2^191. A deviate lies within -6 to 6 and has mean 0, variance 1 and kurtosis 2.9
+instead of 3.
 A stream is six states (6,): s1, then s2, oldest first.
 
 Source: L'Ecuyer, Good parameters and implementations for combined multiple recursive random number
@@ -55,7 +56,7 @@ def uniform(s: Array) -> float:
 
 @inline
 def normal(s: Array) -> float:
-    """Advance the stream `s` and return its next standard deviate, (4)."""
+    """Advance the stream `s` and return its next standard deviate."""  # (4)
     total = -6.0
     for _ in range(_SUMMANDS):
         total += uniform(s)

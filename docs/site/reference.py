@@ -25,12 +25,17 @@ from pcpc.tools.cli.commands import GROUPS, TITLES
 from pcpc.tools.terminal.command import Command
 
 _Leaf = tuple[Command, argparse.ArgumentParser]  # a command without parts
+_Words = tuple[str, str]  # a name and what it means
 _Row = tuple[str | Exit, str]  # an argument and its help, or an exit code and its words
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100
 _NAME = 30  # of them for a name with its meaning beside it
 _NOTE = "<!-- written by `make reference`; change its source, not this page -->"
+_OURS = "dev"  # the group that is not in the wheel: its help is enough
+_OUR = """
+The wheel does not have these commands. Their `--help` prints the options.
+"""
 _COMMANDS = f"""# Commands
 {_NOTE}
 
@@ -112,12 +117,16 @@ def commands() -> str:
     codes = [(f"{code:<5d}{code.meaning}", _CODES[code]) for code in Exit]
     lines = [_COMMANDS, "```text", *_columns(codes), "```"]
     parsers = _parts(cli.parser())
-    found = [(one, parsers[one.name]) for group in GROUPS.values() for one in group]
+    told = [one for name, group in GROUPS.items() if name != _OURS for one in group]
+    found = [(one, parsers[one.name]) for one in told]
     common = _common([leaf for one in found for leaf in _leaves(*one)])
     shared = [(one, said) for (_, said), one in common.items() if one]
     lines += [_SHARED, "```text", *_columns(shared), "```"]
     for name, group in GROUPS.items():
         lines.append(f"\n## {TITLES[name][0].upper()}{TITLES[name][1:]}")
+        if name == _OURS:
+            lines += [_OUR, *(f"- `pcpc {one.name}`: {one.help}" for one in group)]
+            continue
         for command in group:
             lines += _command(command, parsers[command.name], common)
     return "\n".join(lines) + "\n"
@@ -226,11 +235,13 @@ def rig_python() -> str:
     """Return the page of what a rig's Python files import."""
     lines = [_RIG_PYTHON, "## Laws and plants: blocks\n", _told("executive.laws.block")]
     lines += _vocabulary(_BLOCKS)
-    lines += ["\n## Functions with the same bits everywhere\n", _told("executive.laws.emath")]
-    lines += _functions("executive.laws.emath")
+    emath = "executive.laws.emath"
+    lines += ["\n## Functions with the same bits everywhere\n", _told(emath, equations=False)]
+    lines += _functions(emath)
     lines.append(_PARTS_OF_PLANTS)
     for part in _PARTS:
-        lines += [f"\n### {part}\n", _told(f"plants.{part}"), *_functions(f"plants.{part}")]
+        told = _told(f"plants.{part}", equations=part != "noise")
+        lines += [f"\n### {part}\n", told, *_functions(f"plants.{part}")]
     lines += ["\n## References\n", _told("executive.laws.references"), *_references()]
     lines += ["\n## An evaluation\n", _told("plants.evaluation"), "\n### Figures of merit\n"]
     merits = f"A {_statistics()} takes what `Merit` does, but the statistic."
@@ -243,9 +254,11 @@ def _module(name: str) -> Any:
     return importlib.import_module(f"pcpc.{name}")
 
 
-def _told(module: str) -> str:
+def _told(module: str, equations: bool = True) -> str:
+    """Return the head of a module, without its literature and, if so asked, its equations."""
     paragraphs = inspect.cleandoc(_module(module).__doc__).split("\n\n")
-    return _prose("\n\n".join(one for one in paragraphs if not one.startswith("Source:")))
+    shown = [one for one in paragraphs if not one.startswith("Source:")]
+    return _prose("\n\n".join(one for one in shown if equations or not _EQUATION.search(one)))
 
 
 def _defined(module: str) -> dict[str, Any]:
@@ -288,22 +301,35 @@ def _functions(module: str) -> list[str]:
     return ["\n```text", *_columns(rows), "```"]
 
 
+_EQUATION = re.compile(r" \(\d\)$", re.MULTILINE)  # its number, at the end of a line
 _FURTHER = re.compile(r"_(?:[2-9]|1\d)(?:_s)?$")  # numbered like the first one: to_2
 
 
 def _references() -> list[str]:
-    """Return the ready-made references with their parameters."""
+    """Return the ready-made references with their parameters; those that most have stand once."""
     lines = []
     for module in ("references", "profiles", "sequences"):
         found = vars(_module(f"executive.laws.{module}")).items()
-        for name, block in ((name, one) for name, one in found if isinstance(one, Block)):
-            rows = []
-            for one in (s for s in block.settings if not _FURTHER.search(s.name)):
-                default = "" if one.default is None else f"; default: {one.default:g}"
-                said = f"{one.help}, {one.low:g}..{one.high:g}{default}"
-                rows.append((f"    {one.name}", said))
-            lines += [f"{module}:{name}", *_columns(rows)]
+        tables = {name: _parameters(one) for name, one in found if isinstance(one, Block)}
+        count = Counter(row for rows in tables.values() for row in rows)
+        groups: dict[str, list[_Words]] = {}
+        for row in (row for row, number in count.items() if 3 * number > 2 * len(tables)):
+            names = ", ".join(name for name, rows in tables.items() if row in rows)
+            groups.setdefault(names, []).append(row)
+        shared = [row for rows in groups.values() for row in rows]
+        groups |= {name: own for name, rows in tables.items()
+                   if (own := [row for row in rows if row not in shared])}  # fmt: skip
+        for names, rows in groups.items():
+            lines += [f"{module}:{names}", *_columns(rows)]
     return [_REFERENCES, *lines, "```"]
+
+
+def _parameters(block: Block) -> list[_Words]:
+    rows = []
+    for one in (port for port in block.settings if not _FURTHER.search(port.name)):
+        default = "" if one.default is None else f"; default: {one.default:g}"
+        rows.append((f"    {one.name}", f"{one.help}, {one.low:g}..{one.high:g}{default}"))
+    return rows
 
 
 def _statistics() -> str:

@@ -198,7 +198,7 @@ def exp(x: float) -> float:
 
 @inline
 def expmsq(x: float) -> float:
-    """Return exp(-x^2); the rounding error of x^2 is carried along (3)."""
+    """Return exp(-x^2); the rounding error of x^2 is carried along."""  # (3)
     x = clip(x, -27.5, 27.5)
     high = SPLIT * x
     high = high - (high - x)
@@ -226,7 +226,7 @@ def _tanh_polynomial(z: float) -> float:
 
 @inline
 def tanh(x: float) -> float:
-    """Return the hyperbolic tangent (4), odd to the last bit."""
+    """Return the hyperbolic tangent, odd to the last bit."""  # (4)
     size = abs(x)
     size = where(size > 22.0, 22.0, size)  # where tanh rounds to 1
     z = size * size
@@ -243,7 +243,7 @@ def tanh(x: float) -> float:
 
 @inline
 def logistic(x: float) -> float:
-    """Return 1 / (1 + exp(-x)) (5)."""
+    """Return 1 / (1 + exp(-x))."""  # (5)
     e = exp(-abs(x))
     return where(x < 0.0, e, 1.0) / (1.0 + e)
 
