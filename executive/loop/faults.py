@@ -18,7 +18,7 @@ SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, BACK_FROM_OFF, COLLISION, PROTOCOL, SEN
 )  # fmt: skip
 GENERIC, COMMUNICATION = 0x01, 0x11
 
-RAMP = "ramp to safe values"
+RAMP = "ramp"
 QUICK = "quick stop"
 END = "the node ends with its safe values"
 DIES = "the node ends; the watchdog of the other one acts"

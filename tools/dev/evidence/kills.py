@@ -51,8 +51,7 @@ CASES = (*product(SIGNALS, PROCESSES), ("BORN", "recorder"))
 CONFIDENCE = 0.95
 JOBS = 3  # side by side, each on a bus of its own: they wait more than they work
 MOST_MS = 1000.0  # what a kill may cost of a log, see `executive.log.recorder`
-_HEADER = ("process", "signal", "runs", "safe", "at 95 %", "cycles", "log", "ms p50", "max", "left",
-           "next ok")  # fmt: skip
+_HEADER = ("process", "signals", "runs", "safe", "cycles", "log", "ms p50", "max", "left", "next")
 _RIG = """\
 base: {base}
 rig: kills
@@ -260,22 +259,29 @@ def failures_of(row: Mapping[str, Any]) -> list[str]:
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a line for each process and signal: how many runs ended as they should."""
-    cells: list[Sequence[str]] = [_HEADER]
+    """Return how many runs of each process and signal ended well; equal ones share a line."""
+    names: dict[tuple[str, ...], list[str]] = {}
     for name, process in sorted(CASES, key=lambda case: PROCESSES.index(case[1])):
         some = [row for row in rows if (row["process"], row["signal"]) == (process, name)]
         if some:
-            cells.append((process, name, *_counted(some)))
-    return screen.table(cells, right=range(2, len(_HEADER)))
+            names.setdefault((process, *_counted(some)), []).append(name)
+    cells = [(process, " ".join(some), *counts) for (process, *counts), some in names.items()]
+    return screen.table([_HEADER, *cells], right=range(2, len(_HEADER)))
+
+
+def safe_of(rows: Sequence[Mapping[str, Any]]) -> tuple[int, float]:
+    """Return how many runs stayed safe, and the lower bound of their share."""
+    done = [row for row in rows if "at" in row]
+    safe = sum(not row["unsafe"] and max(row["exposed"].values()) <= row["limit"] for row in done)
+    return safe, lower_bound(safe, len(rows), CONFIDENCE)
 
 
 def _counted(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the figures of one line of the table."""
     done = [row for row in rows if "at" in row]  # the others never got to their moment
-    safe = sum(not row["unsafe"] and max(row["exposed"].values()) <= row["limit"] for row in done)
     missing = [row["missing_ms"] for row in done if row["opens"]]
     return [
-        str(len(rows)), str(safe), f"{100.0 * lower_bound(safe, len(rows), CONFIDENCE):.1f} %",
+        str(len(rows)), str(safe_of(rows)[0]),
         str(max((max(row["exposed"].values()) for row in done), default=0)),
         str(len(missing)),
         *(f"{figure(missing):.0f}" if missing else "" for figure in (np.median, max)),

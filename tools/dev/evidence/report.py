@@ -60,8 +60,7 @@ These are a forged frame with the right counter and CRC, data that stand still w
 goes on, a lying sensor, and an actuator that does less than commanded. Limits and the signs of a
 second sender find most of the first three, as the rows named *limited* show. Two kinds of fault
 remain: a sensor that is wrong by little or drifts slowly, and the actuator. They need a second
-sensor or a model, which a law may have and the bus check has not. The column *error* shows what
-they cost here.
+sensor or a model, which a law may have and the bus check has not.
 """
 
 
@@ -239,21 +238,23 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
     )
     if found.get("elsewhere"):
         yield "\n" + _filled(
-            f"These modules of the loop have no mutants: {', '.join(found['elsewhere'])}. Nor have "
-            f"these functions of the others: {', '.join(found['unchanged'])}."
+            f"{len(found['elsewhere'])} modules of the loop, and of the others "
+            f"{len(found['unchanged'])} functions, have no mutants. `faults.json` names them."
         )
 
 
 def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Processes killed, stopped and slowed down\n\n"
+    safe, bound = kills.safe_of(rows)
     yield _filled(
         f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a drawn cycle. "
-        "KILL is kill -9. STOP is a stop of 20 to 600 ms, SLOW many short ones. BORN is kill -9 "
-        "within 50 ms of the recorder's start, which may leave no log. *cycles* is the longest "
-        "time in which a node that had noticed acted on a command neither fresh nor safe. *log* is "
-        "the number of runs whose log opens, with the ms that it lacks. *left* is how often a "
-        "process or a claim stayed, *next ok* how often the next run on the same bus ended well. "
-        "The figures belong to one machine."
+        f"{safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a stop of "
+        "20 to 600 ms, SLOW many short ones. BORN is kill -9 within 50 ms of the recorder's start, "
+        "which may leave no log. A line's figures hold for each of its signals. *cycles* is the "
+        "longest time in which a node that had noticed acted on a command neither fresh nor safe. "
+        "*log* is the number of runs whose log opens, with the ms that it lacks. *left* is how "
+        "often a process or a claim stayed, *next* how often the next run on the same bus ended "
+        "well. The figures belong to one machine."
     )
     yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
 

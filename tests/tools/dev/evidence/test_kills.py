@@ -61,9 +61,21 @@ def test_what_is_wrong_is_told(change: dict[str, Any], says: str) -> None:
 def test_the_table_counts_and_fits_a_terminal() -> None:
     never = {"process": "recorder", "signal": "SLOW", "ok": False, "wrong": "never got there"}
     late = WELL | {"exposed": {"plant": 1000}, "missing_ms": 700.0}
-    head, *lines = kills.table([WELL] * 58 + [late, WELL | {"left": ["plant"], "next": 5}, never])
+    killed = [WELL] * 58 + [late, WELL | {"left": ["plant"], "next": 5}, never]
+    head, *lines = kills.table(killed)
     assert [" ".join(line.split()) for line in lines] == [
-        "host KILL 60 59 92.3 % 1000 60 500 700 1 59",
-        "recorder SLOW 1 0 0.0 % 0 0 0 0",
+        "host KILL 60 59 1000 60 500 700 1 59",
+        "recorder SLOW 1 0 0 0 0 0",
     ], lines
     assert max(map(len, [head, *lines])) <= 80
+    safe, bound = kills.safe_of(killed[:60])
+    assert safe == 59 and bound == pytest.approx(0.923, abs=5e-4)
+
+
+def test_signals_with_the_same_figures_share_a_line() -> None:
+    rows = [WELL | {"process": "plant", "signal": one, "next": 3 * (one == "STOP")}
+            for one in kills.SIGNALS]  # fmt: skip
+    assert [line.split()[:5] for line in kills.table(rows)[1:]] == [
+        ["plant", "KILL", "TERM", "SLOW", "1"],
+        ["plant", "STOP", "1", "1", "70"],
+    ]
