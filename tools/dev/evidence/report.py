@@ -51,9 +51,6 @@ reaction as with the CRC-8:
 """
 _NOT = """
 ## What nothing notices
-
-Nothing in this rig notices these faults:
-
 """
 _LEFT = """
 These are a forged frame with the right counter and CRC, data that stand still while the counter
