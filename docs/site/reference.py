@@ -60,8 +60,8 @@ _CODES = {
     Exit.WRONG_INPUT: "an option, a rig or a file is wrong",
     Exit.LOSS: "frames or records were lost, or a log is damaged; what is readable is written",
     Exit.ENVIRONMENT: "a node, a bus or a package is missing, or a file cannot be written",
-    Exit.SAFETY_STOP: "the supervisor stopped the loop",
-    Exit.INTERRUPTED: "Ctrl-C or SIGTERM",
+    Exit.SAFETY_STOP: "the supervisor stopped the loop, or a node died",
+    Exit.INTERRUPTED: "Ctrl-C, SIGTERM or a closed terminal",
 }
 _API = f"""# The package
 {_NOTE}

@@ -201,12 +201,6 @@ def test_the_title_of_a_rig_is_shown_and_not_obeyed(tmp_path: Path, capsys: Scre
                          shown.out + shown.err)  # fmt: skip
 
 
-def test_the_page_on_running_tells_every_exit_code() -> None:
-    text = (ROOT / "docs/howto/run.md").read_text()
-    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", text, re.MULTILINE)
-    assert [(int(code), name) for code, name in rows] == [(int(c), c.meaning) for c in Exit], rows
-
-
 def test_a_working_folder_that_is_gone_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Screen
 ) -> None:
