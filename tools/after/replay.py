@@ -86,7 +86,7 @@ def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
     lead = next(iter(head.node.values())).description
     cycle = options.cycle
     if cycle is None:
-        cycle = round(options.time * 1e9 / float(lead["period_ns"]))
+        cycle = round(options.time / (1e-9 * float(lead["period_ns"])))
     if not 0 <= cycle < 2**53:
         raise UserError(f"--cycle {cycle}: expected 0 or more")
     return int(cycle)
