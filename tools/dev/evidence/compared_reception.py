@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can.dbc import Kind
 from pcpc.executive.loop import control
 from pcpc.executive.loop.clock import Time
+from pcpc.executive.loop.intrusion import HINT_TURNS
 from pcpc.executive.loop.variables import BUS_AT
 from pcpc.tools.dev.evidence import compared_plausible
 from pcpc.tools.dev.evidence.compared_senders import OWN
@@ -172,7 +173,20 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uin
             if about[s, 5] & ANOTHER == 0:
                 both[1] = both[0]
         frames[s] = np.frombuffer(b"".join(both), np.uint8).reshape(2, 16)
+    _early_beats(about, frames)
     return about, frames
+
+
+def _early_beats(about: NDArray[np.int64], frames: NDArray[np.uint8]) -> None:
+    """End with two heartbeats in a cycle, and two as late as still counts for a turn of one."""
+    before = int(about[-5, 1])
+    about[-4:] = 0
+    about[-4:, 0] = 1, 0, HINT_TURNS, 0
+    about[-4:, 1] = before + np.cumsum(about[-4:, 0])
+    about[-4:, 3], about[-4:, 4], about[-4:, 10] = BEAT, 11, 50
+    has = ROWS[BEAT]
+    content = _frame(has.can_id, has.dlc, bytes(has.sent(bytes(8), 0)))
+    frames[-4:] = np.frombuffer(content, np.uint8)
 
 
 def _install(n: Any, has: Settings) -> None:
