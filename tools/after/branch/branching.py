@@ -35,7 +35,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.replay import Comparison, prefix_of
 
 _FIRST = 3  # cycle that has something to recompute before it
-_FRAMES_KEPT = 1 << 14  # of a node, newest last: some hundred cycles
+_FRAMES_KEPT = 1 << 14  # of a node, before the piece of the log at hand: some hundred cycles
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,8 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     frames: dict[str, NDArray[Any]] = {role: np.empty(0, logs.FRAME) for role in roles}
     for piece, _ in logs.pieces(head.path):
         for role in (role for role in roles if role in piece.node):
-            frames[role] = np.concatenate((frames[role], piece.node[role].frames))[-_FRAMES_KEPT:]
+            kept, new = frames[role][-_FRAMES_KEPT:], piece.node[role].frames
+            frames[role] = np.concatenate((kept, new))
         if len(frames[roles[0]]) and frames[roles[0]]["cycle"][-1] > cycle + 2:
             break
     found: dict[str, int] = {}
