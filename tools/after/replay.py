@@ -68,10 +68,7 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
         with log_rig.rig_of(head, Path(folder), options) as rig:
             nodes: list[Any] = [Comparison(head, rig, role) for role in roles]
             nodes += [part_of(_DEVICE, "replay").DeviceComparison(head, rig)] if device else []
-    frontier = Frontier()
-    for piece, last in logs.pieces(path, see=frontier.see):
-        for node in nodes:
-            node.take(piece, frontier.whole[node.role], last)
+    for _ in recomputed(path, nodes, whole=True):
         done = min(node.verdict.cycles for node in nodes)
         progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
     return [node.verdict for node in nodes]
@@ -92,14 +89,17 @@ def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
     return int(cycle)
 
 
-def recomputed(path: Path, nodes: Sequence["Comparison"]) -> Iterator[logs.Log]:
-    """Recompute the nodes to their last cycles; yield the log's pieces on the way. LogError."""
+def recomputed(path: Path, nodes: Sequence[Any], whole: bool = False) -> Iterator[logs.Log]:
+    """Recompute the nodes; yield the log's pieces, until all have come to their last cycles.
+
+    `whole`: to the log's end. LogError.
+    """
     frontier = Frontier()
     for piece, last in logs.pieces(path, see=frontier.see):
         for node in nodes:
             node.take(piece, frontier.whole[node.role], last)
         yield piece
-        if all(node.is_there for node in nodes):
+        if not whole and all(node.is_there for node in nodes):
             return
 
 

@@ -2,21 +2,19 @@
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 from pcpc.executive.log.long_logs import Wanted
-from pcpc.executive.log.mcap_writer import RecordError
-from pcpc.executive.nodes import fmus, without_effect
+from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.terminal.progress import Progress
@@ -56,24 +54,7 @@ class Simulation:
 
     def to_end(self, progress: Progress) -> None:
         """Run it; what came of it goes into the outcome."""
-        begin_s, total = time.monotonic(), self.run.blocks[0].description["cycles"]
-        try:
-            for cycles in self.run.advance():
-                speed = cycles / self.rig.config.rate_hz / max(time.monotonic() - begin_s, 1e-9)
-                progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-            self.run.close()
-        except StepError as error:
-            if str(error):
-                print(error, file=sys.stderr)
-            self.run.close()
-        except RecordError as error:
-            self.outcome.missing.append(str(error))
-        progress.close()
-        for line in (line for made in self.run.plans for line in fmus.failures(made)):
-            print(line, file=sys.stderr)
-        for block in self.run.blocks:
-            self.outcome.judge(block.description["node"], 0, block)
-        self.outcome.realtime = None
+        to_end(self.run, self.outcome, progress)
 
 
 def command(options: argparse.Namespace) -> int:

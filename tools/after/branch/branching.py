@@ -25,16 +25,14 @@ from pcpc.drivers.can.wire_layout import QUEUE_FRAMES
 from pcpc.drivers.errors import UserError
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted, sidecar
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.nodes.replay import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.replay import Comparison, prefix_of
+from pcpc.tools.after.replay import Comparison, prefix_of, recomputed
 
-_FIRST = 3  # cycle that has something to recompute before it
 _FRAMES_KEPT = 1 << 14  # of a node, before the piece of the log at hand: some hundred cycles
 
 
@@ -57,8 +55,9 @@ class Branch(VirtualRun):
     ) -> None:  # fmt: skip
         """`metadata`: of the log that is written. UserError for a log that cannot be branched."""
         selftest()
-        self.head, self.cycle, self._anew = head, cycle, cycle < _FIRST
+        self.head, self.cycle = head, cycle
         self.notes: list[str] = []
+        self.missing: list[str] = []  # damage of the log
         self._skipped: set[str] = set()
         self._newest: dict[str, int] = {}
         absent = [role for role in rig.roles if role not in head.node]
@@ -70,7 +69,7 @@ class Branch(VirtualRun):
         if rig.config.bus.emulate is not None:
             what = "bus.emulate: what waits on the emulated line is in no log"
             raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
-        lasts = _last_cycles(head, rig.roles, -1 if self._anew else cycle - 2)
+        lasts = _last_cycles(head, rig.roles, cycle - 2)
         self._nodes = [
             Comparison(head, rig, role, last, metadata | _prefix(head, role, last), self._drain)
             for role, last in lasts.items()
@@ -90,25 +89,21 @@ class Branch(VirtualRun):
 
     def before(self) -> Iterator[int]:
         """Recompute the cycles before; yield how many are done. UserError where that differs."""
-        frontier, path = Frontier(), self.head.path
-        for piece, last in logs.pieces(path, see=frontier.see):
+        for piece in recomputed(self.head.path, self._nodes, whole=True):
             for node in self._nodes:
-                if not self._anew:
-                    node.take(piece, frontier.whole[node.role], last)
                 self._note_tunings(node, piece)
                 self._note_skips(node, piece)
-            self.notes += [line for line in piece.missing if line not in self.notes]
+            self.missing += [line for line in piece.missing if line not in self.missing]
             if self._stopped:
                 raise KeyboardInterrupt
             yield min(node.verdict.cycles for node in self._nodes)
         newest = self._newest.get(self._nodes[0].role, -1)
         if newest < self.cycle:
             comes = f"the log comes to cycle {newest}" if newest >= 0 else "the log holds none"
-            raise UserError(f"{path}: cycle {self.cycle} is not there, {comes}")
-        for node in () if self._anew else self._nodes:
+            raise UserError(f"{self.head.path}: cycle {self.cycle} is not there, {comes}")
+        for node in self._nodes:
             node.require_end()
-        if not self._anew:
-            hand_on([block.loop for block in self.blocks])
+        hand_on([block.loop for block in self.blocks])
         for node in self._nodes:
             _let_go(node, self._later[node.role])
 
@@ -160,8 +155,8 @@ class Branch(VirtualRun):
         for one in changes:
             node = next(node for node in self._nodes if node.role == one.role)
             place = node.replay.plan.table.index[one.name]
-            leads = node is self._nodes[0] or self._anew
-            at = self.cycle if leads else node.last + 2
+            shared = node is self._nodes[0] or node.last < 0  # the executive's cycles
+            at = self.cycle if shared else node.last + 2
             self._later[one.role].append((max(at - one.early, 0), place, one.value))
 
 
@@ -201,9 +196,10 @@ def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
 def _last_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node the last cycle before the executive's `cycle`; UserError if nothing tells it.
 
-    -1 where there is none. Behind the cycle of a branch all nodes go on side by side.
+    -1 where there is none: the run begins anew. Behind the cycle of a branch all nodes go on side
+    by side.
     """
-    if cycle < 0:
+    if cycle < 1:
         return dict.fromkeys(roles, -1)
     pacing, branched = prefix_of(head, roles[0])
     if pacing in WITHOUT_CLOCK:

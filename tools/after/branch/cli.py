@@ -4,7 +4,6 @@ import argparse
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from pcpc.drivers.errors import BusError, UserError
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.executive.log.provenance import RIG_COMMIT, facts
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.planned_faults import STALL
@@ -30,6 +28,7 @@ from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.terminal.progress import Progress
@@ -53,6 +52,8 @@ def command(options: argparse.Namespace) -> int:
                 return _branched(head, rig, cycle, options)
         except BusError as error:  # the log's DBC, not a bus of this machine
             raise UserError(str(error)) from None
+        except StepError as error:
+            raise StepError(f"{path}: {error or 'a step does not return'}") from None
 
 
 def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
@@ -70,10 +71,13 @@ def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace)
         try:
             run.change(changes(run, rig, options))
             on_request(lambda *_: _stop(run, outcome))
-            _to_end(run, rig, outcome, progress)
+            for cycles in run.before():
+                progress.show(f"recomputed {cycles}/{cycle}")
+            to_end(run, outcome, progress, cycle)
         except BaseException:
             run.discard()
             raise
+        outcome.missing += [f"{head.path}: {line}" for line in run.missing]  # tunings, perhaps
         for line in run.notes:
             progress.say(line)
         code = conclude(judge, folder, outcome, options, judged)
@@ -87,29 +91,6 @@ def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace)
 def _stop(run: Branch, outcome: Outcome) -> None:
     outcome.interrupted = True
     run.stop()
-
-
-def _to_end(run: Branch, rig: Rig, outcome: Outcome, progress: Progress) -> None:
-    """Recompute what was, then go on to the end; what came of it goes into the outcome."""
-    total = run.blocks[0].description["cycles"]
-    for cycles in run.before():
-        progress.show(f"recomputed {cycles}/{run.cycle}")
-    begin_s = time.monotonic()
-    try:
-        for cycles in run.advance():
-            speed = (cycles - run.cycle) / rig.config.rate_hz
-            speed /= max(time.monotonic() - begin_s, 1e-9)
-            progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-        run.close()
-    except StepError as error:
-        if str(error):
-            print(error, file=sys.stderr)
-        run.close()
-    except RecordError as error:
-        outcome.missing.append(str(error))
-    progress.close()
-    for block in run.blocks:
-        outcome.judge(block.description["node"], 0, block)
 
 
 # What was asked for

@@ -28,7 +28,7 @@ _HEAD = "rig", "first difference", "metric", "old", "new", "change"
 _SAME = {EQUAL: "equal to the bit", UNCHANGED: "unchanged, not run"}
 _APART = {ALONE: "on one side only", FAILED: "not compared"}
 
-_MOST_PERCENT = 1e6
+_MOST_PERCENT = 1e6  # that is printed in full; more is a run that diverged
 
 
 @dataclass

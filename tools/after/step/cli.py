@@ -51,7 +51,8 @@ def command(options: argparse.Namespace) -> int:
             for role in (role for role in roles if role in piece.node):
                 own = piece.node[role].frames
                 frames[role] += list(own[own["cycle"] == cycle])
-            progress.show(f"recomputed {min(node.verdict.cycles for node in nodes)}/{cycle}")
+            done = min(node.verdict.cycles for node in nodes)
+            progress.show(f"recomputed {done}/{cycle + 1} cycles")
     progress.close()
     for node in nodes:
         node.require_end()

@@ -296,6 +296,15 @@ def test_a_damaged_a_foreign_and_a_changed_log_are_refused(hull: Path, tmp_path:
     assert not (tmp_path / "out").exists()
 
 
+def test_damage_behind_the_cycle_is_no_ok(hull: Path, tmp_path: Path) -> None:
+    """A tuning may have been in what is gone."""
+    (tmp_path / "cut.mcap").write_bytes(hull.read_bytes()[:-2000])
+    done = branch(tmp_path / "cut.mcap", tmp_path / "out", "--cycle", "20")
+    assert done.code == 3, done
+    assert f"{tmp_path / 'cut.mcap'}: " in "".join(done.out.split("\n")), done
+    assert json.loads((tmp_path / "out/summary.json").read_text())["verdict"] == "loss"
+
+
 def test_a_row_that_the_laws_do_not_give_is_refused_with_cycle_and_name(
     hull: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
