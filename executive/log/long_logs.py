@@ -15,6 +15,7 @@ import mmap
 import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -109,9 +110,10 @@ class Table:
         return values
 
     def forget(self) -> None:
-        """Give the memory back in which pages of the file lie."""
+        """Give the memory back in which pages of the file lie, unless it is locked."""
         if self._memory is not None:
-            self._memory.madvise(mmap.MADV_DONTNEED)
+            with suppress(OSError):
+                self._memory.madvise(mmap.MADV_DONTNEED)
 
 
 @dataclass(frozen=True)

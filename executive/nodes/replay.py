@@ -31,7 +31,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import note_bus_error
-from pcpc.executive.loop.clock import Time, Trigger, paced
+from pcpc.executive.loop.clock import Time, paced
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -303,10 +303,6 @@ class Replay:
         )
         self._taken("event")
         return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
-
-    def without_clock(self) -> None:
-        """Let frames begin what comes, as behind the cycle of a branch."""
-        self.block.loop.clock.trigger = Trigger.ON_FRAMES
 
     def repeat_clocks(self, part: Slice, names: Sequence[str], done: int) -> None:
         """Let the last `done` rows, and the counters, hold what was measured in those of `part`.

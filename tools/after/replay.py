@@ -21,7 +21,7 @@ from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL, Frontier
 from pcpc.executive.nodes.fmus import step_of
-from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay, Slice
+from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log import rig as log_rig
@@ -124,7 +124,7 @@ class Comparison:
         self.role, self.last, self._each = role, last, each
         self.is_there = False  # at its last cycle
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
-        pacing, self.branched = prefix_of(head, role)
+        pacing = pacing_of(head, role)
         external = [str(name) for name in about.get("external", [])]
         steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
         fmus = {name: step.model for name, step in steps.items() if step and not step.file}
@@ -173,13 +173,6 @@ class Comparison:
             what = f"cycle {self.last} is not there; it was skipped, or the log ends before"
             raise UserError(f"{self.path}: {self.role}: {what}; choose another --cycle")
 
-    def _parts(self, whole: int, last: bool) -> Iterator[Slice]:
-        """Yield what is complete up to cycle `whole`, first what a branch took from its log."""
-        if whole >= self.branched >= 0:
-            yield from self.recorded.take(min(self.branched, self.last), True)
-            self.replay.without_clock()
-        yield from self.recorded.take(min(whole, self.last), last or whole >= self.last)
-
     def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
         verdict = self.verdict
         verdict.missing += piece.missing
@@ -191,7 +184,7 @@ class Comparison:
             except logs.LogError as error:
                 verdict.incomplete = str(error)
                 return
-        for part in self._parts(whole, last):
+        for part in self.recorded.take(min(whole, self.last), last or whole >= self.last):
             verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
             if verdict.incomplete:
                 return
@@ -216,11 +209,10 @@ class Comparison:
         verdict.spent_s = time.monotonic() - self._begin_s
 
 
-def prefix_of(head: logs.Log, role: str) -> tuple[str, int]:
-    """Return how a node was paced, and up to which cycle of a branch; -1 if to the end."""
+def pacing_of(head: logs.Log, role: str) -> str:
+    """Return what starts the cycles of a node; of a branch, what did so in its log."""
     about = head.metadata[role]
-    pacing, last = about.get("pacing", "lockstep"), about.get("branch_last", "")
-    return (about.get("branch_pacing", pacing), int(last)) if last.isdecimal() else (pacing, -1)
+    return about.get("branch_pacing", about.get("pacing", "lockstep"))
 
 
 def _dropped(head: logs.Log, role: str) -> int:

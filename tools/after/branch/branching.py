@@ -8,7 +8,7 @@
 In cycle k of the exchange in `executive.loop.exchange` the nodes below the executive are one cycle
 ahead, and a fault of frames is set in the cycle before. So the executive is recomputed to N - 3 and
 they to N - 2, from N = 3 on; before that the run begins anew. Of a paced log that cycle is the one
-whose frames the executive took in N - 2.
+whose frames the executive took in N - 2. Its nodes go on with deadlines, at which no time passes.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,11 +27,11 @@ from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted, sidecar
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import Time, Trigger
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.nodes.replay import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.replay import Comparison, prefix_of, recomputed
+from pcpc.tools.after.replay import Comparison, pacing_of, recomputed
 
 _FRAMES_KEPT = 1 << 14  # of a node, before the piece of the log at hand: some hundred cycles
 
@@ -71,7 +71,7 @@ class Branch(VirtualRun):
             raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
         lasts = _last_cycles(head, rig.roles, cycle - 2)
         self._nodes = [
-            Comparison(head, rig, role, last, metadata | _prefix(head, role, last), self._drain)
+            Comparison(head, rig, role, last, metadata | _origin(head, role, lasts), self._drain)
             for role, last in lasts.items()
         ]
         for node in self._nodes:
@@ -176,9 +176,9 @@ def hand_on(nodes: Sequence[Any]) -> None:
 
 
 def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
-    """Let a node go on without a clock, with the tunings that come later."""
+    """Let a node go on in virtual time, with the tunings that come later."""
     loop = node.replay.block.loop
-    loop.clock.kind, loop.clock.trigger = Time.VIRTUAL, Trigger.ON_FRAMES
+    loop.clock.kind = Time.VIRTUAL
     loop.meeting.ordered = loop.wire.in_turn = 1
     if len(later) > sh.MAX_SCHEDULE:
         what = f"{len(later)} tunings of the {node.role} come later"
@@ -196,26 +196,23 @@ def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
 def _last_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node the last cycle before the executive's `cycle`; UserError if nothing tells it.
 
-    -1 where there is none: the run begins anew. Behind the cycle of a branch all nodes go on side
-    by side.
+    -1 where there is none: the run begins anew.
     """
     if cycle < 1:
         return dict.fromkeys(roles, -1)
-    pacing, branched = prefix_of(head, roles[0])
-    if pacing in WITHOUT_CLOCK:
-        below = dict.fromkeys(roles[1:], cycle)
-    elif 0 <= branched < cycle:
-        below = {role: prefix_of(head, role)[1] + cycle - 1 - branched for role in roles[1:]}
-    else:
-        below = _met(head, roles, cycle)
+    paced = pacing_of(head, roles[0]) not in WITHOUT_CLOCK
+    below = _met(head, roles, cycle) if paced else dict.fromkeys(roles[1:], cycle)
     return {roles[0]: cycle - 1} | below
 
 
-def _prefix(head: logs.Log, role: str, last: int) -> dict[str, str]:
-    """Return what a replay of the branch has to know of a node's cycles before it."""
-    pacing, branched = prefix_of(head, role)
-    last = min(last, branched) if branched >= 0 else last
-    return {"branch_pacing": pacing, "branch_last": str(last)} if last >= 0 else {}
+def _origin(head: logs.Log, role: str, lasts: Mapping[str, int]) -> dict[str, str]:
+    """Return what has to be known of a node to replay the branch, and to branch it again.
+
+    `branch_ahead`: how many cycles more it counts than the executive whose frame it sends.
+    """
+    leader = next(iter(lasts))
+    ahead = 0 if role == leader or lasts[role] < 0 else lasts[role] - lasts[leader] - 1
+    return {"branch_pacing": pacing_of(head, role), "branch_ahead": str(ahead)}
 
 
 def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
@@ -232,9 +229,9 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
         here = found.get(above, cycle)
         taken = frames[above][(frames[above]["direction"] == 1) & (frames[above]["cycle"] == here)]
         sent = frames[role][frames[role]["direction"] == 0]
-        ours, theirs = prefix_of(head, above)[1], prefix_of(head, role)[1]
-        near = here + theirs - ours if ours >= 0 else None
-        cycles = [_sender_cycle(one, sent, near) for one in taken]
+        ours, theirs = (head.metadata[one].get("branch_ahead") for one in (above, role))
+        near = here + int(theirs) - int(ours) if ours and theirs else None
+        cycles = [sender_cycle(one, sent, near) for one in taken]
         known = [one for one in cycles if one >= 0]
         if not known:
             what = f"in cycle {here} the {above} took no frame of the {role}"
@@ -243,7 +240,7 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     return found
 
 
-def _sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:
+def sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:
     """Return the cycle in which a received frame was sent, -1 for none.
 
     The last one before it by their stamps; in a branch, which has no clock, the one nearest `near`.
