@@ -24,6 +24,7 @@ _SIGNATURES = {
     "clock_nanosleep": (_i4, _i4, _i4, _i8, _i8),  # returns the error number itself
     "clock_gettime": (_i4, _i4, _i8),
     "getrusage": (_i4, _i4, _i8),
+    "memcpy": (_i8, _i8, _i8, _i8),
     "poll": (_i4, _i8, _i8, _i4),
     "ppoll": (_i4, _i8, _i8, _i8, _i8),
     "recv": (_i8, _i4, _i8, _i8, _i4),
@@ -53,6 +54,7 @@ if not LOOP_INTERPRETED:
     clock_nanosleep = _external("clock_nanosleep")
     clock_gettime = _external("clock_gettime")
     getrusage = _external("getrusage")
+    memcpy = _external("memcpy")
     poll = _external("poll")
     ppoll = _external("ppoll")
     recv = _external("recv")
@@ -131,6 +133,7 @@ else:
     clock_nanosleep = _bind("clock_nanosleep")
     clock_gettime = _bind("clock_gettime")
     getrusage = _bind("getrusage")
+    memcpy = _bind("memcpy")
     poll = _bind("poll")
     ppoll = _bind("ppoll")
     recv = _bind("recv")

@@ -59,7 +59,8 @@ class Channels:
         self.state_end = 8 * (RECORD_HEAD + len(about["state_columns"]))
         both = {"state": about["state_columns"], "timing": about["timing_columns"]}
         self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
-        self.ids |= register_entries(writer, self.name)
+        kinds = ("Event", "Tuning", *(["Keyframe"] if about.get("keyframe_passes") else []))
+        self.ids |= register_entries(writer, self.name, kinds)
 
     def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
@@ -90,7 +91,7 @@ class Channels:
         return self.entry(topic, int(row[OfEvent.STAMP_NS]), int(row[OfEvent.CYCLE]), entry)
 
     def entry(self, kind: str, stamp: int, cycle: int, entry: dict[str, Any]) -> NDArray[Any]:
-        """Return an entry of the topic `kind`, events or tunings, as a message record."""
+        """Return an entry of the topic `kind`, as events or tunings, as a message record."""
         whole = json.dumps({"cycle": cycle, "stamp_ns": stamp} | entry).encode()
         k, log_ns = np.array([[cycle], [stamp + self.wall_ns]])
         data = np.frombuffer(whole, np.uint8)[None, :]
@@ -112,14 +113,16 @@ def register_columns(
     return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
 
 
-def register_entries(writer: Topics, node: str) -> dict[str, int]:
+def register_entries(
+    writer: Topics, node: str, kinds: Sequence[str] = ("Event", "Tuning")
+) -> dict[str, int]:
     """Register the topics of a node that are no columns; return their ids by kind."""
     place = logs.topic(node, "can/frames")
     found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}
-    for kind, schema in JSON_SCHEMAS.items():
+    for kind in kinds:
         topic = f"{kind.lower()}s"
-        place = logs.topic(node, topic)
-        found[topic] = writer.register(place, f"pcpc.{kind}", json.dumps(schema), "json")
+        place, schema = logs.topic(node, topic), json.dumps(JSON_SCHEMAS[kind])
+        found[topic] = writer.register(place, f"pcpc.{kind}", schema, "json")
     return found
 
 

@@ -27,6 +27,9 @@ class CheckedDescription(TypedDict, total=False):
     files: list[CarriedFile]
     period_ns: Annotated[int, Meta(ge=1, le=LONGEST_PERIOD_NS)]
     cycles: Count
+    keyframe_passes: Count
+    keyframe_bytes: Count
+    keyframe_layout: str
     variables: list[list[str]]  # name, unit, kind, writer, help
     ranges: dict[str, list[Number]]  # low and high
     state_columns: list[str]

@@ -107,6 +107,7 @@ class Inventory:
             written = {key: run.get(f"written.{node}.{key}", 0) for key in ("record", "frame")}
             state, timing, frames, *others = (topic(node, kind) for kind in KINDS)
             columns |= {state: written["record"], frames: written["frame"]}
+            columns[topic(node, "keyframes")] = run.get(f"written.{node}.keyframe", 0)
             if f"variables:{timing}" in metadata or self.kept[timing]:  # imported logs have none
                 columns[timing] = written["record"]
             low = run.get(f"written.{node}.event", 0)

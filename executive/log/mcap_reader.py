@@ -28,6 +28,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,11 @@ from pcpc.executive.log.mcap_records import (
 )
 
 Piece = tuple[int, NDArray[np.uint8]]  # channel id, (messages, bytes of each record)
+Times = tuple[int, int]  # log times, ns: first and last
+NONE: Times = (1, 0)
 
+_TOLD = "variables:"  # metadata that comes before the channel
+_CHUNK_TIMES, _CHUNK_INDEX = Struct("<QQ"), Struct("<QQQ")  # how these records begin
 _NAMES = {kind: Opcode(kind).name.lower() for kind in READERS}
 _ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
 _RUN = 256  # messages compared at once; longer runs come in pieces
@@ -128,10 +133,11 @@ def scan(path: Path) -> Scan:
     return found
 
 
-def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
+def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
     """Yield the messages of a file as they come; put all else into `found`. LogError as `scan`.
 
-    All pieces of a chunk come at one `found.place`. Without `messages` chunks are not looked into.
+    All pieces of a chunk come at one `found.place`. `only`: chunks with messages between these log
+    times, ns, are looked into; whether all is there is not told then. A whole summary says where.
     """
     try:
         with open_regular(path) as file:
@@ -146,12 +152,12 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
         found.missing.append(f"the first bytes are damaged ({begin!r})")
     found.size = len(data)
     summary = _take_summary(data, found)
-    skipped = () if messages else (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+    places = None if only is None or not summary else _places(data, summary, only)
     try:
-        yield from _walk_data(data, summary, found, skipped)
+        yield from _walk_data(data, summary, found, only, places)
     except TooMuchError as error:
         found.missing.append(f"all after byte {found.place}: {error}; no true log is like that")
-    if messages:
+    if only is None:
         _compare(found)
         known = {one.name: one.metadata for one in found.metadata}
         closed = not (found.missing or found.untold)
@@ -172,15 +178,20 @@ def _map(descriptor: int) -> Any:
 
 
 def _walk_data(
-    data: bytes, summary: int, found: Scan, skipped: tuple[int, ...] = ()
+    data: bytes, summary: int, found: Scan, only: Times | None, places: Iterator[int] | None
 ) -> Iterator[Piece]:
-    """Yield the messages of the data section, which ends where `summary`, if not 0, begins."""
+    """Yield the messages of the data section, which ends where `summary`, if not 0, begins.
+
+    `places`: of the records that are wanted.
+    """
     stop, place = summary or len(data), len(MAGIC)
     crc = zlib.crc32(data[:place])
     while place < stop:
+        if places is not None and (place := next(places, stop)) == stop:
+            return
         found.place = place
         try:
-            opcode, end, content = _read_record(data, place, stop, found, skipped)
+            opcode, end, content = _read_record(data, place, stop, found, only)
         except UNREADABLE as error:
             after = _next_record(data, place + 1, stop, found)
             if after == stop and not summary:
@@ -191,7 +202,7 @@ def _walk_data(
             place = after
             continue
         if opcode == Opcode.DATA_END:
-            if content and content != crc and not (skipped or found.missing):
+            if content and content != crc and not (only or found.missing):
                 found.missing.append(
                     "the checksum of all data does not match though that of each part does: "
                     "only the file's header or an index can be damaged"
@@ -201,7 +212,7 @@ def _walk_data(
                     "the summary at the end is damaged or cut; all before it is read"
                 )
             return
-        if not skipped:
+        if only is None:
             crc = zlib.crc32(data[place:end], crc)
         if content is None:
             pass
@@ -227,9 +238,12 @@ def _walk_data(
 
 
 def _read_record(
-    data: bytes, place: int, stop: int, found: Scan, skipped: tuple[int, ...] = ()
+    data: bytes, place: int, stop: int, found: Scan, only: Times | None = None
 ) -> tuple[int, int, Any]:
-    """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails."""
+    """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails.
+
+    The content of a chunk without messages in the times `only` is None.
+    """
     if place + RECORD.size > stop:
         raise ValueError("a record is cut")
     opcode, length = RECORD.unpack_from(data, place)
@@ -238,7 +252,7 @@ def _read_record(
         raise ValueError(f"no record of kind {opcode} belongs here")
     if end > stop:
         raise ValueError(f"of {length} bytes only {stop - place - RECORD.size} follow")
-    if opcode in skipped:
+    if only and (opcode == Opcode.MESSAGE_INDEX or _is_outside(data, place, opcode, found, only)):
         return opcode, end, None
     if opcode == Opcode.CHUNK and length >= DECLARED.size:
         declared = DECLARED.unpack_from(data, place + RECORD.size)[2]
@@ -247,6 +261,35 @@ def _read_record(
         return opcode, end, READERS[opcode](data[place + RECORD.size : end])
     except UNREADABLE as error:
         raise ValueError(str(error) or "it is cut") from None
+
+
+def _is_outside(data: bytes, place: int, opcode: int, found: Scan, only: Times) -> bool:
+    """Return whether the record at `place` is a chunk that is not to be looked into.
+
+    Without a summary the first ones say what the messages of others mean.
+    """
+    if opcode != Opcode.CHUNK:
+        return False
+    told = {one.name.removeprefix(_TOLD) for one in found.metadata if one.name.startswith(_TOLD)}
+    if only != NONE and not told <= {one.topic for one in found.channels.values()}:
+        return False
+    first, last = _CHUNK_TIMES.unpack_from(data, place + RECORD.size)
+    return bool(last < only[0] or first > only[1])
+
+
+def _places(data: bytes, summary: int, only: Times) -> Iterator[int]:
+    """Return where, says the summary, attachments, metadata and the chunks of these times begin."""
+    place, found = summary, []
+    while place + RECORD.size < len(data) - FOOTER.size:
+        opcode, length = RECORD.unpack_from(data, place)
+        place += RECORD.size
+        if opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
+            found.append(int.from_bytes(data[place : place + 8], "little"))
+        elif opcode == Opcode.CHUNK_INDEX:
+            first, last, at = _CHUNK_INDEX.unpack_from(data, place)
+            found += [at] if last >= only[0] and first <= only[1] else []
+        place += length
+    return iter(sorted({at for at in found if len(MAGIC) <= at < summary}))
 
 
 def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:

@@ -26,13 +26,23 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
-from pcpc.executive.log.description import NodeDescription
+from pcpc.executive.log.description import LATEST, NodeDescription
 from pcpc.executive.log.inventory import topic
-from pcpc.executive.log.mcap_reader import LogError, Scan, scan, walk
+from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, Times, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 from pcpc.executive.rig.roles import ROLES as NODES
 
-__all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "topic", "walk"]  # and its own
+__all__ = [
+    "LATEST",
+    "NODES",
+    "LogError",
+    "Scan",
+    "Times",
+    "message_dtype",
+    "scan",
+    "topic",
+    "walk",
+]  # and its own
 
 CARRIED = "files/"  # of attachments that `executive.rig.carried_files` describes
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
@@ -92,7 +102,7 @@ def read(path: Path) -> Log:
 def head(path: Path) -> Log:
     """As `read`, without the records of the cycles: rig, DBC, metadata, descriptions."""
     found = Scan()
-    for _ in walk(path, found, messages=False):
+    for _ in walk(path, found, NONE):
         pass
     return assemble(path, found)
 
@@ -101,14 +111,15 @@ def pieces(
     path: Path,
     size: int = 1 << 23,
     see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
+    only: Times | None = None,
 ) -> Iterator[tuple[Log, bool]]:
     """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
 
     `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
-    each run of messages, channel and rows, as they come; at the end channel -1.
+    each run of messages, channel and rows, as they come; at the end channel -1. `only`: of `walk`.
     """
     found, begin, told = Scan(), 0, 0
-    for piece in walk(path, found):
+    for piece in walk(path, found, only):
         if found.place - begin >= size:
             yield assemble(path, found, told), False
             found.pieces.clear()

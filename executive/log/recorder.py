@@ -21,6 +21,7 @@ from pcpc.drivers.machine import heap
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.channels import Channels, write_description
 from pcpc.executive.log.description import node_description
+from pcpc.executive.log.keyframes import Keyframes
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError
 from pcpc.executive.log.run_counts import RunCounts
@@ -41,8 +42,8 @@ class _Node:
         about = node_description(block.description)
         self.block, self.about, self.name = block, about, about["node"]
         self.channels = Channels(about, writer)
-        self.alarms = Alarms(block)
-        self.written = dict.fromkeys((*RINGS, "alarm"), 0)
+        self.alarms, self.keyframes = Alarms(block), Keyframes(block)
+        self.written = dict.fromkeys((*RINGS, "alarm", "keyframe"), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _rows_taken(block, ring) for ring in RINGS}
         self.counts = RunCounts(about)
@@ -67,6 +68,9 @@ class _Node:
             message = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
             sink.write([message])
             self.written["alarm"] += 1
+        if keyframe := self.keyframes.look():
+            sink.add([self.channels.entry("keyframes", *keyframe)])
+            self.written["keyframe"] += 1
         full = False
         for ring in RINGS:
             rows, taken = self.block[ring], self.taken[ring]

@@ -19,7 +19,14 @@ _ENTRY = {"cycle": _INTEGER, "stamp_ns": _INTEGER, "name": _TEXT, "value": _NUMB
 JSON_SCHEMAS = {
     "Event": {"type": "object", "properties": _ENTRY | {"event": _TEXT, "argument": _INTEGER}},
     "Tuning": {"type": "object", "properties": _ENTRY},
-}
+    "Keyframe": {
+        "type": "object",
+        "properties": {
+            "cycle": _INTEGER, "stamp_ns": _INTEGER, "passes": _INTEGER,
+            "layout": _TEXT, "crc": _INTEGER, "state": _TEXT,
+        },
+    },
+}  # fmt: skip
 
 # kinds of events by code: about a variable and its value; about an id; all without a variable
 VALUE_EVENTS = {int(kind): kind.says for kind in Event if kind.about == VARIABLE}

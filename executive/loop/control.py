@@ -10,25 +10,26 @@ import numpy as np
 
 from pcpc.drivers.compiled.rows import lines_of
 
+OF_THE_LOOP = (
+    "state", "cycle", "done", "fault",
+    "passes", "late", "skipped", "held", "stale",
+    "sent", "received", "lost", "crc_errors", "repeated",
+    "saturated", "send_errors", "bus_errno", "foreign", "wake_max_ns",
+    "lost_on_purpose", "refused",
+    "bus_warnings", "bus_passives", "bus_offs",
+    "bus_restarts", "bus_no_acks", "bus_tx_timeouts",
+    "odd_place", "odd_cycle", "odd_bits",  # the first value not finite: variable + 1, when
+    "stepping",  # the block that is being stepped, + 1
+    "wrong_sequence", "bus_errors",
+    "culprit",  # of the fault: an id, or why a value was not plausible
+    "implausible", "intrusions",
+    "missed", "starved", "signs_on_purpose",  # see `executive.loop.on_wire`
+)  # fmt: skip
 CONTROL = lines_of(
     ("stop",),  # 1: the end is asked for
-    (
-        "state", "cycle", "done", "fault",
-        "passes", "late", "skipped", "held", "stale",
-        "sent", "received", "lost", "crc_errors", "repeated",
-        "saturated", "send_errors", "bus_errno", "foreign", "wake_max_ns",
-        "lost_on_purpose", "refused",
-        "bus_warnings", "bus_passives", "bus_offs",
-        "bus_restarts", "bus_no_acks", "bus_tx_timeouts",
-        "odd_place", "odd_cycle", "odd_bits",  # the first value not finite: variable + 1, when
-        "stepping",  # the block that is being stepped, + 1
-        "wrong_sequence", "bus_errors",
-        "culprit",  # of the fault: an id, or why a value was not plausible
-        "implausible", "intrusions",
-        "missed", "starved", "signs_on_purpose",  # see `executive.loop.on_wire`
-    ),
+    OF_THE_LOOP,
     ("pid", "ready", "realtime", "recorded"),
-)  # fmt: skip
+)
 
 
 def place(name: str) -> int:

@@ -8,7 +8,8 @@
     step       the blocks in the rig's order, each on its views of the table; note changes
     limit      look for what is no finite number; clamp, rate-limit and ramp what is sent
     transmit   encode, protect, send: slow frames, frames of every cycle, SYNC last
-    publish    snapshot of the table for other processes, and one row for the recorder
+    publish    snapshot of the table for other processes, and one row for the recorder; once in a
+               while all that the node carries into the next cycle
 
 Time is t = k T. `k` counts periods, `passes` the cycles really done: after a stall whole periods
 are skipped and counted, deadlines keep their phase, nothing is made up in a burst. Counters on the
@@ -32,6 +33,7 @@ from pcpc.executive.loop.clock import next_period, now, runs, set_time, wait
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.keyframes import keep_frame
 from pcpc.executive.loop.limits import settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
@@ -89,6 +91,7 @@ def publish(n: Any) -> None:
     n.timing.publish_ns = n.timing.done - n.timing.sent
     if runs(n.clock):
         timing.count(n)
+    keep_frame(n)
 
 
 @loop_inline

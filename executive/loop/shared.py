@@ -65,6 +65,7 @@ MAX_SCHEDULE = 2048
 RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
+KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
 
 
 _ROLE = row_of("starts awaited peer meeting")  # of a received frame; peer: of the node waited for
@@ -85,6 +86,8 @@ _PUBLISHED = [  # written by the node, read by all
     ("stages", FIGURES, (STAGES,)),
     ("histogram", "<i8", (STAGES, BUCKETS)),
     ("latest", LATE, (LATEST,)),
+    ("keyframe_seq", "<i8", (LINE_WORDS,)),  # see `executive.loop.keyframe_layout`
+    ("keyframe", "<i8", (KEYFRAME_WORDS,)),
     ("record", "<i8", (RECORD_RING_WORDS,)),
     ("frame", FRAME_ROW, (FRAME_RING_ROWS,)),
     ("event", EVENT_ROW, (EVENT_RING_ROWS,)),
@@ -207,6 +210,12 @@ _TIMING = [  # when this cycle did what; see `executive.loop.timing`
     ("usage", "<i8", (18,)),  # struct rusage
     ("usage_before", "<i8", (len(USAGE),)),
 ]
+_KEEP = [
+    ("every", "<i8"),  # passes; 0 for no keyframes
+    ("next", "<i8"),  # the pass behind which the next one is published
+    ("n", "<i8"),
+    ("span", row_of("start length"), (MAX_SPANS,)),  # bytes from `v` on
+]
 _PRIVATE = [
     ("k", "<i8"),  # the cycle: time is k T
     ("passes", "<i8"),  # cycles done; k minus passes were skipped
@@ -218,7 +227,7 @@ _PRIVATE = [
             ("clock", _CLOCK), ("rx", _RX), ("meeting", meeting(MAX_FRAMES)), ("guard", _GUARD),
             ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
-            ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),
+            ("keep", _KEEP), ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),
             ("intrusion", intrusion(MAX_FRAMES, MAX_SIGNALS)),
         )
     ),

@@ -21,7 +21,7 @@ from pcpc.executive.loop.sending import LastWord
 from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.loop.variables import DISARMED
-from pcpc.executive.nodes import fmus
+from pcpc.executive.nodes import fmus, planned_keyframes
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.nodes.planned_plausible import install_plausible
@@ -106,6 +106,7 @@ def install(made: Plan, loop: Any) -> None:
         loop.blocks.noted_index[i] = place
     tuning.n, loop.blocks.n_noted = len(made.schedule), len(made.noted)
     fmus.install(made, loop)
+    planned_keyframes.install(made, loop)
 
 
 def _install_schedule(made: Plan, loop: Any) -> None:

@@ -22,7 +22,12 @@ from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
-from pcpc.executive.nodes import planned_controllers, planned_faults, planned_plausible
+from pcpc.executive.nodes import (
+    planned_controllers,
+    planned_faults,
+    planned_keyframes,
+    planned_plausible,
+)
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig import standby
 from pcpc.executive.rig.blocks import BlockSpec
@@ -385,6 +390,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         "files": rig.carried_files(made.read),
         "external": list(made.external),
         "metadata": metadata,
+        **planned_keyframes.described(made),
     }
 
 

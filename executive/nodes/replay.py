@@ -28,6 +28,7 @@ from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import note_bus_error
@@ -42,7 +43,8 @@ from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.stalls import forget
 from pcpc.executive.loop.states import State
-from pcpc.executive.loop.variables import COUNTED, COUNTERS, STATE
+from pcpc.executive.loop.variables import COUNTED, COUNTERS, GAIN, STATE
+from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
@@ -85,15 +87,17 @@ class Assembler:
 
     def __init__(self, names: Sequence[str]) -> None:
         """`names`: the recorded variables, state and timing."""
-        self.names = names
+        self.names, self.behind = names, -1  # later cycles are taken
         self._rows = np.empty((0, HEAD + len(names)), np.int64)
         self._frames = np.empty(0, logs.FRAME)
         self._tunings: list[tuple[int, str, float]] = []
 
     def add(self, node: logs.Node) -> None:
         """Append a further piece of the log; LogError if it lacks what each cycle has."""
-        self._frames = np.concatenate((self._frames, node.frames))
-        self._tunings += map(tuning_of, node.tunings)
+        new = node.frames[node.frames["cycle"] > self.behind]
+        self._frames = np.concatenate((self._frames, new))
+        tunings = map(tuning_of, node.tunings)
+        self._tunings += [one for one in tunings if one[0] > self.behind]
         if not len(node.cycle):
             return
         both = {**node.columns, **node.timing}
@@ -109,7 +113,7 @@ class Assembler:
         )  # no count of passes: a gap
         for i, name in enumerate(self.names):
             rows[:, HEAD + i] = both[name].view(np.int64)
-        self._rows = np.concatenate((self._rows, rows))
+        self._rows = np.concatenate((self._rows, rows[rows[:, K] > self.behind]))
 
     @property
     def left(self) -> NDArray[np.int64]:
@@ -262,6 +266,13 @@ class Replay:
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
         self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if is_heartbeat(f)]
+
+    def begin_behind(self, frame: Keyframe) -> None:
+        """Let the node, which has done no cycle yet, stand behind that of a keyframe of its log."""
+        loop = self.block.loop
+        planned_keyframes.restore(self.plan, loop, frame.passes, frame.cycle, frame.state)
+        self._gain = np.array([loop.v[GAIN]])
+        self._clocked = np.array([loop.v[self._places[: len(self._clocks)]]])
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""

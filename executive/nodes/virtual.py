@@ -24,7 +24,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.over_line import run_over_line
 from pcpc.executive.loop.ring_layout import RECORD_HEAD
-from pcpc.executive.nodes import fmus
+from pcpc.executive.nodes import fmus, planned_keyframes
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
@@ -129,6 +129,8 @@ class VirtualRun:
         self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self.memory = Memory(blocks, rig)
         self._stopped = False
+        every = [planned_keyframes.passes_of(made) or CYCLES_BETWEEN_DRAINS for made in plans]
+        self._at_once = min(CYCLES_BETWEEN_DRAINS, *every)  # none is missed
         self.recorder = None if log is None else Recorder(
             log, blocks, judged=judged, clock=lambda: 0
         )  # fmt: skip
@@ -138,9 +140,7 @@ class VirtualRun:
         loops = tuple(block.loop for block in self.blocks)
         run, more = run_over_line() if self.over else run_of(len(loops)), 1
         while more:
-            more = self._watched(
-                lambda: run(loops, self.steps, *self.over, CYCLES_BETWEEN_DRAINS), loops
-            )
+            more = self._watched(lambda: run(loops, self.steps, *self.over, self._at_once), loops)
             (self.recorder or self.memory).drain()
             yield int(self.blocks[0].loop.passes)
 

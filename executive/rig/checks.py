@@ -25,6 +25,7 @@ _STEERS = re.compile(  # a terminal, or the direction of writing
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 _CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
+_SHORTEST_KEYFRAME_NS = 10**8
 _LONGEST_KEEP_NS = 10**15  # the longest run
 _TAKEN = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
 
@@ -113,6 +114,10 @@ def _keep(config: Config) -> Problems:
     if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
         what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
         yield ("record", "keep"), what
+    every = config.record.keyframe_ns
+    if every and not _SHORTEST_KEYFRAME_NS <= every <= _LONGEST_KEEP_NS:
+        what = f"{config.record.keyframe}: expected 100ms to 12 days, or 0s for none"
+        yield ("record", "keyframe"), what
 
 
 def _limits(config: Config) -> Problems:

@@ -298,10 +298,19 @@ Happening = Literal["fault", "change", "skip", "tuning"]
 
 
 class Record(Keyed):
-    """What the log keeps: all, or with `keep` what lies around an event; see `log.snapshot`."""
+    """What the log keeps: all, or with `keep` what lies around an event; see `log.snapshot`.
+
+    `keyframe`: time between two states of whole nodes, see `log.keyframes`; 0s for none.
+    """
 
     keep: Duration | None = None
     on: Happening | list[Happening] = "fault"
+    keyframe: Duration = "1s"
+
+    @property
+    def keyframe_ns(self) -> int:
+        """`keyframe` in ns."""
+        return round(duration_ns(self.keyframe, zero=True))
 
     @property
     def keep_ns(self) -> int:

@@ -11,6 +11,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL, Frontier
+from pcpc.executive.log.keyframes import newest
 from pcpc.executive.nodes.fmus import step_of
+from pcpc.executive.nodes.planned_keyframes import why_none
 from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
@@ -34,6 +37,7 @@ from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
 ROWS_SHOWN = 20
+_PIECE = 1 << 20  # bytes of the log, where only some of it is looked at
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
@@ -94,8 +98,9 @@ def recomputed(path: Path, nodes: Sequence[Any], whole: bool = False) -> Iterato
 
     `whole`: to the log's end. LogError.
     """
-    frontier = Frontier()
-    for piece, last in logs.pieces(path, see=frontier.see):
+    frontier, since_ns = Frontier(), min(node.since_ns for node in nodes)
+    only = (since_ns, logs.LATEST) if since_ns else None
+    for piece, last in logs.pieces(path, _PIECE if only else 1 << 23, frontier.see, only):
         for node in nodes:
             node.take(piece, frontier.whole[node.role], last)
         yield piece
@@ -117,7 +122,9 @@ class Comparison:
     def __init__(
         self, head: logs.Log, rig: Rig, role: Any, last: int = ALL,
         metadata: dict[str, str] | None = None, each: Callable[[], None] = lambda: None,
+        seek: int = 0,
     ) -> None:  # fmt: skip
+        """`seek`: begin behind the newest keyframe before this cycle, if there is one."""
         about = head.node[role].description
         if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
             raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
@@ -148,7 +155,20 @@ class Comparison:
             "--fmu FILE runs it"
             for name, model in fmus.items()
         ]
+        self.since_ns = self._passes = 0  # log time and passes of the cycle behind which it begins
+        if seek:
+            self._seek(head, seek)
         self._begin_s = time.monotonic()
+
+    def _seek(self, head: logs.Log, cycle: int) -> None:
+        """Begin behind the newest keyframe before `cycle`, if there is one."""
+        made, notes = self.replay.plan, self.verdict.from_record
+        name = self.replay.block.description["keyframe_layout"]
+        frame = newest(head, self.role, cycle, name, partial(why_none, made), notes)
+        if frame is not None:
+            self.replay.begin_behind(frame)
+            self.recorded.behind, self._passes = frame.cycle, frame.passes + 1
+            self.since_ns = frame.log_ns
 
     def take(self, piece: logs.Log, whole: int, last: bool) -> None:
         """Recompute what `piece` of the log completes, up to cycle `whole`; LogError."""
@@ -185,7 +205,8 @@ class Comparison:
                 verdict.incomplete = str(error)
                 return
         for part in self.recorded.take(min(whole, self.last), last or whole >= self.last):
-            verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
+            passes = self._passes + verdict.cycles
+            verdict.incomplete = verdict.incomplete or _gap(part.rows, passes)
             if verdict.incomplete:
                 return
             if self._is_written:  # the log has no clock

@@ -44,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="pcpc-step-") as folder:
         try:
             with log_rig.rig_of(head, Path(folder), given) as rig:
-                nodes = [Comparison(head, rig, role, cycle) for role in roles]
+                nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in roles]
         except BusError as error:  # the log's DBC, not a bus of this machine
             raise UserError(str(error)) from None
         for piece in recomputed(path, nodes):

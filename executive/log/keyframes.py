@@ -1,0 +1,161 @@
+"""Keyframes in a log: from the newest before a cycle a node is recomputed, not from its start.
+
+    record: {keyframe: 1s}     in a rig file, the default; 0s for none
+    /keyframes                 JSON: cycle, stamp_ns, passes, layout, crc, state
+
+`state` is what `executive.loop.keyframe_layout` lists, packed with zstd, in base64; `crc` is the
+CRC-32 of what was packed; `layout` names what lies where. One that is damaged, of another layout,
+or of values that no run has is left out and told, and the one before it serves.
+"""
+
+import base64
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+import zstandard
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.description import LATEST, node_description
+from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
+
+_TRIES = 20  # copies of one that is being written meanwhile
+_BACK_NS = 5 * 10**8  # that a search goes back at first, besides two distances of keyframes
+_MARGIN_NS = 2 * 10**8  # of the time of a cycle that follows from its number
+
+_Count = Annotated[int, Meta(ge=0, le=LATEST)]
+
+
+class _Entry(msgspec.Struct):
+    """What a log says of a keyframe."""
+
+    cycle: _Count
+    passes: _Count
+    layout: str
+    crc: int
+    state: str
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """What a node carried out of a cycle; `log_ns`: the log time of that cycle."""
+
+    cycle: int
+    passes: int
+    log_ns: int
+    state: bytes
+
+
+class Keyframes:
+    """Those that a node publishes, as entries of a log."""
+
+    def __init__(self, block: sh.Shared) -> None:
+        about = node_description(block.description)
+        self._block, self._seen = block, 0
+        self._bytes = about["keyframe_bytes"] if about.get("keyframe_passes") else 0
+        self._layout = about.get("keyframe_layout", "")
+
+    def look(self) -> tuple[int, int, dict[str, Any]] | None:
+        """Return stamp, cycle and entry of the newest one; None if it is known, or in the making.
+
+        One that was overwritten since the last look is missed.
+        """
+        for _ in range(_TRIES if self._bytes else 0):
+            seq = int(self._block["keyframe_seq"][0])
+            if seq == self._seen:
+                return None
+            words = self._block["keyframe"].copy()
+            if seq & 1 or int(self._block["keyframe_seq"][0]) != seq:
+                continue
+            self._seen = seq
+            passes, cycle, stamp = map(int, words[:HEAD_WORDS])
+            state = words[HEAD_WORDS:].tobytes()[: self._bytes]
+            return stamp, cycle, _packed(passes, self._layout, state)
+        return None
+
+
+def _packed(passes: int, layout: str, state: bytes) -> dict[str, Any]:
+    text = base64.b64encode(zstandard.compress(state)).decode()
+    return {"passes": passes, "layout": layout, "crc": zlib.crc32(state), "state": text}
+
+
+def newest(
+    head: logs.Log, role: str, before: int, layout: str, why_not: Callable[[bytes], str],
+    notes: list[str],
+) -> Keyframe | None:  # fmt: skip
+    """Return the newest keyframe of a node behind a cycle earlier than `before`; None without.
+
+    `layout`: of this node's here. `why_not` says why a state is none, or "". `notes` gets what was
+    left out, in words. LogError.
+    """
+    about = head.node[role].description
+    period = about["period_ns"]
+    every = about.get("keyframe_passes", 0) * period
+    first = _first_cycle(head.path, role) if every else None
+    if first is None:
+        return None
+    size = about.get("keyframe_bytes", 0)
+    at, back = first[1] + (before - first[0]) * period, 2 * every + _BACK_NS
+    while True:
+        told: list[str] = []
+        good = None
+        for log_ns, text in _entries(head.path, role, (max(at - back, 0), at + _MARGIN_NS)):
+            try:
+                entry = msgspec.json.decode(text, type=_Entry)
+                if entry.cycle < before:
+                    good = _checked(entry, log_ns, size, layout, why_not)
+            except (msgspec.DecodeError, ValueError, zstandard.ZstdError) as error:
+                told.append(f"a keyframe of the {role} is left out: {error}")
+        if good is not None or at - back < first[1]:
+            notes += told
+            return good
+        back *= 4
+
+
+def _checked(
+    entry: _Entry, log_ns: int, size: int, layout: str, why_not: Callable[[bytes], str]
+) -> Keyframe:
+    """Return the keyframe of an entry; ValueError, in words, for one that cannot be used."""
+    cycle = f"cycle {entry.cycle}"
+    if entry.layout != layout:
+        raise ValueError(f"{cycle}, its layout is of another version or another rig")
+    packed = base64.b64decode(entry.state, validate=True)
+    if zstandard.frame_content_size(packed) != size:
+        raise ValueError(f"{cycle}, its state does not have {size} bytes")
+    state = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    if zlib.crc32(state) != entry.crc:
+        raise ValueError(f"{cycle}, its checksum does not match")
+    if what := why_not(state):
+        raise ValueError(f"{cycle}, {what}, which no run has")
+    return Keyframe(entry.cycle, entry.passes, log_ns, state)
+
+
+def _entries(path: Path, role: str, only: logs.Times) -> Iterator[tuple[int, bytes]]:
+    """Yield log time and text of the keyframes of a node between two log times."""
+    for rows in _rows(path, logs.topic(role, "keyframes"), only):
+        for row in rows:
+            time = row[:MESSAGE_HEAD].view(message_dtype(0))["log_time"][0]
+            yield int(time), row[MESSAGE_HEAD:].tobytes()
+
+
+def _first_cycle(path: Path, role: str) -> tuple[int, int] | None:
+    """Return number and log time of the first cycle of a node in a log, None without one."""
+    for rows in _rows(path, logs.topic(role, "state"), (0, LATEST)):
+        message = rows[0, :MESSAGE_HEAD].view(message_dtype(0))
+        return int(message["sequence"][0]), int(message["log_time"][0])
+    return None
+
+
+def _rows(path: Path, topic: str, only: logs.Times) -> Iterator[NDArray[np.uint8]]:
+    found = logs.Scan()
+    for channel, rows in logs.walk(path, found, only):
+        if found.topic(channel) == topic:
+            yield np.ascontiguousarray(rows)

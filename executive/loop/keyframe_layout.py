@@ -1,0 +1,131 @@
+"""What is in a keyframe: all that a node carries from one cycle to the next (no numba here).
+
+    keyframe_seq    a seqlock, as that of the snapshot
+    keyframe        [passes, cycle, stamp ns], then the bytes of `KEPT` in its order
+
+Not in there: what is set once at the start, what only clocks measure, and what a recomputed node
+does not have, as addresses of senders and the meeting. `nodes.install` and the log give these.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.control import OF_THE_LOOP
+
+Span = tuple[str, str, int, int]
+
+HEAD_WORDS = 3  # passes, cycle, stamp ns
+_OF_FAULTS = ("earlier", "waiting")  # large, and of no use without one
+KEPT: Mapping[str, Mapping[str, tuple[str, ...]]] = {  # record -> field -> its columns, () for all
+    "control": dict.fromkeys(OF_THE_LOOP, ()),
+    "rx": dict.fromkeys(
+        ("started", "fresh", "state", "foreign", "repeats", "loss_state"), ()
+    ),
+    "guard": {
+        "safe": ("last",),
+        **dict.fromkeys(
+            (
+                "missing", "overruns", "faulted", "disarmed", "reset", "stop", "off", "quick",
+                "gain", "pace",
+            ), (),
+        ),
+    },
+    "faults": dict.fromkeys(
+        (
+            "stalled", "seed", "acting", "since", "true", "kept", "count", "first", "shown",
+            "on_wire", "missed", "acted", *_OF_FAULTS,
+        ), (),
+    ),
+    "blocks": {"noted": ()},
+    "limits": {"table": ("last", "sent")},
+    "tx": {"kind": ("told",)},
+    "wire": {"muted": ()},
+    "plausible": dict.fromkeys(
+        ("taken", "taken_at", "came", "came_at", "in_a_row", "told_until"), ()
+    ),
+    "intrusion": dict.fromkeys(
+        (
+            "counted_frame", "hints", "hint_since", "told_until", "beat_at", "early_at", "doubted",
+            "kept", "fresh", "before",
+        ), (),
+    ),
+}  # fmt: skip
+_LARGEST = 1 << 62  # cycles, ns, counts
+
+
+def spans(variables: int, faults: bool) -> list[Span]:
+    """Return what a keyframe holds of a node with so many variables, and faults on purpose or none.
+
+    Record, field, offset in LOOP and bytes; ("", "v") first.
+    """
+    kinds: Any = sh.LOOP.fields
+    found = [("", "v", int(kinds["v"][1]), 8 * variables)]
+    for record, names in KEPT.items():
+        kind, at = kinds[record][:2]
+        for name in names:
+            inner, place = kind.fields[name][:2]
+            if faults or name not in _OF_FAULTS:
+                found.append((record, name, at + place, inner.itemsize))
+    return found
+
+
+def size_of(held: Sequence[Span]) -> int:
+    """Return the bytes of the state in a keyframe."""
+    return sum(size for *_, size in held)
+
+
+def name_of(held: Sequence[Span], variables: Sequence[str]) -> str:
+    """Return a name for what lies where in a keyframe: 16 hexadecimal digits."""
+    kinds = [str(sh.LOOP[record or name]) for record, name, _, _ in held]
+    return hashlib.sha256(repr((held, kinds, list(variables))).encode()).hexdigest()[:16]
+
+
+def install(loop: Any, held: Sequence[Span], every: int) -> None:
+    """Let the loop keep a keyframe every so many passes; 0 for none."""
+    keep, n, past, base = loop.keep, 0, -1, held[0][2]
+    for _, _, offset, size in held:
+        if offset == past:
+            keep.span[n - 1].length += size
+        else:
+            keep.span[n] = (offset - base, size)
+            n += 1
+        past = offset + size
+    keep.n, keep.every, keep.next = n, every, every - 1 if every else -1
+
+
+def impossible(held: Sequence[Span], state: bytes) -> str:
+    """Return which value of a keyframe no run has, in words; "" for none."""
+    for record, name, values in _values(held, state):
+        for column in (values[one] for one in values.dtype.names or (...,)):
+            wrong = column[(column < -_LARGEST) | (column > _LARGEST)]
+            if column.dtype.kind == "i" and len(wrong):
+                return f"{record}.{name} is {wrong[0]}"
+    return ""
+
+
+def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
+    """Put a keyframe into a node, as it was installed."""
+    for record, name, values in _values(held, state):
+        if not record:
+            loop.v[: len(values)] = values
+            continue
+        into, columns = loop[record], KEPT[record][name]
+        shape = np.shape(into[name])
+        for column in columns:
+            into[name][column] = values.reshape(shape)[column]
+        if not columns:
+            into[name] = values.reshape(shape) if shape else values[0]
+
+
+def _values(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]:
+    """Yield record, field and values, flat, of what a keyframe holds."""
+    at = 0
+    for record, name, _, size in held:
+        of_record: Any = sh.LOOP[record].fields if record else sh.LOOP.fields
+        kind = of_record[name][0].base
+        yield record, name, np.frombuffer(state, kind, size // kind.itemsize, at)
+        at += size

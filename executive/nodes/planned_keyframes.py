@@ -1,0 +1,71 @@
+"""What a plan says of the keyframes of its node: how often, what is in them, what cannot be."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from pcpc.executive.log.description import NodeDescription
+from pcpc.executive.loop import keyframe_layout as layout
+from pcpc.executive.loop.table import Table
+from pcpc.executive.rig.reading import NodeSpec, Rig
+
+_LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
+
+
+class Planned(Protocol):
+    """What is used of a plan, see `executive.nodes.plan`."""
+
+    rig: Rig
+    table: Table
+    spec: NodeSpec
+    faults: Any
+    external: Any
+    values: dict[int, float]
+
+
+def passes_of(made: Planned) -> int:
+    """Return the passes between two keyframes, 0 for none: not all state is the table's then."""
+    config = made.rig.config
+    elsewhere = made.external or any(hasattr(one.block.step, "model") for one in made.spec.blocks)
+    if elsewhere or not config.record.keyframe_ns:
+        return 0
+    return max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
+
+
+def held_by(made: Planned) -> list[layout.Span]:
+    """Return what a keyframe of the node holds."""
+    return layout.spans(len(made.table.variables), bool(made.faults))
+
+
+def described(made: Planned) -> NodeDescription:
+    """Return what the description of the node says of them."""
+    held = held_by(made)
+    return {
+        "keyframe_passes": passes_of(made),
+        "keyframe_bytes": layout.size_of(held),
+        "keyframe_layout": layout.name_of(held, [one.name for one in made.table.variables]),
+    }
+
+
+def why_none(made: Planned, state: bytes) -> str:
+    """Return what no run has in the state of a keyframe, in words; "" if it can be one."""
+    if what := layout.impossible(held_by(made), state):
+        return what
+    values = np.frombuffer(state, "<f8", len(made.table.variables))
+    for i, (one, value) in enumerate(zip(made.table.variables, values, strict=True)):
+        low, high = (one.low, one.high) if one.kind == "parameter" else (-_LARGEST, _LARGEST)
+        can_be = max(low, -_LARGEST) <= value <= min(high, _LARGEST)
+        if not (can_be or one.timing or value == made.values.get(i)):
+            return f"{one.name} is {value:g}"
+    return ""
+
+
+def install(made: Planned, loop: Any) -> None:
+    """Tell the loop of the node which bytes to copy, and when."""
+    layout.install(loop, held_by(made), passes_of(made))
+
+
+def restore(made: Planned, loop: Any, passes: int, cycle: int, state: bytes) -> None:
+    """Let a node, as it was installed, stand behind a cycle, the last of so many passes and one."""
+    layout.restore(loop, held_by(made), state)
+    loop.k, loop.passes = cycle + 1, passes + 1
