@@ -90,9 +90,10 @@ def same_state_behind(log: Path, cycle: int, rig: Any) -> None:
     ],
 )
 def test_all_that_a_node_carries_is_in_a_keyframe(path: Path, tmp_path: Path) -> None:
-    rig = load_rig(path, settings=list(SHORT))
+    every = max(1, round(0.1 * load_rig(path).config.rate_hz))
+    duration = (4 * every + 9) / load_rig(path).config.rate_hz
+    rig = load_rig(path, settings=["record.keyframe=100ms", f"duration_s={duration}"])
     simulate(rig, tmp_path / "log.mcap")
-    every = max(1, round(0.1 * rig.config.rate_hz))
     for cycle in sorted({every + 1, 2 * every, 4 * every + 3}):
         same_state_behind(tmp_path / "log.mcap", cycle, rig)
 
