@@ -17,7 +17,7 @@ from processes import ROOT, Running, alive, until
 
 from pcpc.tools.after.compare.inputs import Tree
 from pcpc.tools.after.compare.repository import Repository
-from pcpc.tools.after.compare.versions import _python_path
+from pcpc.tools.after.compare.versions import python_path
 
 AUTHOR = ("-c", "user.name=engineer", "-c", "user.email=engineer@example.org")
 SOFT = "  soft: {like: proportional, parameters: {gain: 2.0}}\n\nsupervisor:"
@@ -413,6 +413,6 @@ def test_what_is_installed_from_the_working_tree_comes_from_the_other_version(
     monkeypatch.setattr(sys, "path", [str(repo / "src"), str(repo / "absent"), "/usr/lib"])
     monkeypatch.delenv("PYTHONPATH", raising=False)
     trees = (Tree(tmp_path, []), Tree(repo, []))
-    assert [_python_path(tree, trees[1]) for tree in trees] == [
+    assert [python_path(tree, trees[1]) for tree in trees] == [
         str(tmp_path / "src"), str(repo / "src"),
     ]  # fmt: skip

@@ -116,7 +116,7 @@ class Tree:
     def _named(self, document: Document, data: Any) -> set[str]:
         """Return the files that the texts of a rig name, by path or as a module."""
         found: set[str] = set()
-        for keys, text in _texts(data, ()):
+        for keys, text in texts(data, ()):
             name = text.partition(":")[0]
             found.update(self._modules(name))
             file = os.path.normpath(document.place(keys).folder / name)
@@ -209,9 +209,10 @@ def _chosen(data: dict[str, Any], controller: str) -> dict[str, Any]:
     return found
 
 
-def _texts(data: Any, above: Keys) -> Iterator[tuple[Keys, str]]:
+def texts(data: Any, above: Keys) -> Iterator[tuple[Keys, str]]:
+    """Yield all texts in the values of a rig, each with the keys that lead there."""
     if isinstance(data, dict | list):
         for key, child in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _texts(child, (*above, key))
+            yield from texts(child, (*above, key))
     elif isinstance(data, str):
         yield above, data

@@ -24,6 +24,9 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import one_line
 
 _NEW = ("ls-files", "-z", "--others", "--exclude-standard", "--exclude=__pycache__/")
+_OF_A_HOOK = (
+    "GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX", "GIT_COMMON_DIR", "GIT_NAMESPACE",
+)  # fmt: skip
 ALIVE = "alive"  # a file in the folder, locked by everything that still writes into it
 
 
@@ -47,14 +50,18 @@ class Repository:
         """What the names of its folders hold, and no other repository's."""
         return hashlib.sha256(str(self.root).encode()).hexdigest()[:8]
 
-    def commit(self, ref: str) -> str:
-        """Return the hash of a version; GitError."""
+    def git(self, *words: str) -> str:
+        """Return what git prints here; GitError."""
+        return _git(self.root, *words)
+
+    def commit(self, ref: str, option: str = "--against ") -> str:
+        """Return the hash of a version; GitError, which names the option that gave it."""
         try:
             words = ("rev-parse", "--verify", "--end-of-options", f"{ref}^{{commit}}")
             return _git(self.root, *words).strip()
         except GitError as error:
             cure = "`git log` lists versions; a shallow clone gets more by `git fetch --unshallow`"
-            raise GitError(f"--against {ref}: {error}; {cure}") from None
+            raise GitError(f"{option}{ref}: {error}; {cure}") from None
 
     def files(self) -> list[str]:
         """Return the files of the working tree that are tracked, or could be."""
@@ -76,11 +83,12 @@ class Repository:
     def checked_out(self, commit: str) -> Iterator[Path]:
         """Give a folder with the files of a version in `tree/`; it is gone at the end."""
         with _claimed(f"{commit[:12]}-{self.mark}") as folder:
-            index = {"GIT_INDEX_FILE": str(folder / "index")}
-            _git(self.root, "read-tree", commit, environment=index)
-            prefix = f"--prefix={folder / 'tree'}/"
-            (folder / "tree").mkdir()
-            _git(self.root, "checkout-index", "--all", "--quiet", prefix, environment=index)
+            (tree := folder / "tree").mkdir()
+            own = _git(self.root, "rev-parse", "--absolute-git-dir").rstrip("\n")
+            here = {"GIT_DIR": own, "GIT_WORK_TREE": str(tree)}
+            here |= {"GIT_INDEX_FILE": str(folder / "index")}
+            _git(tree, "read-tree", commit, environment=here)
+            _git(tree, "checkout-index", "--all", "--quiet", environment=here)
             yield folder
 
 
@@ -89,15 +97,24 @@ def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -
     try:
         done = subprocess.run(
             ["git", "-C", str(folder), *words], capture_output=True, check=True,
-            stdin=subprocess.DEVNULL, env=os.environ | (environment or {}),
+            stdin=subprocess.DEVNULL, env=_surroundings() | (environment or {}),
         )  # fmt: skip
     except FileNotFoundError:
         what = "git: no such program; install it, as with `sudo apt-get install git`"
         raise GitError(what, Exit.ENVIRONMENT) from None
     except subprocess.CalledProcessError as error:
         said = os.fsdecode(error.stderr).strip().splitlines() or [f"exit code {error.returncode}"]
-        raise GitError(one_line(f"git: {said[0].removeprefix('fatal: ')}")) from None
+        code = Exit.LOSS if "No space left on device" in said[0] else None
+        cure = "; `git config --global --add safe.directory FOLDER` trusts it"
+        what = said[0].removeprefix("fatal: ") + cure * ("dubious ownership" in said[0])
+        raise GitError(one_line(f"git: {what}"), code) from None
     return os.fsdecode(done.stdout)
+
+
+def _surroundings() -> dict[str, str]:
+    """Return the environment of git: not that of a hook, and the index is only read."""
+    found = {key: value for key, value in os.environ.items() if key not in _OF_A_HOOK}
+    return found | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
 
 
 @contextmanager

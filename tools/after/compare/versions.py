@@ -40,7 +40,7 @@ class Side:
 
     root: Path
     rig: str  # its file, from the root
-    controller: str
+    controller: str  # "": the rig's own
     python_path: str
 
 
@@ -103,7 +103,7 @@ def _found(word: str) -> str:
     return ""
 
 
-def _from(root: Path, word: str) -> str:
+def path_from(root: Path, word: str) -> str:
     """Return the path from `root`, which is no link, of what a word names from here."""
     folder, name = os.path.split(os.path.abspath(word))
     return os.path.relpath(os.path.join(os.path.realpath(folder), name), root)
@@ -117,7 +117,7 @@ class _Plan:
         changed: Sequence[str],
     ) -> None:  # fmt: skip
         self._trees, self._options, self._how, self._folder = trees, options, how, folder
-        self._paths = [_python_path(tree, trees[1]) for tree in trees]
+        self._paths = [python_path(tree, trees[1]) for tree in trees]
         self._files = [tree.rig_files() for tree in trees]
         self._names = _names({**self._files[0], **self._files[1]})
         self._read = [{path: _rig(tree, path) for path in of} for tree, of in self._each()]
@@ -149,10 +149,12 @@ class _Plan:
         found = dict[str, None]()
         for word in words:
             root = self._trees[1].root
-            forms = {_from(root, f"{word}{end}") for end in ("", "/rig.yaml")} if word else set()
+            forms = (
+                {path_from(root, f"{word}{end}") for end in ("", "/rig.yaml")} if word else set()
+            )
             mine = [p for p in known if p in forms or fnmatchcase(self._names[p], word)]
             if not mine and (file := _found(word)):
-                mine = [p for p in known if p == _from(root, file)]
+                mine = [p for p in known if p == path_from(root, file)]
             if not mine:
                 raise RigError(
                     f"{word or repr(word)}: no rig of either version"
@@ -224,24 +226,26 @@ def _names(files: dict[str, str]) -> dict[str, str]:
     }
 
 
-def _python_path(tree: Tree, present: Tree) -> str:
+def python_path(tree: Tree, present: Tree) -> str:
     """Return the PYTHONPATH of a version: what is imported from `present` comes from `tree`."""
     entries = [tree.root] if tree.holds_pcpc else []
     for entry in (Path(text).resolve() for text in sys.path if text):
         if entry.is_relative_to(present.root):
             there = tree.root / entry.relative_to(present.root)
             entries += [there] if there.is_dir() else []
-    before = os.environ.get("PYTHONPATH", "")
-    return os.pathsep.join([*dict.fromkeys(map(str, entries)), *filter(None, [before])])
+    named = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    before = [Path(os.path.abspath(entry)) for entry in named]
+    entries += [e for e in before if not e.resolve().is_relative_to(present.root)]
+    return os.pathsep.join(dict.fromkeys(map(str, entries)))
 
 
 def _run(job: Job) -> Pair:
     """Run a job and compare; in a process of a pool."""
     logs, wrong = [], []
     for word, side in zip(_SIDES, job.sides, strict=True):
-        log, said = _simulated(side, job.folder / word)
-        logs.append(log)
-        wrong += [] if log.is_file() else [f"{word}: {said}"]
+        done = simulated(side, job.folder / word)
+        logs.append(job.folder / word / LOG)
+        wrong += [] if logs[-1].is_file() else [f"{word}: {last_line(done)}"]
     try:
         if wrong:
             return Pair(job.name, job.controller, FAILED, wrong)
@@ -254,17 +258,22 @@ def _run(job: Job) -> Pair:
         shutil.rmtree(job.folder, ignore_errors=True)
 
 
-def _simulated(side: Side, folder: Path) -> tuple[Path, str]:
-    """Run a rig in virtual time; return its log and the last line that was said."""
-    words = ["simulate", side.rig, "--controller", side.controller, "-o", str(folder)]
-    command = [sys.executable, "-P", "-m", "pcpc.tools.cli", *words, "--no-figure", "--quiet"]
+def simulated(side: Side, folder: Path, *more: str) -> "subprocess.CompletedProcess[str]":
+    """Run a rig in virtual time into a folder two below the one that holds the version."""
+    words = ["simulate", side.rig, "-o", str(folder), "--no-figure", "--quiet", *more]
+    words += [f"--controller={side.controller}"] if side.controller else []
     environment = os.environ | {"PYTHONPATH": side.python_path, "OPENBLAS_NUM_THREADS": "1"}
     with (folder.parents[1] / ALIVE).open() as alive:
         fcntl.flock(alive, fcntl.LOCK_SH)
-        done = subprocess.run(
-            command, cwd=side.root, env=environment, capture_output=True, text=True,
+        return subprocess.run(
+            [sys.executable, "-P", "-m", "pcpc.tools.cli", *words],
+            cwd=side.root, env=environment, capture_output=True, text=True,
             errors="replace", stdin=subprocess.DEVNULL, start_new_session=True,
             pass_fds=(alive.fileno(),), preexec_fn=partial(end_with, os.getpid(), 9),
         )  # fmt: skip
+
+
+def last_line(done: "subprocess.CompletedProcess[str]") -> str:
+    """Return the last line that a run said, else its exit code."""
     said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-    return folder / LOG, one_line(said[-1])
+    return one_line(said[-1])

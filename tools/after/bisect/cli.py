@@ -1,0 +1,157 @@
+"""`pcpc bisect RIG GOOD BAD`: the commit that changed a run's bits first, and where in the run."""
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError, printable
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.bisect.runs import CannotRun, Runs, firsts
+from pcpc.tools.after.bisect.search import ends, suspects
+from pcpc.tools.after.compare.repository import GitError, Repository
+from pcpc.tools.after.compare.versions import path_from
+from pcpc.tools.after.log import diff
+from pcpc.tools.start import rigs
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.progress import Progress
+
+_SHOWN = 8  # files, commits that cannot be run
+
+
+def command(options: argparse.Namespace) -> int:
+    """Search and print; NOT_MET for equal bits, or several suspects."""
+    file = rigs.find(options.rig)
+    repository = Repository.around(Path(file).parent)
+    rig = path_from(repository.root, file)
+    good, bad = ends(repository, options.good, options.bad)
+    for word, commit in (("GOOD", good), ("BAD", bad)):
+        if rig not in repository.files_of(commit):
+            what = f"{rig}: not in {word}, {commit[:10]}"
+            raise UserError(f"{what}; name a commit that has it under this name")
+    told: dict[str, Any] = {"rig": rig, "good": good, "bad": bad}
+    told["uncommitted"] = _uncommitted(repository)
+    progress = Progress(options.quiet)
+    runs = Runs(repository, bad, rig, list(_words(options)))
+    told |= _Bisection(runs, good, bad, progress).found()
+    progress.close()
+    print(json.dumps(told, indent=1) if options.json else "\n".join(_lines(told)))
+    return Exit.OK if len(told["suspects"]) == 1 else Exit.NOT_MET
+
+
+def _words(options: argparse.Namespace) -> Iterator[str]:
+    """Yield what each run is asked for."""
+    if options.controller is not None:
+        yield f"--controller={options.controller}"
+    for text in options.set:
+        yield f"--set=@{os.path.abspath(text[1:])}" if text.startswith("@") else f"--set={text}"
+    if options.duration is not None:
+        yield f"--set=duration_s={options.duration!r}"
+
+
+def _uncommitted(repository: Repository) -> int:
+    """Return how many files of the working tree are not those of its commit."""
+    with suppress(GitError):  # it has none yet
+        return len(repository.changed("HEAD"))
+    return 0
+
+
+class _Bisection:
+    """A search; the logs of GOOD and of the earliest commit that differs are kept."""
+
+    def __init__(self, runs: Runs, good: str, bad: str, progress: Progress) -> None:
+        self._runs, self._git, self._progress = runs, runs.repository.git, progress
+        self._why: dict[str, str] = {}
+        self._ends = good, bad
+        self._good, self._bad = self._log(good, "GOOD"), self._log(bad, "BAD")
+
+    def _log(self, commit: str, name: str) -> logs.Log:
+        self._progress.show(f"running {name}, {commit[:7]}")
+        try:
+            return self._runs.log(commit)
+        except CannotRun as error:
+            raise UserError(f"{name} {commit[:10]} cannot be run: {error}") from None
+
+    def _differs(self, commit: str) -> bool | None:
+        try:
+            log = self._runs.log(commit)
+        except CannotRun as error:
+            self._why[commit] = str(error)
+            return None
+        if diff.compare(self._good, log).equal:
+            return False
+        self._bad = log
+        return True
+
+    def found(self) -> dict[str, Any]:
+        """Return what is told of it; UserError where two runs of one commit differ."""
+        told: dict[str, Any] = {"cycles": len(next(iter(self._good.node.values())).cycle)}
+        empty: dict[str, Any] = {
+            "suspects": [],
+            "skipped": [],
+            "files": [],
+            "only": [],
+            "nodes": [],
+        }
+        if diff.compare(self._good, self._bad).equal:
+            return {**told, "runs": self._runs.count, "parent": None, **empty}
+        left, parent = suspects(self._runs.repository, *self._ends, self._differs, self._tell)
+        old, new = self._again(parent, self._good), self._again(left[-1], self._bad)
+        report, folder = diff.compare(old, new), os.path.dirname(self._runs.rig)
+        words = "diff-tree", "-r", "-z", "--name-only", "--no-renames", parent, left[-1]
+        files = self._git(*words).split("\0")[:-1]
+        files.sort(key=lambda name: not name.startswith(os.path.join(folder, "")))
+        return {
+            **told, "runs": self._runs.count, "suspects": list(map(self._about, left)),
+            "parent": parent, "files": files,
+            "skipped": [{"commit": one, "why": why} for one, why in self._why.items()],
+            "only": report.only, "nodes": [vars(one) for one in firsts(report, old, new)],
+        }  # fmt: skip
+
+    def _tell(self, left: int, commit: str) -> None:
+        what = "commit" if left == 1 else "commits"
+        self._progress.show(f"{left} {what} left, testing {commit[:7]}")
+
+    def _again(self, commit: str, before: logs.Log) -> logs.Log:
+        """Run a commit once more; UserError if its bits are not those of before."""
+        log = self._log(commit, "once more")
+        if diff.compare(before, log).equal:
+            return log
+        what = "its runs differ from each other, so a clock or chance is in them"
+        raise UserError(f"{commit[:10]}: {what}; nothing can be bisected before that is mended")
+
+    def _about(self, commit: str) -> dict[str, str]:
+        words = "-c", "log.showSignature=false", "show", "-s", "--format=%aI%n%s", commit
+        date, _, subject = self._git(*words).rstrip("\n").partition("\n")
+        return {"commit": commit, "date": date, "subject": printable(subject)}
+
+
+def _lines(told: dict[str, Any]) -> Iterator[str]:
+    """Yield the text for a terminal."""
+    if told["uncommitted"]:
+        yield f"uncommitted files, left out: {told['uncommitted']}"
+    left = told["suspects"]
+    if not left:
+        what = f"equal bits in {told['cycles']} cycles, nothing to find"
+        yield f"{told['good'][:10]} and {told['bad'][:10]}: {what}"
+        return
+    for one in told["skipped"][:_SHOWN]:
+        yield from screen.wrapped(f"{one['commit'][:10]} cannot be run: {one['why']}", "skipped  ")
+    if len(left) > 1:
+        yield f"one of {len(left)} commits; what lies between cannot be run"
+    for one in left:
+        text = f"{one['commit'][:10]}  {one['date']}  {one['subject']}"
+        yield from screen.wrapped(text, "commit   ")
+    files = told["files"]
+    texts = [*files[:_SHOWN], *[f"{len(files) - _SHOWN} more"] * (len(files) > _SHOWN)]
+    yield from screen.wrapped(", ".join(texts), "changed  ")
+    for text in told["only"]:
+        yield from screen.wrapped(text, "also     ")
+    for one in told["nodes"]:
+        yield f"{one['node']}, cycle {one['cycle']} ({one['time_s']:.6g} s), {one['stage']}"
+        ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
+        others = f"; {one['others']} more in this cycle" if one["others"] else ""
+        yield from screen.wrapped(f"{one['name']}: {one['old']} -> {one['new']}{ulp}{others}", "  ")

@@ -1,0 +1,41 @@
+"""Commands: bisect."""
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import Add, Command
+
+
+def bisect(add: Add) -> None:
+    """Take a rig, and two commits of the repository that holds it."""
+    add("rig", metavar="RIG", help="a rig's name (pcpc rigs), file or folder")
+    add("good", metavar="GOOD", help="git revision whose bits are those wanted")
+    add("bad", metavar="BAD", help="later git revision whose bits differ")
+    add("--controller", metavar="NAME", help="use this controller; default: the rig's")
+    take.settings(add, "change a value of every run, as duration_s=2; @FILE: those of pcpc save")
+    add("--duration", type=take.duration, metavar="DURATION",
+        help="length of the runs; default: the rig's")  # fmt: skip
+    take.json(add)
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "bisect",
+        "find the commit, cycle and signal that changed the bits of a run first",
+        "pcpc bisect hull v1.2 HEAD\npcpc bisect motor HEAD~30 HEAD --controller pid --duration 2s",
+        bisect,
+        notes="The commits of the repository that holds RIG run in virtual time, in a folder\n"
+        "of their own: only test commits whose code you would run. If the repository\n"
+        "is that of pcpc, its code comes from the commit, too.",
+        judges=True,
+        module="after.bisect.cli",
+        codes={
+            Exit.OK: "found",
+            Exit.NOT_MET: "equal bits, or several commits are left",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "a disk is full",
+            Exit.ENVIRONMENT: "git is missing",
+            Exit.INTERRUPTED: "",
+        },
+    ),
+)
