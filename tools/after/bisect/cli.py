@@ -135,7 +135,7 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
         yield f"uncommitted files, left out: {told['uncommitted']}"
     left = told["suspects"]
     if not left:
-        what = f"equal bits in {told['cycles']} cycles, nothing to find"
+        what = f"equal bits up to cycle {told['cycles'] - 1}, nothing to find"
         yield f"{told['good'][:10]} and {told['bad'][:10]}: {what}"
         return
     for one in told["skipped"][:_SHOWN]:

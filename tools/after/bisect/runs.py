@@ -24,6 +24,7 @@ _OWN = str(Path(__file__).resolve().parents[3])  # the folder of this pcpc
 _ENDED = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
 _RAISED = (Fault.STEP_RAISED.says, Fault.STEP_HANGS.says)
 _KINDS = ("parameter", "input", "state", "output")
+_CLAMPED = "supervisor.saturated"  # the only one of the supervisor's that the limits set
 _STAGES = {"<in": "frames in", "rx": "frames in", "tx": "limits, sent", "<out": "frames out"}
 
 
@@ -132,7 +133,8 @@ class _Order:
     def _key(self, name: str) -> str:
         if name.startswith("frame "):
             return "<in" if name.endswith(" received") else "<out"
-        return name.removeprefix(f"{self._node}.").partition(".")[0]
+        local = name.removeprefix(f"{self._node}.")
+        return "tx" if local == _CLAMPED else local.partition(".")[0]
 
     def stage(self, name: str) -> str:
         """Return in words when a cycle comes to it."""
