@@ -416,3 +416,5 @@ def test_what_is_installed_from_the_working_tree_comes_from_the_other_version(
     assert [python_path(tree, trees[1]) for tree in trees] == [
         str(tmp_path / "src"), str(repo / "src"),
     ]  # fmt: skip
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(repo / "lib"), "/opt/lib")))
+    assert python_path(trees[0], trees[1]) == f"{tmp_path / 'src'}{os.pathsep}/opt/lib"

@@ -61,7 +61,7 @@ class Repository:
             return _git(self.root, *words).strip()
         except GitError as error:
             cure = "`git log` lists versions; a shallow clone gets more by `git fetch --unshallow`"
-            raise GitError(f"{option}{ref}: {error}; {cure}") from None
+            raise GitError(one_line(f"{option}{ref}: {error}; {cure}"), error.code) from None
 
     def files(self) -> list[str]:
         """Return the files of the working tree that are tracked, or could be."""
@@ -96,7 +96,8 @@ def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -
     """Return what git prints; GitError, in its words."""
     try:
         done = subprocess.run(
-            ["git", "-C", str(folder), *words], capture_output=True, check=True,
+            ["git", "-C", str(folder), "-c", "core.fsmonitor=false", *words],
+            capture_output=True, check=True,
             stdin=subprocess.DEVNULL, env=_surroundings() | (environment or {}),
         )  # fmt: skip
     except FileNotFoundError:

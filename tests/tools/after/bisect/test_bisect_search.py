@@ -144,7 +144,7 @@ def test_the_ends_are_two_commits_one_above_the_other(tmp_path: Path) -> None:
         ("--all", "HEAD", "--all: git: Needed a single revision"),
         (f"{hashes[1]}..main", "HEAD", "git: Needed a single revision"),
         ("main:1", "HEAD", "main:1: git: "),
-        ("\u00e9\n", "HEAD", "git: Needed a single revision"),
+        ("\u00e9\n", "HEAD", "\u00e9\\n: git: Needed a single revision"),
     ):  # fmt: skip
         with pytest.raises(UserError) as error:
             ends(repository, good, bad)
