@@ -41,7 +41,7 @@ _COMMANDS = f"""# Commands
 
 RIG is the name of a rig that comes with pcpc (`pcpc rigs`), a rig file, a folder with a `rig.yaml`,
 or the name of a run that goes on. LOG is a log file, a run folder, or `latest`, the newest run
-below `runs/`. `pcpc COMMAND --help` prints the options of a command with an example.
+below `runs/`.
 
 ## Exit codes
 

@@ -64,18 +64,28 @@ def command(options: argparse.Namespace) -> int:
 def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
     head = logs.head(path)
-    with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
-        roles = [r for r in logs.NODES if r in head.node and options.node in (r, "all")]
-        device = options.node in ("device", "all") and _of_device(head)
-        if not roles and not device:
-            raise logs.LogError(f"{path}: no record of node {options.node}")
-        with log_rig.rig_of(head, Path(folder), options) as rig:
-            nodes: list[Any] = [Comparison(head, rig, role) for role in roles]
-            nodes += [part_of(_DEVICE, "replay").DeviceComparison(head, rig)] if device else []
+    with (
+        tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder,
+        log_rig.rig_of(head, Path(folder), options) as rig,
+    ):
+        nodes = comparisons(head, rig, options.node)
     for _ in recomputed(path, nodes, whole=True):
         done = min(node.verdict.cycles for node in nodes)
         progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
     return [node.verdict for node in nodes]
+
+
+def comparisons(head: logs.Log, rig: Rig, node: str) -> list[Any]:
+    """Return what recomputes a node, or all of a log, its device too; LogError."""
+    nodes: list[Any] = [
+        Comparison(head, rig, role) for role in logs.NODES
+        if role in head.node and node in (role, "all")
+    ]  # fmt: skip
+    if node in ("device", "all") and _of_device(head):
+        nodes.append(part_of(_DEVICE, "replay").DeviceComparison(head, rig))
+    if not nodes:
+        raise logs.LogError(f"{head.path}: no record of node {node}")
+    return nodes
 
 
 def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:

@@ -1,7 +1,6 @@
 """The files of `pcpc report --suite`: a page of HTML, and JUnit for continuous integration."""
 
 import argparse
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError, printable
@@ -9,6 +8,7 @@ from pcpc.tools.after.report import suite as suites
 from pcpc.tools.after.report.suite import OK, Suite, Tested, link
 from pcpc.tools.terminal.document import Code, Link, Part, Section, Strong, Table, Verdict, html
 from pcpc.tools.terminal.html import page
+from pcpc.tools.terminal.junit import Case, junit_text
 from pcpc.tools.terminal.outfile import LogCommandError, check_file, new_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -100,46 +100,24 @@ def _counts(found: Suite) -> str:
 
 def as_junit(found: Suite) -> str:
     """Return a testcase for each requirement of each rig, and one for each run."""
-    top = ET.Element("testsuites", name="pcpc")
-    cases: list[tuple[str, str, str, str]] = []  # class, name, failure's type, words
+    cases = []
     for cell in found.cells:
         run, one = cell.worst
         known = one.words.startswith(cell.key)
         name = one.words if known else f"{cell.key} {one.words}".strip()
-        cases.append((cell.of, name, one.verdict, _words(one, run)))
-    cases += [("", one, "not judged", "no run tests it") for one in found.absent]
-    _suite(top, "requirements", cases, "failure")
+        kind = "" if one.verdict == OK else "failure"
+        cases.append(Case(cell.of, name, kind, one.verdict, _words(one, run)))
+    cases += [Case("", one, "failure", "not judged", "no run tests it") for one in found.absent]
     runs = [
-        (run.of, str(run.path), OK if run.ok else run.verdict, _reasons(run))
-        if run.ok or run.verdict != OK
-        else (run.of, str(run.path), "not ok", _reasons(run))
+        Case(run.of, str(run.path), "", OK, _reasons(run)) if run.ok
+        else Case(run.of, str(run.path), "error", "not ok" if run.verdict == OK else run.verdict,
+                  _reasons(run))
         for run in found.runs
-    ]
-    _suite(top, "runs", runs, "error")
-    for key in ("tests", "failures", "errors"):
-        top.set(key, str(sum(int(one.get(key, "0")) for one in top)))
-    ET.indent(top)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(top, encoding="unicode")
+    ]  # fmt: skip
+    return junit_text({"requirements": cases, "runs": runs})
 
 
 def _words(one: Tested, run: suites.OneRun) -> str:
     margin = f"margin {one.margin}" if one.margin else ""
     told = [one.why, margin, f"log {run.path}", f"sha256 {run.sha256}"]
     return "; ".join(filter(None, told))
-
-
-def _suite(top: ET.Element, name: str, cases: list[tuple[str, str, str, str]], kind: str) -> None:
-    failed = sum(word != OK for _, _, word, _ in cases)
-    own = ET.SubElement(top, "testsuite", name=name, tests=str(len(cases)))
-    own.set("failures", str(failed * (kind == "failure")))
-    own.set("errors", str(failed * (kind == "error")))
-    own.set("skipped", "0")
-    own.set("time", "0")
-    for of, case, word, why in cases:
-        about = {"classname": f"pcpc.{printable(of) or name}", "name": printable(case), "time": "0"}
-        one = ET.SubElement(own, "testcase", about)
-        if word != OK:
-            told = ET.SubElement(one, kind, {"type": word, "message": printable(f"{word}: {why}")})
-            told.text = printable(why)
-        elif why:
-            ET.SubElement(one, "system-out").text = printable(why)

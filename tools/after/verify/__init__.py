@@ -1,0 +1,1 @@
+"""Many logs recomputed, and a table that says what each of them is."""

@@ -1,0 +1,200 @@
+"""`pcpc verify LOG...`: recompute many logs, and hold them against a table of digests."""
+
+import argparse
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError, printable
+from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verify import table as tables
+from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified
+from pcpc.tools.start.folder import LOG
+from pcpc.tools.start.pool import each
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.junit import Case, junit_text
+from pcpc.tools.terminal.outfile import check_file, new_file
+from pcpc.tools.terminal.progress import Progress
+
+_FAILURES = {"differs": "failure", IDENTICAL: ""}  # in JUnit; others are errors
+_WORST = (Exit.NOT_MET, Exit.WRONG_INPUT, Exit.LOSS, Exit.OK)
+_OF_TABLE = {"missing": Exit.LOSS}  # others: NOT_MET
+
+
+def command(options: argparse.Namespace) -> int:
+    """Verify the logs, print a row for each, write and check what is asked for."""
+    _check_words(options)
+    known, note = _table(options)
+    words = options.logs or [str(options.check.parent)]
+    names = sorted({str(path) for word in words for path in _logs(word)})
+    if options.table:
+        for name in names:
+            tables.relative(name, options.table)
+    rows = _rows(names, options)
+    problems = tables.against(rows, known, options.check) if options.check else []
+    for line in () if options.json else _lines(rows, problems, note):
+        print(line)
+    if options.json:
+        print(json.dumps({
+            "logs": [vars(row) for row in rows], "signature": note or None,
+            "table": [{"what": what, "line": line} for what, line in problems],
+        }, indent=1))  # fmt: skip
+    if options.junit is not None:
+        with new_file(options.junit, force=True) as unfinished:
+            unfinished.write_text(_junit(rows, problems), encoding="utf-8")
+    if options.table:
+        tables.write(options.table, tables.text_of(rows, options.table), options.sign)
+    codes = {CODES[row.verdict] for row in rows}
+    codes |= {_OF_TABLE.get(what, Exit.NOT_MET) for what, _ in problems}
+    return next(code for code in _WORST if code in codes)
+
+
+def _check_words(options: argparse.Namespace) -> None:
+    """Raise UserError for options that do not go together, before any work is done."""
+    if not (options.logs or options.check):
+        raise UserError("verify: which logs? name logs, or folders that hold some")
+    for name, needed in (("sign", "table"), ("signers", "check"), ("identity", "signers"),
+                         ("signers", "identity")):  # fmt: skip
+        if getattr(options, name) is not None and not getattr(options, needed):
+            raise UserError(f"--{name}: needs --{needed} too")
+    if options.table and options.check:
+        raise UserError("--table and --check: choose one of them")
+    check_file("--table", options.table)
+    check_file("--junit", options.junit)
+    if options.table:
+        for path in (options.table, tables.signature_of(options.table)):
+            if os.path.lexists(path):
+                raise UserError(f"{path}: exists; choose another name, or remove it")
+        if options.junit and options.junit.resolve() == options.table.resolve():
+            raise UserError(f"--junit {options.junit}: is the table; choose another file")
+    if options.sign is not None:
+        if not Path(options.sign).is_file():
+            raise UserError(
+                f"--sign {options.sign}: no such key; `ssh-keygen -t ed25519` makes one"
+            )
+        if shutil.which("ssh-keygen") is None:
+            raise tables.without_ssh_keygen()
+
+
+def _table(options: argparse.Namespace) -> tuple[dict[str, tables.Entry], str]:
+    """Return the table to check, and a word on its signature; UserError."""
+    if not options.check:
+        return {}, ""
+    if not options.check.is_file():
+        raise UserError(f"--check {options.check}: no such table; --table writes one")
+    try:
+        data = options.check.read_bytes()
+    except OSError as error:
+        raise UserError(f"--check {options.check}: {error.strerror}") from None
+    note = ""
+    if options.signers is not None:
+        tables.check_signature(options.check, data, options.signers, options.identity)
+        note = f"signed by {options.identity}"
+    elif (beside := tables.signature_of(options.check)).exists():
+        note = f"{beside.name} is not checked; --signers FILE --identity WHO does it"
+    return tables.entries(options.check, data), note
+
+
+def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
+    """Verify the logs, on several processors where there are several; in the order of `names`."""
+    about = {key: getattr(options, key) for key in ("node", "trust", "law", "rig", "fmu")}
+    judge = partial(verified, options=argparse.Namespace(controller=None, set=[], **about))
+    jobs, progress = options.jobs or len(os.sched_getaffinity(0)), Progress(options.quiet)
+    if min(jobs, len(names)) > 1:
+        return each(judge, names, progress, jobs)
+    rows = []
+    for number, name in enumerate(names, 1):
+        progress.show(f"log {number}/{len(names)}: {name}")
+        rows.append(judge(name))
+    progress.close()
+    return rows
+
+
+# Which logs
+
+
+def _logs(word: str) -> list[Path]:
+    """Return the logs that a word names, all below a folder; UserError where there is none."""
+    if not word.strip() or word == LATEST or not Path(word).is_dir():
+        path = log_of(word)
+        if not path.exists():
+            raise UserError(f"{word}: no such log or folder; name logs, or a folder of logs")
+        return [path]
+    if not (found := list(_below(Path(word)))):
+        raise UserError(f"{word}: no log below this folder; logs are called *.mcap")
+    return found
+
+
+def _below(top: Path) -> Iterator[Path]:
+    """Yield every *.mcap below a folder, by way of links too, and logs that runs have lost."""
+
+    def refused(error: OSError) -> None:
+        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
+
+    seen = set[str]()
+    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
+        if (real := os.path.realpath(text)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        lost = [LOG] if summary_file.NAME in files and LOG not in (*files, *folders) else []
+        for name in (*files, *folders, *lost):
+            if name.lower().endswith(".mcap"):
+                yield Path(text) / name
+
+
+# What is told
+
+
+def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) -> Iterator[str]:
+    """Yield what is printed."""
+    heads = [(row.verdict, f"{row.cycles} cycles", (row.digest or "-")[:16], printable(row.log))
+             for row in rows]  # fmt: skip
+    size = [max(map(len, column)) for column in zip(*heads, strict=True)]
+    for row, (verdict, cycles, digest, log) in zip(rows, heads, strict=True):
+        yield from screen.wrapped(
+            log, f"{verdict:{size[0]}}  {cycles:>{size[1]}}  {digest:{size[2]}}  "
+        )
+        for line in _reasons(row):
+            yield from screen.wrapped(printable(line), "  ", "    ")
+    for what, line in problems:
+        yield from screen.wrapped(printable(line), f"{what:10}  ")
+    counts = Counter(row.verdict for row in rows)
+    told = ", ".join(f"{counts[word]} {word}" for word in CODES if counts[word])
+    yield f"{len(rows)} {'log' if len(rows) == 1 else 'logs'}: {told}"
+    if problems:
+        yield "not as in the table"
+    if note:
+        yield from screen.wrapped(printable(note))
+
+
+def _reasons(row: Row) -> list[str]:
+    """Return why a log is not identical: a line each."""
+    if row.verdict == IDENTICAL:
+        return []
+    found = []
+    if row.first:
+        one = row.first
+        ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
+        found.append(f"{one['node']}: first {one['name']} in cycle {one['cycle']}{ulp}: "
+                     f"recorded {one['recorded']}, recomputed {one['recomputed']}")  # fmt: skip
+    found += row.why
+    if row.changed:
+        found.append(f"changed since: {'; '.join(row.changed)}")
+    elif row.versions:
+        dirty = ", but files differ from it" * row.versions.get("git", "").endswith("-dirty")
+        found.append(f"versions and commit: as when the log was made{dirty}")
+    return found
+
+
+def _junit(rows: Sequence[Row], problems: Sequence[tuple[str, str]]) -> str:
+    """Return JUnit: a testcase for each log, and for each line that is not as in the table."""
+    cases = [Case("", row.log, _FAILURES.get(row.verdict, "error"), row.verdict,
+                  "; ".join([*_reasons(row), f"digest {row.digest}"])) for row in rows]  # fmt: skip
+    table = [Case("", line, "failure", what, line) for what, line in problems]
+    return junit_text({"logs": cases} | ({"table": table} if table else {})) + "\n"

@@ -1,0 +1,199 @@
+"""One log verified: recomputed as `pcpc replay` does it, its digest, and what has changed since.
+
+identical   of every node of the rig all was recorded, and was recomputed bit for bit
+differs     something was recomputed, and differs
+incomplete  nothing differs, but not all could be judged
+unreadable  no log
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import re
+import signal
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.provenance import facts
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig import carried_files
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.replay import comparisons, recomputed
+from pcpc.tools.after.verify.digest import digest
+from pcpc.tools.start.children import end_with
+
+IDENTICAL, DIFFERS, INCOMPLETE, UNREADABLE = "identical", "differs", "incomplete", "unreadable"
+CODES = {IDENTICAL: Exit.OK, DIFFERS: Exit.NOT_MET, INCOMPLETE: Exit.LOSS,
+         UNREADABLE: Exit.WRONG_INPUT}  # fmt: skip
+
+
+@dataclass
+class Row:
+    """What a log is. `why`: in words; `changed`: what is not as it was when the log was made."""
+
+    log: str
+    verdict: str = UNREADABLE
+    cycles: int = 0  # of the node with the fewest
+    digest: str | None = None
+    nodes: list[str] = field(default_factory=list)
+    versions: dict[str, str] = field(default_factory=dict)
+    first: dict[str, Any] | None = None
+    why: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+
+
+def verified(log: str, options: argparse.Namespace) -> Row:
+    """Return what a log is; `options`: node, and those of `arguments.code_of_laws`."""
+    path, row = Path(log), Row(log)
+    try:
+        before = _state_of(path)
+        head = logs.head(path)
+        row.digest = digest(path)
+        row.verdict = INCOMPLETE
+        row.versions, row.changed = versions(head), list(_changed(head, options))
+        if log_rig.carried_by(head):  # its Python is not to meet that of another log
+            row = _apart(row, head, options)
+        else:
+            _recompute(row, head, options)
+        if _state_of(path) != before:
+            row.verdict, why = INCOMPLETE, "the file changed while it was read"
+            row.why.insert(0, why)
+    except (OSError, StepError, UserError) as error:
+        row.why.append(_words(error, log))
+    return row
+
+
+def _words(error: Exception, log: str) -> str:
+    """Return an error's words without the log, and without the folder that its rig was laid in."""
+    text = error.strerror if isinstance(error, OSError) else str(error)
+    text = re.sub(r"\S*pcpc-verify-\w+/", "", text or "a step does not return")
+    return text.removeprefix(f"{log}: ")
+
+
+def _state_of(path: Path) -> tuple[int, ...]:
+    about = path.stat()
+    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
+    """Recompute a log and enter what came of it; UserError, StepError."""
+    with (
+        tempfile.TemporaryDirectory(prefix="pcpc-verify-") as folder,
+        log_rig.rig_of(head, Path(folder), options) as rig,
+    ):
+        nodes = comparisons(head, rig, options.node)
+        wanted = [role for role in rig.nodes() if options.node in (role, "all")]
+    columns: dict[str, set[str]] = {}
+    untaken: dict[str, None] = {}
+    for piece in recomputed(head.path, nodes, whole=True):
+        for node in nodes:
+            if node.role in piece.node and hasattr(node, "both"):
+                own, known = piece.node[node.role], node.replay.plan.table.index
+                columns.setdefault(node.role, set()).update(own.columns)
+                names = (str(one.get("name")) for one in own.tunings)
+                untaken |= {f"{node.role}: no parameter {n}, which was tuned": None
+                            for n in names if n not in known}  # fmt: skip
+    row.nodes = [node.verdict.role for node in nodes]
+    row.cycles = min(node.verdict.cycles for node in nodes)
+    there = {*row.nodes, *(["executive"] if "device" in row.nodes else [])}
+    why = [f"no record of the {role}" for role in wanted if role not in there]
+    why += [*untaken, *(line for node in nodes for line in node.verdict.missing)]
+    for node in nodes:
+        about = head.node[node.role].description if hasattr(node, "both") else {}
+        why += [f"{node.verdict.role}: {line}"
+                for line in _unjudged(node, about.get("external", ()), columns)]  # fmt: skip
+    row.why = list(dict.fromkeys(why))
+    firsts = [(one, node.verdict) for node in nodes if (one := node.verdict.first())]
+    if firsts:
+        one, of = min(firsts, key=lambda pair: pair[0].cycle / pair[1].rate_hz)
+        row.first = {"node": of.role, "name": one.name, "cycle": one.cycle, "ulp": one.ulp,
+                     "recorded": one.recorded, "recomputed": one.recomputed}  # fmt: skip
+    row.verdict = DIFFERS if firsts else INCOMPLETE if row.why else IDENTICAL
+
+
+def _unjudged(node: Any, external: Any, columns: dict[str, set[str]]) -> Iterator[str]:
+    """Yield why a node's record is not judged as a whole."""
+    verdict = node.verdict
+    yield from verdict.from_record
+    if verdict.dropped:
+        yield f"{verdict.dropped} frames or events found no room in the recorder"
+    if verdict.incomplete:
+        yield verdict.incomplete
+    elif not verdict.cycles or not (verdict.variables or verdict.frames):
+        yield "nothing was compared"
+    for block in external:
+        yield f"{block} was stepped from outside; what it wrote is taken from the log"
+    if hasattr(node, "both"):
+        own, both = columns.get(node.role, set()), {*node.both}
+        for text, names in (
+            ("recorded, but not recomputed", own - both),
+            ("recomputed, but not recorded", {*node.replay.names} - both),
+        ):
+            if names:
+                yield f"{text}: {min(names)}" + (f" and {len(names) - 1} more"
+                                                 if len(names) > 1 else "")  # fmt: skip
+
+
+# What has changed
+
+
+def versions(head: logs.Log) -> dict[str, str]:
+    """Return the versions by which a log was made: of the node that comes first."""
+    known = head.metadata[next(iter(head.node))]
+    names = {key: key.removeprefix("version_") for key in known if key.startswith("version_")}
+    names |= {key: key for key in ("git", "python", "machine") if key in known}
+    return {names[key]: known[key] for key in names}
+
+
+def _changed(head: logs.Log, options: argparse.Namespace) -> Iterator[str]:
+    now = facts()
+    for name, old in versions(head).items():
+        new = now.get(f"version_{name}", now.get(name, "none"))
+        if new != old:
+            yield f"{name} {old} -> {new}"
+    for one in () if options.trust else log_rig.carried_by(head):
+        alike = [text for text in options.law if Path(text).name == PurePosixPath(one.name).name]
+        place = Path([*alike, one.path][0])
+        if place.is_file() and (new := carried_files.sha256(place)) != one.sha256:
+            yield f"{one.name} sha256 {one.sha256[:16]} -> {new[:16]}"
+
+
+# A process of its own
+
+
+def _apart(row: Row, head: logs.Log, options: argparse.Namespace) -> Row:
+    """Recompute a log in a child, which leaves nothing behind; UserError."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe(duplex=False)
+    child = context.Process(target=_in_the_child, args=(there, os.getpid(), row, head, options))
+    child.start()
+    there.close()
+    try:
+        answer = json.loads(here.recv_bytes())
+    except EOFError:
+        child.join()
+        raise UserError(f"its process ended with {child.exitcode}, before it was judged") from None
+    finally:
+        child.kill()
+        child.join()
+        here.close()
+    return Row(**answer)
+
+
+def _in_the_child(
+    there: Connection, host: int, row: Row, head: logs.Log, options: argparse.Namespace
+) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with(host, signal.SIGKILL)
+    try:
+        _recompute(row, head, options)
+    except (OSError, StepError, UserError) as error:
+        row.why = [_words(error, row.log)]
+    there.send_bytes(json.dumps(vars(row)).encode())
