@@ -31,7 +31,8 @@ def command(options: argparse.Namespace) -> int:
     _check_words(options)
     known, note = _table(options)
     words = options.logs or [str(options.check.parent)]
-    names = sorted({str(path) for word in words for path in _logs(word)})
+    found = [str(path) for word in words for path in _logs(word)]
+    names = sorted({os.path.abspath(name): name for name in found[::-1]}.values())
     if options.table:
         for name in names:
             tables.relative(name, options.table)

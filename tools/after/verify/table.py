@@ -52,7 +52,7 @@ def relative(log: str, table: Path) -> str:
 def text_of(rows: Iterable[Row], table: Path) -> bytes:
     """Return the table of logs."""
     lines = [_HEAD]
-    for path, row in sorted((relative(row.log, table), row) for row in rows):
+    for path, row in sorted({relative(row.log, table): row for row in rows}.items()):
         told = ",".join(f"{key}={_word(text)}" for key, text in row.versions.items()) or "-"
         name = path.encode("unicode_escape").decode()
         lines.append(f"{row.digest or '-'}  {row.verdict}  {told}  {name}")

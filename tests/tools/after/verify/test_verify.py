@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from json_schemas import holds
 from logcommand import Done, run_here
@@ -24,7 +25,7 @@ from pcpc.executive.log.mcap_records import CRC_KEY, metadata_crc
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verify import cli, one
-from pcpc.tools.after.verify.digest import digest
+from pcpc.tools.after.verify.digest import _said, digest
 
 CYCLES = 60
 PROBE = ROOT / "plants/probe/rig.yaml"
@@ -147,6 +148,20 @@ def test_the_first_bit_that_differs_is_named_with_what_has_changed(
     done = verify(path)
     assert "1 ULP" in done.out and "changed since: pcpc 9" in done.out, done
     assert all(len(line) <= 80 for line in done.out.splitlines()), done
+
+
+def test_the_node_that_differs_first_is_named(log: Path, tmp_path: Path) -> None:
+    for early, late, node in (
+        ("/state", "/plant/state", "executive"),
+        ("/plant/state", "/state", "plant"),
+    ):
+        first, second = nth(early, 3, flipped(11)), nth(late, 30, flipped(11))
+
+        def both(topic: str, data: bytes, first: Edit = first, second: Edit = second) -> Any:
+            return second(topic, first(topic, data) or b"")
+
+        found = row(rewritten(log, tmp_path / "a.mcap", both))
+        assert (found["first"]["node"], found["first"]["cycle"]) == (node, 3), found
 
 
 def test_a_flipped_frame_that_was_sent_differs(log: Path, tmp_path: Path) -> None:
@@ -352,6 +367,15 @@ def test_stamps_are_not_in_the_digest(log: Path, tmp_path: Path) -> None:
         return flipped(4, 3)(data) if topic.endswith(("can/frames", "timing")) else data
 
     assert digest(rewritten(log, tmp_path / "a.mcap", later)) == digest(log)
+
+
+def test_the_cycle_of_a_state_is_in_the_digest_but_not_its_channel_and_times() -> None:
+    rows = np.arange(60, dtype=np.uint8)[None]
+    for place, told in ((1, True), (11, True), (14, True), (31, True), (59, True),
+                        (9, False), (15, False), (23, False)):  # fmt: skip
+        other = rows.copy()
+        other[0, place] ^= 1
+        assert (_said("state", other) != _said("state", rows)) == told, place
 
 
 # The table
@@ -577,7 +601,8 @@ def test_rows_have_the_order_of_names_and_each_log_is_one(
         return [judge(name) for name in names[::-1]][::-1]
 
     monkeypatch.setattr(cli, "each", backwards)
-    done = run_here("verify", tmp_path / "c", tmp_path, "--jobs", "2", "--quiet", "--json")
+    same = tmp_path / "b/../a/log.mcap"
+    done = run_here("verify", tmp_path / "c", tmp_path, same, "--jobs", "2", "--quiet", "--json")
     found = [Path(each["log"]).parent.name for each in holds("verify", done.out)["logs"]]
     assert (done.code, found, given) == (2, ["a", "b", "c"], [2]), done
 
