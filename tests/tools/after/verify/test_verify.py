@@ -477,7 +477,8 @@ def test_a_damaged_table_is_a_line(change: Callable[[list[bytes]], bytes], runs:
     table.write_bytes(change(table.read_bytes().splitlines(keepends=True)))
     done = checked(runs)
     assert done.code == 2 and done.err.count("\n") == 1 and not done.out, done
-    assert "t.txt" in done.err and ("table" in done.err), done
+    assert "t.txt" in done.err and "table" in done.err, done
+    assert ("line ends of Windows" in done.err) == (b"\r" in table.read_bytes()), done
 
 
 # The signature
