@@ -152,7 +152,7 @@ def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
         found.missing.append(f"the first bytes are damaged ({begin!r})")
     found.size = len(data)
     summary = _take_summary(data, found)
-    places = None if only is None or not summary else _places(data, summary, only)
+    places = _places(data, summary, only, found.statistics) if only and summary else None
     try:
         yield from _walk_data(data, summary, found, only, places)
     except TooMuchError as error:
@@ -277,18 +277,28 @@ def _is_outside(data: bytes, place: int, opcode: int, found: Scan, only: Times) 
     return bool(last < only[0] or first > only[1])
 
 
-def _places(data: bytes, summary: int, only: Times) -> Iterator[int]:
-    """Return where, says the summary, attachments, metadata and the chunks of these times begin."""
-    place, found = summary, []
+def _places(
+    data: bytes, summary: int, only: Times, counts: Statistics | None
+) -> Iterator[int] | None:
+    """Return where, says the summary, attachments, metadata and the chunks of these times begin.
+
+    None if it does not name them all.
+    """
+    place, found, named = summary, [], Counter[int]()
     while place + RECORD.size < len(data) - FOOTER.size:
         opcode, length = RECORD.unpack_from(data, place)
         place += RECORD.size
+        named[opcode] += 1
         if opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
             found.append(int.from_bytes(data[place : place + 8], "little"))
         elif opcode == Opcode.CHUNK_INDEX:
             first, last, at = _CHUNK_INDEX.unpack_from(data, place)
             found += [at] if last >= only[0] and first <= only[1] else []
         place += length
+    wanted = counts and (counts.attachment_count, counts.metadata_count, counts.chunk_count)
+    kinds = Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX
+    if wanted != tuple(named[kind] for kind in kinds):
+        return None
     return iter(sorted({at for at in found if len(MAGIC) <= at < summary}))
 
 

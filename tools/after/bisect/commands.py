@@ -22,7 +22,7 @@ COMMANDS = (
     Command(
         "bisect",
         "find the commit, cycle and signal that changed the bits of a run first",
-        "pcpc bisect hull v1.2 HEAD\npcpc bisect motor HEAD~30 HEAD --controller pid --duration 2s",
+        "pcpc bisect hull v1.2 HEAD\npcpc bisect step10 HEAD~9 HEAD --controller pid --duration 2s",
         bisect,
         notes="The commits of the repository that holds RIG run in virtual time, in a folder\n"
         "of their own: only test commits whose code you would run. If the repository\n"

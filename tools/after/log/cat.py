@@ -14,6 +14,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -205,11 +206,21 @@ class Printer:
 
     def _objects(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
         for time_s, row in zip(self._time_s(rows), rows, strict=True):
-            entry = log_checks.entry(row["data"].tobytes())
+            entry = self._entry(topic, row["data"].tobytes())
             if entry is None:
                 self._left_out[topic] += 1
             else:
                 yield json_line({"topic": topic, "time_s": time_s} | entry)
+
+    @staticmethod
+    def _entry(topic: str, text: bytes) -> dict[str, Any] | None:
+        """Return what an object says, of a keyframe all but its state; None for what is none."""
+        if not topic.endswith("/keyframes"):
+            return log_checks.entry(text)
+        with suppress(ValueError):
+            known = log_checks.parse_json(text)
+            return {key: value for key, value in known.items() if key != "state"}
+        return None
 
     def _interface(self) -> str:
         """Return the name of the CAN interface of the run, else the kind of bus that it had."""

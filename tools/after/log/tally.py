@@ -50,7 +50,7 @@ class Tally:
             self._step(topic, rows["sequence"].astype(np.int64))
         elif kind == "frames" and rows["data"].shape[1] == logs.CDR_BYTES + logs.FRAME.itemsize:
             self._take_frames(topic, rows)
-        elif self.found.channels[channel].message_encoding == "json":
+        elif kind in ("events", "tunings"):
             entries = self._entries.setdefault(topic, [])
             for at_ns, row in zip(rows["log_time"].tolist(), rows["data"], strict=True):
                 entry = log_checks.entry(row.tobytes())

@@ -98,6 +98,7 @@ ON_PURPOSE = "injects what a rig asks for; judges nothing that comes"
 ELSEWHERE = {  # modules of the loop without mutants, and why
     **dict.fromkeys(("floods", "injected_frames", "injected_values", "injection", "stalls"),
                     ON_PURPOSE),
+    "keyframes": "it only copies: what is restored is held against the whole, byte for byte",
     "clock": "what late cycles lead to is judged in supervisor, which has mutants",
     "cycle": "the order of its stages alone", "stepping": "calls the blocks",
     "drive": "a word for others; no command depends on it",
