@@ -50,16 +50,17 @@ from pcpc.executive.log.mcap_records import (
     READERS,
     RECORD,
     UNREADABLE,
+    Times,
+    places_of,
     read_channel,
     read_schema,
 )
 
 Piece = tuple[int, NDArray[np.uint8]]  # channel id, (messages, bytes of each record)
-Times = tuple[int, int]  # log times, ns: first and last
 NONE: Times = (1, 0)
 
 _TOLD = "variables:"  # metadata that comes before the channel
-_CHUNK_TIMES, _CHUNK_INDEX = Struct("<QQ"), Struct("<QQQ")  # how these records begin
+_CHUNK_TIMES = Struct("<QQ")  # how a chunk begins
 _NAMES = {kind: Opcode(kind).name.lower() for kind in READERS}
 _ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
 _RUN = 256  # messages compared at once; longer runs come in pieces
@@ -152,7 +153,7 @@ def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
         found.missing.append(f"the first bytes are damaged ({begin!r})")
     found.size = len(data)
     summary = _take_summary(data, found)
-    places = _places(data, summary, only, found.statistics) if only and summary else None
+    places = places_of(data, summary, only, found.statistics) if only and summary else None
     try:
         yield from _walk_data(data, summary, found, only, places)
     except TooMuchError as error:
@@ -275,31 +276,6 @@ def _is_outside(data: bytes, place: int, opcode: int, found: Scan, only: Times) 
         return False
     first, last = _CHUNK_TIMES.unpack_from(data, place + RECORD.size)
     return bool(last < only[0] or first > only[1])
-
-
-def _places(
-    data: bytes, summary: int, only: Times, counts: Statistics | None
-) -> Iterator[int] | None:
-    """Return where, says the summary, attachments, metadata and the chunks of these times begin.
-
-    None if it does not name them all.
-    """
-    place, found, named = summary, [], Counter[int]()
-    while place + RECORD.size < len(data) - FOOTER.size:
-        opcode, length = RECORD.unpack_from(data, place)
-        place += RECORD.size
-        named[opcode] += 1
-        if opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
-            found.append(int.from_bytes(data[place : place + 8], "little"))
-        elif opcode == Opcode.CHUNK_INDEX:
-            first, last, at = _CHUNK_INDEX.unpack_from(data, place)
-            found += [at] if last >= only[0] and first <= only[1] else []
-        place += length
-    wanted = counts and (counts.attachment_count, counts.metadata_count, counts.chunk_count)
-    kinds = Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX
-    if wanted != tuple(named[kind] for kind in kinds):
-        return None
-    return iter(sorted({at for at in found if len(MAGIC) <= at < summary}))
 
 
 def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:

@@ -11,7 +11,8 @@ what is there. Texts come back printable. Format: mcap.dev/spec.
 import json
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from io import BytesIO
 from typing import Any
@@ -21,9 +22,11 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
 
 from pcpc.drivers.errors import printable
+
+Times = tuple[int, int]  # log times, ns: first and last
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, bytes that follow
@@ -34,6 +37,7 @@ UNREADABLE = (
     ValueError, struct.error, McapError, zstandard.ZstdError, MemoryError, OverflowError,
 )  # fmt: skip
 LARGEST_CHUNK = 16 << 20  # bytes; ours have 1 MiB, those of other tools usually 4
+CHUNK_INDEX = struct.Struct("<QQQ")  # head of its body: first and last time, place
 DECLARED = struct.Struct("<QQQ")  # head of a chunk's body: first and last time, bytes unpacked
 
 
@@ -163,3 +167,28 @@ READERS: dict[int, Callable[[bytes], Any]] = {
 CHECKED = np.array(
     [Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END], np.uint8
 )  # kinds of which garbage is no example
+
+
+def places_of(
+    data: bytes, summary: int, only: Times, counts: Statistics | None
+) -> Iterator[int] | None:
+    """Return where, says the summary, attachments, metadata and the chunks of these times begin.
+
+    None if it does not name them all.
+    """
+    place, found, named = summary, [], Counter[int]()
+    while place + RECORD.size < len(data) - FOOTER.size:
+        opcode, length = RECORD.unpack_from(data, place)
+        place += RECORD.size
+        named[opcode] += 1
+        if opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
+            found.append(int.from_bytes(data[place : place + 8], "little"))
+        elif opcode == Opcode.CHUNK_INDEX:
+            first, last, at = CHUNK_INDEX.unpack_from(data, place)
+            found += [at] if last >= only[0] and first <= only[1] else []
+        place += length
+    wanted = counts and (counts.attachment_count, counts.metadata_count, counts.chunk_count)
+    kinds = Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX
+    if wanted != tuple(named[kind] for kind in kinds):
+        return None
+    return iter(sorted({at for at in found if len(MAGIC) <= at < summary}))

@@ -28,8 +28,8 @@ from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log.description import LATEST, NodeDescription
 from pcpc.executive.log.inventory import topic
-from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, Times, scan, walk
-from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
+from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, scan, walk
+from pcpc.executive.log.mcap_records import MESSAGE_HEAD, Times, message_dtype
 from pcpc.executive.rig.roles import ROLES as NODES
 
 __all__ = [
