@@ -103,12 +103,14 @@ def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
     return int(cycle)
 
 
-def recomputed(path: Path, nodes: Sequence[Any], whole: bool = False) -> Iterator[logs.Log]:
+def recomputed(
+    path: Path, nodes: Sequence[Any], whole: bool = False, since_ns: int = 0
+) -> Iterator[logs.Log]:
     """Recompute the nodes; yield the log's pieces, until all have come to their last cycles.
 
-    `whole`: to the log's end. LogError.
+    `whole`: to the log's end. `since_ns`: the log time before which no piece is needed. LogError.
     """
-    frontier, since_ns = Frontier(), min(node.since_ns for node in nodes)
+    frontier = Frontier()
     only = (since_ns, logs.LATEST) if since_ns else None
     for piece, last in logs.pieces(path, _PIECE if only else 1 << 23, frontier.see, only):
         for node in nodes:

@@ -47,7 +47,8 @@ def command(options: argparse.Namespace) -> int:
                 nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in roles]
         except BusError as error:  # the log's DBC, not a bus of this machine
             raise UserError(str(error)) from None
-        for piece in recomputed(path, nodes):
+        since_ns = min(node.since_ns for node in nodes)
+        for piece in recomputed(path, nodes, since_ns=since_ns):
             for role in (role for role in roles if role in piece.node):
                 own = piece.node[role].frames
                 frames[role] += list(own[own["cycle"] == cycle])

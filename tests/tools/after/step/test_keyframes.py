@@ -66,7 +66,7 @@ def state_of(node: Comparison) -> dict[str, bytes]:
 def compared(log: Path, cycle: int, seek: int, rig: Any) -> list[Comparison]:
     head = logs.head(log)
     nodes = [Comparison(head, rig, role, cycle, seek=seek) for role in rig.roles]
-    for _ in recomputed(log, nodes):
+    for _ in recomputed(log, nodes, since_ns=min(node.since_ns for node in nodes)):
         pass
     for node in nodes:
         node.require_end()
