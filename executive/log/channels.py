@@ -59,8 +59,7 @@ class Channels:
         self.state_end = 8 * (RECORD_HEAD + len(about["state_columns"]))
         both = {"state": about["state_columns"], "timing": about["timing_columns"]}
         self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
-        kinds = ("Event", "Tuning", *(["Keyframe"] if about.get("keyframe_passes") else []))
-        self.ids |= register_entries(writer, self.name, kinds)
+        self.ids |= register_entries(writer, self.name)
 
     def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
@@ -113,12 +112,16 @@ def register_columns(
     return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
 
 
-def register_entries(
-    writer: Topics, node: str, kinds: Sequence[str] = ("Event", "Tuning")
-) -> dict[str, int]:
+def register_entries(writer: Topics, node: str) -> dict[str, int]:
     """Register the topics of a node that are no columns; return their ids by kind."""
     place = logs.topic(node, "can/frames")
     found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}
+    return found | register_objects(writer, node, "Event", "Tuning")
+
+
+def register_objects(writer: Topics, node: str, *kinds: str) -> dict[str, int]:
+    """Register topics of JSON of a node, of kinds of `JSON_SCHEMAS`; return their ids by kind."""
+    found: dict[str, int] = {}
     for kind in kinds:
         topic = f"{kind.lower()}s"
         place, schema = logs.topic(node, topic), json.dumps(JSON_SCHEMAS[kind])

@@ -19,7 +19,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.drivers.machine import heap
 from pcpc.executive.errors import code_of
-from pcpc.executive.log.channels import Channels, write_description
+from pcpc.executive.log.channels import Channels, register_objects, write_description
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.keyframes import Keyframes
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
@@ -43,6 +43,8 @@ class _Node:
         self.block, self.about, self.name = block, about, about["node"]
         self.channels = Channels(about, writer)
         self.alarms, self.keyframes = Alarms(block), Keyframes(block)
+        if about.get("keyframe_passes"):
+            self.channels.ids |= register_objects(writer, self.name, "Keyframe")
         self.written = dict.fromkeys((*RINGS, "alarm", "keyframe"), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _rows_taken(block, ring) for ring in RINGS}
