@@ -5,7 +5,8 @@
 
 `state` is what `executive.loop.keyframe_layout` lists, packed with zstd, in base64; `crc` is the
 CRC-32 of what was packed; `layout` names what lies where. One that is damaged, of another layout,
-or of values that no run has is left out and told, and the one before it serves.
+or of values that no run has is left out and named, and the one before it serves. Where all have
+another layout, the node is recomputed from its start.
 """
 
 import base64
@@ -30,6 +31,7 @@ from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
 _TRIES = 20  # copies of one that is being written meanwhile
 _BACK_NS = 5 * 10**8  # that a search goes back at first, besides two distances of keyframes
 _MARGIN_NS = 2 * 10**8  # of the time of a cycle that follows from its number
+_OTHER_LAYOUT = "its layout is of another version or another rig"
 
 _Count = Annotated[int, Meta(ge=0, le=LATEST)]
 
@@ -72,12 +74,12 @@ class Keyframes:
             seq = int(self._block["keyframe_seq"][0])
             if seq == self._seen:
                 return None
-            words = self._block["keyframe"].copy()
+            data = self._block["keyframe"].view(np.uint8)[: 8 * HEAD_WORDS + self._bytes].tobytes()
             if seq & 1 or int(self._block["keyframe_seq"][0]) != seq:
                 continue
             self._seen = seq
-            passes, cycle, stamp = map(int, words[:HEAD_WORDS])
-            state = words[HEAD_WORDS:].tobytes()[: self._bytes]
+            passes, cycle, stamp = map(int, np.frombuffer(data, "<i8", HEAD_WORDS))
+            state = data[8 * HEAD_WORDS :]
             return stamp, cycle, _packed(passes, self._layout, state)
         return None
 
@@ -94,11 +96,14 @@ def newest(
     """Return the newest keyframe of a node behind a cycle earlier than `before`; None without.
 
     `layout`: of this node's here. `why_not` says why a state is none, or "". `notes` gets what was
-    left out, in words. LogError.
+    left out, in a line. LogError.
     """
     about = head.node[role].description
     period = about["period_ns"]
     every = about.get("keyframe_passes", 0) * period
+    if every and about.get("keyframe_layout") != layout:
+        notes.append(f"the keyframes of the {role} are left out: {_OTHER_LAYOUT}")
+        return None
     first = _first_cycle(head.path, role) if every else None
     if first is None:
         return None
@@ -113,9 +118,11 @@ def newest(
                 if entry.cycle < before:
                     good = _checked(entry, log_ns, size, layout, why_not)
             except (msgspec.DecodeError, ValueError, zstandard.ZstdError) as error:
-                told.append(f"a keyframe of the {role} is left out: {error}")
+                told.append(str(error))
         if good is not None or at - back < first[1]:
-            notes += told
+            if told:
+                more = f"; and {len(told) - 1} more" if len(told) > 1 else ""
+                notes.append(f"a keyframe of the {role} is left out: {told[-1]}{more}")
             return good
         back *= 4
 
@@ -126,7 +133,7 @@ def _checked(
     """Return the keyframe of an entry; ValueError, in words, for one that cannot be used."""
     cycle = f"cycle {entry.cycle}"
     if entry.layout != layout:
-        raise ValueError(f"{cycle}, its layout is of another version or another rig")
+        raise ValueError(f"{cycle}, {_OTHER_LAYOUT}")
     packed = base64.b64decode(entry.state, validate=True)
     if zstandard.frame_content_size(packed) != size:
         raise ValueError(f"{cycle}, its state does not have {size} bytes")

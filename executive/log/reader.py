@@ -45,6 +45,7 @@ __all__ = [
 ]  # and its own
 
 CARRIED = "files/"  # of attachments that `executive.rig.carried_files` describes
+PIECE_BYTES = 1 << 23  # of a file that is read in pieces
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
 FRAME = np.dtype(
     [
@@ -109,7 +110,7 @@ def head(path: Path) -> Log:
 
 def pieces(
     path: Path,
-    size: int = 1 << 23,
+    size: int = PIECE_BYTES,
     see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
     only: Times | None = None,
 ) -> Iterator[tuple[Log, bool]]:

@@ -37,7 +37,7 @@ from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
 ROWS_SHOWN = 20
-_PIECE = 1 << 20  # bytes of the log, where only some of it is looked at
+_PIECE_BYTES = 1 << 20  # of the log, where only some of it is looked at
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
@@ -112,7 +112,8 @@ def recomputed(
     """
     frontier = Frontier()
     only = (since_ns, logs.LATEST) if since_ns else None
-    for piece, last in logs.pieces(path, _PIECE if only else 1 << 23, frontier.see, only):
+    size = _PIECE_BYTES if only else logs.PIECE_BYTES
+    for piece, last in logs.pieces(path, size, frontier.see, only):
         for node in nodes:
             node.take(piece, frontier.whole[node.role], last)
         yield piece
@@ -167,6 +168,7 @@ class Comparison:
             "--fmu FILE runs it"
             for name, model in fmus.items()
         ]
+        self.notes: list[str] = []  # on keyframes
         self.since_ns = self._passes = 0  # log time and passes of the cycle behind which it begins
         if seek:
             self._seek(head, seek)
@@ -174,9 +176,9 @@ class Comparison:
 
     def _seek(self, head: logs.Log, cycle: int) -> None:
         """Begin behind the newest keyframe before `cycle`, if there is one."""
-        made, notes = self.replay.plan, self.verdict.from_record
         name = self.replay.block.description["keyframe_layout"]
-        frame = newest(head, self.role, cycle, name, partial(why_none, made), notes)
+        why = partial(why_none, self.replay.plan)
+        frame = newest(head, self.role, cycle, name, why, self.notes)
         if frame is not None:
             self.replay.begin_behind(frame)
             self.recorded.behind, self._passes = frame.cycle, frame.passes + 1

@@ -1,7 +1,10 @@
 """A log as a command line names it: a file, a run folder, or `latest`."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
+from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import RigError
 
 LATEST = "latest"
@@ -26,6 +29,24 @@ def log_of(text: str) -> Path:
         return logs[0]
     what = f"holds {len(logs)} logs; name one of them" if logs else f"holds no {_LOG}"
     raise RigError(f"{path}: this folder {what}")
+
+
+def folders_below(top: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
+    """Yield each folder from `top` on, by way of links too, each once, and its folders and files.
+
+    UserError for one that cannot be read.
+    """
+
+    def refused(error: OSError) -> None:
+        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
+
+    seen = set[str]()
+    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
+        if (real := os.path.realpath(text)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        yield Path(text), folders, files
 
 
 def _newest() -> Path:

@@ -29,7 +29,7 @@ from pcpc.executive.rig.requirements import text_of
 from pcpc.executive.rig.schema import Expected
 from pcpc.plants.judging import effective_rig
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.log.recorded import folders_below, log_of
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge
@@ -163,19 +163,10 @@ def _paths(name: str) -> list[Path]:
 
 
 def _below(top: Path) -> Iterator[Path]:
-    """Yield the log of each run folder below a folder, by way of links too, each once."""
-
-    def refused(error: OSError) -> None:
-        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
-
-    seen = set[str]()
-    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
-        if (real := os.path.realpath(text)) in seen:
-            folders.clear()
-            continue
-        seen.add(real)
+    """Yield the log of each run folder below a folder."""
+    for folder, folders, files in folders_below(top):
         if LOG in files or LOG in folders or summary_file.NAME in files:
-            yield Path(text) / LOG
+            yield folder / LOG
 
 
 # A run

@@ -11,6 +11,7 @@ the bit. Clock readings stand in `pcpc log cat`.
 import argparse
 import json
 import math
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -52,10 +53,12 @@ def command(options: argparse.Namespace) -> int:
             for role in (role for role in roles if role in piece.node):
                 own = piece.node[role].frames
                 frames[role] += list(own[own["cycle"] == cycle])
-            done = min(node.verdict.cycles for node in nodes)
-            progress.show(f"recomputed {done}/{cycle + 1} cycles")
+            left = cycle + 1 - min(int(node.replay.block.loop.k) for node in nodes)
+            progress.show(f"{left} cycles are left to recompute")
     progress.close()
     for node in nodes:
+        for note in node.notes:
+            print(f"{path}: {note}", file=sys.stderr)
         node.require_end()
     cycles = [Cycle(node, frames[node.role]) for node in nodes]
     chosen = _chosen(cycles, options.show)

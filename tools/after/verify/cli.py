@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError, printable
-from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.after.log.recorded import LATEST, folders_below, log_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verify import table as tables
 from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified
@@ -132,21 +132,12 @@ def _logs(word: str) -> list[Path]:
 
 
 def _below(top: Path) -> Iterator[Path]:
-    """Yield every *.mcap below a folder, by way of links too, and logs that runs have lost."""
-
-    def refused(error: OSError) -> None:
-        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
-
-    seen = set[str]()
-    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
-        if (real := os.path.realpath(text)) in seen:
-            folders.clear()
-            continue
-        seen.add(real)
+    """Yield every *.mcap below a folder, and logs that runs have lost."""
+    for folder, folders, files in folders_below(top):
         lost = [LOG] if summary_file.NAME in files and LOG not in (*files, *folders) else []
         for name in (*files, *folders, *lost):
             if name.lower().endswith(".mcap"):
-                yield Path(text) / name
+                yield folder / name
 
 
 # What is told

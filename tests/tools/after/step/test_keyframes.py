@@ -236,9 +236,22 @@ def test_a_wrong_one_is_left_out_and_told_and_the_one_before_serves(
     assert stepped(path, 350) == stepped(log, 350)
     head, rig = logs.head(path), load_rig(RIGS / "engage.yaml", settings=list(SHORT))
     node = Comparison(head, rig, "executive", 350, seek=350)
-    (told,) = node.verdict.from_record
+    (told,) = node.notes
     assert "a keyframe of the executive is left out" in told and said in told, told
     assert node.recorded.behind == 199
+
+
+def test_the_user_is_told_what_was_left_out_and_of_another_version_once(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
+        simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
+    words = "--cycle", "350", "--node", "plant", "--json"
+    done = run_here("step", tmp_path / "log.mcap", "--quiet", *words)
+    told = "the keyframes of the plant are left out: its layout is of another version"
+    assert done.code == 0 and done.err.count("\n") == 1 and told in done.err, done
+    assert holds("step", done.out) == [one for one in stepped(log, 350) if one["node"] == "plant"]
 
 
 def test_a_log_that_was_cut_has_those_before_the_cut(log: Path, tmp_path: Path) -> None:
