@@ -43,7 +43,13 @@ class Repository:
     @classmethod
     def around(cls, folder: Path = Path()) -> "Repository":
         """Return the one that holds a folder; GitError."""
-        return cls(Path(_git(folder, "rev-parse", "--show-toplevel").rstrip("\n")).resolve())
+        try:
+            return cls(Path(_git(folder, "rev-parse", "--show-toplevel").rstrip("\n")).resolve())
+        except GitError as error:
+            if "not a git repository" not in str(error):
+                raise
+            what = "not in a git repository, so it has no versions; `git init` and commit it"
+            raise GitError(f"{folder.resolve()}: {what}") from None
 
     @property
     def mark(self) -> str:

@@ -325,7 +325,7 @@ def test_without_repository_git_or_trust_a_line_says_so(
 ) -> None:
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
     shutil.copytree(history / "motor", tmp_path / "motor")
-    assert "git: not a git repository" in refused(tmp_path / "motor", "good", "HEAD")
+    assert "motor: not in a git repository" in refused(tmp_path / "motor", "good", "HEAD")
     git(tmp_path, "init", "-q", "-b", "main")
     assert "Needed a single revision" in refused(tmp_path / "motor", "HEAD~", "HEAD")
     bare = tmp_path / "bare.git"
