@@ -242,6 +242,21 @@ def test_a_wrong_one_is_left_out_and_told_and_the_one_before_serves(
     assert node.recorded.behind == 199
 
 
+def test_a_search_goes_back_as_far_as_it_has_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true, made = keyframes._packed, itertools.count()
+    spoiled = lambda *words: true(*words) | ({"crc": 0} if next(made) > 3 else {})  # noqa: E731
+    rig = load_rig(RIGS / "engage.yaml", settings=["duration_s=1.5", "record.keyframe=100ms"])
+    with monkeypatch.context() as patch:
+        patch.setattr(keyframes, "_packed", spoiled)
+        simulate(rig, tmp_path / "log.mcap")
+    node = Comparison(logs.head(tmp_path / "log.mcap"), rig, "plant", 1450, seek=1450)
+    assert node.recorded.behind == 199, "two of each node are right"
+    (told,) = node.notes
+    assert "cycle 1399" in told and told.endswith("; and 11 more"), told
+
+
 def test_the_user_is_told_what_was_left_out_and_of_another_version_once(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
