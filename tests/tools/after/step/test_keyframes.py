@@ -19,6 +19,7 @@ from pcpc.executive.log import keyframes, mcap_reader
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import keyframe_layout
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -141,6 +142,13 @@ def test_a_rig_says_how_often_and_none_is_none(tmp_path: Path) -> None:
     for wrong in ("99ms", "13e9s", "-1s", "1"):
         done = run_here("check", rig, "--set", f"record.keyframe={wrong}")
         assert done.code == 2 and "keyframe" in done.err and done.err.count("\n") == 1, done
+
+
+def test_a_node_whose_state_is_elsewhere_has_none() -> None:
+    made = plan(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), "executive", "lockstep")
+    assert planned_keyframes.passes_of(made) == 100
+    made.external["controller"] = None
+    assert planned_keyframes.passes_of(made) == 0
 
 
 def test_all_cycles_are_those_of_a_log_without(log: Path, tmp_path: Path) -> None:
