@@ -48,11 +48,11 @@ class _Entry(msgspec.Struct):
 
 @dataclass(frozen=True)
 class Keyframe:
-    """What a node carried out of a cycle; `log_ns`: the log time of that cycle."""
+    """What a node carried out of a cycle. `stamp_ns`: of that cycle, of a log its log time."""
 
     cycle: int
     passes: int
-    log_ns: int
+    stamp_ns: int
     state: bytes
 
 
@@ -70,6 +70,12 @@ class Keyframes:
 
         One that was overwritten since the last look is missed.
         """
+        if (frame := self.published()) is None:
+            return None
+        return frame.stamp_ns, frame.cycle, _packed(frame.passes, self._layout, frame.state)
+
+    def published(self) -> Keyframe | None:
+        """Return the newest one as `look` does."""
         for _ in range(_TRIES if self._bytes else 0):
             seq = int(self._block["keyframe_seq"][0])
             if seq == self._seen:
@@ -79,8 +85,7 @@ class Keyframes:
                 continue
             self._seen = seq
             passes, cycle, stamp = map(int, np.frombuffer(data, "<i8", HEAD_WORDS))
-            state = data[8 * HEAD_WORDS :]
-            return stamp, cycle, _packed(passes, self._layout, state)
+            return Keyframe(cycle, passes, stamp, data[8 * HEAD_WORDS :])
         return None
 
 
@@ -114,10 +119,11 @@ def newest(
         good = None
         for log_ns, text in _entries(head.path, role, (max(at - back, 0), at + _MARGIN_NS)):
             try:
-                entry = msgspec.json.decode(text, type=_Entry)
-                if entry.cycle < before:
-                    good = _checked(entry, log_ns, size, layout, why_not)
-            except (msgspec.DecodeError, ValueError, zstandard.ZstdError) as error:
+                found = keyframe_of(text, log_ns, size, layout, before)
+                if found is not None and (what := why_not(found.state)):
+                    raise ValueError(f"cycle {found.cycle}, {what}, which no run has")
+                good = found or good
+            except ValueError as error:
                 told.append(str(error))
         if good is not None or at - back < first[1]:
             if told:
@@ -127,22 +133,29 @@ def newest(
         back *= 4
 
 
-def _checked(
-    entry: _Entry, log_ns: int, size: int, layout: str, why_not: Callable[[bytes], str]
-) -> Keyframe:
-    """Return the keyframe of an entry; ValueError, in words, for one that cannot be used."""
-    cycle = f"cycle {entry.cycle}"
-    if entry.layout != layout:
-        raise ValueError(f"{cycle}, {_OTHER_LAYOUT}")
-    packed = base64.b64decode(entry.state, validate=True)
-    if zstandard.frame_content_size(packed) != size:
-        raise ValueError(f"{cycle}, its state does not have {size} bytes")
-    state = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+def keyframe_of(
+    text: bytes, stamp_ns: int, size: int, layout: str, before: int = LATEST
+) -> Keyframe | None:
+    """Return the keyframe of an entry, None if it is not of a cycle earlier than `before`.
+
+    ValueError, in words, for one that is damaged or of another layout.
+    """
+    try:
+        entry = msgspec.json.decode(text, type=_Entry)
+        if entry.cycle >= before:
+            return None
+        cycle = f"cycle {entry.cycle}"
+        if entry.layout != layout:
+            raise ValueError(f"{cycle}, {_OTHER_LAYOUT}")
+        packed = base64.b64decode(entry.state, validate=True)
+        if zstandard.frame_content_size(packed) != size:
+            raise ValueError(f"{cycle}, its state does not have {size} bytes")
+        state = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    except (msgspec.DecodeError, zstandard.ZstdError) as error:
+        raise ValueError(str(error)) from None
     if zlib.crc32(state) != entry.crc:
         raise ValueError(f"{cycle}, its checksum does not match")
-    if what := why_not(state):
-        raise ValueError(f"{cycle}, {what}, which no run has")
-    return Keyframe(entry.cycle, entry.passes, log_ns, state)
+    return Keyframe(entry.cycle, entry.passes, stamp_ns, state)
 
 
 def _entries(path: Path, role: str, only: logs.Times) -> Iterator[tuple[int, bytes]]:

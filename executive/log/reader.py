@@ -68,6 +68,7 @@ class Node:
     events: list[dict[str, Any]]
     tunings: list[dict[str, Any]]
     description: NodeDescription
+    keyframes: Sequence[bytes] = ()  # entries of `executive.log.keyframes`
 
 
 @dataclass(frozen=True)
@@ -274,6 +275,7 @@ def _node(
         _objects(found, topic(name, "events"), notes),
         _objects(found, topic(name, "tunings"), notes),
         about,
+        _texts(found, topic(name, "keyframes")),
     )
 
 
@@ -310,11 +312,14 @@ def _columns(
 
 
 def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:
-    texts = [row[MESSAGE_HEAD:].tobytes() for piece in found.pieces_of(name) for row in piece]
-    entries = [log_checks.entry(text, name.endswith("tunings")) for text in texts]
+    entries = [log_checks.entry(text, name.endswith("tunings")) for text in _texts(found, name)]
     if bad := entries.count(None):
         notes.append(f"{name}: {bad} entries are not readable")
     return [entry for entry in entries if entry is not None]
+
+
+def _texts(found: Scan, name: str) -> list[bytes]:
+    return [row[MESSAGE_HEAD:].tobytes() for piece in found.pieces_of(name) for row in piece]
 
 
 def _parsed(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:

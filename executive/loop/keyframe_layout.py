@@ -99,7 +99,7 @@ def install(loop: Any, held: Sequence[Span], every: int) -> None:
 
 def impossible(held: Sequence[Span], state: bytes) -> str:
     """Return which value of a keyframe no run has, in words; "" for none."""
-    for record, name, values in _values(held, state):
+    for record, name, values in fields(held, state):
         for column in (values[one] for one in values.dtype.names or (...,)):
             wrong = column[(column < -_LARGEST) | (column > _LARGEST)]
             if column.dtype.kind == "i" and len(wrong):
@@ -109,7 +109,7 @@ def impossible(held: Sequence[Span], state: bytes) -> str:
 
 def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
     """Put a keyframe into a node, as it was installed."""
-    for record, name, values in _values(held, state):
+    for record, name, values in fields(held, state):
         if not record:
             loop.v[: len(values)] = values
             continue
@@ -121,7 +121,7 @@ def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
             into[name] = values.reshape(shape) if shape else values[0]
 
 
-def _values(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]:
+def fields(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]:
     """Yield record, field and values, flat, of what a keyframe holds."""
     at = 0
     for record, name, _, size in held:

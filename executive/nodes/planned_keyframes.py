@@ -1,5 +1,6 @@
 """What a plan says of the keyframes of its node: how often, what is in them, what cannot be."""
 
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from pcpc.executive.loop import keyframe_layout as layout
 from pcpc.executive.loop.table import Table
 from pcpc.executive.rig.reading import NodeSpec, Rig
 
+_MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns")  # control words
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
 
 
@@ -60,6 +62,20 @@ def why_none(made: Planned, state: bytes) -> str:
     return ""
 
 
+def differences(made: Planned, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name and both values where two states of a node differ, what was measured aside."""
+    held, variables = held_by(made), made.table.variables
+    both = zip(layout.fields(held, one), layout.fields(held, other), strict=True)
+    for (record, name, old), (_, _, new) in both:
+        if name in (_MEASURED if record == "control" else ()) or old.tobytes() == new.tobytes():
+            continue
+        for i in (i for i in range(len(old)) if old[i].tobytes() != new[i].tobytes()):
+            if record:
+                yield f"{record}.{name}[{i}]", old[i].item(), new[i].item()
+            elif not variables[i].timing:
+                yield variables[i].name, float(old[i]), float(new[i])
+
+
 def install(made: Planned, loop: Any) -> None:
     """Tell the loop of the node which bytes to copy, and when."""
     layout.install(loop, held_by(made), passes_of(made))
@@ -69,3 +85,4 @@ def restore(made: Planned, loop: Any, passes: int, cycle: int, state: bytes) -> 
     """Let a node, as it was installed, stand behind a cycle, the last of so many passes and one."""
     layout.restore(loop, held_by(made), state)
     loop.k, loop.passes = cycle + 1, passes + 1
+    loop.keep.next = passes + loop.keep.every if loop.keep.every else -1

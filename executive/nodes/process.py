@@ -118,7 +118,7 @@ class Process:
         """Set up, warm up, run the loop in its thread, wait; return the exit code."""
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
         held = sharing.lock(name)
-        self.claim_frames()
+        self.choice.claims += claim_frames(self.rig, self.plan, self.bus)
         metadata = (
             facts()
             | of_rig(self.rig.path)
@@ -256,27 +256,6 @@ class Process:
         found = [i for i in sorted(given) if table.variables[i].kind == "parameter"]
         return {table.variables[i].name: given[i] for i in found}
 
-    def claim_frames(self) -> None:
-        """Claim the frames that this node sends; BusError if one of them has a sender here.
-
-        Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
-        """
-        below = bus_below(self.rig, self.bus)
-        for frame in self.plan.tx_frames:
-            lower = below is not None and (self.role == "plant" or frame.name in self.plan.below)
-            bus = below if lower else self.bus
-            name = f"frame/{bus}/{frame.word:08X}"
-            held = claim.hold(name)
-            if held is None:
-                holder = claim.holder(name)
-                who = f", process {holder.pid}" if holder and holder.pid else ""
-                what = faults.frame_text(frame.word, frame.name)
-                raise BusError(
-                    f"{bus}: another sender of {what} is on this bus{who}; "
-                    "end it or choose another with --bus"
-                )
-            self.choice.claims.append(held)
-
     def _loop(self, block: sh.Shared, opened_ns: int) -> None:
         """Do the real-time settings, the self-test, then the compiled loop.
 
@@ -294,6 +273,29 @@ class Process:
         heard_ns = time.monotonic_ns() - opened_ns
         block.loop.rx.listen_ns = max(block.loop.rx.listen_ns - heard_ns, 1)
         run(block.loop, self.plan.steps)
+
+
+def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
+    """Claim the frames that a node of `rig` sends; BusError if one of them has a sender here.
+
+    Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
+    """
+    below, claims = bus_below(rig, bus), []
+    for frame in made.tx_frames:
+        lower = below is not None and (made.role == "plant" or frame.name in made.below)
+        own = below if lower else bus
+        name = f"frame/{own}/{frame.word:08X}"
+        held = claim.hold(name)
+        if held is None:
+            holder = claim.holder(name)
+            who = f", process {holder.pid}" if holder and holder.pid else ""
+            what = faults.frame_text(frame.word, frame.name)
+            raise BusError(
+                f"{own}: another sender of {what} is on this bus{who}; "
+                "end it or choose another with --bus"
+            )
+        claims.append(held)
+    return claims
 
 
 def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:

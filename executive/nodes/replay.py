@@ -28,6 +28,7 @@ from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import ALL
 from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
@@ -88,6 +89,8 @@ class Assembler:
     def __init__(self, names: Sequence[str]) -> None:
         """`names`: the recorded variables, state and timing."""
         self.names, self.behind = names, -1  # later cycles are taken
+        self.every = 0  # passes: a slice ends where their number is a multiple of it; 0: anywhere
+        self.alone = ALL  # from this cycle on a slice has one
         self._rows = np.empty((0, HEAD + len(names)), np.int64)
         self._frames = np.empty(0, logs.FRAME)
         self._tunings: list[tuple[int, str, float]] = []
@@ -125,8 +128,9 @@ class Assembler:
         while True:
             here = self._rows[:CYCLES_AT_ONCE]
             count = int(np.argmax(here[:, K] > whole)) if (here[:, K] > whole).any() else len(here)
-            if not count or (count < CYCLES_AT_ONCE and not end):
+            if not count or ((full := self._full(here[:count])) == 0 and not end):
                 return
+            count = full or count
             rows, self._rows = self._rows[:count], self._rows[count:]
             last = rows[-1, K]
             n = int(np.searchsorted(self._frames["cycle"], last, side="right"))
@@ -134,6 +138,16 @@ class Assembler:
             tunings = [t for t in self._tunings if t[0] <= last]
             self._tunings = [t for t in self._tunings if t[0] > last]
             yield Slice(rows, frames, tunings)
+
+    def _full(self, rows: NDArray[np.int64]) -> int:
+        """Return how many of the next rows are a full slice; 0 if it is to be waited for more."""
+        first = int(np.searchsorted(rows[:, K], self.alone))
+        ends = [max(first, 1)] if first < len(rows) else []
+        if self.every:
+            ends += [
+                int(i) + 1 for i in np.flatnonzero((rows[:, PASSES] + 1) % self.every == 0)[:1]
+            ]
+        return min(ends, default=CYCLES_AT_ONCE if len(rows) == CYCLES_AT_ONCE else 0)
 
 
 def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:

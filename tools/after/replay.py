@@ -7,7 +7,7 @@ loop: the plant does not answer) and shows how far that is from the record.
 """
 
 import argparse
-import math
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -27,23 +27,28 @@ from pcpc.executive.nodes.planned_keyframes import why_none
 from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.keyframe_check import KeyframeCheck
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.ulp import ulp_distance
-from pcpc.tools.after.replayed import Difference, Verdict, compare_frames
+from pcpc.tools.after.replayed import Difference, Verdict, compare_frames, plain, report
+from pcpc.tools.after.span import Values, cycles_of
 from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
-ROWS_SHOWN = 20
 _PIECE_BYTES = 1 << 20  # of the log, where only some of it is looked at
+OTHER_LAYOUT = "its keyframes are not compared: their layout is of another version"
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
 def command(options: argparse.Namespace) -> int:
     """Replay `options.log`; OK if bit-identical, LOSS if as far as a damaged log goes."""
-    progress = Progress(options.quiet)
+    if options.cycle is not None or options.time is not None:
+        return _step(options)
+    if options.show and options.json:
+        raise UserError("--show prints CSV; leave out --json")
+    progress = Progress(options.quiet or bool(options.show and sys.stdout.isatty()))
     try:
         verdicts = replay(Path(options.log), options, progress)
     except BusError as error:  # the log's DBC, not a bus of this machine
@@ -51,56 +56,74 @@ def command(options: argparse.Namespace) -> int:
     except StepError as error:
         raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
     progress.close()
+    changed = bool(options.controller or options.set)
+    if options.show and all(verdict.agrees and not verdict.missing for verdict in verdicts):
+        return Exit.OK
     if options.json:
-        print(summary_file.text_of([_plain(v) for v in verdicts]))
+        print(summary_file.text_of([plain(v) for v in verdicts]))
     else:
         for verdict in verdicts:
-            show(verdict, changed=bool(options.controller or options.set))
+            print(*report(verdict, changed), sep="\n", file=sys.stderr if options.show else None)
     if not all(verdict.agrees for verdict in verdicts):
         return Exit.NOT_MET
     return Exit.LOSS if any(verdict.missing for verdict in verdicts) else Exit.OK
 
 
+def _step(options: argparse.Namespace) -> int:
+    """Show a cycle, as `pcpc step` does."""
+    given = {"--from": options.since, "--to": options.until, "--set": options.set,
+             "--controller": options.controller}  # fmt: skip
+    if beside := [name for name, value in given.items() if value not in (None, [])]:
+        raise UserError(f"--cycle and --time show one cycle as it was; leave out {beside[0]}")
+    if options.node == "device":
+        raise UserError("--node device: a device's cycles cannot be shown")
+    return int(part_of("after/step", "cli").command(options))
+
+
 def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
     head = logs.head(path)
+    first, last = cycles_of(head, options)
+    values = Values(options.show, first) if options.show else None
+    changed = bool(options.controller or options.set)
+    how: dict[str, Any] = {"last": last, "seek": 0 if changed else first, "changed": changed}
     with (
         tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder,
         log_rig.rig_of(head, Path(folder), options) as rig,
     ):
-        nodes = comparisons(head, rig, options.node)
-    for _ in recomputed(path, nodes, whole=True):
+        nodes = comparisons(
+            head, rig, options.node, **how, each=values.look if values else _nothing
+        )
+    if values:
+        values.begin([node for node in nodes if hasattr(node, "recorded")])
+    whole = (first, last) == (0, ALL)
+    since_ns = 0 if whole else min(node.since_ns for node in nodes)
+    for _ in recomputed(path, nodes, last == ALL, since_ns):
         done = min(node.verdict.cycles for node in nodes)
         progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
+    for node in () if whole else nodes:
+        node.require_cycle(first)
     return [node.verdict for node in nodes]
 
 
-def comparisons(head: logs.Log, rig: Rig, node: str) -> list[Any]:
-    """Return what recomputes a node, or all of a log, its device too; LogError."""
+def _nothing() -> None: ...
+
+
+def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
+    """Return what recomputes a node, or all of a log, its device too; LogError.
+
+    `how`: of `Comparison`. A device is recomputed as a whole.
+    """
     nodes: list[Any] = [
-        Comparison(head, rig, role) for role in logs.NODES
+        Comparison(head, rig, role, **how) for role in logs.NODES
         if role in head.node and node in (role, "all")
     ]  # fmt: skip
-    if node in ("device", "all") and _of_device(head):
+    whole = not how.get("seek") and how.get("last", ALL) == ALL
+    if node in ("device", "all") and whole and _of_device(head):
         nodes.append(part_of(_DEVICE, "replay").DeviceComparison(head, rig))
     if not nodes:
         raise logs.LogError(f"{head.path}: no record of node {node}")
     return nodes
-
-
-def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
-    """Return the cycle that `--cycle` or `--time` gives; UserError for one that is none."""
-    if (options.cycle is None) == (options.time is None):
-        raise UserError("which cycle? give --cycle N or --time S")
-    if options.time is not None and not 0.0 <= options.time < math.inf:
-        raise UserError(f"--time {options.time:g}: expected 0 s or more")
-    lead = next(iter(head.node.values())).description
-    cycle = options.cycle
-    if cycle is None:
-        cycle = round(options.time / (1e-9 * float(lead["period_ns"])))
-    if not 0 <= cycle < 2**53:
-        raise UserError(f"--cycle {cycle}: expected 0 or more")
-    return int(cycle)
 
 
 def recomputed(
@@ -135,9 +158,12 @@ class Comparison:
     def __init__(
         self, head: logs.Log, rig: Rig, role: Any, last: int = ALL,
         metadata: dict[str, str] | None = None, each: Callable[[], None] = lambda: None,
-        seek: int = 0,
+        seek: int = 0, changed: bool = False,
     ) -> None:  # fmt: skip
-        """`seek`: begin behind the newest keyframe before this cycle, if there is one."""
+        """`seek`: begin behind the newest keyframe before this cycle, if there is one.
+
+        `changed`: the rig is not the log's as it was; its keyframes are not compared.
+        """
         about = head.node[role].description
         if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
             raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
@@ -168,6 +194,11 @@ class Comparison:
             "--fmu FILE runs it"
             for name, model in fmus.items()
         ]
+        layout = "" if changed else about.get("keyframe_layout", "")
+        self.keyframes = KeyframeCheck(self.replay, self.verdict, layout)
+        self.recorded.every = self.keyframes.every
+        if about.get("keyframe_passes") and not (self.keyframes.every or changed):
+            self.verdict.from_record.append(OTHER_LAYOUT)
         self.notes: list[str] = []  # on keyframes
         self.since_ns = self._passes = 0  # log time and passes of the cycle behind which it begins
         if seek:
@@ -182,7 +213,7 @@ class Comparison:
         if frame is not None:
             self.replay.begin_behind(frame)
             self.recorded.behind, self._passes = frame.cycle, frame.passes + 1
-            self.since_ns = frame.log_ns
+            self.since_ns = frame.stamp_ns
 
     def take(self, piece: logs.Log, whole: int, last: bool) -> None:
         """Recompute what `piece` of the log completes, up to cycle `whole`; LogError."""
@@ -192,6 +223,15 @@ class Comparison:
             raise logs.LogError(f"{self.path}: {self.role}: {error}") from None
         if last and self.last == ALL:
             _told_as_missing(self.verdict, self.recorded.left)
+        if last and not self.verdict.incomplete:
+            self.keyframes.end(int(self.replay.block.loop.k) - 1)
+
+    def require_cycle(self, first: int) -> None:
+        """Raise UserError if it did not come to cycle `first`, for want of it in the log."""
+        k = int(self.replay.block.loop.k)
+        if k <= first and not (self.verdict.differences or self.verdict.incomplete):
+            what = f"there is no cycle {first}, the log comes to cycle {k - 1}"
+            raise UserError(f"{self.path}: {self.role}: {what}; choose an earlier --from")
 
     def require_end(self) -> None:
         """Raise UserError if it did not come to its last cycle with the bits of the log."""
@@ -218,6 +258,7 @@ class Comparison:
             except logs.LogError as error:
                 verdict.incomplete = str(error)
                 return
+            self.keyframes.add(piece.node[self.role], self.recorded.behind)
         for part in self.recorded.take(min(whole, self.last), last or whole >= self.last):
             passes = self._passes + verdict.cycles
             verdict.incomplete = verdict.incomplete or _gap(part.rows, passes)
@@ -233,6 +274,7 @@ class Comparison:
             old, new = part.rows[:done, self._theirs], computed.values[:, self._ours]
             _compare(verdict, self.both, part.rows[:done, K], old, new)
             compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
+            self.keyframes.look()
             verdict.cycles += done
             if self._is_written and done:
                 self.replay.repeat_clocks(part, self.recorded.names, done)
@@ -314,50 +356,3 @@ def _compare(
         difference.count += len(at)
         distance = np.abs(old - new)
         difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
-
-
-def _plain(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict for JSON."""
-    first = verdict.first()
-    return {
-        "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
-        "variables": verdict.variables, "frames": verdict.frames, "speed": verdict.speed,
-        "incomplete": verdict.incomplete, "missing": verdict.missing,
-        "from_record": verdict.from_record,
-        "first": None if first is None else vars(first),
-        "differences": [vars(d) for d in verdict.ordered()],
-    }  # fmt: skip
-
-
-def show(verdict: Verdict, changed: bool) -> None:
-    """Print one node's verdict: a line, and what differs."""
-    size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
-    state = verdict.state
-    if changed:
-        state = "no difference" if verdict.agrees else "changed, in open loop"
-    _say(f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} ")
-    for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
-        if line:
-            _say(line, "  ")
-    first = verdict.first()
-    if first is None:
-        return
-    _say(
-        f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
-        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
-        + ("" if first.ulp is None else f", {first.ulp} ULP"),
-        "  ",
-    )
-    rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]
-    for d in verdict.ordered()[:ROWS_SHOWN]:
-        largest = f"{d.largest:.3g}" if d.largest else "-"
-        values = f"{d.recorded}, {d.recomputed}"
-        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, values))
-    print("\n".join(screen.table(rows, right=(1, 2, 3))))
-    if len(verdict.differences) > ROWS_SHOWN:
-        print(f"  and {len(verdict.differences) - ROWS_SHOWN} more; --json prints all")
-
-
-def _say(text: str, ahead: str) -> None:
-    """Print `text` behind `ahead`, wrapped where it does not fit."""
-    print("\n".join(screen.wrapped(text, ahead)))

@@ -6,8 +6,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from pcpc.tools.after.log.cat import unequal_frames, unequal_texts
+from pcpc.tools.terminal import screen
 
 SENT = "frames sent"
+_ROWS_SHOWN = 20
 
 
 @dataclass
@@ -32,6 +34,7 @@ class Verdict:
     cycles: int = 0
     variables: int = 0
     frames: int = 0
+    keyframes: int = 0
     spent_s: float = 0.0
     incomplete: str = ""  # why not all could be recomputed
     dropped: int = 0  # frames and events that the recorder has not got
@@ -86,3 +89,49 @@ def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[A
     longer = recorded if len(recorded) > at else computed
     first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
     verdict.differences.setdefault(first.name, first).count += count
+
+
+def plain(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict for JSON."""
+    first = verdict.first()
+    return {
+        "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
+        "variables": verdict.variables, "frames": verdict.frames,
+        "keyframes": verdict.keyframes, "speed": verdict.speed,
+        "incomplete": verdict.incomplete, "missing": verdict.missing,
+        "from_record": verdict.from_record,
+        "first": None if first is None else vars(first),
+        "differences": [vars(d) for d in verdict.ordered()],
+    }  # fmt: skip
+
+
+def report(verdict: Verdict, changed: bool) -> list[str]:
+    """Return one node's verdict as lines: the first, and what differs."""
+    size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
+    state = verdict.state
+    if changed:
+        state = "no difference" if verdict.agrees else "changed, in open loop"
+    told = screen.wrapped(
+        f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} "
+    )
+    for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
+        if line:
+            told += screen.wrapped(line, "  ")
+    first = verdict.first()
+    if first is None:
+        return told
+    told += screen.wrapped(
+        f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
+        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
+        + ("" if first.ulp is None else f", {first.ulp} ULP"),
+        "  ",
+    )
+    rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]
+    for d in verdict.ordered()[:_ROWS_SHOWN]:
+        largest = f"{d.largest:.3g}" if d.largest else "-"
+        values = f"{d.recorded}, {d.recomputed}"
+        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, values))
+    told += screen.table(rows, right=(1, 2, 3))
+    if len(verdict.differences) > _ROWS_SHOWN:
+        told.append(f"  and {len(verdict.differences) - _ROWS_SHOWN} more; --json prints all")
+    return told

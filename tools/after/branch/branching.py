@@ -55,7 +55,7 @@ class Branch(VirtualRun):
     ) -> None:  # fmt: skip
         """`metadata`: of the log that is written. UserError for a log that cannot be branched."""
         selftest()
-        self.head, self.cycle = head, cycle
+        self.head, self.rig, self.cycle = head, rig, cycle
         self.notes: list[str] = []
         self.missing: list[str] = []  # damage of the log
         self._skipped: set[str] = set()
@@ -103,9 +103,18 @@ class Branch(VirtualRun):
             raise UserError(f"{self.head.path}: cycle {self.cycle} is not there, {comes}")
         for node in self._nodes:
             node.require_end()
-        hand_on([block.loop for block in self.blocks])
+        self._hand_on()
         for node in self._nodes:
-            _let_go(node, self._later[node.role])
+            self._let_go(node.replay.block.loop)
+            _tune_later(node, self._later[node.role])
+
+    def _hand_on(self) -> None:
+        hand_on([block.loop for block in self.blocks])
+
+    def _let_go(self, loop: Any) -> None:
+        """Let a node go on as in a run."""
+        loop.clock.kind = Time.VIRTUAL
+        loop.meeting.ordered = loop.wire.in_turn = 1
 
     def _note_tunings(self, node: Comparison, piece: logs.Log) -> None:
         """Keep the tunings of the log that come later."""
@@ -175,11 +184,9 @@ def hand_on(nodes: Sequence[Any]) -> None:
         node.wire.outbox_put = 0
 
 
-def _let_go(node: Comparison, later: list[tuple[int, int, float]]) -> None:
-    """Let a node go on in virtual time, with the tunings that come later."""
+def _tune_later(node: Comparison, later: list[tuple[int, int, float]]) -> None:
+    """Schedule the tunings that come later; UserError for too many."""
     loop = node.replay.block.loop
-    loop.clock.kind = Time.VIRTUAL
-    loop.meeting.ordered = loop.wire.in_turn = 1
     if len(later) > sh.MAX_SCHEDULE:
         what = f"{len(later)} tunings of the {node.role} come later"
         raise UserError(f"{node.path}: {what}; one branch takes {sh.MAX_SCHEDULE}")

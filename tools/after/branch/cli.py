@@ -4,10 +4,12 @@ import argparse
 import math
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.can.choice import Choice, take_bus
 from pcpc.drivers.errors import BusError, UserError
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
@@ -17,13 +19,14 @@ from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.planned_faults import STALL
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.standby import TO, laws
 from pcpc.tools.after.branch.branching import Branch, Change
 from pcpc.tools.after.compare.overlay import How
 from pcpc.tools.after.compare.recorded import compared
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.replay import cycle_of
+from pcpc.tools.after.span import cycle_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
@@ -50,8 +53,10 @@ def command(options: argparse.Namespace) -> int:
         try:
             with log_rig.rig_of(head, Path(folder), chosen, whole=True) as rig:
                 return _branched(head, rig, cycle, options)
-        except BusError as error:  # the log's DBC, not a bus of this machine
-            raise UserError(str(error)) from None
+        except BusError as error:
+            if options.bus is not None:
+                raise
+            raise UserError(str(error)) from None  # the log's DBC, not a bus of this machine
         except StepError as error:
             raise StepError(f"{path}: {error or 'a step does not return'}") from None
 
@@ -59,15 +64,17 @@ def command(options: argparse.Namespace) -> int:
 def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
-    outcome = Outcome("virtual", "memory", strict=options.judge)
+    bus = None if options.bus is None else take_bus(wanted_bus(rig, rig.roles, options.bus))
+    where = ("virtual", "memory") if bus is None else ("lockstep", str(bus.bus))
+    outcome = Outcome(*where, strict=options.judge)
     asked = _asked(options)
     settled = {one.partition("=")[0] for one in asked}
     outcome.changed = [o for o in _of_the_parent(head) if o.partition("=")[0] not in settled]
     outcome.changed += asked
     progress = Progress(options.quiet)
-    about = _about(head, rig, cycle)
+    about = _about(head, rig, cycle, *where)
     with run_folder(options.output, rig) as folder:
-        run = Branch(head, rig, cycle, about, folder / LOG, judged)
+        run = _branch_of(bus)(head, rig, cycle, about, folder / LOG, judged)
         try:
             run.change(changes(run, rig, options))
             on_request(lambda *_: _stop(run, outcome))
@@ -88,6 +95,14 @@ def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace)
         return code
 
 
+def _branch_of(bus: Choice | None) -> Callable[..., Branch]:
+    if bus is None:
+        return Branch
+    from pcpc.tools.after.branch.on_bus import BranchOnBus  # here, because it compiles
+
+    return partial(BranchOnBus, bus=bus)
+
+
 def _stop(run: Branch, outcome: Outcome) -> None:
     outcome.interrupted = True
     run.stop()
@@ -100,6 +115,8 @@ def _of_the_rig(head: logs.Log, options: argparse.Namespace) -> list[str]:
     """Return what is asked for as settings of the rig: a longer run, one more law on standby."""
     about = head.node[_LEADER].description
     found = [] if options.duration is None else [f"duration_s={options.duration!r}"]
+    if options.controller is not None and not options.controller.strip():
+        raise UserError("--controller: expected a name")
     name, there = options.controller, [str(law) for law in about.get("laws", ())]
     own = head.metadata[_LEADER].get("controller", "")
     if name is not None and name not in (own, *there):
@@ -122,12 +139,12 @@ def _of_the_parent(head: logs.Log) -> list[str]:
     return [one for one in own.changed if one.partition("=")[0] not in tunable] if own else []
 
 
-def _about(head: logs.Log, rig: Rig, cycle: int) -> dict[str, str]:
+def _about(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[str, str]:
     """Return the facts of the new log, its parent among them."""
     config, parent = rig.config, head.metadata[_LEADER]
     commit = {RIG_COMMIT: parent[RIG_COMMIT]} if RIG_COMMIT in parent else {}
     return facts() | commit | {
-        "pacing": "virtual", "bus": "memory", "controller": config.controller,
+        "pacing": pacing, "bus": bus, "controller": config.controller,
         "seed": str(config.seed), "rate_hz": repr(config.rate_hz),
         "branch_of": str(head.path.resolve()), "branch_sha256": carried_files.sha256(head.path),
         "branch_cycle": str(cycle),

@@ -15,6 +15,8 @@ def branch(add: Add) -> None:
         help="begin a fault of the rig there; without a duration to the end")  # fmt: skip
     add("--duration", type=take.duration, metavar="DURATION",
         help="length of the whole run; default: as the log's rig")  # fmt: skip
+    add("--bus", metavar="INTERFACE[:CHANNEL]",
+        help="go on over this bus in lockstep, auto: a free one; default: none")  # fmt: skip
     take.code_of_laws(add)
     take.run_folder(add)
 

@@ -14,18 +14,17 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.can.e2e_states import name_of
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.table import Variable
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.cat import frame_text
-from pcpc.tools.after.replay import Comparison, cycle_of, recomputed
+from pcpc.tools.after.replay import Comparison, recomputed
+from pcpc.tools.after.span import chosen, cycle_of, variables_of
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
@@ -61,27 +60,14 @@ def command(options: argparse.Namespace) -> int:
             print(f"{path}: {note}", file=sys.stderr)
         node.require_end()
     cycles = [Cycle(node, frames[node.role]) for node in nodes]
-    chosen = _chosen(cycles, options.show)
+    known = {one.name: one.kind for each in cycles for one in each.variables}
+    names = chosen(known, options.show)
     if options.json:
-        print(json.dumps([one.as_dict(cycle, chosen) for one in cycles], indent=1))
+        print(json.dumps([one.as_dict(cycle, names) for one in cycles], indent=1))
     else:
-        lines = [one.lines(cycle, chosen, not options.show) for one in cycles]
+        lines = [one.lines(cycle, names, not options.show) for one in cycles]
         print("\n\n".join("\n".join(part) for part in lines if len(part) > 1))
     return Exit.OK
-
-
-def _chosen(cycles: Sequence["Cycle"], words: Sequence[str]) -> set[str]:
-    """Return the variables that names and patterns choose, else all but parameters; UserError."""
-    known = {one.name: one.kind for each in cycles for one in each.variables}
-    if not words:
-        return {name for name, kind in known.items() if kind != "parameter"}
-    found: set[str] = set()
-    for word in words:
-        matched = {name for name in known if fnmatchcase(name, word)}
-        if not matched:
-            raise UserError(f"--show {word}: no such variable{did_you_mean(word, known)}")
-        found |= matched
-    return found
 
 
 class Cycle:
@@ -89,8 +75,7 @@ class Cycle:
 
     def __init__(self, node: Comparison, frames: Sequence[Any]) -> None:
         made, self.role, self.frames = node.replay.plan, node.role, frames
-        measured = {*node.replay.block.description["timing_columns"]}
-        self.variables = [v for v in made.table.variables if v.name not in measured]
+        self.variables = variables_of(node.replay)
         self.values = {
             v.name: float(node.replay.block.loop.v[made.table.index[v.name]])
             for v in self.variables

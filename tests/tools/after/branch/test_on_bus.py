@@ -1,0 +1,150 @@
+"""A branch on a bus: real sockets, nodes in lockstep, and the bits of virtual time."""
+
+import time
+from pathlib import Path
+
+import can
+import pytest
+from logcommand import run_here
+from processes import PATIENT, ROOT, own_bus, pcpc, until
+from test_branch import ALL_RIGS, branch, cycles, faulty, record, simulated
+
+from pcpc.drivers.can import choice
+from pcpc.drivers.machine import claim
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.process import claim_frames
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.buses import wanted_bus
+from pcpc.executive.rig.reading import load_rig
+
+
+def on_bus(log: Path, out: Path, *words: str) -> Path:
+    """Return the log of a branch on a bus of its own."""
+    done = branch(log, out, "--bus", own_bus(), *words)
+    assert done.code in (0, 1), done
+    return out / "log.mcap"
+
+
+def has_bits_of(new: Path, parent: Path) -> None:
+    mine, wanted = record(new), record(parent)
+    for role, (rows, frames, tunings) in wanted.items():
+        assert mine[role][0] == rows, role
+        missing = frames - mine[role][1]
+        more = mine[role][1] - frames
+        assert not missing and all(cycle == 0 for cycle, *_ in more), (role, missing, more)
+        assert mine[role][2] == tunings, role
+
+
+@pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
+def test_unchanged_it_has_the_bits_of_virtual_time(rig: str, tmp_path: Path) -> None:
+    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=0.4")
+    for n in (0, 1, 2, 3, 217, 399):
+        has_bits_of(on_bus(parent, tmp_path / f"b{n}", "--cycle", str(n)), parent)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("path", ALL_RIGS, ids=lambda path: path.stem)
+def test_each_rig_goes_on_with_its_bits(path: Path, tmp_path: Path) -> None:
+    rate = load_rig(path).config.rate_hz
+    rig = load_rig(path, settings=[f"duration_s={300 / rate}", "bus.emulate=null"])
+    simulate(rig, tmp_path / "log.mcap")
+    last = len(logs.read(tmp_path / "log.mcap").node["executive"].cycle) - 1
+    for n in cycles(1, last, path.stem)[2:]:
+        new = on_bus(tmp_path / "log.mcap", tmp_path / f"b{n}", "--cycle", str(n))
+        has_bits_of(new, tmp_path / "log.mcap")
+
+
+def test_a_run_in_lockstep_goes_on_on_a_bus_again(tmp_path: Path) -> None:
+    done = pcpc("run", "engage", "--pacing", "lockstep", "--set", "duration_s=0.4", "--no-figure",
+                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    assert done.code == 0, done
+    has_bits_of(on_bus(tmp_path / "a/log.mcap", tmp_path / "b", "--cycle", "201"),
+                tmp_path / "a/log.mcap")  # fmt: skip
+
+
+def test_with_changes_it_has_the_bits_of_the_branch_in_memory(tmp_path: Path) -> None:
+    parent = faulty(tmp_path, "rig")
+    words = ("--cycle", "250", "--set", "controller.kv_Nms_rad=90", "--fault", "stuck:50ms",
+             "--controller", "pid")  # fmt: skip
+    new = on_bus(parent, tmp_path / "b", *words)
+    done = branch(parent, tmp_path / "c", *words)
+    assert done.code in (0, 1), done
+    has_bits_of(new, tmp_path / "c/log.mcap")
+    about = logs.head(new).metadata["executive"]
+    assert about["pacing"] == "lockstep" and about["bus"].startswith("udp_multicast")
+    assert about["branch_cycle"] == "250"
+    whole = run_here("replay", new, "--quiet")
+    assert whole.code == 0, whole
+    again = branch(new, tmp_path / "d", "--cycle", "100")
+    assert again.code in (0, 1), again
+    has_bits_of(tmp_path / "d/log.mcap", new)
+
+
+def test_its_frames_are_on_the_bus(tmp_path: Path) -> None:
+    parent, bus = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1"), own_bus()
+    _, group, port = bus.split(":")
+    heard: list[can.Message] = []
+    with can.Bus(interface="udp_multicast", channel=group, port=int(port)) as ear:
+        notifier = can.Notifier(ear, [heard.append])
+        done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", bus)
+        assert done.code in (0, 1), done
+        until(lambda: heard and heard[-1].timestamp < time.time() - 0.5, "silence on the bus")
+        notifier.stop()
+    node = logs.read(tmp_path / "b/log.mcap").node["executive"]
+    sent = node.frames[(node.frames["direction"] == 0) & (node.frames["cycle"] > 40)]
+    known = {(int(f["id"]), f["data"][: f["dlc"]].tobytes()) for f in sent}
+    came = {
+        (m.arbitration_id, bytes(m.data))
+        for m in heard
+        if m.arbitration_id in {i for i, _ in known}
+    }
+    assert len(known & came) > 20 and came <= known, "an ear may miss some, but none is made up"
+
+
+def test_a_run_that_keeps_time_is_refused(tmp_path: Path) -> None:
+    done = pcpc("run", "engage", "--bus", own_bus(), *PATIENT, "--set", "duration_s=0.3",
+                "--no-figure", "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    assert done.code in (0, 1), done
+    refused = branch(tmp_path / "a/log.mcap", tmp_path / "b", "--cycle", "90", "--bus", "auto")
+    assert refused.code == 2 and "leave out --bus" in refused.err, refused
+    assert refused.err.count("\n") == 1 and not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize(
+    ("bus", "code", "said"),
+    [
+        ("vcan77", 4, "vcan77"),
+        ("nix", 4, "nix"),
+        ("", 4, "interface"),
+        ("udp_multicast:1.2.3.4", 4, "1.2.3.4"),
+        ("udp_multicast:239.74.163.2:99999", 4, "99999"),
+    ],
+)
+def test_a_bus_that_is_none_is_said_in_a_line(
+    bus: str, code: int, said: str, tmp_path: Path
+) -> None:
+    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1")
+    done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", bus)
+    assert done.code == code and said in done.err and done.err.count("\n") == 1, done
+    assert not (tmp_path / "b").exists()
+
+
+def test_a_bus_where_another_sends_its_frames_is_refused_and_let_go(tmp_path: Path) -> None:
+    parent, bus = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1"), own_bus()
+    rig = load_rig(ROOT / "plants/atb1000/rigs/engage.yaml")
+    taken = choice.take_bus(wanted_bus(rig, (), bus))
+    held = claim_frames(rig, plan(rig, "plant", "lockstep"), taken.bus)
+    try:
+        done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", bus)
+        assert done.code == 4 and "another sender" in done.err, done
+        assert not (tmp_path / "b").exists()
+    finally:
+        for one in held:
+            one.close()
+        taken.release()
+    done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", bus)
+    assert done.code in (0, 1), done
+    again = claim.hold(f"frame/{taken.bus}/00000080")
+    assert again is not None, "it has let go"
+    again.close()

@@ -1,0 +1,240 @@
+"""A part of a log recomputed, and its keyframes held against the state that is recomputed."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from json_schemas import holds
+from logcommand import run_here
+from processes import PATIENT, RIGS, own_bus, pcpc
+
+from pcpc.executive.log import keyframes
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import keyframe_layout
+from pcpc.executive.nodes import planned_keyframes
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.replay import Comparison, recomputed
+
+SHORT = ("duration_s=0.45", "record.keyframe=100ms")
+PLAN = plan(load_rig(RIGS / "engage.yaml"), "executive", "lockstep")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("span") / "log.mcap"
+    simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
+    return path
+
+
+def replay(log: Path, *words: str) -> tuple[int, dict[str, dict[str, Any]]]:
+    done = run_here("replay", log, "--json", "--quiet", *words)
+    return done.code, {one["node"]: one for one in holds("replay", done.out)}
+
+
+def rewritten(
+    path: Path, change: Callable[[dict[str, Any], bytearray], dict[str, Any]],
+    patch: pytest.MonkeyPatch, which: Sequence[int] = (299,),
+) -> Path:  # fmt: skip
+    """Return a log whose executive's keyframes of cycles `which` `change` has made."""
+    true = keyframes._packed
+
+    def packed(passes: int, layout: str, state: bytes) -> dict[str, Any]:
+        if passes not in which or layout != LAYOUT:
+            return true(passes, layout, state)
+        other = bytearray(state)
+        told = change(true(passes, layout, state), other)
+        return true(passes, layout, bytes(other)) | told
+
+    with patch.context() as here:
+        here.setattr(keyframes, "_packed", packed)
+        simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
+    return path
+
+
+LAYOUT = planned_keyframes.described(PLAN)["keyframe_layout"]
+
+
+def test_all_keyframes_are_held_against_what_is_recomputed(log: Path) -> None:
+    code, nodes = replay(log)
+    assert code == 0 and [one["keyframes"] for one in nodes.values()] == [4, 4]
+    run = run_here("verify", log, "--quiet", "--json")
+    assert run.code == 0, run
+
+
+def test_a_hidden_state_that_is_another_is_a_difference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = PLAN.table.index["controller.w_0"]
+
+    def other(entry: dict[str, Any], state: bytearray) -> dict[str, Any]:
+        state[8 * place] ^= 1  # a ULP; the checksum is that of the new state
+        return {}
+
+    path = rewritten(tmp_path / "log.mcap", other, monkeypatch)
+    assert "controller.w_0" not in logs.read(path).node["executive"].columns
+    code, nodes = replay(path)
+    found = nodes["executive"]["first"]
+    assert code == 1 and (found["name"], found["cycle"], found["ulp"]) == ("controller.w_0", 299, 1)
+    assert nodes["plant"]["identical"]
+    assert run_here("verify", path, "--quiet").code == 1
+    begun = run_here("branch", path, "--cycle", "350", "-o", tmp_path / "b", "--quiet")
+    assert begun.code == 2 and "controller.w_0 in cycle 299" in begun.err, begun
+
+
+@pytest.mark.parametrize("at", range(0, 40, 3))
+def test_each_field_that_a_keyframe_holds_is_compared(
+    at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of all but the variables one byte is changed: found, unless it is a clock's or a counter."""
+    spans = keyframe_layout.spans(len(PLAN.table.variables), bool(PLAN.faults))
+    record, name, _, size = spans[1 + at % (len(spans) - 1)]
+    start = sum(one[3] for one in spans[: 1 + at % (len(spans) - 1)])
+
+    def other(entry: dict[str, Any], state: bytearray) -> dict[str, Any]:
+        state[start] ^= 1
+        return {}
+
+    code, nodes = replay(rewritten(tmp_path / "log.mcap", other, monkeypatch))
+    measured = record == "control" and name in planned_keyframes._MEASURED
+    names = [one["name"] for one in nodes["executive"]["differences"]]
+    assert code == (0 if measured else 1), (record, name)
+    assert names == ([] if measured else [f"{record}.{name}[0]"]) and size
+
+
+DAMAGED: dict[str, tuple[Callable[[dict[str, Any], bytearray], dict[str, Any]], str]] = {
+    "checksum": (lambda entry, state: {"crc": entry["crc"] ^ 1}, "its checksum does not match"),
+    "layout": (lambda entry, state: {"layout": "0" * 16}, "its layout is of another version"),
+    "text": (lambda entry, state: {"state": "?"}, "is left out"),
+    "pass": (lambda entry, state: {"passes": 298}, "the log has no such pass"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_damaged_one_is_told_and_is_no_pass(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    change, said = DAMAGED[kind]
+    path = rewritten(tmp_path / "log.mcap", change, monkeypatch)
+    code, nodes = replay(path)
+    (told,) = nodes["executive"]["missing"]
+    assert code == 3 and said in told and nodes["executive"]["keyframes"] == 3, told
+    assert nodes["plant"]["identical"]
+    verified = run_here("verify", path, "--quiet")
+    assert verified.code == 3 and "keyframe" in verified.out, verified
+
+
+def test_those_of_another_layout_are_not_taken_for_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
+        simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
+    code, nodes = replay(tmp_path / "log.mcap")
+    assert code == 0 and nodes["executive"]["keyframes"] == 0
+    assert "keyframes are not compared" in nodes["executive"]["from_record"][0]
+    assert run_here("verify", tmp_path / "log.mcap", "--quiet").code == 3, "not all was judged"
+
+
+def test_with_a_change_they_are_not_compared(log: Path) -> None:
+    _, nodes = replay(log, "--set", "controller.kv_Nms_rad=9", "--node", "executive")
+    found = nodes["executive"]
+    assert found["keyframes"] == 0 and found["from_record"] == []
+    assert {one["name"].partition(".")[0] for one in found["differences"]} >= {"controller"}
+
+
+def test_real_time_leaves_no_difference_but_of_clocks(tmp_path: Path) -> None:
+    words = "--set", "duration_s=1", "--set", "record.keyframe=100ms", "--no-figure", "--quiet"
+    done = pcpc("run", "telerobot-u1", "--bus", own_bus(), *PATIENT, *words, "-o", str(tmp_path))
+    assert done.code in (0, 1), done
+    code, nodes = replay(tmp_path / "log.mcap")
+    assert code == 0 and all(one["keyframes"] > 5 for one in nodes.values()), nodes
+
+
+# --------------------------------------------------------------------------------------- a part
+
+
+def table(log: Path, *words: str) -> list[list[str]]:
+    done = run_here("replay", log, "--quiet", *words)
+    assert done.code == 0, done
+    return list(csv.reader(io.StringIO(done.out)))
+
+
+def test_a_part_is_recomputed_from_the_keyframe_before(log: Path) -> None:
+    code, nodes = replay(log, "--from", "0.25", "--to", "0.310")
+    assert code == 0 and [one["cycles"] for one in nodes.values()] == [111, 111]
+    assert [one["keyframes"] for one in nodes.values()] == [1, 1], "that of cycle 299"
+    code, nodes = replay(log, "--from", "0.4", "--node", "plant")
+    assert nodes["plant"]["cycles"] == 51 and nodes["plant"]["keyframes"] == 0
+
+
+def test_any_variable_is_shown_with_the_bits_that_were_recorded(log: Path) -> None:
+    node = logs.read(log).node["plant"]
+    rows = table(log, "--from", "0.123", "--to", "0.345", "--node", "plant", "--show", "*")
+    names = [head.partition(" ")[0] for head in rows[0]]
+    assert [int(row[1]) for row in rows[1:]] == [*range(123, 346)]
+    for name in node.columns.keys() & {*names}:
+        shown = np.array([float(row[names.index(name)]) for row in rows[1:]])
+        assert shown.tobytes() == node.columns[name][123:346].tobytes(), name
+    assert {*names} > {*node.columns}, "hidden ones too"
+
+
+def test_a_part_shows_what_step_shows_of_its_cycles(log: Path) -> None:
+    rows = table(log, "--from", "0.2", "--to", "0.21", "--show", "controller.w_*")
+    for row in (rows[1], rows[-1]):
+        done = run_here(
+            "replay", log, "--cycle", row[1], "--quiet", "--json", "--show", "controller.w_*"
+        )
+        (values,) = [one["values"] for one in holds("step", done.out) if one["values"]]
+        assert [float(text) for text in row[2:]] == [*values.values()]
+        assert len(values) > 3
+
+
+def test_a_thousand_seeks_agree_with_the_log(log: Path) -> None:
+    """Each begins where chance says; all recorded variables of both nodes are compared there."""
+    head, draws = logs.head(log), np.random.default_rng(351)
+    rig = load_rig(RIGS / "engage.yaml", settings=list(SHORT))
+    read = logs.read(log)
+    for cycle in map(int, draws.integers(0, 450, 25)):
+        nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in rig.roles]
+        for _ in recomputed(log, nodes, since_ns=min(node.since_ns for node in nodes)):
+            pass
+        for node in nodes:
+            node.require_end()
+            index, loop = node.replay.plan.table.index, node.replay.block.loop
+            for name, values in read.node[node.role].columns.items():
+                assert loop.v[index[name]].tobytes() == values[cycle].tobytes(), (name, cycle)
+
+
+WRONG = (
+    (("--from", "9"), "there is no cycle 9000, the log comes to cycle 449"),
+    (("--from", "0.3", "--to", "0.2"), "--to 0.2 is before --from 0.3"),
+    (("--from", "nan"), "--from nan: expected 0 s or more"),
+    (("--to", "-1"), "--to -1: expected 0 s or more"),
+    (("--to", "inf"), "--to inf: expected 0 s or more"),
+    (("--from", "1e300"), "there is no cycle"),
+    (("--from", "x"), "invalid float value"),
+    (("--show", "controller.w_9x"), "no such variable"),
+    (("--show", "supervisor.state"), "choose one with --node"),
+    (("--show", "controller.w_0", "--json"), "leave out --json"),
+    (("--cycle", "3", "--set", "controller.kv_Nms_rad=9"), "leave out --set"),
+    (("--cycle", "3", "--from", "0.1"), "leave out --from"),
+    (("--cycle", "3", "--node", "device"), "cannot be shown"),
+    (("--cycle", "3", "--time", "0.1"), "which cycle?"),
+    (("--cycle", "-3"), "--cycle -3: expected 0 or more"),
+    (("--cycle", "450"), "choose another --cycle"),
+    (("--node", "local", "--from", "0.1"), "no record of node local"),
+)
+
+
+@pytest.mark.parametrize(("words", "said"), WRONG, ids=lambda one: " ".join(one)[:40])
+def test_what_cannot_be_shown_is_said_in_a_line(words: Sequence[str], said: str, log: Path) -> None:
+    done = run_here("replay", log, "--quiet", *words)
+    lines = [line for line in done.err.splitlines() if "compiling" not in line]
+    assert done.code == 2 and said in done.err, done
+    assert len(lines) == 1 or lines[0].startswith("usage"), done.err

@@ -1,0 +1,112 @@
+"""A branch on a bus: its nodes go on in lockstep, each in a thread, over real sockets.
+
+before    as in `branching`; the buses are opened once all nodes stand in their cycles
+at N - 2  what the node below the executive sent last goes out once more, from its own socket
+from N    each node blocks until its frames are here, so that the bits are those of virtual time
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.can import choice
+from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
+from pcpc.drivers.compiled.jit import i8, loop, types
+from pcpc.drivers.compiled.structures import copy
+from pcpc.drivers.errors import UserError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
+from pcpc.executive.loop.clock import Time
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, run
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.nodes.process import claim_frames, open_buses
+from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.branch.branching import Branch
+from pcpc.tools.after.replay import pacing_of
+
+_DRAIN_S = 0.005
+
+
+@loop(i8(N, STEPS, types.Array(types.uint8, 2, "C")))
+def go_on(n: Any, steps: Any, frames: Any) -> Any:
+    """Run a node that has met the others from its cycle to its end; say `frames` (k, 16) first."""
+    for i in range(frames.shape[0]):
+        copy(n.wire.tx, frames[i])
+        put_frame(n.wire)
+    while one_pass(n, steps):
+        pass
+    finish(n)
+    return n.passes
+
+
+class BranchOnBus(Branch):
+    """As `Branch`, on a bus."""
+
+    def __init__(
+        self, head: logs.Log, rig: Rig, cycle: int, metadata: dict[str, str], log: Path,
+        judged: Wanted | None, bus: choice.Choice,
+    ) -> None:  # fmt: skip
+        """`bus` is let go by `close` and `discard`. UserError, BusError."""
+        paced = [role for role in rig.roles if pacing_of(head, role) not in WITHOUT_CLOCK]
+        if paced:
+            what = f"on a bus a branch goes in lockstep, but the {paced[0]} of this log keeps time"
+            raise UserError(f"{head.path}: {what}; leave out --bus")
+        self._bus = bus
+        super().__init__(head, rig, cycle, metadata, log, judged)
+
+    def _hand_on(self) -> None:
+        """Open the buses; keep what has to be said again."""
+        self._again = [np.empty((0, FRAME_BYTES), np.uint8)] * len(self.blocks)
+        below = self.blocks[1].loop.wire
+        self._again[1] = np.ascontiguousarray(below.outbox[: below.outbox_put]).copy()
+        for made, block in zip(self.plans, self.blocks, strict=True):
+            self._bus.claims += claim_frames(self.rig, made, self._bus.bus)
+            block.loop.wire.outbox_put = 0
+            open_buses(self.rig, self._bus.bus, made, block.loop.wire)
+
+    def _let_go(self, loop: Any) -> None:
+        super()._let_go(loop)
+        loop.clock.kind, loop.rings.wait_recorder, loop.control.recorded = Time.LOCKSTEP, 1, 1
+
+    def advance(self) -> Iterator[int]:
+        """Run to the end; yield the cycles done now and then. Raises StepError."""
+        loops = [block.loop for block in self.blocks]
+        works = [Work(call) for call in map(self._call, loops, self.steps, self._again)]
+        for work in reversed(works):  # who waits first hears all
+            work.start()
+        watch, looks = Watch(loops), 0.0
+        while any(work.is_alive() for work in works):
+            works[0].join(_DRAIN_S)
+            self._drain()
+            looks += _DRAIN_S
+            if looks >= POLL_S:
+                looks = 0.0
+                if (standing := watch.stands(self._stopped)) is not None:
+                    standing.control.fault = Fault.STEP_HANGS
+                    raise StepError
+                yield int(loops[0].passes)
+        self._drain()
+        for work in works:
+            if work.error is not None:
+                raise failed(work.error, loops) from work.error
+        yield int(loops[0].passes)
+
+    @staticmethod
+    def _call(n: Any, steps: Any, again: NDArray[np.uint8]) -> Any:
+        return partial(go_on, n, steps, again) if n.passes else partial(run, n, steps)
+
+    def discard(self) -> None:
+        """Leave no log behind, nor the bus."""
+        self._bus.release()
+        super().discard()
+
+    def close(self) -> None:
+        """As `VirtualRun`; let the bus go."""
+        super().close()
+        self._bus.release()

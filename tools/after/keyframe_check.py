@@ -1,0 +1,74 @@
+"""The keyframes of a log held against the state that a recomputed node has there, bit for bit.
+
+Not compared: what clocks measured, and frames sent in the first meeting, which is not recomputed.
+"""
+
+from typing import Any
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.keyframes import Keyframe, Keyframes, keyframe_of
+from pcpc.executive.nodes import planned_keyframes
+from pcpc.executive.nodes.replay import Replay
+from pcpc.tools.after.log.ulp import ulp_distance
+from pcpc.tools.after.replayed import Difference, Verdict
+
+_KEPT = 64  # recomputed states of which the log may still bring the keyframe
+
+
+class KeyframeCheck:
+    """What a log has of a node's keyframes, and what the recomputed node has."""
+
+    def __init__(self, replay: Replay, verdict: Verdict, layout: str) -> None:
+        """`layout`: of the log's."""
+        self._replay, self._verdict = replay, verdict
+        self._own = Keyframes(replay.block)
+        about = replay.block.description
+        self._size, self._layout = about["keyframe_bytes"], about["keyframe_layout"]
+        self.every = about["keyframe_passes"] if layout == self._layout else 0  # passes
+        self._recorded: dict[int, Keyframe] = {}
+        self._recomputed: dict[int, bytes] = {}
+
+    def add(self, node: logs.Node, behind: int) -> None:
+        """Take up the keyframes of a piece of the log, those of cycles later than `behind`."""
+        for text in node.keyframes if self.every else ():
+            try:
+                frame = keyframe_of(text, 0, self._size, self._layout)
+            except ValueError as error:
+                self._leave_out(str(error))
+                continue
+            if frame is not None and frame.cycle > behind:
+                self._recorded[frame.passes] = frame
+                self._compare(frame.passes)
+
+    def look(self) -> None:
+        """Compare the state that the node has published since the last look, if it has."""
+        if self.every and (found := self._own.published()) is not None:
+            self._recomputed[found.passes] = found.state
+            self._compare(found.passes)
+            for passes in list(self._recomputed)[:-_KEPT]:
+                del self._recomputed[passes]
+
+    def end(self, cycle: int) -> None:
+        """Say which keyframes up to a cycle, the last recomputed one, belong to none."""
+        for frame in self._recorded.values():
+            if frame.cycle <= cycle:
+                self._leave_out(f"cycle {frame.cycle}, the log has no such pass")
+
+    def _leave_out(self, why: str) -> None:
+        self._verdict.missing.append(f"a keyframe of the {self._verdict.role} is left out: {why}")
+
+    def _compare(self, passes: int) -> None:
+        if passes not in self._recorded or passes not in self._recomputed:
+            return
+        frame, state = self._recorded.pop(passes), self._recomputed.pop(passes)
+        self._verdict.keyframes += 1
+        for name, old, new in planned_keyframes.differences(self._replay.plan, frame.state, state):
+            self._note(name, frame.cycle, old, new)
+
+    def _note(self, name: str, cycle: int, old: Any, new: Any) -> None:
+        both = isinstance(old, float) and isinstance(new, float)
+        known = self._verdict.differences.setdefault(
+            name, Difference(name, cycle, repr(old), repr(new),
+                             ulp_distance(old, new) if both else None),
+        )  # fmt: skip
+        known.count += 1
