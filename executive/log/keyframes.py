@@ -29,7 +29,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
 
 _TRIES = 20  # copies of one that is being written meanwhile
-_BACK_NS = 5 * 10**8  # that a search goes back at first, besides two distances of keyframes
+_BACK_NS = 3 * 10**8  # that a search goes back at first, besides one distance of keyframes
 _MARGIN_NS = 2 * 10**8  # of the time of a cycle that follows from its number
 _OTHER_LAYOUT = "its layout is of another version or another rig"
 
@@ -113,7 +113,7 @@ def newest(
     if first is None:
         return None
     size = about.get("keyframe_bytes", 0)
-    at, back = first[1] + (before - first[0]) * period, 2 * every + _BACK_NS
+    at, back = first[1] + (before - first[0]) * period, every + _BACK_NS
     while True:
         told: list[str] = []
         good = None

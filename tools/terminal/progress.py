@@ -116,10 +116,11 @@ class Compiling:
         compile_cache.watch.listener = say
 
     def _words(self, done: int) -> str:
-        total = f" of about {compile_cache.FUNCTIONS}" if not self._had else ""
+        total = compile_cache.FUNCTIONS if not self._had else 0  # of the barrel; others have more
+        of_all = f" of about {total}" if done <= total else ""
         spent = time.monotonic() - self._begin_s
-        what = "function" if done == 1 and not total else "functions"
-        return f"compiling for this machine, once: {done}{total} {what}, {spent:.0f} s"
+        what = "function" if done == 1 and not of_all else "functions"
+        return f"compiling for this machine, once: {done}{of_all} {what}, {spent:.0f} s"
 
 
 def node_line(block: sh.Shared, total: str) -> str:
