@@ -21,6 +21,7 @@ from pcpc.tools.terminal.junit import Case, junit_text
 from pcpc.tools.terminal.outfile import check_file, new_file
 from pcpc.tools.terminal.progress import Progress
 
+_BYTES_A_PROCESS = 1 << 26  # as fast in one process
 _FAILURES = {"differs": "failure", IDENTICAL: ""}  # in JUnit; others are errors
 _WORST = (Exit.NOT_MET, Exit.WRONG_INPUT, Exit.LOSS, Exit.OK)
 _OF_TABLE = {"missing": Exit.LOSS}  # others: NOT_MET
@@ -105,7 +106,7 @@ def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
     """Verify the logs, on several processors where there are several; in the order of `names`."""
     about = {key: getattr(options, key) for key in ("node", "trust", "law", "rig", "fmu")}
     judge = partial(verified, options=argparse.Namespace(controller=None, set=[], **about))
-    jobs, progress = options.jobs or len(os.sched_getaffinity(0)), Progress(options.quiet)
+    jobs, progress = options.jobs or _processes(names), Progress(options.quiet)
     if min(jobs, len(names)) > 1:
         return each(judge, names, progress, jobs)
     rows = []
@@ -114,6 +115,12 @@ def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
         rows.append(judge(name))
     progress.close()
     return rows
+
+
+def _processes(names: Sequence[str]) -> int:
+    """Return how many processes pay: each takes as long to start as some MB of logs."""
+    size = sum(os.path.getsize(name) for name in names if os.path.isfile(name))
+    return min(len(os.sched_getaffinity(0)), max(1, size // _BYTES_A_PROCESS))
 
 
 # Which logs

@@ -20,7 +20,12 @@ def verify(add: Add) -> None:
     add("--identity", metavar="WHO", help="who has to have signed it")
     add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
     add("--node", choices=(*ROLES, "all"), default="all", help="only this node; default: all")
-    add("--jobs", type=take.positive, metavar="N", help="processes; default: one a processor")
+    add(
+        "--jobs",
+        type=take.positive,
+        metavar="N",
+        help="processes; default: one a processor, fewer for small logs",
+    )
     take.code_of_laws(add)
     take.json(add)
     take.quiet(add)

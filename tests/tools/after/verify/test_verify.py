@@ -611,6 +611,16 @@ def test_rows_have_the_order_of_names_and_each_log_is_one(
     assert (done.code, found, given) == (2, ["a", "b", "c"], [2]), done
 
 
+def test_small_logs_are_verified_in_one_process(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [str(log), str(tmp_path / "no")]
+    assert cli._processes(names) == 1, "it takes a process as long to start"
+    monkeypatch.setattr(cli, "_BYTES_A_PROCESS", log.stat().st_size)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
+    assert [cli._processes([str(log)] * n) for n in (0, 1, 2, 9)] == [1, 1, 2, 3]
+
+
 def made_text(folder: Path) -> None:
     folder.mkdir()
     (folder / "log.mcap").write_text("no log")
