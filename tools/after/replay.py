@@ -121,6 +121,8 @@ def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
     whole = not how.get("seek") and how.get("last", ALL) == ALL
     if node in ("device", "all") and whole and _of_device(head):
         nodes.append(part_of(_DEVICE, "replay").DeviceComparison(head, rig))
+    if not nodes and node == "device" and not whole:
+        raise UserError("--node device: its frames are compared as a whole; leave out --from, --to")
     if not nodes:
         raise logs.LogError(f"{head.path}: no record of node {node}")
     return nodes

@@ -225,6 +225,7 @@ WRONG = (
     (("--cycle", "3", "--set", "controller.kv_Nms_rad=9"), "leave out --set"),
     (("--cycle", "3", "--from", "0.1"), "leave out --from"),
     (("--cycle", "3", "--node", "device"), "cannot be shown"),
+    (("--from", "0.1", "--node", "device"), "leave out --from"),
     (("--cycle", "3", "--time", "0.1"), "which cycle?"),
     (("--cycle", "-3"), "--cycle -3: expected 0 or more"),
     (("--cycle", "450"), "choose another --cycle"),
