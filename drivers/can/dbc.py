@@ -20,12 +20,10 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from cantools.database.can import Database, Message
-from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.dbc_file import load, parse, place, text
+from pcpc.drivers.can.dbc_file import Database, DbcSignal, Message, load, parse, place, text
 from pcpc.drivers.can.frame_bits import classic_bits
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import FRAME, SIGNAL
@@ -36,6 +34,7 @@ __all__ = [
     "Database",
     "DbcError",
     "Frame",
+    "Message",
     "Signal",
     "Table",
     "bus_load",

@@ -14,13 +14,18 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-import cantools
-from cantools.database.can import Database
-from cantools.database.errors import Error
-
 from pcpc.drivers.errors import DbcError, printable
+from pcpc.drivers.machine.closed_package import leave_closed
 from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.drivers.machine.regular_files import open_regular
+
+leave_closed("cantools")  # the whole of it brings python-can and asyncio: a tenth of a start
+from cantools.database import load_string  # noqa: E402
+from cantools.database.can import Database, Message  # noqa: E402
+from cantools.database.can.signal import Signal as DbcSignal  # noqa: E402
+from cantools.database.errors import Error  # noqa: E402
+
+__all__ = ["Database", "DbcSignal", "Error", "Message", "load", "parse", "place", "text"]
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
 
@@ -94,7 +99,7 @@ def parse(path: str | Path, content: str, *, strict: bool) -> Database:
     _check_sizes(path, content)
     try:
         with patience(_PATIENCE_S + _PATIENCE_S_PER_BYTE * len(content)):
-            database = cantools.database.load_string(content, database_format="dbc", strict=strict)
+            database = load_string(content, database_format="dbc", strict=strict)
     except StalledError:
         raise DbcError(f"{path}: cantools does not come to an end with it; simplify it") from None
     except Exception as error:  # cantools lets KeyError, ValueError, ... of its parser through

@@ -24,7 +24,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any
 
 import numpy as np
-from numba.core import caching, dispatcher
+from numba.core import caching, dispatcher, entrypoints
 from numba.core.runtime.nrt import rtsys
 
 from pcpc.drivers.compiled import compile_cache, inner
@@ -302,5 +302,13 @@ def _tell(refused: str, kept: Path | None) -> None:
 
 
 def install() -> None:
-    """Let numba keep compiled code here."""
+    """Let numba keep compiled code here, and look for others' extensions only to compile."""
     dispatcher.FunctionCache = Kept  # type: ignore[attr-defined]
+    made: Any = dispatcher.Dispatcher
+    made._compilation_chain_init_hook = _extend
+
+
+def _extend(function: Any) -> None:
+    """Look for extensions of numba before a function's arguments have types, but for ours."""
+    if not isinstance(function._cache, Kept):
+        entrypoints.init_all()

@@ -9,6 +9,7 @@ does not have, as addresses of senders and the meeting. `nodes.install` and the 
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,14 @@ def size_of(held: Sequence[Span]) -> int:
 
 def name_of(held: Sequence[Span], variables: Sequence[str]) -> str:
     """Return a name for what lies where in a keyframe: 16 hexadecimal digits."""
-    kinds = [str(sh.LOOP[record or name]) for record, name, _, _ in held]
+    kinds = [_kind_of(record or name) for record, name, _, _ in held]
     return hashlib.sha256(repr((held, kinds, list(variables))).encode()).hexdigest()[:16]
+
+
+@cache
+def _kind_of(record: str) -> str:
+    """Return a record's type in words, which numpy takes milliseconds for."""
+    return str(sh.LOOP[record])
 
 
 def install(loop: Any, held: Sequence[Span], every: int) -> None:

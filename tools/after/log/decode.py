@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cantools.database.can import Database, Message
-from cantools.database.errors import Error
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id, codec, dbc, e2e
+from pcpc.drivers.can.dbc_file import Database, Error, Message
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import compiled
 from pcpc.drivers.errors import BusError

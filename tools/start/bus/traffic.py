@@ -16,8 +16,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from cantools.database.can import Message
-
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.frame_bits import transmission_ns
 from pcpc.executive.rig import messages
@@ -95,7 +93,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
     phases = {node: rig.config.realtime.of_node(role).phase for node, role in role_of.items()}
     kept = rig.config.pacing == "real" and not any_phase
 
-    def sent(message: Message) -> SentFrame:
+    def sent(message: dbc.Message) -> SentFrame:
         frame, sender = dbc.frame(message), next(iter(message.senders), "")
         phase = phases.get(sender) if kept else None
         heard = [phases[name] for name in message.receivers if name in phases]
