@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 # ruff: isort: off
-from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
-from pcpc.drivers.compiled.views import POINTER
+from pcpc.drivers.compiled.in_numba import f8, i8, numba, types
+from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS
+from pcpc.drivers.compiled.view_types import POINTER
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.extending import intrinsic
 # ruff: isort: on

@@ -1,9 +1,12 @@
 """How everything here is compiled: one set of numba options and a cache that cannot go stale.
 
-Compiled code is kept by `drivers.compiled.kept_code`. The processor is `generic`, so that the cache
+Compiled code is kept by `drivers.compiled.kept_code`, and what Python calls so that numba is not
+needed to find it, by `drivers.compiled.ready_code`. The processor is `generic`, so that the cache
 also serves another machine or an emulated one.
 
-Everything else gets numba from here, because numba reads its environment when it is first imported.
+Everything else gets numba from `drivers.compiled.in_numba`, because numba reads its environment
+when it is first imported. `numba`, `from_dtype`, `carray` of this module import it, and so does
+what `types` has but `void`, `Array`, `UniTuple`.
 
 Switches, read once at import (they select what is compiled, so they cannot be arguments):
 
@@ -14,10 +17,19 @@ Switches, read once at import (they select what is compiled, so they cannot be a
 
 import os
 import platform
-import sys
-import warnings
 from collections.abc import Callable
+from functools import update_wrapper
+from threading import RLock
 from typing import Any
+
+from pcpc.drivers.compiled import kinds, ready_code
+from pcpc.drivers.compiled.deferred import open_numba
+from pcpc.drivers.compiled.kinds import Kind, Signature, Unmarked, f8, i8, u1
+
+__all__ = [
+    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "Function", "compiled", "f8", "i8", "inline",
+    "loop", "loop_function", "loop_inline", "loop_part", "types", "u1",
+]  # fmt: skip
 
 _FEATURES = {  # every machine of the kind has these; empty means what this one has
     "x86_64": "+64bit,+cmov,+cx8,+fxsr,+mmx,+sse,+sse2",
@@ -31,31 +43,16 @@ if os.environ.get("PCPC_CPU") == "native":
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES.get(platform.machine(), ""))
 
-# numba.np.arraymath looks for the BLAS of scipy, which is a quarter of the start; none is used here
-_HIDDEN = "scipy" not in sys.modules
-if _HIDDEN:
-    sys.modules["scipy"] = None  # type: ignore[assignment] # an import of it fails
-import numba.np.arraymath  # noqa: E402  the environment above must stand before numba reads it
-from numba import from_dtype, types  # noqa: E402
-from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
-from numba.np.numpy_support import carray  # noqa: E402
 
-from pcpc.drivers.compiled import inner, kept_code  # noqa: E402
+def _is_off() -> bool:
+    """Return whether numba is switched off, as numba reads it."""
+    try:
+        return bool(int(os.environ.get("NUMBA_DISABLE_JIT", "0")))
+    except ValueError:
+        return False
 
-__all__ = [
-    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "carray", "compiled", "f8", "from_dtype",
-    "i8", "inline", "loop", "loop_function", "loop_inline", "loop_part", "numba", "types",
-    "u1",
-]  # fmt: skip
 
-if _HIDDEN:
-    del sys.modules["scipy"]  # from here on it can be imported
-inner.install()
-kept_code.install()
-numba.config.reload_config()  # should somebody have imported numba before us
-warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # blocks are first-class functions
-
-JIT_OFF = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+JIT_OFF = _is_off()
 LOOP_INTERPRETED = JIT_OFF or os.environ.get("PCPC_LOOP") == "interpreted"
 
 OPTIONS: dict[str, Any] = {
@@ -65,39 +62,179 @@ OPTIONS: dict[str, Any] = {
     "fastmath": False,
     "boundscheck": False,
 }
+_BARE = OPTIONS | {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-f8, i8, u1 = types.float64, types.int64, types.uint8
-VIEW = types.float64[::1]
+VIEW = f8[::1]
+
+
+class _Types:
+    """Types for signatures; all others are numba's."""
+
+    void, float64, int64, uint8 = kinds.nothing, f8, i8, u1
+
+    @staticmethod
+    def UniTuple(kind: Kind, count: int) -> Kind:
+        """Return the type of a tuple of so many alike."""
+        return kinds.tuple_of(kind, count)
+
+    @staticmethod
+    def Array(kind: Kind, dimensions: int, order: str) -> Kind:
+        """Return the type of an array."""
+        return kinds.array(kind, dimensions, order)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "py_func":  # who looks for functions among names
+            raise AttributeError(name)
+        return getattr(open_numba().types, name)
+
+
+types: Any = _Types()
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ("numba", "from_dtype", "carray"):
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return getattr(open_numba(), name)
+
+
+_one_at_a_time = RLock()
+
+
+class Function:
+    """A function of compiled code. What Python calls of them is kept ready; numba has the rest.
+
+    For its arguments, if they have marks (`drivers.compiled.kinds`), it is machine code called by
+    its address. Else, and where compiled code calls it, it is what numba makes of it.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], signature: Signature | None = None,
+        for_callers: bool = False, part: bool = False, **options: Any,
+    ) -> None:  # fmt: skip
+        """`for_callers`, `part`: see `kept_code`, `inner`. Compiles what has a signature."""
+        self.py_func, self._signature = function, signature
+        self._options, self._for_callers, self._part = options, for_callers, part
+        update_wrapper(self, function)
+        self._source = ready_code.Source(function)
+        self._made: Any = None
+        self._bound: dict[Any, Callable[..., Any]] = {}
+        if signature is not None and not self._source.has(self._key(signature.marks)):
+            self._bind(signature.marks)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; what numba raises for arguments that it cannot take."""
+        try:
+            marks = tuple(map(kinds.mark_of, arguments))
+        except Unmarked:
+            return self.in_numba(*arguments)
+        found = self._bound.get(marks)
+        if found is None:
+            if self._signature is not None and marks != self._signature.marks:
+                return self.in_numba(*arguments)
+            found = self._bind(marks, arguments)
+        return found(*arguments)
+
+    @property
+    def in_numba(self) -> Any:
+        """The same as numba has it, for what else is compiled."""
+        if self._made is None:
+            with _one_at_a_time:
+                self._made = open_numba().dispatcher(
+                    self.py_func, self._signature, OPTIONS | self._options, self._for_callers,
+                    self._part,
+                )  # fmt: skip
+        return self._made
+
+    def compile(self, arguments: tuple[Kind, ...]) -> None:
+        """Compile it, unless it is kept; a part for its callers."""
+        if self._part:
+            self.in_numba.compile(tuple(kind.in_numba() for kind in arguments))
+        else:
+            self._bind(tuple(kind.mark for kind in arguments), kinds=arguments)
+
+    def __reduce__(self) -> Any:
+        return _itself, (self.in_numba,)
+
+    def _key(self, marks: tuple[str, ...]) -> str:
+        result = self._signature.result.mark if self._signature is not None else "?"
+        return f"{result}({','.join(marks)})"
+
+    def _bind(
+        self, marks: tuple[str, ...], arguments: tuple[Any, ...] = (),
+        kinds: tuple[Kind, ...] = (),
+    ) -> Callable[..., Any]:  # fmt: skip
+        """Return machine code for these arguments, kept or compiled now; else numba's function."""
+        with _one_at_a_time:
+            code = self._source.load(self._key(marks)) or self._compiled(marks, arguments, kinds)
+            found = code.bound(marks) if code.address else self.in_numba
+            self._bound[marks] = found
+        return found
+
+    def _compiled(
+        self, marks: tuple[str, ...], arguments: tuple[Any, ...], kinds: tuple[Kind, ...]
+    ) -> ready_code.Code:
+        if not self._source.can_be_kept:
+            return ready_code.Code(0, "")
+        with_numba = open_numba()
+
+        def kinds_in_numba() -> Any:
+            if self._signature is not None:
+                return self._signature.in_numba()
+            return with_numba.types_of(arguments, kinds)
+
+        try:
+            found: ready_code.Code = with_numba.compiled(
+                self._source, self._key(marks), self.py_func, kinds_in_numba, _BARE | self._options
+            )
+        except Exception:
+            if self._signature is not None:
+                raise
+            return ready_code.Code(0, "")  # numba says more when it is called
+        return found
+
+
+def _itself(made: Any) -> Any:
+    return made
+
+
+def _function(signature: tuple[Any, ...], for_callers: bool = False) -> Callable[..., Any]:
+    """Return what compiles a function with a signature of ours, of numba's, or none."""
+    if JIT_OFF:
+        return lambda function: function
+    if len(signature) > 1 or not all(isinstance(one, Signature) for one in signature):
+        found: Callable[..., Any] = open_numba().decorator(signature, OPTIONS, for_callers)
+        return found
+    ours = signature[0] if signature else None
+    return lambda function: Function(function, ours, for_callers=for_callers)
 
 
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a helper that stages and loops call; always inlined."""
-    return kept_code.for_callers(numba.njit(forceinline=True, **OPTIONS)(function))
+    return function if JIT_OFF else Function(function, for_callers=True, forceinline=True)
 
 
 def compiled(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function with one explicit signature, or on first call when none is given."""
-    made = numba.njit(*signature, **OPTIONS)
-    return lambda function: kept_code.for_callers(made(function))
+    return _function(signature, for_callers=True)
 
 
 def loop(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """As `compiled`, for what is plain Python when the loop runs interpreted (libc, bus, cycle)."""
     if LOOP_INTERPRETED:
         return lambda function: function
-    return numba.njit(*signature, **OPTIONS)
+    return _function(signature)
 
 
 def loop_function(function: Callable[..., Any]) -> Any:
     """As `loop`, on first call: the loop's larger parts, which stay functions (compile time)."""
-    return function if LOOP_INTERPRETED else numba.njit(**OPTIONS)(function)
+    return function if LOOP_INTERPRETED else Function(function)
 
 
 def loop_part(function: Callable[..., Any]) -> Any:
     """As `loop_function`, compiled and kept by itself: perhaps by another process meanwhile."""
-    return function if LOOP_INTERPRETED else inner.part(loop_function(function))
+    return function if LOOP_INTERPRETED else Function(function, part=True)
 
 
 def loop_inline(function: Callable[..., Any]) -> Any:
     """As `inline`, for what must be plain Python when the loop runs interpreted."""
-    return function if LOOP_INTERPRETED else numba.njit(forceinline=True, **OPTIONS)(function)
+    return function if LOOP_INTERPRETED else Function(function, forceinline=True)

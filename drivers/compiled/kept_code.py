@@ -10,31 +10,16 @@ the code of one function and signature. Of processes that want the same function
 the others wait. The one place that uses private parts of numba's cache.
 """
 
-import fcntl
-import hashlib
-import os
-import pickle
-import sys
-import sysconfig
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from enum import EnumMeta
+from contextlib import contextmanager
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any
 
-import numpy as np
 from numba.core import caching, dispatcher, entrypoints
 from numba.core.runtime.nrt import rtsys
 
-from pcpc.drivers.compiled import compile_cache, inner
-
-_INSTALLED = [
-    Path(__file__).parents[2],
-    *(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")),
-]
-_CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
-_SEAL = hashlib.sha256().digest_size
+from pcpc.drivers.compiled import compile_cache, inner, kept_files
+from pcpc.drivers.compiled.kept_files import content, state_of
 
 
 class _Place(caching.UserProvidedCacheLocator):
@@ -77,7 +62,7 @@ class _Sealed(caching.IndexDataCacheFile):
 
     def _load_index(self) -> dict[Any, str]:
         try:
-            version, stamp, overloads = _unsealed(Path(self._index_path))
+            version, stamp, overloads = kept_files.unsealed(Path(self._index_path))
         except OSError:
             return {}
         fresh = (version, stamp) == (self._version, self._source_stamp)
@@ -87,25 +72,13 @@ class _Sealed(caching.IndexDataCacheFile):
         self._seal(self._index_path, (self._version, self._source_stamp, overloads))
 
     def _load_data(self, name: str) -> Any:
-        return _unsealed(Path(self._data_path(name)))
+        return kept_files.unsealed(Path(self._data_path(name)))
 
     def _save_data(self, name: str, data: Any) -> None:
         self._seal(self._data_path(name), data)
 
     def _seal(self, path: str, content: Any) -> None:
-        rest = self._dump(content)
-        with self._open_for_write(path) as file:
-            file.write(hashlib.sha256(rest).digest() + rest)
-
-
-def _unsealed(path: Path) -> Any:
-    whole = path.read_bytes()
-    if hashlib.sha256(whole[_SEAL:]).digest() != whole[:_SEAL]:
-        raise OSError(f"{path}: damaged")
-    try:
-        return pickle.loads(whole[_SEAL:])
-    except Exception as error:
-        raise OSError(f"{path}: not readable here: {error}") from None
+        kept_files.write_sealed(Path(path), self._dump(content))
 
 
 class Kept(caching.Cache):
@@ -119,7 +92,7 @@ class Kept(caching.Cache):
     keeps_inner = False  # also for those that call it, see `inner`
 
     def __init__(self, function: Any) -> None:
-        self._function, self._read = function, _state(function)
+        self._function, self._read = function, state_of(function)
         self._claim: IO[bytes] | None = None
 
     def __getattr__(self, name: str) -> Any:
@@ -128,7 +101,9 @@ class Kept(caching.Cache):
         super().__init__(self._function)
         where, base = self._impl.locator.get_cache_path(), self._impl.filename_base
         stamp = self._impl.locator.get_source_stamp()
-        if _state(self._function) != self._read:  # it is not this text that was imported
+        if (
+            kept_files.state_now(self._function.__code__.co_filename) != self._read
+        ):  # it is not this text that was imported
             stamp = f"{stamp} edited since {self._read}"
         self._folders = [folder / where for folder in compile_cache.folders()]
         self._places = [_Sealed(str(folder), base, stamp) for folder in self._folders]
@@ -166,18 +141,8 @@ class Kept(caching.Cache):
         """Wait for who compiles this function, return what it has kept; None: it is on us now."""
         if not self._folders or self._claim is not None:
             return None
-        try:
-            compile_cache.make(self._folders[0])
-            lock = self._folders[0] / f"{self._impl.filename_base}.lock"
-            self._claim = open(lock, "a+b", 0)  # noqa: SIM115  closed by release
-            try:
-                fcntl.flock(self._claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
-                fcntl.flock(self._claim, fcntl.LOCK_EX)
-            self._claim.truncate(0)
-            self._claim.write(str(os.getpid()).encode())
-        except OSError:  # no room, or a disk that knows no locks
+        self._claim = kept_files.claim(self._folders[0], self._impl.filename_base)
+        if self._claim is None:
             return None
         return self._kept(signature, context)
 
@@ -204,9 +169,9 @@ class Kept(caching.Cache):
             except OSError as error:
                 refused = refused or f"{error.strerror or error}"
                 continue
-            _tell(refused, folder.parent)
+            kept_files.tell(refused, folder.parent)
             return
-        _tell(refused, None)
+        kept_files.tell(refused, None)
 
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
@@ -221,84 +186,6 @@ def for_callers(function: Any) -> Any:
     if isinstance(getattr(function, "_cache", None), Kept):
         function._cache.keeps_inner = True
     return function
-
-
-def content(function: Any) -> str:
-    """Return a digest of the code and constants that a function from outside the project can name.
-
-    "" for one of the project. Compiled code has in it what it calls, whose file may be another one,
-    and constants as they were at the import, which may make them of the environment, of a clock or
-    by lot: no file tells. Those of the modules and functions that it names count, too.
-    """
-    digest, seen = hashlib.sha256(), set()
-    pending = [function.__globals__]
-    while pending:
-        names = pending.pop()
-        if id(names) in seen or not _is_outside(names.get("__file__")):
-            continue
-        seen.add(id(names))
-        for name, value in sorted(names.items()):
-            if isinstance(value, ModuleType):
-                pending.append(vars(value))
-            elif isinstance(plain := getattr(value, "py_func", value), FunctionType):
-                pending.append(plain.__globals__)
-                if _is_outside(plain.__globals__.get("__file__")):
-                    digest.update(f"{name} {_meaning(plain)}\n".encode())
-            elif isinstance(value, np.ndarray):
-                digest.update(f"{name} {value.dtype} {value.shape}".encode() + value.tobytes())
-            elif isinstance(value, _CONSTANT) and not name.startswith("__"):
-                digest.update(f"{name} {value!r}\n".encode())
-            elif isinstance(value, EnumMeta):
-                digest.update(f"{name} {list(value)}\n".encode())
-    return digest.hexdigest() if seen else ""
-
-
-def _meaning(function: FunctionType) -> str:
-    """Return code, defaults and closed-over constants of a function, whatever its file."""
-    fixed = []
-    for cell in function.__closure__ or ():
-        with suppress(ValueError):  # nothing is in it yet
-            fixed += [cell.cell_contents] if isinstance(cell.cell_contents, _CONSTANT) else []
-    return f"{_code(function.__code__)} {function.__defaults__} {fixed}"
-
-
-def _code(code: CodeType) -> str:
-    values = []
-    for value in code.co_consts:
-        of_code = _code(value) if isinstance(value, CodeType) else repr(value)
-        values.append(str(sorted(map(repr, value))) if isinstance(value, frozenset) else of_code)
-    return f"{code.co_code.hex()} {values} {code.co_names} {code.co_varnames} {code.co_freevars}"
-
-
-def _is_outside(file: str | None) -> bool:
-    """Return whether a module's file belongs neither to the project nor to what is installed."""
-    return bool(file) and not any(Path(str(file)).is_relative_to(one) for one in _INSTALLED)
-
-
-def _state(function: Any) -> tuple[int, int] | None:
-    """Return by what a function's file is known to be the same as before; None without one."""
-    try:
-        found = os.stat(function.__code__.co_filename)
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
-
-
-_told: list[str] = []  # once a process
-
-
-def _tell(refused: str, kept: Path | None) -> None:
-    """Say where compiled code went, if not where it belongs."""
-    wanted = compile_cache.cache_folder()
-    if _told or (kept == wanted and wanted != compile_cache.temporary_folder()):
-        return
-    why = compile_cache.distrust(wanted) or refused
-    instead = "it is compiled again at every start" if kept is None else f"it goes to {kept}"
-    what = f"compiled code cannot be kept in {wanted}: {why}; {instead}"
-    if kept == wanted:
-        what = f"this user has no home folder: compiled code goes to {kept}"
-    _told.append(what)
-    print(_told[0], file=sys.stderr, flush=True)
 
 
 def install() -> None:

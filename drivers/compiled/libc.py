@@ -8,9 +8,8 @@ ARM they are not. Pointers travel as integers (`address(a)`): the caller keeps t
 import ctypes
 from typing import Any
 
-import numpy as np
-
-from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, carray, loop_inline, types
+from pcpc.drivers.compiled.deferred import Deferred
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 CLOCK_MONOTONIC = 1
 TIMER_ABSTIME = 1
@@ -19,113 +18,47 @@ EINTR = 4
 EAGAIN = 11
 POLLIN = 1
 
-_i4, _i8 = types.int32, types.int64
-_SIGNATURES = {
-    "clock_nanosleep": (_i4, _i4, _i4, _i8, _i8),  # returns the error number itself
-    "clock_gettime": (_i4, _i4, _i8),
-    "getrusage": (_i4, _i4, _i8),
-    "memcpy": (_i8, _i8, _i8, _i8),
-    "poll": (_i4, _i8, _i8, _i4),
-    "ppoll": (_i4, _i8, _i8, _i8, _i8),
-    "recv": (_i8, _i4, _i8, _i8, _i4),
-    "recvfrom": (_i8, _i4, _i8, _i8, _i4, _i8, _i8),
-    "send": (_i8, _i4, _i8, _i8, _i4),
-    "sched_yield": (_i4,),
+SIGNATURES = {  # result, arguments
+    "clock_nanosleep": "i4 i4 i4 i8 i8",  # returns the error number itself
+    "clock_gettime": "i4 i4 i8",
+    "getrusage": "i4 i4 i8",
+    "memcpy": "i8 i8 i8 i8",
+    "poll": "i4 i8 i8 i4",
+    "ppoll": "i4 i8 i8 i8 i8",
+    "recv": "i8 i4 i8 i8 i4",
+    "recvfrom": "i8 i4 i8 i8 i4 i8 i8",
+    "send": "i8 i4 i8 i8 i4",
+    "sched_yield": "i4",
 }
 
 
-def _untyped(function: Any) -> Any:
-    """Return `function`: numba's intrinsics are called without their typing context."""
-    return function
+def _compiled(name: str) -> Any:
+    return Deferred("pcpc.drivers.compiled.libc_types", name)
 
 
 if not LOOP_INTERPRETED:
-    from numba import extending
-
-    from pcpc.drivers.compiled.views import Fields, address_of, data
-
-    intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
-    literal_intrinsic: Any = extending.intrinsic(prefer_literal=True)
-
-    def _external(name: str) -> Any:
-        result, *arguments = _SIGNATURES[name]
-        return types.ExternalFunction(name, result(*arguments))
-
-    clock_nanosleep = _external("clock_nanosleep")
-    clock_gettime = _external("clock_gettime")
-    getrusage = _external("getrusage")
-    memcpy = _external("memcpy")
-    poll = _external("poll")
-    ppoll = _external("ppoll")
-    recv = _external("recv")
-    recvfrom = _external("recvfrom")
-    send = _external("send")
-    sched_yield = _external("sched_yield")
-    _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
-
-    @loop_inline
-    def errno() -> Any:
-        """Return the calling thread's errno."""
-        return np.int64(carray(_errno_location(), 1)[0])
-
-    def _word(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        """Return the address of an array's element, or of a structure's word of that name."""
-        kind, at = signature.args[:2]
-        if isinstance(kind, Fields):
-            return address_of(context, builder, args[0], kind.field(at.literal_value))[0]
-        return builder.gep(data(context, builder, kind, args[0]), [args[1]])
-
-    @_untyped
-    @literal_intrinsic
-    def load_acquire(typing_context: Any, array: Any, index: Any) -> Any:
-        """Return array[index] (int64) with acquire order; of a structure, the word of that name."""
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.load_atomic(_word(context, builder, signature, args), "acquire", 8)
-
-        return _i8(array, index if isinstance(array, Fields) else _i8), generate
-
-    @_untyped
-    @literal_intrinsic
-    def store_release(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-        """Set array[index] (int64) with release order; of a structure, the word of that name."""
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            word = _word(context, builder, signature, args)
-            builder.store_atomic(args[2], word, "release", 8)
-            return context.get_dummy_value()
-
-        return types.void(array, index if isinstance(array, Fields) else _i8, _i8), generate
-
-    @_untyped
-    @intrinsic
-    def fence_release(typing_context: Any) -> Any:
-        """Keep earlier stores before later ones."""
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            builder.fence("release")
-            return context.get_dummy_value()
-
-        return types.void(), generate
-
-    @_untyped
-    @intrinsic
-    def address(typing_context: Any, array: Any) -> Any:
-        """Return the address of the array's first element."""
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            first = data(context, builder, signature.args[0], args[0])
-            return builder.ptrtoint(first, context.get_value_type(_i8))
-
-        return _i8(array), generate
-
+    clock_nanosleep = _compiled("clock_nanosleep")
+    clock_gettime = _compiled("clock_gettime")
+    getrusage = _compiled("getrusage")
+    memcpy = _compiled("memcpy")
+    poll = _compiled("poll")
+    ppoll = _compiled("ppoll")
+    recv = _compiled("recv")
+    recvfrom = _compiled("recvfrom")
+    send = _compiled("send")
+    sched_yield = _compiled("sched_yield")
+    errno: Any = _compiled("errno")
+    load_acquire: Any = _compiled("load_acquire")
+    store_release: Any = _compiled("store_release")
+    fence_release: Any = _compiled("fence_release")
+    address: Any = _compiled("address")
 else:
     _LIBC = ctypes.CDLL(None, use_errno=True)
-    _CTYPES = {_i4: ctypes.c_int, _i8: ctypes.c_int64}
+    _CTYPES = {"i4": ctypes.c_int, "i8": ctypes.c_int64}
 
     def _bind(name: str) -> Any:
         function = getattr(_LIBC, name)
-        result, *arguments = _SIGNATURES[name]
+        result, *arguments = SIGNATURES[name].split()
         function.restype = _CTYPES[result]
         function.argtypes = [_CTYPES[a] for a in arguments]
         return function

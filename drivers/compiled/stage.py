@@ -6,35 +6,19 @@ value lies. What the loop gets of it is an address: a function of two numbers an
 same for every stage.
 """
 
-import ctypes
 import inspect
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-# ruff: isort: off
-from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
-from pcpc.drivers.compiled.lanes import LANE
-from pcpc.drivers.compiled.views import POINTER, Layout, View, pointer_at
-from llvmlite import ir
-from numba.core.compiler import Compiler  # after ours, which set numba's environment
-from numba.extending import intrinsic
-# ruff: isort: on
+from pcpc.drivers.compiled import ready_code
+from pcpc.drivers.compiled.deferred import Deferred
+from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, i8
+from pcpc.drivers.compiled.views import Layout, pointer_at
 
-_IN_C = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 4)
-
-
-class _NoAlias(Compiler):
-    """Parameters, states, inputs and outputs are disjoint: stores to one change no other."""
-
-    def __init__(self, *arguments: Any) -> None:
-        typingctx, targetctx, library, args, return_type, flags, local = arguments
-        flags.noalias = True
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, local)
-
-
-_OPTIONS = OPTIONS | {"pipeline_class": _NoAlias, "_nrt": False, "no_cpython_wrapper": True}
+_MARKS = ("d", "d", "s", "s", "s", "s")
+_step_of = Deferred("pcpc.drivers.compiled.stage_types", "step_of")
 
 
 class Stage:
@@ -44,43 +28,46 @@ class Stage:
         self.py_func = function
         self.__doc__, self.__name__ = function.__doc__, function.__name__
         self.declared = _declared(function)
-        self._single: Any = None if JIT_OFF else self._compiled(f8)
-        self._of_lanes: Any = None
+        self._source = ready_code.Source(function, "stage")
+        self._in_memory: dict[str, ready_code.Code] = {}
         self._in_c: Any = None
+        if not JIT_OFF and not self._source.has(self._key("f8")):
+            self._code("f8")  # says what is wrong with it
 
     @property
     def entry(self) -> Any:
         """What `call` takes: an address, for the compiled loop."""
-        return self if LOOP_INTERPRETED else _address(self._single, "llvm_func_name")
+        return self if LOOP_INTERPRETED else self._code("f8").address
 
     @property
     def entry_of_lanes(self) -> int:
         """What `call` takes for a step of all lanes at once; numba's TypingError if it cannot."""
-        if self._of_lanes is None:
-            self._of_lanes = self._compiled(LANE)
-        return _address(self._of_lanes, "llvm_func_name")
+        return self._code("lane").address
 
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
         """Step on float64 vectors, which may be longer than what is declared."""
         views = (p, x, u, y)
-        if self._single is None:
+        if JIT_OFF:
             named = zip(self.declared, views, "pxuy", strict=True)
             self.py_func(t, dt, *(ports(view, letter) for ports, view, letter in named))
             return
         for ports, view, letter in zip(self.declared, views, "pxuy", strict=True):
             _check(view, ports.size, letter)
         if self._in_c is None:
-            self._in_c = _IN_C(_address(self._single, "llvm_cfunc_wrapper_name"))
+            self._in_c = self._code("f8").bound(_MARKS)
         self._in_c(t, dt, *(view.ctypes.data for view in views))
 
-    def _compiled(self, element: Any) -> Any:
-        kinds = [View(declared.layout, element) for declared in self.declared]
-        return numba.njit(types.void(f8, f8, *kinds), **_OPTIONS)(self.py_func)
+    def _key(self, element: str) -> str:
+        return f"{element} {[ports.layout for ports in self.declared]}"
 
-
-def _address(dispatcher: Any, name: str) -> int:
-    (found,) = dispatcher.overloads.values()
-    return int(found.library.get_pointer_to_function(getattr(found.fndesc, name)))
+    def _code(self, element: str) -> ready_code.Code:
+        """Return the code for values that are each one number, or a lane: kept or compiled now."""
+        if element not in self._in_memory:
+            key = self._key(element)
+            self._in_memory[element] = self._source.load(key) or _step_of.in_numba(
+                self._source, key, self.py_func, tuple(one.layout for one in self.declared), element
+            )
+        return self._in_memory[element]
 
 
 def stage(function: Callable[..., None]) -> Any:
@@ -115,26 +102,6 @@ def _check(view: Any, size: int, letter: str) -> None:
         raise TypeError(f"{letter}: expected a contiguous float64 vector of at least {size} values")
 
 
-@intrinsic
-def _call(
-    typing: Any, entry: Any, t: Any, dt: Any, p: Any, x: Any, u: Any, y: Any
-) -> Any:  # numba takes the arguments by position
-    """Step the stage at an address; what it raises goes on to the caller."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        convention, kinds = context.call_conv, signature.args[1:]
-        kind = ir.PointerType(convention.get_function_type(types.none, kinds))
-        function = builder.inttoptr(arguments[0], kind)
-        status, _ = convention.call_function(
-            builder, function, types.none, kinds, list(arguments[1:])
-        )
-        with builder.if_then(status.is_error, likely=False):
-            convention.return_status_propagate(builder, status)
-        return context.get_dummy_value()
-
-    return types.none(i8, f8, f8, POINTER, POINTER, POINTER, POINTER), generate
-
-
 def _call_interpreted(entry: Stage, *arguments: Any) -> None:
     entry(*arguments)
 
@@ -144,5 +111,7 @@ def _part(values: Any, place: Any) -> Any:
 
 
 ENTRY = i8  # the type of an address
-call: Any = _call_interpreted if LOOP_INTERPRETED else _call
+call: Any = (
+    _call_interpreted if LOOP_INTERPRETED else Deferred("pcpc.drivers.compiled.stage_types", "call")
+)
 part: Any = _part if LOOP_INTERPRETED else pointer_at  # of the table, for a step

@@ -28,18 +28,9 @@ Western Joint Computer Conference (1960), 33-40.
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.core.base import BaseContext
-from numba.core.errors import TypingError
-from numba.core.typing.templates import Signature
-from numba.extending import lower_builtin, type_callable
-
+from pcpc.drivers.compiled.deferred import with_numba
 from pcpc.drivers.compiled.jit import inline
-from pcpc.drivers.compiled.lanes import LANE, WIDTH, Lane, Mask, called
 
 ROUND = 6755399441055744.0  # 1.5 * 2^52: (x + ROUND) - ROUND is x rounded to whole, |x| < 2^51
 WHOLE = 4503599627370496.0  # 2^52: from here on every double is a whole number
@@ -72,69 +63,7 @@ def sqrt(x: float) -> float:
     return math.sqrt(x) if x >= 0.0 else NAN
 
 
-@type_callable(where)
-def _type_where(context: Any) -> Any:
-    def typer(c: types.Type, a: types.Type, b: types.Type) -> types.Type:
-        if isinstance(c, types.Boolean) and a == b == types.float64:
-            return types.float64
-        if isinstance(c, types.Boolean | Mask) and {a, b} <= {LANE, types.float64}:
-            return LANE
-        raise TypingError(
-            f"where({c}, {a}, {b}): needs a comparison and two float64 (write 0.0, not 0)"
-        )
-
-    return typer
-
-
-@lower_builtin(where, types.Boolean, types.Number, types.Number)
-@lower_builtin(where, types.Boolean, types.Number, Lane)
-@lower_builtin(where, types.Boolean, Lane, types.Number)
-@lower_builtin(where, types.Boolean, Lane, Lane)
-@lower_builtin(where, Mask, types.Number, types.Number)
-@lower_builtin(where, Mask, types.Number, Lane)
-@lower_builtin(where, Mask, Lane, types.Number)
-@lower_builtin(where, Mask, Lane, Lane)
-def _lower_where(
-    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
-) -> ir.Value:
-    result, kinds = signature.return_type, signature.args[1:]
-    chosen = zip(args[1:], kinds, strict=True)
-    a, b = (context.cast(builder, value, kind, result) for value, kind in chosen)
-    return builder.select(args[0], a, b)
-
-
-@type_callable(pow2)
-@type_callable(sqrt)
-def _type_float(context: Any) -> Any:
-    def typer(x: types.Type) -> types.Type | None:
-        return x if x in (types.float64, LANE) else None
-
-    return typer
-
-
-@lower_builtin(pow2, types.float64)
-@lower_builtin(pow2, Lane)
-def _lower_pow2(
-    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
-) -> ir.Value:
-    double, word = args[0].type, ir.IntType(64)
-    is_lane = signature.args[0] == LANE
-    words = ir.VectorType(word, WIDTH) if is_lane else word
-
-    def constant(kind: ir.Type, value: float) -> ir.Constant:
-        return ir.Constant(kind, [value] * WIDTH if is_lane else value)
-
-    shifted = builder.fadd(args[0], constant(double, ROUND))
-    biased = builder.add(builder.bitcast(shifted, words), constant(words, 1023))
-    return builder.bitcast(builder.shl(biased, constant(words, 52)), double)
-
-
-@lower_builtin(sqrt, types.float64)
-@lower_builtin(sqrt, Lane)
-def _lower_sqrt(
-    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
-) -> ir.Value:
-    return called("llvm.sqrt")(context, builder, signature, args)
+with_numba("pcpc.executive.laws.emath_types")
 
 
 @inline

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.compiled import inner
-from pcpc.drivers.compiled.jit import JIT_OFF, f8, i8, numba, types
+from pcpc.drivers.compiled.in_numba import f8, i8, numba, types
+from pcpc.drivers.compiled.jit import JIT_OFF
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
 ROOT = Path(__file__).resolve().parents[2]

@@ -94,9 +94,8 @@ def test_damaged_files_are_compiled_again_and_mended(machine: Machine) -> None:
     assert machine.run() == (10, "")
     assert machine.run() == (0, "")
     assert not list(machine.temporary.rglob("*")), "nothing is made where all is well"
-    for first, pattern in ((0, "*.nbi"), (5, "*.nbc")):
-        for damage, file in zip(DAMAGE, machine.files(pattern)[first:], strict=False):
-            file.write_bytes(damage(file.read_bytes()))
+    for damage, file in zip(DAMAGE * 2, machine.files("*.nbc"), strict=True):
+        file.write_bytes(damage(file.read_bytes()))
     assert machine.run() == (10, "")
     for file in machine.files("*.nbc")[:2]:  # what cannot even be overwritten
         file.unlink()
@@ -106,6 +105,31 @@ def test_damaged_files_are_compiled_again_and_mended(machine: Machine) -> None:
     compiled, said = machine.run()
     assert compiled == 3 and "Is a directory; it goes to " in said, said
     assert machine.run() == (0, "")
+
+
+def test_a_damaged_index_of_a_helper_is_written_again(tmp_path: Path) -> None:
+    (tmp_path / "law.py").write_text(
+        "from pcpc.drivers.compiled.jit import compiled\n"
+        "@compiled()\ndef helper(x):\n    return 2.0 * x\n"
+        + "".join(f"@compiled()\ndef f{i}(x):\n    return helper(x) + {i}.0\n" for i in range(7))
+    )
+    main = "import law; from pcpc.drivers.compiled.compile_cache import watch; "
+    mine = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": f"{ROOT}:{tmp_path}"}
+
+    def compiled(i: int) -> str:
+        words = [sys.executable, "-c", f"{main}print(law.f{i}(1.0), watch.done)"]
+        done = subprocess.run(
+            words, check=True, capture_output=True, text=True, cwd=tmp_path, env=os.environ | mine
+        )
+        assert done.stderr == "", done.stderr
+        return done.stdout.strip()
+
+    assert compiled(0) == "2.0 2"
+    assert compiled(1) == "3.0 1", "the helper is kept"
+    (index,) = (tmp_path / "cache").rglob("*.nbi")
+    for i, damage in enumerate(DAMAGE):
+        index.write_bytes(damage(index.read_bytes()))
+        assert compiled(2 + i) == f"{4.0 + i} 2", "the helper again"
 
 
 def test_a_disk_without_room_costs_the_cache_and_nothing_else(machine: Machine) -> None:

@@ -160,7 +160,7 @@ def test_vectors_that_do_not_fit_are_refused_before_the_step() -> None:
 
 
 def test_a_changed_layout_is_another_type() -> None:
-    from pcpc.drivers.compiled.views import View
+    from pcpc.drivers.compiled.view_types import View
 
     class Same(Ports):
         a = port("", "", shape=3)

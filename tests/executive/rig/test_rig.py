@@ -145,13 +145,14 @@ def test_a_file_of_the_project_is_imported_under_its_own_name(write: Write) -> N
     assert not twins, f"imported twice: {twins}"
 
 
-def test_reading_a_rig_imports_no_numba_until_a_law_is_needed(write: Write) -> None:
+def test_reading_a_rig_imports_nothing_of_laws_until_one_is_needed(write: Write) -> None:
     write()
     code = (
         "import sys; from pcpc.executive.rig.reading import load_rig\n"
         "rig = load_rig('small.yaml', settings=['barrel.gap_rad=0.05'], resolve=False)\n"
         "assert rig.config.plant.blocks['barrel'].parameters == {'gap_rad': 0.05}\n"
-        "print('numba' in sys.modules); rig.nodes(); print('numba' in sys.modules)\n"
+        "print('pcpc.executive.laws.block' in sys.modules); rig.nodes()\n"
+        "print('pcpc.executive.laws.block' in sys.modules)\n"
     )
     project = str(ROOT)
     done = subprocess.run(

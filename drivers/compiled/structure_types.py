@@ -1,0 +1,146 @@
+"""What `drivers.compiled.structures` names, as numba types it and lowers it."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+# ruff: isort: off
+from pcpc.drivers.compiled.in_numba import numba, types
+from pcpc.drivers.compiled.kinds import plain
+from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.view_types import Cells, Fields, Pointer, data
+from llvmlite import ir  # after ours, which set numba's environment
+from numba.core.imputils import lower_constant, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+# ruff: isort: on
+
+_I64 = ir.IntType(64)
+
+
+class Structure(Fields):
+    """The type of a pointer to a structure; `fields`: name, type, place in bytes."""
+
+    element = types.uint8
+
+    def __init__(self, fields: tuple[tuple[str, Any, int], ...], size: int) -> None:
+        self.fields = {name: (kind, place) for name, kind, place in fields}
+        self.size = size
+        mark = hashlib.sha256(repr((fields, size)).encode()).hexdigest()[:12]
+        super().__init__(f"Structure({mark})")
+
+    def field(self, name: str) -> tuple[Any, int] | None:
+        """Return a number, Cells or a nested structure."""
+        return self.fields.get(name)
+
+
+register_model(Structure)(Pointer)
+_known: dict[np.dtype[Any], Structure] = {}
+
+
+def structure(dtype: np.dtype[Any]) -> Any:
+    """Return the type of a structure of `dtype`, which from now on has it everywhere."""
+    bare = plain(dtype)
+    if bare not in _known:
+        places: Any = bare.fields
+        fields = ((name, _kind(places[name][0]), places[name][1]) for name in places)
+        _known[bare] = Structure(tuple(fields), bare.itemsize)
+    return _known[bare]
+
+
+def _kind(dtype: np.dtype[Any]) -> Any:
+    if dtype.fields is not None:
+        return structure(dtype)
+    base, shape = dtype.subdtype or (dtype, ())
+    number = numba.from_dtype(base) if base.fields is None else structure(base)
+    return Cells(shape, number) if shape else number
+
+
+@typeof_impl.register(np.record)
+def _typeof(value: np.record, context: Any) -> Any:
+    return _known.get(plain(value.dtype)) or numba.from_dtype(value.dtype)
+
+
+@unbox(Structure)
+def _unbox(kind: Any, value: Any, c: Any) -> Any:
+    buffer = c.pyapi.alloca_buffer()
+    pointer = c.pyapi.extract_record_data(value, buffer)
+    failed = c.builder.icmp_unsigned("==", pointer, ir.Constant(pointer.type, None))
+    pointer = c.builder.bitcast(pointer, c.context.get_value_type(kind))
+    return NativeValue(pointer, failed, lambda: c.pyapi.release_buffer(buffer))
+
+
+class Names(types.Type):
+    """The type of a Numbered class, whose members are int64."""
+
+    def __init__(self, numbered: NumberedKind) -> None:
+        self.numbered = numbered
+        super().__init__(f"Names({numbered.__module__}.{numbered.__qualname__})")
+
+
+register_model(Names)(models.OpaqueModel)
+typeof_impl.register(NumberedKind)(lambda numbered, context: Names(numbered))
+typeof_impl.register(Numbered)(lambda member, context: types.int64)
+
+
+@infer_getattr
+class _Members(AttributeTemplate):
+    key = Names
+
+    def generic_resolve(self, kind: Names, name: str) -> Any:  # type: ignore[override]
+        return types.int64 if name in kind.numbered.__members__ else None
+
+
+@lower_constant(Names)
+def _no_value(context: Any, builder: Any, kind: Any, numbered: Any) -> Any:
+    return context.get_dummy_value()
+
+
+@lower_getattr_generic(Names)
+def _member(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    return context.get_constant(types.int64, int(kind.numbered[name]))
+
+
+@intrinsic
+def data_of(typing: Any, frame: Any) -> Any:
+    """Return the data bytes of a frame."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.gep(arguments[0], [ir.Constant(_I64, 8)], inbounds=True)
+
+    return Cells((8,), types.uint8)(frame), generate
+
+
+@intrinsic
+def copy(typing: Any, target: Any, source: Any) -> Any:
+    """Load all 16 bytes, then store them: no byte of one may be one of the other."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        frame = ir.VectorType(ir.IntType(8), 16).as_pointer()
+        into, out_of = (
+            builder.bitcast(data(context, builder, kind, value), frame)
+            for kind, value in zip(signature.args, arguments, strict=True)
+        )
+        builder.store(builder.load(out_of, align=1), into, align=1)
+        return context.get_dummy_value()
+
+    return types.void(target, source), generate
+
+
+@intrinsic
+def words(typing: Any, structure: Any) -> Any:
+    """Return all int64 of a structure."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _I64.as_pointer())
+
+    return Cells((structure.size // 8,), types.int64)(structure), generate
