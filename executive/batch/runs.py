@@ -193,7 +193,7 @@ class Runs:
 
     @cached_property
     def _stamps_ns(self) -> NDArray[np.int64]:
-        return self._cycles * round(1e9 / self.rig.config.rate_hz)
+        return self._cycles * self.rig.config.period_ns
 
     def _data(self, case: Case) -> dict[str, Any]:
         """Return the effective rig of a case: the common one, what is changed in copies."""

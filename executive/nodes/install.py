@@ -114,7 +114,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     leads = made.role == "executive"
     clocked = made.pacing in ("real", OVER_LINE) or (made.pacing == "sync" and leads)
     clock.trigger = Trigger.CLOCKED if clocked else Trigger.ON_FRAMES
-    clock.period_ns = round(1e9 / config.rate_hz)
+    clock.period_ns = config.period_ns
     clock.phase_ns = round(clock.period_ns * config.realtime.of_node(made.role).phase)
     clock.late_ns = round(clock.period_ns * config.realtime.late_fraction)
     loop.guard.cycles = cycles_of(made.rig) if leads else 2**62

@@ -364,7 +364,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
     return {
         "node": made.role,
         "rig": rig.config.rig,
-        "period_ns": round(1e9 / rig.config.rate_hz),
+        "period_ns": rig.config.period_ns,
         "cycles": cycles_of(rig),
         "watch": rig.config.watch,
         "alarms": asdict(rig.config.alarms) if made.pacing in ("real", "sync") else {},

@@ -170,7 +170,7 @@ def _over_line(rig: Rig) -> tuple[Any, int, int]:
     lines.prepare(line, 2, config.bus.queue, **line_options(rig))
     behind = (config.realtime.plant.phase - config.realtime.executive.phase) % 1.0 or 1.0
     assert bitrate is not None, "emulate gives it"
-    return line, bitrate, round(behind * round(1e9 / config.rate_hz))
+    return line, bitrate, round(behind * config.period_ns)
 
 
 def simulate(rig: Rig, log: Path) -> VirtualRun:

@@ -364,6 +364,11 @@ class Config(Keyed):
         nodes = {role: getattr(self, role) for role in ROLES}
         return {role: node for role, node in nodes.items() if node is not None}
 
+    @property
+    def period_ns(self) -> int:
+        """How long a cycle takes."""
+        return round(1e9 / self.rate_hz)
+
     def limit_ids(self) -> dict[str, str]:
         """Return the ids of the limits of the controller that runs, by their metrics."""
         limits = self.expect.get(self.controller, {})

@@ -98,7 +98,7 @@ def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:
     faulted = [b for b in blocks.values() if int(b.control.fault) == Fault.INPUT_MISSING]
     if not faulted:
         return ""
-    limit, period_ns = rig.config.supervisor.fault_after_cycles, round(1e9 / rig.config.rate_hz)
+    limit, period_ns = rig.config.supervisor.fault_after_cycles, rig.config.period_ns
     stall_ns = max(map(_longest_pause_ns, blocks.values())) - period_ns
     said = f"{limit} cycles are {1e-6 * limit * period_ns:g} ms"
     if stall_ns < (limit - 1) * period_ns:

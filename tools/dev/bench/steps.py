@@ -124,7 +124,7 @@ def _case(
     n["at"] = np.cumsum([len(group) for group in groups])
     x0 = n["v"][n["at"][0] : n["at"][1]].copy()
     inputs = np.stack([columns[source][:periods] for source in sources], axis=1)
-    dt = 1e-9 * round(1e9 / rig.config.rate_hz)
+    dt = 1e-9 * rig.config.period_ns
     return Case(name, spec.block, dt, n, x0, inputs)
 
 

@@ -52,7 +52,7 @@ class Arrivals:
         heard, sent = (dbc.frames(database, plant, way) for way in ("rx", "tx"))
         sync = next(frame.word for frame in heard if frame.has_sequence)
         commands = [one.word for one in heard if messages.is_awaited(one) and one.word != sync]
-        period_ns = round(1e9 / rig.config.rate_hz)
+        period_ns = rig.config.period_ns
         return cls(
             sync, commands, [one.word for one in sent if messages.is_awaited(one)], period_ns
         )

@@ -155,7 +155,7 @@ def _sources(made: Plan, spec: BlockSpec, values: list[_Value]) -> dict[str, str
     has = signature(spec.block)
     given = "".join(f", &values->{LETTERS[role]}" for role in has)
     initial = ", ".join(f"&values->{LETTERS[role]}" for role in ROLES[:2] if role in has)
-    period_s = round(1e9 / made.rig.config.rate_hz) * 1e-9
+    period_s = made.rig.config.period_ns * 1e-9
     texts["fmu_block.h"] = "\n".join(
         [
             "/* The values of the block, its calls, and which of them a user may see or set. */",
@@ -204,7 +204,7 @@ def _description(
     units = sorted({unit_text(one.port.unit) for one in shown} - {""})
     outputs = [n for n, one in enumerate(shown, 1) if one.kind == "outputs"]
     unknowns = [f'      <Unknown index="{n}"/>' for n in outputs]
-    period = repr(round(1e9 / config.rate_hz) * 1e-9)
+    period = repr(config.period_ns * 1e-9)
     about = config.title or config.rig
     return "\n".join(
         [

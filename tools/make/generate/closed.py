@@ -19,7 +19,7 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.generate import frames
-from pcpc.tools.make.generate.node import Wiring, rig_files
+from pcpc.tools.make.generate.node import NodeWiring, rig_files
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.generate.words import identifier
 
@@ -37,7 +37,7 @@ class Closed:
             cure = " ".join(f"--set losses.{name}.share=0" for name in lost)
             raise Untranslatable(f"{rig.path}: losses on purpose have no C; {cure}")
         self.rig = rig
-        self.nodes = {role: Wiring(rig, role, role) for role in rig.roles}
+        self.nodes = {role: NodeWiring(rig, role, role) for role in rig.roles}
         self.texts: dict[str, str] = {}
         self.single: dict[str, bool] = {role: in_single and role != "plant" for role in rig.roles}
         for role in rig.roles:
@@ -103,7 +103,7 @@ class Closed:
         yield from (f"    all = (all ^ {role}_digest) * {PRIME}U;" for role in roles)
         yield "    say_hex(all);\n    cost_say();\n    finish();\n    return 0;\n}\n"
 
-    def _cycle(self, role: str, wiring: Wiring) -> Iterator[str]:
+    def _cycle(self, role: str, wiring: NodeWiring) -> Iterator[str]:
         """Yield one cycle of a node; a lower one is not mixed in its last cycle."""
         first = role == next(iter(self.nodes))
         state = "(k == 0U) ? 1.0 : 2.0" if first else "(k < 2U) ? (double)k : 2.0"
@@ -133,7 +133,7 @@ class Closed:
         yield f"    {next_sum}{role}_send(k);"
         yield f"    if (k < CYCLES) {{\n        {role}_mix();\n    }}\n}}\n"
 
-    def _send(self, role: str, wiring: Wiring) -> Iterator[str]:
+    def _send(self, role: str, wiring: NodeWiring) -> Iterator[str]:
         """Yield what carries the frames of a node to all others, by their bytes."""
         rate = self.rig.config.rate_hz
         yield f"static uint32_t {role}_send(uint32_t k)\n{{"

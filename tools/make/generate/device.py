@@ -15,14 +15,11 @@ from importlib import resources
 import msgspec
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop.table import Views
-from pcpc.executive.nodes.plan import Plan, plan
-from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.make.generate import declared, frames, wiring
+from pcpc.tools.make.generate import declared, frames, rig_source
+from pcpc.tools.make.generate.rig_source import DeviceWiring
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import law_files
-from pcpc.tools.make.generate.words import identifier
 
 _FIXED = resources.files("pcpc.tools.make.generate") / "c"
 _SAME = (  # for all rigs
@@ -43,22 +40,14 @@ def device(rig: Rig) -> dict[str, str]:
     )
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
-    files["rig.h"], files["rig.c"] = wiring.header(made), wiring.source(made)
+    wiring = DeviceWiring(made)
+    files["rig.h"], files["rig.c"] = rig_source.header(made), rig_source.source(wiring)
     for spec, views in zip(made.spec.blocks, made.views, strict=True):
-        law = _law(made, spec, views)
+        law = wiring.law_files(spec, views)
         if taken := sorted(law.keys() & files):
             raise RigError(f"{spec.where()}: {spec.name}: {taken[0]} is another file; rename it")
         files |= law
     return dict(sorted(files.items()))
-
-
-def _law(made: Plan, spec: BlockSpec, views: Views) -> dict[str, str]:
-    """Return the files of a block, which begins with the rig's values."""
-    parameters, states = (
-        [(made.table.variables[i].name, made.values.get(i, 0.0)) for i in places]
-        for places in (views.parameters, views.states)
-    )
-    return law_files(spec.block, identifier(spec.name), (parameters, states))
 
 
 def _undisturbed(rig: Rig) -> Rig:

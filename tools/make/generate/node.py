@@ -10,74 +10,60 @@
 Frames, counters, CRC and the supervisor stand around it.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 
 from pcpc.executive.loop.limits import FINITE
-from pcpc.executive.nodes.plan import Plan, cycles_of, plan
+from pcpc.executive.loop.table import Variable
+from pcpc.executive.nodes.plan import cycles_of, plan
+from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.make.generate import single
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.kinds import Untranslatable, number_text
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, elements, law_files, signature
+from pcpc.tools.make.generate.translator.law import LETTERS, signature
 from pcpc.tools.make.generate.translator.source import comment_text
 from pcpc.tools.make.generate.translator.unit import wrapped_lines
+from pcpc.tools.make.generate.wiring import Wiring
 from pcpc.tools.make.generate.words import identifier
 
 
-class Wiring:
-    """What of a node's table is where in C."""
+class NodeWiring(Wiring):
+    """What a node's functions have of its table behind `rig->`, `received->`, `sent->`."""
 
     def __init__(self, rig: Rig, role: Role, name: str) -> None:
-        self.rig, self.role, self.name = rig, role, name
-        self.plan: Plan = plan(rig, role, "lockstep")
+        self.name = name
+        self.loop: dict[str, str] = {}  # variables of the loop itself that blocks or frames take
+        super().__init__(plan(rig, role, "lockstep"))
         if self.plan.faults:
             raise Untranslatable(f"{rig.path}: faults on purpose have no C; take them out")
-        both = zip(self.plan.spec.blocks, self.plan.views, strict=True)
-        self.blocks = [(spec, views) for spec, views in both if spec.name != FALLBACK]
-        self.places: dict[int, str] = {}  # of a variable, behind `rig->`, `received->`, `sent->`
-        self.loop: dict[str, str] = {}  # variables of the loop itself that blocks or frames take
-        for spec, views in self.blocks:
-            declared = dict(zip(ROLES, spec.block.step.declared, strict=True))
-            for role_, letter in LETTERS.items():
-                texts = elements(declared[role_].layout)
-                stem = f"rig->{identifier(spec.name)}_{letter}."
-                for place, text in zip(getattr(views, role_), texts, strict=True):
-                    self.places[place] = stem + text
-        for place, variable in enumerate(self.plan.table.variables):
-            if variable.kind in ("received", "sent"):
-                its = identifier(variable.name.partition(".")[2])
-                self.places[place] = f"{variable.kind}->{its}"
 
-    def block_name(self, block: str) -> str:
-        """Return the name in C of a block's law."""
-        return f"{self.name}_{identifier(block)}"
+    def part(self, spec: BlockSpec, role: str) -> str:
+        """Return the expression of one of a block's structs."""
+        return f"rig->{identifier(spec.name)}_{LETTERS[role]}"
 
-    def source(self, place: int) -> str:
-        """Return the expression of a variable that something is wired to."""
-        if place not in self.places:
-            variable = self.plan.table.variables[place]
-            its = identifier(variable.name)
-            self.loop[its] = variable.help
-            self.places[place] = f"rig->loop.{its}"
-        return self.places[place]
+    def other(self, variable: Variable) -> str:
+        """Return what a frame carries, or what is noted as one of the loop's own variables."""
+        if variable.kind in ("received", "sent"):
+            return f"{variable.kind}->{_signal(variable)}"
+        self.loop[identifier(variable.name)] = variable.help
+        return f"rig->loop.{identifier(variable.name)}"
 
-    def copies(self, block: int) -> list[str]:
-        """Return the assignments before a block, or (-1) to what is sent."""
-        return [
-            f"{self.places[target]} = {self.source(source)};"
-            for source, target in self.plan.copies[block]
-        ]
+    def law(self, spec: BlockSpec) -> str:
+        """Return the name of a block's law in C."""
+        return f"{self.name}_{super().law(spec)}"
 
     def struct_members(self) -> list[str]:
         """Return the members of NAME_rig that are doubles."""
         return [
-            f"{self.block_name(spec.name)}_{role} {identifier(spec.name)}_{LETTERS[role]};"
+            f"{self.law(spec)}_{role} {identifier(spec.name)}_{LETTERS[role]};"
             for spec, _ in self.blocks
             for role in signature(spec.block)
         ]
+
+
+def _signal(variable: Variable) -> str:
+    return identifier(variable.name.partition(".")[2])
 
 
 def rig_files(
@@ -88,21 +74,10 @@ def rig_files(
     `name` "": that of the rig; `in_single`: with floats. Raises Untranslatable, RigError.
     """
     name = name or identifier(rig.config.rig)
-    wiring = Wiring(rig, role, name)
+    wiring = NodeWiring(rig, role, name)
     files: dict[str, str] = {}
-    values = wiring.plan.values
     for spec, views in wiring.blocks:
-        pairs = [
-            [
-                (text, values.get(place, 0.0))
-                for text, place in zip(port_names, getattr(views, kind), strict=True)
-            ]
-            for kind, port_names in (
-                (kind, [n for port in getattr(spec.block, kind) for n in port.names()])
-                for kind in ("parameters", "states")
-            )
-        ]
-        files |= law_files(spec.block, wiring.block_name(spec.name), (pairs[0], pairs[1]))
+        files |= wiring.law_files(spec, views)
     steps = list(_steps(wiring))  # first: it finds out what of the loop is needed
     files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped_lines(line))
     files[f"{name}_rig.c"] = "\n".join(
@@ -113,25 +88,23 @@ def rig_files(
     )
 
 
-def _header(wiring: Wiring) -> Iterator[str]:
-    name, rig = wiring.name, wiring.rig
+def _header(wiring: NodeWiring) -> Iterator[str]:
+    name, rig = wiring.name, wiring.plan.rig
     guard = f"PCPC_{name.upper()}_RIG_H"
     about = f"{rig.config.rig}: {rig.config.title}. Node {wiring.plan.spec.name} of the rig"
     yield f"/* {comment_text(about)}, made by `pcpc generate c`. */"
     yield from (f"#ifndef {guard}", f"#define {guard}", "", "#include <stdbool.h>")
     yield from ("#include <stdint.h>", "")
-    yield from (f'#include "{wiring.block_name(spec.name)}.h"' for spec, _ in wiring.blocks)
-    rate = rig.config.rate_hz
-    yield from ("", f"#define {name.upper()}_PERIOD_S {number_text(round(1e9 / rate) * 1e-9)}")
+    yield from (f'#include "{wiring.law(spec)}.h"' for spec, _ in wiring.blocks)
+    yield from ("", f"#define {name.upper()}_PERIOD_S {number_text(wiring.period_s)}")
     yield from (f"#define {name.upper()}_CYCLES {cycles_of(rig)}U", "")
     for kind, what in (("received", "hears"), ("sent", "sends")):
         yield f"/* What the frames carry that this node {what}. */"
         yield "typedef struct {"
         for variable in wiring.plan.table.variables:
             if variable.kind == kind:
-                its = identifier(variable.name.partition(".")[2])
                 words = comment_text(f"[{variable.unit or '1'}] {variable.help}")
-                yield f"    double {its}; /* {words} */"
+                yield f"    double {_signal(variable)}; /* {words} */"
         yield from (f"}} {name}_{kind};", "")
     if wiring.loop:
         yield "/* What is sent of the loop itself; who calls sets it before each step. */"
@@ -168,7 +141,7 @@ def _limit_head(name: str) -> str:
     return f"int32_t {name}_rig_limit({name}_rig *rig, {given})"
 
 
-def _body(wiring: Wiring, steps: Sequence[str]) -> Iterator[str]:
+def _body(wiring: NodeWiring, steps: Sequence[str]) -> Iterator[str]:
     name = wiring.name
     yield f"/* The blocks of {comment_text(wiring.plan.spec.name)}, wired as the rig says. */"
     yield from ("", f'#include "{name}_rig.h"', "", '#include "pcpc_math.h"', "")
@@ -177,7 +150,7 @@ def _body(wiring: Wiring, steps: Sequence[str]) -> Iterator[str]:
     yield from _limits(wiring)
 
 
-def _init(wiring: Wiring) -> Iterator[str]:
+def _init(wiring: NodeWiring) -> Iterator[str]:
     name, plan_ = wiring.name, wiring.plan
     zeroed = [m for m in wiring.struct_members() if m.endswith(("_u;", "_y;"))]
     if zeroed or wiring.loop:
@@ -188,9 +161,7 @@ def _init(wiring: Wiring) -> Iterator[str]:
     yield f"int32_t {name}_rig_init({name}_rig *rig)"
     yield "{"
     for spec, _ in wiring.blocks:
-        has = [role for role in ("parameters", "states") if role in signature(spec.block)]
-        given = ", ".join(f"&rig->{identifier(spec.name)}_{LETTERS[role]}" for role in has)
-        yield f"    {wiring.block_name(spec.name)}_init({given});"
+        yield f"    {wiring.law(spec)}_init({', '.join(wiring.pointers(spec, 'px'))});"
     for member in (*zeroed, *(["x loop;"] if wiring.loop else [])):
         its = member.split()[1].rstrip(";")
         yield f"    zero((double *)&rig->{its}, (uint32_t)sizeof(rig->{its}));"
@@ -198,15 +169,15 @@ def _init(wiring: Wiring) -> Iterator[str]:
         for place in views.outputs:
             if plan_.values.get(place, 0.0) != 0.0:
                 yield f"    {wiring.places[place]} = {number_text(plan_.values[place])};"
-    for i, limit in enumerate(plan_.limits.values()):
-        yield f"    rig->last[{i}] = {number_text(limit.safe or 0.0)};"
-        yield f"    rig->before[{i}] = {number_text(limit.safe or 0.0)};"
-    tests = " | ".join(f"{wiring.block_name(s.name)}_selftest()" for s, _ in wiring.blocks)
+    for i, (_, (*_, safe)) in enumerate(wiring.limits()):
+        yield f"    rig->last[{i}] = {number_text(safe)};"
+        yield f"    rig->before[{i}] = {number_text(safe)};"
+    tests = " | ".join(f"{wiring.law(spec)}_selftest()" for spec, _ in wiring.blocks)
     yield f"    rig->refused = {tests or 'pcpc_selftest()'};"
     yield from ("    return rig->refused;", "}", "")
 
 
-def _steps(wiring: Wiring) -> Iterator[str]:
+def _steps(wiring: NodeWiring) -> Iterator[str]:
     name, plan_ = wiring.name, wiring.plan
     yield _step_head(name)
     yield "{"
@@ -218,29 +189,20 @@ def _steps(wiring: Wiring) -> Iterator[str]:
         variable = plan_.table.variables[place]
         if place not in wiring.places:
             what = f"schedule: {variable.name} is of the loop, which has no C"
-            raise Untranslatable(f"{wiring.rig.path}: {what}; tune blocks only")
+            raise Untranslatable(f"{plan_.rig.path}: {what}; tune blocks only")
         yield f"    if (cycle == {cycle}U) {{"
-        yield f"        {wiring.places[place]} = {number_text(value)};"
+        yield f"        {wiring.at(place)} = {number_text(value)};"
         yield "    }"
-    clock = plan_.table.index["time.t_s"]
-    wiring.places[clock] = "t"
-    order = [spec.name for spec in plan_.spec.blocks]
+    wiring.places[plan_.table.index["time.t_s"]] = "t"
     for spec, _ in wiring.blocks:
-        yield ""
-        yield from (f"    {line}" for line in wiring.copies(order.index(spec.name)))
-        given = "".join(
-            f", &rig->{identifier(spec.name)}_{LETTERS[role]}" for role in signature(spec.block)
-        )
-        yield f"    {wiring.block_name(spec.name)}_step(t, dt{given});"
-    yield ""
-    yield from (f"    {line}" for line in wiring.copies(-1))
+        yield from ("", *wiring.step(spec, "t", "dt"))
+    yield from ("", *wiring.copies(-1))
     yield from ("    return 0;", "}", "")
 
 
-def _limits(wiring: Wiring) -> Iterator[str]:
+def _limits(wiring: NodeWiring) -> Iterator[str]:
     """Yield NAME_rig_limit: `limit_commands` of the loop, command by command."""
     name, plan_ = wiring.name, wiring.plan
-    dt = round(1e9 / wiring.rig.config.rate_hz) * 1e-9
     if plan_.limits:
         yield from _LIMITED.splitlines()
         yield ""
@@ -251,12 +213,9 @@ def _limits(wiring: Wiring) -> Iterator[str]:
         yield from ("    return 0;", "}", "")
         return
     yield from ("    int32_t count = 0;", "    bool odd = false;", "")
-    for i, (signal, limit) in enumerate(plan_.limits.items()):
-        rate = math.inf if limit.rate_per_s is None else limit.rate_per_s * dt
-        low, high, safe_, step = map(number_text, (limit.low, limit.high, limit.safe or 0.0, rate))
+    for i, (at, values) in enumerate(wiring.limits()):
         yield "    {"
-        yield f"        const limits its = {{{low}, {high}, {step}, {safe_}}};"
-        at = f"sent->{identifier(signal)}"
+        yield f"        const limits its = {{{', '.join(map(number_text, values))}}};"
         yield f"        if (!(pcpc_abs({at}) < {number_text(FINITE)})) {{"
         yield "            odd = true;"
         yield f"            {at} = rig->last[{i}];"
