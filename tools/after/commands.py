@@ -1,14 +1,13 @@
 """Commands: replay."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def replay(add: Add) -> None:
     """Take a log, and what is changed."""
-    add("log", metavar="LOG", help="log file, run folder or latest")
+    take.log(add)
     add("--node", choices=(*ROLES, "device", "all"), default="all",
         help="node to recompute; device: its frames, by the rig's law; default: all")  # fmt: skip
     take.moment(add, "show this cycle only, as `pcpc step` does")
@@ -20,7 +19,7 @@ def replay(add: Add) -> None:
     add("--controller", metavar="NAME", help="use another controller of the log's rig")
     take.settings(add, "recompute with a change, in open loop: recorded frames stay")
     take.code_of_laws(add)
-    take.json(add, "print JSON")
+    take.json(add)
     take.quiet(add)
 
 
@@ -30,14 +29,13 @@ COMMANDS = (
         "recompute a recorded run and compare it bit by bit",
         "pcpc replay latest",
         replay,
-        codes={
-            Exit.OK: "bit-identical",
-            Exit.NOT_MET: "different or incomplete",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "bit-identical, but the log is incomplete",
-            Exit.SAFETY_STOP: "a step hangs or raises",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="bit-identical",
+            NOT_MET="different or incomplete",
+            LOSS="bit-identical, but the log is incomplete",
+            SAFETY_STOP="a step hangs or raises",
+            INTERRUPTED="",
+        ),
         judges=True,
         compiles=True,
         reads_logs=True,

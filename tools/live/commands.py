@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.live import arguments as take_live
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import NODE_CODES, Add, Command
+from pcpc.tools.terminal.command import NODE_CODES, Add, Command, codes
 
 
 def list_(add: Add) -> None:
@@ -26,7 +25,7 @@ def load(add: Add) -> None:
     """Take where parameters of a node come from."""
     add("file", metavar="FILE", help="lines NAME: VALUE, as `pcpc save` writes them")
     take_live.node(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def undo(add: Add) -> None:
@@ -40,7 +39,7 @@ def undo(add: Add) -> None:
         help="undo the last N tunings; default: 1",
     )
     take_live.node(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def watch(add: Add) -> None:
@@ -92,7 +91,7 @@ def scope(add: Add) -> None:
     add("--past", action="store_true", help="search the node's ring buffer for past triggers too")
     add("--force", action="store_true", help="overwrite FILE.mcap")
     take_live.node(add)
-    take.json(add, "print JSON")
+    take.json(add)
     take.quiet(add)
 
 
@@ -111,13 +110,13 @@ def reset(add: Add) -> None:
         help="if several runs go on: the rig's name or file, or RIG.BUS",
     )
     take_live.at(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def operate(add: Add) -> None:
     """Take which executive."""
     take_live.node(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def handover(add: Add) -> None:
@@ -128,7 +127,7 @@ def handover(add: Add) -> None:
         help="the controller that takes over: one on standby, or the rig's",
     )
     take_live.node(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def fault(add: Add) -> None:
@@ -146,7 +145,7 @@ def fault(add: Add) -> None:
     add("--end", action="store_true", help="end the fault")
     add("--node", metavar="NODE", help="only in this node: executive, plant or a full name")
     take_live.at(add)
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 COMMANDS = (
@@ -216,14 +215,12 @@ COMMANDS = (
         "pcpc scope 'controller.*' --trigger 'abs(controller.e_rad) > 2 mrad' "
         "-o burst.mcap --plot burst.png",
         scope,
-        codes={
-            Exit.OK: "",
-            Exit.NOT_MET: "no trigger",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "cycles were lost",
-            Exit.ENVIRONMENT: "no such node",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            NOT_MET="no trigger",
+            LOSS="cycles were lost",
+            ENVIRONMENT="no such node",
+            INTERRUPTED="",
+        ),
         module="live.scope",
     ),
     Command(
@@ -248,7 +245,7 @@ COMMANDS = (
         "pcpc reset hull",
         reset,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "the cause is still there"},
+        codes=codes(NODE_CODES, NOT_MET="the cause is still there"),
     ),
     Command(
         "arm",
@@ -256,7 +253,7 @@ COMMANDS = (
         "pcpc arm",
         operate,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "not possible in this state"},
+        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
     ),
     Command(
         "hold",
@@ -273,7 +270,7 @@ COMMANDS = (
         "pcpc resume",
         operate,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "not possible in this state"},
+        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
     ),
     Command(
         "handover",
@@ -281,7 +278,7 @@ COMMANDS = (
         "pcpc run hull --controller pd --standby pd_nn\npcpc handover pd_nn",
         handover,
         module="live.operation",
-        codes={**NODE_CODES, Exit.NOT_MET: "the controller is not usable; the present one stays"},
+        codes=codes(NODE_CODES, NOT_MET="the controller is not usable; the present one stays"),
     ),
     Command(
         "fault",

@@ -1,7 +1,6 @@
 """Commands: new, dbc."""
 
-from pcpc.drivers.errors import Exit
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def new(add: Add) -> None:
@@ -34,7 +33,7 @@ COMMANDS = (
         "write a first rig of your own: a DC motor, or a pole on a cart",
         "pcpc new my-motor\npcpc new my-motor --device\npcpc new --cart pole",
         new,
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "cannot be written"},
+        codes=codes(ENVIRONMENT="cannot be written"),
         module="make.new",
         first=True,
     ),
@@ -43,7 +42,7 @@ COMMANDS = (
         "write a DBC file for a rig from its wiring",
         "pcpc dbc probe -o new.dbc",
         dbc,
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "cannot be written"},
+        codes=codes(ENVIRONMENT="cannot be written"),
         compiles=True,
         module="make.dbc",
     ),

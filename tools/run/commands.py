@@ -3,9 +3,8 @@
 import argparse
 from typing import Any, NoReturn
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.rooms import offers
 
 
@@ -38,7 +37,7 @@ def plant(add: Add) -> None:
 
 def play(add: Add) -> None:
     """Take a log, and which of its frames go where and when."""
-    add("log", metavar="LOG", help="log file, run folder or latest")
+    take.log(add)
     add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=take.BUSES)
     add(
         "-r",
@@ -66,13 +65,7 @@ def play(add: Add) -> None:
         choices=("frame", "cycle"),
         help="send one frame, or one cycle, at each Enter",
     )
-    add(
-        "--only",
-        action="append",
-        default=[],
-        metavar="NAME|ID",
-        help="only this frame, by name or hexadecimal id; repeatable",
-    )
+    take.several(add, "--only", "NAME|ID", "only this frame, by name or hexadecimal id; repeatable")
     add(
         "--as",
         dest="role",
@@ -88,7 +81,7 @@ def play(add: Add) -> None:
         metavar="1..99",
         help="SCHED_FIFO priority, if allowed; default: %(default)s",
     )
-    take.json(add, "print JSON")
+    take.json(add)
     take.quiet(add)
 
 
@@ -98,7 +91,7 @@ COMMANDS = (
         "check a rig file and print its wiring and bus load",
         "pcpc check hull",
         check,
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the bus cannot be used"},
+        codes=codes(ENVIRONMENT="the bus cannot be used"),
         judges=True,
         compiles=True,
         module="run.check",
@@ -159,13 +152,12 @@ COMMANDS = (
         "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"
         "pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0",
         play,
-        codes={
-            Exit.OK: "played",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "a frame was not sent, or the log is damaged",
-            Exit.ENVIRONMENT: "",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="played",
+            LOSS="a frame was not sent, or the log is damaged",
+            ENVIRONMENT="",
+            INTERRUPTED="",
+        ),
         judges=True,
         compiles=True,
         reads_logs=True,

@@ -7,7 +7,7 @@ from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 def rigs(add: Add) -> None:
     """Take names or patterns."""
     add("names", nargs="*", metavar="NAME", help="only these rigs or plants; patterns with * ? []")
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 COMMANDS = (

@@ -15,6 +15,16 @@ MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
 BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
+def log(add: Add, **more: Any) -> None:
+    """Take a log."""
+    add("log", metavar="LOG", help="log file, run folder or latest", **more)
+
+
+def several(add: Add, name: str, metavar: str, help: str, **more: Any) -> None:
+    """Take an option that can be given several times."""
+    add(name, action="append", default=[], metavar=metavar, help=help, **more)
+
+
 def json(add: Add, help: str = "print JSON") -> None:
     """Take whether to print JSON."""
     add("--json", action="store_true", help=help)
@@ -27,7 +37,7 @@ def quiet(add: Add, *short: str) -> None:
 
 def settings(add: Add, help: str) -> None:
     """Take settings of a rig."""
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
+    several(add, "--set", "NAME=VALUE", help)
 
 
 def moment(add: Add, help: str) -> None:
@@ -114,22 +124,20 @@ def code_of_laws(add: Add) -> None:
         action="store_true",
         help="run the Python in the log: its laws, its evaluation",
     )
-    add(
+    several(
+        add,
         "--law",
-        action="append",
-        default=[],
-        metavar="FILE",
+        "FILE",
+        "a Python file of the run that has moved, or a file it reads",
         type=_file("--law"),
-        help="a Python file of the run that has moved, or a file it reads",
     )
     add("--rig", metavar="RIG", help="the rig file that the run's files lie beside now")
-    add(
+    several(
+        add,
         "--fmu",
-        action="append",
-        default=[],
-        metavar="FILE",
+        "FILE",
+        "run this FMU of the run (native code, never in a log)",
         type=_file("--fmu"),
-        help="run this FMU of the run (native code, never in a log)",
     )
 
 

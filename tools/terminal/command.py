@@ -13,12 +13,20 @@ Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 Attach = Callable[[str, argparse.Action], None]
 
 BASIC_CODES = {Exit.OK: "", Exit.WRONG_INPUT: ""}
-NODE_CODES = {**BASIC_CODES, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
-LOG_CODES = {**BASIC_CODES, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
-OUTPUT_CODES = {
-    **BASIC_CODES, Exit.LOSS: "a log is damaged; its readable part was written",
-    Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
-}  # fmt: skip
+
+
+def codes(others: Mapping[Exit, str] = BASIC_CODES, **said: str) -> dict[Exit, str]:
+    """Return exit codes by their names with their words beside `others`, in order."""
+    return dict(sorted({**others, **{Exit[name]: words for name, words in said.items()}}.items()))
+
+
+NODE_CODES = codes(ENVIRONMENT="no such node, or no answer", INTERRUPTED="")
+LOG_CODES = codes(LOSS="the log is damaged", INTERRUPTED="")
+OUTPUT_CODES = codes(
+    LOSS="a log is damaged; its readable part was written",
+    ENVIRONMENT="cannot be written, or a package is missing",
+    INTERRUPTED="",
+)
 
 
 PLACES = {"DIR": "a folder", "FILE": "a file", "OUT": "a file", "LOG": "a log", "A": "a log",

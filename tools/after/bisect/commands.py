@@ -1,8 +1,7 @@
 """Commands: bisect."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def bisect(add: Add) -> None:
@@ -29,13 +28,12 @@ COMMANDS = (
         "is that of pcpc, its code comes from the commit, too.",
         judges=True,
         module="after.bisect.cli",
-        codes={
-            Exit.OK: "found",
-            Exit.NOT_MET: "equal bits, or several commits are left",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "a disk is full",
-            Exit.ENVIRONMENT: "git is missing",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="found",
+            NOT_MET="equal bits, or several commits are left",
+            LOSS="a disk is full",
+            ENVIRONMENT="git is missing",
+            INTERRUPTED="",
+        ),
     ),
 )

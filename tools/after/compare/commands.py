@@ -1,8 +1,7 @@
 """Commands: compare."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def compare(add: Add) -> None:
@@ -33,13 +32,12 @@ COMMANDS = (
         compare,
         judges=True,
         module="after.compare.cli",
-        codes={
-            Exit.OK: "equal",
-            Exit.NOT_MET: "they differ, or a log is damaged",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "a disk is full",
-            Exit.ENVIRONMENT: "git or a package is missing",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="equal",
+            NOT_MET="they differ, or a log is damaged",
+            LOSS="a disk is full",
+            ENVIRONMENT="git or a package is missing",
+            INTERRUPTED="",
+        ),
     ),
 )

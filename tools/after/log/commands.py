@@ -2,25 +2,20 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Add, Command
+from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Add, Command, codes
 
 
 def info(add: Add) -> None:
     """Take a log."""
-    _log(add)
+    take.log(add, type=Path)
     take.json(add)
     take.quiet(add)
 
 
-def _log(add: Add) -> None:
-    add("log", type=Path, metavar="LOG", help="log file, run folder or latest")
-
-
 def cat(add: Add) -> None:
     """Take a log, which part of it, and in which format."""
-    _log(add)
+    take.log(add, type=Path)
     add("--topics", nargs="+", metavar="TOPIC",
         help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
         "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
@@ -49,7 +44,7 @@ def diff(add: Add) -> None:
 
 def recover(add: Add) -> None:
     """Take a damaged log."""
-    _log(add)
+    take.log(add, type=Path)
     add("-o", "--output", type=Path, metavar="OUT", help="new file; default: LOG-recovered.mcap")
     take.json(add)
     take.quiet(add)
@@ -57,7 +52,7 @@ def recover(add: Add) -> None:
 
 def export(add: Add) -> None:
     """Take a log, which part of it, and a file."""
-    _log(add)
+    take.log(add, type=Path)
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
     add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
         help="default: by the suffix of FILE")  # fmt: skip
@@ -83,11 +78,12 @@ def import_(add: Add) -> None:
 
 def require(add: Add) -> None:
     """Take a log, and what is required of it."""
-    _log(add)
-    add("--require", action="append", default=[], metavar="REQUIREMENT",
-        help="judge by this instead: 'always: CONDITION'; repeatable")  # fmt: skip
+    take.log(add, type=Path)
+    take.several(
+        add, "--require", "REQUIREMENT", "judge by this instead: 'always: CONDITION'; repeatable"
+    )
     take.code_of_laws(add)
-    take.json(add, "print JSON")
+    take.json(add)
     take.quiet(add)
 
 
@@ -105,7 +101,7 @@ def plot(add: Add) -> None:
 
 def animate(add: Add) -> None:
     """Take a log, and a film."""
-    _log(add)
+    take.log(add, type=Path)
     add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="GIF to write")
     add("--speed", type=float, default=1.0, metavar="X", help="playback speed; default: 1")
     take.code_of_laws(add)
@@ -136,13 +132,12 @@ _PARTS = (
         "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
         diff,
         module="after.log.diff",
-        codes={
-            Exit.OK: "equal",
-            Exit.NOT_MET: "they differ",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "equal as far as readable",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="equal",
+            NOT_MET="they differ",
+            LOSS="equal as far as readable",
+            INTERRUPTED="",
+        ),
     ),
     Command(
         "recover",
@@ -150,13 +145,13 @@ _PARTS = (
         "pcpc log recover latest",
         recover,
         module="after.log.recover",
-        codes={
-            Exit.OK: "messages were recovered",
-            Exit.WRONG_INPUT: "nothing was recovered",
-            Exit.LOSS: "the disk is full",
-            Exit.ENVIRONMENT: "cannot be written",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="messages were recovered",
+            WRONG_INPUT="nothing was recovered",
+            LOSS="the disk is full",
+            ENVIRONMENT="cannot be written",
+            INTERRUPTED="",
+        ),
     ),
     Command(
         "export",
@@ -180,13 +175,12 @@ _PARTS = (
         "pcpc log require latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'",
         require,
         module="after.log.require",
-        codes={
-            Exit.OK: "all hold",
-            Exit.NOT_MET: "violated",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "all hold as far as the log is readable",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="all hold",
+            NOT_MET="violated",
+            LOSS="all hold as far as the log is readable",
+            INTERRUPTED="",
+        ),
     ),
     Command(
         "plot",

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import OUTPUT_CODES, Add, Command
+from pcpc.tools.terminal.command import OUTPUT_CODES, Add, Command, codes
 
 
 def report(add: Add) -> None:
     """Take a log, or all runs of a suite, and a page."""
-    add("log", nargs="?", metavar="LOG", help="log file, run folder or latest")
+    take.log(add, nargs="?")
     add(
         "--suite",
         nargs="+",
@@ -17,13 +16,7 @@ def report(add: Add) -> None:
         metavar="DIR|LOG",
         help="all runs below folders, and logs: one page of what became of each requirement",
     )
-    add(
-        "--need",
-        action="append",
-        default=[],
-        metavar="ID[,ID]",
-        help="with --suite: an id that no run tests is not judged",
-    )
+    take.several(add, "--need", "ID[,ID]", "with --suite: an id that no run tests is not judged")
     add(
         "--junit",
         type=Path,
@@ -44,11 +37,7 @@ COMMANDS = (
         "pcpc report --suite runs -o suite.html --junit suite.xml",
         report,
         module="after.report.cli",
-        codes={
-            Exit.OK: "",
-            Exit.NOT_MET: "of a suite: not ok, or not judged",
-            **{code: said for code, said in OUTPUT_CODES.items() if code != Exit.OK},
-        },
+        codes=codes(OUTPUT_CODES, NOT_MET="of a suite: not ok, or not judged"),
         first=True,
     ),
 )

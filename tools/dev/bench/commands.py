@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 MOST_ROUNDS = 10_000
 _SUITES = {  # by their modules, one of which may go with what it measures
@@ -52,11 +51,7 @@ COMMANDS = (
         "measure ratios against C and others, interleaved in one run",
         "pcpc bench steps --json steps.json",
         bench,
-        codes={
-            **BASIC_CODES,
-            Exit.ENVIRONMENT: "a program to compare with is missing",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
         notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
         compiles=True,
         module="dev.bench.cli",

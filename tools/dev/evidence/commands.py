@@ -3,9 +3,8 @@
 import argparse
 import math
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 PARTS = ("matrix", "residual", "frames", "envelope", "alarms", "mutants", "kills")  # in their order
 _MOST_H = 87_600.0  # ten years
@@ -98,13 +97,12 @@ COMMANDS = (
         evidence,
         compiles=True,
         module="dev.evidence.native_process",
-        codes={
-            Exit.OK: "all figures as stated",
-            Exit.NOT_MET: "a figure is not as stated",
-            Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "cannot be written",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="all figures as stated",
+            NOT_MET="a figure is not as stated",
+            ENVIRONMENT="cannot be written",
+            INTERRUPTED="",
+        ),
     ),
     Command(
         "soak",
@@ -113,11 +111,10 @@ COMMANDS = (
         soak,
         compiles=True,
         module="dev.evidence.soak",
-        codes={
-            Exit.OK: "no problem",
-            Exit.NOT_MET: "a log has a problem",
-            Exit.WRONG_INPUT: "",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="no problem",
+            NOT_MET="a log has a problem",
+            INTERRUPTED="",
+        ),
     ),
 )

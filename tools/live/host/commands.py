@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.rooms import offers
 
 
@@ -24,13 +23,7 @@ def host(add: Add) -> None:
         metavar="IP",
         help="address to listen on; default: %(default)s, this machine only",
     )
-    add(
-        "--name",
-        action="append",
-        default=[],
-        metavar="HOST",
-        help="another name of this machine in browsers",
-    )
+    take.several(add, "--name", "HOST", "another name of this machine in browsers")
     add("--tls-cert", metavar="FILE", help="TLS certificate (PEM)")
     add("--tls-key", metavar="FILE", help="TLS key")
     add(
@@ -79,11 +72,7 @@ COMMANDS = (
         host,
         reads_logs=True,
         module="live.host.cli",
-        codes={
-            Exit.OK: "Ctrl-C",
-            Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "a package is missing, or the port is taken",
-        },
+        codes=codes(OK="Ctrl-C", ENVIRONMENT="a package is missing, or the port is taken"),
         first=True,
     ),
 )

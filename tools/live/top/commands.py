@@ -1,9 +1,8 @@
 """Commands: top."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.live import arguments as take_live
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def top(add: Add) -> None:
@@ -34,6 +33,6 @@ COMMANDS = (
         top,
         notes="q or Ctrl-C quits; after a run it waits for the next",
         module="live.top.cli",
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "--once: no such run", Exit.INTERRUPTED: ""},
+        codes=codes(ENVIRONMENT="--once: no such run", INTERRUPTED=""),
     ),
 )

@@ -1,8 +1,7 @@
 """Commands: watchdog."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def watchdog(add: Add) -> None:
@@ -27,12 +26,11 @@ COMMANDS = (
         "watch a run from its bus alone; send the stop frame on a fault",
         "pcpc watchdog hull --bus vcan0 --feed /dev/watchdog",
         watchdog,
-        codes={
-            Exit.OK: "Ctrl-C, nothing was wrong",
-            Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "",
-            Exit.SAFETY_STOP: "the stop frame was sent",
-        },
+        codes=codes(
+            OK="Ctrl-C, nothing was wrong",
+            ENVIRONMENT="",
+            SAFETY_STOP="the stop frame was sent",
+        ),
         notes="RIG needs a supervisor.stop_frame: docs/bus-safety.md",
         judges=True,
         compiles=True,

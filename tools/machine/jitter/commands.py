@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def jitter(add: Add) -> None:
@@ -64,14 +63,13 @@ COMMANDS = (
         "pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png\n"
         "pcpc jitter -D 60s --limits machine.yaml    # wake: {99.9: 100us}",
         jitter,
-        codes={
-            Exit.OK: "measured, all limits held",
-            Exit.NOT_MET: "a limit does not hold, or was not judged",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "the log is incomplete",
-            Exit.ENVIRONMENT: "",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="measured, all limits held",
+            NOT_MET="a limit does not hold, or was not judged",
+            LOSS="the log is incomplete",
+            ENVIRONMENT="",
+            INTERRUPTED="",
+        ),
         judges=True,
         own_h=True,
         module="machine.jitter.cli",

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.rates import bits_per_s
 
 
@@ -43,10 +42,6 @@ COMMANDS = (
         notes="with a program, the exit code is the program's",
         rest="PROGRAM ...",
         module="make.device.slcan",
-        codes={
-            Exit.OK: "the serial line was closed",
-            Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "the bus cannot be used",
-        },
+        codes=codes(OK="the serial line was closed", ENVIRONMENT="the bus cannot be used"),
     ),
 )

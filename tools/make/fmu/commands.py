@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def fmu(add: Add) -> None:
@@ -25,7 +24,7 @@ PARTS_OF = {
             fmu,
             compiles=True,
             module="make.fmu.cli",
-            codes={**BASIC_CODES, Exit.ENVIRONMENT: "no compiler, or FILE cannot be written"},
+            codes=codes(ENVIRONMENT="no compiler, or FILE cannot be written"),
         ),
     )
 }

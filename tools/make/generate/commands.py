@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def c(add: Add) -> None:
@@ -58,12 +57,10 @@ _PARTS = (
         c,
         compiles=True,
         module="make.generate.cli",
-        codes={
-            Exit.OK: "",
-            Exit.NOT_MET: "a build gives other bits",
-            Exit.WRONG_INPUT: "",
-            Exit.ENVIRONMENT: "a compiler is missing, or DIR cannot be written",
-        },
+        codes=codes(
+            NOT_MET="a build gives other bits",
+            ENVIRONMENT="a compiler is missing, or DIR cannot be written",
+        ),
     ),
 )
 

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.rates import bits_per_s, hz
 
 
@@ -85,14 +84,13 @@ COMMANDS = (
         "pcpc bus hull\npcpc bus hull --rate 2kHz --bitrate 1M --data-bitrate 4M\n"
         "pcpc bus emulate vcan0 vcan1 --bitrate 500k --errors p=1e-5,seed=7",
         bus,
-        codes={
-            Exit.OK: "all frames are in time",
-            Exit.NOT_MET: "a frame is late",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "emulate: a frame was lost",
-            Exit.ENVIRONMENT: "emulate: a bus cannot be used",
-            Exit.INTERRUPTED: "emulate",
-        },
+        codes=codes(
+            OK="all frames are in time",
+            NOT_MET="a frame is late",
+            LOSS="emulate: a frame was lost",
+            ENVIRONMENT="emulate: a bus cannot be used",
+            INTERRUPTED="emulate",
+        ),
         module="start.bus.cli",
     ),
 )

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def bounds(add: Add) -> None:
@@ -25,14 +24,13 @@ COMMANDS = (
         "check a run against the theorem of its law: V, V', ultimate bound",
         "pcpc bounds friction-c\npcpc bounds latest --plot bounds.png",
         bounds,
-        codes={
-            Exit.OK: "the theorem holds, or none is known",
-            Exit.NOT_MET: "violated",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "the log is damaged",
-            Exit.ENVIRONMENT: "a package is missing",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            OK="the theorem holds, or none is known",
+            NOT_MET="violated",
+            LOSS="the log is damaged",
+            ENVIRONMENT="a package is missing",
+            INTERRUPTED="",
+        ),
         judges=True,
         compiles=True,
         reads_logs=True,

@@ -1,8 +1,7 @@
 """Commands: experiment."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def experiment(add: Add) -> None:
@@ -24,14 +23,12 @@ COMMANDS = (
         "run a study in virtual time: tables and figures",
         "pcpc experiment chapter9 -o results",
         experiment,
-        codes={
-            Exit.OK: "",
-            Exit.NOT_MET: "a run failed",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "",
-            Exit.ENVIRONMENT: "",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            NOT_MET="a run failed",
+            LOSS="",
+            ENVIRONMENT="",
+            INTERRUPTED="",
+        ),
         judges=True,
         compiles=True,
         module="study.experiment.cli",

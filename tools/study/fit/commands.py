@@ -1,38 +1,29 @@
 """Commands: fit."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def fit(add: Add) -> None:
     """Take a rig, a log, and what is to be estimated from which sensors."""
     add("rig", metavar="RIG", help="the rig whose plant is the model: name or file")
-    add("log", metavar="LOG", help="log file, run folder or latest")
-    add(
+    take.log(add)
+    take.several(
+        add,
         "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME[=lo:hi]",
-        help="a setting of the plant, BLOCK.NAME, and its bounds; default: those of the plant's "
+        "NAME[=lo:hi]",
+        "a setting of the plant, BLOCK.NAME, and its bounds; default: those of the plant's "
         "identification.py",
     )
-    add(
+    take.several(
+        add,
         "--sensor",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="FRAME.signal, or BLOCK.PORT in the plant's record; default: all sent",
+        "NAME",
+        "FRAME.signal, or BLOCK.PORT in the plant's record; default: all sent",
     )
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change a value of the model, or a start of the search",
-    )
+    take.settings(add, "change a value of the model, or a start of the search")
     add("-o", "--output", metavar="DIR", help="folder; default: runs/<UTC time>-fit-<rig>")
-    take.json(add, "print JSON")
+    take.json(add)
     take.quiet(add)
 
 
@@ -48,13 +39,11 @@ COMMANDS = (
         compiles=True,
         reads_logs=True,
         module="study.fit.cli",
-        codes={
-            Exit.OK: "",
-            Exit.NOT_MET: "the log does not determine a --parameter, or any",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "the log is damaged",
-            Exit.ENVIRONMENT: "a package is missing",
-            Exit.INTERRUPTED: "",
-        },
+        codes=codes(
+            NOT_MET="the log does not determine a --parameter, or any",
+            LOSS="the log is damaged",
+            ENVIRONMENT="a package is missing",
+            INTERRUPTED="",
+        ),
     ),
 )

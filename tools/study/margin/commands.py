@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.rates import frequency
 
 
@@ -57,12 +56,11 @@ def margin(add: Add) -> None:
         metavar="GAIN",
         help="predict the factor of this setting where a limit cycle begins",
     )
-    add(
+    take.several(
+        add,
         "--linear",
-        action="append",
-        default=[],
-        metavar="SETTING",
-        help="--limit-cycle: makes it linear, as --set; default: its linear.yaml",
+        "SETTING",
+        "--limit-cycle: makes it linear, as --set; default: its linear.yaml",
     )
     add(
         "--with",
@@ -72,7 +70,7 @@ def margin(add: Add) -> None:
         help="--limit-cycle: nonlinearities to restore; default: all but noise",
     )
     add("--factors", type=numbers, metavar="F,...", help="--limit-cycle: also run at these factors")
-    take.json(add, "print JSON")
+    take.json(add)
 
 
 def numbers(text: str) -> list[float]:
@@ -95,6 +93,6 @@ COMMANDS = (
         margin,
         compiles=True,
         module="study.margin.cli",
-        codes={**BASIC_CODES, Exit.ENVIRONMENT: "a package is missing", Exit.INTERRUPTED: ""},
+        codes=codes(ENVIRONMENT="a package is missing", INTERRUPTED=""),
     ),
 )

@@ -1,8 +1,7 @@
 """Commands: sweep."""
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Add, Command, codes
 
 
 def sweep(add: Add) -> None:
@@ -16,12 +15,11 @@ def sweep(add: Add) -> None:
     )
     add("--on-bus", action="store_true", help="rerun: also on a bus, in lockstep; compare the bits")
     add("--controllers", metavar="A,B", help="controllers on the same draws; default: the rig's")
-    add(
+    take.several(
+        add,
         "--vary",
-        action="append",
-        default=[],
-        metavar="NAME=SPEC",
-        help="lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b); x before one: "
+        "NAME=SPEC",
+        "lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b); x before one: "
         "a factor on the rig's value",
     )
     add(
@@ -92,15 +90,14 @@ COMMANDS = (
         judges=True,
         compiles=True,
         module="study.sweep.start",
-        codes={
-            Exit.OK: "done, with any verdicts of the runs",
-            Exit.NOT_MET: "--until does not hold; rerun: not ok, or not as in the table",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "the disk is full",
-            Exit.ENVIRONMENT: "a package is missing",
-            Exit.SAFETY_STOP: "rerun: a node faulted",
-            Exit.INTERRUPTED: "interrupted; the same command with -o resumes",
-        },
+        codes=codes(
+            OK="done, with any verdicts of the runs",
+            NOT_MET="--until does not hold; rerun: not ok, or not as in the table",
+            LOSS="the disk is full",
+            ENVIRONMENT="a package is missing",
+            SAFETY_STOP="rerun: a node faulted",
+            INTERRUPTED="interrupted; the same command with -o resumes",
+        ),
         first=True,
     ),
 )
