@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.machine.packages import pip_install
+from pcpc.drivers.errors import UserError
 from pcpc.tools.study import binomial
 from pcpc.tools.study.sweep import decision, figures, reasons, statements
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, comparisons
 from pcpc.tools.study.sweep.sensitivity import Share
-from pcpc.tools.terminal.html import image, page, png_of, table, text
+from pcpc.tools.terminal.document import Code, Note, Part, Picture, Section, Table, html
+from pcpc.tools.terminal.extras import FIGURE, need
+from pcpc.tools.terminal.html import page, png_of, text
 from pcpc.tools.terminal.outfile import new_file
 
 if TYPE_CHECKING:
@@ -34,6 +35,19 @@ _NOT_INDEPENDENT = {
     "independent draws, which are rather too wide here.",
 }
 
+_ENDED = (
+    "The campaign was ended by its statement. The intervals in the figure and the table are those "
+    "of a number of runs fixed beforehand; what the statement says holds at every look."
+)
+_OF_CURVES = (
+    "A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs on the "
+    "same draw, with the same noise."
+)
+_OF_SHARES = (
+    " First-order shares are estimated from these draws; what they leave to 1 is the part of "
+    "interactions and noise."
+)
+
 
 def report(results: Results, folder: Path) -> Path:
     """Write report.html and its PNGs into `folder`; return the path of the page.
@@ -41,25 +55,21 @@ def report(results: Results, folder: Path) -> Path:
     Raises UserError where matplotlib is missing, there is nothing to report or a file cannot be
     written.
     """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        cure = f"a report needs matplotlib: {pip_install('matplotlib')}"
-        raise UserError(cure, Exit.ENVIRONMENT) from None
+    need("a report needs", FIGURE)
     if not results.controllers:
         raise UserError(f"{folder}: no run to report on; start the campaign first")
     pictures = _Pictures(folder)
     title = str(results.spec.get("title") or results.spec["rig"])
     parts = [
-        f"<h1>{text(title)}</h1>",
         _drawn(results),
-        _failures(results, pictures),
-        _reasons(results),
-        _worst(results),
-        _metrics(results, pictures),
+        Section("Failures", _failures(results, pictures)),
+        Section("Why runs failed", [_reasons(results)]),
+        Section("Worst cases", _worst(results)),
+        Section("Metrics and margins", _metrics(results, pictures)),
     ]
+    bodies = [f"<h1>{text(title)}</h1>", *map(html, parts)]
     with new_file(folder / "report.html", force=True) as unfinished:
-        unfinished.write_text(page(title, parts), encoding="utf-8")
+        unfinished.write_text(page(title, bodies), encoding="utf-8")
     return folder / "report.html"
 
 
@@ -70,7 +80,7 @@ class _Pictures:
         self._folder = folder
         self._names = set[str]()
 
-    def image(self, drawn: "Figure", name: str, alt: str) -> str:
+    def of(self, drawn: "Figure", name: str, shows: str) -> Picture:
         stem = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)[:80]
         while stem in self._names:  # of names that differ in what a file's name cannot say
             stem += "-"
@@ -78,75 +88,53 @@ class _Pictures:
         png = png_of(drawn)
         with new_file(self._folder / f"{stem}.png", force=True) as unfinished:
             unfinished.write_bytes(png)
-        return image(png, alt)
+        return Picture(png, shows)
 
 
-def _drawn(results: Results) -> str:
+def _drawn(results: Results) -> Table:
     spec = results.spec
     settings = ", ".join(str(one) for one in spec.get("settings", ()))
     rows = [
-        ("rig", f"<code>{text(spec['rig'])}</code>"),
-        ("controllers", text(", ".join(c or "the rig's own" for c in results.controllers))),
+        ("rig", Code(spec["rig"])),
+        ("controllers", ", ".join(c or "the rig's own" for c in results.controllers)),
         ("draws", f"{int(np.unique(results.column('draw')).size):,}, "
-                  f"{text(spec.get('sampling', ''))}, seed {spec.get('seed', '')}"),
-        *(("varied", f"<code>{text(one)}</code>") for one in spec.get("variations", ())),
-        *([("set", f"<code>{text(settings)}</code>")] if settings else []),
+                  f"{spec.get('sampling', '')}, seed {spec.get('seed', '')}"),
+        *(("varied", Code(one)) for one in spec.get("variations", ())),
+        *([("set", Code(settings))] if settings else []),
     ]  # fmt: skip
-    return table(("", ""), rows)
+    return Table(("", ""), rows)
 
 
-def _failures(results: Results, pictures: _Pictures) -> str:
+def _failures(results: Results, pictures: _Pictures) -> list[Part]:
+    named = {"any failure": None} | {name: name for name in results.requirements}
     rows = [
         (what, controller, *results.failures(controller, requirement))
-        for what, requirement in [
-            ("any failure", None),
-            *((name, name) for name in results.requirements),
-        ]
+        for what, requirement in named.items()
         for controller in results.controllers
     ]
     rows = [row for row in rows if row[-1] > 0 or row[0] == "any failure"]  # of other controllers
     cells = []
     for what, controller, failures, runs in rows:
         low, high = binomial.clopper_pearson(failures, runs, CONFIDENCE)
-        rate = f"{failures / runs:.3g}" if runs else "not judged"
-        cells.append(
-            (
-                text(what),
-                text(controller),
-                f"{failures:,}",
-                f"{runs:,}",
-                rate,
-                f"{low:.3g} to {high:.3g}",
-            )
+        rate, interval = (
+            f"{failures / runs:.3g}" if runs else "not judged",
+            f"{low:.3g} to {high:.3g}",
         )
+        cells.append((what, controller, f"{failures:,}", f"{runs:,}", rate, interval))
     refused = int(results.refused.sum())
     notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
-    notes += (
-        [
-            f"{refused:,} runs were refused, as a value lay outside its range; they count "
-            "neither way."
-        ]
-        if refused
-        else []
-    )
-    notes += (
-        [
-            "The campaign was ended by its statement. The intervals in the figure and the table "
-            "are those of a number of runs fixed beforehand; what the statement says holds at "
-            "every look."
-        ]
-        if "until" in results.spec
-        else []
-    )
-    image = pictures.image(figures.failures_page(results, rows), "failures", "failures")
-    counts = table(
-        ("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
-        cells,
-        (2, 3, 4, 5),
-    )
-    said = "".join(f"<p>{text(line)}</p>" for line in _statements(results))
-    noted = "".join(f'<p class="note">{note}</p>' for note in notes if note)
-    return f"<h2>Failures</h2>{said}{image}{counts}{noted}"
+    if refused:
+        what = f"{refused:,} runs were refused, as a value lay outside its range"
+        notes.append(f"{what}; they count neither way.")
+    if "until" in results.spec:
+        notes.append(_ENDED)
+    head = ("requirement", "controller", "failures", "runs", "p_fail", "95 % interval")
+    return [
+        *_statements(results),
+        pictures.of(figures.failures_page(results, rows), "failures", "failures"),
+        Table(head, cells, (2, 3, 4, 5)),
+        *(Note(note) for note in notes if note),
+    ]
 
 
 def _statements(results: Results) -> list[str]:
@@ -172,7 +160,7 @@ def _bound(failures: int, runs: int) -> str:
     return f"p_fail {'>' if every else '<'} {bound} at 95 %: {said}"
 
 
-def _reasons(results: Results) -> str:
+def _reasons(results: Results) -> Table:
     failed = np.equal(results.column("ok"), False).astype(bool) & ~results.refused
     names = results.column("controller")
     found = [
@@ -182,106 +170,85 @@ def _reasons(results: Results) -> str:
             results.column("why")[failed & (names == controller)], results.requirements
         )
     ]
-    if not found:
-        return ""
     found.sort(key=lambda one: -one[2])
-    rows = [(text(c), text(why), f"{n:,}") for c, why, n in found[:MOST_REASONS]]
+    rows = [(c, why, f"{n:,}") for c, why, n in found[:MOST_REASONS]]
     rest = sum(n for *_, n in found[MOST_REASONS:])
     rows += [("", "other reasons", f"{rest:,}")] if rest else []
     head = ("controller", "first reason", "runs")
-    return f"<h2>Why runs failed</h2>{table(head, rows, (2,))}"
+    return Table(head, rows, (2,))
 
 
-def _worst(results: Results) -> str:
+def _worst(results: Results) -> list[Section]:
     """Return the worst runs by each margin, without requirements by each metric, and the faults."""
     groups = [
         (f"safety stops and divergences, the first {MOST_WORST}", "", results.faults(MOST_WORST))
     ]
     for name in results.requirements:
-        groups.append(
-            (f"smallest margin: {name}", MARGIN + name, results.worst(MARGIN + name, MOST_WORST))
-        )
+        column = MARGIN + name
+        groups.append((f"smallest margin: {name}", column, results.worst(column, MOST_WORST)))
     for name in results.metrics if not results.requirements else ():
-        groups.append(
-            (
-                f"largest {name}",
-                METRIC + name,
-                results.worst(METRIC + name, MOST_WORST, largest=True),
-            )
-        )
+        rows = results.worst(METRIC + name, MOST_WORST, largest=True)
+        groups.append((f"largest {name}", METRIC + name, rows))
     parts = []
     for what, column, rows in groups:
         cells = []
         for row in rows.tolist():
             value = f"{results.column(column)[row]:.4g}" if column else results.column("why")[row]
-            command = f"<code>{text(results.command(row))}</code>"
             draw = f"{results.column('draw')[row]:,}"
-            cells.append((draw, text(results.column("controller")[row]), text(value), command))
-        if cells:
-            label = "margin" if column.startswith(MARGIN) else "value" if column else "why"
-            head = ("draw", "controller", label, "to run it again, with its log")
-            parts.append(f"<h3>{text(what)}</h3>{table(head, cells, (0, 2) if column else (0,))}")
-    return f"<h2>Worst cases</h2>{''.join(parts)}" if parts else ""
+            controller = results.column("controller")[row]
+            cells.append((draw, controller, value, Code(results.command(row))))
+        label = "margin" if column.startswith(MARGIN) else "value" if column else "why"
+        head = ("draw", "controller", label, "to run it again, with its log")
+        parts.append(Section(what, [Table(head, cells, (0, 2) if column else (0,))]))
+    return parts
 
 
-def _metrics(results: Results, pictures: _Pictures) -> str:
-    parts = []
+def _metrics(results: Results, pictures: _Pictures) -> list[Part]:
+    parts: list[Part] = []
     for name in results.measures:
         if not any(np.isfinite(results.values(name, c)).any() for c in results.controllers):
             continue
         found = figures.shares_of(results, name)
         bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ")
-        image = pictures.image(figures.page_of(results, name, found), name.replace(":", "-"), bare)
-        parts.append(f"<h3>{text(bare)}</h3>{image}{_summary(results, name)}{_interacting(found)}")
-    if not parts:
-        return ""
-    note = (
-        "A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs "
-        "on the same draw, with the same noise."
-    )
-    shares = (
-        (
-            "First-order shares are estimated from these draws; what they leave to 1 is the part "
-            "of interactions and noise."
-        )
-        if results.variations
-        else ""
-    )
-    return f'<h2>Metrics and margins</h2><p class="note">{note} {shares}</p>{"".join(parts)}'
+        picture = pictures.of(figures.page_of(results, name, found), name.replace(":", "-"), bare)
+        tables = [_summary(results, name), _against(results, name), _interacting(found)]
+        parts.append(Section(bare, [picture, *tables]))
+    note = Note(_OF_CURVES + _OF_SHARES * bool(results.variations))
+    return [note, *parts] if parts else []
 
 
-def _summary(results: Results, name: str) -> str:
+def _summary(results: Results, name: str) -> Table:
     rows = []
     for controller in results.controllers:
         values = results.values(name, controller)
         told = values[np.isfinite(values)]
         points = np.percentile(told, (0, 50, 95, 100)) if len(told) else [np.nan] * 4
-        row = [text(controller), f"{len(told):,} of {len(values):,}"]
+        row = [controller, f"{len(told):,} of {len(values):,}"]
         rows.append(row + ["" if np.isnan(p) else f"{p:.4g}" for p in points])
     head = ("controller", "runs", "smallest", "median", "95 %", "largest")
-    return table(head, rows, range(1, len(head))) + _against(results, name)
+    return Table(head, rows, range(1, len(head)))
 
 
-def _against(results: Results, name: str) -> str:
+def _against(results: Results, name: str) -> Table:
     """Return the table of pairs with the first controller; of values not all above 0 no times."""
     rows = []
     for other, told, counts, ratio in comparisons(results, name, figures.RATIOS):
         times = ["" if np.isnan(ratio) else f"{count:,}" for count in counts[1:]]
         median = "" if np.isnan(ratio) else f"{ratio:.3g}"
-        rows.append((text(other), f"{counts[0]:,} of {told:,}", *times, median))
-    first = text(results.controllers[0])
+        rows.append((other, f"{counts[0]:,} of {told:,}", *times, median))
+    first = results.controllers[0]
     times = [f"{ratio:g} times" for ratio in figures.RATIOS[1:]]
     head = ("controller", f"smaller than {first}", *times, f"{first} over it, median")
-    return table(head, rows, range(1, len(head))) if rows else ""
+    return Table(head, rows, range(1, len(head)))
 
 
-def _interacting(found: Mapping[str, Sequence[Share]]) -> str:
+def _interacting(found: Mapping[str, Sequence[Share]]) -> Table:
     """Return the total shares where they are estimable, on a full grid."""
     rows = [
-        (text(controller), text(s.name), f"{s.first:.3f}", f"{s.total:.3f}")
+        (controller, s.name, f"{s.first:.3f}", f"{s.total:.3f}")
         for controller, own in found.items()
         for s in own
         if np.isfinite(s.total)
     ]
     head = ("controller", "varied", "first order", "with interactions")
-    return table(head, rows, (2, 3)) if rows else ""
+    return Table(head, rows, (2, 3))
