@@ -86,7 +86,7 @@ def rig(
 @pytest.fixture
 def bus() -> Iterator[str]:
     """Hold a free bus for as long as the test lasts; its name, as --bus takes it."""
-    from pcpc.drivers.can import choice
+    from pcpc.drivers.can import choice  # time
 
     held = choice.take_bus(choice.Wanted("auto", None, "", ()))
     yield str(held.bus)

@@ -317,7 +317,7 @@ def _receive_options(sock: socket.socket) -> None:
 def _open_python_can(bus: Bus) -> int:
     import can
 
-    from pcpc.drivers.can import python_can_port
+    from pcpc.drivers.can import python_can_port  # time
 
     try:
         port = can.Bus(interface=bus.interface, channel=bus.channel or None)

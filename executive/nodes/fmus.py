@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.errors import RigError, one_line
 from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.executive.rig.fmu_model import Variable
 
 if TYPE_CHECKING:
     from pcpc.executive.nodes.plan import Plan
-    from pcpc.executive.rig.fmu_block import Variable
 
 _FOLDER = "fmus"
 _MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
@@ -169,7 +169,7 @@ class Instance:
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
 
-    def _start(self, elements: "list[Variable]", settings: Mapping[str, float]) -> None:
+    def _start(self, elements: list[Variable], settings: Mapping[str, float]) -> None:
         """Set one variable, all its elements."""
         chosen = {one.element: one for one in elements}
         kind = _method(chosen[0].kind, self._three)
@@ -199,7 +199,7 @@ class Instance:
         head[fmi.N_GROUPS], head[fmi.GROUPS], head[fmi.N_OUT] = len(rows), groups, len(outputs)
 
     def _groups(
-        self, role: int, variables: "list[Variable]", settings: Mapping[str, float]
+        self, role: int, variables: list[Variable], settings: Mapping[str, float]
     ) -> Iterator[list[int]]:
         """Yield a row of GROUP for the variables of each type."""
         from pcpc.drivers.compiled import fmi

@@ -22,12 +22,12 @@ import msgspec
 
 from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig.fmu_model import INPUT, PARAMETER, START, Model, Variable
 from pcpc.executive.rig.schema import Entry
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, shown
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block
-    from pcpc.executive.rig.fmu_block import Model, Variable
 
 LAW = "fmu"
 _SHORT = ("fmu", "inputs", "parameters")  # keys of the plant that stand for a block
@@ -84,8 +84,8 @@ def read_fmu(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str,
         model = _model_of_log(file) if file.suffix == ".json" else read_description(file)
     except RigError as error:
         raise document.error((*keys, "file"), str(error)) from None
-    inputs = {one.given: one.name for one in model.of(fmu_block.INPUT)}
-    settings = {one.given: one.name for one in model.of(fmu_block.PARAMETER, fmu_block.START)}
+    inputs = {one.given: one.name for one in model.of(INPUT)}
+    settings = {one.given: one.name for one in model.of(PARAMETER, START)}
     for name in entry.inputs:
         if inputs.get(name, name) not in inputs.values():
             raise document.error((*keys, "inputs", name), _no_input(model, name, file))
@@ -112,22 +112,18 @@ def _by_own_names(
     return {names.get(name, name): value for name, value in given.items()}
 
 
-def _no_input(model: "Model", name: str, file: Path) -> str:
+def _no_input(model: Model, name: str, file: Path) -> str:
     """Return what is wrong with a wired name."""
-    from pcpc.executive.rig import fmu_block
-
     found = next((one for one in model.variables if name in (one.given, one.name)), None)
     if found is not None:
-        what = "starts there" if found.role == fmu_block.START else f"is of causality {found.role}"
+        what = "starts there" if found.role == START else f"is of causality {found.role}"
         return f"{found.given} of {file.name} {what}; only inputs are wired"
-    known = [one.given for one in model.of(fmu_block.INPUT)]
+    known = [one.given for one in model.of(INPUT)]
     return f"{file.name} has no input {name}{did_you_mean(name, known)}"
 
 
-def _model_of_log(file: Path) -> "Model":
+def _model_of_log(file: Path) -> Model:
     """Return the model of a log's text; RigError."""
-    from pcpc.executive.rig.fmu_block import Model
-
     try:
         return msgspec.json.decode(file.read_bytes(), type=Model)
     except (OSError, msgspec.DecodeError) as error:
@@ -137,10 +133,8 @@ def _model_of_log(file: Path) -> "Model":
 # ---------------------------------------------------------------------------- the FMU's own text
 
 
-def read_description(file: Path) -> "Model":
+def read_description(file: Path) -> Model:
     """Return what an FMU's description says; RigError in a line for what cannot be used."""
-    from pcpc.executive.rig.fmu_block import Model
-
     found = _read(file)
     where, simulated = shown(file), found.coSimulation
     if simulated is None:
@@ -215,7 +209,7 @@ def _version(file: Path) -> str:
     return found[1].decode(errors="replace") if found else "of no version"
 
 
-def _variables(found: Any) -> Iterator["Variable"]:
+def _variables(found: Any) -> Iterator[Variable]:
     """Yield the numbers of a description that are inputs, outputs, parameters or starts."""
     taken: set[str] = {"fmi_address", "fmi_status"}
     for one in found.modelVariables:
@@ -258,9 +252,7 @@ def _elements(one: Any, found: Any) -> Iterator[tuple[int, str]]:
         yield from ((i, f"{one.name}[{i + 1}]") for i in range(size))
 
 
-def _variable(one: Any, role: str, element: int, name: str, here: str) -> "Variable":
-    from pcpc.executive.rig.fmu_block import Variable
-
+def _variable(one: Any, role: str, element: int, name: str, here: str) -> Variable:
     declared = one.declaredType
     text = one.unit or (declared.unit if declared is not None else "") or ""
     about = " ".join((one.description or "").split())

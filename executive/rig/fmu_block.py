@@ -1,4 +1,4 @@
-"""An FMU as a block: what a rig needs of its description, and the ports that this makes.
+"""An FMU as a block: the ports that its description makes.
 
     inputs        variables of causality input that the rig wires; the others keep their start
     outputs       variables of causality output
@@ -14,51 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct
-
 from pcpc.drivers.compiled import fmi
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import Block, Ports, Prepared, port
-
-INPUT, OUTPUT, PARAMETER, START = "input", "output", "parameter", "start"  # roles
-
-
-class Variable(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One value of an FMU: `name` as pcpc has it, `given` as the FMU has it.
-
-    `kind`: the type's name in FMI; `reference`: its value reference, `element`: which of an array;
-    `low`, `high`: the description's, None for none.
-    """
-
-    name: str
-    given: str
-    role: str
-    kind: str
-    reference: int
-    element: int = 0
-    unit: str = ""
-    help: str = ""
-    start: float | None = None
-    low: float | None = None
-    high: float | None = None
-    tunable: bool = False
-
-
-class Model(Struct, frozen=True, kw_only=True):
-    """What an FMU's description says, as far as a rig needs it; `sha256` is that of its file."""
-
-    name: str
-    fmi: str
-    identifier: str
-    token: str
-    sha256: str
-    once: bool  # only one instance in a process
-    made_by: str
-    variables: tuple[Variable, ...]
-
-    def of(self, *roles: str) -> list[Variable]:
-        """Return the variables of these roles."""
-        return [one for one in self.variables if one.role in roles]
+from pcpc.executive.rig.fmu_model import INPUT, OUTPUT, PARAMETER, START, Model, Variable
 
 
 class States(Ports):

@@ -38,7 +38,7 @@ def prepared_values(
     block: "Block", settings: Mapping[str, float], rate_hz: float, seed: int
 ) -> tuple[Values, Values]:
     """Return parameters and initial states, from `prepare` where there is one; ValueError."""
-    from pcpc.executive.laws.block import Prepared
+    from pcpc.executive.laws.block import Prepared  # numba
 
     parameters: Mapping[str, Any] = dict(settings)
     states: Mapping[str, Any] = {}

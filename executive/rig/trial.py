@@ -267,7 +267,7 @@ def main(text: str) -> None:
 
 def _sources(before: set[str]) -> list[str]:
     """Return the user's files that came with the law: modules, and what they or `prepare` read."""
-    from pcpc.executive.rig.modules import opened_files
+    from pcpc.executive.rig.modules import opened_files  # time
 
     files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
     users = {Path(file).resolve() for file in files if file and is_users(file)}
@@ -289,7 +289,7 @@ def _problem(case: Case, begin: Any) -> str:
 
 
 def _try(case: Case, begin: Any) -> None:
-    from pcpc.executive.rig.modules import module_of
+    from pcpc.executive.rig.modules import module_of  # time
     from pcpc.executive.rig.preparation import check_size
 
     begin("import")
@@ -316,7 +316,7 @@ def _try(case: Case, begin: Any) -> None:
 
 
 def _prepare(block: "Block", case: Case) -> "tuple[Values, Values]":
-    from pcpc.executive.rig.preparation import prepared_values
+    from pcpc.executive.rig.preparation import prepared_values  # time
 
     settings = {
         name: case.settings.get(name, _default_value(port))

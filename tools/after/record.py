@@ -22,7 +22,9 @@ from pcpc.executive.rig.requirements import RequirementError
 from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.judging import Judged, paired_rows
 from pcpc.tools.after.log import frames as play_frames
+from pcpc.tools.after.log import plot, series
 from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log.drawing import DPI, Source, page_of
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge
@@ -317,9 +319,6 @@ class Run:
 
     def _plot(self, variables: Sequence[str], place: Path) -> None:
         """Draw variables over time as `pcpc log plot` does."""
-        from pcpc.tools.after.log import plot, series
-        from pcpc.tools.after.log.drawing import DPI, Source, page_of
-
         for name in variables:
             if name not in self:
                 raise self._unknown(name)
@@ -343,7 +342,7 @@ class Run:
         `all(node.identical for node in run.replay())`. `controller` and `set`, as in `simulate`,
         recompute what the node would have sent on the recorded input. TypeError: another option.
         """
-        from pcpc.tools.after.replay import replay
+        from pcpc.tools.after.replay import replay  # time
 
         options = argparse.Namespace(
             node="all", controller=changes.pop("controller", None),

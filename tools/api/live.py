@@ -198,7 +198,7 @@ class Live:
         A notebook updates the plot every `every_s` seconds; elsewhere nothing is shown. Returns the
         last picture. UnknownName: unknown, or not recorded.
         """
-        from pcpc.tools.api.live_plot import LivePlot, follow, notebook_display
+        from pcpc.tools.api.live_plot import LivePlot, follow, notebook_display  # time
 
         asked = [(one, *self._split(one)) for one in (name, *names)]
         live_plot = LivePlot(asked, window_s)

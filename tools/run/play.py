@@ -121,7 +121,7 @@ class Session:
 
     def _make(self) -> "Player":
         """Return a player of the chosen frames with the bus open; BusError."""
-        from pcpc.executive.nodes.player import Player
+        from pcpc.executive.nodes.player import Player  # numba
 
         rate, stamps = self.options.rate, self.frames.stamp_ns
         timed = rate > 0.0
@@ -197,7 +197,7 @@ class Session:
         player.play(player.soon_ns(period, first % period or period // 2), laps)
 
     def _line(self, player: "Player") -> str:
-        from pcpc.executive.nodes import player as p
+        from pcpc.executive.nodes import player as p  # numba
 
         sent, errors = player.count(p.SENT), player.count(p.ERRORS)
         total = self._total()
@@ -234,7 +234,7 @@ class Session:
 
     def _result(self, player: "Player") -> dict[str, Any]:
         """Return what was played and how well; nothing about time where there is no schedule."""
-        from pcpc.executive.nodes import player as p
+        from pcpc.executive.nodes import player as p  # numba
 
         sent, errno = player.count(p.SENT), player.count(p.ERRNO)
         spent_ns = player.count(p.LAST_SENT) - player.count(p.FIRST_SENT)

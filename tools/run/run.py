@@ -20,7 +20,7 @@ from pcpc.drivers.can import choice
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
-from pcpc.executive.log import recorder
+from pcpc.executive.log import long_logs, recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop.alarms import Alarms
@@ -32,6 +32,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
 from pcpc.tools.start import pace
 from pcpc.tools.start.bus import run_line
+from pcpc.tools.start.bus.traffic import warning
 from pcpc.tools.start.children import Child, complain, on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.start.interface import named_bus
@@ -144,8 +145,7 @@ class Host:
         Also tells what the rig's bus would not take in time.
         """
         try:
-            from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
-            from pcpc.tools.start.bus.traffic import warning
+            from pcpc.tools.after.verdict.judge import Judge, columns_to_keep  # time
 
             if said := warning(self.rig, self.pacing):
                 print(said, file=sys.stderr)
@@ -360,8 +360,7 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
 def _recorded(host: Host, folder: Path, options: argparse.Namespace) -> int:
     """Run a rig whose log is kept here, and sum up; return the exit code."""
     code = host.run()
-    from pcpc.executive.log import long_logs
-    from pcpc.tools.after.verdict.conclude import conclude
+    from pcpc.tools.after.verdict.conclude import conclude  # time
 
     if code < 0:
         code = conclude(host.judge, folder, host.outcome, options, host.judged)

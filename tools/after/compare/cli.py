@@ -47,7 +47,7 @@ def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comp
     if options.against is not None:
         if options.jobs is not None and options.jobs < 1:
             raise UserError(f"--jobs {options.jobs}: expected 1 or more")
-        from pcpc.tools.after.compare import versions
+        from pcpc.tools.after.compare import versions  # time
 
         return versions.compared(options, how, progress)
     why = "only with --against; two recordings are compared as they are"

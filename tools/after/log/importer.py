@@ -123,7 +123,7 @@ class _Imported:
 
     def _explain(self, writer: BulkWriter) -> None:
         """Write metadata and attachments as the recorder does."""
-        from pcpc.drivers.can import dbc_file
+        from pcpc.drivers.can import dbc_file  # time
 
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series
@@ -108,8 +109,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
-    from pcpc.executive.errors import RigError
-    from pcpc.tools.after.verdict.judge import Judge
+    from pcpc.tools.after.verdict.judge import Judge  # numba
 
     with tempfile.TemporaryDirectory() as folder:
         try:

@@ -16,7 +16,7 @@ from pcpc.tools.terminal.progress import Progress
 
 def command(options: argparse.Namespace) -> int:
     """Print what became of each requirement; return the exit code."""
-    from pcpc.tools.after.verdict import summary_file
+    from pcpc.tools.after.verdict import summary_file  # numba
     from pcpc.tools.after.verdict.judge import Judge
 
     path, progress = options.log, Progress(options.quiet)

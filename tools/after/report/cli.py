@@ -27,7 +27,7 @@ SUFFIXES = (".html", ".htm")
 def command(options: argparse.Namespace) -> int:
     """Write the report of a log; LOSS if a part of the log is missing."""
     if options.suite:
-        from pcpc.tools.after.report import suite_files
+        from pcpc.tools.after.report import suite_files  # time
 
         if options.log is not None:
             raise UserError(f"{options.log}: behind --suite, as the other runs")
@@ -61,7 +61,7 @@ def write(
     if output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"-o {output}: not an HTML file; expected FILE.html")
     need("a report needs", FIGURE)
-    from pcpc.tools.after.report import details, sections
+    from pcpc.tools.after.report import details, sections  # time
     from pcpc.tools.after.report.record import gather
 
     with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:

@@ -92,7 +92,7 @@ def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) 
     """Serve the page until this process is asked to end, or an error ends it, which is raised."""
     import uvicorn
 
-    from pcpc.tools.live.host.server import Server, config
+    from pcpc.tools.live.host.server import Server, config  # numba
 
     os.nice(5)  # the loop and its bus go first
     server = Server(shown, door.token, options)

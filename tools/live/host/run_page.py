@@ -36,7 +36,7 @@ class Page(NoPage):
         self._door: Door | None = None
         self._options = argparse.Namespace(**_AS_HOST, **given)
         if self._wanted:
-            from pcpc.tools.live.host import cli
+            from pcpc.tools.live.host import cli  # time
 
             cli.check_packages()
             self._door = cli.open_door(self._options)
@@ -58,7 +58,7 @@ class Page(NoPage):
         self._door.line.close()
 
     def _serve(self, words: Sequence[str]) -> int:
-        from pcpc.tools.live.host import cli
+        from pcpc.tools.live.host import cli  # time
         from pcpc.tools.live.host.sources import FollowedRun
 
         compile_cache.watch.listener = None

@@ -18,7 +18,7 @@ def nodes_of(options: argparse.Namespace) -> Nodes:
     if getattr(options, "at", None) is None:
         refuse(options, "only with --at HOST:PORT", "token_file", "ca", "plain")
         return Nodes()
-    from pcpc.tools.live.remote.link import Link
+    from pcpc.tools.live.remote.link import Link  # numba
     from pcpc.tools.live.remote.live import RemoteNodes
 
     if getattr(options, "link", None) is None:

@@ -142,7 +142,7 @@ def figures_row() -> Row:
 def node_memory_row() -> Row:
     """Return whether a node can have its memory, and hand it to clients."""
     try:
-        from pcpc.executive.loop.shared import LOOP, SharedError
+        from pcpc.executive.loop.shared import LOOP, SharedError  # time
         from pcpc.executive.loop.sharing import Served
     except ImportError:
         return Row("node memory", "missing", "not tried", "see packages")
@@ -162,7 +162,7 @@ def node_memory_row() -> Row:
 
 def compile_cache_row() -> Row:
     """Return whether the next start finds compiled code."""
-    from pcpc.drivers.compiled import compile_cache
+    from pcpc.drivers.compiled import compile_cache  # time
 
     try:
         folder = compile_cache.cache_folder()

@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namespace) -> int:
     """Read the log back, judge plant and device, print; return the exit code of the verdict."""
-    from pcpc.tools.after.verdict import summary as summaries
+    from pcpc.tools.after.verdict import summary as summaries  # time
     from pcpc.tools.after.verdict.conclude import publish, unreadable
     from pcpc.tools.after.verdict.judge import EvaluationError
     from pcpc.tools.make.device.behaviour import behaviour

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from pcpc.drivers.compiled import fmi
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.plan import Plan
@@ -107,7 +108,6 @@ def _in_a_child(spec: BlockSpec, period_s: float) -> list[int]:
 
 
 def _step_fmu(spec: BlockSpec, period_s: float, there: Connection) -> None:
-    from pcpc.drivers.compiled import fmi
 
     faulthandler.disable()  # its end is told by how it ended
     try:

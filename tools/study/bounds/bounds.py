@@ -26,7 +26,7 @@ from pcpc.plants.lyapunov import Account
 from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
 from pcpc.tools.after.log.recorded import LATEST, log_of
 from pcpc.tools.start.rigs import find
-from pcpc.tools.study.bounds import observed, text
+from pcpc.tools.study.bounds import figure, observed, text
 from pcpc.tools.study.bounds.observed import BoundsError
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.picture import check_picture
@@ -56,8 +56,6 @@ class Bounds:
 
     def draw(self, path: str | Path) -> Path:
         """Draw V, its derivatives, error and weights with their bounds; return `path`."""
-        from pcpc.tools.study.bounds import figure
-
         figure.draw(self.account, f"{self.name}, {self.controller}", Path(path))
         return Path(path)
 

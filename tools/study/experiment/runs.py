@@ -102,7 +102,7 @@ def _keeping(common: Common, cases: list[tuple[Own, int]]) -> Common:
 
 
 def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, int]]]:
-    from pcpc.drivers.compiled.lanes import WIDTH
+    from pcpc.drivers.compiled.lanes import WIDTH  # numba
 
     width = WIDTH if many and len(cases) >= LEAST else 1
     for first in range(0, len(cases), width):
@@ -170,7 +170,7 @@ def results(piece: Piece) -> list[Result]:
 
 def _in_lanes(piece: Piece) -> list[Result | None]:
     """Return the results of what lanes do; None for what is to be done alone."""
-    from pcpc.executive.batch.runs import Case as Asked
+    from pcpc.executive.batch.runs import Case as Asked  # numba
     from pcpc.executive.nodes.watched import StepError
 
     try:
@@ -204,7 +204,7 @@ class _Bench:
 
 @lru_cache(maxsize=1)  # alike cases come one after the other
 def _bench(common: Common) -> _Bench:
-    from pcpc.executive.batch.runs import Runs
+    from pcpc.executive.batch.runs import Runs  # numba
     from pcpc.tools.after.verdict.judge import Judge
     from pcpc.tools.study.engine import asked
 
@@ -217,7 +217,7 @@ def _bench(common: Common) -> _Bench:
 
 def alone(case: Case) -> Result:
     """Do one case in this process."""
-    from pcpc.executive.nodes.virtual import in_memory
+    from pcpc.executive.nodes.virtual import in_memory  # numba
     from pcpc.executive.nodes.watched import StepError
     from pcpc.tools.after.verdict.judge import Judge
 

@@ -156,7 +156,7 @@ class Fit(Result):
 
     def pictures(self) -> Mapping[str, "Figure"]:
         """Return the overlay of model and log, and the residuals."""
-        from pcpc.tools.study.fit import figure
+        from pcpc.tools.study.fit import figure  # time
 
         return {"fit": figure.overlay(self)}
 

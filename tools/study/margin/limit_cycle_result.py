@@ -63,7 +63,7 @@ class LimitCycle(Result):
 
     def pictures(self) -> Mapping[str, "Figure"]:
         """Return the branch's."""
-        from pcpc.tools.study.margin import drawing
+        from pcpc.tools.study.margin import drawing  # time
 
         return {"limit_cycle": drawing.limit_cycle(self)}
 

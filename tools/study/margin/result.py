@@ -114,7 +114,7 @@ class Margin(Result):
 
     def pictures(self) -> Mapping[str, "Figure"]:
         """Return Bode's and Nyquist's."""
-        from pcpc.tools.study.margin import drawing
+        from pcpc.tools.study.margin import drawing  # time
 
         return {"bode": drawing.bode(self), "nyquist": drawing.nyquist(self)}
 

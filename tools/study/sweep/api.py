@@ -44,7 +44,7 @@ class Sweep:
     @property
     def results(self) -> "Results":
         """Columns and counts by controller."""
-        from pcpc.tools.study.sweep.results import Results
+        from pcpc.tools.study.sweep.results import Results  # time
 
         return Results(self.table, self.spec)
 
@@ -58,7 +58,7 @@ class Sweep:
         By controller, largest first: shares of its variance, see `Share`. Controllers with too few
         runs, or where nothing varies, are left out. UnknownName for another column.
         """
-        from pcpc.tools.study.sweep.figures import shares_of
+        from pcpc.tools.study.sweep.figures import shares_of  # time
 
         known = [one for one in self.table.column_names if one.startswith(("metric:", "margin:"))]
         if name not in known:
@@ -71,7 +71,7 @@ class Sweep:
 
     def report(self, folder: str | Path | None = None) -> Path:
         """Write report.html and its figures; return the page."""
-        from pcpc.tools.study.sweep.report import report
+        from pcpc.tools.study.sweep.report import report  # time
 
         return report(self.results, Path(folder or self.folder))
 
@@ -125,7 +125,7 @@ def sweep(
     """
     need_for_sweep()
     with native("numba" not in sys.modules):
-        from pcpc.tools.study.sweep import shards
+        from pcpc.tools.study.sweep import shards  # time
         from pcpc.tools.study.sweep.request import Request
 
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]

@@ -19,6 +19,7 @@ import signal
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -84,8 +85,6 @@ class Cluster:
 
         UserError: the scheduler is gone, or a task that its workers do not survive.
         """
-        from concurrent.futures import CancelledError
-
         from distributed import KilledWorker, as_completed
 
         try:

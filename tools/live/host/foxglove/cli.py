@@ -22,7 +22,7 @@ _TRIES = 20
 
 def layout(options: argparse.Namespace) -> int:
     """Print the layout of a rig's plant."""
-    from pcpc.tools.live.host.foxglove import layouts
+    from pcpc.tools.live.host.foxglove import layouts  # numba
 
     if options.what is None:
         raise UserError("--foxglove-layout: of which rig? `pcpc rigs` lists them")
@@ -42,7 +42,7 @@ def command(
     if isinstance(shown, Source):
         raise UserError(f"{options.what}: Foxglove and Lichtblick open the log.mcap itself")
     try:
-        from pcpc.tools.live.host.foxglove.server import Server
+        from pcpc.tools.live.host.foxglove.server import Server  # numba
     except ImportError as error:
         what = f"this needs {error.name}: {pip_install(error.name or 'foxglove')}"
         raise UserError(what, Exit.ENVIRONMENT) from None

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,7 +22,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     Untranslatable,
     number_text,
 )
-from pcpc.tools.make.generate.translator.source import source_of
+from pcpc.tools.make.generate.translator.source import comment, source_of
 from pcpc.tools.make.generate.words import identifier
 
 COLUMNS = 100
@@ -147,10 +148,6 @@ def _group_name(field: Field) -> str:
 
 def module_comment(module: str) -> list[str]:
     """Return the header of a Python module as a comment."""
-    import sys
-
-    from pcpc.tools.make.generate.translator.source import comment
-
     doc = getattr(sys.modules.get(module), "__doc__", None)
     return comment(doc) if doc else []
 

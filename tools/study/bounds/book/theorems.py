@@ -21,7 +21,7 @@ from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
 from pcpc.plants.study import markdown
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.start.pool import each
-from pcpc.tools.study.bounds import text
+from pcpc.tools.study.bounds import figure, text
 from pcpc.tools.study.bounds.bounds import known, law_of, of_rig, theorem_of
 from pcpc.tools.study.bounds.retuned import retuned
 from pcpc.tools.terminal.progress import Progress
@@ -136,7 +136,6 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
 
 
 def _picture(path: Path, controller: str, place: Path) -> None:
-    from pcpc.tools.study.bounds import figure
 
     figure.draw(of_rig(load_rig(path, controller)).account, f"{path.stem}, {controller}", place)
 

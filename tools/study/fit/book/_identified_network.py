@@ -80,7 +80,7 @@ class Network:
 
 def recorded(*settings: str) -> tuple[Array, Array, Array, Array, float, Any]:
     """Return q, q', Mhat^-1 tau and f, (ticks, 2) each, the period, s, and the log."""
-    from pcpc.executive.nodes.virtual import in_memory
+    from pcpc.executive.nodes.virtual import in_memory  # time
     from pcpc.executive.rig.reading import load_rig
 
     rig = load_rig(RIGS / f"{RIG}.yaml", "rnn", settings)

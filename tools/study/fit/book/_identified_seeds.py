@@ -49,7 +49,7 @@ class Seeds:
 
     def done(self) -> list[Fitted]:
         """Run and fit them in this process."""
-        from pcpc.executive.batch.runs import Case
+        from pcpc.executive.batch.runs import Case  # numba
         from pcpc.tools.study.fit.fitting import estimate_of
         from pcpc.tools.study.fit.record import record_of
 
@@ -66,14 +66,14 @@ class Seeds:
 
 def pieces(seeds: Sequence[int] = SEEDS) -> list[Seeds]:
     """Return the seeds in pieces that fill the lanes."""
-    from pcpc.drivers.compiled.lanes import WIDTH
+    from pcpc.drivers.compiled.lanes import WIDTH  # numba
 
     return [Seeds(tuple(seeds[i : i + WIDTH])) for i in range(0, len(seeds), WIDTH)]
 
 
 @lru_cache(maxsize=1)
 def _bench() -> Any:
-    from pcpc.executive.batch.runs import Runs
+    from pcpc.executive.batch.runs import Runs  # numba
     from pcpc.executive.rig.reading import load_rig
     from pcpc.tools.study.fit.fitting import Model
 
@@ -86,7 +86,7 @@ def _bench() -> Any:
 
 def true_values() -> Array:
     """Return what the plant of the runs has, (p,), in the order of START."""
-    from pcpc.executive.rig.reading import load_rig
+    from pcpc.executive.rig.reading import load_rig  # numba
     from pcpc.tools.study.fit.fitting import Model
 
     own = Model(load_rig(RIG)).own

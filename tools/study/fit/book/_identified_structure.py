@@ -44,7 +44,7 @@ class Structure:
 
     def done(self) -> list[Structured]:
         """Run and fit in this process."""
-        from pcpc.tools.study.fit.fitting import fit
+        from pcpc.tools.study.fit.fitting import fit  # numba
 
         model, log = self._model(self.rig), _log(self.rig)
         found = fit(model, log)
@@ -56,14 +56,14 @@ class Structure:
         return [Structured(self.rig, self.kind, values, half, left, missed, warned)]
 
     def _model(self, rig: str) -> Any:
-        from pcpc.executive.rig.reading import load_rig
+        from pcpc.executive.rig.reading import load_rig  # numba
         from pcpc.tools.study.fit.fitting import Model
 
         return Model(load_rig(_file(rig), None, [f"barrel.friction_model={self.kind}"]))
 
     def _missed(self, rig: str, values: Array) -> float:
         """Return the rms error, rad, of the hub angle that the fitted model predicts there."""
-        from pcpc.tools.study.fit.record import record_of
+        from pcpc.tools.study.fit.record import record_of  # numba
 
         model = self._model(rig)
         record = record_of(_log(rig), model.plant, list(model.sensors))
@@ -77,7 +77,7 @@ def _file(rig: str) -> Any:
 
 
 def _log(rig: str) -> Any:
-    from pcpc.executive.nodes.virtual import in_memory
+    from pcpc.executive.nodes.virtual import in_memory  # numba
     from pcpc.executive.rig.reading import load_rig
 
     return in_memory(load_rig(_file(rig), None, [f"seed={SEED}"]))

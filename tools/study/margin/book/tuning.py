@@ -60,7 +60,7 @@ def margin_of(asked: tuple[str, int]) -> float:
 
 def margin(controller: str, settings: Sequence[str] = ()) -> float:
     """Return the disk margin of a controller on the linear barrel; 0 of a loop not stable."""
-    from pcpc.tools.study.margin import find
+    from pcpc.tools.study.margin import find  # numba
 
     linear = yaml.safe_load((tuning.RIGS.with_name("linear.yaml")).read_text(encoding="utf-8"))
     whole = [*(f"{name}={value!r}" for name, value in linear.items()), *settings]
