@@ -25,6 +25,7 @@ from pcpc.plants.statistics import PEAK, peak
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, which colour-blind readers tell apart
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
@@ -72,13 +73,28 @@ class Panel:
     place: Place = field(default_factory=declared_at, init=False, compare=False)
 
 
-def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
-    """Return a page of 1200 x 1500 pixels and its axes; ImportError, with the cure."""
+def _figure_class() -> type["Figure"]:
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise ImportError(f"a figure needs matplotlib: {pip_install('matplotlib')}") from None
-    page = Figure(figsize=(8.0, 10.0), dpi=150)
+    return Figure
+
+
+def sheet(
+    size_in: tuple[float, float], dpi: float, *shape: int, **how: Any
+) -> tuple["Figure", Any]:
+    """Return a figure that lays itself out, and axes as its `subplots`; ImportError, with the cure.
+
+    `shape`: rows and columns.
+    """
+    page = _figure_class()(figsize=size_in, dpi=dpi, layout="constrained")
+    return page, page.subplots(*shape, **how)
+
+
+def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
+    """Return a page of 1200 x 1500 pixels and its axes; ImportError, with the cure."""
+    page = _figure_class()(figsize=(8.0, 10.0), dpi=150)
     axes = page.subplots(len(panels), 1, sharex=True, height_ratios=panels, squeeze=False)[:, 0]
     page.subplots_adjust(left=0.1, right=0.975, top=TOP, bottom=0.05, hspace=0.24)
     size = 13.0 * min(1.0, TITLE_LETTERS / max(len(title), 1))  # a longer one would run off
@@ -285,8 +301,13 @@ def dress(ax: "Axes", window_s: tuple[float, float]) -> None:
 
 def ruled(ax: "Axes") -> None:
     """Give axes their grid, no frame above and beside, and small letters."""
-    ax.grid(color="#D0D0D0", linewidth=0.5)
+    bare(ax, color="#D0D0D0")
     ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8)
     ax.yaxis.label.set_fontsize(9)
+
+
+def bare(ax: "Axes", **grid: Any) -> None:
+    """Give axes a thin grid, and no frame above and beside."""
+    ax.grid(**{"color": "#D8D8D8", "linewidth": 0.5, **grid})
+    ax.spines[["top", "right"]].set_visible(False)

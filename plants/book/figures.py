@@ -3,24 +3,17 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from pcpc.plants.pages import bare
+
 REFERENCE: dict[str, Any] = {"color": "#000000", "linestyle": "--"}
-
-
-def page(size: tuple[float, float], dpi: float, *shape: int, **more: Any) -> tuple[Any, Any]:
-    """Return a figure and its axes, in rows and columns where there are such."""
-    from matplotlib.figure import Figure  # takes longer than a study's tables
-
-    made = Figure(figsize=size, dpi=dpi, layout="constrained")
-    return made, made.subplots(*shape, **more)
 
 
 def dress(axes: Iterable[Any], ticks: float = 0.0, below: bool = False, **grid: Any) -> None:
     """Draw a light grid, `below` bars too, and no frame; `ticks`: the size of their numbers."""
     for ax in axes:
-        ax.grid(**{"color": "#D0D0D0", "linewidth": 0.5, **grid})
+        bare(ax, **{"color": "#D0D0D0", **grid})
         if below:
             ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
         if ticks:
             ax.tick_params(labelsize=ticks)
 

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.machine.packages import pip_install
+from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
-from pcpc.plants.pages import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, ruled
+from pcpc.plants.pages import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, ruled, sheet
 from pcpc.tools.after.log.drawing import decimated, shown
 from pcpc.tools.after.log.series import label
 from pcpc.tools.after.record import Figure, UnknownName
 from pcpc.tools.live.history import History
+from pcpc.tools.terminal.extras import FIGURE, need
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,11 +38,7 @@ class LivePlot:
     """The last seconds of variables, and their picture."""
 
     def __init__(self, asked: Sequence[PlottedVariable], window_s: float) -> None:
-        try:
-            from matplotlib.figure import Figure as Page
-        except ImportError:
-            cure = f"a plot needs matplotlib: {pip_install('matplotlib')}"
-            raise UserError(cure, Exit.ENVIRONMENT) from None
+        need("a plot needs", FIGURE)
         self._variables, self._window_s = asked, window_s
         nodes = {id(node): node for _, node, _ in asked}
         self._taps = {key: Tap(node) for key, node in nodes.items()}
@@ -59,10 +55,9 @@ class LivePlot:
         units = {name: node.variables[variable].unit for name, node, variable in asked}
         groups = list(dict.fromkeys(units.values()))
         height = _REST_IN + _AXIS_IN * max(len(groups), 2)
-        self._page = Page(figsize=(_WIDTH_IN, height), dpi=_DPI, layout="constrained")
-        self._axes: list[Axes] = list(
-            self._page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
-        )
+        shape = len(groups), 1
+        self._page, axes = sheet((_WIDTH_IN, height), _DPI, *shape, sharex=True, squeeze=False)
+        self._axes: list[Axes] = list(axes[:, 0])
         self._lines: Mapping[str, Any] = {}
         for ax, unit in zip(self._axes, groups, strict=True):
             own = [name for name, text in units.items() if text == unit]

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
-from pcpc.drivers.machine.packages import pip_install
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -49,15 +47,3 @@ class Result:
         for name, picture in self.pictures().items():
             picture.savefig(folder / f"{name}.png")
         return folder
-
-
-def new_page(
-    size_in: tuple[float, float], dpi: int, rows: int = 1, columns: int = 1, sharex: bool = False
-) -> tuple["Figure", Any]:
-    """Return a figure and its axes, (rows, columns); ImportError, with the cure."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError(f"a figure needs matplotlib: {pip_install('matplotlib')}") from None
-    page = Figure(figsize=size_in, dpi=dpi, layout="constrained")
-    return page, page.subplots(rows, columns, sharex=sharex, squeeze=False)

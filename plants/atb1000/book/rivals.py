@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from pcpc.plants.atb1000.book.study import NOMINAL, SCENARIOS, random_plant
 from pcpc.plants.atb1000.book.tuning import RMS, STEP
-from pcpc.plants.book.figures import legend_below, page
+from pcpc.plants.book.figures import legend_below
 from pcpc.plants.book.tables import case_maker
+from pcpc.plants.pages import sheet
 from pcpc.plants.study import Case, Result, markdown
 
 WITHOUT = ("pd", "pd_star", "pid", "pd_tuned", "pid_tuned", "pd_fast_tuned", "pd_feedforward",
@@ -183,7 +184,7 @@ def draw(results: Sequence[Result], path: Path) -> None:
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     rms, friction = Table(results, "plants", RMS), frictions(results)
-    figure, axes = page((12.0, 4.8), 110, 1, len(CORE))
+    figure, axes = sheet((12.0, 4.8), 110, 1, len(CORE))
     edges = np.geomspace(0.5, 2.0, 7)
     for ax, scenario in zip(axes, CORE, strict=True):
         for law, colour in DRAWN.items():

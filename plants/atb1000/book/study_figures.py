@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import legend_below, name_rows, page
+from pcpc.plants.book.figures import legend_below, name_rows
 from pcpc.plants.book.tables import rig_name
+from pcpc.plants.pages import sheet
 from pcpc.plants.study import Result
 
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
@@ -37,7 +38,7 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     scenarios = _by_scenario(results)
-    figure, axes = page((12, 4.6), 110, 1, len(scenarios), sharey=True)
+    figure, axes = sheet((12, 4.6), 110, 1, len(scenarios), sharey=True)
     for ax, (scenario, own) in zip(axes, scenarios.items(), strict=True):
         base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
         for name in (n for n in COLOURS if n != "pd"):
@@ -67,7 +68,7 @@ def _rms(result: Result) -> float:
 
 
 def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
-    figure, axes = page((9, 10), 110, 4, 1, sharex=True)
+    figure, axes = sheet((9, 10), 110, 4, 1, sharex=True)
     q_d = results[0].traces["executive:reference.q_d_rad"]
     in_degrees = np.abs(q_d).max() >= 1.0 / DEG  # else in the unit of the error below
     unit, scale = ("deg", DEG) if in_degrees else ("mrad", MRAD)
@@ -86,7 +87,7 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
 
 
 def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
-    figure, axes = page((12, 3.6), 110, 1, 3)
+    figure, axes = sheet((12, 3.6), 110, 1, 3)
     for result in results:
         x, name = result.traces, result.case.controller
         style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}

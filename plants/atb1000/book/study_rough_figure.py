@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.plants.book.figures import page
+from pcpc.plants.pages import sheet
 
 Vector = NDArray[np.float64]
 LIMIT = 2.0  # of the colours; a cost beyond it is as red
@@ -20,7 +20,7 @@ def draw_costs(
     path: Path,
 ) -> None:
     """Draw `table` (kinds, laws) of costs, and errors (without, with) of each law, mrad."""
-    figure, (left, right) = page((12, 4.8), 100, 1, 2, width_ratios=(1.5, 1.0))
+    figure, (left, right) = sheet((12, 4.8), 100, 1, 2, width_ratios=(1.5, 1.0))
     shown = np.clip(np.log2(table), -np.log2(LIMIT), np.log2(LIMIT))
     left.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     for (row, at), value in np.ndenumerate(table):

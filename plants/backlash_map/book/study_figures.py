@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
-from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result
 
 NAMES = {
@@ -21,7 +21,7 @@ MILLI = 1e3
 
 def draw_laws(results: Sequence[Result], path: Path) -> None:
     """Draw state, error and tau, a column a law; the errors' scales differ."""
-    made, axes = page((13.0, 7.2), 120, 3, len(results), sharex=True)
+    made, axes = sheet((13.0, 7.2), 120, 3, len(results), sharex=True)
     for column, result in enumerate(results):
         tr, label = result.traces, result.case.label
         t, colour = tr["t"], COLOURS[label]
@@ -49,7 +49,7 @@ def draw_laws(results: Sequence[Result], path: Path) -> None:
 
 def draw_steps(result: Result, path: Path) -> None:
     """Draw the violent start, and 40 steps of the command long after it, each step a mark."""
-    made, axes = page((10.0, 6.4), 120, 2, 2, sharex="col")
+    made, axes = sheet((10.0, 6.4), 120, 2, 2, sharex="col")
     tr = result.traces
     t_ms = MILLI * tr["t"]
     for column, (begin, end) in enumerate(((0.0, 100.0), (900.0, 940.0))):

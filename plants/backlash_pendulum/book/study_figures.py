@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
-from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}
@@ -14,7 +14,7 @@ MRAD = 1e3
 
 def draw_cases(results: Sequence[Result], path: Path) -> None:
     """Draw error, torque and command of the three cases, a column each, same scales in a row."""
-    made, axes = page((12.0, 7.2), 130, 3, len(results), sharex=True, sharey="row")
+    made, axes = sheet((12.0, 7.2), 130, 3, len(results), sharex=True, sharey="row")
     for column, result in enumerate(results):
         tr, law = result.traces, result.case.controller
         t = tr["t"]
@@ -40,7 +40,7 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
 
 def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:
     """Draw the rms error of each law as a bar, the whole law's last."""
-    made, ax = page((8.0, 4.4), 130)
+    made, ax = sheet((8.0, 4.4), 130)
     labels = list(gains)
     values = [1e3 * result.metric("error_rms_rad") for result in gains.values()]
     colours = [_colour(label) for label in labels]

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
 from pcpc.plants.book.tables import rig_name
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "nn": "PD and two networks a joint"}
@@ -19,7 +19,7 @@ SHOWN = ("rig", "rig + 1 sample", "rig + 2 samples", "L = 40", "no jump nodes", 
 
 def draw_beside(pair: Sequence[Result], path: Path) -> None:
     """Draw PD in the left column, the network in the right: angles, errors, torques."""
-    figure, axes = page(
+    figure, axes = sheet(
         (11.0, 10.0), 120, 4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3)
     )
     for column, result in zip(axes.T, pair, strict=True):
@@ -75,7 +75,7 @@ def draw_seeds(
     found: Mapping[tuple[str, str], np.ndarray], base: Mapping[str, np.ndarray], path: Path
 ) -> None:
     """Draw the worse joint's error over 8-10 s of each draw against PD's."""
-    figure, axes = page((11.0, 5.2), 120, 1, 2, sharey=True)
+    figure, axes = sheet((11.0, 5.2), 120, 1, 2, sharey=True)
     rng = np.random.default_rng(1)
     for ax, scenario in zip(axes, base, strict=True):
         for i, label in enumerate(reversed(SHOWN)):

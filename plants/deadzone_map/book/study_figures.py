@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
@@ -12,7 +12,7 @@ NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
 
 def draw_beside(pair: Sequence[Result], path: Path) -> None:
     """Draw PD in the left column, the precompensator in the right."""
-    figure, axes = page(
+    figure, axes = sheet(
         (11.0, 9.5), 120, 4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 4, 3)
     )
     for column, result in zip(axes.T, pair, strict=True):

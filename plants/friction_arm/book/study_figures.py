@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows, page
+from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows
 from pcpc.plants.book.tables import labels, rig_name
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, sheet
 from pcpc.plants.study import Result, of_group, statistic
 
 COLOURS = {
@@ -46,7 +46,7 @@ def _style(result: Result, width: float = 1.1) -> dict[str, Any]:
 
 def _errors(results: Sequence[Result], title: str, path: Path) -> None:
     """Draw angles and errors of both joints side by side, one line a controller."""
-    figure, axes = page((11, 8), 100, 3, 2, sharex=True, height_ratios=(4, 4, 3))
+    figure, axes = sheet((11, 8), 100, 3, 2, sharex=True, height_ratios=(4, 4, 3))
     for j in (1, 2):
         angle, error, torque = axes[:, j - 1]
         for result in results:
@@ -77,7 +77,7 @@ def _late_error(result: Result, joint: int) -> float:
 
 def _phase_planes(results: Sequence[Result], path: Path) -> None:
     """Draw the error rate over the error: the whole step of case A, the last turns of case C."""
-    figure, axes = page((11, 8.5), 100, 2, 2)
+    figure, axes = sheet((11, 8.5), 100, 2, 2)
     for row, (rig, from_s) in zip(axes, PHASE_FROM_S.items(), strict=True):
         own = [r for r in results if rig_name(r) == rig]
         for j, ax in enumerate(row, 1):
@@ -98,7 +98,7 @@ def _phase_planes(results: Sequence[Result], path: Path) -> None:
 
 def _chatter(results: Sequence[Result], path: Path) -> None:
     """Draw the torque of joint 1 of the step node beside the others, whole and close up."""
-    figure, axes = page(
+    figure, axes = sheet(
         (11, 8), 100, len(results), 2, sharey="row", sharex="col", width_ratios=(3, 2)
     )
     for row, result in zip(axes, results, strict=True):
@@ -123,7 +123,7 @@ def _chatter(results: Sequence[Result], path: Path) -> None:
 
 def _weights(results: Sequence[Result], path: Path) -> None:
     """Draw the own-joint weights of phi_0 in cases A and C beside twice the friction."""
-    figure, axes = page((11, 6), 100, 2, 2, sharex="row")
+    figure, axes = sheet((11, 6), 100, 2, 2, sharex="row")
     for row, rig in zip(axes, ("friction-a", "friction-c"), strict=True):
         own = [r for r in results if rig_name(r) == rig]
         for j, ax in enumerate(row):
@@ -142,7 +142,7 @@ def _weights(results: Sequence[Result], path: Path) -> None:
 
 def _rates(results: Sequence[Result], path: Path) -> None:
     """Draw error, variation and tuning gain of case A over the sampling rate."""
-    figure, axes = page((12, 4), 100, 1, 3)
+    figure, axes = sheet((12, 4), 100, 1, 3)
     metrics = (
         ("error_abs_mean_{}_rad", "mean |error|, 9 to 10 s [rad]"),
         ("torque_variation_Nm_s", "torque variation [N m/s]"),

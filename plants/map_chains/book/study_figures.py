@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
-from pcpc.plants.pages import BLUE, GREEN, GREY
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.pages import BLUE, GREEN, GREY, sheet
 from pcpc.plants.study import Result
 
 COLOURS = {"a": BLUE, "b": GREEN}
@@ -17,7 +17,7 @@ TITLES = {
 
 def draw_pair(left: Result, right: Result, path: Path) -> None:
     """Draw newest states and inputs of both chains, a column a law."""
-    figure, axes = page((11.0, 8.0), 110, 4, 2, sharex=True, sharey="row")
+    figure, axes = sheet((11.0, 8.0), 110, 4, 2, sharex=True, sharey="row")
     for column, result in enumerate((left, right)):
         traces = result.traces
         for i, chain in enumerate("ab"):

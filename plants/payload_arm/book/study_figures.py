@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
@@ -25,7 +25,7 @@ def _shade(ax: Any, result: Result) -> None:
 
 def draw_beside(runs: Sequence[Result], path: Path) -> None:
     """Draw a column a controller: angles, errors, torques; the payload is shaded."""
-    figure, axes = page(
+    figure, axes = sheet(
         (12.0, 9.0), 120, 3, len(runs), sharex=True, sharey="row", height_ratios=(4, 5, 3)
     )
     for column, result in zip(axes.T, runs, strict=True):
@@ -61,7 +61,7 @@ def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
 
 def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
     """Draw the rms errors of each combination of parts before, under and after the payload."""
-    figure, axes = page((12.0, 5.0), 120, 1, 3, sharex=True, sharey=True)
+    figure, axes = sheet((12.0, 5.0), 120, 1, 3, sharex=True, sharey=True)
     windows = (("early_error_rms", "3 to 5 s, before the payload"),
                ("payload_error_rms", "5 to 7 s, with the payload"),
                ("error_rms", "8 to 10 s, after it"))  # fmt: skip
@@ -89,7 +89,7 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
 def draw_long(result: Result, path: Path) -> None:
     """Draw errors and norms of the run of 60 s with the payload in its beginning."""
     x = result.traces
-    figure, axes = page((11.0, 7.0), 120, 3, 1, sharex=True)
+    figure, axes = sheet((11.0, 7.0), 120, 3, 1, sharex=True)
     for joint, colour in JOINTS:
         style: dict[str, Any] = {"color": colour, "linewidth": 0.9, "label": f"joint {joint}"}
         axes[0].plot(x["t"], 1e3 * x[f"error_{joint}_rad"], **style)

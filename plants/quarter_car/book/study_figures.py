@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, legend_below, name_rows, page
+from pcpc.plants.book.figures import REFERENCE, dress, legend_below, name_rows
 from pcpc.plants.book.tables import rig_name
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, sheet
 from pcpc.plants.quarter_car.book import bode
 from pcpc.plants.study import Result, of_group
 
@@ -56,7 +56,7 @@ Close = Mapping[tuple[str, int], Mapping[str, Any]]
 def _motion(runs: Runs, close: Close, path: Path) -> None:
     """Draw body speed and strut travel of passive, PID and fuzzy backstepping on every road."""
     rows = len(SHOWN)
-    figure, axes = page((12.0, 10.0), 110, 2 * rows, len(ROADS), sharex="col", sharey="row",
+    figure, axes = sheet((12.0, 10.0), 110, 2 * rows, len(ROADS), sharex="col", sharey="row",
                         height_ratios=(4, 2) * rows)  # fmt: skip
     for i, label in enumerate(SHOWN):
         for j, road in enumerate(ROADS):
@@ -83,7 +83,7 @@ def _motion(runs: Runs, close: Close, path: Path) -> None:
 
 def _forces(runs: Runs, close: Close, path: Path) -> None:
     """Draw desired and actual strut force of PID and fuzzy backstepping, and the valve."""
-    figure, axes = page((12.0, 8.5), 110, 4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
+    figure, axes = sheet((12.0, 8.5), 110, 4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
     for i, label in enumerate(("pid", "fl")):
         for j, road in enumerate(ROADS):
             x, (force, valve) = close[label, road], axes[2 * i : 2 * i + 2, j]
@@ -116,7 +116,7 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
 
 def _bars(runs: Runs, path: Path) -> None:
     """Draw rms speed and acceleration of all struts on all roads."""
-    figure, axes = page((12.0, 6.5), 110, 2, len(ROADS), sharex="col")
+    figure, axes = sheet((12.0, 6.5), 110, 2, len(ROADS), sharex="col")
     for row, metric, form in (
         (0, "speed_rms_m_s", "{:.4f}"),
         (1, "acceleration_rms_m_s2", "{:.2f}"),
@@ -138,7 +138,7 @@ def _bars(runs: Runs, path: Path) -> None:
 def _kick(results: Sequence[Result], path: Path) -> None:
     """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
     own = {r.case.controller: r for r in results}
-    figure, axes = page((11.0, 7.0), 110, 3, 2, sharex=True, sharey="row")
+    figure, axes = sheet((11.0, 7.0), 110, 3, 2, sharex=True, sharey="row")
     signals = (
         ("plant:car.body_rate_m_s", 1.0, "body speed [m/s]"),
         ("executive:controller.ef_N", 1e-3, "force error [kN]"),
@@ -159,7 +159,7 @@ def _kick(results: Sequence[Result], path: Path) -> None:
 
 def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path) -> None:
     """Draw the linear responses with their invariant point."""
-    figure, axes = page((9.0, 5.5), 110, 1, 1, squeeze=False)
+    figure, axes = sheet((9.0, 5.5), 110, 1, 1, squeeze=False)
     ax, w = axes[0, 0], np.geomspace(1.0, 500.0, 1500)
     for law, colour, style, label in (
         ("passive", BLACK, "-", "passive, Bs and Ks at all frequencies"),

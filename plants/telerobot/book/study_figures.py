@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows, page
-from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result, of_group
 
 COLOURS = {"pd_near": ORANGE, "pd_slow": GREY, "smith": BLUE, "nornn": GREEN, "rnn": VERMILION}
@@ -27,7 +27,7 @@ def draw_all(
 
 def _errors(results: Sequence[Result], path: Path) -> None:
     """Draw angles, errors and errors in detail, both joints side by side."""
-    figure, axes = page((11, 8), 100, 3, 2, sharex=True)
+    figure, axes = sheet((11, 8), 100, 3, 2, sharex=True)
     for j in (1, 2):
         angle, error, detail = axes[:, j - 1]
         for result in results:
@@ -59,7 +59,7 @@ def _margins(
     results: Sequence[Result], runs: Mapping[Any, Result], bursts: Sequence[int], path: Path
 ) -> None:
     """Draw rms errors over delay, over the error of the delay's model and over bursts."""
-    figure, axes = page((12, 4), 100, 1, 3)
+    figure, axes = sheet((12, 4), 100, 1, 3)
     delays, wrong, losses = axes
     for name in ("smith", "nornn", "rnn"):
         own = [r for r in of_group(results, "delays") if r.case.controller == name]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pcpc.tools.study.result import Result, new_page
+from pcpc.plants.pages import sheet
+from pcpc.tools.study.result import Result
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Made(Result):
         yield from ("a", "", "b", "")
 
     def pictures(self) -> Mapping[str, Figure]:
-        return {"seen": new_page((1.0, 1.0), 50)[0]}
+        return {"seen": sheet((1.0, 1.0), 50)[0]}
 
 
 def test_every_kind_of_number_is_json_and_what_is_none_is_null(tmp_path: Path) -> None:

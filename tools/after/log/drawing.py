@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
+from pcpc.plants.pages import bare, sheet
 from pcpc.tools.after.log import series
 from pcpc.tools.after.log.series import Series
 from pcpc.tools.terminal.extras import FIGURE, need
@@ -67,11 +68,9 @@ def page_of(
     One source: lines by variable. Several: by source, and the variable stands above its axis.
     """
     need("a picture needs", FIGURE)
-    from matplotlib.figure import Figure
-
     height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)
-    page = Figure(figsize=(_WIDTH_IN, height), layout="constrained")
-    axes, n = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0], len(colours)
+    page, column = sheet((_WIDTH_IN, height), 100, len(groups), sharex=True, squeeze=False)
+    axes, n = column[:, 0], len(colours)
     for ax, names in zip(axes, groups, strict=True):
         by_log = len(sources) > 1
         lines = [
@@ -91,9 +90,8 @@ def page_of(
         ax.set_ylabel(shown(unit), fontsize=8)
         if len(sources) > 1:
             ax.set_title(shown(names[0]), fontsize=8, loc="left", pad=2)
-        ax.grid(color="#D8D8D8", linewidth=0.5)
+        bare(ax)
         ax.tick_params(labelsize=8)
-        ax.spines[["top", "right"]].set_visible(False)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]", fontsize=9)
     page.suptitle("   ".join(map(shown, _title(sources))), fontsize=10, x=0.01, ha="left")

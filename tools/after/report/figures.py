@@ -62,8 +62,6 @@ def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, M
 
 def course(record: Record) -> "Figure | None":
     """Return states, faults on purpose and marks over time; None of a run without any."""
-    from matplotlib.figure import Figure
-
     spans = [(node, list(states(record, node))) for node in record.log.node]
     spans = [(node, own) for node, own in spans if len(own) > 1]
     faults: dict[str, list[tuple[float, float]]] = {}
@@ -77,9 +75,7 @@ def course(record: Record) -> "Figure | None":
     rows = [*(node for node, _ in spans), *faults, *marks]
     if not rows or not record.end_s:
         return None
-    page = Figure(figsize=(_WIDTH_IN, _REST_IN + _ROW_IN * len(rows)), dpi=_DPI,
-                  layout="constrained")  # fmt: skip
-    ax: Axes = page.subplots()
+    page, ax = pages.sheet((_WIDTH_IN, _REST_IN + _ROW_IN * len(rows)), _DPI)
     for i, (_, own) in enumerate(spans):
         _draw_states(ax, i, own, record.end_s)
     for i, pieces in enumerate(faults.values(), len(spans)):
@@ -125,14 +121,11 @@ def _keys(seen: set[str]) -> list[Any]:
 
 def lateness(record: Record) -> "Figure | None":
     """Return how often the executive was how late, and worked how long; None without a clock."""
-    from matplotlib.figure import Figure
-
     counts = _counts(record)
     told = [name for name, found in counts.items() if found.sum()]
     if not told:
         return None
-    page = Figure(figsize=(_WIDTH_IN, 3.4), dpi=_DPI, layout="constrained")
-    ax: Axes = page.subplots()
+    page, ax = pages.sheet((_WIDTH_IN, 3.4), _DPI)
     for name in told:
         label, colour, style = _STAGES[name]
         ax.stairs(

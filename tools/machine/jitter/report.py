@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants import pages
 from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.figures import (
     COMPARED,
@@ -131,10 +132,7 @@ def _comparison(result: Result) -> Iterator[str]:
 
 def draw(result: Result, path: Path) -> None:
     """Draw the lateness of all loops as histograms, both axes logarithmic; OSError."""
-    from matplotlib.figure import Figure
-
-    page = Figure(figsize=(9.0, 4.5), layout="constrained")
-    axis = page.subplots()
+    page, axis = pages.sheet((9.0, 4.5), 110)
     late = {name: np.concatenate(result.late_us(name)) for name in result.loops}
     late = {name: np.maximum(values, _LEAST_US) for name, values in late.items() if len(values)}
     low = 0.99 * min(values.min() for values in late.values())
@@ -146,8 +144,7 @@ def draw(result: Result, path: Path) -> None:
     axis.set_xscale("log")
     axis.set_xlabel("wake-up behind its deadline [us]")
     axis.set_ylabel("cycles")
-    axis.grid(color="#D8D8D8", linewidth=0.5)
-    axis.spines[["top", "right"]].set_visible(False)
+    pages.bare(axis)
     axis.legend(frameon=False, fontsize=8)
     setup = result.setup
     axis.set_title(
@@ -156,4 +153,4 @@ def draw(result: Result, path: Path) -> None:
         loc="left",
         fontsize=10,
     )
-    page.savefig(path, dpi=110)
+    page.savefig(path)

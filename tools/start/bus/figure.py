@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcpc.executive.rig.reading import Rig
-from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, bare, sheet
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire
 from pcpc.tools.start.bus.report import Bus, rate_of
@@ -48,17 +48,14 @@ def arbitration(frames: Sequence[QueuedFrame], wire: Wire) -> list[tuple[int, in
 
 def draw(rig: Rig, buses: Sequence[Bus], path: Path) -> None:
     """Draw all buses below each other; OSError."""
-    from matplotlib.figure import Figure
-
     heights = [1.2 + _ROW_IN * len(bus.rows) for bus in buses]
-    page = Figure(figsize=(9.0, sum(heights)), layout="constrained")
-    column = page.subplots(len(buses), squeeze=False, gridspec_kw={"height_ratios": heights})
+    page, column = sheet((9.0, sum(heights)), 110, len(buses), squeeze=False, height_ratios=heights)
     for axis, bus in zip(column[:, 0], buses, strict=True):
         _draw_bus(axis, bus)
         rate = f"{rig.config.rate_hz:g} Hz, {rate_of(bus.setup.bitrate)}"
         axis.set_title(f"{rig.config.rig}, {bus.name}: {rate}", loc="left", fontsize=10)
     with new_file(path, force=True) as unfinished:
-        page.savefig(unfinished, dpi=110)
+        page.savefig(unfinished)
 
 
 def _draw_bus(axis: "Axes", bus: Bus) -> None:
@@ -80,8 +77,7 @@ def _draw_bus(axis: "Axes", bus: Bus) -> None:
     axis.invert_yaxis()
     axis.set_xlim(0.0, 1.05 * last_us)
     axis.set_xlabel("us; light: waiting, dark: on the wire, o worst case, x needed", fontsize=8)
-    axis.grid(axis="x", color="#D8D8D8", linewidth=0.5)
-    axis.spines[["top", "right"]].set_visible(False)
+    bare(axis, axis="x")
     axis.set_axisbelow(True)
     axis.legend(
         frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(colours)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.plants.lyapunov import Account
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, POINTS, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, POINTS, VERMILION, bare, sheet
 from pcpc.plants.weights import Vector
 
 SKY_WIDE = "#A9D5EE"  # below a thin line
@@ -14,11 +14,8 @@ SMOOTH_S = 0.02  # of drawn derivatives: a mean over so long
 
 def draw(account: Account, title: str, path: Path) -> None:
     """Draw an account; OSError."""
-    from matplotlib.figure import Figure
-
     proof = account.proof
-    page = Figure(figsize=(9.0, 8.4), layout="constrained")
-    axes = page.subplots(4, 1, sharex=True)
+    page, axes = sheet((9.0, 8.4), 110, 4, sharex=True)
     t, thin = proof.t_s, slice(None, None, max(1, len(proof.t_s) // POINTS))
     axes[0].plot(t[thin], proof.v[thin], color=BLACK, linewidth=1.1, label="V")
     for values, colour, label, width in (
@@ -42,13 +39,12 @@ def draw(account: Account, title: str, path: Path) -> None:
                         label=f"S_r {account.start_within:.3g}")  # fmt: skip
     axes[2].axvspan(t[0], account.settled_s, color="#ECEFF3", zorder=-1)
     for axis in axes:
-        axis.grid(color="#D8D8D8", linewidth=0.5)
-        axis.spines[["top", "right"]].set_visible(False)
+        bare(axis)
         axis.legend(frameon=False, fontsize=8, loc="upper right", ncols=3)
     share = f"{100.0 * account.unexplained:.2g} % not explained"
     axes[0].set_title(f"{title}: {proof.theorem}, {share}", loc="left", fontsize=11)
     axes[-1].set_xlabel("t [s]")
-    page.savefig(path, dpi=110)
+    page.savefig(path)
 
 
 def _mean(account: Account, values: Vector) -> Vector:

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.plants.pages import BLACK, BLUE, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, VERMILION, sheet
 from pcpc.tools.after.log.drawing import DPI, decimated
-from pcpc.tools.study.result import new_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +19,9 @@ _WIDTH_IN, _ROW_IN, _REST_IN = 12.0, 1.5, 0.8
 def overlay(fit: Any) -> "Figure":
     """Return a row for each sensor of a `Fit`: samples and model, and what the model leaves."""
     rows = len(fit.sensors)
-    page, axes = new_page((_WIDTH_IN, _ROW_IN * rows + _REST_IN), DPI, rows, 2, sharex=True)
+    page, axes = sheet(
+        (_WIDTH_IN, _ROW_IN * rows + _REST_IN), DPI, rows, 2, sharex=True, squeeze=False
+    )
     for j, sensor in enumerate(fit.sensors):
         there = np.isfinite(fit.measured[:, j])
         t, y = fit.t_s[there], fit.measured[there, j]

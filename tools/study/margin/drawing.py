@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, bare, sheet
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.result import new_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,9 +16,8 @@ _FAR = 3.0  # of the Nyquist plot's axes
 
 
 def _dress(ax: "Axes") -> None:
-    ax.grid(color="#D8D8D8", linewidth=0.5)
+    bare(ax)
     ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8)
 
 
@@ -29,8 +27,8 @@ def _title(found: Any) -> str:
 
 def bode(found: Any) -> "Figure":
     """Return |L|, arg L and |S| over the frequency."""
-    figure, axes = new_page((7.5, 7.5), _DPI, 3, sharex=True)
-    top, middle, low = axes[:, 0]
+    figure, axes = sheet((7.5, 7.5), _DPI, 3, sharex=True)
+    top, middle, low = axes
     figure.suptitle(_title(found), fontsize=11)
     for one, style in _styles(found):
         size, angle = np.abs(one.response), np.unwrap(np.angle(one.response))
@@ -61,7 +59,7 @@ def bode(found: Any) -> "Figure":
 
 def nyquist(found: Any) -> "Figure":
     """Return L in the complex plane about -1, with the disk that it keeps out of."""
-    figure, ((ax,),) = new_page((6.0, 6.0), _DPI)
+    figure, ax = sheet((6.0, 6.0), _DPI)
     ax.set_title(_title(found), fontsize=11)
     turn = np.linspace(0.0, 2.0 * np.pi, 400)
     ax.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.7, linestyle=":")
@@ -78,7 +76,7 @@ def nyquist(found: Any) -> "Figure":
 
 def limit_cycle(found: Any) -> "Figure":
     """Return the branch of a `LimitCycle` and the runs beside it."""
-    figure, ((ax,),) = new_page((7.0, 4.6), _DPI)
+    figure, ax = sheet((7.0, 4.6), _DPI)
     at = found.branch.index(found.onset)
     for part, line, name in (
         (found.branch[: at + 1], "-", "predicted, stable"),

@@ -73,11 +73,10 @@ def page_of(results: Results, name: str, found: dict[str, list[Share]]) -> "Figu
 
 
 def _page(panels: int) -> tuple["Figure", Sequence["Axes"]]:
-    from matplotlib.figure import Figure
-
     rows = -(-panels // 2)
-    page = Figure(figsize=(WIDTH_IN, HEIGHT_IN * rows), dpi=DPI, layout="constrained")
-    axes = page.subplots(rows, min(panels, 2), squeeze=False).ravel()
+    size_in = WIDTH_IN, HEIGHT_IN * rows
+    page, grid = pages.sheet(size_in, DPI, rows, min(panels, 2), squeeze=False)
+    axes = grid.ravel()
     for ax in axes[panels:]:
         ax.set_axis_off()
     return page, list(axes[:panels])
@@ -289,10 +288,7 @@ def failures_page(results: Results, rows: Sequence[tuple[str, str, int, int]]) -
 
     The axis is logarithmic; no failure is a line from its left end to the bound.
     """
-    from matplotlib.figure import Figure
-
-    page = Figure(figsize=(WIDTH_IN, 0.9 + 0.27 * len(rows)), dpi=DPI, layout="constrained")
-    ax = page.subplots()
+    page, ax = pages.sheet((WIDTH_IN, 0.9 + 0.27 * len(rows)), DPI)
     spans = [clopper_pearson(failures, runs, 0.95) for *_, failures, runs in rows]
     ends = [high for _, high in spans] + [low for low, _ in spans if low > 0.0]
     left = min(0.3 * min(ends), 0.1)
