@@ -40,7 +40,7 @@ _COMMANDS = f"""# Commands
 {_NOTE}
 
 RIG is the name of a rig that comes with pcpc (`pcpc rigs`), a rig file, a folder with a `rig.yaml`,
-or the name of a run that goes on. LOG is a log file, a run folder, or `latest`, the newest run
+or the name of a run in progress. LOG is a log file, a run folder, or `latest`, the newest run
 below `runs/`.
 
 ## Exit codes
@@ -244,7 +244,7 @@ def rig_python() -> str:
         lines += [f"\n### {part}\n", told, *_functions(f"plants.{part}")]
     lines += ["\n## References\n", _told("executive.laws.references"), *_references()]
     lines += ["\n## An evaluation\n", _told("plants.evaluation"), "\n### Figures of merit\n"]
-    merits = f"A {_statistics()} takes what `Merit` does, but the statistic."
+    merits = f"A {_statistics()} takes the arguments of `Merit`, except the statistic."
     lines += [*textwrap.wrap(merits, _COLUMNS), _TYPES]
     lines += _vocabulary(_EVALUATION)
     return "\n".join(lines) + "\n"

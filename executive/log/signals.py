@@ -22,7 +22,7 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     where = shown(file)
     log = logs.read(file)
     if log.missing:
-        cure = "name a whole log, or a CSV file with what is to count"
+        cure = "name a complete log, or a CSV file with the part to use"
         raise RigError(f"{where}: {log.missing[0]}; {cure}")
     split = [find_variable(log, name) or name.rpartition(":")[::2] for name in names]
     roles = list(dict.fromkeys(role or "executive" for role, _ in split))

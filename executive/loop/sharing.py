@@ -79,7 +79,7 @@ def _claim(path: str) -> tuple[str, socket.socket]:
             held = claim.hold(name)
         except OSError as error:
             raise SharedError(
-                f"{path}: no abstract socket to be had ({error.strerror}); a node is found by one"
+                f"{path}: no abstract socket here ({error.strerror}); a node is found by one"
             ) from None
         if held is not None:
             return name, held
@@ -304,7 +304,7 @@ def _attach(path: str, word: bytes = b"") -> Shared:
             os.close(descriptor)
         if isinstance(error, SharedError):
             raise
-        raise SharedError(f"{name}: does not hand out its memory: {error}") from None
+        raise SharedError(f"{name}: does not share its memory: {error}") from None
 
 
 def _mapped(name: str, line: socket.socket, published: int, mailbox: int) -> Shared:
@@ -334,5 +334,5 @@ def _description(name: str, published: int) -> dict[str, Any]:
         description = json.loads(os.pread(published, size, _HEAD.size))
         sh.check(description)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise SharedError(f"{name}: says nothing sensible about itself: {error}") from None
+        raise SharedError(f"{name}: does not describe itself properly: {error}") from None
     return dict(description)

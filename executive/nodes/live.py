@@ -153,7 +153,7 @@ class Live:
         deadline_s = time.monotonic() + PATIENCE_S
         while (values := sh.snapshot(self.block, torn)) is torn:
             if not self.block.alive() or time.monotonic() > deadline_s:
-                what = f"{self.name}: stands still in the middle of a cycle"
+                what = f"{self.name}: is stuck in the middle of a cycle"
                 raise LiveError(what, Exit.ENVIRONMENT)
             pause(self.block, POLL_S)
         t_s = values[self._places["time.t_s"]] if "time.t_s" in self._places else 0.0
@@ -289,7 +289,7 @@ def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | Non
         return nodes[found[0]]
     others = f"; running: {', '.join(nodes)}" if nodes else ""
     if among is None and not nodes and (users := sharing.other_users()):
-        others = f"; user {' and '.join(users)} has nodes, which only that user reaches"
+        others = f"; user {' and '.join(users)} has nodes, which only that user can reach"
     what = f"{node}: no such node is running{others}; start one with `pcpc run RIG`"
     raise LiveError(what, Exit.ENVIRONMENT)
 

@@ -86,7 +86,7 @@ class Mailbox:
             if pid > 1:  # not a group
                 os.kill(pid, signal.SIGTERM)
         if not self._heard(place):
-            what = f"it reacts to no request and no signal; kill -9 {pid} ends it"
+            what = f"it does not react to requests or signals; kill -9 {pid} ends it"
             raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
         return int(block.control.cycle)
 

@@ -209,9 +209,9 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
     if fault.how is not None and fault.how not in HOWS.get(fault.kind, ()):
         raise rig.error(f"{key}.how", f"{fault.kind} knows {_list(HOWS.get(fault.kind, ()))}")
     if fault.kind == "payload" and fault.how is None:
-        raise rig.error(key, "payload has how: freeze; drawn data are a masquerade")
+        raise rig.error(key, "payload needs how: freeze; for random data use kind: masquerade")
     if fault.goes_on and fault.kind != "counter":
-        raise rig.error(f"{key}.goes_on", "a counter goes on from where its fault left it, no more")
+        raise rig.error(f"{key}.goes_on", "only a fault of kind counter has goes_on")
     needless = fault.kind in WITHOUT_VALUE or fault.how in ("freeze", "random")
     if fault.value is None and not needless and fault.kind not in GIVEN:
         raise rig.error(key, f"{fault.kind} needs a value: how large it is")
@@ -221,7 +221,7 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
         raise rig.error(f"{key}.value", what)
     _check_moments(rig, key, fault)
     if fault.at is not None and fault.node is not None:
-        raise rig.error(f"{key}.node", "of a value, at says the node: plant:NAME")
+        raise rig.error(f"{key}.node", "for a value, at names the node: plant:NAME")
     if (fault.data_of is None) == (fault.kind == "addressing"):
         raise rig.error(key, "addressing, and nothing else, has data_of: another frame's name")
 
@@ -232,9 +232,9 @@ def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
     if fault.for_ is not None and all(one is None for one in begins):
         raise rig.error(f"{key}.for", "when does it begin? give from, every or times as well")
     if fault.every is not None and fault.times is not None:
-        raise rig.error(f"{key}.times", "it begins either every so often or a number of times")
+        raise rig.error(f"{key}.times", "give either every or times")
     if fault.every is not None and fault.for_ is None:
-        raise rig.error(f"{key}.every", "how long is it on each time? give for as well")
+        raise rig.error(f"{key}.every", "how long does it last each time? give for as well")
     config = rig.config
     late = (_cycles(fault.from_, config.rate_hz) or 0) >= round(config.duration_s * config.rate_hz)
     shortened, own = (
@@ -242,7 +242,7 @@ def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
     )
     if late and (own or not shortened):
         end = f"the end of the run at {config.duration_s:g} s"
-        raise rig.error(f"{key}.from", f"{fault.from_} is behind {end}")
+        raise rig.error(f"{key}.from", f"{fault.from_} is after {end}")
 
 
 def described(planned: list[Planned]) -> dict[str, dict[str, Any]]:
@@ -293,7 +293,7 @@ def _other(rig: Rig, key: str, fault: Fault, rx: list[dbc.Frame], row: int) -> i
         return -1
     names = [frame.name for frame in rx]
     if fault.data_of not in names:
-        what = f"{fault.data_of} does not come to the same node{did_you_mean(fault.data_of, names)}"
+        what = f"{fault.data_of} does not reach the same node{did_you_mean(fault.data_of, names)}"
         raise rig.error(f"{key}.data_of", what)
     return names.index(fault.data_of)
 

@@ -33,7 +33,7 @@ def add_counts(rig: Rig, role: Role, table: Table) -> None:
         signal = received[name]
         if limit.high < signal.low or limit.low > signal.high:
             span = f"{signal.low:g}..{signal.high:g} {signal.unit}".rstrip()
-            raise rig.error(key, f"nothing that {name} can be, {span}, lies within these bounds")
+            raise rig.error(key, f"no value of {name}, {span}, lies within these bounds")
         if limit.rate_per_s is not None and not math.isfinite(limit.rate_per_s):
             what = f"expected a finite number, got {limit.rate_per_s:g}; null is no rate limit"
             raise rig.error(f"{key}.rate_per_s", what)

@@ -155,7 +155,7 @@ def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:
     try:
         return int(entry["cycle"]), str(entry["name"]), float(entry["value"])
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise logs.LogError(f"a recorded tuning is none: {str(entry)[:80]}") from None
+        raise logs.LogError(f"a recorded tuning is invalid: {str(entry)[:80]}") from None
 
 
 @loop_function

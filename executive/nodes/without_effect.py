@@ -51,7 +51,7 @@ def _check_times(rig: Rig) -> None:
     given = f", duration_s in {rig.where('duration_s')}"
     for path, at_s in late.items():
         if not shortened or rig.where(path).startswith("--set "):
-            raise rig.error(path, f"{at_s:g} s is behind the end of the run at {end_s:g} s{given}")
+            raise rig.error(path, f"{at_s:g} s is after the end of the run at {end_s:g} s{given}")
 
 
 def _is_left_from_a_base(rig: Rig, path: str) -> bool:

@@ -209,7 +209,7 @@ def missing_warning(entries: Sequence[CarriedFile]) -> str:
         return ""
     return (
         f"the log does not carry {', '.join(names)}: more than {MOST_BYTES >> 20} MiB; "
-        "replay it where that lies"
+        "replay it on a machine that has them"
     )
 
 

@@ -156,7 +156,7 @@ def _expectations(config: Config) -> Problems:
             yield ("expect", name), f"no such controller{did_you_mean(name, config.controllers)}"
         for figure, (low, high) in figures.items():
             if not low <= high or -low == high == math.inf:
-                what = f"{low:g} is above {high:g}" if high < low else "all is within that"
+                what = f"{low:g} is above {high:g}" if high < low else "limits nothing"
                 yield ("expect", name, figure), what
 
 

@@ -128,7 +128,7 @@ def condition(text: str, units: Units) -> Condition:
     """Return the condition that a text states; ExpressionError."""
     found = _Reader(text, units).whole()
     if isinstance(found, Value):
-        raise ExpressionError(f"{text} is a value; expected a condition, as {found.text} > 0")
+        raise ExpressionError(f"{text} is a value; expected a condition, like {found.text} > 0")
     return found
 
 
@@ -178,7 +178,7 @@ class _Reader:
         except ExpressionError:
             raise
         except (SyntaxError, ValueError, MemoryError, RecursionError):
-            what = f"{self.text!r} is no expression; expected one as abs(x) < 2 mrad"
+            what = f"{self.text!r} is not an expression; expected one like abs(x) < 2 mrad"
             raise ExpressionError(what) from None
 
     def wrong(self, what: str) -> ExpressionError:
@@ -238,7 +238,7 @@ class _Reader:
     def _condition(self, node: ast.AST) -> Condition:
         found = self.read(node)
         if isinstance(found, Value):
-            raise self.wrong(f"needs a condition for {found.text}, as {found.text} > 0")
+            raise self.wrong(f"needs a condition for {found.text}, like {found.text} > 0")
         return found
 
     def _call(self, text: str, name: str, given: list[Value]) -> Value:
@@ -247,7 +247,7 @@ class _Reader:
             return reduce(lambda a, b: _combination(text, which, a, b), given)
         if name not in _FUNCTIONS or len(given) != 1:
             raise self.wrong(
-                "calls what is not known; known: abs sqrt rate of one value, min max of several"
+                "calls an unknown function; known: abs sqrt rate of one value, min max of several"
             )
         (one,), (act, own) = given, _FUNCTIONS[name]
         made = one.unit and own(one.unit)

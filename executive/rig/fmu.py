@@ -173,11 +173,11 @@ def _read(file: Path) -> Any:
             inside = archive.namelist()
             broken = archive.testzip()
     except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError) as error:
-        raise RigError(f"{where}: no FMU, which is a zip archive: {error}") from None
+        raise RigError(f"{where}: not an FMU, which is a zip archive: {error}") from None
     if broken is not None:
         raise RigError(f"{where}: damaged: {broken} in it does not have its checksum")
     if "modelDescription.xml" not in inside:
-        raise RigError(f"{where}: no FMU: there is no modelDescription.xml in it")
+        raise RigError(f"{where}: not an FMU: there is no modelDescription.xml in it")
     version = _version(file)
     if version not in ("2.0", "3.0"):
         raise RigError(f"{where}: FMI {version}; 2.0 and 3.0 are supported")

@@ -67,15 +67,15 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
         if not any(frame.has_sequence for frame in (tx if way == "tx" else rx)):
             raise rig.error(
                 "dbc",
-                "no SYNC frame from executive to plant; give one frame of each node to the one "
-                "below the signals sequence and crc",
+                "no SYNC frame from executive to plant; in one frame from each node to the one "
+                "below it, declare the signals sequence and crc",
             )
     for frame in tx:
         if frame.on_event and not is_emergency(frame):
             raise rig.error(
                 "dbc",
-                f"nothing sends {frame.name}, of send type Event; only an emergency frame, 0x081 "
-                "to 0x0FF and without counter and crc, is sent so; give it a GenMsgCycleTime",
+                f"no node sends {frame.name}, of send type Event; only an emergency frame, 0x081 "
+                "to 0x0FF and without counter and crc, may have it; give it a GenMsgCycleTime",
             )
     if not any(is_awaited(frame) for frame in rx):
         node = rig.config.sections[role].node

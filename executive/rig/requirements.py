@@ -155,7 +155,7 @@ def _form(entry: schema.Requirement) -> str:
     given = [key for key in msgspec.to_builtins(entry) if key not in _ALSO]
     forms = [key for key in given if key in _FORMS]
     if len(forms) != 1:
-        what = f"{' and '.join(forms)} in one" if forms else "nothing that has to hold"
+        what = f"{' and '.join(forms)} in one" if forms else "no condition"
         raise RequirementError(
             forms[1] if forms else "", f"{what}; give one of {', '.join(_FORMS)}"
         )
@@ -163,15 +163,15 @@ def _form(entry: schema.Requirement) -> str:
     needs, may = _FORMS[form]
     for key in needs:
         if key not in given:
-            raise RequirementError(form, f"key {key} is missing beside it")
+            raise RequirementError(form, f"key {key} is missing")
     for key in given:
         if key not in (form, *needs, *may):
             known = ", ".join((*needs, *may, "after", "before"))
-            raise RequirementError(key, f"does not go with {form}; beside that: {known}")
+            raise RequirementError(key, f"does not go with {form}, which takes {known}")
     if entry.within and form == "always" and not entry.until:
-        raise RequirementError("within", "needs until; the part of a run is after, before")
+        raise RequirementError("within", "needs until; for a part of a run give after, before")
     if entry.until and entry.before:
-        raise RequirementError("before", "does not go with until; within says by when")
+        raise RequirementError("before", "does not go with until; give within")
     return form
 
 
@@ -233,7 +233,7 @@ class _Part:
         """Return how an overshoot is measured, and that it is small enough."""
         one, over, limit = (self.value(key) for key in ("overshoot", "over", "at_most"))
         if limit.number is None:
-            raise RequirementError("at_most", "expected a number, as 10 % or 2 mrad")
+            raise RequirementError("at_most", "expected a number, like 10 % or 2 mrad")
         relative = limit.unit is not None and limit.unit.text == "%"
         if not relative:
             self.at_most("at_most", one, limit)

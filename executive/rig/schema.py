@@ -125,7 +125,7 @@ class Errors(Keyed):
 
 
 class Alarms(Keyed):
-    """What is told at once while a run goes on: more than so many in a second; null: never.
+    """What is told at once during a run: more than so many in a second; null: never.
 
     `late_us`: a cycle that wakes later; null: than a period.
     """

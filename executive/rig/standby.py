@@ -27,9 +27,9 @@ def problems(config: Config) -> Iterator[tuple[Keys, str]]:
         if name not in config.controllers:
             yield ("standby", i), config.no_controller(name)
         if name == config.controller:
-            yield ("standby", i), f"{name} is the controller itself; take it out"
+            yield ("standby", i), f"{name} is the controller itself; remove it"
         if name in config.standby[:i]:
-            yield ("standby", i), f"{name} stands there twice; take one out"
+            yield ("standby", i), f"{name} is there twice; remove one"
     blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     for name in laws(config):
         at: Keys = ("controllers", name)
@@ -52,7 +52,7 @@ def scheduled_values(
         return tuning.set
     at: Keys = ("schedule", place, "handover")
     if not config.standby:
-        raise document.error(at, f"nobody is on standby; write standby: [{tuning.handover}]")
+        raise document.error(at, f"no controller is on standby; write standby: [{tuning.handover}]")
     if tuning.handover not in laws(config):
         cure = did_you_mean(tuning.handover, laws(config))
         what = f"{tuning.handover} is not on standby{cure}"

@@ -71,10 +71,10 @@ def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, st
     wanted = [entry.signal] if isinstance(entry.signal, str) else entry.signal or []
     reader = _readers.get(file.suffix)
     if (reader is None) != (not wanted):
-        what = "say `signal: NAME` of the log" if reader else "only a log (.mcap) has signals"
+        what = "give `signal: NAME` of the log" if reader else "only a log (.mcap) has signals"
         raise document.error(keys, what)
     if reader is None and entry.interpolation is None:
-        raise document.error(keys, "say `interpolation: linear` or `interpolation: hold`")
+        raise document.error(keys, "give `interpolation: linear` or `interpolation: hold`")
     numbers = reader(file, wanted) if reader else _read_csv(file)
     columns: dict[str, str] = {}
     for text in numbers.columns:
@@ -103,7 +103,7 @@ def _read_csv(file: Path) -> Numbers:
             raise RigError(f"{at}: {len(cells)} values where the header has {len(header)} columns")
         rows.append([_number(at, name, cell) for name, cell in zip(header, cells, strict=True)])
         if len(rows) > 1 and not rows[-2][0] < rows[-1][0]:
-            what = f"{_TIME} {rows[-1][0]:g} does not lie behind that of the row before"
+            what = f"{_TIME} {rows[-1][0]:g} is not later than that of the row before"
             raise RigError(f"{at}: {what}, {rows[-2][0]:g}")
         if len(rows) * (len(header) - 1) > MOST_VALUES:
             raise RigError(f"{at}: more than {MOST_VALUES} values; leave out rows or columns")

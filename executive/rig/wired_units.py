@@ -62,11 +62,12 @@ def _fed(document: Document, keys: Keys, name: str, others: Sequence[Wired]) -> 
                 unit = _integrated(ports[target], order)
                 if unit is None:
                     what = f"{source} feeds {other.name}.{target}, whose unit "
-                    what += f"'{ports[target]}' is no {'rate' if order == 1 else 'acceleration'}"
-                    raise document.error(keys, f"{what}; say `unit: ...` of the value")
+                    kind = "a rate" if order == 1 else "an acceleration"
+                    what += f"'{ports[target]}' is not {kind}"
+                    raise document.error(keys, f"{what}; give `unit: ...` for the value")
                 return unit
-    what = "no input tells its unit: wire its value to one"
-    raise document.error(keys, f'{what}, or say `unit: m` (`unit: ""`: a plain number)')
+    what = "no input defines its unit: wire its value to one"
+    raise document.error(keys, f'{what}, or give `unit: m` (`unit: ""`: a plain number)')
 
 
 def _derived(text: str, unit: str) -> str:

@@ -219,7 +219,7 @@ def test_of_two_runs_one_is_chosen_and_stays_after_a_reload(
         hosting(tmp_path, "sin1.0", "--write") as host, opened(browser, host, ready=asks) as page,
     ):  # fmt: skip
         names = [live._nodes["plant"].name.rpartition(".")[0] for live in (one, two)]
-        expect(page.locator("#chooser-title")).to_have_text("2 runs go on; choose what is shown")
+        expect(page.locator("#chooser-title")).to_have_text("2 runs are in progress; choose one")
         row = page.locator("#chooser tr", has_text=names[1])
         expect(row).to_contain_text("sin1.0")
         expect(row).to_contain_text("executive")

@@ -194,7 +194,7 @@ class Live:
     ) -> Figure:
         """Draw recorded variables over the last seconds, repeatedly, until the run ends.
 
-        Or for `for_s` seconds of the run, or until the cell is interrupted, which the run survives.
+        Or for `for_s` seconds of the run, or until the cell is interrupted; the run then goes on.
         A notebook updates the plot every `every_s` seconds; elsewhere nothing is shown. Returns the
         last picture. UnknownName: unknown, or not recorded.
         """

@@ -11,7 +11,7 @@ from pcpc.tools.terminal.rooms import part_of, rooms_with
 TITLES = {  # of the groups, which are the folders of tools/, in the order of use
     "start": "before a run: rigs and bus load",
     "run": "runs and single nodes",
-    "live": "while a run goes on",
+    "live": "during a run",
     "after": "after a run",
     "study": "many runs and studies",
     "make": "write rigs, DBC files, C and FMUs",
@@ -39,7 +39,7 @@ GROUPS = _found()
 COMMANDS = {command.name: command for group in GROUPS.values() for command in group}
 _WORDS = """\
 RIG is a name (pcpc rigs), a file, a folder with rig.yaml, or the name of a
-run that goes on; LOG a file, a run folder, or `latest`.
+run in progress; LOG a file, a run folder, or `latest`.
 `pcpc COMMAND --help` prints the options, with an example."""
 
 

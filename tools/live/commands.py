@@ -107,7 +107,7 @@ def reset(add: Add) -> None:
         "run",
         metavar="RIG|RUN",
         nargs="?",
-        help="if several runs go on: the rig's name or file, or RIG.BUS",
+        help="if there are several runs: the rig's name or file, or RIG.BUS",
     )
     take_live.at(add)
     take.json(add)

@@ -131,11 +131,11 @@ def write(folder: Path, device: bool = False, template: Template = MOTOR) -> Non
 def _texts(template: Template, device: bool) -> dict[str, str]:
     """Return what is written, by file."""
     texts = {file: _text(template.folder / file) for file in template.files}
+    rows = [f"| `{file}` | {what} |\n" for file, what in template.files.items()]
+    shared = "| file | what |\n|---|---|\n" + "".join(rows[:-1]) + "\n"  # all but itself
     if template is not MOTOR:
-        rows = [f"| `{file}` | {what} |\n" for file, what in template.files.items()]
-        shared = "| file | what |\n|---|---|\n" + "".join(rows[:-1])  # all but itself
-        shared += "\n" + _TO_RUN.findall(_text(TEMPLATE / "README.md"))[0]
-        texts["README.md"] = texts["README.md"].replace("## What one", f"{shared}## What one", 1)
+        shared += _TO_RUN.findall(_text(TEMPLATE / "README.md"))[0]
+    texts["README.md"] = texts["README.md"].replace("## ", f"{shared}## ", 1)
     if device:
         more = TEMPLATE / "device"
         texts |= {file: _text(more / file) for file in DEVICE_FILES}

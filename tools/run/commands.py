@@ -25,7 +25,7 @@ class _Refused(argparse.Action):
     """An option of the other commands that would have no effect here."""
 
     def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:
-        parser.error(f"{given[-1]}: not in virtual time; `pcpc run` has it")
+        parser.error(f"{given[-1]}: not available in virtual time; use `pcpc run`")
 
 
 def plant(add: Add) -> None:

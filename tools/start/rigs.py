@@ -64,7 +64,7 @@ def find(text: str) -> str:
         return yamlfile.shown(found[0].path)
     if found:
         choice = " or ".join(f"{rig.plant}/{rig.name}" for rig in found)
-        raise RigError(f"{text}: {len(found)} rigs have this name; say {choice}")
+        raise RigError(f"{text}: {len(found)} rigs have this name; choose {choice}")
     if running := _running(text):
         return yamlfile.shown(running)
     names = [name for rig in known for name in sorted(rig.names, key=len)]

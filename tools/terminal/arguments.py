@@ -51,7 +51,7 @@ def rig(add: Add) -> None:
     add(
         "rig",
         metavar="RIG",
-        help="a rig's name (pcpc rigs), file or folder, or a run that goes on",
+        help="a rig's name (pcpc rigs), file or folder, or a run in progress",
     )
     add("--controller", metavar="NAME", help="use this controller; default: the rig's")
     add(
@@ -60,7 +60,7 @@ def rig(add: Add) -> None:
         metavar="NAME[,NAME]",
         help="controllers that can take over with `pcpc handover`",
     )
-    settings(add, "change a value, as controller.kv_Nms_rad=130; @FILE: those of pcpc save")
+    settings(add, "change a value, as controller.kv_Nms_rad=130; @FILE: from pcpc save")
 
 
 class _Standby(argparse.Action):

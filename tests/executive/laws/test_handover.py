@@ -242,13 +242,13 @@ def test_the_rivals_of_the_barrel_take_over_from_each_other(others: list[str]) -
 
 WRONG = {
     "standby: [secnd]": "standby[0]: no controller secnd; did you mean second?",
-    "standby: [puppet]": "puppet is the controller itself; take it out",
-    "standby: [second, second]": "second stands there twice; take one out",
+    "standby: [puppet]": "puppet is the controller itself; remove it",
+    "standby: [second, second]": "second is there twice; remove one",
     "standby: [lean]": "lean has no output motor_torque_Nm [N m], which is a command of puppet",
     "standby: [second]\noverrun: {fallback: third}": "overrun.fallback is given too",
     "standby: [second]\nhandover: {to: 2}": "handover.to: 2; expected 0 to 1",
     "standby: [second]\nschedule: [{at_s: 0.1, handover: thrd}]": "thrd is not on standby",
-    "standby: []\nschedule: [{at_s: 0.1, handover: second}]": "nobody is on standby",
+    "standby: []\nschedule: [{at_s: 0.1, handover: second}]": "no controller is on standby",
     "standby: [second]\nschedule: [{at_s: 0.1}]": "give set, handover or both",
 }
 

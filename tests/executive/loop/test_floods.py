@@ -89,7 +89,7 @@ def test_lockstep_on_a_bus_carries_a_flood_with_the_same_bits(tmp_path: Path) ->
             "a flood has node: executive or plant",
         ),
         ("{kind: flood, node: plant, value: 1e6}", "outside 1..200, which a flood may have"),
-        ("{kind: loss, frame: FB, goes_on: true}", "a counter goes on from where"),
+        ("{kind: loss, frame: FB, goes_on: true}", "only a fault of kind counter"),
     ],
 )
 def test_what_is_no_flood_is_told(fault: str, what: str, tmp_path: Path) -> None:

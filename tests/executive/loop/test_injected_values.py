@@ -175,8 +175,11 @@ def test_what_is_stuck_in_part_shows_the_value_of_its_begin(true: Series, tmp_pa
 WRONG = [
     ("kind: corruption, frame: CMD, value: 1.0e+15", "outside 0..64, which a corruption may have"),
     ("kind: rate, at: reference.q_d_rad, value: -1", "outside 0..inf"),
-    ("kind: bias, at: reference.q_d_rad, value: 1, every: 10ms, times: 3", "either every so often"),
-    ("kind: bias, at: reference.q_d_rad, value: 1, node: plant", "at says the node"),
+    (
+        "kind: bias, at: reference.q_d_rad, value: 1, every: 10ms, times: 3",
+        "give either every or times",
+    ),
+    ("kind: bias, at: reference.q_d_rad, value: 1, node: plant", "at names the node"),
     ("kind: bios, at: reference.q_d_rad", "faults.it.kind: no kind bios; did you mean bias?"),
     ("kind: bias, at: reference.q_rad, value: 1", "did you mean reference.q_d_rad?"),
     ("kind: bias, at: reference.q_d_rad", "bias needs a value: how large it is"),
@@ -188,7 +191,7 @@ WRONG = [
     ("kind: loss, frame: CMDS", "no frame CMDS; did you mean CMD?"),
     ("kind: loss, frame: CMD, node: executive", "executive does not receive CMD"),
     ("kind: counter, frame: CMD, how: sometimes", "faults.it.how"),
-    ("kind: payload, frame: FB", "payload has how: freeze"),
+    ("kind: payload, frame: FB", "payload needs how: freeze"),
     ("kind: stall", "a stall has node: executive or plant"),
     ("kind: addressing, frame: FB", "addressing, and nothing else, has data_of"),
     ("kind: bias, at: reference.q_d_rad, value: 1, share: 0", "faults.it.share"),
@@ -207,9 +210,9 @@ def test_what_is_wrong_with_a_fault_is_said_with_its_place(
 
 
 MOMENTS = [
-    ("from: 10s", "faults.it.from: 10s is behind the end of the run at 0.1 s"),
+    ("from: 10s", "faults.it.from: 10s is after the end of the run at 0.1 s"),
     ("for: 10ms", "faults.it.for: when does it begin?"),
-    ("every: 10ms", "faults.it.every: how long is it on each time?"),
+    ("every: 10ms", "faults.it.every: how long does it last each time?"),
 ]
 
 

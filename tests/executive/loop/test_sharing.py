@@ -127,7 +127,7 @@ def test_a_node_that_stands_still_answers_nobody_and_nobody_waits_for_ever(name:
     served = sharing.Served(name, HEAD)
     served.open()
     try:
-        with pytest.raises(sh.SharedError, match="does not hand out its memory: timed out"):
+        with pytest.raises(sh.SharedError, match="does not share its memory: timed out"):
             sharing.attach(name)
     finally:
         served.close()

@@ -66,10 +66,10 @@ def test_settings_with_an_effect_are_taken(
     [
         ("watch: controller.e_rat", ":2:1: watch: no variable controller.e_rat; did you mean"),
         ("watch: barrel.teta_rad", "did you mean barrel.theta_rad?"),
-        ("evaluation: {window_s: [0, 99]}", "window_s: 99 s is behind the end of the run at 6 s"),
-        ("evaluation: {rest_to_s: 99}", "rest_to_s: 99 s is behind the end of the run at 6 s"),
+        ("evaluation: {window_s: [0, 99]}", "window_s: 99 s is after the end of the run at 6 s"),
+        ("evaluation: {rest_to_s: 99}", "rest_to_s: 99 s is after the end of the run at 6 s"),
         ("schedule:\n- {at_s: 6.0, set: {controller.kv_Nms_rad: 1.0}}",
-         "slew10.yaml:3:4: schedule[0].at_s: 6 s is behind the end"),
+         "slew10.yaml:3:4: schedule[0].at_s: 6 s is after the end"),
     ],
 )  # fmt: skip
 def test_what_lies_behind_the_end_or_is_unknown_is_refused_with_its_place(

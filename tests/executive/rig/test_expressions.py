@@ -175,14 +175,14 @@ def test_what_is_not_a_number_holds_nowhere() -> None:
         ("a.e_rad < 1 N m", "a.e_rad is in 'rad', 1 N m is in 'N m'; take values of the same unit"),
         ("a.e_rad + a.n < 1", "a.n is in '1'"), ("a.e_rad", "expected a condition"),
         ("a.speed < 3 Hz", "'rpm'"), ("a.x_rad < 1", "no variable a.x_rad"),
-        ("a.e_rad <", "is no expression"), ("a.e_rad < 1 <", "is no expression"),
+        ("a.e_rad <", "is not an expression"), ("a.e_rad < 1 <", "is not an expression"),
         ("(a.e_rad < 1) + 1 < 3", "calculates with the condition"), ("not a.e_rad", "needs a"),
-        ("sin(a.e_rad) < 1", "calls what is not known"), ("abs(a.n, a.n) < 1", "calls"),
+        ("sin(a.e_rad) < 1", "calls an unknown function"), ("abs(a.n, a.n) < 1", "calls"),
         ("a.n ** 2 < 1", "is more than"), ("a.n[0] < 1", "is more than"), ("'5' < 1", "more than"),
         ("a.n in a.n", "no variable in"), ("a.n % 2 < 1", "more than"), ("a.n < 1/0", "by 0"),
         ("a.n < 1e999", "beyond the range"), ("a.n < 12 12", "is no"), ("min(a.n) < 1", "calls"),
         ("rate(a.e_rad) < 1 rad", "'rad/s'"), ("{a.n} < 1", "more"), ("[a.n] < 1", "is more"),
-        ("-" * 290 + "a.n < 1", ""), ("(" * 250 + "a.n", "is no expression"), ("", "'' is no"),
+        ("-" * 290 + "a.n < 1", ""), ("(" * 250 + "a.n", "is not an expression"), ("", "'' is no"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_a_line_with_its_cure(text: str, said: str) -> None:

@@ -43,7 +43,7 @@ SCHEMA = [
     Case("[3.1, 3.8]", "[3.1]", "35:15: expect.pd.error_rms_rad: expected a list of length 2"),
     Case("[3.1, 3.8]", "[3.1, x]", "35:36: expect.pd.error_rms_rad[1]: expected a number"),
     Case("[3.1, 3.8]", "[3.9, 3.8]", "35:15: expect.pd.error_rms_rad: 3.9 is above 3.8"),
-    Case("[3.1, 3.8]", "[-.inf, .inf]", "35:15: expect.pd.error_rms_rad: all is within that"),
+    Case("[3.1, 3.8]", "[-.inf, .inf]", "35:15: expect.pd.error_rms_rad: limits nothing"),
     Case("expect: {pd:", "expect: {pdd:", "35:10: expect.pdd: no such controller; did"),
     Case("controller: pd\n", "controller: pdd\n",
          "7:1: controller: no controller pdd; did you mean pd?"),

@@ -145,7 +145,7 @@ def test_segments_are_the_parameters_that_they_stand_for(tmp_path: Path) -> None
 
 SEQUENCE = "{law: profiles:sequence, segments: %s}"
 WRONG = {
-    "no input": (STEP, "", "no input tells its unit: wire its value to one, or say `unit: m`"),
+    "no input": (STEP, "", "no input defines its unit: wire its value to one, or give `unit: m`"),
     "another unit": (
         STEP, CART.replace("v_d: goal.rate", "v_d: goal.value"),
         "cart.v_d is in 'm/s' but goal.value is in 'm'; wire a variable of the same unit; value, "
@@ -153,7 +153,7 @@ WRONG = {
     ),
     "no rate": (
         STEP, "    cart: {law: 'ONLY', inputs: {v_d: goal.acc}}\n",
-        "goal.acc feeds cart.v_d, whose unit 'm/s' is no acceleration; say `unit: ...`",
+        "goal.acc feeds cart.v_d, whose unit 'm/s' is not an acceleration; give `unit: ...`",
     ),
     "a unit that is not the input's": (
         STEP.replace("step,", "step, unit: rad,"), CART,

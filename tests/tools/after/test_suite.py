@@ -168,7 +168,7 @@ def test_a_bare_log_is_judged_and_says_so(tmp_path: Path) -> None:
         (("--suite", "EMPTY/none"), "no such log or folder"),
         (("--suite", ""), "an empty name"),
         (("--suite",), "expected at least one argument"),
-        (("LOG", "--suite", "EMPTY"), "behind --suite"),
+        (("LOG", "--suite", "EMPTY"), "after --suite"),
         (("LOG", "--junit", "a.xml"), "only with --suite"),
         (("LOG", "--need", "R"), "only with --suite"),
         ((), "no log"),

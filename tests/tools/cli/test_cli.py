@@ -169,7 +169,7 @@ def test_an_unknown_command_is_refused_with_the_likely_one(capsys: Screen) -> No
 @pytest.mark.parametrize("option", ["--bus", "--pacing"])
 def test_simulate_refuses_what_has_no_effect_in_virtual_time(option: str, capsys: Screen) -> None:
     assert main(["simulate", "hull", option, "lockstep"]) == 2
-    assert f"{option}: not in virtual time" in capsys.readouterr().err
+    assert f"{option}: not available in virtual time" in capsys.readouterr().err
 
 
 def test_make_help_lists_every_target_in_80_columns() -> None:
@@ -237,7 +237,7 @@ def test_a_name_of_two_rigs_is_refused_with_both(
         (tmp_path / plant / "rig.yaml").write_text("rate_hz: 1.0\n")
         (tmp_path / plant / "rigs/calm.yaml").write_text("base: ../rig.yaml\nrig: calm\n")
     monkeypatch.setattr(rigs, "_PLANTS", tmp_path)
-    with pytest.raises(RigError, match="calm: 2 rigs have this name; say one/calm or two/calm"):
+    with pytest.raises(RigError, match="calm: 2 rigs have this name; choose one/calm or two/calm"):
         rigs.find("calm")
     assert rigs.find("two/calm") == str(tmp_path / "two/rigs/calm.yaml")
 
@@ -345,7 +345,9 @@ def test_a_log_is_a_file_a_run_folder_or_the_latest_run(
     assert recorded.log_of("nowhere") == Path("nowhere")
     with pytest.raises(RigError, match=r"runs: this folder holds no log.mcap"):
         recorded.log_of("runs")
-    with pytest.raises(RigError, match=r"an empty name is no log"):  # of a variable that is not set
+    with pytest.raises(
+        RigError, match=r"an empty name is not a log"
+    ):  # of a variable that is not set
         recorded.log_of("")
     Path("latest").write_bytes(b"own")
     assert recorded.log_of("latest") == Path("latest")

@@ -103,7 +103,7 @@ def test_of_two_runs_of_a_rig_each_has_its_name(
     with pcpc.running(rig, bus=own_bus(), folder=tmp_path / "other") as other:
         runs = sorted(one.run for one in running(NAME).values())[::2]
         code, text = said(capsys, "stop", NAME)
-        assert code == Exit.WRONG_INPUT and f"2 runs of this rig go on; say {runs[0]} or" in text
+        assert code == Exit.WRONG_INPUT and f"2 runs of this rig; choose {runs[0]} or" in text
         mine = next(run for run in runs if other._nodes["plant"].run == run)
         code, text = said(capsys, "stop", mine, "--quick")
         assert code == Exit.OK, text

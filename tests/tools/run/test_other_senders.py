@@ -64,7 +64,7 @@ def test_a_single_frame_keeps_the_run_from_being_ok_and_replays(tmp_path: Path) 
     done = beside(tmp_path / "run", 1, 12)
     assert done.code == 3 and done.summary["verdict"] == "loss", str(done)
     assert done.summary["frames"]["foreign"] == 2, "the executive's own id, the plant's SYNC"
-    assert done.summary["frames_too_many"] == ["2 frames of this rig's from another sender"]
+    assert done.summary["frames_too_many"] == ["2 frames of this rig from another sender"]
     log = logs.read(tmp_path / "run" / "log.mcap")
     told = [e for node in log.node.values() for e in node.events if e["event"] == "foreign"]
     assert [(e["argument"], e["name"]) for e in told] == [(SYNC, "SYNC")] * 2, f"{told}"

@@ -95,7 +95,7 @@ def test_what_it_refuses(log: Path) -> None:
     done = pcpc("bounds", "friction-c", "--as", "friction_n")
     assert done.code == 2 and "did you mean friction_nn" in done.err, done
     done = pcpc("bounds", str(log), "--set", "controller.kappa=0.1")
-    assert done.code == 2 and "a log is what it is" in done.err, done
+    assert done.code == 2 and "a log cannot be changed" in done.err, done
 
 
 @pytest.mark.parametrize("command", ["bounds", "report", "host", "replay"])

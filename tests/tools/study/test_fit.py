@@ -72,8 +72,8 @@ def test_a_model_that_is_wrong_is_told_and_is_no_success(motor, tmp_path, capsys
              "--set", "motor.inertia_kg_m2=60e-6", "--quiet"]  # fmt: skip
     assert main(words) == 1
     said = capsys.readouterr().out
-    assert "the model leaves more than the samples' own noise" in said, said
-    assert "rather the model is wrong" in " ".join(said.split()), said
+    assert "the residuals exceed the samples' own noise" in said, said
+    assert "the model is probably wrong" in " ".join(said.split()), said
     facts = json.loads((tmp_path / "wrong" / "fit.json").read_text("utf-8"))
     assert facts["arrived"] is False and max(s["worst"] for s in facts["sensors"]) > 3.0
     assert "no estimate of the plant" in (tmp_path / "wrong" / "fit.yaml").read_text("utf-8")
@@ -93,13 +93,13 @@ def test_a_search_that_is_lost_gives_no_interval_and_is_no_success(
              "--parameter", "motor.coulomb_Nm", "--quiet"]  # fmt: skip
     assert main(words) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert "the search did not arrive" in said and "search is lost or the model is wrong" in said
+    assert "the search did not converge" in said and "search is lost or the model is wrong" in said
     assert "the first 0.1 s of" in said and " .. " not in said, said
     facts = json.loads((tmp_path / "lost" / "fit.json").read_text("utf-8"))
     assert facts["parameters"][0]["low"] is None and facts["parameters"][0]["error"] is None
     assert "no interval" in (tmp_path / "lost" / "fit.yaml").read_text("utf-8")
     found = pcpc.fit(folder / "rig.yaml", run, ["motor.coulomb_Nm"], quiet=True)
-    assert not found.arrived and "did not arrive" in found.notes[0]
+    assert not found.arrived and "did not converge" in found.notes[0]
 
 
 def test_a_barrel_on_a_moving_hull_is_found_from_far_off():
@@ -148,12 +148,12 @@ def test_a_log_that_excites_nothing_says_what_would(motor, tmp_path, capsys):
                           folder=tmp_path / "still")  # fmt: skip
     found = pcpc.fit(folder / "rig.yaml", still, quiet=True)
     assert found.values == {}
-    assert any("motor.inertia_kg_m2: this log tells nothing" in note and "a fast move" in note
+    assert any("motor.inertia_kg_m2: this log does not determine" in note and "a fast move" in note
                for note in found.notes), found.notes  # fmt: skip
     words = ["fit", str(folder / "rig.yaml"), str(tmp_path / "still"), "-o", str(tmp_path / "of"),
              "--parameter", "motor.inertia_kg_m2", "--quiet"]  # fmt: skip
     assert main(words) == 1
-    assert "tells nothing" in capsys.readouterr().out
+    assert "does not determine it" in capsys.readouterr().out
     assert main([*words[:3], "-o", str(tmp_path / "all"), "--quiet"]) == 1, "nothing was estimated"
 
 

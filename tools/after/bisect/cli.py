@@ -120,8 +120,8 @@ class _Bisection:
         log = self._log(commit, "once more")
         if diff.compare(before, log).equal:
             return log
-        what = "its runs differ from each other, so a clock or chance is in them"
-        raise UserError(f"{commit[:10]}: {what}; nothing can be bisected before that is mended")
+        what = "its runs differ from each other, so they depend on a clock or on chance"
+        raise UserError(f"{commit[:10]}: {what}; fix that before you bisect")
 
     def _about(self, commit: str) -> dict[str, str]:
         words = "-c", "log.showSignature=false", "show", "-s", "--format=%aI%n%s", commit
@@ -141,7 +141,7 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
     for one in told["skipped"][:_SHOWN]:
         yield from screen.wrapped(f"{one['commit'][:10]} cannot be run: {one['why']}", "skipped  ")
     if len(left) > 1:
-        yield f"one of {len(left)} commits; what lies between cannot be run"
+        yield f"one of {len(left)} commits; those between cannot be run"
     for one in left:
         text = f"{one['commit'][:10]}  {one['date']}  {one['subject']}"
         yield from screen.wrapped(text, "commit   ")

@@ -7,10 +7,10 @@ from pcpc.tools.terminal.command import Add, Command, codes
 def bisect(add: Add) -> None:
     """Take a rig, and two commits of the repository that holds it."""
     add("rig", metavar="RIG", help="a rig's name (pcpc rigs), file or folder")
-    add("good", metavar="GOOD", help="git revision whose bits are those wanted")
+    add("good", metavar="GOOD", help="git revision with the wanted bits")
     add("bad", metavar="BAD", help="later git revision whose bits differ")
     add("--controller", metavar="NAME", help="use this controller; default: the rig's")
-    take.settings(add, "change a value of every run, as duration_s=2; @FILE: those of pcpc save")
+    take.settings(add, "change a value of every run, as duration_s=2; @FILE: from pcpc save")
     add("--duration", type=take.duration, metavar="DURATION",
         help="length of the runs; default: the rig's")  # fmt: skip
     take.json(add)
@@ -20,7 +20,7 @@ def bisect(add: Add) -> None:
 COMMANDS = (
     Command(
         "bisect",
-        "find the commit, cycle and signal that changed the bits of a run first",
+        "find the commit, cycle and signal that first changed the bits of a run",
         "pcpc bisect hull v1.2 HEAD\npcpc bisect step10 HEAD~9 HEAD --controller pid --duration 2s",
         bisect,
         notes="The commits of the repository that holds RIG run in virtual time, in a folder\n"

@@ -67,7 +67,7 @@ class Branch(VirtualRun):
             what = "record.keep: it holds a part of its run, which cannot be recomputed"
             raise UserError(f"{head.path}: {what}")
         if rig.config.bus.emulate is not None:
-            what = "bus.emulate: what waits on the emulated line is in no log"
+            what = "bus.emulate: the log lacks the frames that wait on the emulated line"
             raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
         lasts = _last_cycles(head, rig.roles, cycle - 2)
         self._nodes = [
@@ -99,7 +99,7 @@ class Branch(VirtualRun):
             yield min(node.verdict.cycles for node in self._nodes)
         newest = self._newest.get(self._nodes[0].role, -1)
         if newest < self.cycle:
-            comes = f"the log comes to cycle {newest}" if newest >= 0 else "the log holds none"
+            comes = f"the log ends with cycle {newest}" if newest >= 0 else "the log holds none"
             raise UserError(f"{self.head.path}: cycle {self.cycle} is not there, {comes}")
         for node in self._nodes:
             node.require_end()

@@ -12,7 +12,7 @@ def branch(add: Add) -> None:
                        "where several nodes have it")  # fmt: skip
     add("--controller", metavar="NAME", help="hand over to this controller there")
     add("--fault", action="append", default=[], metavar="NAME[:DURATION]",
-        help="begin a fault of the rig there; without a duration to the end")  # fmt: skip
+        help="begin a fault of the rig there; default duration: to the end")  # fmt: skip
     add("--duration", type=take.duration, metavar="DURATION",
         help="length of the whole run; default: as the log's rig")  # fmt: skip
     add("--bus", metavar="INTERFACE[:CHANNEL]",
@@ -24,12 +24,12 @@ def branch(add: Add) -> None:
 COMMANDS = (
     Command(
         "branch",
-        "let a recorded run go on differently from a cycle on, its loop closed",
+        "continue a recorded run with a change from a cycle on, in closed loop",
         "pcpc branch latest --cycle 4000 --set controller.kv_Nms_rad=130\n"
         "pcpc branch latest --time 2 --controller pid --duration 20s",
         branch,
-        notes="All nodes go on in virtual time. The new run is complete from cycle 0.\n"
-        "Without a change the branch has the bits of a virtual or lockstep log.",
+        notes="All nodes continue in virtual time. The new run is complete from cycle 0.\n"
+        "Without a change the branch is bit-identical to a virtual or lockstep log.",
         judges=True,
         compiles=True,
         reads_logs=True,

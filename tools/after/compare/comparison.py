@@ -70,7 +70,7 @@ class Comparison:
         return ", ".join(told) or "nothing to compare"
 
     def commits(self) -> list[str]:
-        """Return a line for each two commits that rigs were at, where both sides tell one."""
+        """Return a line for each pair of commits of the rigs, if both sides name one."""
         found: dict[str, list[Pair]] = {}
         for pair in self.pairs:
             if pair.commit.old and pair.commit.new and pair.commit.differs:

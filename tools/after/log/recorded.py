@@ -18,7 +18,7 @@ def log_of(text: str) -> Path:
     `latest` is the newest run below runs/, unless something here has this name.
     """
     if not text.strip():
-        raise RigError("an empty name is no log; `.` is this folder")
+        raise RigError("an empty name is not a log; `.` is this folder")
     path = Path(text)
     if text == LATEST and not path.exists():
         return _newest()
@@ -38,7 +38,7 @@ def folders_below(top: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     """
 
     def refused(error: OSError) -> None:
-        raise UserError(f"{error.filename}: {error.strerror}; what lies there is not known")
+        raise UserError(f"{error.filename}: {error.strerror}; its content is not known")
 
     seen = set[str]()
     for text, folders, files in os.walk(top, onerror=refused, followlinks=True):

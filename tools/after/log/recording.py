@@ -94,7 +94,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
                 if number % _STEP == 0:
                     progress.show(f"{path}: {number} frames")
     except StalledError:
-        what = f"python-can stays behind frame {number} for ever: the file is damaged there"
+        what = f"python-can hangs after frame {number}: the file is damaged there"
         raise LogCommandError(f"{path}: {what}; give the whole recording") from None
     except NotImplementedError as error:  # a reader that needs another package
         raise LogCommandError(f"{path}: {error}", Exit.ENVIRONMENT) from None
@@ -189,7 +189,7 @@ def _asc_start_ns(path: Path) -> int:
     finally:
         reader.stop()
     if reader.timestamps_format == "relative":
-        raise ValueError("its stamps count from event to event; convert it to absolute ones")
+        raise ValueError("its time stamps are relative; convert them to absolute ones")
     return round(1e3 * reader.start_time) * 10**6
 
 

@@ -111,7 +111,7 @@ def _resolved(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, An
     except (yaml.YAMLError, ValueError, RecursionError):
         plain = {}  # yamlfile says where
     if isinstance(plain, dict) and "base" in plain:
-        raise logs.LogError(f"{head.path}: its rig builds on a file, as none of a log does")
+        raise logs.LogError(f"{head.path}: its rig has a base file, which no rig in a log has")
     data = yamlfile.load(folder / "rig.yaml", text).data
     database = PurePosixPath(str(data.get("dbc", ""))).name
     data |= {"dbc": database if database.endswith(".dbc") else "log.dbc"}
@@ -180,7 +180,7 @@ def _evaluation(
     files, own = carried_by(head, "judges"), project_file(name)
     same = own is not None and (not files or files[0].sha256 == carried_files.sha256(own))
     if own is not None and (same or not options.trust):
-        return own, "" if same else f"{name} is another one than the log's; --trust takes that"
+        return own, "" if same else f"{name} differs from the log's own; --trust uses the log's"
     if not files:  # logs of earlier versions
         names = {facts.get("rig", "") for facts in head.metadata.values()}
         shipped = [path for path in PROJECT.glob("plants/*/rigs/*.yaml") if path.stem in names]
@@ -208,7 +208,7 @@ def drawing_of_log(
         if own.is_file() and carried_files.sha256(own) == digest:
             return own, ""
     if shipped and shipped.is_file() and not (files and options.trust):
-        word = f"{shipped} is another one than the log's; --trust takes that"
+        word = f"{shipped} differs from the log's own; --trust uses the log's"
         return shipped, word if files else ""
     return (_places(head, files, folder, options)[files[0]] if files else None), ""
 
@@ -278,7 +278,7 @@ def _places(
     if absent and options.trust:
         lacking = [file.shown() for file in absent if file.content is None]
         if lacking:
-            what = f"{', '.join(lacking)}: neither in the log nor, unchanged, in its place"
+            what = f"{', '.join(lacking)}: neither in the log nor unchanged in its old place"
             raise logs.LogError(f"{head.path}: {what}; name it with --law FILE")
     elif absent:
         raise logs.LogError(_refusal(head, absent))
@@ -295,8 +295,8 @@ def _refusal(head: logs.Log, absent: list[Carried]) -> str:
         reasons.append(f"{file.shown()}" + (f", {file.path} {state}" if state else ""))
     return (
         f"{head.path}: was made with files from outside the project: {'; '.join(reasons)}; "
-        "say where they lie with --law FILE or --rig RIG, or run the log's own copies, if you "
-        "trust who made it, with --trust"
+        "name their places with --law FILE or --rig RIG, or run the log's own copies, if you "
+        "trust its author, with --trust"
     )
 
 

@@ -44,7 +44,7 @@ def read(path: Path, progress: Progress) -> logs.Log:
     """Return a whole log as `executive.log.reader` reads it, and show how far it is; LogError."""
     found = Scan()
     found.pieces.extend(stream(path, found, progress))
-    with progress.going_on(f"{path}: sorts what it holds"):
+    with progress.going_on(f"{path}: sorting its messages"):
         log = logs.assemble(path, found)
     progress.close()
     return log

@@ -30,7 +30,7 @@ def command(options: argparse.Namespace) -> int:
         from pcpc.tools.after.report import suite_files  # time
 
         if options.log is not None:
-            raise UserError(f"{options.log}: behind --suite, as the other runs")
+            raise UserError(f"{options.log}: give it after --suite, like the other runs")
         return suite_files.command(options, Progress(options.quiet))
     refuse(options, "only with --suite", "junit", "need")
     if options.log is None:

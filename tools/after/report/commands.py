@@ -14,9 +14,11 @@ def report(add: Add) -> None:
         nargs="+",
         default=[],
         metavar="DIR|LOG",
-        help="all runs below folders, and logs: one page of what became of each requirement",
+        help="all runs below folders, and logs: one page with the result of each requirement",
     )
-    take.several(add, "--need", "ID[,ID]", "with --suite: an id that no run tests is not judged")
+    take.several(
+        add, "--need", "ID[,ID]", "with --suite: list these ids as not judged if no run tests them"
+    )
     add(
         "--junit",
         type=Path,
@@ -37,7 +39,7 @@ COMMANDS = (
         "pcpc report --suite runs -o suite.html --junit suite.xml",
         report,
         module="after.report.cli",
-        codes=codes(OUTPUT_CODES, NOT_MET="of a suite: not ok, or not judged"),
+        codes=codes(OUTPUT_CODES, NOT_MET="the suite is not ok, or not judged"),
         first=True,
     ),
 )

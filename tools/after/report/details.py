@@ -30,9 +30,9 @@ _COUNTS = {  # of the summary's frames: in words
     "stale": "cycles without a valid input", "crc_errors": "wrong CRC or length",
     "repeated": "repeated", "wrong_sequence": "jumps of the counter",
     "implausible": "values that were not plausible", "intrusions": "signs of a second sender",
-    "foreign": "frames of this rig's from another sender",
+    "foreign": "frames of this rig from another sender",
     "send_errors": "frames that the bus did not take", "bus_errors": "error frames",
-    "bus_offs": "bus-off", "saturated_values": "values cut to what a signal holds",
+    "bus_offs": "bus-off", "saturated_values": "values clamped to the range of a signal",
 }  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def configuration(record: Record) -> list[Part]:
     if not changed:
         parts = ["Nothing was changed."]
         if not record.at_end:
-            parts = ["What was set on the command line is among all values."]
+            parts = ["The list of all values includes those set on the command line."]
     for name, content in texts.items():
         more = len(content) - MOST_LETTERS
         shown = content[:MOST_LETTERS] + (f"\n... and {more:,} letters" if more > 0 else "")
@@ -168,7 +168,7 @@ def replay(record: Record) -> list[Part]:
     takes_s = REPLAY_S + REPLAY_CYCLE_S * cycles
     takes = f"{takes_s:.0f} s" if takes_s < 120 else f"{takes_s / 60:.0f} min"
     where = (
-        " Its laws come from outside the project: where their files are not in their places, add ",
+        " Its laws come from outside the project: if their files have moved or changed, add ",
         Code("--law FILE"), ", or ", Code("--trust"), " if you trust who made the log.",
     )  # fmt: skip
     command = Code(f"pcpc replay {shlex.quote(str(record.path))}")

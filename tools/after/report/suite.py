@@ -212,9 +212,9 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
     if own is not None:
         _hold_against(found, summary, own)
     elif (found.path.parent / summary_file.NAME).exists():
-        found.problems.append("summary.json is not of this log: one of them was changed since")
+        found.problems.append("summary.json is not that of this log: one was changed since")
     else:
-        found.notes.append("judged from the log alone: what was set is not known")
+        found.notes.append("judged from the log alone: the settings of the run are not known")
     own = own or summary
     found.tested = [*_requirements(judge, summary, own), *_limits(judge, summary, own)]
     if not found.tested:
@@ -270,7 +270,7 @@ def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
         elif failed:
             yield Tested(key, words, VIOLATED, margin, failed[0])
         elif value is None or not low <= value <= high or name not in summary.judged:
-            yield Tested(key, words, UNJUDGED, "", "this run does not tell it")
+            yield Tested(key, words, UNJUDGED, "", "this run does not show it")
         else:
             yield Tested(key, words, OK, margin)
 

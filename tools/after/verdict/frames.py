@@ -62,7 +62,7 @@ def too_many(rig: Rig, counts: Mapping[str, int]) -> list[str]:
     if rig.config.supervisor.intrusion != "count" and signs:
         lines.insert(0, f"{signs:,} signs of a second sender of a frame")
     if counts["foreign"]:
-        lines.insert(0, f"{counts['foreign']:,} frames of this rig's from another sender")
+        lines.insert(0, f"{counts['foreign']:,} frames of this rig from another sender")
     return lines
 
 

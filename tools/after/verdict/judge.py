@@ -234,7 +234,7 @@ class Judge:
                 said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{limited} {said}, expected {low:g} to {high:g}{known}")
             elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
-                found.failed.append(f"{limited} = {value:.4g} leaves out that {odd}")
+                found.failed.append(f"{limited} = {value:.4g} ignores that {odd}")
 
 
 def changes(settings: Sequence[str]) -> str:

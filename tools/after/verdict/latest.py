@@ -36,7 +36,7 @@ def cause(cycle: Mapping[str, Any], period_us: float) -> str:
     if cycle["minor_faults"]:
         return f"{cycle['minor_faults']} page faults"
     if cycle["wake_late_us"] > period_us:
-        return "the cycle before ran past its end, or the machine stood still"
+        return "the cycle before ran past its end, or the machine stalled"
     return "woken late by timer, interrupts or hypervisor"
 
 

@@ -98,7 +98,7 @@ def _table(options: argparse.Namespace) -> tuple[dict[str, tables.Entry], str]:
         tables.check_signature(options.check, data, options.signers, options.identity)
         note = f"signed by {options.identity}"
     elif (beside := tables.signature_of(options.check)).exists():
-        note = f"{beside.name} is not checked; --signers FILE --identity WHO does it"
+        note = f"{beside.name} is not checked; --signers FILE --identity WHO checks it"
     return tables.entries(options.check, data), note
 
 

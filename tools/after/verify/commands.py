@@ -15,9 +15,9 @@ def verify(add: Add) -> None:
     )
     add("--table", type=Path, metavar="FILE", help="write digests and verdicts")
     add("--sign", metavar="KEY", help="sign the table with an SSH key: FILE.sig")
-    add("--check", type=Path, metavar="FILE", help="hold the logs against a table")
+    add("--check", type=Path, metavar="FILE", help="check the logs against a table")
     add("--signers", metavar="FILE", help="check its signature: allowed signers of ssh-keygen")
-    add("--identity", metavar="WHO", help="who has to have signed it")
+    add("--identity", metavar="WHO", help="who must have signed it")
     add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
     add("--node", choices=(*ROLES, "all"), default="all", help="only this node; default: all")
     add(
@@ -34,13 +34,13 @@ def verify(add: Add) -> None:
 COMMANDS = (
     Command(
         "verify",
-        "recompute many logs and hold them against a signed table",
+        "recompute many logs and check them against a signed table",
         "pcpc verify runs --table runs/verified.txt --sign ~/.ssh/id_ed25519\n"
         "pcpc verify --check runs/verified.txt --signers signers --identity me@lab",
         verify,
         codes={
             Exit.OK: "all identical",
-            Exit.NOT_MET: "one differs, also from the table; a wrong signature",
+            Exit.NOT_MET: "one differs, or is not as in the table; or the signature is wrong",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "one is incomplete or missing",
             Exit.ENVIRONMENT: "",

@@ -16,24 +16,24 @@ _HEAD = """\
 # What happens with each fault
 
 `pcpc evidence` injects every fault and writes this page. `faults.json` beside it has the command
-that repeats each row by itself ([how to inject faults](howto/faults.md)). [What protects the
+that repeats a single row ([how to inject faults](howto/faults.md)). [What protects the
 frames](bus-safety.md) explains the checks.
 """
 _MATRIX = """
 ## Fault against detector
 
 The barrel holds its target on a moving hull at 1 kHz with `pd_nn_fast`. Each row stands for
-{runs:,} runs, with the fault at another moment and with other draws (seeds {seed} to {last}).
+{runs:,} runs, each with its own moment of the fault and its own seed ({seed} to {last}).
 
 - *noticed* counts the runs in which something noticed the fault within the limit. A number below
-{runs:,} is followed by the lower bound of its share at 95 %. All of {runs:,} means {least:.2f} %.
+{runs:,} is followed by the lower bound of its share at 95 %. For all {runs:,} it is {least:.2f} %.
 - *after* gives the cycles from the first one in which the fault acts: median, maximum and limit.
 - *reaction* names the [numbered fault](bus-safety.md#the-named-faults), or HOLD.
 - *error* is the hub's largest angle off its target, in the plant, in the {after} cycles that
 follow. It is {clean:.2f} mrad without a fault.
 
-Rows named *limited* have limits of what a receiver takes, and a fault where two senders of a frame
-are recognised (`plausible` and `supervisor.intrusion`). Rows named *CRC-16* have CRC-16 and
+In rows named *limited* receivers limit the values that they accept (`plausible`), and two senders
+of a frame are a fault (`supervisor.intrusion`). Rows named *CRC-16* have CRC-16 and
 counters of 8 bits, as in AUTOSAR's E2E profile 5.
 
 """
@@ -53,11 +53,11 @@ _NOT = """
 ## What nothing notices
 """
 _LEFT = """
-These are a forged frame with the right counter and CRC, data that stand still while the counter
-goes on, a lying sensor, and an actuator that does less than commanded. Limits and the signs of a
-second sender find most of the first three, as the rows named *limited* show. Two kinds of fault
-remain: a sensor that is wrong by little or drifts slowly, and the actuator. They need a second
-sensor or a model, which a law may have and the bus check has not.
+These are a forged frame with the right counter and CRC, frozen data with a running counter, a wrong
+sensor, and an actuator that does less than commanded. Limits and the signs of a second sender find
+most of the first three, as the rows named *limited* show. Two kinds of fault remain: a sensor with
+a small error or slow drift, and the actuator. To find them takes a second sensor or a model. A law
+may have these, but the bus check does not.
 """
 
 
@@ -168,10 +168,10 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         f"{sum(row['frames'] for row in rows):,} frames went through a socket into the loop's own "
         "parser and acceptance. They have two formats: the `struct can_frame` of SocketCAN and the "
         "msgpack datagram of python-can's udp_multicast. The receiver had heard the counter "
-        "before. It takes 4 of 16 counters, and 1 of 256 CRCs is right by chance. All frames that "
-        "were used and 1 % of the rest are judged again by the rules in plain Python, and "
-        f"{sum(row['misjudged'] for row in rows)} were judged otherwise. Where a wrong bit or byte "
-        "may fall on a time stamp or a name, no number is predicted. Classic CAN only: CAN FD is "
+        "before. It accepts 4 of 16 counters, and 1 of 256 CRCs is right by chance. All frames "
+        "that were used and 1 % of the rest are judged again by the rules in plain Python, with "
+        f"{sum(row['misjudged'] for row in rows)} differences. If a wrong bit or byte may hit a "
+        "time stamp or a name, the table predicts no number. Classic CAN only: CAN FD is "
         "refused, and a raw socket does not even receive it."
     )
     for name in dict.fromkeys(row["format"] for row in rows):
@@ -196,11 +196,11 @@ def _envelope(found: Mapping[str, Any]) -> Iterator[str]:
     met = ", ".join(f"{state} {n:,}" for state, n in found["met"].items())
     yield _filled(
         f"{found['laws']:,} runs of a lag have a command of limited range and rate. Each has "
-        "another law, and faults of frames, blocks and nodes, resets and stops at drawn cycles. A "
-        "law gives 64 answers in turn, times a gain: numbers, NaN, infinities, 1e300, both zeros, "
-        f"denormals and limits. {len(found['broken'])} of them sent a command that was beyond its "
-        "range or rate, was not a number, was not safe in INIT or at the end, or rose again in "
-        f"FAULT. Number of runs that reached each state: {met}."
+        "another law, and faults of frames, blocks and nodes, resets and stops at random cycles. "
+        "A law gives 64 answers in turn, times a gain: numbers, NaN, infinities, 1e300, both "
+        f"zeros, denormals and limits. {len(found['broken'])} of them sent a command that was "
+        "beyond its range or rate, was not a number, was not safe in INIT or at the end, or rose "
+        f"again in FAULT. Number of runs that reached each state: {met}."
     )
 
 
@@ -235,8 +235,8 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
     )
     if found.get("elsewhere"):
         yield "\n" + _filled(
-            f"{len(found['elsewhere'])} modules of the loop, and of the others "
-            f"{len(found['unchanged'])} functions, have no mutants. `faults.json` names them."
+            f"{len(found['elsewhere'])} modules of the loop, and {len(found['unchanged'])} "
+            "functions of the others, have no mutants. `faults.json` names them."
         )
 
 
@@ -244,14 +244,14 @@ def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Processes killed, stopped and slowed down\n\n"
     safe, bound = kills.safe_of(rows)
     yield _filled(
-        f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a drawn cycle. "
-        f"{safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a stop of "
-        "20 to 600 ms, SLOW many short ones. BORN is kill -9 within 50 ms of the recorder's start, "
-        "which may leave no log. A line's figures hold for each of its signals. *cycles* is the "
-        "longest time in which a node that had noticed acted on a command neither fresh nor safe. "
-        "*log* is the number of runs whose log opens, with the ms that it lacks. *left* is how "
-        "often a process or a claim stayed, *next* how often the next run on the same bus ended "
-        "well. The figures belong to one machine."
+        f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a random "
+        f"cycle. {safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a "
+        "stop of 20 to 600 ms, SLOW many short ones. BORN is kill -9 within 50 ms of the "
+        "recorder's start, which may leave no log. A line's figures hold for each of its signals. "
+        "*cycles* is the longest time in which a node, having noticed, acted on a command neither "
+        "fresh nor safe. *log* is the number of runs whose log opens, with the ms that it lacks. "
+        "*left* is how often a process or a claim stayed behind, *next* how often the next run on "
+        "the same bus ended well. The figures belong to one machine."
     )
     yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
 
@@ -284,14 +284,14 @@ def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
         [(str(row["bits"]), f"{row['patterns']:,}", *_unseen(row), *_unseen(wide))
          for row, wide in zip(*(one["weights"] for one in both), strict=True) if row["bits"] <= 8],
     )  # fmt: skip
-    yield "\nShare of all frames that are wrong and pass, with independent bit errors:\n\n"
+    yield "\nShare of wrong frames that pass, among all frames, with independent bit errors:\n\n"
     yield _table(
         ("bit error rate", "CRC-8", "CRC-16"),
         [(f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
          for row, wide in zip(*(one["rates"] for one in both), strict=True)],
     )  # fmt: skip
     yield "\n" + _filled(
-        f"Of frames with drawn data the CRC-8 lets {_drawn(both[0])}, 4 of 16 counters and 1 of "
+        f"Of frames with random data the CRC-8 lets {_drawn(both[0])}, 4 of 16 counters and 1 of "
         f"256 CRCs). The CRC-16 lets {_drawn(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs). "
         "CAN's own CRC-15 checks each frame before this."
     )

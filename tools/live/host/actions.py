@@ -17,7 +17,7 @@ from pcpc.tools.live.host.recordings import Recordings
 from pcpc.tools.live.host.sources import Source, full
 from pcpc.tools.live.operation import nodes_in_fault
 
-_NOTHING = "no run is shown; choose one if several go on, or start one with `pcpc run RIG`"
+_NOTHING = "no run is shown; choose one if there are several, or start one with `pcpc run RIG`"
 _WORDS = {
     "stop": {"supervisor.stop": 1.0},
     "quick_stop": {"supervisor.stop": 2.0},

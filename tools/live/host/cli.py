@@ -71,7 +71,7 @@ def open_door(options: argparse.Namespace) -> Door:
     certificate = certificate_of(options)
     for name in options.name:
         if not _HOST.fullmatch(name):
-            raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
+            raise UserError(f"--name {name!r}: not a machine's name; expected rig.example.org")
     folder = options.recordings
     if folder and folder.exists() and not folder.is_dir():
         raise UserError(f"--recordings {folder}: is not a folder")
@@ -150,14 +150,14 @@ def certificate_of(options: argparse.Namespace) -> tuple[str, str] | None:
     if not options.tls_cert:
         if not guard.is_loopback(options.address) and not options.plain:
             raise UserError(
-                f"--address {options.address}: who listens there reads the token and all data; "
-                "give --tls-cert and --tls-key, or --plain if that network is yours alone"
+                f"--address {options.address}: anyone on that network can read the token and all "
+                "data; give --tls-cert and --tls-key, or --plain if that network is yours alone"
             )
         return None
     try:
         ssl.create_default_context().load_cert_chain(options.tls_cert, options.tls_key)
     except OSError:
-        what = "are no certificate and its key, both as PEM"
+        what = "are not a certificate and its key, both as PEM"
         raise UserError(f"{options.tls_cert}, {options.tls_key}: {what}") from None
     return options.tls_cert, options.tls_key
 

@@ -13,7 +13,7 @@ def host(add: Add) -> None:
         "what",
         nargs="?",
         metavar="RIG|RUN|LOG",
-        help="a rig or run that goes on, or a log; default: what runs",
+        help="a rig or run in progress, or a log; default: the run in progress",
     )
     add("--node", default="", metavar="NAME", help="full name of a node, if several run")
     page(add)

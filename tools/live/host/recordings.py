@@ -175,7 +175,7 @@ class Recordings:
     def _check_room(self) -> None:
         if (left := self._left()) <= 0.0:
             used_mb = (self._most - left) / _MB
-            told = f"{self._folder}: recordings of {used_mb:.0f} MB, which is all they may have"
+            told = f"{self._folder}: recordings of {used_mb:.0f} MB, the limit"
             raise UserError(f"{told}; delete some, or begin with more --recordings-mb")
 
     def _new(self, rig: str, kind: str) -> Path:

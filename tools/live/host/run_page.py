@@ -42,7 +42,7 @@ class Page(NoPage):
             self._door = cli.open_door(self._options)
         elif alone := [key for key, value in given.items() if value not in (None, False)]:
             words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
-            raise UserError(f"{words}: about the page; give --host, too")
+            raise UserError(f"{words}: options of the page; give --host, too")
 
     def end(self) -> None:
         """End it with the run."""

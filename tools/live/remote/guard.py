@@ -69,7 +69,7 @@ class Guard:
         if len(host) != 1 or host[0] not in self._names:
             return "this server has another name"
         if len(origin) > 1 or (origin and origin[0] not in self._origins):
-            return "the page of another site asks"
+            return "the request comes from the page of another site"
         return ""
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:

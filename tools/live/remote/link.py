@@ -126,7 +126,7 @@ class Link:
     def _lost(self, error: Exception) -> LiveError:
         said = screen.clean(getattr(getattr(error, "rcvd", None), "reason", ""))
         if getattr(getattr(error, "rcvd", None), "code", 0) == guard.WRONG_TOKEN:
-            what = "wrong token; it stands behind the # of the address that `pcpc host` printed"
+            what = "wrong token; it is the part after the # of the address that `pcpc host` printed"
             return LiveError(f"{self.at}: {what}")
         return self.error(f"the connection was lost{f': {said}' if said else ''}")
 
@@ -154,7 +154,7 @@ def token_of(options: argparse.Namespace) -> str:
             raise UserError(f"--token-file {path}: {said}") from None
     token = text.strip().rpartition("#")[2]
     if options.token_file is not None and not 0 < len(token) <= guard.MOST_TOKEN:
-        what = "holds no token; it stands behind the # of the address that `pcpc host` printed"
+        what = "holds no token; it is the part after the # of the address that `pcpc host` printed"
         raise UserError(f"--token-file {options.token_file}: {what}")
     if not token or len(token) > guard.MOST_TOKEN:
         what = f"--at needs the token of that host: --token-file FILE, or {_ENVIRONMENT}"

@@ -141,7 +141,7 @@ class RemoteNodes(Nodes):
             "nodes",
         )
         if version != fields.VERSION:
-            raise self._link.error("another version of pcpc runs there; take the same one")
+            raise self._link.error("another version of pcpc runs there; use the same one")
         for handle in handles:
             if handle not in self._known:
                 about = self._link.answer(answers.description_in, "describe", node=handle)

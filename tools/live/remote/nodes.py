@@ -31,11 +31,11 @@ def leader(there: Nodes, rig: str, node: str = "executive") -> Live:
     found = there.running(rig) if rig else {}
     if rig and not found:
         runs = sorted({str(one.block.description["rig"]) for one in there.running().values()})
-        instead = f"runs of {', '.join(runs)} go on" if runs else "`pcpc run RIG` starts one"
+        instead = f"there are runs of {', '.join(runs)}" if runs else "`pcpc run RIG` starts one"
         raise LiveError(f"{rig}: no run of this rig; {instead}", Exit.ENVIRONMENT)
     runs = sorted({one.run for one in found.values()})
     if len(runs) > 1 and node == "executive":
-        raise LiveError(f"{rig}: {len(runs)} runs of this rig go on; say {' or '.join(runs)}")
+        raise LiveError(f"{rig}: {len(runs)} runs of this rig; choose {' or '.join(runs)}")
     return there.find(node, rig)
 
 

@@ -107,9 +107,7 @@ def _nodes(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
         found = {name: live for name, live in found.items() if node in (name, live.run)}
     runs = {live.run for live in found.values()}
     if len(runs) > 1:
-        raise LiveError(
-            f"{len(runs)} runs go on; choose one with --node: {', '.join(sorted(runs))}"
-        )
+        raise LiveError(f"{len(runs)} runs; choose one with --node: {', '.join(sorted(runs))}")
     (run,) = runs or {""}
     every = there.running(rig) if found else {}
     return {name: live for name, live in every.items() if live.run == run}

@@ -137,7 +137,7 @@ def governor(folder: Path) -> Row:
     files = folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text(file) for file in files})
     if not governors:
-        return Row("CPU governor", "ok", "no frequency scaling in the kernel's hands")
+        return Row("CPU governor", "ok", "the kernel does not control the frequency")
     if governors == ["performance"]:
         return Row("CPU governor", "ok", "performance")
     cure = f"echo performance | sudo tee {CPUS}/cpu*/cpufreq/scaling_governor"

@@ -90,7 +90,7 @@ def interrupts(folder: Path, cpus: set[int], count: int) -> Row:
     """Return how many interrupts of `folder` may be handled on `cpus`."""
     name = "interrupts"
     if not cpus:
-        return Row(name, "ok", "no CPU is a rig's own")
+        return Row(name, "ok", "no CPU is reserved for a rig")
     files = [text(file) for file in folder.glob("[0-9]*/smp_affinity_list")]
     there = sum(bool(cpu_set(file) & cpus) for file in files)
     found = f"{there} of {len(files)} may come to CPUs {_listed(cpus)}"
@@ -110,5 +110,5 @@ def culprit() -> Row:
     name = "latest wake-ups"
     if shutil.which("rtla") is None:
         cure = "sudo apt-get install -y rtla    # as root it names thread and interrupt"
-        return Row(name, "warn", "no rtla: nobody can be named", "", cure)
+        return Row(name, "warn", "without rtla the cause has no name", "", cure)
     return Row(name, "ok", rtla.run())

@@ -197,4 +197,4 @@ def _restarts(rig: Rig, came: Frames) -> Iterator[str]:
     running = np.maximum.accumulate(state == OPERATIONAL) if len(came) else state > 0
     again = came["cycle"][running & np.isin(state, GREETINGS) & beats]
     if len(again):
-        yield f"device: restarted, it greets anew in {_cycle(rig, int(again[0]))}"
+        yield f"device: restarted, its heartbeat begins again in {_cycle(rig, int(again[0]))}"

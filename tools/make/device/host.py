@@ -180,7 +180,7 @@ class DeviceHost(Host):
     def __init__(self, options: argparse.Namespace, rig: Rig, folder: Path) -> None:
         for program in options.device[:1]:
             if shutil.which(program) is None:
-                raise UserError(f"--device {program}: no such program, or it may not be run")
+                raise UserError(f"--device {program}: no such program, or it is not executable")
         super().__init__(options, rig, ("plant",), folder)
         self.device = Device(options.device, str(self.bus), folder / OUTPUT)
         self.waiting = self.of_device = _WaitingForDevice(rig, ("plant",))

@@ -21,7 +21,7 @@ from pcpc.executive.rig.requirements import text_of, timed_requirement
 from pcpc.tools.after.verdict.judge import EvaluationError, Judge
 from pcpc.tools.after.verdict.requirements import Names
 
-WHY = "it asks for what only an executive of pcpc records"
+WHY = "it needs variables that only an executive of pcpc records"
 Vector = NDArray[np.float64]
 
 

@@ -143,7 +143,7 @@ def open_port(path: Path, baud: int) -> int:
     """Open a serial line, raw; return its descriptor. UserError if it cannot be."""
     speed = getattr(termios, f"B{baud}", None)
     if speed is None:
-        raise UserError(f"--baud {baud}: no rate of a serial line; 115200 is one")
+        raise UserError(f"--baud {baud}: not a rate of a serial line; 115200 is one")
     try:
         line = os.open(path, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(line)

@@ -62,4 +62,4 @@ def test_pid_takes_over_where_pd_left(simulate, at_s):
     assert error_rad.max() < 0.016, (
         "(6) of laws/pid.py: what friction leaves of pd's error, not 2 rad"
     )
-    assert error_rad[-100:].max() < 0.0032, "the integral takes what friction left"
+    assert error_rad[-100:].max() < 0.0032, "the integral removes what friction left"

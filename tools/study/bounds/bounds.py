@@ -121,7 +121,7 @@ def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:
 
 def _of_log(path: Path, options: argparse.Namespace) -> Bounds:
     if options.controller or options.set:
-        raise BoundsError(f"{path}: --controller and --set are of a rig; a log is what it is")
+        raise BoundsError(f"{path}: --controller and --set need a rig; a log cannot be changed")
     made: list[Theorem] = []
 
     def states(rig: Rig) -> tuple[str, ...]:

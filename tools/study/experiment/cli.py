@@ -77,7 +77,7 @@ def chosen(name: str) -> list[ModuleType]:
         module = module_of("", Path(name).resolve())
     absent = [part for part in STUDY_PARTS if not hasattr(module, part)]
     if absent:
-        raise StudyError(f"{name}: no {', '.join(absent)}; plants/study.py says what a study holds")
+        raise StudyError(f"{name}: no {', '.join(absent)}; plants/study.py shows what it needs")
     return [module]
 
 

@@ -29,7 +29,7 @@ def overlay(fit: Any) -> "Figure":
         _left(axes[j, 1], t, y - fit.predicted[there, j], sensor)
     axes[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
     axes[0, 0].set_title("log and model", fontsize=10)
-    axes[0, 1].set_title("what the model leaves, with two standard deviations", fontsize=10)
+    axes[0, 1].set_title("residuals, with two standard deviations", fontsize=10)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
     page.suptitle(f"{fit.rig}: {len(fit.parameters)} parameters fitted to {Path(fit.log).parent}")

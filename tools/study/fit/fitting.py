@@ -61,7 +61,7 @@ class Model:
             raise RigError(f"{rig.path}: nothing to be fitted; name it with --parameter")
         twice = {one.name for one in self.parameters}
         if len(twice) < len(self.parameters):
-            raise RigError("--parameter: a name stands there twice; name each once")
+            raise RigError("--parameter: a name is there twice; give each once")
         bounds = [self._bounds(one) for one in self.parameters]
         self.bounds = np.array(bounds, float)
         self.start = np.array([self.own[one.name] for one in self.parameters])
@@ -115,7 +115,7 @@ class Model:
             what = f"{one.low:g}:{high:g} is not within {port.low:g}..{port.high:g} {port.unit}"
             raise RigError(f"--parameter {one.name}: {what.rstrip()}")
         if one.low is None and own == 0.0:
-            what = "the rig's value is 0, which says nothing of its size; give NAME=lo:hi"
+            what = "the rig's value is 0, so its size is unknown; give NAME=lo:hi"
             raise RigError(f"--parameter {one.name}: {what}")
         return low, high
 
@@ -253,8 +253,8 @@ def _settings(rig: Mapping[str, Any]) -> dict[str, float]:
 def narrow(parameters: Sequence[Parameter]) -> list[str]:
     """Return a note where standard errors are too small to be believed."""
     found = [one.name for one in parameters if one.excited and one.error < NARROW * abs(one.value)]
-    what = "this log is so sensitive that the search may have ended beside the best value, by more"
-    return [f"{', '.join(found)}: {what} than the interval tells"] if found else []
+    what = "this log is so sensitive that the search may have missed the best value, by more"
+    return [f"{', '.join(found)}: {what} than the interval shows"] if found else []
 
 
 def _refusal(found: Estimate, record: Record, sensors: Sequence[Sensor]) -> list[str]:
@@ -263,24 +263,24 @@ def _refusal(found: Estimate, record: Record, sensors: Sequence[Sensor]) -> list
         return []
     if not found.smooth:
         return [
-            "the search did not arrive: this record is so sensitive that nothing tells how far "
+            "the search did not converge: this record is so sensitive that nobody can say how far "
             "its end is from the best value; take a calmer record"
         ]
     worst = sorted((s for s in sensors if s.worst > HOLDS), key=lambda s: -s.worst)[:3]
     left = ", ".join(f"{s.name} {s.worst:.3g} times" for s in worst)
     begin, end = (found.explained * record.period_s, found.rows * record.period_s)
     what = (
-        f"the model leaves more than the samples' own noise: {left} (a right one up to "
+        f"the residuals exceed the samples' own noise: {left} (a right model: up to "
         f"{HOLDS:g}); it explains the first {begin:.3g} s of {end:.3g} s"
     )
     if found.alike:
         return [
-            f"{what}. Searches from several starts end there: rather the model is wrong than "
-            "the search lost; an interval holds for a model that is right"
+            f"{what}. Searches from several starts end there, so the model is probably wrong, not "
+            "the search lost; the intervals hold only for a right model"
         ]
     return [
-        f"the search did not arrive: {what}. The search is lost or the model is wrong: start "
-        "nearer with --set, fit fewer values, or take a calmer record"
+        f"the search did not converge: {what}. The search is lost or the model is wrong: start "
+        "closer with --set, fit fewer values, or take a calmer record"
     ]
 
 
@@ -288,11 +288,11 @@ def _warnings(model: Model, found: Estimate, parameters: Sequence[Parameter]) ->
     notes = []
     for one, bounds in zip(parameters, model.bounds, strict=True):
         told = (model.identification.parameters or {}).get(one.name, "")
-        cure = f"; it takes {told}" if told else "; it takes a run that moves what it acts on"
+        cure = f"; that needs {told}" if told else "; that needs a run that moves what it acts on"
         if not one.excited:
-            notes.append(f"{one.name}: this log tells nothing of it, the rig's value stays{cure}")
+            notes.append(f"{one.name}: this log does not determine it; the rig's value stays{cure}")
         elif math.inf > one.high - one.value > FEW * abs(one.value):
-            notes.append(f"{one.name}: this log tells little of it{cure}")
+            notes.append(f"{one.name}: this log hardly determines it{cure}")
         if one.excited and min(abs(one.value - b) for b in bounds) <= 1e-6 * abs(one.rig or 1.0):
             notes.append(f"{one.name}: it ended at its bound {one.value:g}")
     if 0 < found.smooth < found.rows:

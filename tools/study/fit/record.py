@@ -84,7 +84,7 @@ def _check(log: Log, plant: Driven, nodes: Sequence[Node], sensors: Sequence[str
         raise RigError(f"{log.path}: it has no {named}; give the rig of the log")
     tuned = [entry.get("name") for node in nodes for entry in node.tunings]
     if found := [name for name in tuned if name in plant.settings]:
-        raise RigError(f"{log.path}: {found[0]} was tuned in it; a fit needs a plant that stays")
+        raise RigError(f"{log.path}: {found[0]} was tuned in it; a fit needs a constant plant")
 
 
 def _given(plant: Driven, own: Node | None, other: Node | None, first: int, rows: int) -> Array:

@@ -22,7 +22,7 @@ _SIGNALS = ("t_s", "measured", "predicted")
 class Parameter:
     """What came out for a parameter; `low`, `high`: 95 % interval; `rig`: the rig's own value.
 
-    `excited`: False where the log tells nothing of it; `value` is then the rig's.
+    `excited`: False where the log does not determine it; `value` is then the rig's.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Parameter:
             yield name
             name = ""
         if not self.excited:
-            yield f"{name:{width}} {self.rig:10.5g} {'-':>11}   the log tells nothing of it"
+            yield f"{name:{width}} {self.rig:10.5g} {'-':>11}   the log does not determine it"
             return
         row = f"{name:{width}} {self.rig:10.5g} {self.value:11.{self.digits}g}   "
         whole = row + self.interval(" .. ")

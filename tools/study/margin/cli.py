@@ -45,7 +45,7 @@ def _check(options: argparse.Namespace) -> None:
         given = {"--linear": bool(options.linear)}
         given |= {"--with": options.grown is not None, "--factors": options.factors is not None}
     for option in (name for name, was in given.items() if was):
-        cure = "leave one of them out" if cycle else "say which setting grows with --limit-cycle"
+        cure = "leave one of them out" if cycle else "name the growing setting with --limit-cycle"
         raise UserError(f"{option} {'and' if cycle else 'is of'} --limit-cycle: {cure}")
     folder = options.output
     there = [] if folder is None else [one for one in (folder, *folder.parents) if one.exists()]

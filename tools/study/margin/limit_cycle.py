@@ -147,7 +147,7 @@ def linear_file(rig: Path) -> Path:
     for folder in list(rig.resolve().parents)[:2]:
         if (folder / "linear.yaml").is_file():
             return folder / "linear.yaml"
-    what = "no linear.yaml beside the rig or above; say what makes it linear with --linear"
+    what = "no linear.yaml beside the rig or above; name what makes it linear with --linear"
     raise UserError(f"{rig}: {what} @FILE or NAME=VALUE, as for --set")
 
 

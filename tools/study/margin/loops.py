@@ -38,7 +38,7 @@ class Loop:
         """Return what may be injected, rising: shares of half its range. UserError without one."""
         half = 0.5 * (self.high - self.low)
         if not math.isfinite(half) or half > 1e12:
-            what = "has no limits to take a share of; say how much to inject with --amplitude"
+            what = "has no limits to take a share of; give the size to inject with --amplitude"
             raise UserError(f"{self.signal} {what} [{self.unit or '1'}]")
         return [share * half for share in _SHARES]
 

@@ -104,7 +104,7 @@ def check_rest(rest: Rest, cut: Loop) -> None:
         and by_itself > 1e-3 * max(1.0, abs(command))
     ):
         what = f"the loop cycles by itself: the command moves by {by_itself:.3g} rms"
-        raise UserError(f"{what}, and would be still in the open loop; a lower gain may end it")
+        raise UserError(f"{what}, and would be at rest in the open loop; a lower gain may end it")
 
 
 def worse_in_motion(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> list[str]:
@@ -135,7 +135,7 @@ def stuck_note(cut: Loop) -> str:
 def motion_notes(cut: Loop, one: Motion) -> list[str]:
     """Return what has to be said of a loop in motion beside one that is stuck."""
     what = f"in motion, at {one.loops} of {one.looks} times of its own run, it has one"
-    where = f"the worst of them, at {one.at_s:.4g} s, stands here"
+    where = f"the worst of them, at {one.at_s:.4g} s, is shown here"
     notes = [f"{stuck_note(cut)}; {what}: {where}"]
     if one.unstable:
         notes.append(f"at {one.unstable} of those the loop in motion is unstable, in passing")

@@ -29,7 +29,7 @@ def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
     """
     _check_stable(found)
     if not cut.low < found.command < cut.high:
-        what = f"the command stands at its limit, {found.command:g}: there is no loop"
+        what = f"the command is at its limit, {found.command:g}: there is no loop"
         raise UserError(f"{what}; another --at or --set may leave it room")
     notes = []
     if found.kinks:
@@ -45,7 +45,7 @@ def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
     if found.idle:
         names = ", ".join(found.idle[:3]) + (", ..." if len(found.idle) > 3 else "")
         what = "a gate, a dead band or a limit keeps them out of the loop at this point"
-        notes.append(f"no part of it: {names}; {what}")
+        notes.append(f"not in the loop: {names}; {what}")
     if is_restless(moves, found.command):
         unit = f" {cut.unit}" if cut.unit else ""
         what = f"the command moves by {moves:.2g}{unit} rms (noise, a limit cycle or a drift)"

@@ -42,7 +42,7 @@ class Response:
     coherence: Vector | None = None
 
     def json(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the response as plain values."""
         parts = {"f_hz": self.f_hz, "real": self.response.real, "imaginary": self.response.imag}
         if self.spread is not None and self.coherence is not None:
             parts |= {"spread": self.spread, "coherence": self.coherence}

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class Sweep:
     """A campaign: `table`, a row a run; `spec`, what it follows from; `statement` in words.
 
-    Of `until`, `worst` and `rare` the statement is what came out. Rows that `worst` and `rare` have
-    chosen are no sample: no share of them is a probability.
+    With `until`, `worst` or `rare` the statement is their result. Rows that `worst` and `rare` have
+    chosen are not a sample: no share of them is a probability.
 
     Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
     requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not
@@ -53,7 +53,7 @@ class Sweep:
         return self.results.failures(controller, requirement)
 
     def sensitivity(self, name: str) -> dict[str, list["Share"]]:
-        """Return what each variation decides of a column, `metric:NAME` or `margin:NAME`.
+        """Return how much each variation contributes to a column, `metric:NAME` or `margin:NAME`.
 
         By controller, largest first: shares of its variance, see `Share`. Controllers with too few
         runs, or where nothing varies, are left out. UnknownName for another column.

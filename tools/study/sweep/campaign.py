@@ -168,7 +168,7 @@ def read(path: Path) -> dict[str, Any]:
     """Return the spec in a file `sweep.json`; RigError for what is none."""
     try:
         if path.exists() and not is_ordinary(path):
-            raise ValueError("it is no file that can be read")
+            raise ValueError("it is not a readable file")
         found = json.loads(path.read_text(encoding="utf-8"))
         msgspec.convert(found, _Spec)
     except (FileNotFoundError, NotADirectoryError):

@@ -105,7 +105,7 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
 
     if spec["sampling"] in SEARCHES:  # its rows are no sample: no share of them says a thing
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
-        print(_filled(outcome) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
+        print(_filled(outcome) or "pcpc sweep with its -o prints the result", folder, sep="\n")
         return Exit.OK
     store.claim_spec(folder, spec)
     if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:

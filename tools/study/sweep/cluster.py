@@ -63,7 +63,7 @@ class Cluster:
             self._client = distributed.Client(self._own or scheduler, timeout=ANSWER_S)
         if not hasattr(self, "_client"):
             gc.collect()  # what is half made closes itself now; beside the next one it deadlocks
-            what = f"--scheduler {scheduler}: nothing answers there; start `dask scheduler`"
+            what = f"--scheduler {scheduler}: no answer; start `dask scheduler`"
             raise UserError(what, Exit.ENVIRONMENT)
         try:
             self._client.wait_for_workers(1, timeout=ANSWER_S)
@@ -104,7 +104,7 @@ class Cluster:
                 yield future.result()
                 flying.pop(future).unlink(missing_ok=True)
         except KilledWorker as error:
-            what = f"{self._scheduler}: workers end at a task, again and again: {error}"
+            what = f"{self._scheduler}: workers die at a task, again and again: {error}"
             raise UserError(what, Exit.ENVIRONMENT) from None
         except (CancelledError, OSError) as error:
             told = str(error).partition("\n")[0] or type(error).__name__

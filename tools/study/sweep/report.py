@@ -28,23 +28,23 @@ CONFIDENCE = 0.95
 MOST_WORST, MOST_REASONS = 5, 10
 _NOT_INDEPENDENT = {
     "grid": "The draws are a grid, no random sample: a share of failures is a share of the grid, "
-    "and the intervals say nothing about a probability.",
+    "and the intervals do not apply to a probability.",
     "lhs": "The draws are a Latin hypercube, not independent: the intervals are those of "
-    "independent draws, which are rather too wide here.",
+    "independent draws, which are probably too wide here.",
     "sobol": "The draws are a Sobol' sequence, not independent: the intervals are those of "
-    "independent draws, which are rather too wide here.",
+    "independent draws, which are probably too wide here.",
 }
 
 _ENDED = (
     "The campaign was ended by its statement. The intervals in the figure and the table are those "
-    "of a number of runs fixed beforehand; what the statement says holds at every look."
+    "of a number of runs fixed beforehand; the statement holds whenever you look."
 )
 _OF_CURVES = (
-    "A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs on the "
+    "A curve ends below 1 where runs have no value, as after a safety stop. Pairs are runs on the "
     "same draw, with the same noise."
 )
 _OF_SHARES = (
-    " First-order shares are estimated from these draws; what they leave to 1 is the part of "
+    " First-order shares are estimated from these draws; the rest up to 1 is due to "
     "interactions and noise."
 )
 
@@ -125,7 +125,7 @@ def _failures(results: Results, pictures: _Pictures) -> list[Part]:
     notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
     if refused:
         what = f"{refused:,} runs were refused, as a value lay outside its range"
-        notes.append(f"{what}; they count neither way.")
+        notes.append(f"{what}; they count neither as ok nor as failed.")
     if "until" in results.spec:
         notes.append(_ENDED)
     head = ("requirement", "controller", "failures", "runs", "p_fail", "95 % interval")

@@ -44,7 +44,7 @@ class Request:
             what = "expected names with a comma between, as pid,pd"
             raise RigError(f"--controllers {given!r}: {what}")
         if twice := [name for i, name in enumerate(names) if name in names[:i]]:
-            raise RigError(f"--controllers {given}: {twice[0]} stands there twice")
+            raise RigError(f"--controllers {given}: {twice[0]} is there twice")
         names = names or (load_rig(self.rig, None, self.settings).config.controller,)
         until = self.until is not None
         sampling = sampling or ("random" if until or not self.vary else "sobol")
@@ -70,7 +70,7 @@ class Request:
         for kind, _ in asked:
             for other in ("draws", "sampling", "until", "shard"):
                 if getattr(self, other) is not None:
-                    what = f"--{kind} chooses its own draws, all of them; leave it"
+                    what = f"--{kind} chooses all its own draws; leave it"
                     raise RigError(f"--{other}: {what}")
         return asked[0] if asked else None
 
@@ -84,6 +84,6 @@ class Request:
         if campaign.sampling in SEARCHES:
             search = Search(campaign, self.of, self.limit)
         elif self.of is not None or self.limit is not None:
-            raise RigError("--of and --limit are of --worst and --rare")
+            raise RigError("--of and --limit need --worst or --rare")
         about = self.until, self.threads, self.scheduler, search
         return Work(campaign, self.part(), folder, *about)

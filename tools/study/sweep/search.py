@@ -50,7 +50,7 @@ class Search:
         if self.limit is not None and not math.isfinite(self.limit):
             raise RigError(f"--limit {self.limit}: expected a number")
         if (self.limit is not None) != (kind == "rare" and self.of is not None):
-            raise RigError("--limit X is what --rare needs with --of METRIC, and nothing else")
+            raise RigError("--limit X is only for --rare with --of METRIC")
         for name, known in self.campaign.requirements().items():
             if self.of is None and not known:
                 cure = "name a metric of its evaluation with --of"
@@ -141,7 +141,7 @@ class _ControllerRuns:
             if row is None:
                 left.append((number, point))
             elif row.values != campaign.draw(name, number, point).values:
-                what = f"{self.store.folder}: draw {number} was of other values than now"
+                what = f"{self.store.folder}: draw {number} had other values than now"
                 raise RigError(f"{what}, by other versions of numpy or cma; begin with another -o")
         for done in self.rows_of(pieces(left, [name], campaign.draw)):
             self.store.add(done)

@@ -85,7 +85,7 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
 
     try:
         if not is_ordinary(path):
-            raise ValueError("it is no file that can be read")
+            raise ValueError("it is not a readable file")
         table = pyarrow.parquet.read_table(path, partitioning=None)
         about = dict(json.loads((table.schema.metadata or {}).get(b"pcpc", b"{}")))
         _check_columns(table.schema, spec)
@@ -143,7 +143,7 @@ def _first_rows(
         one, other = map(repr, table.take([first, row]).to_pylist())
         if one != other:
             places = " and ".join(str(files[bisect.bisect_right(ends, i)]) for i in (first, row))
-            what = f"draw {run[0]} of {run[1]} came to something else the second time"
+            what = f"draw {run[0]} of {run[1]} had another result the second time"
             raise RigError(f"{places}: {what}; one of the two is wrong")
     return found
 

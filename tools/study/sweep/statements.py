@@ -193,15 +193,15 @@ class Statement:
         if outcome == REFUTED:
             return f"{self} is refuted {sure}: {found}, p_fail is above {bound_text(lower)}"
         if outcome == NOT_SHOWN and self.p1 == 0.0:
-            return f"{self} is not shown: {found}, and the test was for none"
+            return f"{self} is not shown: {found}, and the test allowed for none"
         between = f"p_fail is above {bound_text(lower)} and below {bound_text(upper)}, each {sure}"
         if outcome == NOT_SHOWN:
             near = f"p_fail <= {_short(self.p1)} is excluded at {_short(100 * (1 - self.beta))} %"
             return f"{self} is not shown: {found}, {near}; {between}"
         rest = self.more(failures, runs)
         rising = self._drift(failures / max(runs, 1)) > 0.0
-        end = "to show it" if rising else "until it is given up"
-        ahead = f"about {rest:,} more {end}, if it goes on like this"
+        end = "to show it" if rising else "until it is not shown"
+        ahead = f"about {rest:,} more {end}, if it continues like this"
         return f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
 
 

@@ -134,7 +134,7 @@ def _wrong(kind: str, numbers: tuple[float, ...]) -> str:
     if kind == "grid" and not (numbers[2] >= 2 and numbers[2] == int(numbers[2])):
         return f"{numbers[2]:g} values; expected a whole number of 2 or more"
     if kind == "choice" and len(set(numbers)) < len(numbers):
-        return "a value stands there twice; name each once"
+        return "a value is there twice; give each once"
     if kind == "normal" and not numbers[1] > 0.0:
         return f"standard deviation {numbers[1]:g}; expected more than 0"
     if kind == "normal" and len(numbers) == 4 and not numbers[2] < numbers[3]:

@@ -77,7 +77,7 @@ def test_what_is_calculated_is_that_of_the_values(shown: Host, run: pcpc.Run) ->
         np.testing.assert_array_equal(drawn[0], (2.0 * np.abs(error)).astype(np.float32))
         np.testing.assert_allclose(drawn[1, 1:], np.diff(angle) / 1e-3, rtol=1e-5, atol=1e-9)
         np.testing.assert_array_equal(drawn[2], (angle - error).astype(np.float32))
-        for wrong, why in (("= 1 + ", "no expression"), ("= 3", "needs"), ("= a.b", "no such"),
+        for wrong, why in (("= 1 + ", "not an expression"), ("= 3", "needs"), ("= a.b", "no such"),
                            ("= controller.e_rad > 1 rad", "condition"),
                            ("= controller.e_rad + time.t_s", "rad")):  # fmt: skip
             told = client.ask(do="panel", names=[wrong], bins=9, from_s=0.0, to_s=1.0)

@@ -85,9 +85,11 @@ def test_what_is_missing_or_wrong_is_told_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert main(["run", "hull", "--write", "-o", str(tmp_path / "a")]) == 2
-    assert capsys.readouterr().err == "--write: about the page; give --host, too\n"
+    assert capsys.readouterr().err == "--write: options of the page; give --host, too\n"
     assert main(["run", "hull", "--recordings", "x", "--recordings-mb", "9", "-o", "a"]) == 2
-    assert capsys.readouterr().err.startswith("--recordings, --recordings-mb: about the page; ")
+    assert capsys.readouterr().err.startswith(
+        "--recordings, --recordings-mb: options of the page; "
+    )
     (tmp_path / "file").touch()
     words = ["--recordings", str(tmp_path / "file"), "-o", str(tmp_path / "b")]
     assert main(["run", "hull", "--host", *words]) == 2

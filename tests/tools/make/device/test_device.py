@@ -126,7 +126,7 @@ def test_a_device_that_starts_again_is_named(tmp_path: Path) -> None:
     loose = ("--set", "supervisor.fault_after_cycles=1000000")
     device = faulty("again", 0, 100.0)
     done = with_device(tmp_path / "run", device, "--pacing", "real", *CLOCK, *loose)
-    assert "device: restarted, it greets anew in cycle " in said(done.summary), done
+    assert "device: restarted, its heartbeat begins again in cycle " in said(done.summary), done
 
 
 def test_a_wrong_rate_is_named(tmp_path: Path) -> None:

@@ -89,6 +89,6 @@ def test_a_greeting_after_work_is_a_restart() -> None:
     own = good(np.arange(N))
     own[2]["data"][7, 0] = 127
     said = judged(own, "real").problems
-    assert said == ["device: restarted, it greets anew in cycle 700 (0.7 s)"]
+    assert said == ["device: restarted, its heartbeat begins again in cycle 700 (0.7 s)"]
     own[2]["data"][:, 0] = 127
     assert judged(own, "real").problems == []

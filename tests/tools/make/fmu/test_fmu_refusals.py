@@ -43,7 +43,7 @@ def test_a_file_that_is_not_there_or_is_no_fmu(tmp_path: Path) -> None:
     path = rig(tmp_path, tmp_path / "none.fmu", "fmu.x")
     assert "none.fmu" in refused(path) and "no such file" in refused(path)
     (tmp_path / "none.fmu").write_text("an essay about oscillators")
-    assert "no FMU, which is a zip archive" in refused(path)
+    assert "not an FMU, which is a zip archive" in refused(path)
     with zipfile.ZipFile(tmp_path / "none.fmu", "w") as archive:
         archive.writestr("readme.txt", "nothing")
     assert "there is no modelDescription.xml in it" in refused(path)
@@ -55,7 +55,7 @@ def test_a_damaged_fmu(tmp_path: Path) -> None:
     data = bytearray(file.read_bytes())
     path = rig(tmp_path, file, "fmu.x0")
     file.write_bytes(data[: len(data) // 2])
-    assert "no FMU, which is a zip archive" in refused(path)
+    assert "not an FMU, which is a zip archive" in refused(path)
     at = data.index(b"\x7fELF") + 500
     data[at] ^= 0xFF
     file.write_bytes(data)

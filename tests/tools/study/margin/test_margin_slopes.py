@@ -51,7 +51,7 @@ def test_a_ring_buffer_that_is_too_long_for_the_loop_is_refused(tmp_path: Path) 
 
 def test_a_memory_behind_a_closed_gate_is_named(tmp_path: Path) -> None:
     one = pcpc.margin(LAG.write(tmp_path), "gated", method="linearised", settle_s=1.0, at_s=1.0)
-    assert "no part of it: controller.slow, controller.open; a gate" in one.text().replace(
+    assert "not in the loop: controller.slow, controller.open; a gate" in one.text().replace(
         "\n", " "
     )
 

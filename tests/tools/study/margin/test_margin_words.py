@@ -12,7 +12,7 @@ GROWS = ["--limit-cycle", "controller.kv_Nms_rad"]
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--linear", "barrel.gap_rad=0"], "--linear is of --limit-cycle: say which setting"),
+        (["--linear", "barrel.gap_rad=0"], "--linear is of --limit-cycle: name the growing"),
         (["--with", "barrel.gap_rad"], "--with is of --limit-cycle"),
         (["--factors", "1,2"], "--factors is of --limit-cycle"),
         ([*GROWS, "--at", "1s"], "--at and --limit-cycle: leave one of them out"),

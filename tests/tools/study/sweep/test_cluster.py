@@ -264,7 +264,7 @@ def test_a_scheduler_that_does_not_answer_is_told(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cluster, "ANSWER_S", 0.2)
-    with pytest.raises(UserError, match=f"{address}: nothing answers there; start") as error:
+    with pytest.raises(UserError, match=f"{address}: no answer; start") as error:
         done(tmp_path, address)
     assert error.value.code == Exit.ENVIRONMENT
     assert not distributed.Client._instances, "one is left to close itself at any time"

@@ -214,7 +214,7 @@ def test_the_statement_stands_in_words(tmp_path: Path, written: Path) -> None:
     until = f"p_fail({REQUIREMENT}) < 0.3 at 95% against 0.1"
     text = Page(report(table(50), spec(50, until=until), tmp_path)).text
     assert f"pd: p_fail({REQUIREMENT}) < 0.3 is refuted at 95 %: 29 failures in 49 runs" in text
-    assert "holds at every look" in text and "holds at every look" not in Page(written).text
+    assert "whenever you look" in text and "whenever you look" not in Page(written).text
 
 
 @pytest.mark.parametrize("sampling", ["grid", "lhs", "sobol"])

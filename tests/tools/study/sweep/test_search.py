@@ -126,7 +126,7 @@ def test_rows_of_other_points_are_no_answer(tmp_path: Path) -> None:
     work = Work(WORST, Shard(), tmp_path, None, 1, None, search)
     work.store.add([Row(0, "pid", 1, {"motor.coulomb_Nm": 1.0}, RAN, True)])
     work.store.close()
-    with pytest.raises(RigError, match=r"draw 0 was of other values than now.*another -o"):
+    with pytest.raises(RigError, match=r"draw 0 had other values than now.*another -o"):
         done(search, tmp_path, 1)
 
 
@@ -148,9 +148,12 @@ def test_python_searches_as_the_command_does(tmp_path: Path) -> None:
         assert own.statement.replace(str(own.folder), str(whole)) == told
         assert repr(own.table.to_pylist()) == repr(shards.merge([whole])[0].to_pylist())
     for wrong, what in (
-        ({"worst": 20, "until": "p_fail < 0.1 at 90%"}, "--until: --worst chooses its own draws"),
+        (
+            {"worst": 20, "until": "p_fail < 0.1 at 90%"},
+            "--until: --worst chooses all its own draws",
+        ),
         ({"worst": 20, "rare": 20}, "--worst and --rare: give one of them"),
-        ({"limit": 1.0}, "--of and --limit are of --worst and --rare"),
+        ({"limit": 1.0}, "--of and --limit need --worst or --rare"),
     ):
         with pytest.raises(pcpc.Error, match=what):
             from_python(WORST.vary, **wrong)
@@ -173,11 +176,11 @@ def test_python_is_told_what_decides_and_what_a_statement_came_to() -> None:
         ("--worst 20 --rare 20", "--worst and --rare: give one of them"),
         ("--rare 25", "--rare 25: expected a multiple of 10"),
         ("--worst 0", "--worst 0: expected a whole number from 1 to"),
-        ("--worst 20 --draws 9", "--draws: --worst chooses its own draws"),
-        ("--worst 20 --shard 1/2", "--shard: --worst chooses its own draws"),
-        ("--rare 20 --of settled_s", "--limit X is what --rare needs with --of METRIC"),
-        ("--worst 20 --of settled_s --limit 1", "--limit X is what --rare needs"),
-        ("--of settled_s", "--of and --limit are of --worst and --rare"),
+        ("--worst 20 --draws 9", "--draws: --worst chooses all its own draws"),
+        ("--worst 20 --shard 1/2", "--shard: --worst chooses all its own draws"),
+        ("--rare 20 --of settled_s", "--limit X is only for --rare with --of METRIC"),
+        ("--worst 20 --of settled_s --limit 1", "--limit X is only for --rare"),
+        ("--of settled_s", "--of and --limit need --worst or --rare"),
         ("--worst 20 --controllers pd", "pd has no requirement; name a metric"),
         ("--worst 20 --of setled_s", "no metric setled_s; did you mean settled_s?"),
         ("--rare 20 --vary motor.resistance_ohm=choice(-1,4)", "draw values that a run can have"),

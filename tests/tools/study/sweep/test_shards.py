@@ -113,7 +113,7 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     other = store.with_seal(table.set_column(place, "metric:rms", metric))
     pyarrow.parquet.write_table(other, path)
     said = refused(folders)
-    assert str(path) in said and "draw 1 of pid came to something else the second time" in said
+    assert str(path) in said and "draw 1 of pid had another result the second time" in said
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_what_is_no_file_is_told_at_once(
     shard(tmp_path, 1, 1)
     (tmp_path / file).unlink()
     make(tmp_path / file)
-    assert "it is no file that can be read" in refused([tmp_path])
+    assert "it is not a readable file" in refused([tmp_path])
 
 
 @pytest.mark.parametrize("meta", [None, {"pcpc": "{"}, {"pcpc": "[1]"}, {"pcpc": "3"}])

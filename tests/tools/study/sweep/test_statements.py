@@ -172,7 +172,7 @@ def test_outcomes_in_words() -> None:
     )
     assert statement.text(0, 1) == (
         "p_fail < 1e-3 is open after 0 failures in 1 run: bound 0.9548; "
-        "about 3,326 more to show it, if it goes on like this"
+        "about 3,326 more to show it, if it continues like this"
     )
     assert statement.text(3, 500) == (
         "p_fail < 1e-3 is not shown: 3 failures in 500 runs, p_fail <= 1e-4 is excluded at 95 %; "
@@ -182,7 +182,7 @@ def test_outcomes_in_words() -> None:
     assert alone.requirement == "peak error (slew)"
     assert alone.text(1, 10) == (
         "p_fail(peak error (slew)) < 1e-3 is not shown: 1 failure in 10 runs, "
-        "and the test was for none"
+        "and the test allowed for none"
     )
 
 

@@ -83,7 +83,7 @@ def test_grid_values_include_both_ends_and_choices_are_equally_frequent() -> Non
         ("a=normal(1,1,2,2)", "write the lower bound first"),
         ("a=lognormal(1,0.2)", "expected median > 0 and factor > 1"),
         ("a=lognormal(0,2)", "expected median > 0 and factor > 1"),
-        ("a=choice(1,1)", "a value stands there twice"),
+        ("a=choice(1,1)", "a value is there twice"),
         ("a=choice()", "a number is missing"),
         ("a=choice(yes,no)", "'yes' is not a finite number"),
         ("a=xx1:2", "'x1' is not a finite number"),

@@ -38,7 +38,7 @@ def command(
 ) -> int:
     """Serve Foxglove and Lichtblick until Ctrl-C."""
     if options.port is not None:
-        raise UserError(f"--port is the page's; say --foxglove {options.port}")
+        raise UserError(f"--port is the page's; use --foxglove {options.port}")
     if isinstance(shown, Source):
         raise UserError(f"{options.what}: Foxglove and Lichtblick open the log.mcap itself")
     try:

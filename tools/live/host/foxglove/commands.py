@@ -21,7 +21,7 @@ def beside(add: Add) -> None:
 def port(text: str) -> int:
     """Return a port; 0: any that is free."""
     if not text.isdecimal() or int(text) > 65535:
-        what = f"{text!r} is no port; a rig stands before it: `pcpc host {text} --foxglove`"
+        what = f"{text!r} is not a port; the rig comes first: `pcpc host {text} --foxglove`"
         raise argparse.ArgumentTypeError(what)
     return int(text)
 

@@ -33,7 +33,7 @@ export class Runs {
     if (!open) return;
     const gone = chosen() ? `${chosen()} does not run; ` : "";
     const count = this.offered.length;
-    by("chooser-title").textContent = `${gone}${count === 1 ? "another run goes on" : `${count} runs go on`}; choose what is shown`;
+    by("chooser-title").textContent = `${gone}${count === 1 ? "another run is in progress" : `${count} runs are in progress`}; choose one`;
     by("chooser-runs").replaceChildren(...this.offered.map((one) => {
       const button = el("button", "", one.run);
       button.onclick = () => this.choose(one.run);

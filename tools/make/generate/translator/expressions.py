@@ -60,7 +60,7 @@ class Expressions:
         value = self.value(node)
         if not isinstance(value.kind, Number):
             said = ast.unparse(node)
-            raise self.error(node, f"{said} is no number; write what of it is meant")
+            raise self.error(node, f"{said} is not a number; name the part that you mean")
         return value
 
     def truth(self, node: ast.expr) -> Value:
@@ -225,7 +225,7 @@ class Expressions:
         counted = isinstance(node.left, ast.Name) and node.left.id in self.counted
         if left.kind != WHOLE or right.kind != WHOLE or not positive or not counted:
             said = ast.unparse(node)
-            raise self.error(node, f"{said}: only of a loop's count by a number; use floor()")
+            raise self.error(node, f"{said}: only of a loop's counter by a number; use floor()")
         sign = "/" if isinstance(node.op, ast.FloorDiv) else "%"
         return Value(f"{left.at(13)} {sign} {right.at(PRIMARY)}", WHOLE, 13, fixed=True)
 
