@@ -80,7 +80,7 @@ def declared_at() -> Place:
 
 @dataclass(frozen=True)
 class Run:
-    """A run, or a stretch of it, by cycle of the executive or of another `leader`.
+    """A run, or a stretch of it, by the cycles of the executive or of another `leader`.
 
     `run["plant:arm.q_rad"]`, `run["error_rad"]`: columns (n,), NaN where the log has no value;
     Mistake for a variable that is not in the log. `first_row`: where a stretch begins in the run.

@@ -241,7 +241,7 @@ COMMANDS = (
     ),
     Command(
         "reset",
-        "clear a fault that waits for it (supervisor.on_fault)",
+        "clear a fault that waits for a reset (supervisor.on_fault)",
         "pcpc reset hull",
         reset,
         module="live.operation",

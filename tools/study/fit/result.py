@@ -88,7 +88,7 @@ class Fit(Result):
     """A plant fitted to a log; `values` may go to `pcpc.simulate(rig, set=fit.values)`.
 
     `fit[NAME]`: a parameter, KeyError for another name. `measured`, `predicted`: (rows, sensors) at
-    `t_s` (rows,); `correlation`: (p, p) of the estimates; `notes`: sentences on what to mind;
+    `t_s` (rows,); `correlation`: (p, p) of the estimates; `notes`: warnings;
     `missing`: gaps of the log, in words. `arrived`: whether the model leaves no more than noise; if
     not, `notes` begin with the reason and no value is an estimate of the plant's.
     """
