@@ -179,7 +179,7 @@ def loop(
     The ports are those of `controller`, one of the rig's, whose law is not used. All else is as in
     `pcpc.simulate`: one sample of delay, the codec's rounding, limits, losses. The same program
     gives the same bits, and `loop.run.replay()` recomputes all but the commands. It takes some 20
-    us a cycle, plus the time of your own code. The rig's limits are not judged. Raises pcpc.Error as
+    us a cycle, plus your own code. The rig's limits are not judged. Raises pcpc.Error as
     `pcpc.simulate`.
     """
     return Loop(rig, controller, settings(set, seed), folder, quiet)
