@@ -100,7 +100,7 @@ class Drawing:
         return found
 
     def columns(self, run: Run) -> dict[str, Vector]:
-        """Return the values of a run by short name, a value a cycle, and `t`."""
+        """Return the values of a run by short name, a value a cycle, and `t`. Each (n,)."""
         return {name: run.get(source) for name, source in self.needs.items()} | {"t": run.t_s}
 
 

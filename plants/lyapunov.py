@@ -95,7 +95,7 @@ class Constants:
         return Bound(error, weights, level)
 
     def slope(self, error: Vector, weights: Vector, rest: Vector) -> Vector:
-        """Return the right side of (2) for |r|, |Z~| and |w| of each cycle."""
+        """Return the right side of (2) for |r|, |Z~| and |w| of each cycle, (n,)."""
         leak = self.kappa * weights * (self.ideal - weights)
         return (
             error * rest - self.damping * error**2 + leak * (error if self.leak == "error" else 1.0)
@@ -233,7 +233,7 @@ class Account:
 
     @cached_property
     def late(self) -> Mask:
-        """The cycles after the transient."""
+        """The cycles after the transient. Shape (n,)."""
         return self.proof.t_s >= self.settled_s
 
     @cached_property
@@ -256,7 +256,10 @@ class Account:
 
     @cached_property
     def outside(self) -> Mask:
-        """Which cycles but the last are outside the ball of `own`, where V has to fall."""
+        """Which cycles but the last are outside the ball of `own`, where V has to fall.
+
+        Shape (n - 1,).
+        """
         beyond = (self.proof.error > self.own.error) | (self.proof.weights > self.own.weights)
         return beyond[:-1]
 
@@ -268,7 +271,10 @@ class Account:
 
     @cached_property
     def failing(self) -> Mask:
-        """Which cycles but the last violate (2): the quotient of V is above its right side."""
+        """Which cycles but the last violate (2): the quotient of V is above its right side.
+
+        Shape (n - 1,).
+        """
         one = self.proof
         right = one.constants.slope(one.error, one.weights, one.rest)[:-1]
         right = right if one.extra is None else right + one.extra[:-1]

@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 
 
 def over_finite(values: Vector, statistic: Callable[[Vector], Any]) -> float:
-    """Return the statistic of the finite values; NaN if there are none."""
+    """Return the statistic of the finite values; NaN if there are none. `values`: (n,)."""
     told = np.isfinite(values)
     finite = values if told.all() else values[told]
     with np.errstate(over="ignore"):  # of a run that diverged
@@ -26,12 +26,12 @@ def over_finite(values: Vector, statistic: Callable[[Vector], Any]) -> float:
 
 
 def rms(values: Vector) -> float:
-    """Return the root of the mean square."""
+    """Return the root of the mean square. `values`: (n,)."""
     return math.sqrt(over_finite(values, lambda v: np.mean(v * v)))
 
 
 def peak(values: Vector) -> float:
-    """Return the largest magnitude."""
+    """Return the largest magnitude. `values`: (n,)."""
     return over_finite(values, lambda v: np.max(np.abs(v)))
 
 

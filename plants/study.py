@@ -56,7 +56,10 @@ def of_group(results: Iterable[Result], group: str) -> list[Result]:
 def statistic(
     results: Iterable[Result], name: str, of: Callable[[NDArray[np.float64]], float]
 ) -> float:
-    """Return a statistic, `numpy.median` for one, of a metric over runs that differ by a draw."""
+    """Return a statistic, `numpy.median` for one, of a metric over runs that differ by a draw.
+
+    `of` takes them as (n,).
+    """
     return float(of(np.array([result.metric(name) for result in results])))
 
 

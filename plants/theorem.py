@@ -44,7 +44,10 @@ class Cycles:
 
     @cached_property
     def stretch(self) -> slice:
-        """The rows of the run that are taken, with the one before the first cycle."""
+        """The rows of the run that are taken, with the one before the first cycle.
+
+        NoTheorem: the log has too few rows.
+        """
         whole = np.ones(len(self.run.cycle), bool)
         for node in self.run.log.node:
             whole &= self.run.told(node)
@@ -68,7 +71,7 @@ class Cycles:
 
     @property
     def t_s(self) -> Vector:
-        """Time of the cycles."""
+        """Time of the cycles. Shape (n,)."""
         return self.run.t_s[self.stretch][1:]
 
     @property
@@ -81,7 +84,7 @@ class Cycles:
         return self.run[name][self.stretch][1:]
 
     def earlier(self, name: str) -> Vector:
-        """Return a variable as it was in the cycle before each."""
+        """Return a variable as it was in the cycle before each. Shape (n,)."""
         return self.run[name][self.stretch][:-1]
 
     def columns(self, name: str, count: int = 2) -> Vector:
@@ -89,7 +92,7 @@ class Cycles:
         return np.stack([self.column(name.format(i + 1)) for i in range(count)], axis=1)
 
     def after(self, values: Vector) -> Vector:
-        """Return the values of the next cycle; the last one stays."""
+        """Return the values of the next cycle; the last one stays. Both (n,)."""
         return np.concatenate((values[1:], values[-1:]))
 
     def setting(self, name: str) -> float:
@@ -167,7 +170,7 @@ def fitted(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
 
 
 def logistic(z: Vector) -> Vector:
-    """Return 1/(1 + exp(-z))."""
+    """Return 1/(1 + exp(-z)). The shape is that of z."""
     return 0.5 + 0.5 * np.tanh(0.5 * z)
 
 
@@ -177,12 +180,12 @@ def with_threshold(nodes: Vector) -> Vector:
 
 
 def size(values: Vector) -> Vector:
-    """Return the Euclidean or Frobenius norm of each cycle's entry."""
+    """Return the Euclidean or Frobenius norm of each cycle's entry. (n, ...) to (n,)."""
     return np.sqrt(np.sum(values.reshape(len(values), -1) ** 2, axis=1))
 
 
 def inner(a: Vector, b: Vector) -> Vector:
-    """Return tr(a'b) of each cycle."""
+    """Return tr(a'b) of each cycle. (n, p, q) to (n,)."""
     return np.sum((a * b).reshape(len(a), -1), axis=1)
 
 

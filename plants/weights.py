@@ -30,7 +30,7 @@ class Weights:
 
     @property
     def stored(self) -> Vector:
-        """Their part of V."""
+        """Their part of V. Shape (n,)."""
         return 0.5 * _square(self.lacks) / self.metric
 
     def steps(self, period_s: Vector) -> Vector:
@@ -38,13 +38,19 @@ class Weights:
         return 0.5 * _square(self.moved[:-1]) / (self.metric * period_s)
 
     def apart(self, period_s: Vector) -> float:
-        """Return how far they move from where the proof has them move, over how far that is."""
+        """Return how far they move from where the proof has them move, over how far that is.
+
+        `period_s`: (n - 1,).
+        """
         wanted = self._wanted(period_s)
         off, far = float(np.linalg.norm(self._moved - wanted)), float(np.linalg.norm(wanted))
         return off / far if far != 0.0 else math.inf if off != 0.0 else 0.0
 
     def seen(self, period_s: Vector) -> float:
-        """Return the rate by which they move; NaN where nothing drives them."""
+        """Return the rate by which they move; NaN where nothing drives them.
+
+        `period_s`: (n - 1,).
+        """
         wanted = self._wanted(period_s)
         square = float(np.sum(wanted * wanted))
         return self.rate * float(np.sum(self._moved * wanted)) / square if square else math.nan

@@ -143,7 +143,10 @@ class Table:
 
 
 def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tuple[Frame, ...]:
-    """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id."""
+    """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id.
+
+    DbcError: no such node.
+    """
     names = sorted(entry.name for entry in database.nodes)
     if node not in names:
         known = ", ".join(names) or "none"

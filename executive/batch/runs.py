@@ -89,7 +89,7 @@ class Runs:
             self.group, self.why = None, str(error)
 
     def done(self, cases: Sequence[Case]) -> list[Done]:
-        """Return at most WIDTH runs, in the order of `cases`."""
+        """Return at most WIDTH runs, in the order of `cases`. ValueError: too many cases."""
         if len(cases) > WIDTH:
             raise ValueError(f"{len(cases)} cases; a group holds {WIDTH}")
         why = self.why or self._why_alone(cases)

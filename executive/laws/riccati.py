@@ -23,27 +23,30 @@ PASSES, CLOSE, LARGEST = 60, 1e-15, 1e200
 
 
 def eye(n: int) -> Matrix:
-    """Return the unit matrix."""
+    """Return the unit matrix. Shape (n, n)."""
     return [[1.0 if i == j else 0.0 for j in range(n)] for i in range(n)]
 
 
 def diagonal(entries: Sequence[float]) -> Matrix:
-    """Return a matrix with these on its diagonal."""
+    """Return a matrix with these on its diagonal. Shape (n, n)."""
     return [[one if i == j else 0.0 for j in range(len(entries))] for i, one in enumerate(entries)]
 
 
 def turned(a: Matrix) -> Matrix:
-    """Return the transpose."""
+    """Return the transpose. Shape (m, n) of an (n, m)."""
     return [list(column) for column in zip(*a, strict=True)]
 
 
 def plus(a: Matrix, b: Matrix) -> Matrix:
-    """Return a + b."""
+    """Return a + b. All (n, m)."""
     return [[x + y for x, y in zip(p, q, strict=True)] for p, q in zip(a, b, strict=True)]
 
 
 def times(*factors: Matrix) -> Matrix:
-    """Return the product, from the left, each entry summed in the order of its terms."""
+    """Return the product, from the left, each entry summed in the order of its terms.
+
+    Shape (n, m).
+    """
     product = factors[0]
     for b in factors[1:]:
         product = [
@@ -60,7 +63,10 @@ def _dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def solved(a: Matrix, b: Matrix) -> Matrix:
-    """Return a^-1 b by elimination with the largest pivot. ValueError: `a` is singular."""
+    """Return a^-1 b by elimination with the largest pivot. ValueError: `a` is singular.
+
+    `a` is (n, n), `b` (n, m).
+    """
     n = len(a)
     rows = [[*p, *q] for p, q in zip(a, b, strict=True)]
     for k in range(n):
@@ -94,7 +100,7 @@ def sampled(f: Matrix, g: Matrix, period_s: float) -> tuple[Matrix, Matrix]:
 
 
 def riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return X of (2). ValueError if the doubling (5) does not settle."""
+    """Return X of (2). ValueError if the doubling (5) does not settle. All (n, n)."""
     g, h = times(b, solved(r, turned(b))), q
     for _ in range(PASSES):
         w = plus(eye(len(a)), times(g, h))

@@ -68,7 +68,7 @@ class Channels:
         return register_columns(writer, logs.topic(self.name, kind), schema, rows)
 
     def messages(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
-        """Return copies of ring rows as message records."""
+        """Return copies of ring rows as message records. `rows`: (n, columns of the ring)."""
         cells = rows.view(np.uint8)
         if ring == "record":
             cycle, end = rows[:, OfRecord.CYCLE], self.state_end
@@ -90,7 +90,10 @@ class Channels:
         return self.entry(topic, int(row[OfEvent.STAMP_NS]), int(row[OfEvent.CYCLE]), entry)
 
     def entry(self, kind: str, stamp: int, cycle: int, entry: dict[str, Any]) -> NDArray[Any]:
-        """Return an entry of the topic `kind`, as events or tunings, as a message record."""
+        """Return an entry of the topic `kind`, as events or tunings, as a message record.
+
+        Shape (1,).
+        """
         whole = json.dumps({"cycle": cycle, "stamp_ns": stamp} | entry).encode()
         k, log_ns = np.array([[cycle], [stamp + self.wall_ns]])
         data = np.frombuffer(whole, np.uint8)[None, :]

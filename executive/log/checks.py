@@ -128,7 +128,7 @@ def possible_frames(frames: NDArray[Any]) -> NDArray[np.bool_]:
 def unwrapped_cycles(sequence: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:
     """Return cycle numbers of their low 32 bits; a fall by more than half of these is a wrap.
 
-    `before` is the cycle ahead of the first.
+    `before` is the cycle ahead of the first. Both (n,).
     """
     if not len(sequence):
         return sequence

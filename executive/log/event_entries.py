@@ -15,7 +15,7 @@ from pcpc.executive.loop.ring_layout import OfEvent
 def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[str, Any]]:
     """Return the topic of an event in a node's ring, and what the log says of it.
 
-    `about` is the node's description.
+    `about` is the node's description. `row`: (columns,).
     """
     code, argument = int(row[OfEvent.CODE]), int(row[OfEvent.ARGUMENT])
     number = float(row[OfEvent.BITS :].view(np.float64)[0])

@@ -30,7 +30,10 @@ class Frontier:
         self._notes = 0
 
     def see(self, found: Scan, channel: int, rows: NDArray[np.uint8]) -> None:
-        """Take a run of messages of one channel as it comes; -1: the file is over."""
+        """Take a run of messages of one channel as it comes; -1: the file is over.
+
+        `rows`: (n, bytes of a message).
+        """
         damage = [note for note in found.missing if not note.startswith(_DATA_IS_WHOLE)]
         if len(damage) > self._notes and self._notes >= 0:
             self._notes = -1

@@ -73,7 +73,7 @@ class Table:
         self._memory: mmap.mmap | None = None
 
     def append(self, rows: NDArray[np.int64]) -> None:
-        """Append rows that are laid out like the table's."""
+        """Append rows that are laid out like the table's. Shape (n, 2 + names)."""
         self._file.write(rows.tobytes())
 
     def close(self) -> None:
@@ -94,7 +94,7 @@ class Table:
         self.append(rows)
 
     def rows(self) -> NDArray[np.int64]:
-        """Return all rows, mapped."""
+        """Return all rows, mapped. Shape (n, 2 + names)."""
         self._file.flush()
         if self._memory is None:
             width = 8 * (2 + len(self.names))
@@ -105,7 +105,7 @@ class Table:
         return np.frombuffer(self._memory, np.int64).reshape(-1, 2 + len(self.names))
 
     def column(self, name: str) -> Vector:
-        """Return a column, mapped."""
+        """Return a column, mapped. Shape (n,)."""
         values: Vector = self.rows().view(np.float64)[:, self.names[name]]
         return values
 

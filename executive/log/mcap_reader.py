@@ -102,7 +102,7 @@ class Scan:
     untimely: int = 0  # messages left out for their time
 
     def pieces_of(self, name: str) -> list[NDArray[np.uint8]]:
-        """Return the pieces of a topic."""
+        """Return the pieces of a topic. Each (n, bytes of a message)."""
         ids = {i for i, channel in self.channels.items() if channel.topic == name}
         return [piece for i, piece in self.pieces if i in ids]
 

@@ -74,7 +74,10 @@ def _read_chunk(body: bytes) -> bytes:
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:
-    """Return a chunk's content, never more than it declares; one of UNREADABLE."""
+    """Return a chunk's content, never more than it declares; one of UNREADABLE.
+
+    ValueError: it has another size or checksum.
+    """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
         raise ValueError(f"{size} bytes, more than any log has in one chunk")

@@ -135,7 +135,7 @@ class BulkWriter(Writer):
             self._told_once = []
 
     def add(self, messages: Sequence[NDArray[Any]]) -> None:
-        """Append message records (of `message_dtype`) to one chunk, an array a channel."""
+        """Append message records (n,) of `message_dtype` to one chunk, an array a channel."""
         if self._chunk.count + sum(array.nbytes for array in messages) > CHUNK_BYTES:
             self.flush()
         for array in messages:

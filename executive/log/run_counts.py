@@ -33,11 +33,11 @@ class Absences:
         self._longest: dict[int, int] = {}
 
     def add_cycles(self, cycles: NDArray[np.int64]) -> None:
-        """Take the cycles of records."""
+        """Take the cycles of records. Shape (n,)."""
         self._ran = np.concatenate((self._ran, cycles))
 
     def add_frames(self, rows: NDArray[np.int64]) -> None:
-        """Take rows of frames."""
+        """Take rows of frames. Shape (n, columns of the ring)."""
         word = rows[:, OfFrame.ABOUT]
         used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= FrameState.OK_SOME_LOST)
         own = np.column_stack((rows[used, OfFrame.CYCLE], word[used] & 0xFFFFFFFF))
@@ -94,7 +94,7 @@ class RunCounts:
         ]
 
     def add(self, ring: str, rows: NDArray[np.int64]) -> None:
-        """Take rows of a ring."""
+        """Take rows of a ring. Shape (n, columns of the ring)."""
         if ring == "frame":
             keys, counts = np.unique(rows[:, OfFrame.ABOUT] & _ID_DIRECTION_E2E, return_counts=True)
             self._frames.update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))

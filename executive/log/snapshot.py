@@ -38,11 +38,11 @@ class Sink:
         self._writer = writer
 
     def add(self, messages: Sequence[NDArray[Any]]) -> None:
-        """Take the messages of one batch."""
+        """Take the messages of one batch, each array (n,)."""
         self._writer.add(messages)
 
     def write(self, messages: Sequence[NDArray[Any]]) -> None:
-        """Take messages that are never held back."""
+        """Take messages that are never held back, each array (n,)."""
         self._writer.add(messages)
 
     def note_event(self, code: int, when_ns: int) -> None:
@@ -66,7 +66,7 @@ class SnapshotRing(Sink):
         self._open_ns = (0, -1)  # log times between which messages go to the file
 
     def add(self, messages: Sequence[NDArray[Any]]) -> None:
-        """Hand on what lies in the open stretch of time, hold the rest."""
+        """Hand on what lies in the open stretch of time, hold the rest; each array (n,)."""
         self._writer.add([self._split(m) for m in messages if len(m)])
         while self._held and self._held[0]["log_time"].max() + self._keep_ns < self._newest_ns:
             self.discarded += len(self._held.popleft())

@@ -160,7 +160,10 @@ class Live:
         return Values(round(float(t_s) * 1e9 / self.period_ns), self._places, values)
 
     def select(self, words: Sequence[str]) -> list[str]:
-        """Return the names that names or patterns (* ? []) choose, in their order, each once."""
+        """Return the names that names or patterns (* ? []) choose, in their order, each once.
+
+        LiveError: a name or pattern matches nothing.
+        """
         chosen: dict[str, None] = {}
         for word in words:
             if _GLOB.search(word):
@@ -175,7 +178,7 @@ class Live:
     def rows(
         self, ring: str, since: int, columns: Sequence[int] | None = None
     ) -> tuple[NDArray[np.int64], int]:
-        """Return rows of a ring and the number of the first; see `executive.nodes.rings`."""
+        """Return rows (n, columns) of a ring and the number of the first; see `nodes.rings`."""
         return rows_of(self.block, ring, since, columns)
 
     # Waiting
@@ -227,7 +230,10 @@ class Live:
         return self._mailbox.post(dict(zip(changes, places, strict=True)), [*changes.values()])
 
     def lock(self, level: str) -> None:
-        """Forbid tunings (`tune`, `all`) or allow them (`none`); none is under way on return."""
+        """Forbid tunings (`tune`, `all`) or allow them (`none`); none is under way on return.
+
+        LiveError: no such level.
+        """
         if level not in LEVELS:
             raise LiveError(f"{level}: no such lock level{did_you_mean(level, LEVELS)}")
         self._mailbox.lock(level)

@@ -42,7 +42,10 @@ class Mailbox:
         self._block = block
 
     def post(self, places: Mapping[str, int], values: Sequence[float]) -> int:
-        """Ask for values of variables, by their places; return the first cycle with them."""
+        """Ask for values of variables, by their places; return the first cycle with them.
+
+        LiveError: refused or not answered.
+        """
         block = self._block
         mail, answer = block.mail, block.answer
         with self._one_client():
@@ -71,7 +74,7 @@ class Mailbox:
         """Ask for the end of the run, whatever others write or hold; return the cycle.
 
         `place`: of the variable STOP. A signal to the process is the last resort: it ends by its
-        ramp, also where `value` asked for a quick stop.
+        ramp, also where `value` asked for a quick stop. LiveError: the node does not react.
         """
         block = self._block
         try:

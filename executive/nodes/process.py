@@ -115,7 +115,10 @@ class Process:
         self.report = realtime.Report(())
 
     def run(self) -> int:
-        """Set up, warm up, run the loop in its thread, wait; return the exit code."""
+        """Set up, warm up, run the loop in its thread, wait; return the exit code.
+
+        BusError: the bus is not usable.
+        """
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
         held = sharing.lock(name)
         self.choice.claims += claim_frames(self.rig, self.plan, self.bus)

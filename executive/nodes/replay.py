@@ -120,7 +120,7 @@ class Assembler:
 
     @property
     def left(self) -> NDArray[np.int64]:
-        """Return the cycles that were not taken."""
+        """Return the cycles that were not taken. Shape (n,)."""
         return self._rows[:, K]
 
     def take(self, whole: int, end: bool) -> Iterator[Slice]:
@@ -369,7 +369,10 @@ class Replay:
         return part.rows[:, columns].view(np.float64)
 
     def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting."""
+        """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting.
+
+        Both (n,) records.
+        """
         return frames[(frames["direction"] == 0) & ~self._is_meeting(frames)]
 
     def _is_meeting(self, frames: NDArray[Any]) -> NDArray[np.bool_]:
@@ -378,7 +381,7 @@ class Replay:
     def repeat_meeting(self, frames: NDArray[Any]) -> None:
         """Note again what of `frames` the node sent while it met the others, without a clock.
 
-        The last heartbeat of cycle 0 is that of the cycle itself.
+        The last heartbeat of cycle 0 is that of the cycle itself. `frames`: (n,) records.
         """
         loop, block = self.block.loop, self.block
         said = frames[(frames["direction"] == 0) & self._is_meeting(frames)].copy()

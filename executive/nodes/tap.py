@@ -98,7 +98,7 @@ class Tap:
     def raw(self, ring: str, columns: Sequence[int] | None = None) -> NDArray[np.int64]:
         """Return the rows of a ring since the last look as the node wrote them, or some columns.
 
-        They are copies of rows that were whole when they were copied.
+        They are copies of rows that were whole when they were copied. Shape (n, columns).
         """
         rows, first = self.live.rows(ring, self._next[ring], columns)
         self.missed[ring] += first - self._next[ring]

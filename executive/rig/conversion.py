@@ -15,7 +15,10 @@ T = TypeVar("T")
 
 
 def convert(document: Document, data: Any, kind: type[T], keys: Keys) -> T:
-    """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys."""
+    """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys.
+
+    RigError: the data are wrong, with their place.
+    """
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:

@@ -56,7 +56,7 @@ class FmuStep(Stage):
 
     @property
     def entry_of_lanes(self) -> int:
-        """Refuse: an FMU is not stepped in lanes."""
+        """Refuse: an FMU is not stepped in lanes. Raises TypeError."""
         raise TypeError("an FMU runs one by one")
 
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:

@@ -19,7 +19,7 @@ SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx"), "plant": ("rx",)}
 
 @contextmanager
 def errors_named(rig: Rig) -> Iterator[None]:
-    """Put the DBC file's name before what is wrong in it."""
+    """Put the DBC file's name before what is wrong in it. Raises DbcError again."""
     try:
         yield
     except dbc.DbcError as error:

@@ -21,7 +21,7 @@ from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted_path
 def apply_options(document: Document, controller: str | None, settings: Sequence[str]) -> None:
     """Put `--controller` and `--set` options into the data of a file that is right without them.
 
-    Keys of the rig come first: one of them may be `controller`.
+    Keys of the rig come first: one of them may be `controller`. RigError: a wrong option.
     """
     config = convert(document, document.data, Config, ())
     if controller is not None:
@@ -81,7 +81,10 @@ def _parsed_settings(
 
 
 def rename_earlier_keys(document: Document) -> None:
-    """Put what stands under keys of earlier versions, as in their logs, under today's."""
+    """Put what stands under keys of earlier versions, as in their logs, under today's.
+
+    RigError: both keys are there.
+    """
     for earlier, keys in EARLIER.items():
         if earlier not in document.places:
             continue

@@ -85,7 +85,7 @@ class Beam:
 def frequency_roots(mass_ratio: float, count: int) -> Vector:
     """Return the first `count` roots b of (1), ascending; `mass_ratio` is mu >= 0.
 
-    Raises ValueError if mu is negative or not finite.
+    Raises ValueError if mu is negative or not finite. Shape (count,).
     """
     if not 0.0 <= mass_ratio < np.inf:
         raise ValueError(f"mass ratio of tip and tube is {mass_ratio}; expected a number >= 0")

@@ -24,14 +24,17 @@ Q_D, ELASTIC = "executive:reference.q_d_rad", "plant:barrel.elastic_slope_rad"
 
 
 def theta(run: Run) -> Vector:
-    """Return the hub's angle: measured, as its error, if no cycle has the plant's record."""
+    """Return the hub's angle: measured, as its error, if no cycle has the plant's record.
+
+    Shape (n,).
+    """
     if run.plant_tells:
         return run.get("plant:barrel.theta_rad")
     return run.get(Q_D) - run.get("executive:controller.e_rad")
 
 
 def muzzle_error(run: Run) -> Vector:
-    """Return (2)."""
+    """Return (2). Shape (n,)."""
     q_d, angle = run.get(Q_D), run["theta_rad"]
     with np.errstate(invalid="ignore"):  # of an infinite theta
         droop = run.get("plant:barrel.droop_rad") * np.cos(q_d) / np.cos(angle)  # (3)

@@ -21,23 +21,26 @@ HALF_S = 0.5
 
 
 def tau_error(run: Run) -> Vector:
-    """Return tt of (2)."""
+    """Return tt of (2). Shape (n,)."""
     tau, ahead = run["plant:map.tau"], run["executive:controller.ahead"]
     return run["executive:controller.tau_d"] - np.where(ahead > 0.5, tau, run.after(tau))
 
 
 def is_jump(run: Run) -> Vector:
-    """Return 1 where the command jumps by more than `JUMP`, else 0; NaN where nothing is known."""
+    """Return 1 where the command jumps by more than `JUMP`, else 0; NaN where nothing is known.
+
+    Shape (n,).
+    """
     return np.where(np.isfinite(run["jump"]), run["jump"] > JUMP, np.nan)
 
 
 def unsettled_s(run: Run) -> Vector:
-    """Return the times with |e| beyond 0.05, NaN else."""
+    """Return the times with |e| beyond 0.05, NaN else. Shape (n,)."""
     return np.where(np.abs(run["error"]) > SETTLED, run.t_s, np.nan)
 
 
 def early(run: Run, source: str, from_s: float) -> Vector:
-    """Return a source from `from_s` to the end of the early window, NaN else."""
+    """Return a source from `from_s` to the end of the early window, NaN else. Its values: (n,)."""
     inside = (run.t_s >= from_s) & (run.t_s < run.windows["early"][1])
     return np.where(inside, run[source], np.nan)
 

@@ -15,17 +15,17 @@ SETTLED_RAD = 0.01
 
 
 def rate_error(run: Run) -> Vector:
-    """Return e2 of (1)."""
+    """Return e2 of (1). Shape (n,)."""
     return run["plant:pendulum.rate_rad_s"] - run["executive:reference.q_d_rate_rad_s"]
 
 
 def torque_error(run: Run) -> Vector:
-    """Return tt of (2); NaN for a law without tau_d."""
+    """Return tt of (2); NaN for a law without tau_d. Shape (n,)."""
     return run.get("executive:controller.tau_d_Nm") - run["plant:pendulum.torque_Nm"]
 
 
 def unsettled_s(run: Run) -> Vector:
-    """Return the times with |e1| > 0.01 rad, NaN else."""
+    """Return the times with |e1| > 0.01 rad, NaN else. Shape (n,)."""
     return np.where(np.abs(run["error_rad"]) > SETTLED_RAD, run.t_s, np.nan)
 
 

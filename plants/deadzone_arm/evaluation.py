@@ -22,23 +22,23 @@ COMMAND = "executive:controller.torque_{}_Nm"
 
 
 def error(run: Run, joint: int) -> Vector:
-    """Return (1) by executive cycle, NaN without the plant's record."""
+    """Return (1) by executive cycle, NaN without the plant's record. Shape (n,)."""
     q = run[f"plant:arm.q_{joint}_rad"]
     return run[f"executive:reference_{joint}.q_d_rad"] - q
 
 
 def past(run: Run, joint: int) -> Vector:
-    """Return q_i - q_d,i."""
+    """Return q_i - q_d,i. Shape (n,)."""
     return -error(run, joint)
 
 
 def command_step(run: Run, joint: int) -> Vector:
-    """Return the change of a joint's command."""
+    """Return the change of a joint's command. Shape (n,)."""
     return run.step(run.get(COMMAND.format(joint)))
 
 
 def size(run: Run, *names: str) -> Vector:
-    """Return the norm of two variables of the controller."""
+    """Return the norm of two variables of the controller. Shape (n,)."""
     return np.hypot(*(run.get(f"executive:controller.{name}") for name in names))
 
 

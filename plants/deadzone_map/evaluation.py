@@ -11,7 +11,7 @@ from pcpc.plants.evaluation import *
 
 
 def true_width(run: Run) -> Vector:
-    """Return the deadzone's width where a law learns it, NaN else."""
+    """Return the deadzone's width where a law learns it, NaN else. Shape (n,)."""
     learned = run.get("executive:controller.d_plus")
     return np.where(np.isfinite(learned), run.setting("d"), learned)
 

@@ -23,17 +23,17 @@ TORQUE = "plant:arm.acting_{}_Nm"
 
 
 def size(run: Run, joint: int) -> Vector:
-    """Return |e_j|."""
+    """Return |e_j|. Shape (n,)."""
     return np.abs(error(run, joint))
 
 
 def past(run: Run, joint: int) -> Vector:
-    """Return q_j - q_d,j."""
+    """Return q_j - q_d,j. Shape (n,)."""
     return -error(run, joint)
 
 
 def change(run: Run, joint: int) -> Vector:
-    """Return |tau_k - tau_k-1|."""
+    """Return |tau_k - tau_k-1|. Shape (n,)."""
     return np.abs(run.step(run[TORQUE.format(joint)]))
 
 

@@ -19,12 +19,12 @@ def of(chain: str) -> str:
 
 
 def error(chain: str) -> Callable[[Run], Vector]:
-    """Return what computes (1)."""
+    """Return what computes (1). Its values: (n,)."""
     return lambda run: run[f"plant:chains.{chain}_x3"] - run[f"executive:reference_{chain}.now"]
 
 
 def jump(chain: str) -> Callable[[Run], Vector]:
-    """Return what computes (2)."""
+    """Return what computes (2). Its values: (n,)."""
     return lambda run: np.abs(run.step(run[f"{of(chain)}command"]))
 
 

@@ -26,7 +26,7 @@ WEIGHTS = ("w1", "w2", "rho")
 
 
 def critic_size(run: Run) -> Vector:
-    """Return |R|; NaN for a law without it."""
+    """Return |R|; NaN for a law without it. Shape (n,)."""
     return np.hypot(*(run.get(f"executive:controller.critic_{j}") for j in JOINTS))
 
 

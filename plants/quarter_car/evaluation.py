@@ -30,7 +30,7 @@ SMALLEST_OSCILLATION_M_S = 1e-3  # below it a crossing is no oscillation
 
 
 def acceleration(run: Run) -> Vector:
-    """Return (2); NaN without a sample before and after."""
+    """Return (2); NaN without a sample before and after. Shape (n,)."""
     return (run.after(run[SPEED]) - run.before(run[SPEED])) / (2.0 * run.period_s)
 
 

@@ -19,12 +19,12 @@ from pcpc.plants.families.two_link.joints import JOINTS, each, lines, torque_siz
 
 
 def error(run: Run, joint: int) -> Vector:
-    """Return e_i (1), rad."""
+    """Return e_i (1), rad. Shape (n,)."""
     return run[f"executive:controller.aim_{joint}_rad"] - run[f"plant:arm.q_{joint}_rad"]
 
 
 def tripped_s(run: Run) -> Vector:
-    """Return the times after a joint was too fast, NaN else."""
+    """Return the times after a joint was too fast, NaN else. Shape (n,)."""
     return np.where(run["local:servo.tripped"] > 0.5, run.t_s, np.nan)
 
 

@@ -43,7 +43,10 @@ MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
 def command(options: argparse.Namespace) -> int:
-    """Replay `options.log`; OK if bit-identical, LOSS if as far as a damaged log goes."""
+    """Replay `options.log`; OK if bit-identical, LOSS if as far as a damaged log goes.
+
+    UserError: wrong input; StepError: a step hangs or raises.
+    """
     if options.cycle is not None or options.time is not None:
         return _step(options)
     if options.show and options.json:

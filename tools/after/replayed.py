@@ -80,7 +80,7 @@ class Verdict:
 
 
 def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
-    """Note the first frame that differs; `count` counts all."""
+    """Note the first frame that differs; `count` counts all. Both (n,) records."""
     count, at = unequal_frames(recorded, computed, ("cycle", "id", "dlc", "data"))
     verdict.frames += min(len(recorded), len(computed))
     if not count:

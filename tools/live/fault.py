@@ -14,7 +14,10 @@ from pcpc.tools.terminal.option_notes import refuse
 
 
 def command(options: argparse.Namespace) -> int:
-    """List the faults of the running rig, or begin or end one."""
+    """List the faults of the running rig, or begin or end one.
+
+    UserError: wrong input; LiveError: refused.
+    """
     if options.name is None:
         refuse(options, "of which fault? give its NAME", "for_s", "value", "share", "end")
     elif options.end:

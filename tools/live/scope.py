@@ -78,7 +78,10 @@ class Trigger:
         self._carry: ex.Rows | None = None
 
     def bursts(self, seen: Rows, rows: NDArray[np.int64]) -> Iterator[Burst]:
-        """Look at the next cycles, `seen` for the condition and as `rows`; yield what is whole."""
+        """Look at the next cycles, `seen` for the condition and as `rows`; yield what is whole.
+
+        Shape (n, columns of the ring).
+        """
         if not len(seen):
             return
         self._oldest = int(seen.cycle[0]) if self._oldest is None else self._oldest
@@ -216,7 +219,7 @@ class Scope:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Capture; return the exit code."""
+    """Capture; return the exit code. LiveError: wrong input, or no such node."""
     if options.plot is not None:
         check_picture("--plot", options.plot)
     scope = Scope(options)

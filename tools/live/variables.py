@@ -32,7 +32,7 @@ class _Column:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run one of the five subcommands."""
+    """Run one of the five subcommands. UserError: wrong input."""
     chosen = _nodes_and_words(options)
     if options.command in ("get", "watch"):
         show = _get if options.command == "get" else _watch

@@ -74,7 +74,7 @@ CART = Template(TEMPLATE / "cart", "cart", "a pole on a cart", CART_FILES)
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write the rig, and say what can be done with it."""
+    """Write the rig, and say what can be done with it. UserError: wrong input."""
     template = CART if options.cart else MOTOR
     if not options.dir:
         flag = "--cart " if options.cart else ""

@@ -385,7 +385,7 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `run`, `exec`, `local` or `plant`."""
+    """Carry out `run`, `exec`, `local` or `plant`. RigError: wrong input."""
     if getattr(options, "device", None) is not None:
         return int(part_of("make/device", "cli").command(options))
     alone: dict[str, Role] = {"exec": "executive", "local": "local", "plant": "plant"}

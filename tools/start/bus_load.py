@@ -67,7 +67,7 @@ def on_buses(seen: Mapping[str, Kinds]) -> list[int]:
 def spacing(rows: NDArray[np.int64]) -> dict[tuple[int, bool], tuple[float, float]]:
     """Return period and jitter, s, by id word and whether it was received, of frames in order.
 
-    A kind of which there are less than two has none.
+    A kind of which there are less than two has none. `rows`: (n, columns of the ring).
     """
     found = {}
     stamps, kinds = rows[:, OfFrame.STAMP_NS], rows[:, OfFrame.ABOUT] & (_ID | 1 << _RECEIVED)

@@ -92,7 +92,7 @@ def _running(text: str) -> Path | None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """List the rigs, or those whose name or plant matches."""
+    """List the rigs, or those whose name or plant matches. RigError: no such rig."""
     known, words = list(shipped_rigs()), options.names
     chosen = [
         rig

@@ -142,7 +142,7 @@ def code_of_laws(add: Add) -> None:
 
 
 def duration(text: str) -> float:
-    """Return a duration such as 500ms, 10s, 2min in s."""
+    """Return a duration such as 500ms, 10s, 2min in s. ArgumentTypeError: not a duration."""
     try:
         return duration_s(text, unit="")
     except ValueError as error:
@@ -162,7 +162,7 @@ def seconds(option: str, zero: bool = False) -> Callable[[str], float]:
 
 
 def seed(text: str) -> int:
-    """Return the seed of random numbers."""
+    """Return the seed of random numbers. ArgumentTypeError: not a seed."""
     if not text.isdecimal() or int(text) > MOST_SEED:
         what = f"expected a whole number from 0 to {MOST_SEED}, got {text!r}"
         raise argparse.ArgumentTypeError(what)
@@ -170,7 +170,7 @@ def seed(text: str) -> int:
 
 
 def positive(text: str) -> int:
-    """Return a whole number above 0."""
+    """Return a whole number above 0. ArgumentTypeError: not such a number."""
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"expected a positive whole number, got {text!r}")
     return int(text)

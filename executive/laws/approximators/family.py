@@ -77,7 +77,7 @@ class Approximator(ABC):
         return np.outer(phi, e), self._inner(x, jac.T @ (self._w @ e))
 
     def step(self, dw: ArrayLike, dv: ArrayLike = 0.0) -> None:
-        """Add to W and V in place."""
+        """Add to W and V in place, arrays of their shape."""
         self._w += np.asarray(dw, float)
         self._v += np.asarray(dv, float)
 
@@ -214,7 +214,7 @@ class Cmac(Approximator):
         self._counts = np.array(grid.counts, float)
 
     def touched(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return index and value of the order^n nodes that x touches."""
+        """Return index and value of the nodes that x touches, each of shape (order^n,)."""
         size = self.order**self.inputs
         index, value, work = np.zeros(size), np.zeros(size), np.zeros(self.order)
         point = self._checked(x)

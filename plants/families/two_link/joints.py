@@ -11,19 +11,19 @@ COLOURS = {1: BLUE, 2: VERMILION}
 
 
 def each(of_joint: Callable[[Run, int], Vector], joint: int) -> Signal:
-    """Return the signal of one joint."""
+    """Return the signal of one joint. Its values: (n,)."""
     return lambda run: of_joint(run, joint)
 
 
 def error(run: Run, joint: int) -> Vector:
-    """Return q_d - q, the measured one if the log has no plant, rad."""
+    """Return q_d - q, the measured one if the log has no plant, rad. Shape (n,)."""
     if not run.plant_tells:
         return run[f"executive:controller.e_{joint}_rad"]
     return run[f"executive:reference_{joint}.q_d_rad"] - run[f"plant:arm.q_{joint}_rad"]
 
 
 def torque_size(run: Run) -> Vector:
-    """Return the larger |tau| of both joints that acts."""
+    """Return the larger |tau| of both joints that acts. Shape (n,)."""
     return np.fmax(*(np.abs(run[f"plant:arm.acting_{j}_Nm"]) for j in JOINTS))
 
 

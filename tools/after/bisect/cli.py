@@ -23,7 +23,7 @@ _SHOWN = 8  # files, commits that cannot be run
 
 
 def command(options: argparse.Namespace) -> int:
-    """Search and print; NOT_MET for equal bits, or several suspects."""
+    """Search and print; NOT_MET for equal bits, or several suspects. UserError: wrong input."""
     file = rigs.find(options.rig)
     repository = Repository.around(Path(file).parent)
     rig = path_from(repository.root, file)

@@ -251,6 +251,7 @@ def sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:
     """Return the cycle in which a received frame was sent, -1 for none.
 
     The last one before it by their stamps; in a branch, which has no clock, the one nearest `near`.
+    `sent`: (n,) records.
     """
     same = sent[(sent["id"] == frame["id"]) & (sent["data"] == frame["data"]).all(axis=1)]
     if near is None:

@@ -40,7 +40,10 @@ _LEADER = "executive"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Branch `options.log`, judge the new run, print how it differs; return its exit code."""
+    """Branch `options.log`, judge the new run, print how it differs; return its exit code.
+
+    UserError: wrong input; StepError: a step hangs or raises.
+    """
     path = Path(options.log)
     head = logs.head(path)
     if _LEADER not in head.node:

@@ -17,7 +17,7 @@ from pcpc.tools.terminal.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:
-    """Compare, print, write; NOT_MET for a difference that counts."""
+    """Compare, print, write; NOT_MET for a difference that counts. UserError: wrong input."""
     if not (math.isfinite(options.tolerance) and options.tolerance >= 0.0):
         raise UserError(f"--tolerance {options.tolerance:g}: expected 0 or more")
     is_new = options.output is not None and not Path(options.output).exists()

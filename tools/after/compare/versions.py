@@ -60,7 +60,10 @@ class Job:
 
 
 def compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:
-    """Compare the rigs of the version `options.against` with those of the working tree."""
+    """Compare the rigs of the version `options.against` with those of the working tree.
+
+    UserError: a version cannot run its rigs.
+    """
     repository = _repository(options.words)
     commit = repository.commit(options.against)
     progress.show(f"writing out {options.against}")

@@ -23,7 +23,7 @@ MOST = 2400  # pictures
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `animate`; return the exit code."""
+    """Carry out `animate`; return the exit code. LogCommandError: wrong input."""
     progress = Progress(options.quiet)
     if options.output.suffix.lower() != ".gif":
         raise LogCommandError(f"{options.output}: expected a name that ends in .gif")

@@ -242,7 +242,10 @@ def frame_text(frame: Any) -> str:
 
 
 def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> tuple[int, int]:
-    """Return how many frames differ in these fields or have no counterpart, and where the first."""
+    """Return how many frames differ in these fields or have no counterpart, and where the first.
+
+    Both (n,) records.
+    """
     n = min(len(a), len(b))
     differs = np.zeros(n, bool)
     for field_ in fields:
@@ -255,7 +258,10 @@ def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> t
 def unequal_texts(
     a: NDArray[Any], b: NDArray[Any], at: int, text: Callable[[Any], str] = frame_text
 ) -> tuple[str, str]:
-    """Return two recorded frames that differ, "none" for none, so that one sees in what."""
+    """Return two recorded frames that differ, "none" for none, so that one sees in what.
+
+    `a`, `b`: (n,) records.
+    """
     texts = ["none" if at >= len(frames) else text(frames[at]) for frames in (a, b)]
     if texts[0] == texts[1]:
         texts = [

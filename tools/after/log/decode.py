@@ -75,7 +75,10 @@ def _walk(
 def decode(
     message: Message, frames: NDArray[Any], place: NDArray[np.int64], progress: Progress
 ) -> Decoded:
-    """Decode the frames (logs.FRAME) of one id; `place` are their places among all frames."""
+    """Decode the frames (logs.FRAME) of one id; `place` are their places among all frames.
+
+    Both (n,).
+    """
     if not message.cycle_time and message.send_type != "EveryCycle":
         message.cycle_time = 1  # the tables want one
     try:
@@ -133,7 +136,10 @@ def _by_cantools(
 def by_id(
     database: Database, frames: NDArray[Any], progress: Progress
 ) -> tuple[list[Decoded], dict[int, int]]:
-    """Return the decoded ids, by id, and how many frames of each other id there are."""
+    """Return the decoded ids, by id, and how many frames of each other id there are.
+
+    `frames`: (n,) records.
+    """
     messages = {can_id.word_of(m.frame_id, m.is_extended_frame): m for m in database.messages}
     ids, which, counts = np.unique(frames["id"], return_inverse=True, return_counts=True)
     order = np.argsort(which, kind="stable")

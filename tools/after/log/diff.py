@@ -79,7 +79,7 @@ class Report:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `diff`; return the exit code."""
+    """Carry out `diff`; return the exit code. LogCommandError: wrong input."""
     for name in ("tolerance", "absolute"):
         value = getattr(options, name)
         if not (math.isfinite(value) and value >= 0.0):

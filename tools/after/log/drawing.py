@@ -34,7 +34,7 @@ class Source:
     start_ns: int
 
     def inside(self, name: str, window_s: tuple[float, float]) -> NDArray[np.bool_]:
-        """Return which values of a variable lie in a window."""
+        """Return which values of a variable lie in a window. Shape (n,)."""
         t = 1e-9 * (self.series[name].time_ns - self.start_ns)
         return np.asarray((t >= window_s[0]) & (t < window_s[1]))
 

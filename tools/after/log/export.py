@@ -46,7 +46,7 @@ _STEP = 20_000  # frames or rows from one look at the progress to the next
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `export`; return the exit code."""
+    """Carry out `export`; return the exit code. LogCommandError: wrong input."""
     progress = Progress(options.quiet)
     form = options.format or FORMATS.get(options.output.suffix.lower())
     if form is None:

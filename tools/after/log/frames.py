@@ -142,7 +142,7 @@ def _merged(own: NDArray[np.void], other: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> NDArray[np.int64]:
-    """Return for each received row the sent row that it is a copy of, -1 for none."""
+    """Return for each received row the sent row that it is a copy of, -1 for none. All (n,)."""
     waiting: dict[bytes, deque[int]] = defaultdict(deque)
     for i, key in enumerate(_keys(sent)):
         waiting[key].append(i)

@@ -43,7 +43,7 @@ _TOLD_IDS = 8
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `import`; return the exit code."""
+    """Carry out `import`; return the exit code. LogCommandError: wrong input."""
     progress = Progress(options.quiet)
     with new_file(options.output, options.force) as path:
         from pcpc.tools.after.log import decode  # here, because they bring the compiler

@@ -38,7 +38,10 @@ class NodePart:
         self._writer, self._states = writer, len(about["state_columns"])
 
     def rows(self, seen: Rows) -> NDArray[np.int64]:
-        """Return cycles as rows of a ring with the columns of this log only."""
+        """Return cycles as rows of a ring with the columns of this log only.
+
+        Shape (n, columns of the ring).
+        """
         head, states = RECORD_HEAD, self._states
         found = np.full((len(seen), head + len(self.names) + 1), sh.CDR_HEADER, np.int64)
         found[:, 0], found[:, 1] = seen.cycle, seen.stamp_ns
@@ -49,7 +52,10 @@ class NodePart:
         return found
 
     def add(self, ring: str, rows: NDArray[np.int64]) -> None:
-        """Write rows as they are in a ring, in pieces that a chunk takes; OSError."""
+        """Write rows as they are in a ring, in pieces that a chunk takes; OSError.
+
+        Shape (n, columns of the ring).
+        """
         most = CHUNK_BYTES // (8 * rows.shape[1] + 128)  # with the heads of two messages
         for start in range(0, len(rows), most):
             self._writer.add(self.channels.messages(ring, rows[start : start + most]))

@@ -77,7 +77,10 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
 
 
 def sorted_out(words: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """Return logs and patterns; a run folder stands for its log."""
+    """Return logs and patterns; a run folder stands for its log.
+
+    LogCommandError: no log, or a wrong name.
+    """
     paths, patterns = [], []
     for word in words:
         path = Path(word)

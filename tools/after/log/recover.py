@@ -19,7 +19,7 @@ from pcpc.tools.terminal.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `recover`; return the exit code."""
+    """Carry out `recover`; return the exit code. LogCommandError: nothing to recover."""
     progress = Progress(options.quiet)
     path = options.log
     out = options.output or path.with_name(f"{path.stem}-recovered.mcap")

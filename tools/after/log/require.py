@@ -15,7 +15,10 @@ from pcpc.tools.terminal.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print what became of each requirement; return the exit code."""
+    """Print what became of each requirement; return the exit code.
+
+    LogCommandError: nothing to judge.
+    """
     from pcpc.tools.after.verdict import summary_file  # numba
     from pcpc.tools.after.verdict.judge import Judge
 

@@ -146,7 +146,7 @@ def label(unit: str) -> str:
 def rows_of(base: Series, other: Series, by_cycle: bool) -> NDArray[np.int64]:
     """Return the row of `other` that belongs to each row of `base`, -1 for none.
 
-    It is the one of the same cycle, or the newest one not stamped later.
+    It is the one of the same cycle, or the newest one not stamped later. Shape (n,).
     """
     if other.topic == base.topic:
         return np.arange(len(base.cycle))

@@ -25,7 +25,7 @@ SUFFIXES = (".html", ".htm")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write the report of a log; LOSS if a part of the log is missing."""
+    """Write the report of a log; LOSS if a part of the log is missing. UserError: wrong input."""
     if options.suite:
         from pcpc.tools.after.report import suite_files  # time
 

@@ -16,7 +16,10 @@ _SUFFIXES = (".html", ".htm")
 
 
 def command(options: argparse.Namespace, progress: Progress) -> int:
-    """Judge the runs, write the page and the JUnit file, tell what keeps them from being ok."""
+    """Judge the runs, write the page and the JUnit file, tell what keeps them from being ok.
+
+    UserError: wrong input.
+    """
     output, junit = Path(options.output or "suite.html"), options.junit
     if output.suffix.lower() not in _SUFFIXES:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")

@@ -32,7 +32,7 @@ _ORDER = "piso"  # initials of parameter, input, state, output
 
 
 def command(options: argparse.Namespace) -> int:
-    """Recompute up to the cycle, then print it."""
+    """Recompute up to the cycle, then print it. UserError: wrong input."""
     path = Path(options.log)
     head = logs.head(path)
     cycle, progress = cycle_of(head, options), Progress(options.quiet)

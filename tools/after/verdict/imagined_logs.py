@@ -18,18 +18,18 @@ Fill = Callable[[str, int], Vector]  # of a variable's name and the number of cy
 
 
 def nothing(name: str, cycles: int) -> Vector:
-    """Return zeros."""
+    """Return zeros. Shape (cycles,)."""
     return np.zeros(cycles)
 
 
 def noise(name: str, cycles: int) -> Vector:
-    """Return values from -2 to 2, others for each name."""
+    """Return values from -2 to 2, others for each name. Shape (cycles,)."""
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     return rng.uniform(-2.0, 2.0, cycles)
 
 
 def large(name: str, cycles: int) -> Vector:
-    """Return values from 0 to 1e6."""
+    """Return values from 0 to 1e6. Shape (cycles,)."""
     return 5e5 * (1.0 + 0.5 * noise(name, cycles))
 
 

@@ -28,7 +28,10 @@ NEVER = 1 << 62  # a cycle
 
 
 def extremes(values: Vector, first: Indices, past: Indices, pick: Any) -> Vector:
-    """Return `pick`, np.minimum or np.maximum, over values[first:past] for each pair."""
+    """Return `pick`, np.minimum or np.maximum, over values[first:past] for each pair.
+
+    `values`: (n,); the others: (pairs,).
+    """
     size = past - first
     found = values[first]
     level, width = values, 1

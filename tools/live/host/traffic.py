@@ -55,7 +55,10 @@ class Traffic:
         self.spacing: dict[tuple[int, bool], tuple[float, float]] = {}
 
     def add(self, frames: NDArray[np.int64]) -> None:
-        """Take the frames that have come; now and then look at them."""
+        """Take the frames that have come; now and then look at them.
+
+        Shape (n, columns of the ring).
+        """
         self._new.append(frames)
         now_s = time.monotonic()
         if now_s - self._since_s >= LOOK_S:

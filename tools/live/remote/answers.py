@@ -87,7 +87,10 @@ def description_in(told: Any) -> dict[str, Any]:
 
 
 def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
-    """Raise ValueError where published values are none that a node of this kind has."""
+    """Raise ValueError where published values are none that a node of this kind has.
+
+    `snapshot`: (variables,).
+    """
     control: Any = found["control"]
     for word, names in (("state", "state_names"), ("fault", "fault_names")):
         if not 0 <= int(control[word]) < len(about[names]):
@@ -103,7 +106,7 @@ def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) ->
 
 
 def rows_of_width(rows: NDArray[np.int64], columns: int) -> NDArray[np.int64]:
-    """Return rows that have so many columns; ValueError."""
+    """Return rows that have so many columns; ValueError. Shape (n, columns)."""
     if len(rows) and rows.shape[1] != columns:
         raise ValueError("rows of another size")
     return rows

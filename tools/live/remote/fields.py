@@ -36,7 +36,7 @@ def look(number: int, live: Live, fields: Sequence[str]) -> bytes:
 def fields_of(
     body: bytes, fields: Sequence[str], about: Mapping[str, Any]
 ) -> tuple[bool, dict[str, NDArray[Any]]]:
-    """Return of such an answer whether the process is there, and the fields."""
+    """Return whether the process is there, and the fields, each in the shape of its structure."""
     _, alive, _, _ = _HEAD.unpack_from(body)
     found, at = {}, _HEAD.size
     for name in fields:
@@ -57,7 +57,10 @@ def rows(number: int, live: Live, ring: str, since: int, columns: Sequence[int] 
 
 
 def rows_in(body: bytes) -> tuple[NDArray[np.int64], int, int]:
-    """Return of such an answer the rows, the number of the first, and the end of the ring."""
+    """Return the rows of such an answer, the number of the first, and the end of the ring.
+
+    The rows: (n, columns).
+    """
     _, first, count, end = _HEAD.unpack_from(body)
     flat = np.frombuffer(body, np.int64, offset=_HEAD.size)
     return flat.reshape(count, -1) if count else np.empty((0, 0), np.int64), first, end

@@ -80,7 +80,7 @@ class Remote(Live):
     def rows(
         self, ring: str, since: int, columns: Sequence[int] | None = None
     ) -> tuple[NDArray[np.int64], int]:
-        """See Live; up to where the ring ended at the first question, or to a gap.
+        """See Live; rows (n, columns) up to the ring's end at the first question, or to a gap.
 
         It waits where the last time was less than FRESH_S ago.
         """
@@ -135,7 +135,7 @@ class RemoteNodes(Nodes):
         self._known: dict[str, Remote] = {}
 
     def running(self, rig: str = "") -> dict[str, Live]:
-        """Return those whose loop runs, of all rigs or one, by name."""
+        """Return those whose loop runs, of all rigs or one, by name. LiveError: no valid answer."""
         version, handles = self._link.answer(
             lambda told: (told.get("version"), msgspec.convert(told.get("nodes"), list[str])),
             "nodes",

@@ -145,7 +145,10 @@ def _round(result: Result, number: int, folder: Path, progress: Progress) -> boo
 
 
 def conclude(result: Result, options: argparse.Namespace) -> int:
-    """Print, write and draw the result; return the exit code."""
+    """Print, write and draw the result; return the exit code.
+
+    JitterError: a file cannot be written.
+    """
     if result.node("executive") is None:
         return Exit.INTERRUPTED
     print(report.text_of(result, options.histogram))

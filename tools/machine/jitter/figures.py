@@ -45,7 +45,10 @@ class Result:
 
     @cached_property
     def sorted_paths(self) -> dict[str, Vector]:
-        """The times of `nines.WAYS`, once all rounds are measured; none without any."""
+        """The times of `nines.WAYS`, once all rounds are measured; none without any.
+
+        Each (periods,).
+        """
         node = self.node("executive")
         paths = {way: np.sort(times) for way, times in node.paths_us.items()} if node else {}
         return paths if all(map(len, paths.values())) else {}
@@ -61,7 +64,7 @@ class Result:
         return join_rounds(found) if found else None
 
     def late_us(self, loop: str) -> list[Vector]:
-        """Return the lateness of a loop, us, one array a round."""
+        """Return the lateness of a loop, us, one array a round. Each (cycles,)."""
         if loop == PCPC:
             nodes = [probe.nodes.get("executive") for probe in self.probes]
             return [np.empty(0) if n is None else n.stages_us["wake_late"] for n in nodes]
@@ -82,19 +85,25 @@ class Result:
 
 
 def percentiles(values: Vector) -> dict[str, float]:
-    """Return p50 to max of at least one value."""
+    """Return p50 to max of at least one value. `values`: (n,)."""
     points = np.percentile(values, list(PERCENTILES.values()))
     return {name: float(v) for name, v in zip(PERCENTILES, points, strict=True)}
 
 
 def histogram(values_us: Vector) -> dict[int, int]:
-    """Return how often each whole us, rounded down as cyclictest does, came; ascending."""
+    """Return how often each whole us, rounded down as cyclictest does, came; ascending.
+
+    `values_us`: (n,).
+    """
     us, counts = np.unique(np.floor(values_us).astype(np.int64), return_counts=True)
     return {int(u): int(n) for u, n in zip(us, counts, strict=True)}
 
 
 def ratios(ours: Sequence[Vector], theirs: Sequence[Vector]) -> dict[str, dict[str, Any]]:
-    """Return median, min, max and each round's ratio of each compared figure; {} without rounds."""
+    """Return median, min, max and each round's ratio of each compared figure; {} without rounds.
+
+    Each round: (n,).
+    """
     pairs = [
         (percentiles(a), percentiles(b))
         for a, b in zip(ours, theirs, strict=False)  # an interrupted run has a round less of one

@@ -136,7 +136,7 @@ def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> Lo
 
 
 def cyclictest_values(text: str) -> NDArray[np.int64]:
-    """Return the latencies of `cyclictest -v`: lines `thread: cycle: latency`."""
+    """Return the latencies of `cyclictest -v`: lines `thread: cycle: latency`. Shape (n,)."""
     rows = (line.split(":") for line in text.splitlines())
     values = [int(row[2]) for row in rows if len(row) == 3 and row[0].strip().isdigit()]
     return np.array(values, np.int64)

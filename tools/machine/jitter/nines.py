@@ -68,6 +68,7 @@ def whole_path(
 
     Of each cycle: its number, lateness, the stamps of its wake-up, its command and the SYNC before
     it; whether the bus refused one of its frames, whether its sample was held.
+    Each array: (periods,).
     """
     to_command = late_us + 1e-3 * (commands_ns - wakes_ns)
     to_command[refused] = np.inf
@@ -110,7 +111,7 @@ def ranks(cycles: int, percent: Fraction) -> tuple[int | None, int, int | None]:
 
 
 def point(times_us: Vector, percent: Fraction) -> Point:
-    """Return a quantile of at least one time; they are sorted."""
+    """Return a quantile of at least one time; they are sorted. `times_us`: (n,)."""
     low, middle, high = (
         None if rank is None else float(times_us[rank - 1])
         for rank in ranks(len(times_us), percent)
@@ -120,7 +121,10 @@ def point(times_us: Vector, percent: Fraction) -> Point:
 
 
 def nines(times_us: Vector) -> Iterator[Point]:
-    """Yield the quantiles 99, 99.9, ... % whose interval is known; the times are sorted."""
+    """Yield the quantiles 99, 99.9, ... % whose interval is known; the times are sorted.
+
+    `times_us`: (n,).
+    """
     beyond = Fraction(1, 100)
     while beyond >= _FEWEST_BEYOND and cycles_needed(100 - 100 * beyond) <= len(times_us):
         yield point(times_us, 100 - 100 * beyond)
@@ -139,13 +143,16 @@ def judged(found: Point, limit_us: float) -> str:
 def verdicts(
     paths: Mapping[str, Vector], limits: Mapping[tuple[str, Fraction], float]
 ) -> list[Judged]:
-    """Return what became of each limit, us; the times are sorted."""
+    """Return what became of each limit, us; the times are sorted. Each way: (n,)."""
     points = [(way, point(paths[way], percent), us) for (way, percent), us in limits.items()]
     return [(way, found, us, judged(found, us)) for way, found, us in points]
 
 
 def lines(paths: Mapping[str, Vector], interval_ns: int, rounds: int) -> Iterator[str]:
-    """Yield the nines of all ways, and what the next one needs; the times are sorted."""
+    """Yield the nines of all ways, and what the next one needs; the times are sorted.
+
+    Each way: (n,).
+    """
     yield f"{'nines of the executive, us':38}{'%':>11}{'time':>10}   95 % interval"
     for way, times in paths.items():
         label = f"  {way:10}{WAYS[way]}"
@@ -169,7 +176,10 @@ def limit_lines(found: list[Judged], interval_ns: int, rounds: int) -> Iterator[
 
 
 def as_json(paths: Mapping[str, Vector], found: list[Judged]) -> dict[str, Any]:
-    """Return nines and judged limits; null stands for an unknown end and for a time without end."""
+    """Return nines and judged limits; null stands for an unknown end and for a time without end.
+
+    Each way: (n,).
+    """
     return {
         "nines_us": {
             way: {"cycles": len(times)} | {_percent(one): _numbers(one) for one in nines(times)}

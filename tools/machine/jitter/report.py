@@ -81,7 +81,10 @@ def _stages(name: str, node: Node) -> Iterator[str]:
 
 
 def full_histogram(late_us: Mapping[str, Vector], upto_us: int) -> Iterator[str]:
-    """Yield cyclictest's histogram: a line for each us below `upto_us`, a column for each node."""
+    """Yield cyclictest's histogram: a line for each us below `upto_us`, a column for each node.
+
+    Each node: (n,).
+    """
     whole = [np.floor(values).astype(np.int64) for values in late_us.values()]
     counts = [np.bincount(us[us < upto_us], minlength=upto_us) for us in whole]
     yield "# Histogram"
@@ -99,7 +102,10 @@ def full_histogram(late_us: Mapping[str, Vector], upto_us: int) -> Iterator[str]
 
 
 def short_histogram(late_us: Vector) -> Iterator[str]:
-    """Yield a line a bin, three to a decade, with a bar as long as the count's logarithm."""
+    """Yield a line a bin, three to a decade, with a bar as long as the count's logarithm.
+
+    `late_us`: (n,).
+    """
     edges = np.concatenate([[0.0], _STEPS, [np.inf]])
     counts, _ = np.histogram(late_us, edges)
     used = np.flatnonzero(counts)

@@ -20,7 +20,10 @@ _GUESTS_OWN = ("/run", "/dev", "/proc", "/sys")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run the words behind --, `options.rest`, in a machine; return their exit code."""
+    """Run the words behind --, `options.rest`, in a machine; return their exit code.
+
+    VmError: wrong input, or no machine.
+    """
     if not options.rest and not options.info:
         raise VmError("no command; put it after --, as in: pcpc vm -- ip link", Exit.WRONG_INPUT)
     try:

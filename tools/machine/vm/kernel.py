@@ -70,7 +70,10 @@ def cached_release(cache: Path) -> str | None:
 
 
 def packages_to_fetch(programs: Programs) -> tuple[str, list[str]]:
-    """Return (release, packages) of the kernel that the distribution's metapackage stands for."""
+    """Return (release, packages) of the kernel that the distribution's metapackage stands for.
+
+    VmError: apt knows none.
+    """
     for metapackage in _METAPACKAGES:
         match = re.search(
             r"^(?:Pre-)?Depends: .*?linux-image-(\d[\w.+~-]*)",

@@ -165,7 +165,10 @@ def _frames(rig: Rig) -> tuple[dbc.Frame, ...]:
 
 
 def heard_frames(rig: Rig, rows: NDArray[np.int64]) -> Iterator[tuple[str, list[str]]]:
-    """Yield which frames of the device stand in rows of a ring, and what was wrong with them."""
+    """Yield which frames of the device stand in rows of a ring, and what was wrong with them.
+
+    `rows`: (n, columns of the ring).
+    """
     frames = np.ascontiguousarray(rows[:, 1:]).view(FRAME)[:, 0]
     for frame in _frames(rig):
         came = frames[(frames["id"] == frame.word) & (frames["direction"] == 1)]

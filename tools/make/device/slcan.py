@@ -214,7 +214,7 @@ class Bridge:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `slcan`; return the exit code, of a program its own."""
+    """Carry out `slcan`; return the exit code, of a program its own. UserError: wrong input."""
     if bool(options.rest) == (options.port is not None):
         raise UserError("pcpc slcan: give a serial line, or -- and a program; `pcpc slcan --help`")
     if options.bitrate not in (None, *_BIT_RATES):

@@ -36,7 +36,10 @@ print(python_digest(sys.argv[1], sys.argv[2] or None, sys.argv[4:], int(sys.argv
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write the C; check it, tell its cost, if asked; return the exit code."""
+    """Write the C; check it, tell its cost, if asked; return the exit code.
+
+    UserError: wrong input.
+    """
     progress = Progress(quiet=options.quiet)
     if is_law(options.what):
         return _of_law(options, progress)
@@ -146,7 +149,10 @@ def _shorter_duration(rig: Rig, cycles: int) -> list[str]:
 
 
 def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
-    """Print the table of builds with their digests; return 1 if one differs, 4 if no C ran."""
+    """Print the table of builds with their digests; return 1 if one differs, 4 if no C ran.
+
+    UserError: nothing to compare.
+    """
     cycles = min(options.cycles, cycles_of(rig))
     closed = Closed(rig, options.single)
     if not any(closed.columns().values()):

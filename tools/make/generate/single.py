@@ -57,7 +57,10 @@ def single_precision(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def literal(text: str, file: str) -> str:
-    """Return the literal of a float nearest to that of a double."""
+    """Return the literal of a float nearest to that of a double.
+
+    Untranslatable: it is 0 in float.
+    """
     value = float(text)
     if abs(value) > _LARGEST:
         return f"{np.float32(_LARGEST)!s}f"

@@ -26,7 +26,7 @@ _OF_A_RIG = ("set", "data_bitrate", "rate", "jitter", "any_phase", "error_every"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the times of all frames; NOT_MET if a frame is late."""
+    """Print the times of all frames; NOT_MET if a frame is late. RigError: wrong input."""
     if options.words[0] == "emulate":
         refuse(options, "about a rig; emulate has none", *_OF_A_RIG)
         from pcpc.tools.start.bus import emulate  # here, because it imports numba

@@ -66,7 +66,10 @@ class Errors:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry frames until the end is asked for; INTERRUPTED then, LOSS if one was lost."""
+    """Carry frames until the end is asked for; INTERRUPTED then, LOSS if one was lost.
+
+    RigError: wrong input.
+    """
     errors = Errors.parsed(options.errors)
     if options.queue > line.MOST_ROOM:
         raise RigError(f"--queue {options.queue}: at most {line.MOST_ROOM}")

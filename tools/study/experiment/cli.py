@@ -70,7 +70,10 @@ def studies() -> list[ModuleType]:
 
 
 def chosen(name: str) -> list[ModuleType]:
-    """Return the studies of a chapter or of a file; none for another name."""
+    """Return the studies of a chapter or of a file; none for another name.
+
+    StudyError: a file that is not a study.
+    """
     if not name.endswith(".py"):
         return [study for study in studies() if f"chapter{study.CHAPTER}" == name]
     with told(), own_streams():
@@ -117,7 +120,7 @@ def run_studies(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run the experiment `options.name`; NOT_MET if a run failed."""
+    """Run the experiment `options.name`; NOT_MET if a run failed. StudyError: wrong input."""
     name = str(options.name)
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
         known = ", ".join(names())

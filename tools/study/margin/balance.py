@@ -56,7 +56,10 @@ def turns(phases: int = PHASES) -> Complex:
 
 
 def first_harmonic(values: Vector) -> Complex:
-    """Return the first harmonic of values (P, ...) at equal phases: a for a cos(th)."""
+    """Return the first harmonic of values (P, ...) at equal phases: a for a cos(th).
+
+    The result: (...,), complex.
+    """
     return np.asarray(2.0 / len(values) * np.tensordot(np.conj(turns(len(values))), values, 1))
 
 

@@ -74,7 +74,7 @@ def margin(add: Add) -> None:
 
 
 def numbers(text: str) -> list[float]:
-    """Return numbers above 0, with commas between."""
+    """Return numbers above 0, with commas between. ArgumentTypeError: not such numbers."""
     try:
         found = [float(one) for one in text.split(",")]
     except ValueError:

@@ -228,7 +228,10 @@ def best_measurement(
 
 
 def commands(rig: Rig, cut: Loop) -> Vector:
-    """Return what a law commands in every cycle of the rig as it is; UserError at a fault."""
+    """Return what a law commands in every cycle of the rig as it is; UserError at a fault.
+
+    Shape (n,).
+    """
     n = round(rig.config.duration_s * rig.config.rate_hz)
     made = with_injection(with_duration(rig, (n + 10) / rig.config.rate_hz), cut, {})
     return _run(VirtualRun(made, None), cut, np.zeros(n))[0]

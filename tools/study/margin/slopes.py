@@ -115,6 +115,7 @@ def steps(f: Map, x: Vector, i: int, axes: Places) -> Steps | None:
     """Return where f_i steps along that of some axes on which it does so soonest; None: nowhere.
 
     One that takes less than four values is no rounded slope: a switch, or a limit on both sides.
+    `x`: (n,); `axes`: (k,).
     """
     for width in _WIDTHS.tolist():
         for j in axes.tolist():

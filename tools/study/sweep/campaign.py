@@ -117,7 +117,7 @@ class Campaign:
         return found
 
     def numbered(self, shard: Shard) -> Iterator[tuple[int, np.ndarray[Any, Any]]]:
-        """Yield number and point of the draws of a shard."""
+        """Yield number and point of the draws of a shard. Each point: (d,)."""
         whole = self.sampling in ("lhs", "grid") or self.draws <= _BLOCK
         size = self.draws if whole else _BLOCK
         made = 0

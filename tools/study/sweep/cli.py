@@ -33,7 +33,7 @@ _TAKES = {"merge": {"output", "quiet"}, "rerun": {"output", "quiet", "on_bus"}}
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `pcpc sweep`; return the exit code."""
+    """Carry out `pcpc sweep`; return the exit code. RigError: wrong input."""
     _check_options(options)
     if options.words[0] == "merge":
         return _merge(options)

@@ -137,7 +137,10 @@ def _words(ax: "Axes", x: str, y: str, loc: Any = "best") -> None:
 
 
 def ratio_line(low: float, high: float, times: float) -> tuple[Vector, Vector]:
-    """Return a dense line y = x/times over low..high > 0, smooth on linear and log axes alike."""
+    """Return a dense line y = x/times over low..high > 0, smooth on linear and log axes alike.
+
+    Both (n,).
+    """
     x = np.union1d(np.linspace(low, high, LINE_POINTS), np.geomspace(low, high, LINE_POINTS))
     return x, x / times
 
@@ -152,7 +155,7 @@ def scatter(
     """Draw each other controller against the first, run by run on the same draw.
 
     Below a line of ratio r the first is more than r times larger; only the line of equality where
-    a value is not above 0.
+    a value is not above 0. `pairs`: each (n,).
     """
     x, y = (np.concatenate(part) for part in zip(*pairs, strict=True))
     scale = _scale(x, y)  # one: two hide how far the values are apart
@@ -192,7 +195,10 @@ def scatter(
 
 
 def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector, Vector]]) -> None:
-    """Draw how often the first controller's value is so many times the other's."""
+    """Draw how often the first controller's value is so many times the other's.
+
+    `pairs`: each (n,).
+    """
     base = results.controllers[0]
     quotients = [x / y for x, y in pairs]
     low = min(0.95, *(float(q.min()) for q in quotients if len(q)))

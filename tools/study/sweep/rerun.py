@@ -24,7 +24,10 @@ _MAIN = "from pcpc.tools.cli import main; raise SystemExit(main())"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Simulate a run of a table; with --on-bus run it in lockstep, too, and compare the logs."""
+    """Simulate a run of a table; with --on-bus run it in lockstep, too, and compare the logs.
+
+    RigError: wrong input.
+    """
     words = options.words[1:]
     if not 2 <= len(words) <= 3 or not words[1].isdecimal() or len(words[1]) > 18:
         raise RigError("pcpc sweep rerun: expected DIR DRAW [CONTROLLER], as runs/SWEEP 39 pd")

@@ -191,6 +191,7 @@ def points(variations: Sequence[Variation], n: int, sampling: str, seed: int) ->
     continued. `lhs`: n is part of the design, and another n has other points. `grid`: all
     combinations of all levels; n has to be their number. The same numbers come from the same
     versions of numpy and scipy; the table of a campaign holds the values themselves.
+    RigError: no such sampling, or a wrong number.
     """
     d = len(variations)
     if n < 1:

@@ -37,7 +37,7 @@ def worst(
     `margins` takes points (m, d) and returns (m,), -inf or NaN for a run that failed without one,
     inf for one that could not be done; it is asked for `runs` points in all, the first population
     of `batch`. No two of the points that are returned lie within APART of each other. The same seed
-    asks for the same points.
+    asks for the same points. ValueError: too few runs, or margins of a wrong shape.
     """
     if runs < 1 or not variations:
         raise ValueError(f"{runs} runs, {len(variations)} variations: nothing to search")

@@ -21,7 +21,7 @@ _TRIES = 20
 
 
 def layout(options: argparse.Namespace) -> int:
-    """Print the layout of a rig's plant."""
+    """Print the layout of a rig's plant. UserError: no rig."""
     from pcpc.tools.live.host.foxglove import layouts  # numba
 
     if options.what is None:
@@ -36,7 +36,7 @@ def layout(options: argparse.Namespace) -> int:
 def command(
     options: argparse.Namespace, shown: Source | FollowedRun, certificate: tuple[str, str] | None
 ) -> int:
-    """Serve Foxglove and Lichtblick until Ctrl-C."""
+    """Serve Foxglove and Lichtblick until Ctrl-C. UserError: wrong input."""
     if options.port is not None:
         raise UserError(f"--port is the page's; use --foxglove {options.port}")
     if isinstance(shown, Source):

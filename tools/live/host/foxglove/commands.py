@@ -19,7 +19,7 @@ def beside(add: Add) -> None:
 
 
 def port(text: str) -> int:
-    """Return a port; 0: any that is free."""
+    """Return a port; 0: any that is free. ArgumentTypeError: not a port."""
     if not text.isdecimal() or int(text) > 65535:
         what = f"{text!r} is not a port; the rig comes first: `pcpc host {text} --foxglove`"
         raise argparse.ArgumentTypeError(what)

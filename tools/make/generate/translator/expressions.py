@@ -56,7 +56,7 @@ class Expressions:
         return Untranslatable(f"{self.file.shown}:{getattr(node, 'lineno', 0)}: {what}")
 
     def number(self, node: ast.expr) -> Value:
-        """Return a value that is one number."""
+        """Return a value that is one number. Raises Untranslatable."""
         value = self.value(node)
         if not isinstance(value.kind, Number):
             said = ast.unparse(node)
@@ -64,14 +64,14 @@ class Expressions:
         return value
 
     def truth(self, node: ast.expr) -> Value:
-        """Return a condition."""
+        """Return a condition. Raises Untranslatable."""
         value = self.number(node)
         if value.kind != TRUTH:
             raise self.error(node, f"{ast.unparse(node)} is no comparison; write one, as `> 0.5`")
         return value
 
     def value(self, node: ast.expr) -> Value:
-        """Return any expression."""
+        """Return any expression. Raises Untranslatable."""
         made = getattr(self, f"_{type(node).__name__.lower()}", None)
         if made is None:
             what = f"{type(node).__name__} has no meaning in C: {ast.unparse(node)}"
@@ -112,7 +112,7 @@ class Expressions:
         return f"{name}_{self._kept}"
 
     def apart(self, node: ast.expr, why: str) -> Value:
-        """Return a value that needs no statement before it."""
+        """Return a value that needs no statement before it. Raises Untranslatable."""
         before = len(self.lines)
         value = self.number(node)
         if len(self.lines) > before:

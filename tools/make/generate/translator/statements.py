@@ -43,7 +43,7 @@ class Statements(Calls):
         raise NotImplementedError
 
     def statement(self, stmt: ast.stmt) -> None:
-        """Add the lines of a statement."""
+        """Add the lines of a statement. Raises Untranslatable."""
         made = getattr(self, f"_do_{type(stmt).__name__.lower()}", None)
         if made is None:
             said = ast.unparse(stmt).splitlines()[0]

@@ -43,7 +43,7 @@ class Unit:
         self._open: list[Any] = []
 
     def struct(self, layout: Layout) -> str:
-        """Return the name of the structure of a layout."""
+        """Return the name of the structure of a layout. Raises Untranslatable."""
         if layout not in self.structs:
             raise Untranslatable(f"{self.name}: ports of {layout.name} that are no part of it")
         return self.structs[layout]
@@ -66,7 +66,7 @@ class Unit:
         return (text if "PCPC" in text else self._kept(name, "double", "", text)), FLOAT
 
     def table(self, name: str, values: Any) -> tuple[str, Cells]:
-        """Return name and kind of an array from outside of the function."""
+        """Return name and kind of an array from outside of the function. Raises Untranslatable."""
         array = np.asarray(values)
         element = TRUTH if array.dtype.kind == "b" else WHOLE if array.dtype.kind in "iu" else FLOAT
         if array.dtype.kind not in "biuf" or array.size == 0:
@@ -86,7 +86,7 @@ class Unit:
         raise Untranslatable(f"{self.name}: too many constants named {name}")
 
     def elementary(self, function: Callable[..., Any]) -> tuple[str, tuple[Number, ...]]:
-        """Return the name of an elementary function, and its results."""
+        """Return the name of an elementary function, and its results. Raises Untranslatable."""
         count = 2 if function.__name__ == "sincos" else 1
         if function.__name__.startswith("_") or getattr(emath, function.__name__, None) is None:
             raise Untranslatable(f"emath.{function.__name__} is not for laws; call a public one")
@@ -95,7 +95,7 @@ class Unit:
     def function(
         self, function: Callable[..., Any], kinds: tuple[Kind, ...], caller: Any, node: ast.AST
     ) -> Called:
-        """Return a function for these kinds of arguments."""
+        """Return a function for these kinds of arguments. Raises Untranslatable."""
         key = (function, kinds)
         if key in self._open:
             raise caller.error(node, f"{function.__name__} calls itself; write a loop")
