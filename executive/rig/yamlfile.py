@@ -147,10 +147,7 @@ def load(path: str | Path, text: str | None = None) -> Document:
 
 
 def parse_value(text: str, place: Place) -> Any:
-    """Return the value of a command line's NAME=`text`: a scalar or a flow list or mapping.
-
-    RigError: not a value.
-    """
+    """Return the value of an option NAME=`text`: a scalar, flow list or mapping; RigError."""
     try:
         node = compose(text)
         return None if node is None else _plain(_tree(node, place.file, place))
