@@ -19,7 +19,7 @@ from pcpc.tools.make.new import CART, DEVICE_FILES, FILES, MOTOR, NEXT, NEXT_DEV
 FIGURES = {  # of a README: its controller, the words around it, the figure
     "motor": (
         ("pid", r"within 30 mrad after (\S+) s", "settled_s"),
-        ("pd", r"holds the motor up to (\S+) mrad off", "rest_error_max_mrad"),
+        ("pd", r"holds the motor up to (\S+) mrad,", "rest_error_max_mrad"),
     ),
     "cart": (
         ("state_feedback", r"goes back by (\S+) mm", "back_mm"),
