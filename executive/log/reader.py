@@ -282,12 +282,17 @@ def _node(
 def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
     """Return the frames of a node; what no bus could have carried is left out."""
     messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
-    frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
-    sane = log_checks.possible_frames(frames)
+    frames, sane = frames_in(messages)
     if not sane.all():
         notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
         frames = frames[sane]
     return frames
+
+
+def frames_in(messages: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return the frames of messages (n,), and which of them a bus could have carried."""
+    frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
+    return frames, log_checks.possible_frames(frames)
 
 
 def _messages(found: Scan, name: str, payload_bytes: int) -> NDArray[Any]:

@@ -6,6 +6,7 @@ install(plan, loop)       in `executive.nodes.install`: writes it into a zeroed 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -159,22 +160,20 @@ def check_rate(rig: Rig, pacing: str) -> float:
 def _lay_out(made: Plan) -> None:
     """Fill the table: the loop's own variables, frames, blocks."""
     table = made.table
-    for name, unit, help in HEAD:
-        table.add(Variable(name, unit, "supervisor", "loop", help))
-    for name, unit, help in TIMING:
-        kind = name.partition(".")[0]  # health or timing
-        table.add(Variable(name, unit, kind, "loop", help, timing=True))
-    for name, unit, help in RESETS:
-        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
-    for name, unit, help in REFUSALS:
-        table.add(Variable(name, unit, "health", "loop", help, recorded=False))
+
+    def add_own(entries: Sequence[tuple[str, str, str]], kind: str = "", **more: Any) -> None:
+        for name, unit, help in entries:  # of no kind: supervisor, health, timing by their names
+            own = kind or name.partition(".")[0]
+            table.add(Variable(name, unit, own, "loop", help, **more))
+
+    add_own(HEAD, "supervisor")
+    add_own(TIMING, timing=True)
+    add_own(RESETS, "parameter", low=0.0, high=1.0, recorded=False)
+    add_own(REFUSALS, recorded=False)
     for name, unit, help, high in REQUESTS:
         most = 0.0 if name == "supervisor.disarmed" and made.role != "executive" else high
-        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, most, recorded=False))
-    for name, unit, help in DRIVE:
-        table.add(Variable(name, unit, "supervisor", "loop", help, recorded=False))
-    for name, unit, help in BUS:
-        table.add(Variable(name, unit, "health", "loop", help, recorded=False))
+        add_own([(name, unit, help)], "parameter", low=0.0, high=most, recorded=False)
+    add_own((*DRIVE, *BUS), recorded=False)
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),

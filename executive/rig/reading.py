@@ -20,10 +20,12 @@ numba is imported with the first law, so that reading a rig with `resolve=False`
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig import checks, effective, fmu, yamlfile
@@ -83,6 +85,10 @@ class Rig:
         """The file that draws the plant: beside the evaluation, else beside the rig file."""
         neighbour = Path(self.evaluation.file) if self.evaluation else self.path
         return file if (file := neighbour.with_name("drawing.py")).is_file() else None
+
+    def changed(self, **keys: Any) -> "Rig":
+        """Return the rig with other values of its config."""
+        return replace(self, config=msgspec.structs.replace(self.config, **keys))
 
     def where(self, path: str) -> str:
         """Return `file:line:column` of a path such as `executive.transmit.CMD.motor_torque`."""

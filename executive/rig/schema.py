@@ -369,12 +369,15 @@ class Config(Keyed):
         """How long a cycle takes."""
         return round(1e9 / self.rate_hz)
 
+    @property
+    def expected(self) -> dict[str, tuple[float, float] | Expected]:
+        """The limits of the controller that runs, by their metrics."""
+        return self.expect.get(self.controller, {})
+
     def limit_ids(self) -> dict[str, str]:
         """Return the ids of the limits of the controller that runs, by their metrics."""
-        limits = self.expect.get(self.controller, {})
-        return {
-            name: one.id for name, one in limits.items() if isinstance(one, Expected) and one.id
-        }
+        limits = self.expected.items()
+        return {key: one.id for key, one in limits if isinstance(one, Expected) and one.id}
 
     def no_controller(self, name: str) -> str:
         """Return what is wrong with a name that is no controller's."""

@@ -16,8 +16,8 @@ from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
 from pcpc.plants.theorem import Cycles
 from pcpc.tools.study.bounds import observed
+from pcpc.tools.study.bounds.book._retuned import retuned
 from pcpc.tools.study.bounds.bounds import of_rig, theorem_of
-from pcpc.tools.study.bounds.retuned import retuned
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
 

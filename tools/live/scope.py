@@ -220,8 +220,7 @@ class Scope:
 
 def command(options: argparse.Namespace) -> int:
     """Capture; return the exit code. LiveError: wrong input, or no such node."""
-    if options.plot is not None:
-        check_picture("--plot", options.plot)
+    check_picture("--plot", options.plot)
     scope = Scope(options)
     with new_file(options.output, options.force) as path:
         scope.run(path)

@@ -32,6 +32,12 @@ def new_file(
         raise LogCommandError(what, code_of(error)) from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole, in the place of one that is there; LogCommandError."""
+    with new_file(path, force=True) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
 def check_file(option: str, path: Path | None) -> None:
     """Raise LogCommandError if no file can be `path`, as `option` named it; of None not."""
     if path is not None and (path.is_dir() or not path.parent.is_dir()):

@@ -12,7 +12,7 @@ from pcpc.tools.after.compare.overlay import How
 from pcpc.tools.after.compare.recorded import compared
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.option_notes import refuse
-from pcpc.tools.terminal.outfile import new_file
+from pcpc.tools.terminal.outfile import write_text
 from pcpc.tools.terminal.progress import Progress
 
 
@@ -31,16 +31,11 @@ def command(options: argparse.Namespace) -> int:
         raise
     files = {options.markdown: found.markdown(), options.json: found.json()}
     for name in (name for name in files if name not in (None, "-")):
-        _write(Path(name), files[name])
+        write_text(Path(name), files[name] + "\n")
     if how.figures is not None:
-        _write(how.figures / "report.md", found.markdown(pictures=True))
+        write_text(how.figures / "report.md", found.markdown(pictures=True) + "\n")
     sys.stdout.write(files.get("-", found.text()) + "\n")
     return Exit.NOT_MET if found.fails(options.fail_on) else Exit.OK
-
-
-def _write(path: Path, text: str) -> None:
-    with new_file(path, force=True) as unfinished:
-        unfinished.write_text(text + "\n", encoding="utf-8")
 
 
 def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:

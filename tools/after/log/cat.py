@@ -177,8 +177,7 @@ class Printer:
         if rows["data"].shape[1] != logs.CDR_BYTES + logs.FRAME.itemsize:
             self._left_out[topic] += len(rows)
             return
-        data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
-        sane = log_checks.possible_frames(data)
+        data, sane = logs.frames_in(rows)
         self._left_out[topic] += len(rows) - int(sane.sum())
         rows, data = rows[sane], data[sane]
         if self.form == "candump":

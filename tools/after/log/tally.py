@@ -64,8 +64,7 @@ class Tally:
         step[1] = int(log_checks.unwrapped_cycles(sequence, step[1])[-1])
 
     def _take_frames(self, topic: str, rows: NDArray[Any]) -> None:
-        data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
-        sane = log_checks.possible_frames(data)
+        data, sane = logs.frames_in(rows)
         self._left_out[topic] += len(data) - int(sane.sum())
         data = data[sane]
         key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)

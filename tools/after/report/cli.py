@@ -18,7 +18,7 @@ from pcpc.tools.terminal.document import Section, html
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.option_notes import refuse
-from pcpc.tools.terminal.outfile import LogCommandError, new_file
+from pcpc.tools.terminal.outfile import LogCommandError, write_text
 from pcpc.tools.terminal.progress import Progress
 
 SUFFIXES = (".html", ".htm")
@@ -82,6 +82,5 @@ def write(
     contents = "".join(f'<a href="#{name}">{name}</a> ' for name in bodies)
     parts = [heading, html(sections.verdict(record)), f"<nav>{contents}</nav>", *bodies.values()]
     title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
-    with new_file(output, force=True) as unfinished:
-        unfinished.write_text(page(title, parts), encoding="utf-8")
+    write_text(output, page(title, parts))
     return [*record.log.missing, *record.tally.left_out()]

@@ -90,7 +90,7 @@ def metrics(record: Record) -> Table | None:
     if summary is None:
         return None
     config = record.judge.rig.config if record.judge else None
-    limits = config.expect.get(config.controller, {}) if config else {}
+    limits = config.expected if config else {}
     rows = []
     for name in {**limits, **summary.metrics}:
         value, state, bounds = summary.metrics.get(name, math.nan), "", ""

@@ -252,7 +252,7 @@ def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[Test
 def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
     """Yield what became of the rig's limits; the margin is that to the nearer one."""
     config = judge.rig.config
-    for name, limit in config.expect.get(config.controller, {}).items():
+    for name, limit in config.expected.items():
         low, high = limit
         key = limit.id if isinstance(limit, Expected) and limit.id else name
         words = f"{name} {low:g} to {high:g}"

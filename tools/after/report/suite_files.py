@@ -9,7 +9,7 @@ from pcpc.tools.after.report.suite import OK, Suite, Tested, link
 from pcpc.tools.terminal.document import Code, Link, Part, Section, Strong, Table, Verdict, html
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.junit import Case, junit_text
-from pcpc.tools.terminal.outfile import LogCommandError, check_file, new_file
+from pcpc.tools.terminal.outfile import LogCommandError, check_file, write_text
 from pcpc.tools.terminal.progress import Progress
 
 _SUFFIXES = (".html", ".htm")
@@ -31,11 +31,9 @@ def command(options: argparse.Namespace, progress: Progress) -> int:
     if not all(needed):
         raise UserError("--need: an empty name; expected ids with a comma between")
     found = suites.gather(options.suite, needed, options, progress)
-    with new_file(output, force=True) as unfinished:
-        unfinished.write_text(as_html(found, output), encoding="utf-8")
+    write_text(output, as_html(found, output))
     if junit is not None:
-        with new_file(junit, force=True) as unfinished:
-            unfinished.write_text(as_junit(found) + "\n", encoding="utf-8")
+        write_text(junit, as_junit(found) + "\n")
     for line in () if options.quiet else _against(found):
         print(line)
     print(output)

@@ -214,7 +214,7 @@ class Judge:
     ) -> None:
         """Judge the metrics that the rig limits."""
         config = self.rig.config
-        expected, ids = config.expect.get(config.controller, {}), config.limit_ids()
+        expected, ids = config.expected, config.limit_ids()
         try:
             found.metrics = guarded(lambda: self.evaluation.figures(judged))
         except EvaluationError as error:
@@ -360,7 +360,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
         told |= dict.fromkeys(judge.metrics(log))
     judge.draw(log, judge.metrics(log), None)
     _check_names(judge, log)
-    expected = config.expect.get(config.controller, {})
+    expected = config.expected
     known = judge.evaluation.names(evaluation.numbers)
     for name in expected:
         if name not in known:

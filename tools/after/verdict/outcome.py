@@ -26,34 +26,24 @@ _OF_A_VALUE = (
     Fault.NOT_PLAUSIBLE,
 )
 
+_WORDS = {"late_cycles": "late", "skipped_cycles": "skipped", "held_cycles": "held",
+          "saturated_values": "saturated"}  # fmt: skip
+_VARIABLES = {
+    "sent": "frames_sent", "received": "frames_received", "lost": "frames_lost",
+    "stale": "stale_cycles", "repeated": "frames_repeated",
+    "lost_on_purpose": "frames_lost_on_purpose", "missed": "frames_missed",
+    "starved": "starved_cycles", "foreign": "frames_foreign",
+}  # fmt: skip
 HEALTH = {  # key of the summary -> word of `control`, variable of the log
-    "late_cycles": ("late", "late_cycles"),
-    "skipped_cycles": ("skipped", "skipped_cycles"),
-    "held_cycles": ("held", "held_cycles"),
-    "sent": ("sent", "frames_sent"),
-    "received": ("received", "frames_received"),
-    "lost": ("lost", "frames_lost"),
-    "stale": ("stale", "stale_cycles"),
-    "crc_errors": ("crc_errors", "crc_errors"),
-    "repeated": ("repeated", "frames_repeated"),
-    "saturated_values": ("saturated", "saturated_values"),
-    "lost_on_purpose": ("lost_on_purpose", "frames_lost_on_purpose"),
-    "wrong_sequence": ("wrong_sequence", "wrong_sequence"),
-    "implausible": ("implausible", "implausible"),
-    "intrusions": ("intrusions", "intrusions"),
-    "signs_on_purpose": ("signs_on_purpose", "signs_on_purpose"),
-    "missed": ("missed", "frames_missed"),
-    "starved": ("starved", "starved_cycles"),
-    "foreign": ("foreign", "frames_foreign"),
-    "send_errors": ("send_errors", "send_errors"),
-    "bus_errors": ("bus_errors", "bus_errors"),
-    "bus_warnings": ("bus_warnings", "bus_warnings"),
-    "bus_passives": ("bus_passives", "bus_passives"),
-    "bus_offs": ("bus_offs", "bus_offs"),
-    "bus_restarts": ("bus_restarts", "bus_restarts"),
-    "bus_no_acks": ("bus_no_acks", "bus_no_acks"),
-    "bus_tx_timeouts": ("bus_tx_timeouts", "bus_tx_timeouts"),
-}
+    key: (_WORDS.get(key, key), _VARIABLES.get(key, key))
+    for key in (
+        "late_cycles", "skipped_cycles", "held_cycles", "sent", "received", "lost", "stale",
+        "crc_errors", "repeated", "saturated_values", "lost_on_purpose", "wrong_sequence",
+        "implausible", "intrusions", "signs_on_purpose", "missed", "starved", "foreign",
+        "send_errors", "bus_errors", "bus_warnings", "bus_passives", "bus_offs", "bus_restarts",
+        "bus_no_acks", "bus_tx_timeouts",
+    )
+}  # fmt: skip
 
 
 @dataclass

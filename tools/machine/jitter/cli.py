@@ -97,8 +97,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     """Raise UserError for a file that cannot be written, before anything is measured."""
     check_file("--json", options.json)
     check_file("--plot", options.plot)
-    if options.plot is not None:
-        check_picture("--plot", options.plot)
+    check_picture("--plot", options.plot)
 
 
 def measure(

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,7 +59,7 @@ def _references(rig: Rig, about: Mapping[str, Any], cycle: NDArray[np.int64]) ->
 def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
     """Return a judge of what the log of a plant tells, and why the rest is not judged, by name."""
     config, left = judge.rig.config, dict[str, str]()
-    expected = config.expect.get(config.controller, {})
+    expected = config.expected
     try:
         metrics = judge.metrics(log)
         left = {name: WHY for name in expected if math.isnan(metrics.get(name, math.nan))}
@@ -70,12 +69,11 @@ def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]
     require = list(judge.required().values())
     silent = [entry for entry in require if _asks_for_more(judge, log, known, entry)]
     left |= {text_of(entry): WHY for entry in silent}
-    changed = msgspec.structs.replace(
-        config,
+    rig = judge.rig.changed(
         expect={config.controller: {k: v for k, v in expected.items() if k not in left}},
         require=[entry for entry in require if entry not in silent],
     )
-    return replace(judge, rig=replace(judge.rig, config=changed)), left
+    return replace(judge, rig=rig), left
 
 
 def _asks_for_more(judge: Judge, log: logs.Log, known: Names, entry: Any) -> bool:

@@ -9,10 +9,7 @@ main_linux.c, ...     for a machine: Linux with CAN; a Cortex-M with a UART
 Makefile              `make linux m7 m4`
 """
 
-import dataclasses
 from importlib import resources
-
-import msgspec
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
@@ -32,7 +29,8 @@ _SAME = (  # for all rigs
 def device(rig: Rig) -> dict[str, str]:
     """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
     _check(rig)
-    made = plan(_undisturbed(rig), "executive", "lockstep")
+    # faults on purpose are the executive's, not the device's
+    made = plan(rig.changed(faults={}, losses={}), "executive", "lockstep")
     files = (
         {name: (_FIXED / name).read_text() for name in _SAME}
         | elementary.files()
@@ -48,12 +46,6 @@ def device(rig: Rig) -> dict[str, str]:
             raise RigError(f"{spec.where()}: {spec.name}: {taken[0]} is another file; rename it")
         files |= law
     return dict(sorted(files.items()))
-
-
-def _undisturbed(rig: Rig) -> Rig:
-    """Return a rig without faults on purpose: they are the executive's, not the device's."""
-    config = msgspec.structs.replace(rig.config, faults={}, losses={})
-    return dataclasses.replace(rig, config=config)
 
 
 def _check(rig: Rig) -> None:

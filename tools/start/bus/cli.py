@@ -35,8 +35,7 @@ def command(options: argparse.Namespace) -> int:
     refuse(options, "only with emulate", "queue", "errors", "for_s")
     if options.words[1:]:
         raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
-    if options.plot is not None:
-        check_picture("--plot", options.plot)
+    check_picture("--plot", options.plot)
     given = [*options.set]
     if options.rate is not None:
         given.append(f"rate_hz={options.rate!r}")

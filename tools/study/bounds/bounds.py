@@ -77,8 +77,7 @@ def command(options: argparse.Namespace) -> int:
 
     OK also where no theorem is known.
     """
-    if options.plot is not None:
-        check_picture("--plot", options.plot)
+    check_picture("--plot", options.plot)
     try:
         with np.errstate(all="ignore"):  # a run may leave what floats hold: it violates V
             found = of(options.what, options)

@@ -35,7 +35,7 @@ from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.study.arrays import Complex, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
-from pcpc.tools.study.margin.operating import INJECTED, with_duration, with_injection
+from pcpc.tools.study.margin.operating import INJECTED, with_injection
 
 PERIODS = 4
 _PIECE = 1000  # cycles between two looks at the nodes
@@ -144,7 +144,7 @@ def measure(
     settle = round(settle_s * rate)
     still, turns = np.zeros(settle), 1 + max(-(-settle // (2 * n)), 1)
     d = np.concatenate((still, np.tile(sines.d, (1, turns)).ravel(), still))
-    made = with_injection(with_duration(rig, (len(d) + 10) / rate), cut, held)
+    made = with_injection(rig.changed(duration_s=(len(d) + 10) / rate), cut, held)
     if quiet is None:
         quiet = _run(VirtualRun(made, None), cut, np.zeros(len(d)))[0]
     u, clamped = _run(VirtualRun(made, None), cut, d)
@@ -233,7 +233,7 @@ def commands(rig: Rig, cut: Loop) -> Vector:
     Shape (n,).
     """
     n = round(rig.config.duration_s * rig.config.rate_hz)
-    made = with_injection(with_duration(rig, (n + 10) / rig.config.rate_hz), cut, {})
+    made = with_injection(rig.changed(duration_s=(n + 10) / rig.config.rate_hz), cut, {})
     return _run(VirtualRun(made, None), cut, np.zeros(n))[0]
 
 

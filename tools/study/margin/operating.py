@@ -6,7 +6,7 @@ what they give, derivatives are 0: outputs whose unit has a higher power of 1/s 
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -28,8 +28,7 @@ _PER_S = re.compile(r"/s([23]?)\Z")
 def without_disturbances(rig: Rig) -> Rig:
     """Return the rig without faults and losses on purpose, and without an emulated line."""
     bus = msgspec.structs.replace(rig.config.bus, emulate=None)
-    config = msgspec.structs.replace(rig.config, faults={}, losses={}, bus=bus)
-    return replace(rig, config=config)
+    return rig.changed(faults={}, losses={}, bus=bus)
 
 
 def plans_of(rig: Rig) -> dict[Role, Plan]:
@@ -62,11 +61,6 @@ def _order(unit: str) -> int:
     return 0 if match is None else int(match[1] or 1)
 
 
-def with_duration(rig: Rig, duration_s: float) -> Rig:
-    """Return the rig with another duration."""
-    return replace(rig, config=msgspec.structs.replace(rig.config, duration_s=duration_s))
-
-
 def with_injection(rig: Rig, loop: Loop, values: Mapping[str, float]) -> Rig:
     """Return the rig with the references held and something added to a sent signal.
 
@@ -79,7 +73,7 @@ def with_injection(rig: Rig, loop: Loop, values: Mapping[str, float]) -> Rig:
     }
     at = loop.sent if loop.role == "executive" else f"{loop.role}:{loop.sent}"
     faults[INJECTED] = Fault(kind="bias", at=at, value=0.0, from_="0s")
-    return replace(rig, config=msgspec.structs.replace(rig.config, faults=faults))
+    return rig.changed(faults=faults)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from pcpc.tools.study.sweep.sensitivity import Share
 from pcpc.tools.terminal.document import Code, Note, Part, Picture, Section, Table, html
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page, png_of, text
-from pcpc.tools.terminal.outfile import new_file
+from pcpc.tools.terminal.outfile import new_file, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,8 +68,7 @@ def report(results: Results, folder: Path) -> Path:
         Section("Metrics and margins", _metrics(results, pictures)),
     ]
     bodies = [f"<h1>{text(title)}</h1>", *map(html, parts)]
-    with new_file(folder / "report.html", force=True) as unfinished:
-        unfinished.write_text(page(title, bodies), encoding="utf-8")
+    write_text(folder / "report.html", page(title, bodies))
     return folder / "report.html"
 
 

@@ -27,7 +27,7 @@ from pcpc.executive.errors import RigError, code_of
 from pcpc.tools.study.engine import Row
 from pcpc.tools.study.sweep.campaign import Shard, differences, read
 from pcpc.tools.study.sweep.results import COLUMNS, HELD, MARGIN, METRIC, VARY, kind_of
-from pcpc.tools.terminal.outfile import new_file
+from pcpc.tools.terminal.outfile import new_file, write_text
 
 if TYPE_CHECKING:
     import pyarrow
@@ -185,8 +185,7 @@ def claim_spec(folder: Path, spec: Mapping[str, Any]) -> bool:
     text = json.dumps(spec, indent=1)
     is_new = not path.exists()
     if is_new:
-        with new_file(path, force=True) as unfinished:
-            unfinished.write_text(text + "\n", encoding="utf-8")
+        write_text(path, text + "\n")
     if differ := differences(read(path), json.loads(text)):
         what = f"{folder} holds another campaign; it differs in {differ}"
         raise RigError(f"{what}; choose another folder with -o")

@@ -22,8 +22,8 @@ from pcpc.plants.study import markdown
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.bounds import figure, text
+from pcpc.tools.study.bounds.book._retuned import retuned
 from pcpc.tools.study.bounds.bounds import known, law_of, of_rig, theorem_of
-from pcpc.tools.study.bounds.retuned import retuned
 from pcpc.tools.terminal.progress import Progress
 
 PLANTS = Path(plants.__file__).resolve().parent
