@@ -116,6 +116,18 @@ def test_what_needs_memory_of_its_own_is_called_through_numba_and_kept_there(
     assert said(tmp_path, main) == "[1. 1. 1.] 0 True"
 
 
+def test_code_with_the_address_of_a_table_is_of_its_process_alone(tmp_path: Path) -> None:
+    (tmp_path / "large.py").write_text(
+        "import numpy as np\nfrom pcpc.drivers.compiled.jit import compiled\n"
+        "TABLE = np.arange(200_000.0)\n"  # numba copies what has a megabyte at most
+        "@compiled()\ndef entry(i):\n    return TABLE[i]\n"
+    )
+    main = "import large; from pcpc.drivers.compiled.compile_cache import watch\n"
+    main += "print(large.entry(199_999), watch.done)"
+    for _ in range(2):
+        assert said(tmp_path, main) == "199999.0 1"
+
+
 def test_numba_takes_what_has_no_mark(tmp_path: Path) -> None:
     @compiled()
     def doubled(x: Any) -> Any:
