@@ -32,6 +32,7 @@ import numpy as np
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.drivers.machine import claim, kernel, realtime
 from pcpc.executive.laws.emath_selftest import selftest
@@ -39,7 +40,7 @@ from pcpc.executive.log.provenance import facts, of_rig
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Trigger
-from pcpc.executive.loop.cycle import finish, run
+from pcpc.executive.loop.cycle import STEPS, N, finish, run
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes import fmus, greeting, without_effect
 from pcpc.executive.nodes.install import install, install_in_memory
@@ -338,6 +339,12 @@ def warm_up_memory(made: Plan) -> Any:
     loop.meeting.seeks_below = 0  # it waits for nobody
     loop.guard.cycles = _WARM_UP_CYCLES
     return loop
+
+
+def load_code() -> None:
+    """Put the loop into memory, if it is to be compiled: for copies of this process."""
+    if not LOOP_INTERPRETED:
+        run.compile((N, STEPS))
 
 
 if __name__ == "__main__":

@@ -128,6 +128,7 @@ class Host:
             compile_cache.watch.listener = None
             return process.main(words)
 
+        process.load_code()
         return Child.forked(role, main, arguments)
 
     def _watchdog(self, ready: int) -> int:

@@ -11,6 +11,8 @@ cells are the same, or any value. What is empty is left out: None, a table witho
 without parts.
 """
 
+import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -243,9 +245,19 @@ def _each(own: str | Sequence[str]) -> Sequence[str]:
 
 def show(lines: Iterable[str], width: int) -> None:
     """Print lines; their labels, as wide as that, are bold on a terminal."""
-    from rich.console import Console  # here, as it takes time that few commands need
-    from rich.text import Text
-
-    console = Console(highlight=False, soft_wrap=True)
+    bold = is_terminal()
     for line in lines:
-        console.print(Text.assemble((line[:width], "bold"), line[width:]))
+        label, rest = line[:width], line[width:]
+        print(f"\x1b[1m{label}\x1b[0m{rest}" if bold and label else line)
+
+
+def is_terminal() -> bool:
+    """Return whether stdout shows bold letters; TTY_COMPATIBLE and FORCE_COLOR can say so."""
+    environment = os.environ.get
+    if environment("TERM", "").lower() in ("dumb", "unknown"):
+        return False
+    if (wanted := environment("TTY_COMPATIBLE")) in ("0", "1"):
+        return wanted == "1"
+    if (forced := environment("FORCE_COLOR")) is not None:
+        return forced != ""
+    return sys.stdout.isatty()

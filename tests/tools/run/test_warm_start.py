@@ -11,7 +11,7 @@ from pcpc.drivers.compiled.jit import JIT_OFF
 
 NOT_NEEDED = {  # a second or so, all together
     "asyncio", "can", "cantools.tester", "http", "matplotlib", "numba",
-    "pandas", "scipy", "sqlite3", "ssl",
+    "pandas", "rich", "scipy", "sqlite3", "ssl",
 }  # fmt: skip
 MAIN = """
 import json, sys

@@ -1,5 +1,7 @@
 """A declared result, in each of the ways it is rendered."""
 
+import io
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,7 @@ from pcpc.tools.terminal.document import (
     Verdict,
     html,
     markdown,
+    show,
     terminal,
 )
 from pcpc.tools.terminal.html import page
@@ -70,3 +73,34 @@ def test_what_is_empty_is_left_out() -> None:
     empty: list[Part] = [None, "", Table(("a",), []), Section("a", [None]), Labelled({})]
     for part in empty:
         assert html(part) == "" and markdown(part) == "" and terminal(part) == [], part
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+@pytest.mark.parametrize(("name", "value"), [
+    ("TERM", "xterm-256color"), ("TERM", "dumb"), ("FORCE_COLOR", "1"), ("FORCE_COLOR", ""),
+    ("NO_COLOR", "1"), ("TTY_COMPATIBLE", "1"), ("TTY_COMPATIBLE", "0"),
+])  # fmt: skip
+def test_labels_are_bold_where_rich_would_make_them_bold(
+    name: str, value: str, is_terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not imported for them: that would be a thirtieth of a warm start."""
+    from rich.console import Console
+    from rich.text import Text
+
+    class Stdout(io.StringIO):
+        def isatty(self) -> bool:
+            return is_terminal
+
+    for one in ("FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(one, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv(name, value)
+    lines = ["run      pd, virtual", "         and [bold]more[/bold]", "short", "", "x" * 300]
+    said, rich = Stdout(), Stdout()
+    monkeypatch.setattr(sys, "stdout", said)
+    show(lines, 9)
+    monkeypatch.setattr(sys, "stdout", rich)
+    console = Console(highlight=False, soft_wrap=True)
+    for line in lines:
+        console.print(Text.assemble((line[:9], "bold"), line[9:]))
+    assert said.getvalue() == rich.getvalue()

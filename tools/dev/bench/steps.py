@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compiled.jit import VIEW, compiled, f8, from_dtype, i8, types
-from pcpc.drivers.compiled.stage import ENTRY, call, part
+from pcpc.drivers.compiled.in_numba import f8, from_dtype, i8, types
+from pcpc.drivers.compiled.jit import compiled
+from pcpc.drivers.compiled.stage import call, part
 from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.nodes.plan import plan
@@ -71,7 +72,7 @@ class Case:
         return self.n["v"][self.n["at"][0] : self.n["at"][1]]
 
 
-@compiled(types.void(ENTRY, i8, i8, f8, from_dtype(TABLE), VIEW, VIEW))
+@compiled(types.void(i8, i8, i8, f8, from_dtype(TABLE), f8[::1], f8[::1]))
 def drive(step: Any, repeats: Any, periods: Any, dt: Any, n: Any, x0: Any, inputs: Any) -> None:
     """Do `periods` steps from the state `x0`, `repeats` times; `drive` of drive.c does the same."""
     v = n.v
