@@ -106,14 +106,11 @@ class Assembler:
         both = {**node.columns, **node.timing}
         absent = [name for name in self.names if name not in both]
         if absent:
-            what = f"{len(absent)} described variables, as {absent[0]}, have no record"
-            raise logs.LogError(what)
+            raise logs.LogError(f"{len(absent)} variables, as {absent[0]}, have no record")
         rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
         rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
         passes = both.get("health.passes", node.cycle)
-        rows[:, PASSES] = np.where(
-            np.abs(passes) < 2.0**62, passes, -1
-        )  # no count of passes: a gap
+        rows[:, PASSES] = np.where(np.abs(passes) < 2.0**62, passes, -1)  # no count: a gap
         for i, name in enumerate(self.names):
             rows[:, HEAD + i] = both[name].view(np.int64)
         self._rows = np.concatenate((self._rows, rows[rows[:, K] > self.behind]))
