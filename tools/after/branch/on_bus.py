@@ -5,6 +5,7 @@ at N - 2  what the node below the executive sent last goes out once more, from i
 from N    each node blocks until its frames are here, so that the bits are those of virtual time
 """
 
+import os
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -103,10 +104,18 @@ class BranchOnBus(Branch):
 
     def discard(self) -> None:
         """Leave no log behind, nor the bus."""
-        self._bus.release()
+        self._let_bus_go()
         super().discard()
 
     def close(self) -> None:
         """As `VirtualRun`; let the bus go."""
         super().close()
+        self._let_bus_go()
+
+    def _let_bus_go(self) -> None:
+        for wire in (block.loop.wire for block in getattr(self, "blocks", ())):
+            ends = {int(wire[name]) for name in ("fd_tx", "fd_rx", "fd_tx2", "fd_rx2")}
+            for descriptor in ends - {-1}:
+                os.close(descriptor)
+            wire.fd_tx = wire.fd_rx = wire.fd_tx2 = wire.fd_rx2 = -1
         self._bus.release()

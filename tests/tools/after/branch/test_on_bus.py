@@ -1,6 +1,8 @@
 """A branch on a bus: real sockets, nodes in lockstep, and the bits of virtual time."""
 
+import os
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import can
@@ -24,6 +26,14 @@ def on_bus(log: Path, out: Path, *words: str) -> Path:
     done = branch(log, out, "--bus", own_bus(), *words)
     assert done.code in (0, 1), done
     return out / "log.mcap"
+
+
+def sockets_of_this_process() -> set[str]:
+    found = set()
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            found.add(os.readlink(file))
+    return {name for name in found if name.startswith("socket:")}
 
 
 def has_bits_of(new: Path, parent: Path) -> None:
@@ -67,7 +77,12 @@ def test_with_changes_it_has_the_bits_of_the_branch_in_memory(tmp_path: Path) ->
     parent = faulty(tmp_path, "rig")
     words = ("--cycle", "250", "--set", "controller.kv_Nms_rad=90", "--fault", "stuck:50ms",
              "--controller", "pid")  # fmt: skip
-    new = on_bus(parent, tmp_path / "b", *words)
+    bus = own_bus()  # holds a socket of its own
+    before = sockets_of_this_process()
+    new = tmp_path / "b/log.mcap"
+    done = branch(parent, new.parent, "--bus", bus, *words)
+    assert done.code in (0, 1), done
+    assert sockets_of_this_process() <= before, "its sockets are closed"
     done = branch(parent, tmp_path / "c", *words)
     assert done.code in (0, 1), done
     has_bits_of(new, tmp_path / "c/log.mcap")
