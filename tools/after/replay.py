@@ -53,7 +53,9 @@ def command(options: argparse.Namespace) -> int:
         raise UserError("--show prints CSV; leave out --json")
     progress = Progress(options.quiet or bool(options.show and sys.stdout.isatty()))
     try:
-        verdicts = replay(Path(options.log), options, progress)
+        path = Path(options.log)
+        span = cycles_of(logs.head(path), options)
+        verdicts = replay(path, options, progress, span, options.show)
     except BusError as error:  # the log's DBC, not a bus of this machine
         raise UserError(str(error)) from None
     except StepError as error:
@@ -83,11 +85,17 @@ def _step(options: argparse.Namespace) -> int:
     return int(part_of("after/step", "cli").command(options))
 
 
-def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:
-    """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
+def replay(
+    path: Path, options: argparse.Namespace, progress: Progress,
+    span: tuple[int, int] = (0, ALL), words: Sequence[str] = (),
+) -> list[Verdict]:  # fmt: skip
+    """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError.
+
+    `span`: first and last cycle. `words`: variables that are printed there, see `Values`.
+    """
     head = logs.head(path)
-    first, last = cycles_of(head, options)
-    values = Values(options.show, first) if options.show else None
+    first, last = span
+    values = Values(words, first) if words else None
     changed = bool(options.controller or options.set)
     how: dict[str, Any] = {"last": last, "seek": 0 if changed else first, "changed": changed}
     with (

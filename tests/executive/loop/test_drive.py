@@ -121,7 +121,7 @@ def test_before_the_first_input_a_drive_is_not_ready(tmp_path: Path) -> None:
 
 def test_another_frame_of_send_type_Event_is_refused(tmp_path: Path) -> None:
     path = drive_rig(tmp_path, "executive: {}", EMERGENCY.replace("129", "600"))
-    with pytest.raises(RigError, match="nothing sends EMCY, of send type Event"):
+    with pytest.raises(RigError, match="no node sends EMCY, of send type Event"):
         plan(load_rig(path), "executive", "sync")
 
 

@@ -171,7 +171,7 @@ def test_the_fault_is_recorded_told_and_replayed_to_the_bit(tmp_path: Path) -> N
         ("CMD.motor_torque", "low: 0", "EXEC receives no signal CMD.motor_torque"),
         (ENCODER, "low: 1, high: -1", "low 1 is not below high -1"),
         (ENCODER, "low: .nan", ".nan is no value"),
-        (ENCODER, "low: 50", "nothing that FB_A.encoder can be, "),
+        (ENCODER, "low: 50", "no value of FB_A.encoder, "),
         (ENCODER, "rate_per_s: .inf", "rate_per_s: expected a finite number, got inf"),
         (ENCODER, "rate_per_s: .nan", ".nan is no value"),
         (ENCODER, "rate_per_s: 0", "rate_per_s: expected a number > 0.0, got 0"),

@@ -196,7 +196,7 @@ def test_a_rig_that_does_not_run_there_is_told_with_those_that_do(
 ) -> None:
     for words in (["top", "nowhere", "--once"], ["stop", "nowhere"], ["reset", "nowhere"]):
         told = there(capsys, host, *words)
-        assert told == (4, "", "nowhere: no run of this rig; runs of hull go on\n"), told
+        assert told == (4, "", "nowhere: no run of this rig; there are runs of hull\n"), told
 
 
 def test_what_is_about_another_machine_is_refused_without_one(run: Run, capsys: Screen) -> None:

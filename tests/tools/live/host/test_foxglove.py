@@ -269,7 +269,7 @@ def test_wrong_words_are_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     wrong = {
         ("host", str(log.path), "--foxglove"): "open the log.mcap itself",
         ("host", "--foxglove", "--address", "0.0.0.0"): "--tls-cert",
-        ("host", "--foxglove", "--port", "1"): "say --foxglove 1",
+        ("host", "--foxglove", "--port", "1"): "use --foxglove 1",
         ("host", "--foxglove-layout"): "pcpc rigs",
     }
     for words, why in wrong.items():
