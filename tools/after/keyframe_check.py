@@ -36,7 +36,11 @@ class KeyframeCheck:
             except ValueError as error:
                 self._leave_out(str(error))
                 continue
-            if frame is not None and frame.cycle > behind:
+            if frame is None:
+                self._leave_out("it is of no cycle that a run has")
+            elif what := planned_keyframes.why_none(self._replay.plan, frame.state):
+                self._leave_out(f"cycle {frame.cycle}, {what}, which no run has")
+            elif frame.cycle > behind:
                 self._recorded[frame.passes] = frame
                 self._compare(frame.passes)
 
@@ -49,7 +53,7 @@ class KeyframeCheck:
                 del self._recomputed[passes]
 
     def end(self, cycle: int) -> None:
-        """Say which keyframes up to a cycle, the last recomputed one, belong to none."""
+        """Say which keyframes up to a cycle, the last that was asked for, belong to none."""
         for frame in self._recorded.values():
             if frame.cycle <= cycle:
                 self._leave_out(f"cycle {frame.cycle}, the log has no such pass")

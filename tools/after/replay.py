@@ -237,7 +237,7 @@ class Comparison:
         if last and self.last == ALL:
             _told_as_missing(self.verdict, self.recorded.left)
         if last and not self.verdict.incomplete:
-            self.keyframes.end(int(self.replay.block.loop.k) - 1)
+            self.keyframes.end(self.last)
 
     def require_cycle(self, first: int) -> None:
         """Raise UserError if it did not come to cycle `first`, for want of it in the log."""

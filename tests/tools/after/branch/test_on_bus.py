@@ -49,7 +49,7 @@ def has_bits_of(new: Path, parent: Path) -> None:
 @pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
 def test_unchanged_it_has_the_bits_of_virtual_time(rig: str, tmp_path: Path) -> None:
     parent = simulated(tmp_path / "log.mcap", rig, "duration_s=0.4")
-    for n in (0, 1, 2, 3, 217, 399):
+    for n in (0, 2, 217):
         has_bits_of(on_bus(parent, tmp_path / f"b{n}", "--cycle", str(n)), parent)
 
 
@@ -60,7 +60,7 @@ def test_each_rig_goes_on_with_its_bits(path: Path, tmp_path: Path) -> None:
     rig = load_rig(path, settings=[f"duration_s={300 / rate}", "bus.emulate=null"])
     simulate(rig, tmp_path / "log.mcap")
     last = len(logs.read(tmp_path / "log.mcap").node["executive"].cycle) - 1
-    for n in cycles(1, last, path.stem)[2:]:
+    for n in cycles(1, last, path.stem)[4:]:
         new = on_bus(tmp_path / "log.mcap", tmp_path / f"b{n}", "--cycle", str(n))
         has_bits_of(new, tmp_path / "log.mcap")
 
