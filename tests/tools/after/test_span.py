@@ -112,7 +112,6 @@ DAMAGED: dict[str, tuple[Callable[[dict[str, Any], bytearray], dict[str, Any]], 
     "checksum": (lambda entry, state: {"crc": entry["crc"] ^ 1}, "its checksum does not match"),
     "layout": (lambda entry, state: {"layout": "0" * 16}, "its layout is of another version"),
     "text": (lambda entry, state: {"state": "?"}, "is left out"),
-    "last": (lambda entry, state: {"cycle": 2**53}, "is left out"),
     "impossible": (lambda entry, state: state.__setitem__(slice(0, 8), NAN) or {}, "no run has"),
     "pass": (lambda entry, state: {"passes": 298}, "the log has no such pass"),
 }
