@@ -106,7 +106,7 @@ def replay(
             head, rig, options.node, **how, each=values.look if values else _nothing
         )
     if values:
-        values.begin([node for node in nodes if hasattr(node, "recorded")])
+        values.begin([node for node in nodes if isinstance(node, Comparison)])
     whole = (first, last) == (0, ALL)
     since_ns = 0 if whole else min(node.since_ns for node in nodes)
     for _ in recomputed(path, nodes, last == ALL, since_ns):

@@ -31,7 +31,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.branch.branching import Branch
 from pcpc.tools.after.replay import pacing_of
 
-_DRAIN_S = 0.005
+_DRAIN_S = 0.005  # between two drains of the recorder, whose rings hold several seconds
 
 
 @loop(i8(N, STEPS, types.Array(types.uint8, 2, "C")))
@@ -58,7 +58,7 @@ class BranchOnBus(Branch):
         if paced:
             what = f"on a bus a branch goes in lockstep, but the {paced[0]} of this log keeps time"
             raise UserError(f"{head.path}: {what}; leave out --bus")
-        self._bus = bus
+        self._bus, self._hangs = bus, False
         super().__init__(head, rig, cycle, metadata, log, judged)
 
     def _hand_on(self) -> None:
@@ -82,14 +82,15 @@ class BranchOnBus(Branch):
         for work in reversed(works):  # who waits first hears all
             work.start()
         watch, looks = Watch(loops), 0.0
-        while any(work.is_alive() for work in works):
-            works[0].join(_DRAIN_S)
+        while (work := next((one for one in works if one.is_alive()), None)) is not None:
+            work.join(_DRAIN_S)
             self._drain()
             looks += _DRAIN_S
             if looks >= POLL_S:
                 looks = 0.0
                 if (standing := watch.stands(self._stopped)) is not None:
                     standing.control.fault = Fault.STEP_HANGS
+                    self._hangs = True
                     raise StepError
                 yield int(loops[0].passes)
         self._drain()
@@ -113,6 +114,8 @@ class BranchOnBus(Branch):
         self._let_bus_go()
 
     def _let_bus_go(self) -> None:
+        if self._hangs:  # its threads still use their sockets, until the process ends
+            return
         for wire in (block.loop.wire for block in getattr(self, "blocks", ())):
             ends = {int(wire[name]) for name in ("fd_tx", "fd_rx", "fd_tx2", "fd_rx2")}
             for descriptor in ends - {-1}:
