@@ -87,9 +87,10 @@ def compiled(
             return ready_code.Code(0, "")
         watch.done += 1
         name = result.fndesc.llvm_func_name
+        address = result.library.get_pointer_to_function(name)  # now there is object code for sure
         if not result.library.has_dynamic_globals:  # addresses of large tables, say
             source.keep(key, name, mark, result.library._get_compiled_object())
-        return ready_code.Code(result.library.get_pointer_to_function(name), mark)
+        return ready_code.Code(address, mark)
 
 
 _RESULTS = {
