@@ -82,8 +82,8 @@ class BranchOnBus(Branch):
         for work in reversed(works):  # who waits first hears all
             work.start()
         watch, looks = Watch(loops), 0.0
-        while (work := next((one for one in works if one.is_alive()), None)) is not None:
-            work.join(_DRAIN_S)
+        while (alive := next((one for one in works if one.is_alive()), None)) is not None:
+            alive.join(_DRAIN_S)
             self._drain()
             looks += _DRAIN_S
             if looks >= POLL_S:
