@@ -19,7 +19,7 @@ import subprocess
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers.can.wire_layout import Medium
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, Medium
 from pcpc.drivers.errors import BusError
 
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
@@ -132,8 +132,8 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
     from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
     if bus.interface == "socketcan":
-        fd = _open_socketcan(bus.channel, receive_ids)
-        wire.prepare(end, Medium.SOCKETCAN, fd, fd)
+        both = _open_socketcan(bus.channel, receive_ids, bool(end.fd))
+        wire.prepare(end, Medium.SOCKETCAN, both, both)
     elif bus.interface == "udp_multicast":
         wire.prepare(end, Medium.UDP, *_open_udp(bus.channel))
     elif LOOP_INTERPRETED:
@@ -148,7 +148,7 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
 def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
     """Open a second bus of the same kind for a node whose WIRE record `end` is open; BusError."""
     if bus.interface == "socketcan" and end.kind == Medium.SOCKETCAN:
-        end.fd_tx2 = end.fd_rx2 = _open_socketcan(bus.channel, receive_ids)
+        end.fd_tx2 = end.fd_rx2 = _open_socketcan(bus.channel, receive_ids, bool(end.fd))
     elif bus.interface == "udp_multicast" and end.kind == Medium.UDP:
         end.fd_tx2, end.fd_rx2 = _open_udp(bus.channel)
     else:
@@ -190,7 +190,7 @@ def know_own(end: Any) -> None:
             end.own[i] = int.from_bytes(address, "little", signed=True)
 
 
-def _open_socketcan(name: str, receive_ids: list[int] | None) -> int:
+def _open_socketcan(name: str, receive_ids: list[int] | None, fd: bool = False) -> int:
     up = f"sudo ip link set {name} up"
     cure = f"create it with `sudo ip link add dev {name} type vcan && {up}`"
     if not name.startswith("vcan"):
@@ -207,6 +207,8 @@ def _open_socketcan(name: str, receive_ids: list[int] | None) -> int:
         if receive_ids is not None:
             can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
         can.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERRORS)
+        if fd:
+            can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         _receive_options(can)
         can.bind((name,))
     except OSError as error:
@@ -216,7 +218,19 @@ def _open_socketcan(name: str, receive_ids: list[int] | None) -> int:
     if not vcan_ready(name):
         can.close()
         raise BusError(f"{name}: the interface is down; run `{up}`")
+    if fd and _mtu(name) < FRAME_BYTES:
+        can.close()
+        cure = f"sudo ip link set {name} mtu {FRAME_BYTES}"
+        if not name.startswith("vcan"):
+            cure = f"sudo ip link set {name} down && {up} dbitrate 5000000 fd on"
+        raise BusError(f"{name}: the interface has no CAN FD; run `{cure}`")
     return can.detach()
+
+
+def _mtu(name: str) -> int:
+    """Return the size of the largest frame that an interface takes."""
+    with open(f"/sys/class/net/{name}/mtu", encoding="ascii") as file:
+        return int(file.read())
 
 
 def _can_filters(ids: list[int]) -> bytes:

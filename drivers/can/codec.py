@@ -1,12 +1,13 @@
-"""Signals in and out of 8 data bytes, by the tables of `drivers.can.dbc`; allocates nothing.
+"""Signals in and out of a frame's data, by the tables of `drivers.can.dbc`; allocates nothing.
 
     value = float(raw) factor + offset                                              decode
     raw   = round half even((value - offset) / factor), within the limits           encode
 
 The results equal cantools bit for bit. Where cantools uses integers beyond 2^53, int64 is used. NaN
 is sent as raw 0. The 8 bytes are one 64 bit word, little-endian for Intel and big-endian for
-Motorola signals, in which a signal is a shift and a mask. Bytes behind the frame's dlc are read by
-no signal and are written as 0.
+Motorola signals, in which a signal is a shift and a mask; in a frame of more than 8 bytes, which
+CAN FD has, each signal has such a word of its own, from `byte` on. Bytes behind the frame's dlc are
+read by no signal and are written as 0.
 """
 
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
@@ -32,6 +34,13 @@ def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
         if frames[row].can_id == number and frames[row].extended == extended:
             return row
     return -1
+
+
+@inline
+def length_of(frame: NDArray[np.uint8], row: int, frames: NDArray[Any]) -> np.int64:
+    """Return the length of a received frame; -1 if it is classic and its row FD, or without BRS."""
+    differs = (np.int64(frame[5]) ^ frames[row].flags) & (Flag.FD | Flag.BRS)
+    return np.int64(frame[4]) if differs == 0 else np.int64(-1)
 
 
 @inline
@@ -55,6 +64,13 @@ def put_four_bytes(data: NDArray[np.uint8], at: int, word: int) -> None:
     data[at + 1] = (word >> np.int64(8)) & 255
     data[at + 2] = (word >> np.int64(16)) & 255
     data[at + 3] = (word >> np.int64(24)) & 255
+
+
+@inline
+def _add(data: NDArray[np.uint8], at: int, word: np.int64) -> None:
+    """Add the bits of a little-endian word to those of 8 bytes from `at` on."""
+    for i in range(8):
+        data[at + i] |= (word >> np.int64(8 * i)) & 255
 
 
 @inline
@@ -101,11 +117,18 @@ def unpack(
     signals: NDArray[Any],
     values: NDArray[np.float64],
 ) -> None:
-    """Decode `data` (8 bytes) by row `frame` of the tables into the signals' places in `values`."""
+    """Decode `data` by row `frame` of the tables into the signals' places in `values`.
+
+    `data` has 8 bytes, or as many as the frame's dlc if that is more.
+    """
+    long = frames[frame].dlc > 8
     little = eight_bytes(data, 0)
     big = _swapped(little)
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
+        if long:
+            little = eight_bytes(data, signal.byte)
+            big = _swapped(little)
         word = big if signal.big_endian != 0 else little
         raw = (word >> signal.shift) & signal.mask
         raw = (raw ^ signal.sign) - signal.sign
@@ -144,11 +167,16 @@ def pack(
     signals: NDArray[Any],
     values: NDArray[np.float64],
 ) -> np.int64:
-    """Encode the signals of row `frame` from `values` into `data` (8 bytes, all written).
+    """Encode the signals of row `frame` from `values` into `data`.
 
-    Returns how many signals saturated: the nearest raw value lies outside of its limits, or NaN.
+    8 bytes are written, or as many as its dlc if that is more. Returns how many signals saturated:
+    the nearest raw value lies outside of its limits, or NaN.
     """
     little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
+    long = frames[frame].dlc > 8
+    if long:
+        for i in range(frames[frame].dlc):
+            data[i] = 0
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
         code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
@@ -163,10 +191,14 @@ def pack(
         if not signal.code_low <= code <= signal.code_high:
             saturated += 1
         placed = (bits & signal.mask) << signal.shift
-        if signal.big_endian != 0:
+        if long:
+            _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)
+        elif signal.big_endian != 0:
             big |= placed
         else:
             little |= placed
+    if long:
+        return saturated
     word = little | _swapped(big)
     put_four_bytes(data, 0, word)
     put_four_bytes(data, 4, word >> np.int64(32))

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc_file import Database, DbcSignal, Message, load, parse, place, text
-from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.drivers.can.frame_bits import classic_bits, fd_bits
+from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import FRAME, SIGNAL
 from pcpc.drivers.errors import BusError, DbcError, printable
@@ -117,6 +118,22 @@ class Frame:
     signals: tuple[Signal, ...]
     help: str
     on_event: bool = False
+    flags: int = Flag.NONE
+
+    @property
+    def fd(self) -> bool:
+        """Whether it is a frame of CAN FD."""
+        return self.flags != Flag.NONE
+
+    def bits(self, all_fd: bool = False) -> tuple[int, int]:
+        """Return its most bits, at the nominal rate and in the data phase of CAN FD.
+
+        `all_fd`: as if it were FD with BRS.
+        """
+        if not self.fd and not all_fd:
+            return classic_bits(self.dlc, self.extended), 0
+        nominal, data = fd_bits(self.dlc, self.extended)
+        return (nominal, data) if all_fd or self.flags & Flag.BRS else (nominal + data, 0)
 
     @property
     def protected(self) -> bool:
@@ -161,9 +178,13 @@ def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tup
 def frame(message: Message) -> Frame:
     """Return one message as a record; DbcError if the loop cannot handle it."""
     where = f"frame {message.name}"
-    if not 0 <= message.length <= 8 or message.is_fd:
-        kind = "CAN FD" if message.is_fd else f"{message.length} bytes"
-        raise DbcError(f"{where}: {kind}; only classic CAN, up to 8 bytes, is handled; split it")
+    if not message.is_fd and not 0 <= message.length <= 8:
+        what = f'{message.length} bytes need CAN FD; say VFrameFormat "StandardCAN_FD", or split it'
+        raise DbcError(f"{where}: {what}")
+    if message.length not in LENGTHS:
+        longer = min(n for n in (*LENGTHS, message.length) if n >= message.length)
+        what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
+        raise DbcError(f"{where}: {what}")
     layered = [s.name for s in message.signals if s.is_multiplexer or s.multiplexer_ids is not None]
     if layered or message.is_container:
         what = f"multiplexed ({', '.join(layered[:8])})"
@@ -183,7 +204,16 @@ def frame(message: Message) -> Frame:
         ),
         help=printable(message.comment or "", _BREAKS),
         on_event=_on_event(message),
+        flags=_flags(message),
     )
+
+
+def _flags(message: Message) -> int:
+    """Return what a frame's byte 5 says; without CANFD_BRS an FD frame switches its bit rate."""
+    if not message.is_fd:
+        return Flag.NONE
+    switch = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
+    return Flag.FD | (Flag.NONE if switch is not None and str(switch.value) == "0" else Flag.BRS)
 
 
 def _on_event(message: Message) -> bool:
@@ -258,6 +288,9 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
         what = f"factor {factor}, offset {offset}; must be finite, factor not 0"
         raise DbcError(f"{where}: {what}; correct (factor,offset)")
     kind = _kind(signal, where)
+    if first - 8 * word_place(begins // 8, dlc) + signal.length > 64:
+        what = f"{signal.length} bits lie in 9 bytes; begin it with a byte"
+        raise DbcError(f"{where}: {what}")
     full: tuple[float, float] = (0, (1 << signal.length) - 1)
     if signal.is_float:
         full = (-_FLOAT_MAX[signal.length], _FLOAT_MAX[signal.length])
@@ -341,27 +374,35 @@ def table(
         for signal in entry.signals:
             names.append(f"{entry.name}.{signal.name}")
             place = len(signals) if index is None else index[names[-1]]
-            signals.append(_signal_row(signal, place))
+            signals.append(_signal_row(signal, place, entry.dlc))
         rows.append((
-            entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
-            entry.crc[0], entry.has_sequence, *entry.counter, *entry.crc[1:],
+            entry.can_id, entry.extended, entry.dlc, entry.flags, first, len(signals),
+            entry.every_n(rate_hz), entry.crc[0], entry.has_sequence, *entry.counter,
+            *entry.crc[1:],
         ))  # fmt: skip
     return Table(np.array(rows, FRAME), np.array(signals, SIGNAL), tuple(names))
 
 
-def _signal_row(signal: Signal, place: int) -> tuple[float, ...]:
+def _signal_row(signal: Signal, place: int, dlc: int) -> tuple[float, ...]:
     mask = (1 << signal.nbits) - 1
-    from_top = signal.start // 8 * 8 + 7 - signal.start % 8
-    shift = 64 - from_top - signal.nbits if signal.big_endian else signal.start
+    byte = word_place(signal.start // 8, dlc)
+    start = signal.start - 8 * byte
+    from_top = start // 8 * 8 + 7 - start % 8
+    shift = 64 - from_top - signal.nbits if signal.big_endian else start
     extends = (signal.signed or signal.is_float) and signal.nbits < 64
     wide = signal.kind == Kind.WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
     return (
-        signal.big_endian, shift, _wrap(mask),
+        byte, signal.big_endian, shift, _wrap(mask),
         1 << (signal.nbits - 1) if extends else 0, signal.kind, place,
         int(signal.factor) if wide else 0, int(signal.offset) if wide else 0, *bits,
         signal.factor, signal.offset, *_float_codes(signal),
     )  # fmt: skip
+
+
+def word_place(byte: int, dlc: int) -> int:
+    """Return the first of the 8 bytes in which a signal that begins in `byte` lies."""
+    return min(byte, dlc - 8) if dlc > 8 else 0
 
 
 def _wrap(word: int) -> int:
@@ -380,13 +421,22 @@ def _float_codes(signal: Signal) -> tuple[float, float]:
 
 
 def bus_load(
-    database: Database, rate_hz: float, bitrate: float, names: Collection[str] | None = None
-) -> float:
-    """Return the worst-case load by all frames, or `names`, as a fraction of `bitrate` in bit/s."""
+    database: Database, rate_hz: float, bitrate: float, names: Collection[str] | None = None,
+    data_bitrate: float | None = None,
+) -> float:  # fmt: skip
+    """Return the worst-case load by all frames, or `names`, as a fraction of `bitrate` in bit/s.
+
+    DbcError: an FD frame switches its bit rate, and there is no `data_bitrate`.
+    """
     bits_per_s = 0.0
     for entry in map(frame, database.messages):
         if names is not None and entry.name not in names:
             continue
         frames_per_s = 1000 / entry.cycle_ms if entry.cycle_ms else rate_hz
-        bits_per_s += classic_bits(entry.dlc, entry.extended) * frames_per_s
+        nominal, data = entry.bits()
+        if data and data_bitrate is None:
+            what = "CAN FD with a bit rate switch; give the rig bus.data_bitrate, in bit/s"
+            raise DbcError(f"frame {entry.name}: {what}")
+        bits_per_s += nominal * frames_per_s
+        bits_per_s += frames_per_s * data * bitrate / data_bitrate if data_bitrate else 0.0
     return bits_per_s / bitrate

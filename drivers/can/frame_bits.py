@@ -47,6 +47,10 @@ def fd_bits(n: int, extended: bool = False) -> tuple[int, int]:
 def transmission_ns(n: int, extended: bool, bitrate: float, data_bitrate: float | None) -> int:
     """Return the longest time of a frame, rounded up; FD with BRS if there is a `data_bitrate`."""
     if data_bitrate is None:
-        return math.ceil(1e9 * classic_bits(n, extended) / bitrate)
-    nominal, data = fd_bits(n, extended)
-    return math.ceil(1e9 * nominal / bitrate + 1e9 * data / data_bitrate)
+        return duration_ns((classic_bits(n, extended), 0), bitrate, bitrate)
+    return duration_ns(fd_bits(n, extended), bitrate, data_bitrate)
+
+
+def duration_ns(bits: tuple[int, int], bitrate: float, data_bitrate: float) -> int:
+    """Return the time of so many bits at the nominal rate and in the data phase, rounded up."""
+    return math.ceil(1e9 * bits[0] / bitrate + 1e9 * bits[1] / data_bitrate)

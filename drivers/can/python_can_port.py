@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import Arrival
+from pcpc.drivers.can.wire_layout import Arrival, Flag
 
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out
@@ -32,6 +32,9 @@ def put(wire: Any) -> bool:
         arbitration_id=word & can_id.ID,
         is_extended_id=bool(word & can_id.EXTENDED),
         data=frame[8 : 8 + frame[4]],
+        is_fd=bool(frame[5] & Flag.FD),
+        bitrate_switch=bool(frame[5] & Flag.BRS),
+        error_state_indicator=bool(frame[5] & Flag.ESI),
     )
     try:
         _open[wire.fd_tx].send(message, timeout=0.0)
@@ -48,11 +51,18 @@ def get(wire: Any, block: bool) -> int:
         return Arrival.FAILED
     if message is None:
         return Arrival.NOTHING
-    foreign = message.is_remote_frame or message.is_error_frame or message.is_fd
-    if foreign or len(message.data) > 8:
+    foreign = message.is_remote_frame or message.is_error_frame or message.is_fd > wire.fd
+    if foreign or len(message.data) > (64 if message.is_fd else 8):
         return Arrival.FOREIGN
     word = can_id.word_of(message.arbitration_id, message.is_extended_id)
-    head = word.to_bytes(4, "little") + bytes([len(message.data), 0, 0, 0])
+    head = word.to_bytes(4, "little") + bytes([len(message.data), flags_of(message), 0, 0])
     for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte
     return Arrival.FRAME
+
+
+def flags_of(message: can.Message) -> int:
+    """Return the flags of an FD frame, 0 of a classic one."""
+    if not message.is_fd:
+        return Flag.NONE
+    return Flag.FD | Flag.BRS * message.bitrate_switch | Flag.ESI * message.error_state_indicator

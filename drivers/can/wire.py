@@ -1,7 +1,8 @@
 """One CAN frame out, one CAN frame in, on every kind of bus, compiled and without allocation.
 
-A frame is Linux' `struct can_frame`: 16 bytes, [0:4] id little-endian with the flags of SocketCAN
-in its upper bits, [4] length, [8:16] data. Three kinds of wire carry it:
+A frame is Linux' `struct canfd_frame`: [0:4] id little-endian with the flags of SocketCAN in its
+upper bits, [4] length, [5] `Flag`, [8:72] data; what a classic one has lies in the first 16 bytes.
+Three kinds of wire carry it:
 
     SOCKETCAN   the struct itself on a raw CAN socket
     UDP         python-can's udp_multicast format: one msgpack map a datagram, written from a
@@ -21,11 +22,14 @@ import numpy as np
 
 from pcpc.drivers.can.wire_layout import (
     ADDRESS_BYTES,
+    CLASSIC_BYTES,
     FRAME_BYTES,
+    LENGTHS,
     PACKET_BYTES,
     QUEUE_FRAMES,
     WIRE,
     Arrival,
+    Flag,
     Medium,
 )
 from pcpc.drivers.compiled import libc
@@ -66,6 +70,12 @@ TEMPLATE, _ID, _DLC, _DATA = _template()
 _EXTENDED = TEMPLATE.index(b"is_extended_id") + 14
 _TAIL = np.frombuffer(TEMPLATE[_DATA + 8 :], np.uint8).copy()
 _TAIL_BYTES = len(_TAIL)
+_IS_FD, _SWITCH, _INDICATOR = (
+    TEMPLATE.index(name) + len(name) - _DATA - 8
+    for name in (b"is_fd", b"bitrate_switch", b"error_state_indicator")
+)  # places in the tail
+CAN_BE = np.zeros(256, np.uint8)  # 1: a length that FD has
+CAN_BE[list(LENGTHS)] = 1
 TEMPLATE_BYTES = len(TEMPLATE)
 
 
@@ -78,9 +88,10 @@ def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
 
 @loop_function
 def _write_packet(frame: Any, packet: Any) -> Any:
-    """Write `frame` (16,) into the msgpack template `packet`; return the packet's length.
+    """Write `frame` into the msgpack template `packet`; return the packet's length.
 
-    A length above 8 counts as 8, or the datagram would carry what lies behind the frame.
+    A length above 8, of an FD frame 64, counts as that, or the datagram would carry what lies
+    behind the frame.
     """
     extended = frame[3] & 0x80 != 0
     packet[_ID + 1] = frame[3] & 31
@@ -88,14 +99,20 @@ def _write_packet(frame: Any, packet: Any) -> Any:
     packet[_ID + 3] = frame[1]
     packet[_ID + 4] = frame[0]
     packet[_EXTENDED] = 0xC3 if extended else 0xC2
-    n = min(np.int64(frame[4]), np.int64(8))
+    flags = np.int64(frame[5])
+    n = min(np.int64(frame[4]), np.int64(64 if flags & Flag.FD else 8))
     packet[_DLC] = n
     packet[_DATA - 1] = n
     for i in range(n):
         packet[_DATA + i] = frame[8 + i]
+    tail = _DATA + n
     for i in range(_TAIL_BYTES):
-        packet[_DATA + n + i] = _TAIL[i]
-    return _DATA + n + _TAIL_BYTES
+        packet[tail + i] = _TAIL[i]
+    if flags & Flag.FD != 0:
+        packet[tail + _IS_FD] = 0xC3
+        packet[tail + _SWITCH] = 0xC3 if flags & Flag.BRS else 0xC2
+        packet[tail + _INDICATOR] = 0xC3 if flags & Flag.ESI else 0xC2
+    return tail + _TAIL_BYTES
 
 
 @loop_function
@@ -140,11 +157,11 @@ def _unsigned(b: Any, at: Any, stop: Any) -> Any:
 
 @loop_function
 def _read_packet(b: Any, end: Any, frame: Any) -> Any:
-    """Read a message map b[:end] into `frame`; return True if it is a classic data frame."""
+    """Read a message map b[:end] into `frame`; return True if it is a data frame."""
     if end < 2 or end > PACKET_BYTES - 1 or b[0] & 0xF0 != 0x80:
         return False
-    can_id, data_at, data_n, flags = np.int64(-1), np.int64(0), np.int64(-1), np.int64(0)
-    at, other = np.int64(1), False
+    can_id, data_at, data_n, extended = np.int64(-1), np.int64(0), np.int64(-1), np.int64(0)
+    at, other, flags = np.int64(1), False, np.int64(0)
     for _ in range(np.int64(b[0] & 15)):
         if at >= end or b[at] < 0xA1 or b[at] > 0xBF:
             return False
@@ -164,18 +181,29 @@ def _read_packet(b: Any, end: Any, frame: Any) -> Any:
                 return False
             data_at, data_n = value + 2, np.int64(b[value + 1])
         elif n == 14 and first == 105 and fourth == 101 and b[key + 4] == 120:  # is_extended_id
-            flags = np.int64(0x80 if _unsigned(b, value, stop) == 1 else 0)
-        elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101) or n == 5:
-            other |= _unsigned(b, value, stop) != 0  # is_remote_frame, is_error_frame, is_fd
+            extended = np.int64(0x80 if _unsigned(b, value, stop) == 1 else 0)
+        elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101):
+            other |= _unsigned(b, value, stop) != 0  # is_remote_frame, is_error_frame
+        elif n == 5 and _unsigned(b, value, stop) != 0:  # is_fd
+            flags |= Flag.FD
+        elif n == 14 and first == 98 and _unsigned(b, value, stop) == 1:  # bitrate_switch
+            flags |= Flag.BRS
+        elif n == 21 and first == 101 and _unsigned(b, value, stop) == 1:  # error_state_indicator
+            flags |= Flag.ESI
         at = stop
-    highest = 0x1FFFFFFF if flags else 0x7FF
-    if other or at != end or not 0 <= can_id <= highest or not 0 <= data_n <= 8:
+    highest = 0x1FFFFFFF if extended else 0x7FF
+    if flags & Flag.FD == 0:
+        flags = np.int64(0)
+    elif data_n >= 0 and CAN_BE[np.uint64(data_n)] == 0:
+        return False
+    longest = 8 if flags == 0 else 64
+    if other or at != end or not 0 <= can_id <= highest or not 0 <= data_n <= longest:
         return False
     for i in range(4):
         frame[i] = (can_id >> (8 * i)) & 255
-    frame[3] |= flags
-    frame[4] = data_n
-    for i in range(8):
+    frame[3] |= extended
+    frame[4], frame[5] = data_n, flags
+    for i in range(longest):
         frame[8 + i] = b[data_at + i] if i < data_n else 0
     return True
 
@@ -197,7 +225,7 @@ else:
 
 @loop_function
 def on_second(wire: Any, frame: Any) -> Any:
-    """Return whether `frame` (16,) goes out on the second bus."""
+    """Return whether `frame` goes out on the second bus."""
     if wire.n_second == 0:
         return False
     word = np.int64(0)
@@ -227,24 +255,28 @@ def _send(wire: Any) -> Any:
     if wire.kind == Medium.PYTHON_CAN:
         return _put_python_can(wire)
     if wire.kind == Medium.SOCKETCAN:
-        n, at = np.int64(FRAME_BYTES), libc.address(wire.tx)
+        n = np.int64(FRAME_BYTES if wire.tx[5] & Flag.FD else CLASSIC_BYTES)
+        at = libc.address(wire.tx)
     elif wire.kind == Medium.UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
     else:
         wire.errno = NO_SUCH_KIND
         return False
     fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
-    if libc.send(fd, at, n, libc.MSG_DONTWAIT) != n:
+    flags = wire.tx[5]
+    wire.tx[5] = flags & (Flag.BRS | Flag.ESI)  # FD says the size
+    sent = libc.send(fd, at, n, libc.MSG_DONTWAIT) == n
+    if not sent:
         wire.errno = libc.errno()
-        return False
-    return True
+    wire.tx[5] = flags
+    return sent
 
 
 @loop_inline
 def get_frame(wire: Any, block: Any) -> Any:
     """Receive into `wire.rx`; return what came.
 
-    FRAME      a classic data frame; `wire.source` says who sent it, where that is known
+    FRAME      a data frame; `wire.source` says who sent it, where that is known
     NOTHING    none came
     FOREIGN    no such frame
     OWN        on UDP, from this end's own sender, if it knows that one (`drivers.can.bus.know_own`)
@@ -288,9 +320,11 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
     """Receive from one descriptor; as `get_frame`."""
     if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
-        known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
-        if n == FRAME_BYTES and wire.rx[3] & ERROR_FLAG != 0:
+        known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & ERROR_FLAGS == 0
+        if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
+        said = wire.rx[5] & (Flag.BRS | Flag.ESI) | Flag.FD
+        wire.rx[5] = said if n == FRAME_BYTES else 0
     elif wire.kind == Medium.UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
@@ -309,7 +343,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
             return Arrival.NOTHING
         wire.errno = e
         return Arrival.FAILED
-    return Arrival.FRAME if known else Arrival.FOREIGN
+    return Arrival.FRAME if known and (wire.fd != 0 or wire.rx[5] == 0) else Arrival.FOREIGN
 
 
 @loop_function

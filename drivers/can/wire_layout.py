@@ -3,6 +3,9 @@
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
+
+__all__ = ["CLASSIC_BYTES", "FRAME_BYTES", "LENGTHS", "WIRE", "Arrival", "Flag", "Medium"]
 
 
 class Medium(Numbered):
@@ -18,7 +21,7 @@ class Arrival(Numbered):
     FAILED = -1
 
 
-FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
+LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # that an FD frame can have
 QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames
 SECOND_IDS = 32
 ADDRESS_BYTES = 16  # struct sockaddr_in
@@ -34,6 +37,7 @@ WIRE = np.dtype(
         ("fd_rx2", "<i8"),
         ("muted", "<i8"),  # 1: a blocking receive listens to the second bus only
         ("in_turn", "<i8"),  # 1: a blocking receive empties the first bus until it is muted
+        ("fd", "<i8"),  # 1: CAN FD frames are taken too
         ("n_second", "<i8"),  # how many ids go out on the second bus, and which
         ("second", "<i8", (SECOND_IDS,)),
         ("errno", "<i8"),  # of the last call that failed

@@ -10,7 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.compiled.numbered import Numbered
+
 LINE_BYTES = 64  # of a cache line
+
+# struct canfd_frame: id and flags [0:4], length [4], `Flag` [5], data [8:72]; a classic frame is
+# struct can_frame, its first 16 bytes, without a flag
+FRAME_BYTES, CLASSIC_BYTES, HEAD_BYTES = 72, 16, 8
+
+
+class Flag(Numbered):
+    """Bits in a frame, those of Linux: bit rate switch, error state indicator, CAN FD."""
+
+    NONE, BRS, ESI, FD = 0, 1, 2, 4
 
 
 def row_of(names: str, floats: str = "") -> np.dtype[Any]:
@@ -33,11 +45,11 @@ def lines_of(*groups: Sequence[str]) -> np.dtype[Any]:
 
 
 FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`
-    "can_id extended dlc first end every_n protected sequence"
+    "can_id extended dlc flags first end every_n protected sequence"
     " counter_byte counter_shift counter_mask crc_byte data_id"
 )
-SIGNAL = row_of(  # kind: of `drivers.can.dbc`; bits and codes: of its limits, raw
-    "big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high",
+SIGNAL = row_of(  # in 8 bytes from `byte` on; bits, codes: of its limits, raw
+    "byte big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high",
     "factor offset code_low code_high",
 )
 RECEIVER = row_of(  # of one frame; see `drivers.can.e2e`

@@ -9,6 +9,7 @@ import numpy as np
 from pcpc.drivers.compiled.in_numba import numba, types
 from pcpc.drivers.compiled.kinds import plain
 from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, HEAD_BYTES, Flag
 from pcpc.drivers.compiled.view_types import Cells, Fields, Pointer, data
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core.imputils import lower_constant, lower_getattr_generic
@@ -115,22 +116,34 @@ def data_of(typing: Any, frame: Any) -> Any:
     """Return the data bytes of a frame."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.gep(arguments[0], [ir.Constant(_I64, 8)], inbounds=True)
+        return builder.gep(arguments[0], [ir.Constant(_I64, HEAD_BYTES)], inbounds=True)
 
-    return Cells((8,), types.uint8)(frame), generate
+    return Cells((FRAME_BYTES - HEAD_BYTES,), types.uint8)(frame), generate
 
 
 @intrinsic
 def copy(typing: Any, target: Any, source: Any) -> Any:
-    """Load all 16 bytes, then store them: no byte of one may be one of the other."""
+    """Load 16 bytes, then store them, of an FD frame the rest too: source and target lie apart."""
+    byte = ir.IntType(8)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        frame = ir.VectorType(ir.IntType(8), 16).as_pointer()
         into, out_of = (
-            builder.bitcast(data(context, builder, kind, value), frame)
+            builder.bitcast(data(context, builder, kind, value), byte.as_pointer())
             for kind, value in zip(signature.args, arguments, strict=True)
         )
-        builder.store(builder.load(out_of, align=1), into, align=1)
+
+        def move(first: int, past: int) -> None:
+            at, piece = ir.Constant(_I64, first), ir.VectorType(byte, past - first).as_pointer()
+            here, there = (builder.bitcast(builder.gep(p, [at]), piece) for p in (out_of, into))
+            builder.store(builder.load(here, align=1), there, align=1)
+
+        move(0, CLASSIC_BYTES)
+        flags = builder.load(builder.gep(out_of, [ir.Constant(_I64, 5)]))
+        with builder.if_then(
+            builder.icmp_unsigned("!=", builder.and_(flags, byte(Flag.FD)), byte(0)), likely=False
+        ):
+            for at in range(CLASSIC_BYTES, FRAME_BYTES, 8):
+                move(at, at + 8)
         return context.get_dummy_value()
 
     return types.void(target, source), generate

@@ -20,6 +20,7 @@ import numpy as np
 from pcpc.drivers.compiled import kinds
 from pcpc.drivers.compiled.deferred import Deferred, is_open
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, HEAD_BYTES, Flag
 
 _TYPES = "pcpc.drivers.compiled.structure_types"
 _made: Any = Deferred(_TYPES, "structure")
@@ -39,11 +40,12 @@ def words_of(structure: Any) -> Any:
 
 
 def _data_interpreted(frame: Any) -> Any:
-    return frame[8:16]
+    return frame[HEAD_BYTES:]
 
 
 def _copy_interpreted(target: Any, source: Any) -> None:
-    target[:] = source
+    n = FRAME_BYTES if source[5] & Flag.FD else CLASSIC_BYTES
+    target[:n] = source[:n]
 
 
 data_of: Any = _data_interpreted if LOOP_INTERPRETED else Deferred(_TYPES, "data_of")

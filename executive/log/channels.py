@@ -21,8 +21,8 @@ from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import BulkWriter, message_records
-from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
-from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfFrame, OfRecord
+from pcpc.executive.log.schemas import FD_FRAME_SCHEMA, FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfFrame, OfRecord, data_bytes
 from pcpc.executive.rig import carried_files
 
 _OF_THE_MEMORY = (
@@ -59,7 +59,7 @@ class Channels:
         self.state_end = 8 * (RECORD_HEAD + len(about["state_columns"]))
         both = {"state": about["state_columns"], "timing": about["timing_columns"]}
         self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
-        self.ids |= register_entries(writer, self.name)
+        self.ids |= register_entries(writer, self.name, data_bytes(about))
 
     def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
@@ -115,10 +115,14 @@ def register_columns(
     return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
 
 
-def register_entries(writer: Topics, node: str) -> dict[str, int]:
-    """Register the topics of a node that are no columns; return their ids by kind."""
+def register_entries(writer: Topics, node: str, most: int = 8) -> dict[str, int]:
+    """Register the topics of a node that are no columns; return their ids by kind.
+
+    `most`: data bytes of a frame.
+    """
     place = logs.topic(node, "can/frames")
-    found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}
+    schema = ("pcpc/Frame", FRAME_SCHEMA) if most == 8 else ("pcpc/FdFrame", FD_FRAME_SCHEMA)
+    found = {"can/frames": writer.register(place, *schema, "cdr")}
     return found | register_objects(writer, node, "Event", "Tuning")
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.drivers.errors import printable
 from pcpc.executive.log.description import (
     LATEST,
@@ -119,7 +120,9 @@ def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
 
 def possible_frames(frames: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which frames (n,) of `logs.FRAME` a bus could have carried, (n,)."""
-    found = (frames["dlc"] <= 8) & (frames["direction"] <= 1)
+    length, fd = frames["dlc"], frames["flags"] & Flag.FD != 0
+    fd &= frames["data"].shape[1] > 8
+    found = np.where(fd, np.isin(length, LENGTHS), length <= 8) & (frames["direction"] <= 1)
     for name in ("stamp_ns", "cycle"):
         found &= (frames[name] >= -LATEST // 2) & (frames[name] <= LATEST // 2)
     return np.asarray(found)

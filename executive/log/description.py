@@ -34,6 +34,7 @@ class CheckedDescription(TypedDict, total=False):
     ranges: dict[str, list[Number]]  # low and high
     state_columns: list[str]
     timing_columns: list[str]
+    data_bytes: Annotated[int, Meta(ge=8, le=64)]  # of a message of /can/frames; 8 without it
     frames: dict[Id, str]
     sources: dict[str, str]
     state_names: list[str]

@@ -24,12 +24,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.compiled.rows import HEAD_BYTES
 from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log.description import LATEST, NodeDescription
 from pcpc.executive.log.inventory import topic
 from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, Times, message_dtype
+from pcpc.executive.loop.ring_layout import data_bytes
 from pcpc.executive.rig.roles import ROLES as NODES
 
 __all__ = [
@@ -47,12 +49,14 @@ __all__ = [
 CARRIED = "files/"  # of attachments that `executive.rig.carried_files` describes
 PIECE_BYTES = 1 << 23  # of a file that is read in pieces
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
-FRAME = np.dtype(
-    [
+FRAME, FD_FRAME = (
+    np.dtype([
         ("stamp_ns", "<i8"), ("cycle", "<i8"), ("id", "<u4"), ("dlc", "u1"),
-        ("direction", "u1"), ("e2e", "u1"), ("reserved", "u1"), ("data", "u1", (8,)),
-    ]
+        ("direction", "u1"), ("e2e", "u1"), ("flags", "u1"), ("data", "u1", (n,)),
+    ])
+    for n in (8, 64)
 )  # fmt: skip
+FRAME_SIZES = (FRAME.itemsize, FD_FRAME.itemsize)
 _FIELD = re.compile(r"float64 (\w+)(.*)")
 
 
@@ -265,7 +269,7 @@ def _node(
         _parsed(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
         for key in ("clock_wall_ns", "clock_monotonic_ns")
     )
-    frames = _frames(found, name, notes)
+    frames = _frames(found, name, notes, frame_type(about))
     return Node(
         cycle,
         log_time - (wall_ns - monotonic_ns),
@@ -279,9 +283,14 @@ def _node(
     )
 
 
-def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
+def frame_type(about: Mapping[str, Any]) -> np.dtype[Any]:
+    """Return the type of a node's frames, by its description."""
+    return FD_FRAME if data_bytes(about) > 8 else FRAME
+
+
+def _frames(found: Scan, name: str, notes: list[str], kind: np.dtype[Any]) -> NDArray[Any]:
     """Return the frames of a node; what no bus could have carried is left out."""
-    messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
+    messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + kind.itemsize)
     frames, sane = frames_in(messages)
     if not sane.all():
         notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
@@ -289,9 +298,24 @@ def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
     return frames
 
 
+def on_bus(frames: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the bytes of frames (n,) as a bus has them, see `drivers.can.wire_layout`.
+
+    Shape (n, 16), with CAN FD (n, 72).
+    """
+    width = frames["data"].shape[1]
+    raw = np.zeros((len(frames), HEAD_BYTES + width), np.uint8)
+    raw[:, :4] = np.ascontiguousarray(frames["id"]).view(np.uint8).reshape(-1, 4)
+    raw[:, 4] = frames["dlc"]
+    raw[:, 5] = frames["flags"] if width > 8 else 0
+    raw[:, HEAD_BYTES:] = frames["data"]
+    return raw
+
+
 def frames_in(messages: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return the frames of messages (n,), and which of them a bus could have carried."""
-    frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
+    payload = np.ascontiguousarray(messages["data"][:, CDR_BYTES:])
+    frames = payload.view(FRAME if payload.shape[1] == FRAME.itemsize else FD_FRAME)[:, 0]
     return frames, log_checks.possible_frames(frames)
 
 

@@ -14,6 +14,9 @@ uint8 e2e  # end-to-end check: receiver state
 uint8 reserved
 uint8[8] data
 """
+FD_FRAME_SCHEMA = FRAME_SCHEMA.replace(
+    "reserved", "flags  # 1 bit rate switch, 2 error state indicator, 4 CAN FD"
+).replace("[8]", "[64]")
 _INTEGER, _NUMBER, _TEXT = {"type": "integer"}, {"type": ["number", "string"]}, {"type": "string"}
 _ENTRY = {"cycle": _INTEGER, "stamp_ns": _INTEGER, "name": _TEXT, "value": _NUMBER}
 JSON_SCHEMAS = {

@@ -24,7 +24,7 @@ def flood(n: Any) -> None:
             data = data_of(frame)
             for i in range(4):
                 frame[i] = (faults.target[f] >> (8 * i)) & 255
-            frame[4] = 8
+            frame[4], frame[5] = 8, 0
             for i in range(8):
                 data[i] = 0
             for _ in range(np.int64(size(n, f))):

@@ -25,10 +25,12 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can import e2e
+from pcpc.drivers.can import codec, e2e
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import INJECTED, FrameState
-from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.can.wire import CAN_BE
+from pcpc.drivers.can.wire_layout import Flag
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
@@ -95,7 +97,7 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
         return CHANGED | (AND_ANOTHER if faults.another[4] != 0 else 0)
     if kind == Wrong.INSERTION:
         copy(faults.another, frame)
-        draw(n, f, data_of(faults.another))
+        draw(n, f, frame, data_of(faults.another))
         return CHANGED | AND_ANOTHER
     if kind == Wrong.FORGERY:
         copy(faults.another, frame)
@@ -108,9 +110,13 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
             bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[4]), 1))
             data[bit >> 3] = data[bit >> 3] ^ (1 << (bit & 7))
     elif kind == Wrong.LENGTH:
-        frame[4] = np.uint8(min(max(size(n, f), 0.0), 8.0))
+        long = frame[5] & Flag.FD != 0
+        length = np.int64(min(max(size(n, f), 0.0), 64.0 if long else 8.0))
+        while long and CAN_BE[length] == 0:
+            length += 1
+        frame[4] = np.uint8(length)
     elif kind == Wrong.ADDRESSING:
-        for i in range(8):
+        for i in range(data_length(frame)):
             data[i] = faults.waiting[f, 0, 8 + i]
     else:
         rewrite(n, row, f)
@@ -139,10 +145,16 @@ def hold(n: Any, f: Any) -> Any:
     return CHANGED
 
 
+@loop_inline
+def data_length(frame: Any) -> Any:
+    """Return how many bytes of a frame's data count, 8 or more."""
+    return max(np.int64(frame[4]), np.int64(8))
+
+
 @loop_function
-def draw(n: Any, f: Any, data: Any) -> None:
-    """Fill 8 data bytes at random."""
-    for i in range(8):
+def draw(n: Any, f: Any, frame: Any, data: Any) -> None:
+    """Fill data at random, as many bytes as `frame` has, at least 8."""
+    for i in range(data_length(frame)):
         data[i] = np.uint8(256.0 * uniform(n, f))
 
 
@@ -166,10 +178,10 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
     if kind == Wrong.COUNTER:
         counter += np.int64(faults.kept[f])
     elif kind == Wrong.PAYLOAD and how == How.FREEZE:
-        for i in range(8):
+        for i in range(data_length(n.wire.rx)):
             data[i] = faults.waiting[f, 0, 8 + i]
     else:
-        draw(n, f, data)
+        draw(n, f, n.wire.rx, data)
     e2e.protect(data, row, frames, counter)
 
 
@@ -188,7 +200,9 @@ def altered(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
 def judge(n: Any, row: Any) -> Any:
     """Check an injected frame in `wire.rx` and record it; return its state."""
     frame = n.wire.rx
-    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
+    state, lost = e2e.check(
+        data_of(frame), codec.length_of(frame, row, n.rx.frames), row, n.rx.frames, n.rx.state
+    )
     push_frame(n, frame, 1, INJECTED + state)
     n.control.lost += lost
     if state != FrameState.OK and state != FrameState.OK_SOME_LOST:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can import e2e
+from pcpc.drivers.can import codec, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.structures import data_of
@@ -43,7 +43,8 @@ def note_as_came(n: Any, row: Any) -> None:
 @loop_function
 def _note(n: Any, row: Any) -> None:
     frame, rx = n.wire.rx, n.rx
-    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, rx.frames, n.faults.on_wire)
+    length = codec.length_of(frame, row, rx.frames)
+    state, lost = e2e.check(data_of(frame), length, row, rx.frames, n.faults.on_wire)
     count(n, state, lost)
     acted, right = n.faults.acted[row], state == FrameState.OK or state == FrameState.OK_SOME_LOST
     lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row].every_n)

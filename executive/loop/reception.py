@@ -220,7 +220,9 @@ def disturbed(n: Any, row: Any) -> Any:
 def accept(n: Any, row: Any) -> Any:
     """Check counter and CRC, record the frame; return its state, and how many were lost."""
     frame = n.wire.rx
-    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
+    state, lost = e2e.check(
+        data_of(frame), codec.length_of(frame, row, n.rx.frames), row, n.rx.frames, n.rx.state
+    )
     push_frame(n, frame, 1, state)
     n.control.lost += lost
     if n.faults.spoiled[row] == 0:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import codec
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import machine_ns, stamp, stopping
-from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfRecord
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 
 LAST_WAIT_NS = 2_000_000_000
 NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
@@ -58,17 +59,20 @@ def _room(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
 
 @loop_function
 def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
-    """Append one frame (16 bytes), sent or received, with its receiver state."""
-    row = _free_row(n, n.frame_ends, n.frame_taken, sh.FRAME_RING_ROWS)
+    """Append one frame, sent or received, with its receiver state."""
+    row = _free_row(n, n.frame_ends, n.frame_taken, n.rings.frame_rows)
     if row < 0:
         return
-    word = codec.four_bytes(frame, 0) | np.int64(frame[4]) << 32
-    into = n.frame[row]
-    into.header = sh.CDR_HEADER
-    into.stamp_ns = stamp(n.clock)
-    into.cycle = n.k
-    into.about = word | received << 40 | state << 48
-    into.payload = codec.eight_bytes(frame, 8)
+    word = codec.four_bytes(frame, 0) | np.int64(frame[4]) << 32 | np.int64(frame[5]) << 56
+    into, at = n.frame, row * n.rings.frame_words
+    into[at + OfFrame.HEADER] = sh.CDR_HEADER
+    into[at + OfFrame.STAMP_NS] = stamp(n.clock)
+    into[at + OfFrame.CYCLE] = n.k
+    into[at + OfFrame.ABOUT] = word | received << 40 | state << 48
+    into[at + OfFrame.PAYLOAD] = codec.eight_bytes(frame, 8)
+    for i in range(1, n.rings.frame_words - OfFrame.PAYLOAD):
+        long = frame[5] & Flag.FD != 0
+        into[at + OfFrame.PAYLOAD + i] = codec.eight_bytes(frame, 8 * (i + 1)) if long else 0
     libc.store_release(n.frame_ends, "head", n.frame_ends.head + 1)
 
 

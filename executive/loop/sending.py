@@ -38,7 +38,7 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     frame = n.wire.tx
     word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
     codec.put_four_bytes(frame, 0, word)
-    frame[4] = n.tx.frames[row].dlc
+    frame[4], frame[5] = n.tx.frames[row].dlc, n.tx.frames[row].flags
     data = data_of(frame)
     clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.v)
     e2e.protect(data, row, n.tx.frames, counter)

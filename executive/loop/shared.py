@@ -42,7 +42,15 @@ from pcpc.executive.loop.reception_layout import (
     plausible,
 )
 from pcpc.executive.loop.requests import ANSWER, MAIL, SLOTS
-from pcpc.executive.loop.ring_layout import ENDS, EVENT_ROW, FRAME_ROW, RECORD_HEAD
+from pcpc.executive.loop.ring_layout import (
+    ENDS,
+    EVENT_ROW,
+    EVENT_WORDS,
+    FRAME_WORDS,
+    RECORD_HEAD,
+    data_bytes,
+    frame_words,
+)
 from pcpc.executive.loop.timing_layout import BUCKETS, FIGURES, LATE, LATEST, STAGES, USAGE
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
@@ -63,7 +71,7 @@ MAX_FRAMES = 32
 MAX_SIGNALS = 256
 MAX_SCHEDULE = 2048
 RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
-FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
+FRAME_RING_WORDS = FRAME_WORDS << 16  # six seconds of ten classic frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
 
@@ -89,7 +97,7 @@ _PUBLISHED = [  # written by the node, read by all
     ("keyframe_seq", "<i8", (LINE_WORDS,)),  # see `executive.loop.keyframe_layout`
     ("keyframe", "<i8", (KEYFRAME_WORDS,)),
     ("record", "<i8", (RECORD_RING_WORDS,)),
-    ("frame", FRAME_ROW, (FRAME_RING_ROWS,)),
+    ("frame", "<i8", (FRAME_RING_WORDS,)),
     ("event", EVENT_ROW, (EVENT_RING_ROWS,)),
 ]
 _MAILBOX = [  # written by clients, which the loop does not trust
@@ -199,6 +207,8 @@ _TX = [
 _RINGS = [
     ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
     ("record_rows", "<i8"),
+    ("frame_rows", "<i8"),
+    ("frame_words", "<i8"),  # of a row
     ("n_state", "<i8"),
     ("n_timing", "<i8"),
     ("state_columns", "<i8", (MAX_VARIABLES,)),
@@ -280,12 +290,11 @@ class Shared:
         loop: Any = None, client: Client | None = None,
     ) -> None:  # fmt: skip
         self.name, self.description, self.loop, self.client = name, description, loop, client
-        columns = description["record_columns"]
-        rows = RECORD_RING_WORDS // columns
         self.arrays = arrays | {
-            "record": arrays["record"][: rows * columns].reshape(rows, columns),
+            "record": rows_of(arrays["record"], description["record_columns"]),
+            "frame": rows_of(arrays["frame"], frame_words(description)),
+            "event": rows_of(arrays["event"].view(np.int64), EVENT_WORDS),
             "snapshot": arrays["snapshot"][: len(description["variables"])],
-            **{name: _words(arrays[name]) for name in ("frame", "event")},
         }
         for ring in RINGS:
             self.arrays[f"{ring}_values"] = self.arrays[ring].view(np.float64)
@@ -332,8 +341,10 @@ class Shared:
                 self.client.line.send(word)
 
 
-def _words(rows: NDArray[Any]) -> NDArray[np.int64]:
-    return rows.view(np.int64).reshape(len(rows), -1)
+def rows_of(words: NDArray[Any], columns: int) -> NDArray[np.int64]:
+    """Return the memory of a ring as rows."""
+    rows = len(words) // columns
+    return words[: rows * columns].reshape(rows, columns)
 
 
 def _let_go(client: Client) -> None:
@@ -375,6 +386,8 @@ def check(description: Any) -> None:
         raise ValueError("its rows have another size")
     if not RECORD_HEAD < about["record_columns"] <= RECORD_RING_WORDS:
         raise ValueError("its rows do not fit the ring")
+    if data_bytes(description) not in (8, 64):
+        raise ValueError("its frames have another size")
     if len(description["variables"]) > MAX_VARIABLES:
         raise ValueError("it has too many variables")
     for name, unit, kind, writer, text in description["variables"]:

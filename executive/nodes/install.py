@@ -16,7 +16,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.intrusion import REACTIONS, Reaction
-from pcpc.executive.loop.ring_layout import RECORD_HEAD
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, frame_words
 from pcpc.executive.loop.sending import LastWord
 from pcpc.executive.loop.supervisor import Overrun
 from pcpc.executive.loop.timing import reset
@@ -177,7 +177,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
     lost = {name: (loss.share, loss.burst) for name, loss in made.rig.config.losses.items()}
     losses.install(loop, made.rx_frames, lost, made.rig.config.seed)
     second = [f.word for f in made.tx_frames if f.name in made.below]
-    loop.wire.n_second = len(second)
+    loop.wire.n_second, loop.wire.fd = len(second), made.fd
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
         tx.kind[i] = (frame.has_sequence, is_heartbeat(frame), is_emergency(frame), 0)
@@ -214,3 +214,5 @@ def _install_wiring(made: Plan, loop: Any) -> None:
         rings[f"n_{name}"] = len(places)
     columns = RECORD_HEAD + rings.n_state + 1 + rings.n_timing
     rings.record_rows = sh.RECORD_RING_WORDS // columns
+    rings.frame_words = frame_words({"data_bytes": made.data_bytes})
+    rings.frame_rows = sh.FRAME_RING_WORDS // rings.frame_words

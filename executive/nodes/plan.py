@@ -14,6 +14,7 @@ from typing import Any
 from msgspec.structs import asdict
 
 from pcpc.drivers.can import dbc
+from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
@@ -68,6 +69,16 @@ class Plan:
         """What the loop calls: the steps of the blocks, filled up with idle ones."""
         used = [self.external.get(b.name, b.block.step.entry) for b in self.spec.blocks]
         return (*used, *(idle.entry,) * (sh.MAX_BLOCKS - len(used)))
+
+    @property
+    def fd(self) -> bool:
+        """Whether a frame of the node is one of CAN FD."""
+        return any(frame.fd for frame in (*self.rx_frames, *self.tx_frames))
+
+    @property
+    def data_bytes(self) -> int:
+        """The most data bytes of a frame."""
+        return LENGTHS[-1] if self.fd else 8
 
     @property
     def receive_ids(self) -> list[int]:
@@ -389,6 +400,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         "files": rig.carried_files(made.read),
         "external": list(made.external),
         "metadata": metadata,
+        **({"data_bytes": made.data_bytes} if made.fd else {}),
         **planned_keyframes.described(made),
     }
 

@@ -307,6 +307,7 @@ def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
 
     `bus` is the executive's. A node also listens to its own ids: nobody else may send them.
     """
+    end.fd = made.fd
     below = bus_below(rig, bus)
     own = below if made.role == "plant" and below is not None else bus
     buses.open_bus(own, made.receive_ids + made.send_ids, end)

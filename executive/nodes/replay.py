@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e_states, error_frames
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, STRANGER
+from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.drivers.compiled.jit import f8, i8, loop, loop_function, u1
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws.emath_selftest import selftest
@@ -98,7 +98,7 @@ class Assembler:
     def add(self, node: logs.Node) -> None:
         """Append a further piece of the log; LogError if it lacks what each cycle has."""
         new = node.frames[node.frames["cycle"] > self.behind]
-        self._frames = np.concatenate((self._frames, new))
+        self._frames = np.concatenate((self._frames, new)) if len(self._frames) else new
         tunings = map(tuning_of, node.tunings)
         self._tunings += [one for one in tunings if one[0] > self.behind]
         if not len(node.cycle):
@@ -157,9 +157,9 @@ def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:
 
 @loop_function
 def hear(n: Any, frame: Any) -> None:
-    """Take a recorded frame as the bus brought it; byte 5 says that it was foreign."""
+    """Take a recorded frame as the bus brought it; byte 6 says that it was foreign."""
     copy(n.wire.rx, frame)
-    n.wire.source = STRANGER if frame[5] != 0 else 0
+    n.wire.source = STRANGER if frame[6] != 0 else 0
     if frame[3] & error_frames.FLAG != 0:
         note_bus_error(n)
     else:
@@ -180,7 +180,7 @@ def recompute(
 ) -> Any:  # fmt: skip
     """Run the cycles of `rows`; return how many were done before the node stopped of itself.
 
-    `frames` (k, 16), received in cycles `heard`: byte 5, of no use on a bus, says that a frame was
+    `frames` (k, bytes), received in cycles `heard`: byte 6, of no use on a bus, says that one was
     foreign. `clocked` (cycles, clocks): for the places `clocks`, what was measured in the cycle
     before or written from outside. Periods in which the node stood still on purpose are over before
     the next frames come; those that the machine skipped pass behind them, as in `loop.tuning`.
@@ -289,11 +289,8 @@ class Replay:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
         wire = part.frames["e2e"] < e2e_states.INJECTED  # others are put in their place again
         received = part.frames[(part.frames["direction"] == 1) & wire]
-        raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
-        raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
-        raw[:, 4] = received["dlc"]
-        raw[:, 5] = received["e2e"] == FrameState.FOREIGN
-        raw[:, 8:16] = received["data"]
+        raw = logs.on_bus(received)
+        raw[:, 6] = received["e2e"] == FrameState.FOREIGN
         tunings = [t for t in part.tunings if t[1] in self._index]
         for tuning in tunings:
             self.check_tuning(*tuning)
@@ -390,7 +387,8 @@ class Replay:
         loop.control.sent += len(said)
 
     def _frames(self) -> NDArray[Any]:
-        return np.ascontiguousarray(self._taken("frame")[:, 1:]).view(logs.FRAME)[:, 0]
+        rows = np.ascontiguousarray(self._taken("frame")[:, 1:])
+        return rows.view(logs.frame_type(self.block.description))[:, 0]
 
     def _taken(self, ring: str) -> NDArray[np.int64]:
         """Take what the loop put into a ring."""

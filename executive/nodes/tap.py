@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord, frame_words
 from pcpc.executive.nodes.live import Live, known
 from pcpc.executive.nodes.rings import put
 
@@ -79,7 +79,7 @@ class Tap:
         return Rows(taken[:, 0], taken[:, 1], taken[:, 2:].view(np.float64), self._places)
 
     def frames(self) -> NDArray[np.int64]:
-        """Return the frames since the last look, (n, FRAME_WORDS); see `executive.loop.shared`."""
+        """Return the frames since the last look, (n, columns); see `executive.loop.shared`."""
         return self.raw("frame")
 
     def events(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
@@ -92,8 +92,10 @@ class Tap:
 
     def _size(self, ring: str) -> int:
         """Return how many rows a ring holds."""
-        own = sh.RECORD_RING_WORDS // int(self.live.block.description["record_columns"])
-        return {"record": own, "frame": sh.FRAME_RING_ROWS, "event": sh.EVENT_RING_ROWS}[ring]
+        about = self.live.block.description
+        own = sh.RECORD_RING_WORDS // int(about["record_columns"])
+        frames = sh.FRAME_RING_WORDS // frame_words(about)
+        return {"record": own, "frame": frames, "event": sh.EVENT_RING_ROWS}[ring]
 
     def raw(self, ring: str, columns: Sequence[int] | None = None) -> NDArray[np.int64]:
         """Return the rows of a ring since the last look as the node wrote them, or some columns.

@@ -4,6 +4,7 @@ from typing import Any
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.choice import Wanted
+from pcpc.executive.rig.messages import check_classic
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -32,6 +33,7 @@ def check_line(rig: Rig, pacing: str) -> None:
         what = f"{rig.config.bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s"
     if what:
         raise rig.error("bus.emulate", what)
+    check_classic(rig, "an emulated line", "bus.emulate")
 
 
 def virtual_pacing(rig: Rig) -> str:

@@ -177,7 +177,19 @@ def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...
 
 def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
     """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
-    return max(dbc.bus_load(database, rate_hz, bitrate, n) for n in frames_by_bus(rig, database))
+    fast = rig.config.bus.data_bitrate
+    return max(
+        dbc.bus_load(database, rate_hz, bitrate, n, fast) for n in frames_by_bus(rig, database)
+    )
+
+
+def check_classic(rig: Rig, what: str, place: str = "dbc") -> None:
+    """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
+    database = database_of(rig)
+    with errors_named(rig):
+        found = [one.name for one in map(dbc.frame, database.messages) if one.fd]
+    if found:
+        raise rig.error(place, f"{what} has classic frames only; {found[0]} is of CAN FD")
 
 
 def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[Part]:

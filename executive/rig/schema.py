@@ -35,6 +35,7 @@ BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s
 class Bus(Keyed):
     """A bus as python-can names it; `bitrate` null means that its load is not checked.
 
+    `data_bitrate`: of the frames of CAN FD that switch their bit rate.
     `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.can.line`, with
     transmit queues of `queue` frames and errors of `bit_error_rate`, `error_burst` in a row.
     """
@@ -42,6 +43,7 @@ class Bus(Keyed):
     interface: Word = "auto"
     channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
     bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+    data_bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
     emulate: BitRate | Annotated[int, Meta(ge=1000, le=10**6)] | None = None
     queue: Annotated[int, Meta(ge=1, le=256)] = 64
     bit_error_rate: Fraction = 0.0

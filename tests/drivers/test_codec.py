@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from pcpc.drivers.can import can_id, codec, dbc
 from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.drivers.compiled.jit import JIT_OFF
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,16 +61,17 @@ def signals(draw: st.DrawFn, n_bits: int, name: str, narrow: bool) -> tuple[Sign
 
 @st.composite
 def messages(draw: st.DrawFn, narrow: bool = False) -> Message:
-    """Return up to 6 signals that do not overlap; `narrow`: integers of 32 bits at most."""
-    dlc = draw(st.one_of(st.just(8), st.integers(1, 8)))
+    """Return signals that do not overlap; `narrow`: integers of 32 bits at most."""
+    dlc = draw(st.one_of(st.just(8), st.integers(1, 8), st.sampled_from(LENGTHS[9:])))
     taken: set[int] = set()
     chosen: list[Signal] = []
-    for i in range(draw(st.integers(1, 6))):
+    for i in range(draw(st.integers(1, 6 if dlc <= 8 else 24))):
         signal, bits = draw(signals(8 * dlc, f"s{i}", narrow))
         if not bits & taken:
             taken |= bits
             chosen.append(signal)
-    return Message(0x123, "M", dlc, chosen, senders=["A"], cycle_time=10, strict=True)
+    about: Any = {"senders": ["A"], "cycle_time": 10, "strict": True, "is_fd": dlc > 8}
+    return Message(0x123, "M", dlc, chosen, **about)
 
 
 def tables(message: Message) -> dbc.Table:
@@ -92,11 +94,11 @@ def unpack(data: bytes, frame: int, table: dbc.Table) -> dict[str, float]:
 
 def pack(values: dict[str, float], frame: int, table: dbc.Table) -> tuple[bytes, int]:
     first, end = table.frames[frame].first, table.frames[frame].end
-    array, data = np.zeros(len(table.variables)), np.full(8, 0xA5, np.uint8)
+    dlc = int(table.frames[frame].dlc)
+    array, data = np.zeros(len(table.variables)), np.full(max(dlc, 8), 0xA5, np.uint8)
     for i in range(first, end):
         array[i] = values[table.variables[i].split(".")[1]]
     saturated = codec.pack(data, frame, table.frames, table.signals, array)
-    dlc = int(table.frames[frame].dlc)
     assert not data[dlc:].any(), f"bytes behind dlc {dlc}: {data.tobytes().hex(' ')}"
     return data[:dlc].tobytes(), int(saturated)
 

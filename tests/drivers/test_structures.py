@@ -10,7 +10,7 @@ from pcpc.drivers.compiled.structures import copy, data_of, structure
 
 INNER = np.dtype([("flag", "<i8"), ("table", "<f8", (3, 4)), ("byte", "u1", (5,))], align=True)
 OUTER = np.dtype(
-    [("head", "u1", (3,)), ("gain", "<f8"), ("inner", INNER), ("frame", "u1", (2, 16)),
+    [("head", "u1", (3,)), ("gain", "<f8"), ("inner", INNER), ("frame", "u1", (2, 72)),
      ("count", "<i8"), ("words", "<i8", (6,))],
     align=True,
 )  # fmt: skip
@@ -48,7 +48,7 @@ def record(seed: int) -> Any:
     n.gain, n.count = rng.normal(), seed
     n.inner.table[:] = rng.normal(size=(3, 4))
     n.words[:] = rng.integers(0, 9, 6)
-    n.frame[0] = rng.integers(0, 256, 16)
+    n.frame[0] = rng.integers(0, 256, 72)
     return n
 
 
@@ -61,11 +61,17 @@ def test_a_structure_is_used_as_numpy_uses_the_record(seed: int) -> None:
     assert ours.tobytes() != record(seed).tobytes(), "nothing was written"
 
 
-def test_a_frame_is_copied_whole_and_its_data_begin_at_byte_8() -> None:
+@pytest.mark.parametrize(("flags", "copied"), [(0, 16), (3, 16), (4, 72), (7, 72)])
+def test_a_frame_is_copied_as_long_as_its_kind_and_its_data_begin_at_byte_8(
+    flags: int, copied: int
+) -> None:
     n = record(7)
-    wanted = [*n.frame[0, :15].tolist(), 7]
+    n.frame[0, 5] = flags
+    wanted = n.frame[0].tolist()
+    wanted[15] = 7
     use_frames(n)
-    assert n.frame[0].tolist() == n.frame[1].tolist() == wanted, n.frame
+    assert n.frame[0].tolist() == wanted
+    assert n.frame[1].tolist() == [*wanted[:copied], *[0] * (72 - copied)]
 
 
 def test_a_field_that_is_not_there_and_a_whole_table_are_refused() -> None:

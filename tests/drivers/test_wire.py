@@ -10,6 +10,7 @@ import math
 import mmap
 import os
 import random
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +25,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import wire, wire_layout
-from pcpc.drivers.can.wire_layout import Arrival, Medium
+from pcpc.drivers.can.python_can_port import flags_of
+from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
@@ -62,24 +64,26 @@ def new_wire(kind: int = Medium.MEMORY) -> Any:
     return records[0]
 
 
-def frame(can_id: int, data: bytes, extended: bool = False) -> Bytes:
-    """Return struct can_frame."""
+def frame(can_id: int, data: bytes, extended: bool = False, flags: int = Flag.NONE) -> Bytes:
+    """Return struct canfd_frame."""
     word = can_id | int(extended) << 31
-    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
+    packed = word.to_bytes(4, "little") + bytes([len(data), flags, 0, 0]) + data.ljust(64, b"\0")
     return np.frombuffer(packed, np.uint8).copy()
 
 
-def content(received: Bytes) -> tuple[int, bool, bytes]:
-    """Return id, extended and data of a struct can_frame; fail if it is not a clean classic one."""
+def content(received: Bytes) -> tuple[int, bool, bytes, int]:
+    """Return id, extended, data and flags of a frame; fail if it is not a clean one."""
     word, n = int.from_bytes(received[:4].tobytes(), "little"), int(received[4])
     can_id, extended = word & 0x1FFFFFFF, bool(word >> 31)
     assert can_id <= (0x1FFFFFFF if extended else 0x7FF), f"id {can_id:#x}, extended {extended}"
     assert word >> 29 in (0, 4), f"flags in {word:#010x}"
-    assert n <= 8 and not received[8 + n :].any(), f"length {n}, data {received[8:]}"
-    return can_id, extended, received[8 : 8 + n].tobytes()
+    flags, past = int(received[5]), 72 if received[5] else 16
+    assert flags == 0 or flags & Flag.FD, f"flags {flags}"
+    assert n in LENGTHS[: LENGTHS.index(past - 8) + 1] and not received[8 + n : past].any(), n
+    return can_id, extended, received[8 : 8 + n].tobytes(), flags
 
 
-def read(packet: bytes) -> tuple[int, bool, bytes] | None:
+def read(packet: bytes) -> tuple[int, bool, bytes, int] | None:
     """Return what `_read_packet` makes of a packet that ends where the readable memory ends."""
     view = GUARDED[PAGE - len(packet) :]
     view[:] = np.frombuffer(packet, np.uint8)
@@ -114,26 +118,49 @@ def messages(draw: st.DrawFn) -> can.Message:
     )
 
 
-@given(IDS, st.binary(max_size=8))
+@given(IDS, st.binary(max_size=64), st.sampled_from([0, 0, 4, 5, 6, 7]))
 @settings(max_examples=EXAMPLES, deadline=None)
-def test_python_can_reads_what_we_write(identity: tuple[int, bool], data: bytes) -> None:
+def test_python_can_reads_what_we_write(
+    identity: tuple[int, bool], data: bytes, flags: int
+) -> None:
     can_id, extended = identity
-    n = wire._write_packet(frame(can_id, data, extended), PACKET)
+    data = data[: max(n for n in LENGTHS if n <= len(data) and (flags or n <= 8))]
+    n = wire._write_packet(frame(can_id, data, extended, flags), PACKET)
     message = unpack_message(PACKET[:n].tobytes(), check=True)
     got = (message.arbitration_id, message.is_extended_id, bytes(message.data), message.dlc)
     assert got == (can_id, extended, data, len(data)), f"{got}"
-    assert not (message.is_remote_frame or message.is_error_frame or message.is_fd), f"{message}"
+    assert not (message.is_remote_frame or message.is_error_frame), f"{message}"
+    assert flags_of(message) == flags, f"{message}"
     back = read(PACKET[:n].tobytes())
-    assert back == (can_id, extended, data), f"read back as {back}"
+    assert back == (can_id, extended, data, flags), f"read back as {back}"
 
 
 @given(messages())
 @settings(max_examples=EXAMPLES, deadline=None)
-def test_we_read_the_classic_data_frames_of_python_can_and_no_others(message: can.Message) -> None:
-    classic = not (message.is_remote_frame or message.is_error_frame or message.is_fd)
-    sent = (message.arbitration_id, message.is_extended_id, bytes(message.data))
+def test_we_read_the_data_frames_of_python_can_and_no_others(message: can.Message) -> None:
+    data = not (message.is_remote_frame or message.is_error_frame)
+    sent = (message.arbitration_id, message.is_extended_id, bytes(message.data), flags_of(message))
     got = read(pack_message(message))
-    assert got == (sent if classic else None), f"{message} read as {got}"
+    assert got == (sent if data else None), f"{message} read as {got}"
+
+
+@pytest.mark.parametrize("length", sorted({*range(66)} - {*LENGTHS}))
+def test_a_length_that_can_fd_has_not_is_refused(length: int) -> None:
+    message = can.Message(arbitration_id=1, data=bytes(length), is_fd=True, check=False)
+    assert read(pack_message(message)) is None
+
+
+@pytest.mark.parametrize(("fd", "arrival"), [(0, Arrival.FOREIGN), (1, Arrival.FRAME)])
+def test_a_rig_without_can_fd_takes_its_frames_for_foreign_ones(fd: int, arrival: int) -> None:
+    theirs, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with theirs, ours:
+        end = new_wire(Medium.UDP)
+        end.fd_rx, end.fd, end.own[:] = ours.fileno(), fd, -1
+        for is_fd in (True, False):
+            message = can.Message(arbitration_id=1, data=bytes(8), is_fd=is_fd)
+            theirs.send(pack_message(message))
+        assert wire.get_frame(end, False) == arrival
+        assert wire.get_frame(end, False) == Arrival.FRAME and end.rx[5] == Flag.NONE
 
 
 @pytest.mark.parametrize(
@@ -155,7 +182,7 @@ def test_a_frame_that_claims_more_than_eight_bytes_carries_no_memory_behind_it()
         view[4] = length
         n = wire._write_packet(view, PACKET)
         got = read(PACKET[:n].tobytes())
-        assert got == (0x123, False, b"abcdefgh"), f"length {length} read as {got}"
+        assert got == (0x123, False, b"abcdefgh", 0), f"length {length} read as {got}"
 
 
 def test_no_truncation_of_a_packet_is_a_frame() -> None:

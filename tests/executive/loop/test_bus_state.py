@@ -34,7 +34,7 @@ WAITS = "supervisor: {on_fault: wait, ramp_s: 0.01}"
 
 def tell(loop: Any, kind: int, detail: int = 0) -> None:
     """Let a node hear an error frame."""
-    loop.wire.rx[:] = [kind & 255, kind >> 8, 0, 0x20, 8, 0, 0, 0, 0, detail, *[0] * 6]
+    loop.wire.rx[:16] = [kind & 255, kind >> 8, 0, 0x20, 8, 0, 0, 0, 0, detail, *[0] * 6]
     note_bus_error(loop)
 
 

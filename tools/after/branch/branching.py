@@ -224,12 +224,13 @@ def _origin(head: logs.Log, role: str, lasts: Mapping[str, int]) -> dict[str, st
 
 def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node below the cycle whose frames the node above took, the executive's `cycle`."""
-    frames: dict[str, NDArray[Any]] = {role: np.empty(0, logs.FRAME) for role in roles}
+    frames: dict[str, NDArray[Any]] = {}
     for piece, _ in logs.pieces(head.path):
         for role in (role for role in roles if role in piece.node):
-            kept, new = frames[role][-_FRAMES_KEPT:], piece.node[role].frames
+            new = piece.node[role].frames
+            kept = frames.get(role, new[:0])[-_FRAMES_KEPT:]
             frames[role] = np.concatenate((kept, new))
-        if len(frames[roles[0]]) and frames[roles[0]]["cycle"][-1] > cycle + 2:
+        if (frames[roles[0]]["cycle"][-1:] > cycle + 2).any():
             break
     found: dict[str, int] = {}
     for above, role in pairwise(roles):

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import checks as log_checks
@@ -174,7 +175,7 @@ class Printer:
             yield json_line(entry | dict(zip(fields, row, strict=True)))
 
     def _frames(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
-        if rows["data"].shape[1] != logs.CDR_BYTES + logs.FRAME.itemsize:
+        if rows["data"].shape[1] - logs.CDR_BYTES not in logs.FRAME_SIZES:
             self._left_out[topic] += len(rows)
             return
         data, sane = logs.frames_in(rows)
@@ -191,12 +192,12 @@ class Printer:
             self._headed = True
         self._names = self._names or logs.frame_names(self.log)
         for time_s, frame in zip(self._time_s(rows), data, strict=True):
-            number, _, payload = frame_text(frame).partition("#")
             entry = {
-                "time_s": time_s, "cycle": int(frame["cycle"]), "id": number,
+                "time_s": time_s, "cycle": int(frame["cycle"]),
+                "id": can_id.text_of(int(frame["id"])),
                 "name": self._names.get(int(frame["id"]), ""),
                 "direction": DIRECTIONS[int(frame["direction"]) & 1], "dlc": int(frame["dlc"]),
-                "e2e": int(frame["e2e"]), "data": payload,
+                "e2e": int(frame["e2e"]), "data": payload(frame),
             }  # fmt: skip
             if self.form == "csv":
                 yield ",".join(map(str, entry.values())) + "\n"
@@ -237,7 +238,9 @@ def payload(frame: Any) -> str:
 
 def frame_text(frame: Any) -> str:
     """Return a recorded frame as candump writes it."""
-    return f"{can_id.text_of(int(frame['id']))}#{payload(frame)}"
+    flags = int(frame["flags"])
+    mark = f"##{flags & (Flag.BRS | Flag.ESI):X}" if flags & Flag.FD else "#"
+    return f"{can_id.text_of(int(frame['id']))}{mark}{payload(frame)}"
 
 
 def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> tuple[int, int]:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -110,7 +111,7 @@ def _write_frames(job: _Job) -> int:
     frames, offset_ns = job.log.node[node].frames, series.wall_offset_ns(job.log, node)
     frames = frames[job.inside(frames["stamp_ns"] + offset_ns)]
     frames = frames[np.argsort(frames["stamp_ns"], kind="stable")]
-    if len(bad := frames[frames["dlc"] > 8]):
+    if len(bad := frames[frames["dlc"] > frames["data"].shape[1]]):
         what = f"{chosen[0]}: a frame of {bad[0]['dlc']} bytes"
         raise LogCommandError(f"{job.log.path}: {what}; the log is damaged, record it again")
     write = {"candump": _candump, "asc": _asc, "blf": _blf}[job.format]
@@ -122,11 +123,13 @@ def message(row: Any, timestamp_s: float) -> "Message":
     """Return a frame of a log as python-can's message."""
     from can import Message
 
-    word, dlc = int(row["id"]), int(row["dlc"])
+    word, dlc, flags = int(row["id"]), int(row["dlc"]), int(row["flags"])
     return Message(
         timestamp=timestamp_s, arbitration_id=word & can_id.ID,
         is_extended_id=bool(word & can_id.EXTENDED),
         is_rx=bool(row["direction"]), dlc=dlc, data=row["data"][:dlc].tobytes(), channel=CHANNEL,
+        is_fd=bool(flags & Flag.FD), bitrate_switch=bool(flags & Flag.BRS),
+        error_state_indicator=bool(flags & Flag.ESI),
     )  # fmt: skip
 
 

@@ -20,19 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 
 SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
 PEER = {"executive": "plant", "plant": "executive"}
-_ROW = np.dtype(
-    [
-        ("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1"),
-        ("frame", "u1", (FRAME_BYTES,)),
-    ]
-)  # fmt: skip
+_COLUMNS = [("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1")]
 
 
 class PlayError(UserError):
@@ -41,10 +35,11 @@ class PlayError(UserError):
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames in the order of the bus: `stamp_ns`, `cycle` (n,) int64, `sender` (n,), `raw` (n, 16).
+    """Frames in the order of the bus: `stamp_ns`, `cycle` (n,) int64, `sender` (n,), `raw`.
 
-    `raw` is Linux' struct can_frame, `sender` an index into `senders`, `cycle` the recording
-    node's, never falling. `names`: id -> name. `left_out`: remote and error frames of the log.
+    `raw` (n, bytes) is as of `reader.on_bus`, `sender` an index into `senders`, `cycle` the
+    recording node's, never falling. `names`: id -> name. `left_out`: remote and error frames of
+    the log.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -115,14 +110,13 @@ def bus_frames(log: logs.Log) -> Frames:
 def _rows(log: logs.Log, node: str, senders: Sequence[str]) -> NDArray[np.void]:
     """Return a node's frames in file order."""
     frames = log.node[node].frames
-    rows = np.zeros(len(frames), _ROW)
+    raw = logs.on_bus(frames)
+    rows = np.zeros(len(frames), [*_COLUMNS, ("frame", "u1", raw.shape[1:])])
     rows["stamp_ns"], rows["cycle"] = frames["stamp_ns"], frames["cycle"]
     rows["place"] = np.arange(len(frames))
     peer = senders.index(PEER.get(node, "the bus"))
     rows["sender"] = np.where(frames["direction"] == 0, senders.index(node), peer)
-    rows["frame"][:, :4] = frames["id"][:, None].copy().view(np.uint8)
-    rows["frame"][:, 4] = frames["dlc"]
-    rows["frame"][:, 8:] = frames["data"]
+    rows["frame"] = raw
     return rows
 
 
@@ -157,8 +151,8 @@ def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> NDArray[np.int
 
 
 def _keys(rows: NDArray[np.void]) -> list[bytes]:
-    text = rows["frame"].tobytes()
-    return [text[i : i + FRAME_BYTES] for i in range(0, len(text), FRAME_BYTES)]
+    text, size = rows["frame"].tobytes(), rows["frame"].shape[1]
+    return [text[i : i + size] for i in range(0, len(text), size)]
 
 
 def _period_ns(log: logs.Log, stamp_ns: NDArray[np.int64]) -> int:

@@ -48,7 +48,7 @@ class Tally:
         kind = topic.rpartition("/")[2]
         if kind == "state":
             self._step(topic, rows["sequence"].astype(np.int64))
-        elif kind == "frames" and rows["data"].shape[1] == logs.CDR_BYTES + logs.FRAME.itemsize:
+        elif kind == "frames" and rows["data"].shape[1] - logs.CDR_BYTES in logs.FRAME_SIZES:
             self._take_frames(topic, rows)
         elif kind in ("events", "tunings"):
             entries = self._entries.setdefault(topic, [])

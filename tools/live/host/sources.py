@@ -19,7 +19,7 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
-from pcpc.executive.loop.ring_layout import EVENT_WORDS, FRAME_WORDS
+from pcpc.executive.loop.ring_layout import EVENT_WORDS, frame_words
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.tools.live.history import Cycles, History, Newest, Values
@@ -51,7 +51,7 @@ class LiveNode:
         self._places = {name: place for place, name in enumerate(self.names)}
         rows = int(min(KEPT_S / self.period_s, KEPT_BYTES / (10 * len(self.names) + 20)))
         self._history = History(max(rows, 2), len(self.names))
-        self._frames = Newest(FRAMES_KEPT, (FRAME_WORDS,), np.int64)
+        self._frames = Newest(FRAMES_KEPT, (frame_words(live.block.description),), np.int64)
         self._events = Newest(EVENTS_KEPT, (EVENT_WORDS,), np.int64)
         self._turn = threading.Lock()  # between what comes and who copies it
         self.traffic = Traffic(live)

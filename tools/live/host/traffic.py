@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
+from pcpc.executive.loop.ring_layout import OfFrame, frame_words
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.start import bus_load
 
@@ -47,7 +47,7 @@ class Traffic:
     def __init__(self, live: Live) -> None:
         self.kinds = _frame_kinds(live)
         self._live, self._new = live, list[NDArray[np.int64]]()
-        self._lately = np.zeros((0, FRAME_WORDS), np.int64)
+        self._lately = np.zeros((0, frame_words(live.block.description)), np.int64)
         self._since_s, self._cycle = time.monotonic(), int(live.block.control.cycle)
         facts = live.block.description["metadata"]
         self._clocked = facts.get("pacing") not in WITHOUT_CLOCK

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.ring_layout import EVENT_WORDS, FRAME_WORDS
+from pcpc.executive.loop.ring_layout import EVENT_WORDS, frame_words
 from pcpc.executive.nodes import live as here
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LEVELS
@@ -123,8 +123,9 @@ class Remote(Live):
         self._link.ask("lock", node=self._handle, level=level)
 
     def _columns(self, ring: str) -> int:
-        own = int(self._mirror.description["record_columns"])
-        return {"record": own, "frame": FRAME_WORDS, "event": EVENT_WORDS}[ring]
+        about = self._mirror.description
+        own = int(about["record_columns"])
+        return {"record": own, "frame": frame_words(about), "event": EVENT_WORDS}[ring]
 
 
 class RemoteNodes(Nodes):

@@ -61,13 +61,21 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     found = traffic.buses(rig, options.any_phase)
     for name, own, frames in zip(("bus", "local bus"), of_rig, found, strict=False):
         bitrate, origin = _bitrate(options, own)
+        fast = options.data_bitrate or config.bus.data_bitrate
+        is_fd = any(sent.frame.fd for sent in frames)
+        if fast is None and any(sent.frame.bits()[1] for sent in frames):
+            what = (
+                "its CAN FD frames switch their bit rate; give bus.data_bitrate, or --data-bitrate"
+            )
+            raise rig.error("bus", what)
         setup = Setup(
             config.rate_hz,
             bitrate,
-            options.data_bitrate,
+            fast,
             jitter_ns,
             error_every_ns,
             options.in_order,
+            options.data_bitrate is not None and not is_fd,
         )
         yield Bus(name, origin, setup, frames, traffic.response_rows(frames, setup))
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers.can.frame_bits import classic_bits, fd_bits
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.start.bus.traffic import Good, Row, SentFrame, Setup
@@ -37,10 +36,7 @@ class Bus:
 
     def bits(self, row: Row) -> tuple[int, int]:
         """Return the bits of a frame at the nominal rate and in a data phase."""
-        frame = row.sent.frame
-        if self.setup.data_bitrate is None:
-            return classic_bits(frame.dlc, frame.extended), 0
-        return fd_bits(frame.dlc, frame.extended)
+        return row.sent.frame.bits(self.setup.all_fd)
 
 
 def as_json(rig: Rig, buses: Sequence[Bus]) -> dict[str, Any]:

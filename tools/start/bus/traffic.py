@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.frame_bits import transmission_ns
+from pcpc.drivers.can.frame_bits import duration_ns
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
@@ -47,7 +47,7 @@ class SentFrame:
 
 @dataclass(frozen=True)
 class Setup:
-    """What the frames meet: rates, and what makes them late. `data_bitrate`: all are FD frames.
+    """What the frames meet: rates, and what makes them late. `all_fd`: as if all were FD frames.
 
     `in_order`: a node sends its frames in the order of its loop, not by priority.
     """
@@ -58,6 +58,7 @@ class Setup:
     jitter_ns: int = 0
     error_every_ns: int = 0
     in_order: bool = False
+    all_fd: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFram
     found = []
     for sent in frames:
         frame = sent.frame
-        takes_ns = transmission_ns(frame.dlc, frame.extended, setup.bitrate, setup.data_bitrate)
+        fast = setup.data_bitrate or setup.bitrate
+        takes_ns = duration_ns(frame.bits(setup.all_fd), setup.bitrate, fast)
         period_ns = math.floor(frame.every_n(setup.rate_hz) * cycle_ns)
         phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
         place = in_cycle.index(sent)
@@ -205,7 +207,7 @@ def warning(rig: Rig, pacing: str) -> str:
     config = rig.config
     if config.bus.bits_per_s is None or pacing == "lockstep":
         return ""
-    setup = Setup(config.rate_hz, config.bus.bits_per_s)
+    setup = Setup(config.rate_hz, config.bus.bits_per_s, config.bus.data_bitrate)
     sent = buses(rig)
     found = [response_rows(frames, setup) for frames in sent]
     late = [(i, row) for i, rows in enumerate(found) for row in rows if row.late]
