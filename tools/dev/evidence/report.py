@@ -56,7 +56,7 @@ _LEFT = """
 These are a forged frame with the right counter and CRC, frozen data with a running counter, a wrong
 sensor, and an actuator that does less than commanded. Limits and the signs of a second sender find
 most of the first three, as the rows named *limited* show. Two kinds of fault remain: a sensor with
-a small error or slow drift, and the actuator. To find them takes a second sensor or a model. A law
+a small error or slow drift, and the actuator. Only a second sensor or a model finds them. A law
 may have these, but the bus check does not.
 """
 
@@ -246,12 +246,12 @@ def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield _filled(
         f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a random "
         f"cycle. {safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a "
-        "stop of 20 to 600 ms, SLOW many short ones. BORN is kill -9 within 50 ms of the "
+        "stop of 20 to 600 ms, and SLOW is many short ones. BORN is kill -9 within 50 ms of the "
         "recorder's start, which may leave no log. A line's figures hold for each of its signals. "
-        "*cycles* is the longest time in which a node, having noticed, acted on a command neither "
-        "fresh nor safe. *log* is the number of runs whose log opens, with the ms that it lacks. "
-        "*left* is how often a process or a claim stayed behind, *next* how often the next run on "
-        "the same bus ended well. The figures belong to one machine."
+        "*cycles* is the longest time for which a node that had noticed still acted on a command "
+        "neither fresh nor safe. *log* is the number of runs whose log opens, with the ms that it "
+        "lacks. *left* is how often a process or a claim stayed behind, and *next* how often the "
+        "next run on the same bus ended well. The figures belong to one machine."
     )
     yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
 
@@ -273,10 +273,10 @@ def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
     both = residual, residual["crc_16"]
     yield "\n## What the CRC-8 and the CRC-16 let pass\n\n"
     yield _filled(
-        "Shares are predicted from the weights of the code and measured, over 64 bits of counter, "
+        "Shares are predicted from the weights of the code, and measured, over 64 bits of counter, "
         "data and CRC. Hamming distances are "
         f"{both[0]['distance']} and {both[1]['distance']}, so the CRC-8 detects all errors of up "
-        f"to {both[0]['distance'] - 1} bits, the CRC-16 of up to {both[1]['distance'] - 1}."
+        f"to {both[0]['distance'] - 1} bits, and the CRC-16 all of up to {both[1]['distance'] - 1}."
     )
     yield "\n" + _table(
         ("wrong bits", "patterns", "CRC-8: undetected", "predicted", "measured",
@@ -326,5 +326,5 @@ def _paragraph(text: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    above, *below = (f"| {' | '.join(cells)} |\n" for cells in (head, *rows))
+    return "".join((above, f"|{'---|' * len(head)}\n", *below))
