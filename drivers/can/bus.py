@@ -153,8 +153,8 @@ def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
         end.fd_tx2, end.fd_rx2 = _open_udp(bus.channel)
     else:
         raise BusError(
-            f"{bus}: both buses of a local node are socketcan, or both udp_multicast; "
-            "choose it with --set local.bus.interface=..."
+            f"{bus}: make both buses of a local node socketcan, or both udp_multicast; "
+            "choose with --set local.bus.interface=..."
         )
 
 

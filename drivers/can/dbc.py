@@ -306,7 +306,7 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
         codes = (max(full[0], low), min(full[1], high))
     if not limits[0] <= limits[1] or not codes[0] <= codes[1]:
         what = f"no raw value lies in [{limits[0]}|{limits[1]}]"
-        raise DbcError(f"{where}: {what}; correct [minimum|maximum], [0|0] is no limit")
+        raise DbcError(f"{where}: {what}; correct [minimum|maximum]; [0|0] means no limit")
     return Signal(
         signal.name,
         printable(signal.unit or ""),

@@ -131,7 +131,7 @@ class Runs:
 
     def _why_alone(self, cases: Sequence[Case]) -> str:
         other = {name for case in cases for name in case.settings if name not in self._own}
-        return f"{', '.join(sorted(other))} is no setting of a block" if other else ""
+        return f"{', '.join(sorted(other))} is not a setting of a block" if other else ""
 
     def _fill(self, group: Group, cases: Sequence[Case]) -> list[str]:
         """Put the cases into the lanes; return why one is refused, "" for the others."""

@@ -89,6 +89,6 @@ def selftest() -> None:
     if fault:
         cause = f"{fault}; a library loaded into this process did that: load it elsewhere"
     raise RuntimeError(
-        f"other bits than on other machines in {', '.join(changed)}: "
+        f"the bits differ from those of other machines in {', '.join(changed)}: "
         f"a log would not replay there. {cause}"
     )

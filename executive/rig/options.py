@@ -52,7 +52,8 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
             document.put(("controllers", block, "parameters", setting), value, place)
             continue
         if name in keys_of:
-            raise RigError(f"{place}: {name} is no setting of a block; give it with --set {name}=")
+            what = "is not a setting of a block; give it with"
+            raise RigError(f"{place}: {name} {what} --set {name}=")
         if block not in blocks or not setting:
             raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
         chosen = document.data["controller"]

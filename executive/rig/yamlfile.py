@@ -193,7 +193,7 @@ def parse_scalar(text: str) -> Any:
     if found := _INFINITY.fullmatch(text):
         return float(f"{found[1]}inf")
     if text in (".nan", ".NaN", ".NAN"):
-        raise ValueError(f"{text} is no value; give a number, or null for none")
+        raise ValueError(f"{text} is not a value; give a number, or null for none")
     return text
 
 

@@ -142,7 +142,7 @@ def _settings(about: Mapping[str, Any]) -> set[str]:
 
 def _load(options: argparse.Namespace) -> None:
     if not options.file:
-        raise UserError("'' is no file; give one that `pcpc save` has written")
+        raise UserError("'' is not a file; give one that `pcpc save` has written")
     document = yamlfile.load(options.file)
     there = nodes_of(options)
     nodes = [there.find(options.node)] if options.node else list(there.running().values())

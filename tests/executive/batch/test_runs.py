@@ -51,7 +51,7 @@ def test_a_seed_gives_its_noise_in_lanes_too_also_where_nothing_else_is_changed(
 def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
     runs = Runs(ROOT / "tools/make/template/rig.yaml", "pid", [], {})
     (done,) = runs.done([Case(1, {"duration_s": 0.05})])
-    assert done.alone == "duration_s is no setting of a block"
+    assert done.alone == "duration_s is not a setting of a block"
     assert done.log is not None and len(done.log.node["executive"].cycle) == 50
 
 

@@ -229,7 +229,7 @@ def test_a_rig_takes_over_what_was_saved(run: Run, capsys: Screen, tmp_path: Pat
         (f"{KV}: 1e4\n", "1:1: controllers.pd.parameters.kv_Nms_rad: 10000 is outside 0..1000"),
         ("controller.kv: 1\n", "1:1: controllers.pd.parameters.kv: unknown parameter; did"),
         ("barrel.gap: 1\n", "1:1: plant.blocks.barrel.parameters.gap: unknown parameter; did you"),
-        ("duration_s: 1\n", "1:1: duration_s is no setting of a block; give it with --set"),
+        ("duration_s: 1\n", "1:1: duration_s is not a setting of a block; give it with --set"),
         ("nothing: 1.0\n", "1:1: no such setting"),
     ],
 )  # fmt: skip

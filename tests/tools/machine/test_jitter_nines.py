@@ -242,7 +242,7 @@ def test_limits_are_read_in_their_units_and_over_a_base(tmp_path: Path) -> None:
         ("wake: {99: -1us}", "1:8: wake.99: -1us: not a duration above 0"),
         ("wake: {99: 0us}", "1:8: wake.99: 0us: not a duration above 0"),
         ("wake: {99: 5 us}", "1:8: wake.99: 5 us: not a duration above 0; expected like 500us"),
-        ("wake: {99: .nan}", "1:12: .nan is no value"),
+        ("wake: {99: .nan}", "1:12: .nan is not a value"),
         ("wake: {99: nan}", "1:8: wake.99: nan: not a duration above 0"),
         ("wake: {99: .inf}", "1:8: wake.99: inf: not a duration above 0"),
         ("\nwake: {100: 1us}", "2:8: wake.100: expected a percentage above 0 and below 100"),

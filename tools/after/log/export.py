@@ -106,7 +106,7 @@ def _write_frames(job: _Job) -> int:
     topics = {logs.topic(name, "can/frames"): name for name in job.log.node}
     chosen = job.chosen(topics, list(topics)[:1])
     if len(chosen) > 1:
-        raise LogCommandError("--topics: two topics hold the same frames twice; give one of them")
+        raise LogCommandError("--topics: two topics hold the same frames; give only one of them")
     node = topics[chosen[0]]
     frames, offset_ns = job.log.node[node].frames, series.wall_offset_ns(job.log, node)
     frames = frames[job.inside(frames["stamp_ns"] + offset_ns)]

@@ -88,7 +88,7 @@ def sorted_out(words: Sequence[str]) -> tuple[list[Path], list[str]]:
         if path.is_file():
             paths.append(path)
         elif "/" in word or word.endswith(".mcap"):
-            raise LogCommandError(f"{word}: no such log; give a file as runs/RUN/log.mcap")
+            raise LogCommandError(f"{word}: no such log; give a file such as runs/RUN/log.mcap")
         else:
             patterns.append(word)
     if not paths:

@@ -69,7 +69,7 @@ def entries(table: Path, data: bytes) -> dict[str, Entry]:
     above, _, last = data.removesuffix(b"\n").rpartition(b"\n")
     above += b"\n"
     if b"\r" in data:
-        raise UserError(f"{table}: has line ends of Windows: {_CURE}")
+        raise UserError(f"{table}: has Windows line ends: {_CURE}")
     if not data.endswith(b"\n") or last.decode("latin-1") != (
         f"{hashlib.sha256(above).hexdigest()}  {_END}"
     ):

@@ -97,7 +97,7 @@ def measure(
                 open_sides.remove(side)
     if not all(best.values()):
         none = " and ".join(side for side, rate in best.items() if not rate)
-        raise BenchError(f"{none} held not even {rates[0]} Hz: something else is running here")
+        raise BenchError(f"{none} did not even hold {rates[0]} Hz: something else is running here")
     own, base = float(best["Python"]), float(best["C"])
     return [Ratio.from_rounds(SUITE, "highest rate", "C -O2, two processes", [own], [base], "Hz")]
 

@@ -102,7 +102,7 @@ def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) ->
         for (name, kind), value in zip(kinds, found["snapshot"].tolist(), strict=True):
             own = kind == "supervisor" or name.startswith(("time.", "handover."))
             if own and not (math.isfinite(value) and abs(value) < _MOST_S):
-                raise ValueError(f"{name} is no number")
+                raise ValueError(f"{name} is not a number")
 
 
 def rows_of_width(rows: NDArray[np.int64], columns: int) -> NDArray[np.int64]:

@@ -158,7 +158,7 @@ def token_of(options: argparse.Namespace) -> str:
         raise UserError(f"--token-file {options.token_file}: {what}")
     if not token or len(token) > guard.MOST_TOKEN:
         what = f"--at needs the token of that host: --token-file FILE, or {_ENVIRONMENT}"
-        raise UserError(f"{what}; it is there in ~/.local/state/pcpc/host-token")
+        raise UserError(f"{what}; on that host it is in ~/.local/state/pcpc/host-token")
     return token
 
 

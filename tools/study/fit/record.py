@@ -47,7 +47,7 @@ def record_of(log: Log, plant: Driven, sensors: Sequence[str]) -> Record:
     )
     nodes = [node for node in (own, other) if node is not None]
     if not nodes:
-        raise RigError(f"{log.path}: it holds no cycles of the plant, nor of what receives it")
+        raise RigError(f"{log.path}: no cycles of the plant, nor of a node that receives it")
     _check(log, plant, nodes, sensors)
     first = max(int(node.cycle[0]) for node in nodes)
     rows = min(int(node.cycle[-1]) for node in nodes) + 1 - first

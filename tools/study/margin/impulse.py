@@ -90,4 +90,4 @@ def _answer(cycle: CycleMap, loop: Loop, h: float) -> Vector:
             return s
         n, end = end, min(2 * end, _MOST)
     what = f"does not come to rest within {_MOST} cycles: unstable, or an integrator"
-    raise UserError(f"the loop of {loop.signal}, looked at by its answer to an impulse, {what}")
+    raise UserError(f"the impulse response of the loop of {loop.signal} {what}")

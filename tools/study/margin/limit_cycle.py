@@ -268,4 +268,4 @@ def _place(cycle: CycleMap, name: str) -> int:
     for one in (name, *(f"{role}:{name}" for role in cycle.roles)):
         if one in every:
             return every.index(one)
-    raise UserError(f"{name}: no number that a step reads; it cannot grow")
+    raise UserError(f"{name}: not a number that a step reads; it cannot grow")

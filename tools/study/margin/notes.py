@@ -94,12 +94,12 @@ def measured_notes(
         what = (
             f"the sensitivity peak, {peak:.3g}, lies at the lowest line, {lowest:.4g} Hz, or below"
         )
-        cure = "a lower --lowest tells, or no loop passes the plant"
+        cure = "give a lower --lowest; or no loop passes through the plant"
         raise UserError("; ".join((f"{what}: {cure}", *before)))
     notes, weak = list[str](), own.f_hz[own.error > STRONG]
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
-        what = f"noise, or what is not linear, hides {hidden}, and with them every margin"
+        what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
         cure = "--amplitude sets what is injected"
         raise UserError(
             "; ".join(
@@ -116,7 +116,7 @@ def measured_notes(
         cure = (
             "a margin that one of them may hide is not measured; --amplitude sets what is injected"
         )
-        notes.append(f"measured: noise, or what is not linear, hides {what}: {cure}")
+        notes.append(f"measured: noise or a nonlinearity hides {what}: {cure}")
     return notes
 
 

@@ -158,5 +158,5 @@ def _engine(campaign: Campaign, folder: Path) -> Engine:
         cure = "give -o a folder on a disk that all of them share"
         raise RigError(f"{folder}: {here} does not see it; {cure}")
     if differ := difference(campaign.spec()["origin"], read(folder / store.SPEC)["origin"]):
-        raise RigError(f"{campaign.rig}: {here} has others than the campaign: {differ}")
+        raise RigError(f"{campaign.rig}: {here} differs from the campaign in {differ}")
     return Engine(Path(campaign.rig), campaign.controllers, campaign.settings, threads=1)

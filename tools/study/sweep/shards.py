@@ -93,7 +93,8 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
         what = printable(" ".join(str(error).split()))
         raise RigError(f"{path}: no table of a shard: {what}") from None
     if differ := differences(about, spec):
-        raise RigError(f"{path}: of another campaign than its folder; it differs in {differ}")
+        what = "belongs to another campaign than its folder; it differs in"
+        raise RigError(f"{path}: {what} {differ}")
     named = _NAME.match(path.name)
     number, of = map(int, named.groups()) if named else (1, 1)
     last = spec["draws"] if spec["sampling"] not in SEARCHES else 2**63

@@ -228,7 +228,7 @@ def _number(text: str, word: str) -> float:
     except ValueError:
         number = None
     if type(number) not in (int, float):
-        raise RigError(f"--until {text!r}: {word} is no number; {_CURE}")
+        raise RigError(f"--until {text!r}: {word} is not a number; {_CURE}")
     return float(number)
 
 

@@ -95,7 +95,7 @@ def parse(option: str) -> Variation:
     """Return what `NAME=SPEC` says. Raises RigError, one line with the cure."""
     name, equals, text = (part.strip() for part in option.partition("="))
     if not (name and equals and text):
-        raise RigError(f"--vary {option}: expected NAME=SPEC, as plant.friction_Nm=x0.5:2")
+        raise RigError(f"--vary {option}: expected NAME=SPEC, such as plant.friction_Nm=x0.5:2")
     relative = text.startswith("x")  # no distribution's own name begins with one
     bare = text[1:] if relative else text
     call = _CALL.fullmatch(bare)

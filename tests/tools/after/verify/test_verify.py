@@ -478,7 +478,7 @@ def test_a_damaged_table_is_a_line(change: Callable[[list[bytes]], bytes], runs:
     done = checked(runs)
     assert done.code == 2 and done.err.count("\n") == 1 and not done.out, done
     assert "t.txt" in done.err and "table" in done.err, done
-    assert ("line ends of Windows" in done.err) == (b"\r" in table.read_bytes()), done
+    assert ("Windows line ends" in done.err) == (b"\r" in table.read_bytes()), done
 
 
 # The signature

@@ -127,7 +127,7 @@ def test_the_command_tells_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert (tmp_path / "out" / "limit_cycle.png").read_bytes()[:4] == b"\x89PNG"
     for wrong, said in (
         (words[:4], "no linear.yaml beside the rig or above; name what makes it linear"),
-        ([*words[:3], "controller.none", *words[4:]], "controller.none: no number that a step"),
+        ([*words[:3], "controller.none", *words[4:]], "controller.none: not a number that a step"),
         ([*words, "--factors", "0"], "expected numbers above 0 like 1,1.5,2, got '0'"),
     ):
         assert main(wrong) == 2

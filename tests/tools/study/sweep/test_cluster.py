@@ -255,7 +255,7 @@ def test_a_worker_without_the_folder_or_with_another_rig_is_told(tmp_path: Path)
     spec = MANY.spec()
     spec["origin"] |= {"motor.dbc": "another"}
     (tmp_path / store.SPEC).write_text(json.dumps(spec))
-    with pytest.raises(RigError, match=r"has others than the campaign: motor\.dbc"):
+    with pytest.raises(RigError, match=r"differs from the campaign in motor\.dbc"):
         cluster.run_task(MANY, tmp_path / "shard-1-of-1.0.0.jsonl", [])
 
 

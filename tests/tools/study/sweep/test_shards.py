@@ -139,7 +139,7 @@ def test_shards_of_two_campaigns_are_refused_also_in_one_folder(
         "merge one at a time"
     )
     moved = Path(shutil.copy(path, tmp_path / "a"))
-    assert f"{moved}: of another campaign than its folder; it differs in {what}" in refused(
+    assert f"{moved}: belongs to another campaign than its folder; it differs in {what}" in refused(
         [tmp_path / "a"]
     )
 
@@ -271,7 +271,8 @@ def test_a_table_that_does_not_say_of_which_campaign_is_refused(
     path = shard(tmp_path, 1, 1)
     table = pyarrow.parquet.read_table(path)
     pyarrow.parquet.write_table(table.replace_schema_metadata(meta), path)
-    assert ("of another campaign" if meta is None else "no table of a shard") in refused([tmp_path])
+    what = "belongs to another campaign" if meta is None else "no table of a shard"
+    assert what in refused([tmp_path])
 
 
 @pytest.mark.parametrize(

@@ -203,7 +203,7 @@ def test_the_announced_number_of_runs_decides(failures: int, runs: int) -> None:
         ("p_fail > 1e-3 at 95%", "expected p_fail < 1e-3 at 95%"),
         ("p_fail < 1e-3", "expected p_fail < 1e-3 at 95%"),
         ("p_fail() < 1e-3 at 95%", "expected p_fail < 1e-3 at 95%"),
-        ("p_fail < few at 95%", "few is no number"),
+        ("p_fail < few at 95%", "few is not a number"),
         ("p_fail < 2 at 95%", "is no probability"),
         ("p_fail < 0 at 95%", "is no probability"),
         ("p_fail < 1e-3 at 100%", "expected 50% or more, below 100%"),

@@ -25,7 +25,7 @@ def layout(options: argparse.Namespace) -> int:
     from pcpc.tools.live.host.foxglove import layouts  # numba
 
     if options.what is None:
-        raise UserError("--foxglove-layout: of which rig? `pcpc rigs` lists them")
+        raise UserError("--foxglove-layout: name a rig; `pcpc rigs` lists them")
     made, left_out = layouts.of_rig(options.what)
     print(json.dumps(made, indent=1))
     for name in left_out:
