@@ -24,7 +24,7 @@ def map_over(memory: mmap.mmap, at: int, size: int, descriptor: int, offset: int
     `memory` unmaps it with the rest.
     """
     if at < 0 or size <= 0 or at + size > len(memory):
-        raise ValueError(f"{at}..{at + size} is not inside of {len(memory)} bytes")
+        raise ValueError(f"{at}..{at + size} is not inside {len(memory)} bytes")
     begin = ctypes.addressof(ctypes.c_char.from_buffer(memory))
     found = _libc.mmap(
         begin + at, size, _PROT_READ_AND_WRITE, _MAP_SHARED | _MAP_FIXED | _MAP_POPULATE,

@@ -80,7 +80,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     import can
 
     if not path.is_file():
-        raise LogCommandError(f"{path}: no such file; give a recording, as .log, .blf or .asc")
+        raise LogCommandError(f"{path}: no such file; give a .log, .blf or .asc file")
     logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
     counted, number = _Counted(channel), 0
     try:

@@ -176,7 +176,7 @@ class Recordings:
         if (left := self._left()) <= 0.0:
             used_mb = (self._most - left) / _MB
             told = f"{self._folder}: recordings of {used_mb:.0f} MB, the limit"
-            raise UserError(f"{told}; delete some, or begin with more --recordings-mb")
+            raise UserError(f"{told}; delete some, or start with a larger --recordings-mb")
 
     def _new(self, rig: str, kind: str) -> Path:
         """Return a file that was not there; UserError."""
