@@ -104,7 +104,7 @@ def _sides(words: list[str]) -> list[tuple[str, str | None]]:
     for word in words:
         named = buses.parse(word)
         if named[0] == "auto":
-            raise RigError(f"emulate {word}: name a bus: vcan0 or udp_multicast:GROUP:PORT")
+            raise RigError(f"emulate {word}: name the bus: vcan0 or udp_multicast:GROUP:PORT")
         bus = named_bus(named, f"emulate {word}")
         if not bus.compiled:
             raise RigError(f"emulate {word}: expected socketcan or udp_multicast")

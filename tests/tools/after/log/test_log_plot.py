@@ -188,4 +188,4 @@ def test_an_evaluation_of_the_project_is_the_installed_one(
     monkeypatch.setattr(logs, "read", lambda path: log)
     done = run("plot", barrel_log(), "-o", tmp_path / "f.png")
     assert done.code == 0 and "the figure of atb1000" in done.out, done
-    assert "pcpc.plants.atb1000.evaluation is another one than the log's" in done.err, done
+    assert "pcpc.plants.atb1000.evaluation differs from the log's own" in done.err, done
