@@ -55,7 +55,7 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
         ("1 A\n" + SG.format("a : 4|8@1+ (1,0) [0|0]"), "does not fit in message M"),
         ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("b : 0|4@1+ (1,0) [0|0]"),
          "are overlapping in message M"),
-        ("64 A\n", "frame M: 64 bytes; only classic CAN"),
+        ("64 A\n", "frame M: 64 bytes need CAN FD"),
         ("1000000000 A\n", "plant.dbc:3: frame M: 1000000000 bytes; classic CAN has 8"),
         ("+1000000000 A\n", "plant.dbc:3: frame M: +1000000000 bytes"),
         ("-1 A\n", "plant.dbc:3: frame M: -1 bytes"),
@@ -136,7 +136,7 @@ def test_a_protected_frame_has_its_tail_in_the_frame_row_only(tmp_path: Path) ->
     entries = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
     table = dbc.table(entries, 1000.0, {"M.a": 5})
     row = table.frames[0].tolist()
-    assert row == (352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352), f"{row}"
+    assert row == (352, 1, 4, 0, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352), f"{row}"
     assert table.variables == ("M.a",), f"{table.variables}"
     assert table.signals[0].variable == 5, f"{table.signals}"
     scales = table.signals[0].tolist()[-4:]

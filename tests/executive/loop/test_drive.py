@@ -10,6 +10,7 @@ from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import drive
 from pcpc.executive.loop.faults import COMMUNICATION, ERROR_CODES, ERROR_REGISTERS, Fault
+from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 
@@ -58,8 +59,9 @@ def driven(tmp_path: Path) -> Bench:
 def emergencies(bench: Bench) -> list[tuple[int, int, int]]:
     """Return (cycle, error code, register) of every emergency frame that was sent."""
     n = bench.executive.loop
-    rows = n.frame[: int(n.frame_ends.head)]
-    data = [(int(row.cycle), int(row.payload)) for row in rows if row.about & 0x7FF == EMCY_ID]
+    rows = n.frame.reshape(-1, FRAME_WORDS)[: int(n.frame_ends.head)]
+    sent = rows[rows[:, OfFrame.ABOUT] & 0x7FF == EMCY_ID]
+    data = sent[:, [OfFrame.CYCLE, OfFrame.PAYLOAD]].tolist()
     return [(cycle, word & 0xFFFF, word >> 16 & 0xFF) for cycle, word in data]
 
 

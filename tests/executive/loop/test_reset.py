@@ -216,7 +216,7 @@ def test_a_stop_frame_of_anybody_is_latched(tmp_path: Path) -> None:
     made.run(10)
     for source in (7, 9, STRANGER):  # whoever sends it
         node.loop.wire.source = source
-        node.loop.wire.rx[:] = [15, 0, 0, 0, 1, *[0] * 11]
+        node.loop.wire.rx[:16] = [15, 0, 0, 0, 1, *[0] * 11]
         take_frame(node.loop)
     node.loop.wire.source = 0
     made.run(QUICK_CYCLES + 1)

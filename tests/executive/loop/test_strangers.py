@@ -18,6 +18,7 @@ from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.ring_layout import FRAME_WORDS
 from pcpc.executive.rig.reading import load_rig
 
 RIG = load_rig(ATB1000 / "rigs" / "slew10.yaml")
@@ -108,7 +109,7 @@ def test_one_frame_of_our_own_id_is_counted_named_and_recorded(node: Node) -> No
     assert hear(node, SYNC) == -1
     assert (node.count("foreign"), int(node.loop.guard.faulted)) == (1, Fault.NONE)
     assert [event[1] for event in node.events(Event.FOREIGN)] == [SYNC]
-    last = node.loop.frame[int(node.loop.frame_ends.head) - 1]
+    last = node.loop.frame.reshape(-1, FRAME_WORDS)[int(node.loop.frame_ends.head) - 1]
     assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, FrameState.FOREIGN)
 
 

@@ -82,17 +82,17 @@ static void was_put(int64_t *head)
 
 static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t state)
 {
-    int64_t at = free_row(n, n->frame_ends.head, &n->frame_ends.dropped, n->frame_taken, SH_FRAME_RING_ROWS);
+    int64_t at = free_row(n, n->frame_ends.head, &n->frame_ends.dropped, n->frame_taken, n->rings.frame_rows);
     if (at < 0)
         return;
     uint32_t word;
-    struct frame *row = &n->frame[at];
+    int64_t *row = &n->frame[at * n->rings.frame_words];
     memcpy(&word, frame, sizeof word);
-    row->header = SH_CDR_HEADER;
-    row->stamp_ns = stamp(n);
-    row->cycle = n->k;
-    row->about = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
-    memcpy(&row->payload, frame + 8, 8);
+    row[OFFRAME_HEADER] = SH_CDR_HEADER;
+    row[OFFRAME_STAMP_NS] = stamp(n);
+    row[OFFRAME_CYCLE] = n->k;
+    row[OFFRAME_ABOUT] = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
+    memcpy(&row[OFFRAME_PAYLOAD], frame + 8, 8);
     was_put(&n->frame_ends.head);
 }
 
@@ -238,7 +238,7 @@ static int64_t sorted_out(loop *n, int64_t row)
         }
         if (part == PART_FROM_BELOW) {
             n->meeting.holding = row + 1;
-            memcpy(n->meeting.held, n->wire.rx, WIRE_FRAME_BYTES);
+            memcpy(n->meeting.held, n->wire.rx, WIRE_CLASSIC_BYTES);
         }
         return TURN_LEAVE;
     }
@@ -251,7 +251,7 @@ static int64_t sorted_out(loop *n, int64_t row)
 
 static void exchange_held(loop *n)
 {
-    uint8_t frame[WIRE_FRAME_BYTES];
+    uint8_t frame[WIRE_CLASSIC_BYTES];
     memcpy(frame, n->meeting.held, sizeof frame);
     memcpy(n->meeting.held, n->wire.rx, sizeof frame);
     memcpy(n->wire.rx, frame, sizeof frame);
@@ -308,7 +308,7 @@ static int64_t use_frame(loop *n, int64_t row)
     n->control.lost += lost;
     if (state == FRAMESTATE_OK || state == FRAMESTATE_OK_SOME_LOST) {
         unpack(frame + 8, &n->rx.frames[row], n->rx.signals, n->v);
-        memcpy(n->intrusion.counted_frame[row], frame, WIRE_FRAME_BYTES);
+        memcpy(n->intrusion.counted_frame[row], frame, WIRE_CLASSIC_BYTES);
         if (n->intrusion.care[row] && n->intrusion.beat_every[row] > 0)
             watch_beat(n, row);
         n->control.received++;
@@ -938,7 +938,7 @@ static void carry(struct wire *from, struct wire *to)
     int64_t room = WIRE_QUEUE_FRAMES - (to->inbox_put - to->inbox_taken);
     int64_t moved = from->outbox_put < room ? from->outbox_put : room;
     for (int64_t i = 0; i < moved; i++)
-        memcpy(to->inbox[to->inbox_put++ % WIRE_QUEUE_FRAMES], from->outbox[i], WIRE_FRAME_BYTES);
+        memcpy(to->inbox[to->inbox_put++ % WIRE_QUEUE_FRAMES], from->outbox[i], WIRE_CLASSIC_BYTES);
     memmove(from->outbox, from->outbox[moved], (from->outbox_put - moved) * WIRE_FRAME_BYTES);
     from->outbox_put -= moved;
 }

@@ -84,7 +84,7 @@ _MODULES = {
 NUMBERED = (
     FrameState, states.State, states.Condition, faults.Fault, Event, Time, Trigger, Refusal,
     Overrun, LastWord, Medium, Arrival, Protection, Kind, meeting.Part, meeting.Turn,
-    Stage, OfRecord,
+    Stage, OfRecord, OfFrame,
 )  # fmt: skip
 BLOCKS = {"quintic": references.quintic, "pd": pd.BLOCK, "barrel": model.BLOCK, "idle": Block(idle)}
 

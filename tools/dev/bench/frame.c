@@ -323,11 +323,11 @@ static inline int read_packet(const uint8_t *b, int64_t end, uint8_t *frame)
 static inline int put_frame(struct wire *wire)
 {
     const void *what = wire->tx;
-    int64_t n = WIRE_FRAME_BYTES;
+    int64_t n = WIRE_CLASSIC_BYTES;
     if (wire->kind == MEDIUM_MEMORY) {
         if (wire->outbox_put >= WIRE_QUEUE_FRAMES)
             return 0;
-        memcpy(wire->outbox[wire->outbox_put++], wire->tx, WIRE_FRAME_BYTES);
+        memcpy(wire->outbox[wire->outbox_put++], wire->tx, WIRE_CLASSIC_BYTES);
         return 1;
     }
     if (wire->kind == MEDIUM_UDP)
@@ -345,14 +345,14 @@ static inline int get_frame(struct wire *wire, int block)
     if (wire->kind == MEDIUM_MEMORY) {
         if (wire->inbox_taken == wire->inbox_put)
             return ARRIVAL_NOTHING;
-        memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_FRAME_BYTES);
+        memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_CLASSIC_BYTES);
         return wire->rx[3] & WIRE_ERROR_FLAG ? ARRIVAL_BUS_ERROR : ARRIVAL_FRAME;
     }
     if (wire->kind == MEDIUM_SOCKETCAN) {
-        n = recv(wire->fd_rx, wire->rx, WIRE_FRAME_BYTES, flags);
-        if (n == WIRE_FRAME_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
+        n = recv(wire->fd_rx, wire->rx, WIRE_CLASSIC_BYTES, flags);
+        if (n == WIRE_CLASSIC_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
             return ARRIVAL_BUS_ERROR;
-        known = n == WIRE_FRAME_BYTES && !(wire->rx[3] & WIRE_ERROR_FLAGS);
+        known = n == WIRE_CLASSIC_BYTES && !(wire->rx[3] & WIRE_ERROR_FLAGS);
     } else {
         socklen_t *size = (socklen_t *)wire->address_bytes;
         *size = WIRE_ADDRESS_BYTES;

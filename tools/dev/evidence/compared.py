@@ -229,7 +229,7 @@ def _frames() -> NDArray[Any]:
     table = np.zeros(len(ROWS), FRAME)
     for row, one in enumerate(ROWS):
         crc = (one.mask != 0) + one.wide
-        table[row] = (one.can_id, 0, one.dlc, 0, 0, one.every, crc, 0, one.byte,
+        table[row] = (one.can_id, 0, one.dlc, 0, 0, 0, one.every, crc, 0, one.byte,
                       one.shift, one.mask, one.place.start, one.data_id)  # fmt: skip
     return table
 
@@ -288,6 +288,7 @@ def sender(driver: Any, draw: np.random.Generator) -> Compare:
 
 # ------------------------------------------------------------------------------------------ codec
 
+_BEFORE = 0xA5  # in the data
 CODEC_DBC = """VERSION ""
 NS_ :
 BS_:
@@ -306,6 +307,16 @@ BO_ 4 LARGE: 8 A
  SG_ h : 0|64@1+ (1,0) [0|0] "" B
 BO_ 5 SIGNED: 8 A
  SG_ i : 7|64@0- (1,0) [0|0] "" B
+BO_ 6 LONG: 24 A
+ SG_ j : 5|12@1- (0.125,3) [-100|100] "" B
+ SG_ k : 71|16@0+ (0.5,0) [10|20000] "" B
+ SG_ l : 84|20@1- (1,0) [-400000|400000] "" B
+ SG_ m : 123|40@0- (1,0) [0|0] "" B
+ SG_ n : 168|24@1- (1,0) [0|0] "" B
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","","","","","","","","","","","","",
+ "StandardCAN_FD","ExtendedCAN_FD";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_ "VFrameFormat" BO_ 6 14;
 BA_DEF_ BO_ "GenMsgSendType" ENUM "EveryCycle","Cyclic";
 BA_DEF_DEF_ "GenMsgSendType" "EveryCycle";
 SIG_VALTYPE_ 2 e : 1;
@@ -320,7 +331,7 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
     table = dbc.table(frames, 1000.0)
     rows = draw.integers(0, len(frames), FRAMES)
     values = np.zeros((FRAMES, len(table.variables)))
-    wanted = np.zeros((FRAMES, 16), np.uint8)
+    wanted = np.full((FRAMES, 24), _BEFORE, np.uint8)
     counts = np.zeros(FRAMES, np.int64)
     places = {name: place for place, name in enumerate(table.variables)}
     for s, row in enumerate(rows.tolist()):
@@ -329,11 +340,11 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
         for signal, value in zip(frame.signals, given, strict=True):
             values[s, places[f"{frame.name}.{signal.name}"]] = value
         content, counts[s] = expected.packed(frame, given)
-        wanted[s, :8] = np.frombuffer(content, np.uint8)
+        wanted[s, : len(content)] = np.frombuffer(content, np.uint8)
     tables = table.frames, table.signals, values
 
     def compare(number: int) -> bool:
-        data, told = np.zeros_like(wanted), np.zeros_like(counts)
+        data, told = np.full_like(wanted, _BEFORE), np.zeros_like(counts)
         driver.coded(np.array([number]), data, rows, tables, told)
         return not (np.array_equal(data, wanted) and np.array_equal(told, counts))
 

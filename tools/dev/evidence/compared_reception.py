@@ -92,8 +92,8 @@ def reception(_m, n, about, frames, told, kept):
         event = n.event[(n.event_ends.head - 1) % 1024]
         t[9], t[10], t[11] = event.code, event.argument, event.bits
         for i in range(2):
-            last = n.frame[(n.frame_ends.head - 1 - i) % 65536]
-            t[12 + 2 * i], t[13 + 2 * i] = last.about, last.payload
+            last = (n.frame_ends.head - 1 - i) % 65536 * 5
+            t[12 + 2 * i], t[13 + 2 * i] = n.frame[last + 3], n.frame[last + 4]
         for i in range(len(COUNTED)):
             t[16 + i] = words(n.control)[COUNTED[i]]
         for i in range(10):
@@ -195,7 +195,7 @@ def _install(n: Any, has: Settings) -> None:
     n.tx.frames["can_id"][: len(OWN)] = OWN
     n.guard.stop_row, n.v[51], n.faults.n_peer_stalls = STOP, 1.0, 1
     n.faults.n, n.meeting.greets, n.meeting.ordered = has.faults, has.greets, has.ordered
-    n.meeting.greeting[:] = np.frombuffer(_frame(GREETING, 1, b""), np.uint8)
+    n.meeting.greeting[:16] = np.frombuffer(_frame(GREETING, 1, b""), np.uint8)
     n.rx.state["last_counter"] = n.faults.on_wire["last_counter"] = -1
     n.rx.state["state"] = n.faults.on_wire["state"] = 5
     n.intrusion.reaction, n.intrusion.beat_every[BEAT] = has.reaction, has.turn
@@ -203,14 +203,14 @@ def _install(n: Any, has: Settings) -> None:
         crc = (one.mask != 0) + one.wide
         first = sum(its < row for its, _, _ in SIGNALS)
         past = first + sum(its == row for its, _, _ in SIGNALS)
-        n.rx.frames[row] = (one.can_id, 0, one.dlc, first, past, one.every, crc, 0, one.byte,
+        n.rx.frames[row] = (one.can_id, 0, one.dlc, 0, first, past, one.every, crc, 0, one.byte,
                             one.shift, one.mask, one.place.start, one.data_id)  # fmt: skip
         n.rx.role[row] = STARTS[row], AWAITED[row], 0, MEETS[row]
         n.intrusion.care[row], n.faults.spoiled[row] = row in CARE, row in SPOILED
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
     for i, (_, byte, place) in enumerate(SIGNALS):
-        n.rx.signals[i] = (0, 8 * byte, 255, 0, Kind.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
+        n.rx.signals[i] = (0, 0, 8 * byte, 255, 0, Kind.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
     compared_plausible.install(n.plausible, has.signals)
 
 

@@ -49,9 +49,9 @@ def senders(_m, n, about, told):
         t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends.head
         for i in range(3):
             t[8 + i] = n.rx.source[i]
-        last = n.frame[(n.frame_ends.head - 1) % 65536]
+        last = n.frame[(n.frame_ends.head - 1) % 65536 * 5 + 3]
         event = n.event[(n.event_ends.head - 1) % 1024]
-        t[11], t[12] = last.about if t[7] > 0 else 0, n.event_ends.head
+        t[11], t[12] = last if t[7] > 0 else 0, n.event_ends.head
         t[13], t[14], t[15] = event.code, event.argument, event.bits
 """
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.compiled.structures import words_of
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import FRAME_WORDS
 
 FRAMES = 450  # of an episode in the ring, at most
 Arrays = Sequence[NDArray[Any]]
@@ -26,6 +27,7 @@ class Episodes:
     def new_loop(self) -> Any:
         """Return the record, empty, for the settings of an episode."""
         self._bytes[:] = 0
+        self._loop.rings.frame_words, self._loop.rings.frame_rows = FRAME_WORDS, 1 << 16
         return self._loop
 
     def add(self, inputs: Arrays, expected: Arrays) -> None:
@@ -42,7 +44,7 @@ class Episodes:
         n = self._loop
         for record in (n.control, n.answer, n.event_ends, n.frame_ends):
             words_of(record)[:] = 0
-        n.event[:] = n.frame[-2:] = n.frame[:FRAMES] = 0
+        n.event[:] = n.frame[-2 * FRAME_WORDS :] = n.frame[: FRAMES * FRAME_WORDS] = 0
         self._private[:] = private
         outputs = [np.zeros_like(one) for one in expected]
         self._feed(mutant, n, *inputs, *outputs)

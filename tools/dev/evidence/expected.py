@@ -354,7 +354,8 @@ class Receiver:
 
 def packed(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
     """Return the data of a frame and how many of its signals are saturated."""
-    word, saturated = [0] * 64, 0
+    size = max(frame.dlc, 8)
+    word, saturated = [0] * 8 * size, 0
     for signal, value in zip(frame.signals, values, strict=True):
         code: Any = (value - signal.offset) / signal.factor
         low, high = signal.codes
@@ -376,5 +377,5 @@ def packed(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
                 at = at - 1 if at % 8 else at + 15
             else:
                 word[at + i] = bits >> i & 1
-    data = bytes(sum(bit << i for i, bit in enumerate(word[8 * b : 8 * b + 8])) for b in range(8))
-    return data, saturated
+    parts = (word[8 * b : 8 * b + 8] for b in range(size))
+    return bytes(sum(bit << i for i, bit in enumerate(part)) for part in parts), saturated

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e, wire
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, Arrival, Medium
+from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, FRAME_BYTES, PACKET_BYTES, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import words
@@ -132,7 +132,7 @@ def _behind_id(build: Callable[[int, bytes], bytes]) -> dict[str, tuple[Draw, fl
 def _of_struct() -> dict[str, tuple[Draw, float | None]]:
     """Return the kinds of struct can_frame, and the share to be used."""
     return {
-        "all 16 bytes drawn": (lambda draw, good: draw.randbytes(FRAME_BYTES), 0.0),
+        "all 16 bytes drawn": (lambda draw, good: draw.randbytes(CLASSIC_BYTES), 0.0),
         **_behind_id(_struct),
         "another length": (lambda d, good: _struct(good.can_id, good.data(d), _length(d)), 0.0),
         "another id": (lambda d, good: _struct(d.choice(good.others), good.data(d)), 0.0),
@@ -140,7 +140,7 @@ def _of_struct() -> dict[str, tuple[Draw, float | None]]:
             lambda d, good: _struct(good.can_id | d.randrange(1, 8) << 29, good.data(d)), 0.0
         ),
         "cut short": (
-            lambda d, good: _struct(good.can_id, good.data(d))[: d.randrange(FRAME_BYTES)], 0.0
+            lambda d, good: _struct(good.can_id, good.data(d))[: d.randrange(CLASSIC_BYTES)], 0.0
         ),
     }  # fmt: skip
 

@@ -77,7 +77,7 @@ def test_a_wrong_fmu_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.fmu").write_text("no")
     for command in ("check", "simulate"):
         done = pcpc(command, str(path))
-        assert done.code == 2 and "no FMU" in done.err.splitlines()[-1], done
+        assert done.code == 2 and "not an FMU" in done.err.splitlines()[-1], done
 
 
 def test_check_tells_what_it_is_and_whether_it_keeps_up(echo: Path) -> None:
