@@ -22,11 +22,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc_file import Database, DbcSignal, Message, load, parse, place, text
-from pcpc.drivers.can.frame_bits import classic_bits, fd_bits
+from pcpc.drivers.can.frames import Frame, Kind, Protection, Signal
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
-from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import FRAME, SIGNAL
 from pcpc.drivers.errors import BusError, DbcError, printable
 
@@ -35,7 +33,9 @@ __all__ = [
     "Database",
     "DbcError",
     "Frame",
+    "Kind",
     "Message",
+    "Protection",
     "Signal",
     "Table",
     "bus_load",
@@ -52,102 +52,6 @@ _BREAKS = "\n\xa0"  # kept in comments
 _LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days; of one without a cycle
 _EXACT = 2**53  # every integer up to here is a float64
 _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
-
-
-class Protection(Numbered):
-    """Values of `protected` in a row of frames."""
-
-    UNPROTECTED, CRC_8, CRC_16 = range(3)
-
-
-class Kind(Numbered):
-    """Values of `kind` in a row of signals.
-
-    Integer computed in float64, in int64, integer of 64 bits without sign, IEEE 754 on the wire.
-    """
-
-    SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
-
-
-@dataclass(frozen=True)
-class Signal:
-    """One signal: value = raw factor + offset, in `unit`; it saturates at [low, high].
-
-    `start` counts as in a DBC. `codes` are the limits as raw numbers.
-    """
-
-    name: str
-    unit: str
-    help: str
-    low: float
-    high: float
-    factor: float
-    offset: float
-    start: int
-    nbits: int
-    big_endian: bool
-    signed: bool
-    is_float: bool
-    kind: Kind
-    codes: tuple[float, float]
-    choices: Mapping[int, str]
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """The lowest and highest value that it holds."""
-        low, high = sorted(float(code) * self.factor + self.offset for code in self.codes)
-        return low, high
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One frame. `signals` are its variables: in a protected frame all but counter and CRC.
-
-    `counter` is (byte, shift, mask), `crc` (one of PROTECTED, byte, id that it is over), zeros
-    without protection. `cycle_ms` is 0 for every cycle.
-    """
-
-    name: str
-    can_id: int
-    extended: bool
-    dlc: int
-    cycle_ms: float
-    has_sequence: bool
-    counter: tuple[int, int, int]
-    crc: tuple[int, int, int]
-    signals: tuple[Signal, ...]
-    help: str
-    on_event: bool = False
-    flags: int = Flag.NONE
-
-    @property
-    def fd(self) -> bool:
-        """Whether it is a frame of CAN FD."""
-        return self.flags != Flag.NONE
-
-    def bits(self, all_fd: bool = False) -> tuple[int, int]:
-        """Return its most bits, at the nominal rate and in the data phase of CAN FD.
-
-        `all_fd`: as if it were FD with BRS.
-        """
-        if not self.fd and not all_fd:
-            return classic_bits(self.dlc, self.extended), 0
-        nominal, data = fd_bits(self.dlc, self.extended)
-        return (nominal, data) if all_fd or self.flags & Flag.BRS else (nominal + data, 0)
-
-    @property
-    def protected(self) -> bool:
-        """Whether it has counter and CRC."""
-        return self.crc[0] != Protection.UNPROTECTED
-
-    @property
-    def word(self) -> int:
-        """The id with its flag, see `drivers.can.can_id`."""
-        return can_id.word_of(self.can_id, self.extended)
-
-    def every_n(self, rate_hz: float) -> int:
-        """Return the number of cycles from one transmission to the next."""
-        return max(1, round(self.cycle_ms * rate_hz / 1000))
 
 
 @dataclass(frozen=True)
@@ -182,7 +86,7 @@ def frame(message: Message) -> Frame:
         what = f'{message.length} bytes need CAN FD; say VFrameFormat "StandardCAN_FD", or split it'
         raise DbcError(f"{where}: {what}")
     if message.length not in LENGTHS:
-        longer = min(n for n in (*LENGTHS, message.length) if n >= message.length)
+        longer = next((n for n in LENGTHS if n >= message.length), LENGTHS[-1])
         what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
         raise DbcError(f"{where}: {what}")
     layered = [s.name for s in message.signals if s.is_multiplexer or s.multiplexer_ids is not None]

@@ -224,6 +224,13 @@ else:
 
 
 @loop_function
+def blank(frame: Any) -> None:
+    """Let what lies behind a frame's data be 0."""
+    for i in range(8 + min(np.int64(frame[4]), np.int64(64)), FRAME_BYTES):
+        frame[i] = 0
+
+
+@loop_function
 def on_second(wire: Any, frame: Any) -> Any:
     """Return whether `frame` goes out on the second bus."""
     if wire.n_second == 0:
@@ -321,6 +328,9 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
     if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
         known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & ERROR_FLAGS == 0
+        if n == FRAME_BYTES:
+            known &= CAN_BE[wire.rx[4]] != 0
+            blank(wire.rx)
         if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
         said = wire.rx[5] & (Flag.BRS | Flag.ESI) | Flag.FD

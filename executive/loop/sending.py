@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import can_id, codec, e2e
-from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.can.wire import blank, put_frame
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import data_of
@@ -40,6 +41,8 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     codec.put_four_bytes(frame, 0, word)
     frame[4], frame[5] = n.tx.frames[row].dlc, n.tx.frames[row].flags
     data = data_of(frame)
+    if frame[5] != Flag.NONE:
+        blank(frame)
     clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.v)
     e2e.protect(data, row, n.tx.frames, counter)
     return clamped

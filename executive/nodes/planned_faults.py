@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pcpc.drivers.can import dbc
+from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
@@ -14,6 +15,7 @@ from pcpc.executive.loop import injected_frames, injected_values, losses
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH, MAX_FAULTS
 from pcpc.executive.loop.table import Table, Variable, Views
+from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Fault
@@ -76,7 +78,7 @@ def add_faults(
         help = f"{fault.kind} of {fault.at or fault.frame or fault.node}"
         place = table.add(_variable(name, "left", "", f"{help}: cycles for which it is on",
                                     0.0, FOR_EVER, True))  # fmt: skip
-        span = RANGES.get(fault.kind, ANY)
+        span = _range_of(rig, fault)
         table.add(_variable(name, "value", unit, f"{help}: how large it is", *span))
         table.add(_variable(name, "share", "", f"{help}: in how many of all chances", 1e-9, 1.0))
         table.add(_variable(name, "burst", "", f"{help}: in a row, on average", 1.0, 1e9))
@@ -215,7 +217,7 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
     needless = fault.kind in WITHOUT_VALUE or fault.how in ("freeze", "random")
     if fault.value is None and not needless and fault.kind not in GIVEN:
         raise rig.error(key, f"{fault.kind} needs a value: how large it is")
-    low, high = RANGES.get(fault.kind, ANY)
+    low, high = _range_of(rig, fault)
     if fault.value is not None and not low <= fault.value <= high:
         what = f"{fault.value:g} is outside {low:g}..{high:g}, which a {fault.kind} may have"
         raise rig.error(f"{key}.value", what)
@@ -224,6 +226,14 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
         raise rig.error(f"{key}.node", "for a value, at names the node: plant:NAME")
     if (fault.data_of is None) == (fault.kind == "addressing"):
         raise rig.error(key, "addressing, and nothing else, has data_of: another frame's name")
+
+
+def _range_of(rig: Rig, fault: Fault) -> tuple[float, float]:
+    """Return how large a fault may be."""
+    frames = map(dbc.frame, messages.database_of(rig).messages)
+    if fault.kind == "length" and any(one.fd and one.name == fault.frame for one in frames):
+        return 0.0, float(LENGTHS[-1])
+    return RANGES.get(fault.kind, ANY)
 
 
 def _check_moments(rig: Rig, key: str, fault: Fault) -> None:

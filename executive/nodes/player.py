@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
+from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, WIRE, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.drivers.compiled.structures import copy, structure
@@ -166,6 +166,7 @@ class Player:
 
     def open(self, bus: buses.Bus, receive_ids: list[int]) -> None:
         """Open `bus`, listening to `receive_ids`; BusError."""
+        self.n.wire.fd = self.frames.shape[1] > CLASSIC_BYTES
         buses.open_bus(bus, receive_ids, self.n.wire)
 
     def hear(self, ids: NDArray[np.int64]) -> bool:

@@ -25,7 +25,7 @@ AT, OUTPUTS, WATCHED, ESTOP, MODE = 100, 102, 105, 106, 107  # places in the tab
 NOT_FINITE = Event.NOT_FINITE  # the event that carries a value
 SEED = 16
 EPISODES, CYCLES, FRAMES = 200, 80, 10_000
-FEW = 30  # episodes of code that is not compiled
+FEW = 40  # episodes of code that is not compiled
 DRIVER = """
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.variables import DISARMED, ERROR_CODE, FAULT, RESET_ASKED, STOP_ASKED

@@ -71,7 +71,11 @@ FIRST_PLACE = "place 0 of the table is the time, never what is looked for"
 ARGUED = {  # words of mutants that nobody can notice, and why
     r"size < _TWO_52 -> size <= _TWO_52": "2^52 is a whole number either way",
     r"x < 0.0 -> x <= 0.0": "it gives -0.0 for 0.0, which is sent as the same bits",
-    r"code >= _TWO_63 -> code > _TWO_63": "2^63 converts to the same bits, the highest one",
+    r"code < _TWO_63 -> code <= _TWO_63": "2^63 converts to the same bits, the highest one",
+    r"code . signal.code_(low|high) -> .*=": "the bits of a limit are those of its code",
+    r"dlc > 8 -> .* >= 8": "in 8 bytes each signal lies in the same word either way",
+    r"dlc > 8 -> .* > 9": "no frame has 9 bytes",
+    r"compare_greeting: .*: 16 -> 17": "behind the data of a classic frame there is 0",
     r"np.int64\(_TOP_BIT\) -> .* \| np.int64": "the number below 2^63 has no highest bit",
     r"NEXT.* in row [01235], column [056]": "only FAULT has these events",
     r"NEXT.* in row 4, column [1237]": "FAULT never has these events",
