@@ -56,7 +56,7 @@ def python_can() -> Iterator[can.BusABC]:
 def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
     word = can_id | int(extended) << 31
     packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-    end.tx[:] = np.frombuffer(packed, np.uint8)
+    end.tx[:16] = np.frombuffer(packed, np.uint8)
     assert wire.put_frame(end), f"errno {end.errno}"
 
 
