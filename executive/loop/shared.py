@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can.wire_layout import WIRE
 from pcpc.drivers.compiled.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.loop import ring_layout
 from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
 from pcpc.executive.loop.reception_layout import (
@@ -42,15 +43,7 @@ from pcpc.executive.loop.reception_layout import (
     plausible,
 )
 from pcpc.executive.loop.requests import ANSWER, MAIL, SLOTS
-from pcpc.executive.loop.ring_layout import (
-    ENDS,
-    EVENT_ROW,
-    EVENT_WORDS,
-    FRAME_WORDS,
-    RECORD_HEAD,
-    data_bytes,
-    frame_words,
-)
+from pcpc.executive.loop.ring_layout import ENDS, EVENT_ROW, EVENT_WORDS, FRAME_WORDS, RECORD_HEAD
 from pcpc.executive.loop.timing_layout import BUCKETS, FIGURES, LATE, LATEST, STAGES, USAGE
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
@@ -292,7 +285,7 @@ class Shared:
         self.name, self.description, self.loop, self.client = name, description, loop, client
         self.arrays = arrays | {
             "record": rows_of(arrays["record"], description["record_columns"]),
-            "frame": rows_of(arrays["frame"], frame_words(description)),
+            "frame": rows_of(arrays["frame"], ring_layout.frame_words(description)),
             "event": rows_of(arrays["event"].view(np.int64), EVENT_WORDS),
             "snapshot": arrays["snapshot"][: len(description["variables"])],
         }
@@ -377,22 +370,6 @@ def completed(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
     columns = RECORD_HEAD + len(description["state_columns"]) + 1
     columns += len(description["timing_columns"])
     return dict(description) | {"name": name, "record_columns": columns}
-
-
-def check(description: Any) -> None:
-    """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
-    about = completed(description["name"], description)
-    if about["record_columns"] != description["record_columns"]:
-        raise ValueError("its rows have another size")
-    if not RECORD_HEAD < about["record_columns"] <= RECORD_RING_WORDS:
-        raise ValueError("its rows do not fit the ring")
-    if data_bytes(description) not in (8, 64):
-        raise ValueError("its frames have another size")
-    if len(description["variables"]) > MAX_VARIABLES:
-        raise ValueError("it has too many variables")
-    for name, unit, kind, writer, text in description["variables"]:
-        if not all(isinstance(word, str) for word in (name, unit, kind, writer, text)):
-            raise TypeError("a variable is not described in words")
 
 
 def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:

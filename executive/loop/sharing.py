@@ -28,6 +28,7 @@ import numpy as np
 
 from pcpc.drivers.machine import claim, kernel
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, data_bytes
 from pcpc.executive.loop.shared import (
     LOOP,
     MAILBOX_BYTES,
@@ -322,6 +323,22 @@ def _mapped(name: str, line: socket.socket, published: int, mailbox: int) -> Sha
     return Shared(description["name"], description, arrays, client=sh.Client(line, mailbox))
 
 
+def check(description: Any) -> None:
+    """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
+    about = sh.completed(description["name"], description)
+    if about["record_columns"] != description["record_columns"]:
+        raise ValueError("its rows have another size")
+    if not RECORD_HEAD < about["record_columns"] <= sh.RECORD_RING_WORDS:
+        raise ValueError("its rows do not fit the ring")
+    if data_bytes(description) not in (8, 64):
+        raise ValueError("its frames have another size")
+    if len(description["variables"]) > sh.MAX_VARIABLES:
+        raise ValueError("it has too many variables")
+    for name, unit, kind, writer, text in description["variables"]:
+        if not all(isinstance(word, str) for word in (name, unit, kind, writer, text)):
+            raise TypeError("a variable is not described in words")
+
+
 def _description(name: str, published: int) -> dict[str, Any]:
     """Return what the node says about itself; SharedError if it does not fit its memory."""
     room = os.fstat(published).st_size - PUBLISHED_BYTES
@@ -332,7 +349,7 @@ def _description(name: str, published: int) -> dict[str, Any]:
         raise SharedError(f"{name}: a block of another version of pcpc")
     try:
         description = json.loads(os.pread(published, size, _HEAD.size))
-        sh.check(description)
+        check(description)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise SharedError(f"{name}: does not describe itself properly: {error}") from None
     return dict(description)

@@ -151,23 +151,6 @@ def check_pacing(rig: Rig, pacing: str) -> None:
             )
 
 
-def check_rate(rig: Rig, pacing: str) -> float:
-    """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
-    bitrate = rig.config.bus.bits_per_s
-    if bitrate is None:
-        return 0.0
-    database = protocol.database_of(rig)
-    with protocol.errors_named(rig):
-        load = protocol.bus_load(rig, database, rig.config.rate_hz, bitrate)
-    if load > 1.0 and pacing in ("real", "sync"):
-        raise rig.error(
-            "rate_hz",
-            f"{rig.config.rate_hz:g} Hz loads the bus with {load:.1%} of {bitrate} bit/s; "
-            "lower rate_hz, use pacing lockstep, or --set bus.bitrate=null for no limit",
-        )
-    return load
-
-
 def _lay_out(made: Plan) -> None:
     """Fill the table: the loop's own variables, frames, blocks."""
     table = made.table

@@ -47,7 +47,6 @@ from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
     check_pacing,
-    check_rate,
     cycles_of,
     describe,
     plan,
@@ -55,6 +54,7 @@ from pcpc.executive.nodes.plan import (
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.buses import check_line, wanted_bus
+from pcpc.executive.rig.messages import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES, Role
 

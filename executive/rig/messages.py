@@ -183,6 +183,23 @@ def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -
     )
 
 
+def check_rate(rig: Rig, pacing: str) -> float:
+    """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
+    bitrate = rig.config.bus.bits_per_s
+    if bitrate is None:
+        return 0.0
+    database = database_of(rig)
+    with errors_named(rig):
+        load = bus_load(rig, database, rig.config.rate_hz, bitrate)
+    if load > 1.0 and pacing in ("real", "sync"):
+        raise rig.error(
+            "rate_hz",
+            f"{rig.config.rate_hz:g} Hz loads the bus with {load:.1%} of {bitrate} bit/s; "
+            "lower rate_hz, use pacing lockstep, or --set bus.bitrate=null for no limit",
+        )
+    return load
+
+
 def check_classic(rig: Rig, what: str, place: str = "dbc") -> None:
     """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
     database = database_of(rig)

@@ -33,11 +33,9 @@ BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s
 
 
 class Bus(Keyed):
-    """A bus as python-can names it; `bitrate` null means that its load is not checked.
+    """A bus as python-can names it; without `bitrate` its load is not checked.
 
-    `data_bitrate`: of the frames of CAN FD that switch their bit rate.
-    `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.can.line`, with
-    transmit queues of `queue` frames and errors of `bit_error_rate`, `error_burst` in a row.
+    `emulate`: a line of this bit rate, see `drivers.can.line`, with `queue` places in each node.
     """
 
     interface: Word = "auto"

@@ -15,12 +15,12 @@ from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import without_effect
-from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
+from pcpc.executive.nodes.plan import Plan, check_pacing, cycles_of, plan
 from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.law_lookup import Use, users_case
-from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.messages import bus_load, check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of

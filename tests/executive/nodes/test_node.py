@@ -13,7 +13,8 @@ from engine import ATB1000, SLEW10, Node, both
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Trigger
-from pcpc.executive.nodes.plan import Plan, check_rate, cycles_of, describe, plan
+from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
+from pcpc.executive.rig.messages import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 
 RIGS = sorted((ATB1000 / "rigs").glob("*.yaml"))

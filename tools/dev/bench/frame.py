@@ -59,7 +59,7 @@ def open_end(bus: Bus) -> Any:
         buses.open_bus(bus, [], sender[0])
         end[0].fd_tx = sender[0].fd_tx
     end[0].tx[:5] = (CAN_ID & 255, CAN_ID >> 8, 0, 0, 8)
-    end[0].tx[8:] = range(8)
+    end[0].tx[8:16] = range(8)
     return end
 
 

@@ -171,8 +171,8 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         "before. It accepts 4 of 16 counters, and 1 of 256 CRCs is right by chance. All frames "
         "that were used and 1 % of the rest are judged again by the rules in plain Python, with "
         f"{sum(row['misjudged'] for row in rows)} differences. If a wrong bit or byte may hit a "
-        "time stamp or a name, the table predicts no number. Classic CAN only: CAN FD is "
-        "refused, and a raw socket does not even receive it."
+        "time stamp or a name, the table predicts no number. The rig is classic: it uses no "
+        "CAN FD frame, and its raw socket does not even receive one."
     )
     for name in dict.fromkeys(row["format"] for row in rows):
         some = [row for row in rows if row["format"] == name]

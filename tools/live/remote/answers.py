@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
 from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.tools.terminal import screen
@@ -73,7 +74,7 @@ def description_in(told: Any) -> dict[str, Any]:
     """Return what a node says about itself; ValueError, TypeError, KeyError if it is nothing."""
     about = told["about"]
     node = msgspec.convert(about, _Node)
-    sh.check(about)
+    sharing.check(about)
     names = {name for name, *_ in node.variables}
     if len(names) < len(node.variables):
         raise ValueError("two variables of one name")

@@ -202,7 +202,7 @@ def _boundary(most: int, yes: Callable[[int], bool]) -> int:
 def warning(rig: Rig, pacing: str) -> str:
     """Return in a line which frame a bus of the rig's own bit rate cannot take in time, or "".
 
-    A load of more than 100 % needs no warning: `nodes.plan.check_rate` refuses it.
+    A load of more than 100 % needs no warning: `messages.check_rate` refuses it.
     """
     config = rig.config
     if config.bus.bits_per_s is None or pacing == "lockstep":
