@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import Arrival, Flag
+from pcpc.drivers.can.wire_layout import Arrival, Flag, flags_of
 
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out
@@ -59,10 +59,3 @@ def get(wire: Any, block: bool) -> int:
     for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte
     return Arrival.FRAME
-
-
-def flags_of(message: can.Message) -> int:
-    """Return the flags of an FD frame, 0 of a classic one."""
-    if not message.is_fd:
-        return Flag.NONE
-    return Flag.FD | Flag.BRS * message.bitrate_switch | Flag.ESI * message.error_state_indicator

@@ -1,11 +1,22 @@
 """The memory of one end of a bus, as a structure that the compiled loop uses (no numba here)."""
 
+from typing import Any
+
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
 
-__all__ = ["CLASSIC_BYTES", "FRAME_BYTES", "LENGTHS", "WIRE", "Arrival", "Flag", "Medium"]
+__all__ = [
+    "CLASSIC_BYTES",
+    "FRAME_BYTES",
+    "LENGTHS",
+    "WIRE",
+    "Arrival",
+    "Flag",
+    "Medium",
+    "flags_of",
+]
 
 
 class Medium(Numbered):
@@ -58,3 +69,10 @@ WIRE = np.dtype(
     ],
     align=True,
 )
+
+
+def flags_of(message: Any) -> int:
+    """Return the flags of a message of python-can, 0 of a classic one."""
+    if not message.is_fd:
+        return Flag.NONE
+    return Flag.FD | Flag.BRS * message.bitrate_switch | Flag.ESI * message.error_state_indicator

@@ -25,8 +25,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import wire, wire_layout
-from pcpc.drivers.can.python_can_port import flags_of
-from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag, Medium
+from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag, Medium, flags_of
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 

@@ -7,9 +7,11 @@ import can
 import numpy as np
 import pytest
 from fd_rig import PROBE, fd_rig
+from free_bus import own_port
 from processes import Done, own_bus, pcpc
 
 from pcpc.drivers.can import codec, dbc
+from pcpc.drivers.can.bus import UDP_GROUP
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
@@ -173,3 +175,34 @@ def test_the_bus_tells_what_fits(run: tuple[Path, Path]) -> None:
     row = next(one for one in found["frames"] if one["name"] == "FB")
     assert (found["data_bitrate"], row["transmission_us"]) == (5_000_000, pytest.approx(168.8))
     assert found["fits"] and found["load"] < 0.45
+
+
+@pytest.mark.parametrize("form", ["log", "blf", "asc"])
+def test_a_recording_of_others_is_read_back(
+    run: tuple[Path, Path], tmp_path: Path, form: str
+) -> None:
+    recording, back = tmp_path / f"r.{form}", tmp_path / "back.mcap"
+    good(pcpc("log", "export", str(run[1]), "-o", str(recording)))
+    dbc_file = str(run[0].with_suffix(".dbc"))
+    good(pcpc("log", "import", str(recording), "--dbc", dbc_file, "-o", str(back)))
+    ours, theirs = (logs.read(one).node["executive"].frames for one in (run[1], back))
+    ours = ours[np.argsort(ours["stamp_ns"], kind="stable")]
+    for name in ("id", "dlc", "flags", "data"):
+        assert theirs[name].tobytes() == ours[name].tobytes(), name
+    read = logs.read(back).node["executive"].columns["rx.FB.position"][-1]
+    assert read == pytest.approx(
+        logs.read(run[1]).node["plant"].columns["lag.position"][-1], abs=1e-6
+    )
+
+
+def test_it_is_played_to_others(run: tuple[Path, Path]) -> None:
+    port = own_port(UDP_GROUP)  # on which python-can hears whoever else is there
+    bus = f"udp_multicast:{UDP_GROUP}:{port}"
+    with can.Bus(interface="udp_multicast", channel=UDP_GROUP, port=port) as ears:
+        words = ["--bus", bus, "--only", "FB", "--duration", "0.1", "--quiet"]
+        good(pcpc("play", str(run[1]), *words))
+        heard = list(iter(lambda: ears.recv(0.2), None))
+    frames = logs.read(run[1]).node["plant"].frames
+    sent = frames[(frames["id"] == FB) & (frames["direction"] == 0)]
+    assert [bytes(one.data) for one in heard] == [x["data"].tobytes() for x in sent[:100]]
+    assert all(one.is_fd and one.bitrate_switch for one in heard)

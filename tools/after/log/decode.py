@@ -1,6 +1,6 @@
 """The signals of recorded frames, by id: with the loop's own tables, else with cantools.
 
-A frame that the tables hold (classic, not multiplexed) is judged and decoded by the functions of
+A frame that the tables hold (not multiplexed) is judged and decoded by the functions of
 the loop: counter and CRC are checked and are no signals; a frame that is not OK is not decoded.
 If more than half of an id's frames fail, then their CRC is another one than the loop's: they are
 decoded unchecked, and the report says so. A cycle time is not asked for. The rest goes through
@@ -84,6 +84,8 @@ def decode(
     try:
         frame = dbc.frame(message)
     except BusError:
+        return _by_cantools(message, frames, place, progress)
+    if frame.dlc > frames["data"].shape[1]:
         return _by_cantools(message, frames, place, progress)
     table = dbc.table([frame], 1.0)
     values = np.zeros((len(frames), len(frame.signals)))

@@ -142,6 +142,7 @@ class _Imported:
             "state_columns": names, "timing_columns": [],
             "frames": {str(_id_of(one)): one.message.name for one in self.found},
             "state_names": [], "fault_names": [], "metadata": metadata,
+            **({} if self.most == 8 else {"data_bytes": self.most}),
         }  # fmt: skip
         for name, data in (
             (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()),
@@ -149,10 +150,15 @@ class _Imported:
         ):
             writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
 
+    @property
+    def most(self) -> int:
+        """The most data bytes of a frame."""
+        return int(self.frames["data"].shape[1])
+
     def _register(self, writer: BulkWriter) -> tuple[int, int]:
         """Register the topics as the recorder does; return the ids of /state and /can/frames."""
         state = register_columns(writer, "/state", "pcpc/State", self.variables)
-        return state, register_entries(writer, "executive")["can/frames"]
+        return state, register_entries(writer, "executive", self.most)["can/frames"]
 
     def _messages(self, writer: BulkWriter, channels: tuple[int, int], progress: Progress) -> None:
         """Write rows and frames in pieces, so that what belongs together lies together."""

@@ -5,7 +5,7 @@
     ASC             since the start of the measurement, as many digits as it has; the start has ms
     others          float seconds, to the nearest us once they no longer resolve ns
 
-Only classic data frames of at most 8 bytes are kept; error, remote and CAN FD frames are counted.
+Data frames are kept, with CAN FD as `logs.FD_FRAME`; error and remote frames are counted.
 Frames come back by stamp. A compressed file ends in .gz behind its own suffix.
 
 A damaged file can make python-can loop for ever, or unpack without end: it may take 10 s of
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import LENGTHS, flags_of
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
@@ -35,6 +36,7 @@ from pcpc.tools.terminal.progress import Progress
 if TYPE_CHECKING:
     from can import Message
 
+_NAMES = ("stamp_ns", "id", "dlc", "direction", "flags")
 _STEP = 20_000  # frames from one look at the progress to the next
 _ERROR_FRAME = 0x20000000  # in the id of a candump line
 _STALL_S = 10.0
@@ -45,7 +47,7 @@ _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apar
 
 @dataclass(frozen=True)
 class Recording:
-    """What was read: `frames` logs.FRAME by stamp (cycle 0), `left_out` and `channels` counted."""
+    """What was read: `frames` by stamp (cycle 0), `left_out` and `channels` counted."""
 
     frames: NDArray[Any]
     left_out: Counter[str]
@@ -205,8 +207,8 @@ class _Counted:
 
     def __init__(self, channel: str | None) -> None:
         self._channel = channel
-        self._columns: list[list[int]] = [[], [], [], []]  # stamp, id, dlc, direction
-        self._data = bytearray()
+        self._columns: list[list[int]] = [[], [], [], [], []]  # see `_NAMES`
+        self._data, self._width = bytearray(), 8
         self.left_out: Counter[str] = Counter()
         self.channels: Counter[str] = Counter()
 
@@ -220,20 +222,28 @@ class _Counted:
         for what, is_so in (
             ("error", message.is_error_frame),
             ("remote", message.is_remote_frame),
-            ("CAN FD", message.is_fd),
         ):
             if is_so:
                 self.left_out[what] += 1
                 return
         number, dlc, extended = message.arbitration_id, message.dlc, message.is_extended_id
-        if dlc > 8 or len(message.data) != dlc:
+        if dlc not in LENGTHS[: None if message.is_fd else 9] or len(message.data) != dlc:
             raise ValueError(f"id {number:#x}: {len(message.data)} of {dlc} bytes")
         if not 0 <= number < (1 << 29 if extended else 1 << 11) or not 0 <= time_ns < 2**63:
             raise ValueError(f"id {number:#x} at {time_ns} ns")
-        row = (time_ns, can_id.word_of(number, extended), dlc, int(message.is_rx))
+        if message.is_fd and self._width == 8:
+            self._widen()
+        flags = flags_of(message)
+        row = (time_ns, can_id.word_of(number, extended), dlc, int(message.is_rx), flags)
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
-        self._data += bytes(message.data).ljust(8, b"\0")
+        self._data += bytes(message.data).ljust(self._width, b"\0")
+
+    def _widen(self) -> None:
+        """Give all frames the room of one of CAN FD."""
+        narrow = np.frombuffer(self._data, np.uint8).reshape(-1, 8)
+        self._width = LENGTHS[-1]
+        self._data = bytearray(np.pad(narrow, ((0, 0), (0, self._width - 8))).tobytes())
 
     def result(self, path: Path) -> Recording:
         """Return all of it; LogCommandError if there is no frame."""
@@ -241,12 +251,11 @@ class _Counted:
         if not len(stamps):
             known = ", ".join(sorted(self.channels)) or "none"
             what = f" of channel {self._channel}; it has: {known}" if self._channel else ""
-            raise LogCommandError(f"{path}: no classic CAN frame{what}")
+            raise LogCommandError(f"{path}: no CAN frame{what}")
         order = np.argsort(stamps, kind="stable")
-        frames = np.zeros(len(stamps), logs.FRAME)
-        names = ("stamp_ns", "id", "dlc", "direction")
-        for name, column in zip(names, self._columns, strict=True):
+        frames = np.zeros(len(stamps), logs.FRAME if self._width == 8 else logs.FD_FRAME)
+        for name, column in zip(_NAMES, self._columns, strict=True):
             frames[name] = column
-        frames["data"] = np.frombuffer(self._data, np.uint8).reshape(-1, 8)
+        frames["data"] = np.frombuffer(self._data, np.uint8).reshape(-1, self._width)
         unsorted = int((np.diff(stamps) < 0).sum())
         return Recording(frames[order], self.left_out, self.channels, unsorted)
