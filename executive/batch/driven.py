@@ -86,6 +86,9 @@ class Driven:
 
     def __init__(self, rig: Rig) -> None:
         """Raise RigError for a plant that is not pcpc's to step, or has no compiled step."""
+        if rig.config.plant.drive is not None:
+            what = "the drive moves this plant, not a frame; take the rig without it"
+            raise rig.error("plant.drive", what)
         made = plan(rig, "plant", "lockstep")
         for spec in made.spec.blocks:
             if LOOP_INTERPRETED or step_of(spec) or not isinstance(spec.block.step, Stage):

@@ -72,6 +72,8 @@ class Group:
             raise NotInLanes("it limits what it receives")
         if rig.config.bus.emulate is not None:
             raise NotInLanes("its line is emulated")
+        if rig.config.plant.drive is not None:
+            raise NotInLanes("its plant is a CANopen drive")
         if rig.config.supervisor.arm == "manual":
             raise NotInLanes("it is armed by hand")
         if any(step_of(spec) for node in rig.nodes().values() for spec in node.blocks):

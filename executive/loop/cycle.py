@@ -29,6 +29,7 @@ from pcpc.drivers.compiled.stage import ENTRY
 from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.loop import control, meeting, timing
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.canopen_drive import speak_drive, work_drive
 from pcpc.executive.loop.clock import next_period, now, runs, set_time, wait
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
@@ -66,8 +67,12 @@ def one_pass(n: Any, steps: Any) -> Any:
     tune(n)
     hear_requests(n)
     n.faults.stalled = 0
+    if n.canopen.on != 0:
+        work_drive(n)
     step(n, steps)
     limit(n)
+    if n.canopen.on != 0:
+        speak_drive(n)
     transmit(n)
     publish(n)
     next_cycle(n)

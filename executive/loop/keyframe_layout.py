@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.canopen.layout import KEPT as KEPT_OF_DRIVE
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.control import OF_THE_LOOP
 
@@ -55,17 +56,21 @@ KEPT: Mapping[str, Mapping[str, tuple[str, ...]]] = {  # record -> field -> its 
         ), (),
     ),
 }  # fmt: skip
+OF_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "canopen": dict.fromkeys(KEPT_OF_DRIVE, ())
+}
 _LARGEST = 1 << 62  # cycles, ns, counts
 
 
-def spans(variables: int, faults: bool) -> list[Span]:
-    """Return what a keyframe holds of a node with so many variables, and faults on purpose or none.
+def spans(variables: int, faults: bool, drive: bool = False) -> list[Span]:
+    """Return what a keyframe holds of a node with so many variables.
 
-    Record, field, offset in LOOP and bytes; ("", "v") first.
+    `faults`: there are some on purpose; `drive`: the node is one. Record, field, offset in LOOP and
+    bytes; ("", "v") first.
     """
     kinds: Any = sh.LOOP.fields
     found = [("", "v", int(kinds["v"][1]), 8 * variables)]
-    for record, names in KEPT.items():
+    for record, names in {**KEPT, **(OF_DRIVE if drive else {})}.items():
         kind, at = kinds[record][:2]
         for name in names:
             inner, place = kind.fields[name][:2]
@@ -120,7 +125,7 @@ def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
         if not record:
             loop.v[: len(values)] = values
             continue
-        into, columns = loop[record], KEPT[record][name]
+        into, columns = loop[record], {**KEPT, **OF_DRIVE}[record][name]
         shape = np.shape(into[name])
         for column in columns:
             into[name][column] = values.reshape(shape)[column]

@@ -21,6 +21,7 @@ from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop import meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
+from pcpc.executive.loop.canopen_drive import hear_drive
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
@@ -106,13 +107,20 @@ def take(n: Any, block: Any) -> Any:
     """Take one frame, if one comes; return what came, see `drivers.can.wire.get_frame`."""
     result = get_frame(n.wire, block)
     if result == Arrival.FRAME:
-        take_frame(n)
+        take_one(n)
     elif result == Arrival.FAILED:
         n.control.bus_errno = n.wire.errno
         n.guard.faulted = Fault.BUS_FAILED
     elif result == Arrival.BUS_ERROR:
         note_bus_error(n)
     return result
+
+
+@loop_function
+def take_one(n: Any) -> None:
+    """Let the drive of this node, if it is one, or the node itself take `wire.rx`."""
+    if n.canopen.on == 0 or not hear_drive(n):
+        take_frame(n)
 
 
 @loop_function

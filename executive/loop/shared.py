@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.canopen.layout import DRIVE
 from pcpc.drivers.compiled.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import ring_layout
@@ -67,7 +68,6 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_WORDS = FRAME_WORDS << 16  # six seconds of ten classic frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
-
 
 _ROLE = row_of("starts awaited peer meeting")  # of a received frame; peer: of the node waited for
 _KIND = row_of("is_sync is_heartbeat is_emergency told")  # of a sent frame; told: its last code
@@ -231,7 +231,7 @@ _PRIVATE = [
             ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
             ("keep", _KEEP), ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),
-            ("intrusion", intrusion(MAX_FRAMES, MAX_SIGNALS)),
+            ("intrusion", intrusion(MAX_FRAMES, MAX_SIGNALS)), ("canopen", DRIVE),
         )
     ),
 ]  # fmt: skip

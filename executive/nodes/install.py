@@ -23,6 +23,7 @@ from pcpc.executive.loop.timing import reset
 from pcpc.executive.loop.variables import DISARMED
 from pcpc.executive.nodes import fmus, planned_keyframes
 from pcpc.executive.nodes.plan import Plan, cycles_of
+from pcpc.executive.nodes.planned_drive import install_drive
 from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.nodes.planned_plausible import install_plausible
 from pcpc.executive.rig.buses import OVER_LINE
@@ -80,6 +81,7 @@ def install(made: Plan, loop: Any) -> None:
     install_faults(made.rig, made.role, made.faults, loop)
     _install_intrusion(made, loop)
     install_plausible(made.rig, made.role, made.table, made.rx_frames, loop)
+    install_drive(made.rig, made.role, made.table, loop)
     guard.mode_index = -1
     if made.role != "executive":
         modes = [

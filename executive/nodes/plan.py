@@ -26,6 +26,7 @@ from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
 from pcpc.executive.nodes import (
     planned_controllers,
+    planned_drive,
     planned_faults,
     planned_keyframes,
     planned_plausible,
@@ -128,9 +129,10 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
 
 
 def _take_frames(made: Plan, database: dbc.Database) -> None:
-    rig, role, name = made.rig, made.role, made.spec.name
-    made.rx_frames = list(dbc.frames(database, name, "rx"))
-    made.tx_frames = sorted(dbc.frames(database, name, "tx"), key=protocol.sending_order)
+    rig, role = made.rig, made.role
+    made.rx_frames = planned_drive.frames(rig, role, database, "rx")
+    said = planned_drive.frames(rig, role, database, "tx")
+    made.tx_frames = sorted(said, key=protocol.sending_order)
     if role == "local":
         made.below = protocol.frames_to_plant(rig, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
@@ -186,6 +188,7 @@ def _lay_out(made: Plan) -> None:
         _initial_values(made, spec)
     made.values |= planned_controllers.beginning(made.spec, table, made.values)
     planned_plausible.add_counts(made.rig, made.role, table)
+    made.values |= planned_drive.add_variables(made.rig, made.role, table, made.spec.blocks)
 
 
 def _initial_values(made: Plan, spec: BlockSpec) -> None:
@@ -262,9 +265,8 @@ def _wire_frames(made: Plan) -> None:
                 f"{place}: {made.spec.name} sends no signal {name}{did_you_mean(name, sent)}; "
                 "the DBC file says which node sends a frame"
             )
-        copies.append(
-            (_source(made, source, sent[name].unit, place, name), table.index[f"tx.{name}"])
-        )
+        found = _source(made, source, sent[name].unit, place, name)
+        copies.append((found, table.index[f"tx.{name}"]))
     made.copies += [[] for _ in range(sh.MAX_BLOCKS - len(made.copies))] + [copies]
     received = {v.name[3:] for v in table.variables if v.kind == "received"}
     for key, names, known in (
@@ -294,10 +296,8 @@ def _plan_schedule(made: Plan) -> None:
                 raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
             variable = table.variables[table.index[name]]
             if not (variable.low <= value <= variable.high and math.isfinite(value)):
-                raise made.rig.error(
-                    path,
-                    f"{value:g} is outside {variable.low:g}..{variable.high:g} {variable.unit}",
-                )
+                span = f"{variable.low:g}..{variable.high:g} {variable.unit}"
+                raise made.rig.error(path, f"{value:g} is outside {span}")
             cycle = round(tuning.at_s * config.rate_hz)
             made.schedule.append((cycle, table.index[name], value))
     for i, name in enumerate(config.note):

@@ -8,7 +8,9 @@ import numpy as np
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import keyframe_layout as layout
 from pcpc.executive.loop.table import Table
+from pcpc.executive.nodes import planned_drive
 from pcpc.executive.rig.reading import NodeSpec, Rig
+from pcpc.executive.rig.roles import Role
 
 _MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns")  # control words
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
@@ -18,6 +20,7 @@ class Planned(Protocol):
     """What is used of a plan, see `executive.nodes.plan`."""
 
     rig: Rig
+    role: Role
     table: Table
     spec: NodeSpec
     faults: Any
@@ -36,7 +39,8 @@ def passes_of(made: Planned) -> int:
 
 def held_by(made: Planned) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
-    return layout.spans(len(made.table.variables), bool(made.faults))
+    drive = planned_drive.drive_of(made.rig, made.role) is not None
+    return layout.spans(len(made.table.variables), bool(made.faults), drive)
 
 
 def described(made: Planned) -> NodeDescription:

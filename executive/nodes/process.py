@@ -42,7 +42,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.loop.cycle import STEPS, N, finish, run
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.nodes import fmus, greeting, without_effect
+from pcpc.executive.nodes import fmus, greeting, planned_drive, without_effect
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
@@ -305,12 +305,14 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
 def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
     """Open the bus of a node of `rig`, or both of a local node, into the WIRE `end`; BusError.
 
-    `bus` is the executive's. A node also listens to its own ids: nobody else may send them.
+    `bus` is the executive's. A node also listens to its own ids: nobody else may send them;
+    a drive to all, since a master may choose the ids of its PDOs.
     """
     end.fd = made.fd
     below = bus_below(rig, bus)
     own = below if made.role == "plant" and below is not None else bus
-    buses.open_bus(own, made.receive_ids + made.send_ids, end)
+    ids = made.receive_ids + made.send_ids
+    buses.open_bus(own, None if planned_drive.drive_of(rig, made.role) else ids, end)
     if made.role == "local" and below is not None:
         buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
     buses.know_own(end)

@@ -38,7 +38,7 @@ from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
-from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.reception import take_one
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import request_first_sample
@@ -163,7 +163,7 @@ def hear(n: Any, frame: Any) -> None:
     if frame[3] & error_frames.FLAG != 0:
         note_bus_error(n)
     else:
-        take_frame(n)
+        take_one(n)
 
 
 @loop_function

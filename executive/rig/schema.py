@@ -8,6 +8,7 @@ from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.bus_keys import Drive, Watchdog
 from pcpc.executive.rig.judged_keys import Duration, Name, Word
 from pcpc.executive.rig.judged_keys import Expected as Expected
 from pcpc.executive.rig.judged_keys import Requirement as Requirement
@@ -76,14 +77,6 @@ class Supervisor(Keyed):
     stop_frame: str | None = None
     intrusion: Literal["count", "hold", "fault"] = "count"
     peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
-
-
-class Watchdog(Keyed):
-    """A process that sees only the bus and sends the stop frame; see `tools.live.watchdog`."""
-
-    silent_cycles: Annotated[int, Meta(ge=2)] = 50
-    wrong_frames: Annotated[int, Meta(ge=1, le=10)] = 3
-    feed: str | None = None
 
 
 class Overrun(Keyed):
@@ -209,6 +202,7 @@ class Plant(Keyed):
     """The plant node; `safe` are the values that its watchdog substitutes.
 
     `limits`: what it sends may be bounded too, and is then safe in its FAULT. `fmu`: see `rig.fmu`.
+    `drive`: the plant is a drive on CANopen.
     """
 
     carried_out: ClassVar[tuple[str, ...]] = ("fmu", "inputs", "parameters")
@@ -220,6 +214,7 @@ class Plant(Keyed):
     limits: dict[str, Limit] = {}
     plausible: dict[str, Plausible] = {}
     safe: dict[str, float] = {}
+    drive: Drive | None = None
 
 
 class Local(Keyed):

@@ -27,6 +27,7 @@ FILES = {
     "evaluation.py": "figures of merit and the picture",
     "drawing.py": "how it is drawn while it moves",
     "identification.py": "what `pcpc fit` estimates of it from a log",
+    "drive.yaml": "the motor as a drive on CANopen",
     "layout.json": "the curves with which the page of `pcpc host` opens",
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",

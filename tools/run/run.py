@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.can import choice
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
@@ -26,16 +25,16 @@ from pcpc.executive.loop import sharing
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes import process
 from pcpc.executive.nodes.live import Live
-from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
+from pcpc.tools.run.drive_folder import folder_of_drive
 from pcpc.tools.start import pace
 from pcpc.tools.start.bus import run_line
 from pcpc.tools.start.bus.traffic import warning
 from pcpc.tools.start.children import Child, complain, on_request
 from pcpc.tools.start.folder import LOG, run_folder
-from pcpc.tools.start.interface import named_bus
+from pcpc.tools.start.interface import choose_bus
 from pcpc.tools.start.page import page_of
 from pcpc.tools.start.peer_wait import PeerWait
 from pcpc.tools.terminal.progress import Compiling, Progress, node_line
@@ -57,7 +56,7 @@ class Host:
         self.options, self.rig, self.roles, self.folder = options, rig, roles, folder
         if rig.config.watchdog is not None:
             need_room("live/watchdog")
-        self.choice = choose_bus(options, rig, roles)
+        self.choice = choose_bus(options.bus, rig, roles)
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
@@ -74,6 +73,7 @@ class Host:
         self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
         self.waiting = PeerWait(rig, roles)
         self.leader = "executive" if "executive" in roles else roles[0]
+        self.keeps_log = self.leader == "executive"
         self.page = page_of(options, self._block_name(self.leader))
 
     @property
@@ -225,11 +225,13 @@ class Host:
         return sh.block_name(self.rig.config.rig, str(self.bus), role)
 
     def _start_recorder(self) -> None:
-        if "recorder" in self.children or "executive" not in self.nodes:
+        if "recorder" in self.children or not self.keeps_log or self.leader not in self.nodes:
             return
-        names = [self._block_name(role) for role in self.rig.roles]
+        roles = self.rig.roles if self.leader == "executive" else self.roles
+        judged = self.judged if self.leader == "executive" else {}
+        names = [self._block_name(role) for role in roles]
         log = str(self.folder / LOG)
-        words = [log, *names, "--judged", json.dumps(self.judged)]
+        words = [log, *names, "--judged", json.dumps(judged)]
         self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
 
     def _under_way(self) -> bool:
@@ -318,7 +320,7 @@ class Host:
 
     def _recorder_may_come(self) -> bool:
         """Return whether our recorder, or that of the executive's host here, is still to come."""
-        if "executive" in self.roles:
+        if self.keeps_log:
             return "recorder" in self.children and not self._has_ended("recorder")
         return sharing.is_locked(self._block_name("executive"))
 
@@ -326,15 +328,6 @@ class Host:
 def _told_to_end(child: Child) -> bool:
     """Return whether it is no node, and died because this process asked it to end."""
     return child.asked and child.name in ("line", "watchdog")
-
-
-def choose_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:
-    """Return the bus for `roles`, held; RigError if there can be none of its name anywhere."""
-    wanted = wanted_bus(rig, roles, options.bus)
-    if wanted.interface != "auto":
-        place = f"--bus {options.bus}" if options.bus else rig.where("bus.interface")
-        named_bus((wanted.interface, wanted.channel), place)
-    return choice.take_bus(wanted)
 
 
 def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
@@ -374,10 +367,17 @@ def _recorded(host: Host, folder: Path, options: argparse.Namespace) -> int:
 
 
 def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
-    """Run nodes for an executive elsewhere, which keeps the log; return the exit code."""
-    host = Host(options, rig, roles, Path())
-    with host.page:
-        code = host.run()
+    """Run nodes for an executive elsewhere, which keeps the log; return the exit code.
+
+    A drive keeps its own: its master may be anything.
+    """
+    with folder_of_drive(options, rig, roles) as folder:
+        host = Host(options, rig, roles, folder or Path())
+        host.keeps_log = folder is not None
+        with host.page:
+            code = host.run()
+    if folder is not None:
+        host.progress.say(f"log      {folder / LOG}")
     for line in host.outcome.faults:
         print(line, file=sys.stderr)
     if host.outcome.interrupted:

@@ -1,8 +1,12 @@
 """The bus that a command line or a rig names, checked before anything is started."""
 
 from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import choice
 from pcpc.drivers.errors import BusError
 from pcpc.executive.errors import RigError
+from pcpc.executive.rig.buses import wanted_bus
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 
 
 def named_bus(named: tuple[str, str | None], place: str) -> buses.Bus:
@@ -25,3 +29,12 @@ def named_bus(named: tuple[str, str | None], place: str) -> buses.Bus:
                 f"udp_multicast or another one of python-can"
             )
     return bus
+
+
+def choose_bus(named: str | None, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:
+    """Return the bus for `roles`, held; RigError if there can be none of its name anywhere."""
+    wanted = wanted_bus(rig, roles, named)
+    if wanted.interface != "auto":
+        place = f"--bus {named}" if named else rig.where("bus.interface")
+        named_bus((wanted.interface, wanted.channel), place)
+    return choice.take_bus(wanted)

@@ -23,9 +23,10 @@ from pcpc.drivers.can.e2e_states import FrameState, name_of
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.rig import messages
+from pcpc.executive.rig.bus_keys import Watchdog
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import Limit, Watchdog
+from pcpc.executive.rig.schema import Limit
 
 _RECENT = 10  # frames, of which some are wrong
 _SLOW = 3  # cycles of a slow frame, as in the verdict

@@ -1,0 +1,127 @@
+"""The memory of a CANopen drive, as a structure that the compiled loop uses (no numba here).
+
+    objects    the dictionary as it was declared, a row an object, see `drivers.canopen.objects`
+    value      the raw value of each row
+    state      what the drive carries from one cycle to the next, beside the values
+    outbox     frames to be sent, as `drivers.can.wire` has them
+
+Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
+"""
+
+import numpy as np
+
+from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import row_of
+
+MAX_OBJECTS = 256
+PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
+MAX_ENTRIES = 8  # mapped in one PDO
+OUTBOX_FRAMES, FRAME_BYTES = 16, 16
+TEXTS, TEXT_BYTES = 3, 32
+READ, WRITE, TO_DRIVE, FROM_DRIVE = 1, 2, 4, 8  # access; the last two: may be mapped
+RPDO_ROWS, TPDO_ROWS = 3 + 1 + MAX_ENTRIES, 5 + 1 + MAX_ENTRIES
+COB_ID, KIND, INHIBIT, EVENT = 1, 2, 3, 4  # rows of a PDO's communication
+RPDO_MAPPING, TPDO_MAPPING = 3, 5  # row with the number of its entries
+FIRST_TPDO = PDOS * RPDO_ROWS
+OTHERS = FIRST_TPDO + PDOS * TPDO_ROWS
+
+
+class Row(Numbered):
+    """Rows of the dictionary behind those of the PDOs."""
+
+    (
+        DEVICE_TYPE, ERROR_REGISTER, ERROR_COUNT, ERROR_1, ERROR_2, ERROR_3, ERROR_4, SYNC_ID,
+        DEVICE_NAME, HARDWARE, SOFTWARE, EMERGENCY_ID, CONSUMERS, CONSUMER, HEARTBEAT_MS,
+        IDENTITY, VENDOR, PRODUCT, REVISION, SERIAL, SDO_COUNT, SDO_IN, SDO_OUT, STARTUP,
+        ERROR_CODE, CONTROLWORD, STATUSWORD, QUICK_STOP_OPTION, SHUTDOWN_OPTION, DISABLE_OPTION,
+        HALT_OPTION, FAULT_OPTION, MODE, MODE_DISPLAY, POSITION_DEMAND, POSITION_ACTUAL,
+        FOLLOWING_WINDOW, FOLLOWING_MS, POSITION_WINDOW, POSITION_MS, VELOCITY_DEMAND,
+        VELOCITY_ACTUAL, VELOCITY_WINDOW, VELOCITY_MS, TARGET_TORQUE, MAX_TORQUE, TORQUE_DEMAND,
+        TORQUE_ACTUAL, TARGET_POSITION, HOME_OFFSET, LIMITS, LIMIT_LOW, LIMIT_HIGH,
+        PROFILE_VELOCITY, ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION, HOMING_METHOD,
+        VELOCITY_OFFSET, TORQUE_OFFSET, FOLLOWING_ERROR, TARGET_VELOCITY, MODES,
+        ABORT_OPTION, MAX_PROFILE_VELOCITY, HOMING_SPEEDS, HOMING_FAST, HOMING_SLOW,
+        HOMING_ACCELERATION, PERIODS, PERIOD, PERIOD_EXPONENT,
+    ) = range(OTHERS, OTHERS + 72)  # fmt: skip
+
+
+class Nmt(Numbered):
+    """The states of CiA 301, as a heartbeat has them."""
+
+    BOOT_UP = 0
+    STOPPED = 4
+    OPERATIONAL = 5
+    PRE_OPERATIONAL = 127
+
+
+class Power(Numbered):
+    """The states of CiA 402."""
+
+    (
+        NOT_READY, SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON, OPERATION_ENABLED,
+        QUICK_STOP_ACTIVE, FAULT_REACTION_ACTIVE, FAULT,
+    ) = range(8)  # fmt: skip
+
+
+class Mode(Numbered):
+    """Modes of operation, object 0x6060."""
+
+    NONE = 0
+    PROFILE_POSITION = 1
+    PROFILE_VELOCITY = 3
+    HOMING = 6
+    CYCLIC_POSITION = 8
+    CYCLIC_VELOCITY = 9
+    CYCLIC_TORQUE = 10
+
+
+OBJECT = row_of("index subindex bits signed text access low high start")
+STATE = row_of(
+    "nmt beat_at boots syncs"  # beat_at: cycle of the last heartbeat
+    " heard heard_at"  # 1: the heartbeat that is awaited came once; when
+    " power word_before mode enabled"  # word_before: of the command
+    " moves pends acknowledged homed reached limited behind_since near_since"
+    " stopped_before wanted steps_left"
+    " segment_row segment_toggle segment_at segment_size segment_since segment_data segment_loads",
+    "position velocity before offset demand_position demand_velocity integral target pending step",
+)
+DRIVE = np.dtype(
+    [
+        ("on", "<i8"),  # 1: there is one
+        ("node", "<i8"),
+        ("n", "<i8"),  # objects
+        ("place_position", "<i8"),  # of variables of the table; velocity -1: the differences
+        ("place_velocity", "<i8"),
+        ("place_command", "<i8"),
+        ("place_gains", "<i8"),  # three
+        ("place_seen", "<i8"),  # the first of what is seen, see `executive.loop.canopen_drive`
+        ("rate_hz", "<f8"),
+        ("rated", "<f8"),  # the command at 100 %
+        ("position_scale", "<f8"),  # increments to the unit of the position
+        ("velocity_scale", "<f8"),
+        ("gains", row_of("", "position_per_s velocity integral_per_s")),
+        ("objects", OBJECT, (MAX_OBJECTS,)),
+        ("text", "u1", (TEXTS * TEXT_BYTES,)),
+        ("k", "<i8"),  # the cycle
+        ("n_out", "<i8"),
+        ("outbox", "u1", (OUTBOX_FRAMES, FRAME_BYTES)),
+        # from here on kept in keyframes
+        ("value", "<i8", (MAX_OBJECTS,)),
+        ("state", STATE),
+        ("map_id", "<i8", (2 * PDOS,)),  # -1: not valid
+        ("map_n", "<i8", (2 * PDOS,)),
+        ("map_row", "<i8", (2 * PDOS * MAX_ENTRIES,)),
+        ("pending", "<i8", (PDOS,)),  # 1: what came waits for a SYNC
+        ("pending_low", "<i8", (PDOS,)),  # its first four bytes, and the others
+        ("pending_high", "<i8", (PDOS,)),
+        ("sent_low", "<i8", (PDOS,)),
+        ("sent_high", "<i8", (PDOS,)),
+        ("sent_at", "<i8", (PDOS,)),  # -1: not yet
+        ("sync_count", "<i8", (PDOS,)),
+    ],
+    align=True,
+)
+KEPT = (
+    "value", "state", "map_id", "map_n", "map_row", "pending", "pending_low", "pending_high",
+    "sent_low", "sent_high", "sent_at", "sync_count",
+)  # fmt: skip

@@ -1,0 +1,113 @@
+"""The drive in the network: commands of the NMT master, boot-up, heartbeats of both sides.
+
+    state             SDO   PDO   emergency   heartbeat says
+    BOOT_UP                                   0, once: then PRE_OPERATIONAL; or OPERATIONAL if
+                                              object 0x1F80 is 8, self-starting
+    PRE_OPERATIONAL   yes         yes         127
+    OPERATIONAL       yes   yes   yes         5
+    STOPPED                                   4
+
+    0x000: command, node (0: all)   1 start, 2 stop, 128 pre-operational, 129 reset of the node,
+                                    130 of its communication (objects 0x1000 to 0x1FFF)
+
+The heartbeat of a master (0x1016: node << 16 | ms) that came once and then no more ends the
+connection, see `drivers.canopen.power`. Source: CiA 301, 7.2.8 and 7.3.2.
+"""
+
+from typing import Any
+
+from pcpc.drivers.canopen.dictionary import is_possible
+from pcpc.drivers.canopen.frames import put_heartbeat
+from pcpc.drivers.canopen.layout import Mode, Nmt, Power, Row
+from pcpc.drivers.canopen.mapping import PDOS, arrange
+from pcpc.drivers.canopen.objects import SELF_STARTING
+from pcpc.drivers.compiled.jit import loop_function
+
+START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
+OF_COMMUNICATION = 0x1000, 0x1FFF
+
+
+@loop_function
+def boot(d: Any) -> None:
+    """Say that the drive is there, and be in its first state."""
+    x = d.state
+    for p in range(2 * PDOS):
+        arrange(d, p)
+    x.nmt = Nmt.BOOT_UP
+    put_heartbeat(d)
+    x.nmt = Nmt.OPERATIONAL if d.value[Row.STARTUP] == SELF_STARTING else Nmt.PRE_OPERATIONAL
+    x.heard = 0
+    x.segment_row = 0
+    x.boots += 1
+
+
+@loop_function
+def start_over(d: Any, whole: Any) -> None:
+    """Give the objects their first values: all, or those of the communication; boot."""
+    for i in range(d.n):
+        index = d.objects[i].index
+        if whole or OF_COMMUNICATION[0] <= index <= OF_COMMUNICATION[1]:
+            d.value[i] = d.objects[i].start
+    if whole:
+        x = d.state
+        x.power, x.mode, x.word_before, x.enabled = Power.NOT_READY, Mode.NONE, 0, 0
+        x.homed, x.offset = 0, 0.0
+        x.moves, x.pends, x.acknowledged = 0, 0, 0
+    boot(d)
+
+
+@loop_function
+def command(d: Any, code: Any) -> None:
+    """Do what the NMT master wants."""
+    x = d.state
+    before = x.nmt
+    if code == START:
+        x.nmt = Nmt.OPERATIONAL
+    elif code == STOP:
+        x.nmt = Nmt.STOPPED
+    elif code == PREPARE:
+        x.nmt = Nmt.PRE_OPERATIONAL
+    elif code == RESET_NODE:
+        start_over(d, True)
+    elif code == RESET_COMMUNICATION:
+        start_over(d, False)
+    if before != Nmt.OPERATIONAL and x.nmt == Nmt.OPERATIONAL:
+        for t in range(PDOS):
+            d.sent_at[t] = -1
+            d.pending[t] = 0
+
+
+@loop_function
+def beat(d: Any) -> None:
+    """Send the heartbeat when it is due."""
+    ms = d.value[Row.HEARTBEAT_MS]
+    if ms > 0 and d.k - d.state.beat_at >= ms * 1e-3 * d.rate_hz:
+        put_heartbeat(d)
+
+
+@loop_function
+def note_heartbeat(d: Any, node: Any) -> Any:
+    """Note the heartbeat of another node; return whether it is the one that is awaited."""
+    if d.value[Row.CONSUMER] >> 16 == node and node != 0:
+        d.state.heard, d.state.heard_at = 1, d.k
+        return True
+    return False
+
+
+@loop_function
+def master_is_silent(d: Any) -> Any:
+    """Return whether the heartbeat that is awaited came once and is missing now."""
+    ms = d.value[Row.CONSUMER] & 0xFFFF
+    if ms == 0 or d.state.heard == 0:
+        return False
+    if d.k - d.state.heard_at <= ms * 1e-3 * d.rate_hz:
+        return False
+    d.state.heard = 0
+    return True
+
+
+@loop_function
+def mode_to_be(d: Any) -> Any:
+    """Return the mode that is asked for, or the one before if it does not exist."""
+    wanted = d.value[Row.MODE]
+    return wanted if is_possible(d, Row.MODE, wanted) else d.state.mode

@@ -1,0 +1,128 @@
+"""Process data: what comes is taken at once or at the next SYNC, what goes is sent when it is due.
+
+    transmission type   received              sent
+    0                   at the next SYNC      at a SYNC, if it has changed
+    1 to 240            at the next SYNC      at every n-th SYNC
+    254, 255            at once               when it has changed, not within the inhibit time
+                                              (0.1 ms); and at the event timer (ms)
+
+A value outside of its object's bounds is not taken. A frame that is too short is an emergency,
+0x8210, and not taken. Only in OPERATIONAL. Source: CiA 301, 7.2.2 and 7.5.2.35.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.can.codec import eight_bytes, four_bytes
+from pcpc.drivers.canopen.dictionary import from_bits, is_possible, low_word, to_bits
+from pcpc.drivers.canopen.frames import put, tell_error
+from pcpc.drivers.canopen.layout import Nmt, Row
+from pcpc.drivers.canopen.mapping import (
+    EVENT,
+    INHIBIT,
+    KIND,
+    MAX_ENTRIES,
+    PDOS,
+    first_row,
+)
+from pcpc.drivers.compiled.jit import loop_function
+
+TOO_SHORT = 0x8210
+LAST_SYNC_KIND = 240
+
+
+@loop_function
+def bits_of(d: Any, p: Any) -> Any:
+    """Return how many bits are mapped in a PDO."""
+    bits = np.int64(0)
+    for i in range(d.map_n[p]):
+        bits += d.objects[d.map_row[p * MAX_ENTRIES + i]].bits
+    return bits
+
+
+@loop_function
+def take(d: Any, p: Any, word: Any) -> None:
+    """Write the data of a received PDO into its objects."""
+    shift = np.int64(0)
+    for i in range(d.map_n[p]):
+        row = d.map_row[p * MAX_ENTRIES + i]
+        raw = from_bits(d, row, word >> shift)
+        one = d.objects[row]
+        if one.low <= raw <= one.high and is_possible(d, row, raw):
+            d.value[row] = raw
+        shift += one.bits
+
+
+@loop_function
+def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
+    """Take a frame if it is a PDO; return whether it is one."""
+    for p in range(PDOS):
+        if d.map_id[p] == can_id:
+            if d.state.nmt != Nmt.OPERATIONAL:
+                return True
+            if 8 * dlc < bits_of(d, p):
+                tell_error(d, TOO_SHORT, d.value[Row.ERROR_REGISTER])
+            elif d.value[first_row(p) + KIND] <= LAST_SYNC_KIND:
+                d.pending[p] = 1
+                d.pending_low[p] = low_word(four_bytes(data, 0))
+                d.pending_high[p] = low_word(four_bytes(data, 4))
+            else:
+                take(d, p, eight_bytes(data, 0))
+            return True
+    return False
+
+
+@loop_function
+def hear_sync(d: Any) -> None:
+    """Take what waited for a SYNC; let be due what is sent with it."""
+    if d.state.nmt != Nmt.OPERATIONAL:
+        return
+    d.state.syncs += 1
+    for p in range(PDOS):
+        if d.pending[p] != 0:
+            d.pending[p] = 0
+            take(d, p, d.pending_low[p] | d.pending_high[p] << 32)
+
+
+@loop_function
+def is_due(d: Any, t: Any, changed: Any) -> Any:
+    """Return whether the sent PDO `t` goes out in this cycle."""
+    first = first_row(PDOS + t)
+    kind, since = d.value[first + KIND], d.k - d.sent_at[t]
+    fresh = d.sent_at[t] < 0
+    if kind <= LAST_SYNC_KIND:
+        d.sync_count[t] += d.state.syncs
+        if d.state.syncs == 0:
+            return False
+        if kind == 0:
+            return changed or fresh
+        return d.sync_count[t] >= kind
+    if fresh:
+        return True
+    inhibit, timer = d.value[first + INHIBIT], d.value[first + EVENT]
+    if changed and since >= inhibit * 1e-4 * d.rate_hz:
+        return True
+    return timer > 0 and since >= timer * 1e-3 * d.rate_hz
+
+
+@loop_function
+def send_due(d: Any) -> None:
+    """Send the PDOs that are due in this cycle."""
+    if d.state.nmt == Nmt.OPERATIONAL:
+        for t in range(PDOS):
+            p = PDOS + t
+            if d.map_id[p] < 0 or d.map_n[p] == 0:
+                continue
+            word, shift = np.int64(0), np.int64(0)
+            for i in range(d.map_n[p]):
+                row = d.map_row[p * MAX_ENTRIES + i]
+                word |= np.int64(to_bits(d, row)) << shift
+                shift += d.objects[row].bits
+            low, high = low_word(word), low_word(word >> np.int64(32))
+            if is_due(d, t, low != d.sent_low[t] or high != d.sent_high[t]):
+                d.sent_low[t], d.sent_high[t] = low, high
+                d.sent_at[t] = d.k
+                d.sync_count[t] = 0
+                put(d, d.map_id[p], shift // 8, low, high)
+    d.state.syncs = 0

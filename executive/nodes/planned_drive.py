@@ -1,0 +1,133 @@
+"""The plant's drive on CANopen, planned: its variables, its frames, its dictionary, installed."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from pcpc.drivers.can import dbc
+from pcpc.drivers.canopen import objects
+from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.loop.canopen_drive import SEEN
+from pcpc.executive.loop.clock import Trigger
+from pcpc.executive.loop.table import Table, Variable
+from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.executive.rig.bus_keys import Drive
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+
+Way = Literal["rx", "tx"]
+
+COMMAND, KEY = "drive.command", "plant.drive"
+GAINS = ("drive.position_gain_per_s", "drive.velocity_gain", "drive.integral_gain_per_s")
+_SYNC, _ID = 0x080, 0x7FF
+_HIGHEST_GAIN = 1e9
+
+
+def drive_of(rig: Rig, role: Role) -> Drive | None:
+    """Return the keys of the drive, if this node is one."""
+    return rig.config.plant.drive if role == "plant" else None
+
+
+def is_lone_drive(rig: Rig, roles: Sequence[str]) -> bool:
+    """Return whether these nodes are a drive alone, for a master elsewhere."""
+    return tuple(roles) == ("plant",) and rig.config.plant.drive is not None
+
+
+def dictionary_of(rig: Rig) -> list[objects.Object]:
+    """Return the drive's objects as they are at the start; RigError for what cannot be."""
+    drive = rig.config.plant.drive
+    assert drive is not None
+    every = objects.objects(drive.node, rig.config.rig)
+    try:
+        return objects.changed(every, {str(key): raw for key, raw in drive.objects.items()})
+    except ValueError as error:
+        raise rig.error(f"{KEY}.objects", str(error)) from None
+
+
+def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.Frame]:
+    """Return a node's received or sent frames but for those of the drive."""
+    found = list(dbc.frames(database, rig.config.sections[role].node, way))
+    drive = drive_of(rig, role)
+    if drive is None:
+        return found
+    every, node = dictionary_of(rig), drive.node
+    rows = [i * RPDO_ROWS + COB_ID for i in range(PDOS)]
+    rows += [FIRST_TPDO + i * TPDO_ROWS + COB_ID for i in range(PDOS)]
+    own = {every[row].start & _ID for row in rows}
+    own |= {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
+    return [frame for frame in found if frame.can_id not in own]
+
+
+def add_variables(
+    rig: Rig, role: Role, table: Table, blocks: Sequence[BlockSpec]
+) -> dict[int, float]:
+    """Add what is seen of the drive and its gains; return these. RigError for a wrong key."""
+    drive = drive_of(rig, role)
+    if drive is None:
+        return {}
+    position = _measured(rig, table, "position", drive.position)
+    velocity = f"{position}/s"
+    if drive.velocity is not None:
+        velocity = _measured(rig, table, "velocity", drive.velocity)
+    command = _unit_of_command(rig, blocks)
+    units = {"position": position, "velocity": velocity, "": ""}
+    for name, unit, help in SEEN:
+        table.add(Variable(f"drive.{name}", units[unit], "output", "drive", help))
+    table.add(Variable(COMMAND, command, "output", "drive", "what moves the plant"))
+    own = (f"({command})/({velocity})", "velocity loop")
+    for name, (unit, help) in zip(
+        GAINS, (("1/s", "position loop"), own, ("1/s", "integral of the velocity loop")),
+        strict=True,
+    ):  # fmt: skip
+        table.add(Variable(
+            name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False
+        ))  # fmt: skip
+    gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
+    dictionary_of(rig)
+    return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
+
+
+def _measured(rig: Rig, table: Table, key: str, name: str) -> str:
+    """Return the unit of a variable that the drive measures."""
+    if name not in table.index:
+        readable = [v.name for v in table.variables if v.kind in ("output", "state")]
+        what = f"the plant has no variable {name}{did_you_mean(name, readable)}"
+        raise rig.error(f"{KEY}.{key}", what)
+    return table.variables[table.index[name]].unit
+
+
+def _unit_of_command(rig: Rig, blocks: Sequence[BlockSpec]) -> str:
+    """Return the unit of the inputs that take the drive's command."""
+    units = {
+        port.unit
+        for spec in blocks for port in spec.block.inputs for name in port.names()
+        if spec.inputs.get(name) == COMMAND
+    }  # fmt: skip
+    if len(units) == 1:
+        return units.pop()
+    what = f"no block of the plant takes {COMMAND}; wire an input of one to it, as torque_Nm"
+    if units:
+        what = f"{COMMAND} is wired to inputs in {' and '.join(sorted(units))}; it has one unit"
+    raise RigError(f"{rig.where(KEY)}: {what}")
+
+
+def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
+    """Write the drive into the LOOP record; it waits for no other node's frames but for SYNC.
+
+    On a clock not even for that: a master may come at any time.
+    """
+    drive = drive_of(rig, role)
+    if drive is None:
+        return
+    d, index = loop.canopen, table.index
+    objects.install(d, drive.node, dictionary_of(rig))
+    d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
+    d.position_scale, d.velocity_scale = drive.scale.position, drive.scale.velocity
+    d.place_position, d.place_command = index[drive.position], index[COMMAND]
+    d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
+    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{SEEN[0][0]}"]
+    loop.rx.role["awaited"] = 0
+    if loop.clock.trigger == Trigger.CLOCKED:
+        loop.rx.role["starts"] = 0
+        loop.clock.arm_pass = min(loop.clock.arm_pass, 0)
+    loop.rx.starters, loop.rx.awaited = loop.rx.role["starts"].sum(), 0
