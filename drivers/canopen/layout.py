@@ -88,6 +88,7 @@ STATE = row_of(
 DRIVE = np.dtype(
     [
         ("on", "<i8"),  # 1: there is one
+        *((name, "<i8") for name in ("hears", "works", "speaks")),  # of `compiled.stage.call_at`
         ("node", "<i8"),
         ("n", "<i8"),  # objects
         ("place_position", "<i8"),  # of variables of the table; velocity -1: the differences

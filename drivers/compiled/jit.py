@@ -118,6 +118,7 @@ class Function:
         self._source = ready_code.Source(function)
         self._made: Any = None
         self._bound: dict[Any, Callable[..., Any]] = {}
+        self._places: dict[tuple[str, ...], int] = {}
         if signature is not None and not self._source.has(self._key(signature.marks)):
             self._bind(signature.marks)
 
@@ -151,6 +152,15 @@ class Function:
             self.in_numba.compile(tuple(kind.in_numba() for kind in arguments))
         else:
             self._bind(tuple(kind.mark for kind in arguments), kinds=arguments)
+
+    def address(self, arguments: tuple[Kind, ...]) -> int:
+        """Return where its code for these arguments lies; compile it if it is not kept."""
+        marks = tuple(kind.mark for kind in arguments)
+        with _one_at_a_time:
+            if marks not in self._places:
+                code = self._source.load(self._key(marks)) or self._compiled(marks, (), arguments)
+                self._places[marks] = code.address
+        return self._places[marks]
 
     def __reduce__(self) -> Any:
         return _itself, (self.in_numba,)

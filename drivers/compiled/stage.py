@@ -110,7 +110,28 @@ def _part(values: Any, place: Any) -> Any:
     return values[place:]
 
 
+_by_number: list[Any] = []  # of the interpreted loop
+
+
+def entry_of(function: Any, kind: Any) -> int:
+    """Return what `call_at` takes for a loop function of one structure; its result is an int64.
+
+    Only rigs that need such a function compile it.
+    """
+    if not LOOP_INTERPRETED:
+        return int(function.address((kind,)))
+    if function not in _by_number:
+        _by_number.append(function)
+    return _by_number.index(function)
+
+
+def _call_by_number(entry: int, n: Any) -> Any:
+    return _by_number[entry](n)
+
+
 ENTRY = i8  # the type of an address
+_TYPES = "pcpc.drivers.compiled.stage_types"
+call_at: Any = _call_by_number if LOOP_INTERPRETED else Deferred(_TYPES, "call_at")
 call: Any = (
     _call_interpreted if LOOP_INTERPRETED else Deferred("pcpc.drivers.compiled.stage_types", "call")
 )

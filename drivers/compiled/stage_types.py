@@ -57,3 +57,21 @@ def call(
         return context.get_dummy_value()
 
     return types.none(i8, f8, f8, POINTER, POINTER, POINTER, POINTER), generate
+
+
+@intrinsic
+def call_at(typing: Any, entry: Any, n: Any) -> Any:
+    """Call what is at an address with a structure; what it raises goes on to the caller."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        convention, kinds = context.call_conv, signature.args[1:]
+        kind = ir.PointerType(convention.get_function_type(types.int64, kinds))
+        function = builder.inttoptr(arguments[0], kind)
+        status, result = convention.call_function(
+            builder, function, types.int64, kinds, [arguments[1]]
+        )
+        with builder.if_then(status.is_error, likely=False):
+            convention.return_status_propagate(builder, status)
+        return result
+
+    return types.int64(i8, n), generate

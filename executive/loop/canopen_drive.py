@@ -4,10 +4,13 @@
     before      the blocks are stepped: states and loops, from the last sample to the command
     after       they were: the new sample, and what the drive sends by itself
 
-SYNC and heartbeats of other nodes are also the node's own, where its DBC file has them.
+The loop calls these by their addresses, so that a rig without a drive need not compile them. SYNC
+and heartbeats of other nodes are also the node's own, where its DBC file has them.
 """
 
 from typing import Any
+
+import numpy as np
 
 from pcpc.drivers.can import codec
 from pcpc.drivers.can.e2e_states import FrameState
@@ -37,25 +40,25 @@ SEEN = (  # what the table shows: name, unit (or whose), meaning
 
 @loop_function
 def hear_drive(n: Any) -> Any:
-    """Let the drive hear `wire.rx`; return whether it is nobody else's."""
+    """Let the drive hear `wire.rx`; return 1 if it is nobody else's, else 0."""
     d, word = n.canopen, word_of(n.wire.rx)
     d.k = n.k
     whose = hear(d, n.wire.rx)
     if whose == Whose.OTHER:
-        return False
+        return np.int64(0)
     if whose == Whose.TWIN:
         note_foreign(n, word)
     elif whose == Whose.ALL and codec.frame_of(word, n.rx.frames, n.rx.n) >= 0:
-        return False
+        return np.int64(0)
     else:
         push_frame(n, n.wire.rx, 1, FrameState.OK)
         n.control.received += 1
     send_outbox(n)
-    return True
+    return np.int64(1)
 
 
 @loop_function
-def work_drive(n: Any) -> None:
+def work_drive(n: Any) -> Any:
     """Step the drive: from the last sample to its command."""
     d = n.canopen
     d.k, at = n.k, d.place_gains
@@ -63,10 +66,11 @@ def work_drive(n: Any) -> None:
     d.gains.integral_per_s = n.v[at + 2]
     n.v[d.place_command] = work(d)
     send_outbox(n)
+    return np.int64(0)
 
 
 @loop_function
-def speak_drive(n: Any) -> None:
+def speak_drive(n: Any) -> Any:
     """Let the drive take the new sample and send what is due."""
     d = n.canopen
     x, position, velocity = d.state, n.v[d.place_position], 0.0
@@ -79,6 +83,7 @@ def speak_drive(n: Any) -> None:
     speak(d)
     send_outbox(n)
     show(n)
+    return np.int64(0)
 
 
 @loop_function

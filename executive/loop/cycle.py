@@ -25,11 +25,10 @@ from typing import Any
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, loop_inline, types
-from pcpc.drivers.compiled.stage import ENTRY
+from pcpc.drivers.compiled.stage import ENTRY, call_at
 from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.loop import control, meeting, timing
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.canopen_drive import speak_drive, work_drive
 from pcpc.executive.loop.clock import next_period, now, runs, set_time, wait
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
@@ -68,11 +67,11 @@ def one_pass(n: Any, steps: Any) -> Any:
     hear_requests(n)
     n.faults.stalled = 0
     if n.canopen.on != 0:
-        work_drive(n)
+        call_at(n.canopen.works, n)
     step(n, steps)
     limit(n)
     if n.canopen.on != 0:
-        speak_drive(n)
+        call_at(n.canopen.speaks, n)
     transmit(n)
     publish(n)
     next_cycle(n)

@@ -17,11 +17,11 @@ from pcpc.drivers.can.wire import get_frame
 from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.stage import call_at
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop import meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
-from pcpc.executive.loop.canopen_drive import hear_drive
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
@@ -119,7 +119,7 @@ def take(n: Any, block: Any) -> Any:
 @loop_function
 def take_one(n: Any) -> None:
     """Let the drive of this node, if it is one, or the node itself take `wire.rx`."""
-    if n.canopen.on == 0 or not hear_drive(n):
+    if n.canopen.on == 0 or call_at(n.canopen.hears, n) == 0:
         take_frame(n)
 
 

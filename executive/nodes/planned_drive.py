@@ -6,9 +6,12 @@ from typing import Any, Literal
 from pcpc.drivers.can import dbc
 from pcpc.drivers.canopen import objects
 from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
+from pcpc.drivers.compiled.stage import entry_of
+from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.loop.canopen_drive import SEEN
+from pcpc.executive.loop.canopen_drive import SEEN, hear_drive, speak_drive, work_drive
 from pcpc.executive.loop.clock import Trigger
+from pcpc.executive.loop.shared import LOOP
 from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
@@ -121,6 +124,9 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
         return
     d, index = loop.canopen, table.index
     objects.install(d, drive.node, dictionary_of(rig))
+    node = structure(LOOP)
+    hooks = (hear_drive, work_drive, speak_drive)
+    d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
     d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
     d.position_scale, d.velocity_scale = drive.scale.position, drive.scale.velocity
     d.place_position, d.place_command = index[drive.position], index[COMMAND]
