@@ -79,7 +79,7 @@ def test_a_wrong_object_is_named_with_its_place(entry: str, said: str) -> None:
 
 
 def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
-    with pytest.raises(NotInLanes, match="CANopen drive|nothing is compiled"):
+    with pytest.raises(NotInLanes, match=r"CANopen drive|nothing is compiled"):
         Group(load_rig(MASTERED), {})
     with pytest.raises(RigError, match="the drive moves this plant"):
         Driven(load_rig(MASTERED))
