@@ -201,6 +201,12 @@ def check_rate(rig: Rig, pacing: str) -> float:
     return load
 
 
+def check_no_drive(rig: Rig, what: str) -> None:
+    """Raise RigError, `what` it is, if the rig's plant is a drive on CANopen."""
+    if rig.config.plant.drive is not None:
+        raise rig.error("plant.drive", what)
+
+
 def check_classic(rig: Rig, what: str, place: str = "dbc") -> None:
     """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
     database = database_of(rig)

@@ -49,6 +49,9 @@ def command(options: argparse.Namespace) -> int:
     late = traffic.warning(rig, rig.config.pacing)
     report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
     report["warnings"] += _try_drawing(rig)
+    if rig.config.plant.drive is not None:
+        where = rig.where("plant.drive")
+        report["warnings"].append(f"{where}: the bus load is without the frames of the drive")
     if options.json:
         print(summary_file.text_of(report))
     else:

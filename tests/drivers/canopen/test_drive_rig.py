@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import pcpc
 
 from pcpc.executive.batch.driven import Driven
 from pcpc.executive.batch.group import Group, NotInLanes
@@ -83,3 +84,24 @@ def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
         Group(load_rig(MASTERED), {})
     with pytest.raises(RigError, match="the drive moves this plant"):
         Driven(load_rig(MASTERED))
+
+
+REFUSED = {
+    "C": (["generate", "c"], "generated C has no CANopen drive"),
+    "response times": (["bus"], "its master decides when the drive sends"),
+    "a watchdog": (["watchdog"], "does not know the frames of a CANopen drive"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_know_a_drive_says_so(name: str, tmp_path: Path) -> None:
+    words, said = REFUSED[name]
+    done = pcpc(*words, str(DRIVE), cwd=tmp_path)
+    assert done.code == 2 and said in done.err, done
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_check_says_what_the_bus_load_lacks() -> None:
+    done = pcpc("check", str(DRIVE))
+    said = " ".join(done.out.split())
+    assert done.code == 0 and "the bus load is without the frames of the drive" in said, done

@@ -28,7 +28,7 @@ from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import kernel, realtime
 from pcpc.executive.rig.buses import wanted_bus
-from pcpc.executive.rig.messages import check_classic
+from pcpc.executive.rig.messages import check_classic, check_no_drive
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
@@ -145,6 +145,7 @@ def command(options: argparse.Namespace) -> int:
     """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
     rig = load_rig(options.rig, options.controller, options.set)
     check_classic(rig, "the watchdog")
+    check_no_drive(rig, "the watchdog does not know the frames of a CANopen drive")
     wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), two=False)
     held = choice.take_bus(wanted)
     return serve(rig, held.bus, options.pacing or rig.config.pacing, options.feed)

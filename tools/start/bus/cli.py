@@ -14,6 +14,7 @@ from collections.abc import Iterator
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
+from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.start.bus import figure, report, traffic
 from pcpc.tools.start.bus.report import Bus, rate_of
@@ -40,6 +41,7 @@ def command(options: argparse.Namespace) -> int:
     if options.rate is not None:
         given.append(f"rate_hz={options.rate!r}")
     rig = load_rig(find(options.words[0]), None, given, resolve=False)
+    check_no_drive(rig, "its master decides when the drive sends; nothing bounds these frames")
     found = list(_buses(rig, options))
     if options.json:
         print(json.dumps(report.as_json(rig, found), indent=2))
