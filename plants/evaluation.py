@@ -105,6 +105,7 @@ def settling(source: Source, bound: float, over: str = RUN, needs: str = "") -> 
     """Return the time from the window's begin until |source| stays within `bound`; inf for never.
 
     Only cycles with a record of the plant count; a value that is not finite is outside.
+    `source`: (n,).
     """
 
     def ends(run: Run) -> Vector:

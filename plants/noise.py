@@ -42,7 +42,7 @@ def _splitmix(value: int) -> int:
 
 @inline
 def uniform(s: Array) -> float:
-    """Advance the stream `s` and return its next number in (0, 1)."""
+    """Advance the stream `s` (6,) and return its next number in (0, 1)."""
     a = 1403580.0 * s[1] - 810728.0 * s[0]
     a = a - (a * (1.0 / M1) + ROUND - ROUND) * M1
     a = where(a < 0.0, a + M1, a)  # (1)
@@ -56,7 +56,7 @@ def uniform(s: Array) -> float:
 
 @inline
 def normal(s: Array) -> float:
-    """Advance the stream `s` and return its next standard deviate."""  # (4)
+    """Advance the stream `s` (6,) and return its next standard deviate."""  # (4)
     total = -6.0
     for _ in range(_SUMMANDS):
         total += uniform(s)

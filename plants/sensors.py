@@ -23,7 +23,7 @@ def lag_rate(lagged: float, signal: float, bandwidth_hz: float) -> float:
 
 @inline
 def noisy(value: float, std: float, stream: Array) -> float:
-    """Return the sample of (2), drawing once from a stream of plants.noise."""
+    """Return the sample of (2), drawing once from a stream (6,) of plants.noise."""
     return value + std * normal(stream)
 
 

@@ -198,6 +198,7 @@ def linearised(phi: Vector, v: Vector, x: Vector, v_lacks: Vector) -> tuple[Vect
     """Return s - s'z, s' and s'V~'x of logistic nodes s, z = V'x; v (n, i, k), x (n, i).
 
     phi (n, 1 + k + ...): 1, s, and nodes that V does not reach, which stay in the first.
+    `v_lacks` as v.
     """
     inside = slice(1, 1 + v.shape[2])
     slope = phi[:, inside] * (1.0 - phi[:, inside])

@@ -28,7 +28,10 @@ _ODD_BYTES, _ODD_PAIRS, _LOW_HALF = 0x00FF_00FF_00FF_00FF, 0x0000_FFFF_0000_FFFF
 
 @inline
 def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
-    """Return which of the first `n_frames` has this id, a word of `can.can_id`; -1 for none."""
+    """Return which of the first `n_frames` has this id, a word of `can.can_id`; -1 for none.
+
+    `frames`: (rows,) of the tables.
+    """
     number, extended = word & can_id.ID, word >> can_id.EXTENDED_BIT
     for row in range(n_frames):
         if frames[row].can_id == number and frames[row].extended == extended:
@@ -38,14 +41,20 @@ def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
 
 @inline
 def length_of(frame: NDArray[np.uint8], row: int, frames: NDArray[Any]) -> np.int64:
-    """Return the length of a received frame; -1 if it is classic and its row FD, or without BRS."""
+    """Return the length of a received frame; -1 if it is classic and its row FD, or without BRS.
+
+    `frame` (bytes,), `frames` (rows,).
+    """
     differs = (np.int64(frame[5]) ^ frames[row].flags) & (Flag.FD | Flag.BRS)
     return np.int64(frame[4]) if differs == 0 else np.int64(-1)
 
 
 @inline
 def four_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
-    """Return the little-endian word of the 4 bytes from `at` on: one load, where `at` is known."""
+    """Return the little-endian word of the 4 bytes from `at` on: one load, where `at` is known.
+
+    `data`: (n,).
+    """
     low = np.int64(data[at]) | np.int64(data[at + 1]) << np.int64(8)
     high = np.int64(data[at + 2]) | np.int64(data[at + 3]) << np.int64(8)
     return np.int64(low | high << np.int64(16))
@@ -53,13 +62,13 @@ def four_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
 
 @inline
 def eight_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
-    """Return the little-endian word of the 8 bytes from `at` on."""
+    """Return the little-endian word of the 8 bytes of `data` (n,) from `at` on."""
     return np.int64(four_bytes(data, at) | four_bytes(data, at + 4) << np.int64(32))
 
 
 @inline
 def put_four_bytes(data: NDArray[np.uint8], at: int, word: int) -> None:
-    """Write a little-endian word into 4 bytes from `at` on."""
+    """Write a little-endian word into 4 bytes of `data` (n,) from `at` on."""
     data[at] = word & 255
     data[at + 1] = (word >> np.int64(8)) & 255
     data[at + 2] = (word >> np.int64(16)) & 255
@@ -119,7 +128,8 @@ def unpack(
 ) -> None:
     """Decode `data` by row `frame` of the tables into the signals' places in `values`.
 
-    `data` has 8 bytes, or as many as the frame's dlc if that is more.
+    `data` (n,) has 8 bytes, or as many as the frame's dlc if that is more; `frames` and `signals`
+    (rows,) each, `values` (variables,).
     """
     long = frames[frame].dlc > 8
     little = eight_bytes(data, 0)
@@ -170,7 +180,8 @@ def pack(
     """Encode the signals of row `frame` from `values` into `data`.
 
     8 bytes are written, or as many as its dlc if that is more. Returns how many signals saturated:
-    the nearest raw value lies outside of its limits, or NaN.
+    the nearest raw value lies outside of its limits, or NaN. `data` (bytes,), `frames` and
+    `signals` (rows,) each, `values` (variables,).
     """
     little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
     long = frames[frame].dlc > 8

@@ -55,7 +55,7 @@ _CRC_16_TABLE = _crc_table(0x1021, 16)
 
 
 def new_state(n_frames: int) -> NDArray[Any]:
-    """Return the state of a receiver that has heard nothing, a row of RECEIVER for each frame."""
+    """Return the state (n_frames,) of a receiver that has heard nothing, rows of RECEIVER."""
     state = np.zeros(n_frames, RECEIVER)
     state["last_counter"], state["state"] = -1, FrameState.NOT_AVAILABLE
     return state
@@ -63,7 +63,10 @@ def new_state(n_frames: int) -> NDArray[Any]:
 
 @inline
 def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
-    """Return the CRC-8 over two bytes of the id, low first, and the first `n_bytes` of `data`."""
+    """Return the CRC-8 over two bytes of the id, low first, and the first `n_bytes` of `data`.
+
+    `data`: (n,).
+    """
     crc = _CRC_TABLE[np.uint64(0xFF ^ (can_id & 0xFF))]
     crc = _CRC_TABLE[crc ^ np.uint64((can_id >> 8) & 0xFF)]
     for i in range(n_bytes):
@@ -73,7 +76,7 @@ def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
 
 @compiled()
 def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np.int64:
-    """Return the CRC-16 over `n_bytes` of `data` but the two at `place`, and two of the id."""
+    """Return the CRC-16 over `n_bytes` of `data` (n,) but the two at `place`, and two of the id."""
     crc = np.uint64(0xFFFF)
     for i in range(n_bytes + 2):
         byte = data[i] if i < n_bytes else data_id >> 8 * (i - n_bytes)
@@ -85,7 +88,7 @@ def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np
 
 @compiled()
 def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
-    """Return the CRC that belongs to the data of a protected frame."""
+    """Return the CRC that belongs to `data` (n,) of a protected frame of `frames` (rows,)."""
     place = frames[frame].crc_byte
     if frames[frame].protected == Protection.CRC_16:
         return crc16(frames[frame].data_id, data, place, frames[frame].dlc)
@@ -94,7 +97,7 @@ def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.i
 
 @compiled()
 def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
-    """Return the CRC that stands in the data of a protected frame."""
+    """Return the CRC that stands in `data` (n,) of a protected frame of `frames` (rows,)."""
     place = frames[frame].crc_byte
     crc = np.int64(data[place])
     if frames[frame].protected == Protection.CRC_16:
@@ -104,7 +107,10 @@ def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int6
 
 @compiled()
 def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], crc: int) -> None:
-    """Write a CRC into the data of a protected frame, as many bits of it as it has."""
+    """Write a CRC into the data of a protected frame, as many bits of it as it has.
+
+    `data` (n,), `frames` (rows,).
+    """
     place = frames[frame].crc_byte
     data[place] = crc & 0xFF
     if frames[frame].protected == Protection.CRC_16:
@@ -116,6 +122,7 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: 
     """Write counter (modulo its width) and CRC into packed `data`; does nothing to a frame without.
 
     `counter` is the SYNC sequence in a frame of every cycle, the transmission's number in others.
+    `data` (n,), `frames` (rows,).
     """
     if frames[frame].protected == Protection.UNPROTECTED:
         return
@@ -132,14 +139,17 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: 
 
 @inline
 def begin_cycle(state: NDArray[Any], n_frames: int) -> None:
-    """Age the first frames by one cycle; call it once per cycle before the frames are drained."""
+    """Age the first frames by one cycle; call it once per cycle before the frames are drained.
+
+    `state`: (rows,).
+    """
     for row in range(n_frames):
         age(state, row)
 
 
 @inline
 def age(state: NDArray[Any], row: int) -> None:
-    """Age a frame by one cycle."""
+    """Age a frame of `state` (rows,) by one cycle."""
     state[row].age_cycles += 1
     state[row].still_cycles += 1
     state[row].fresh = 0
@@ -164,7 +174,7 @@ def check(
     """Judge a received frame of `length` bytes and update its row of `state`.
 
     Returns the receiver state and the number of frames lost before this one. Decode the frame only
-    if the state is OK or OK_SOME_LOST.
+    if the state is OK or OK_SOME_LOST. `data` (n,); `frames`, `state` (rows,) each.
     """
     last, protected = frames[frame].crc_byte, frames[frame].protected
     if length != frames[frame].dlc or (

@@ -113,7 +113,7 @@ def prepare(
     line: Any, senders: int, room: int = 64, *,
     in_order: bool = False, p: float = 0.0, burst: float = 1.0, seed: int = 1,
 ) -> None:  # fmt: skip
-    """Fill the zeroed LINE record `line`."""
+    """Fill the zeroed LINE record `line`; ValueError for wrong `senders` or `room`."""
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
     line.senders, line.room, line.in_order = senders, room, in_order

@@ -167,7 +167,7 @@ class Driven:
         return self._made.table.variables[self.place(name)].unit
 
     def rounded(self, name: str, values: Array) -> Array:
-        """Return values of FRAME.signal as the bus rounds them; of another name as they are."""
+        """Return values (n,) of FRAME.signal as the bus rounds them; of other names as they are."""
         quantum, offset = self.quantum.get(name, 0.0), self._offset.get(name, 0.0)
         if not quantum:
             return values

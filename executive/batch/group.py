@@ -141,7 +141,7 @@ class Group:
     def run(self) -> NDArray[np.bool_]:
         """Run all lanes to the end; return which are odd: all, where a step ends with an exception.
 
-        Raises LanesDiffer; StepError, with its name, for a step that does not return.
+        Shape (WIDTH,). Raises LanesDiffer; StepError, named, for a step that does not return.
         """
         top, low = self.seats["executive"], self.seats["plant"]
         for first in range(0, self.cycles, PIECE):

@@ -56,7 +56,10 @@ class Inventory:
         return False
 
     def new_rows(self, name: str, rows: Rows) -> Rows:
-        """Return the messages of a topic that are neither there already nor out of order."""
+        """Return the messages of a topic that are neither there already nor out of order.
+
+        Both (messages, bytes of each record).
+        """
         kind = TOPICS.get(name, ("", ""))[1]
         if kind in _LEAST:
             keep = self._in_order(name, rows, _LEAST[kind])

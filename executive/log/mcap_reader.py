@@ -137,8 +137,9 @@ def scan(path: Path) -> Scan:
 def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
     """Yield the messages of a file as they come; put all else into `found`. LogError as `scan`.
 
-    All pieces of a chunk come at one `found.place`. `only`: chunks with messages between these log
-    times, ns, are looked into; whether all is there is not told then. A whole summary says where.
+    A piece: channel id, messages (n, bytes of each record). All pieces of a chunk come at one
+    `found.place`. `only`: chunks with messages between these log times, ns, are looked into;
+    whether all is there is not told then. A whole summary says where.
     """
     try:
         with open_regular(path) as file:

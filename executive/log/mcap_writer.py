@@ -172,7 +172,7 @@ class BulkWriter(Writer):
 def message_records(
     channel: int, cycle: NDArray[np.int64], log_ns: NDArray[np.int64], data: NDArray[np.uint8]
 ) -> NDArray[Any]:
-    """Return message records; `data` (n, payload bytes)."""
+    """Return message records (n,); `cycle`, `log_ns` (n,), `data` (n, payload bytes)."""
     out = np.empty(len(data), message_dtype(data.shape[1]))
     out["opcode"], out["channel"] = Opcode.MESSAGE, channel
     out["length"] = out.dtype.itemsize - 9

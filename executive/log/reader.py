@@ -122,7 +122,8 @@ def pieces(
     """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
 
     `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
-    each run of messages, channel and rows, as they come; at the end channel -1. `only`: of `walk`.
+    each run of messages, channel and rows (n, bytes of a message), as they come; at the end channel
+    -1. `only`: of `walk`.
     """
     found, begin, told = Scan(), 0, 0
     for piece in walk(path, found, only):

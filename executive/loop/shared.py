@@ -335,7 +335,7 @@ class Shared:
 
 
 def rows_of(words: NDArray[Any], columns: int) -> NDArray[np.int64]:
-    """Return the memory of a ring as rows."""
+    """Return the memory (n,) of a ring as rows (n // columns, columns)."""
     rows = len(words) // columns
     return words[: rows * columns].reshape(rows, columns)
 
@@ -352,7 +352,10 @@ def blank() -> mmap.mmap:
 
 
 def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a structure that begins `memory`, and its records, by name."""
+    """Return the arrays of a structure that begins `memory`, and its records, by name.
+
+    The shapes are those in `kind`.
+    """
     record = np.frombuffer(memory, kind, 1)
     names = [name for name in kind.names or () if kind[name].shape or kind[name].names]
     return {name: record[name][0] for name in names}
@@ -375,7 +378,7 @@ def completed(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
 def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
     """Return a consistent copy of all variables; the old `into` when the writer never paused.
 
-    Raises SharedError if there is no old copy either.
+    Both (variables,). Raises SharedError if there is no old copy either.
     """
     seq, values = block["seq"], block["snapshot"]
     for _ in range(tries):

@@ -170,7 +170,7 @@ class Player:
         buses.open_bus(bus, receive_ids, self.n.wire)
 
     def hear(self, ids: NDArray[np.int64]) -> bool:
-        """Return whether one of `ids` (with SocketCAN's flags) came within 0.1 s; OSError."""
+        """Return whether one of `ids` (n,), with SocketCAN's flags, came within 0.1 s; OSError."""
         result = hear(self.n, ids)
         if result < 0:
             raise OSError(int(self.n.wire.errno), os.strerror(int(self.n.wire.errno)))

@@ -99,7 +99,7 @@ class Document:
         return RigError(f"{place}: {whole}")
 
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
-        """Return the file that the value `text` at `keys` names, from where it was written."""
+        """Return the file that `text` at `keys` names, from where it was written; RigError."""
         try:
             file = _real_path(self.place(keys).folder / text)
             if file.is_file():

@@ -73,7 +73,7 @@ class Beam:
     inertia_kg_m2: float
 
     def static_sag(self) -> Vector:
-        """Modal deflections of the horizontal barrel at rest under gravity."""
+        """Modal deflections (modes,) of the horizontal barrel at rest under gravity."""
         sag: Vector = -GRAVITY_M_S2 * self.gravity / self.omega_rad_s**2
         return sag
 
@@ -117,7 +117,10 @@ def _bisect(function: Callable[[float], float], low: float, high: float) -> floa
 
 
 def mode_shapes(roots: Vector, length_m: float, x_m: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return f, f', f'' of (3), not normalised, each (modes, points), at `x_m` (points,)."""
+    """Return f, f', f'' of (3), not normalised, each (modes, points), at `x_m` (points,).
+
+    `roots`: (modes,).
+    """
     b = roots[:, np.newaxis]
     y = b * x_m / length_m
     k = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))

@@ -78,7 +78,10 @@ def advance(p: Parameters, sines: Array) -> None:
 
 @inline
 def motion(p: Parameters, sines: Array) -> tuple[float, float, float, float]:
-    """Return pitch, its rate and acceleration, and the heave acceleration: eq. (1) to (3)."""
+    """Return pitch, its rate and acceleration, and the heave acceleration: eq. (1) to (3).
+
+    `sines`: (2, 24).
+    """
     pitch, rate, sine_sum, cosine_sum = 0.0, 0.0, 0.0, 0.0
     for i in range(int(p.hull_sines)):
         s, c = sines[0, i], sines[1, i]

@@ -132,7 +132,10 @@ def sample_weight(n: int, age: float, p: Parameters, period: float) -> float:
 
 @inline
 def add_signals(weights: Array, s: Motion, w: External, seen: Array) -> None:
-    """Add to `seen` the sensors' signals, each with its device's weight, in the order of AGES."""
+    """Add to `seen` the sensors' signals, each with its device's weight, in the order of AGES.
+
+    `weights`: (6,), `seen`: (10,).
+    """
     encoder, gyro, told = weights[0], weights[1], weights[2]
     strain, torque, motor = weights[3], weights[4], weights[5]
     seen[0] += encoder * (s.theta_rad - w.pitch_rad)

@@ -154,7 +154,7 @@ def lugre(
 
 @inline
 def advance(tau: Array, dt: float, p: Parameters, x: Motion) -> None:
-    """One step (4) of positions, rates, bristles and friction torques under a constant torque."""
+    """One step (4) of positions, rates, bristles and friction torques under constant `tau` (2,)."""
     q, v = x.q_rad, x.rate_rad_s
     m11, m12, m22, c1, c2 = motion(p, p.m2_kg, q, v)
     g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, p.m2_kg, p.gravity_m_s2)

@@ -44,7 +44,10 @@ class Network(Protocol):
 
 @inline
 def step_pair(v: float, phi: Array, at: int) -> None:
-    """Write the two nodes (4) to phi[at] and phi[at + 1]; at v = 0 they are 1 and 0."""
+    """Write the two nodes (4) to phi[at] and phi[at + 1]; at v = 0 they are 1 and 0.
+
+    `phi`: (k,).
+    """
     forward = v >= 0.0
     phi[at] = where(forward, 1.0, 0.0)
     phi[at + 1] = where(forward, 1.0 - exp(-v), 0.0)
@@ -58,7 +61,7 @@ def ramp(v: float, v_eps: float) -> float:
 
 @inline
 def hidden(x: Array, net: Network, n: int) -> None:
-    """Write z (1) and s (2) of x."""
+    """Write z (1) and s (2) of `x` (n_in,)."""
     net.s[0] = 1.0
     nodes(x, net.v, n, net.z, net.s, 1)
 
@@ -95,7 +98,7 @@ def norm(net: Network, n: int) -> float:
 def tuning_gain(
     x: Array, net: Network, n: int, rate_s: float, rate_t: float, rate_e: float
 ) -> float:
-    """Return G (9)."""
+    """Return G (9); `x` (n_in,)."""
     outer, inner = 1.0, 0.0  # of the threshold, s_0 = 1 and s'_0 = 0
     for j in range(n):
         s, w = net.s[j + 1], net.w1[j + 1]
@@ -119,7 +122,8 @@ def tune(
 ) -> None:
     """One Euler step of (6) to (8) in place.
 
-    `leak` = kappa |r|; `step_s`, `step_t`, `step_e` are S, T, E times the period.
+    `x` (n_in,), `r` (m,); `leak` = kappa |r|; `step_s`, `step_t`, `step_e` are S, T, E times the
+    period.
     """
     phi, v, w1, w2 = net.phi, net.v, net.w1, net.w2
     for j in range(n):

@@ -30,7 +30,7 @@ from pcpc.executive.laws.emath import sqrt, where
 
 @inline
 def hidden(kind: int, x: Array, v: Array, z: Array, s: Array, slope: Array) -> None:
-    """Write z (1), s (2) and sigma'(z)."""
+    """Write z (1), s (2) and sigma'(z): `z`, `slope` (L,), `s` (L+1,); `x` (n,), `v` (n+1, L)."""
     nodes = len(z)
     for j in range(nodes):
         z[j] = v[0, j]
@@ -44,7 +44,10 @@ def hidden(kind: int, x: Array, v: Array, z: Array, s: Array, slope: Array) -> N
 
 @inline
 def output(s: Array, w: Array, y: Array) -> None:
-    """Write y = W's (3); for every net linear in W, of any number of nodes."""
+    """Write y = W's (3); for every net linear in W, of any number of nodes.
+
+    `s` (nodes,), `w` (nodes, m), `y` (m,).
+    """
     for i in range(len(y)):
         total = 0.0
         for j in range(len(w)):
@@ -54,7 +57,10 @@ def output(s: Array, w: Array, y: Array) -> None:
 
 @inline
 def tune_output(gain: float, s: Array, e: Array, w: Array) -> None:
-    """W <- W + gain s E' in place, as in (5); for every net linear in W."""
+    """W <- W + gain s E' in place, as in (5); for every net linear in W.
+
+    `s` (nodes,), `e` (m,), `w` (nodes, m).
+    """
     for j in range(len(w)):
         for i in range(len(e)):
             w[j, i] += gain * s[j] * e[i]
@@ -62,7 +68,10 @@ def tune_output(gain: float, s: Array, e: Array, w: Array) -> None:
 
 @inline
 def back(slope: Array, w: Array, e: Array, b: Array) -> None:
-    """Write b = s''W E (L,), the error as the hidden layer sees it; call it before `w` is tuned."""
+    """Write b = s''W E (L,), the error as the hidden layer sees it; call it before `w` is tuned.
+
+    `slope` (L,), `w` (L+1, m), `e` (m,).
+    """
     for j in range(len(b)):
         total = 0.0
         for i in range(len(e)):
@@ -72,7 +81,7 @@ def back(slope: Array, w: Array, e: Array, b: Array) -> None:
 
 @inline
 def tune_first(gain: float, x: Array, b: Array, v: Array) -> None:
-    """V <- V + gain [1; x] b' in place, as in (5)."""
+    """V <- V + gain [1; x] b' in place, as in (5): `x` (n,), `b` (L,), `v` (n+1, L)."""
     for j in range(len(b)):
         v[0, j] += gain * b[j]
     for i in range(len(x)):
@@ -84,7 +93,10 @@ def tune_first(gain: float, x: Array, b: Array, v: Array) -> None:
 def tune(
     f: float, g: float, e: Array, x: Array, s: Array, slope: Array, b: Array, w: Array, v: Array
 ) -> None:
-    """One step of (5) in place after `hidden`; for (6) give f T and g T. `b` (L,) is scratch."""
+    """One step of (5) in place after `hidden`; for (6) give f T and g T. `b` (L,) is scratch.
+
+    `e` (m,), `x` (n,), `s` (L+1,), `slope` (L,), `w` (L+1, m), `v` (n+1, L).
+    """
     back(slope, w, e, b)
     tune_output(f, s, e, w)
     tune_first(g, x, b, v)
@@ -96,7 +108,8 @@ def tune_hebbian(
 ) -> None:
     """One Euler step of (7) in place after `hidden`; `f`, `g` hold the step size already.
 
-    `leak` >= 0 with g leak < 1; `limit` of |V|_F, infinite for none.
+    `leak` >= 0 with g leak < 1; `limit` of |V|_F, infinite for none. `e` (m,), `x` (n,), `s`
+    (L+1,), `w` (L+1, m), `v` (n+1, L).
     """
     kept = 1.0 - g * leak
     nodes = len(w) - 1

@@ -35,7 +35,10 @@ def _cell(x: float, low: float, d: float, cells: int) -> tuple[int, float]:
 
 @inline
 def axis(order: int, x: float, low: float, d: float, count: int, out: Array, at: int) -> int:
-    """Write the `order` values of (2) or (3) to out[at..]; return the first node's index."""
+    """Write the `order` values of (2) or (3) to out[at..]; return the first node's index.
+
+    `out`: (at + order,) or longer.
+    """
     if order == 2:
         i, f = _cell(x, low, d, count - 1)
         out[at], out[at + 1] = 1.0 - f, f
@@ -80,7 +83,10 @@ def touched(
 
 @inline
 def output(index: Array, value: Array, size: int, w: Array, y: Array) -> None:
-    """Write y (5) from the `size` nodes touched: `w` (nodes, m), `y` (m,)."""
+    """Write y (5) from the `size` nodes touched: `w` (nodes, m), `y` (m,).
+
+    `index`, `value`: (size,).
+    """
     for i in range(len(y)):
         total = 0.0
         for j in range(size):
@@ -90,7 +96,10 @@ def output(index: Array, value: Array, size: int, w: Array, y: Array) -> None:
 
 @inline
 def tune(gain: float, index: Array, value: Array, size: int, e: Array, w: Array) -> None:
-    """W <- W + gain phi E' in place, only the rows touched (5)."""
+    """W <- W + gain phi E' in place, only the rows touched (5).
+
+    `index`, `value` (size,), `e` (m,), `w` (nodes, m).
+    """
     for j in range(size):
         for i in range(len(e)):
             w[int(index[j]), i] += gain * value[j] * e[i]
@@ -98,7 +107,10 @@ def tune(gain: float, index: Array, value: Array, size: int, e: Array, w: Array)
 
 @inline
 def recursion(order: int, x: float, t: Array, b: Array) -> None:
-    """Write all B_j,order (6) (7), j = 0..knots - order - 1, to `b` (knots - 1,); `t` rising."""
+    """Write all B_j,order (6) (7), j = 0..knots - order - 1, to `b` (knots - 1,).
+
+    `t`: (knots,), rising.
+    """
     knots = len(t)
     for j in range(knots - 1):
         b[j] = where((t[j] <= x) & (x < t[j + 1]), 1.0, 0.0)

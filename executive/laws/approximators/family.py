@@ -67,7 +67,7 @@ class Approximator(ABC):
         return y
 
     def weights(self) -> tuple[Array, Array]:
-        """Return W and V, the arrays themselves."""
+        """Return W (nodes, m) and V, the arrays themselves; V is (0,) where jac is empty."""
         return self._w, self._v
 
     def gradient(self, x: ArrayLike, error: ArrayLike) -> tuple[Array, Array]:
@@ -160,7 +160,7 @@ class Augmented(Approximator):
         self._v = np.random.default_rng(seed).uniform(-spread, spread, (inputs + 1, nodes))
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return [s; phi] and [s'; 0]: V_2 is fixed."""
+        """Return [s; phi] (nodes,) and [s'; 0] (nodes, L): V_2 is fixed."""
         point = self._checked(x)
         s, jac = _smooth(LOGISTIC, point, self._v)
         phi = np.zeros(self.count)

@@ -37,7 +37,10 @@ def full_grid(counts: Sequence[int]) -> NDArray[np.float64]:
 
 @inline
 def triangles(x: Array, counts: Array, b: Array, member: Array) -> None:
-    """Write the membership (4) of every set: `b`, `member` (sets,); `b` rising on each input."""
+    """Write the membership (4) of every set: `b`, `member` (sets,); `b` rising on each input.
+
+    `x`, `counts`: (n,).
+    """
     at = 0
     for k in range(len(x)):
         count = int(counts[k])
@@ -53,7 +56,10 @@ def triangles(x: Array, counts: Array, b: Array, member: Array) -> None:
 
 @inline
 def by_product(member: Array, rules: Array, phi: Array) -> None:
-    """Write phi (1) (2) from memberships; all 0 where no rule fires. `rules` (rules, n) is r."""
+    """Write phi (1) (2) from memberships; all 0 where no rule fires. `rules` (rules, n) is r.
+
+    `member`: (sets,), `phi`: (rules,).
+    """
     total = 0.0
     for rule in range(len(rules)):
         mu = 1.0
@@ -67,7 +73,10 @@ def by_product(member: Array, rules: Array, phi: Array) -> None:
 
 @inline
 def by_logarithm(x: Array, rules: Array, a: Array, b: Array, phi: Array) -> None:
-    """Write phi (1) (2) of Gaussian sets (5) in the form (6): `x` (n,), `a`, `b` (sets,)."""
+    """Write phi (1) (2) of Gaussian sets (5) in the form (6): `x` (n,), `a`, `b` (sets,).
+
+    `rules`: (rules, n), `phi`: (rules,).
+    """
     largest = -1.0e300
     for rule in range(len(rules)):
         exponent = 0.0
@@ -99,7 +108,8 @@ def slopes(
 ) -> None:
     """Write d/da, d/db of sum_l c_l phi_l, given its value `c_mean`: (8) (9) for c = a column of W.
 
-    `c`, `phi` (rules,), `da`, `db` (sets,). For a law driven by E: c = W E, c_mean = y'E.
+    `c`, `phi` (rules,), `a`, `b`, `da`, `db` (sets,), `x` (n,), `rules` (rules, n). For a law
+    driven by E: c = W E, c_mean = y'E.
     """
     for r in range(len(a)):
         da[r] = 0.0
@@ -115,7 +125,7 @@ def slopes(
 
 @inline
 def clamp(a: Array, a_min: float, a_max: float) -> None:
-    """Keep |a| in a_min..a_max in place (10); the sign stays, a zero becomes a_min."""
+    """Keep |a| (sets,) in a_min..a_max in place (10); the sign stays, a zero becomes a_min."""
     for r in range(len(a)):
         size = clip(abs(a[r]), a_min, a_max)
         a[r] = where(a[r] < 0.0, -size, size)

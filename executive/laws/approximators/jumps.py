@@ -29,7 +29,10 @@ NAMES = ("polynomial", "sigmoid", "tanh")
 
 @inline
 def jump_nodes(kind: int, z: float, count: int, phi: Array, at: int) -> None:
-    """Write the basis functions k = 0 .. count - 1 of z, (2) to (5), to phi[at..]."""
+    """Write the basis functions k = 0 .. count - 1 of z, (2) to (5), to phi[at..].
+
+    `phi`: (at + count,) or longer.
+    """
     base = z
     if kind == SIGMOID:
         t = tanh(0.5 * where(z < 0.0, 0.0, z))

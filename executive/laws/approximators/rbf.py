@@ -20,7 +20,10 @@ CROSSING = 1.6651092223153954  # sqrt(4 ln 2): (x/d CROSSING)^2 = x^2/(2 p) with
 
 @inline
 def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Array) -> None:
-    """Write the factors (2) (3) (4) of one axis to out[at..]; centres low, low + d, ..."""
+    """Write the factors (2) (3) (4) of one axis to out[at..]; centres low, low + d, ...
+
+    `out`: (at + count,) or longer.
+    """
     for j in range(count):
         r = (x - (low + j * d)) / d
         if j == 0:
@@ -50,7 +53,10 @@ def products(factors: Array, counts: Array, phi: Array) -> None:
 
 @inline
 def grid(x: Array, low: Array, d: Array, counts: Array, factors: Array, phi: Array) -> None:
-    """Write phi (2); `x`, `low`, `d`, `counts` (n,), `factors` (sum of counts,) is scratch."""
+    """Write phi (2); `x`, `low`, `d`, `counts` (n,), `factors` (sum of counts,) is scratch.
+
+    `phi`: (product of counts,).
+    """
     at = 0
     for k in range(len(x)):
         count = int(counts[k])
@@ -61,7 +67,10 @@ def grid(x: Array, low: Array, d: Array, counts: Array, factors: Array, phi: Arr
 
 @inline
 def scattered(x: Array, centres: Array, precisions: Array, phi: Array) -> None:
-    """Write phi (1): `centres` (nodes, n), `precisions` (nodes, n, n) the P_j^-1."""
+    """Write phi (1): `centres` (nodes, n), `precisions` (nodes, n, n) the P_j^-1.
+
+    `x`: (n,), `phi`: (nodes,).
+    """
     n = len(x)
     for j in range(len(phi)):
         total = 0.0

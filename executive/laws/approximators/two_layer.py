@@ -41,7 +41,10 @@ class Network(Protocol):
 
 @inline
 def jump_pair(v: float, v_s: float, phi: Array, at: int) -> None:
-    """Write the two jump nodes (5) of `v` to phi[at] and phi[at + 1]."""
+    """Write the two jump nodes (5) of `v` to phi[at] and phi[at + 1].
+
+    `phi`: (at + 2,) or longer.
+    """
     rise = 1.0 - exp(-abs(v) / v_s)
     phi[at] = where(v > 0.0, rise, 0.0)
     phi[at + 1] = where(v < 0.0, rise, 0.0)
@@ -51,7 +54,7 @@ def jump_pair(v: float, v_s: float, phi: Array, at: int) -> None:
 def nodes(x: Array, v: Array, n: int, a: Array, s: Array, first: int) -> None:
     """Write a (1) of the first `n` nodes, and s (2) to s[first..]; `x` (n_in,), `v` (n_in, >= n).
 
-    `a` may be `s` itself where `first` is 0.
+    `a` (n,) may be `s` (first + n,) itself where `first` is 0.
     """
     for j in range(n):
         total = 0.0
@@ -63,7 +66,10 @@ def nodes(x: Array, v: Array, n: int, a: Array, s: Array, first: int) -> None:
 
 @inline
 def hidden(x: Array, v: Array, a: Array, phi: Array) -> None:
-    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,)."""
+    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,).
+
+    `phi`: (n + 1,).
+    """
     phi[0] = 1.0
     nodes(x, v, len(a), a, phi, 1)
 

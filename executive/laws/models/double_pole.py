@@ -48,7 +48,7 @@ def sampled(period_s: float) -> dict[str, float]:
 
 @inline
 def advance(m: Sampled, x: Joints, u: Array) -> None:
-    """Advance both joints (2); `m` is Sampled, `x` Joints, `u` has one value a joint."""
+    """Advance both joints (2); `m` is Sampled, `x` Joints, `u` (2,) has one value a joint."""
     for j in range(JOINTS):
         q, v = x.q[j], x.v[j]
         x.q[j] = m.q_of_q * q + m.q_of_v * v + m.q_of_u * u[j]

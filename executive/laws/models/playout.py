@@ -46,14 +46,17 @@ def slot(tick: float) -> int:
 
 @inline
 def put(ring: Array, number: float, now: float, delay: float, value: float) -> None:
-    """Put a value that came with wire tick `number` into the ring (2)."""
+    """Put a value that came with wire tick `number` into the ring (512,), see (2)."""
     at = slot(tick_of(number, now))
     ring[at] = where(in_time(number, now, delay), value, ring[at])
 
 
 @inline
 def take(ring: Array, tick: float, held: float) -> tuple[float, float]:
-    """Take the entry of `tick` out; return it and 0, or `held` and 1 if there is none (3)."""
+    """Take the entry of `tick` out; return it and 0, or `held` and 1 if there is none (3).
+
+    `ring`: (512,).
+    """
     at = slot(tick)
     entry = ring[at]
     ring[at] = EMPTY

@@ -62,7 +62,7 @@ def gravity_torque(
 
 @inline
 def motion(p: LinksLike, m2: float, q: Array, v: Array) -> tuple[float, float, float, float, float]:
-    """Return M11, M12, M22 of (2) and Vm q' of (3); `v` is q'."""
+    """Return M11, M12, M22 of (2) and Vm q' of (3); `v` is q'. `q`, `v`: (2,)."""
     sine, cosine = sincos(q[1])
     m11, m12, m22 = inertia(cosine, p.a1_m, p.a2_m, p.m1_kg, m2)
     c1, c2 = velocity_torque(m2 * p.a1_m * p.a2_m * sine, v[0], v[1])

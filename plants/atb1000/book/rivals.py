@@ -91,7 +91,7 @@ def interval(ratio: Array) -> tuple[float, float, float]:
 
 
 def mean_ratio(ratio: Array) -> str:
-    """Return a ratio with its interval."""
+    """Return the mean of ratios (n,) with its interval."""
     return "{:.3g} ({:.3g} to {:.3g})".format(*interval(ratio))
 
 

@@ -73,19 +73,19 @@ def cases() -> Iterator[Case]:
 
 
 def column(results: Sequence[Result], law: str, kind: str, metric: str = RMS) -> Vector:
-    """Return a metric of a law's runs of a kind, barrel by barrel; infinite where one diverged."""
+    """Return a metric of a law's runs of a kind, (barrels,); infinite where one diverged."""
     own = [r for r in results if (r.case.controller, r.case.group) == (law, kind)]
     return np.array([r.metric(metric) for r in sorted(own, key=lambda r: int(r.case.label))])
 
 
 def costs(results: Sequence[Result], law: str, kind: str) -> Vector:
-    """Return the ratios of rms, with over without, of the same barrels."""
+    """Return the ratios of rms, with over without, of the same barrels, (barrels,)."""
     found = column(results, law, kind)
     return found / column(results, law, NONE)[: len(found)]
 
 
 def interval(values: Vector) -> tuple[float, float, float]:
-    """Return the median and its 95 % interval."""
+    """Return the median of values (n,) and its 95 % interval."""
     rng = np.random.default_rng(1)
     drawn = values[rng.integers(len(values), size=(RESAMPLED, len(values)))]
     low, high = np.percentile(np.median(drawn, axis=1), (2.5, 97.5))

@@ -19,7 +19,10 @@ def draw_costs(
     errors: Sequence[Sequence[Vector]],
     path: Path,
 ) -> None:
-    """Draw `table` (kinds, laws) of costs, and errors (without, with) of each law, mrad."""
+    """Draw `table` (kinds, laws) of costs, and errors (without, with) of each law, mrad.
+
+    Each of these errors: (barrels,).
+    """
     figure, (left, right) = sheet((12, 4.8), 100, 1, 2, width_ratios=(1.5, 1.0))
     shown = np.clip(np.log2(table), -np.log2(LIMIT), np.log2(LIMIT))
     left.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")

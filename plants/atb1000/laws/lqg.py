@@ -155,7 +155,7 @@ def compare(u_e: float, s: Sensor, x: States, u: pd.FlexibleInputs) -> None:
 
 @inline
 def feedback(k: Array, x_c: Array, x_d: Array) -> float:
-    """Return K (x_c - x_d) of (8), summed by pairs."""
+    """Return K (x_c - x_d) of (8), summed by pairs; all (6,)."""
     total = 0.0
     for i in range(0, N, 2):
         total += k[i] * (x_c[i] - x_d[i]) + k[i + 1] * (x_c[i + 1] - x_d[i + 1])

@@ -149,7 +149,10 @@ def transient_table(single: Runs) -> str:
 
 
 def seeds_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
-    """Return medians, 90th percentiles, shares better than PD and the overshoot."""
+    """Return medians, 90th percentiles, shares better than PD and the overshoot.
+
+    `base`: PD's four errors, (4,), by scenario.
+    """
     rows = []
     for (label, scenario), runs in drawn.items():
         found = values(runs)
@@ -171,7 +174,10 @@ def seeds_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
 
 
 def fresh_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
-    """Return how many of the fresh draws are better than PD, and five times better."""
+    """Return how many of the fresh draws are better than PD, and five times better.
+
+    `base`: PD's four errors, (4,), by scenario.
+    """
     rows = []
     for (label, scenario), runs in drawn.items():
         times = base[scenario] / values(runs)

@@ -74,7 +74,10 @@ def _draw_run(axes: Any, result: Result) -> None:
 def draw_seeds(
     found: Mapping[tuple[str, str], np.ndarray], base: Mapping[str, np.ndarray], path: Path
 ) -> None:
-    """Draw the worse joint's error over 8-10 s of each draw against PD's."""
+    """Draw the worse joint's error over 8-10 s of each draw against PD's.
+
+    `found`: errors (runs, 4) by draw and scenario; `base`: PD's (4,).
+    """
     figure, axes = sheet((11.0, 5.2), 120, 1, 2, sharey=True)
     rng = np.random.default_rng(1)
     for ax, scenario in zip(axes, base, strict=True):

@@ -43,33 +43,36 @@ GAP = ("d_plus_Nm", "d_minus_Nm", "m_plus", "m_minus")
 
 
 def deadzone(run: Cycles, u: Vector) -> Vector:
-    """Return D(u), N m."""
+    """Return D(u), N m. The shape is that of u."""
     above, below, rise, fall = run.settings("plant:arm.", GAP)
     return rise * np.maximum(u - above, 0.0) + fall * np.minimum(u + below, 0.0)
 
 
 def inverse(run: Cycles, tau: Vector) -> Vector:
-    """Return D^-1(tau), N m; 0 of 0."""
+    """Return D^-1(tau), N m; 0 of 0. The shape is that of tau."""
     above, below, rise, fall = run.settings("plant:arm.", GAP)
     ahead = np.where(tau < 0.0, tau / fall - below, 0.0)
     return np.where(tau > 0.0, tau / rise + above, ahead)
 
 
 def compensator(run: Cycles, vi: Vector, v0i: Vector, w_d: Vector) -> Vector:
-    """Return s (n, L + 2) of one joint at w_d (n,)."""
+    """Return s (n, L + 2) of one joint at w_d (n,); `vi`, `v0i` (L,)."""
     right = np.where(w_d >= 0.0, run.law("jumps_on"), 0.0)
     nodes = logistic(w_d[:, None] * vi + v0i)
     return np.column_stack((nodes, right, right * (1.0 - np.exp(-np.abs(w_d)))))
 
 
 def points(values: Vector) -> Vector:
-    """Return points over the range that eps is looked for in."""
+    """Return points (POINTS,) over the range of values (n,) that eps is looked for in."""
     most = MARGIN * float(np.abs(values).max())
     return np.linspace(-most, most, POINTS)
 
 
 def largest_eps(run: Cycles, u: Vector, w_d: Vector, nets: tuple[Vector, ...]) -> float:
-    """Return the largest eps of (2) of one joint; `nets`: V, v0, W*, Vi, v0i, Wi*."""
+    """Return the largest eps of (2) of one joint; `nets`: V, v0, W*, Vi, v0i, Wi*.
+
+    `u`, `w_d` (n,); `nets` (L,) each, the last (L + 2,).
+    """
     v, v0, w, vi, v0i, wi = nets
     over_u, over_w = points(u), points(w_d)
     seen = np.abs(deadzone(run, over_u) - logistic(over_u[:, None] * v + v0) @ w)

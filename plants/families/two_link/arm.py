@@ -68,7 +68,7 @@ def friction(p: Arm, width: float, v: float) -> float:
 
 @inline
 def rates(p: Arm, m2: float, width: float, tau: Array, x: Motion, d: Motion) -> None:
-    """Write q' and q'' of (1) to `d`, with `width` = w."""
+    """Write q' and q'' of (1) to `d`, with `width` = w and `tau` (2,)."""
     q, v = x.q_rad, x.rate_rad_s
     m11, m12, m22, c1, c2 = motion(p, m2, q, v)
     g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, m2, p.gravity_m_s2)
@@ -88,7 +88,7 @@ def receive(p: Interface, held: Held, u: Inputs, y: Outputs) -> None:
 
 @inline
 def sample(p: Interface, q: Array, v: Array, y: Outputs) -> None:
-    """Write samples and truths of angles and rates."""
+    """Write samples and truths of angles and rates, `q` and `v` (2,)."""
     for j in range(len(q)):
         y.sample.q_rad[j] = rounded(q[j], p.position_lsb_rad)
         y.sample.rate_rad_s[j] = rounded(v[j], p.rate_lsb_rad_s)

@@ -55,7 +55,7 @@ def network_input(one: Motion) -> Vector:
 
 
 def friction_torque(run: Cycles, v: Vector) -> Vector:
-    """Return the friction of joints that move with v, N m."""
+    """Return the friction (n, 2) of joints that move with v (n, 2), N m."""
     made = np.empty_like(v)
     for j in range(2):
         a0, a1, a2, b1, b2 = run.settings("plant:arm.", [name.format(j + 1) for name in FRICTION])
@@ -66,7 +66,7 @@ def friction_torque(run: Cycles, v: Vector) -> Vector:
 
 
 def jump_nodes(run: Cycles, v: Vector) -> Vector:
-    """Return phi (n, 4) at joint rates v."""
+    """Return phi (n, 4) at joint rates v (n, 2)."""
     kind = run.law("jump_nodes")
     if kind in (STANDARD, CONST):
         return np.tile([1.0, 0.0, 1.0, 0.0], (len(v), 1)) * float(kind == CONST)
@@ -76,14 +76,17 @@ def jump_nodes(run: Cycles, v: Vector) -> Vector:
 
 
 def frictionless(links: TwoLinks, one: Motion) -> Vector:
-    """Return f (1) without friction, N m."""
+    """Return f (1) without friction, (n, 2), N m."""
     ahead, along = one.forward
     moved = times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
     return moved + links.gravity(one.q)
 
 
 def projection(run: Cycles, w2: Vector, driven: Vector, rate: float) -> Vector:
-    """Return what the projection of own-joint step weights to 0 and more adds to `driven` of W2."""
+    """Return what the projection of own-joint step weights to 0 and more adds to `driven` of W2.
+
+    `w2`, `driven` and the result: (n, 4, 2).
+    """
     added = np.zeros_like(driven)
     if run.law("jump_nodes") == PROJECT and rate != 0.0:
         free = w2 + run.period_s * rate * driven
@@ -95,7 +98,11 @@ def projection(run: Cycles, w2: Vector, driven: Vector, rate: float) -> Vector:
 
 def tuning_drives(run: Cycles, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
            ) -> list[Vector]:  # fmt: skip
-    """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi."""
+    """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi.
+
+    `used` and the results: (n, L + 1, 2), (n, 11, L), (n, 4, 2); `nodes`: (n, L + 1), (n, L),
+    (n, 11), (n, 4); `r`: (n, 2).
+    """
     flat, slope, x, phi = nodes
     w1, v, w2 = used
     back = slope * np.einsum("njm,nm->nj", w1[:, 1:], r)

@@ -106,7 +106,7 @@ class Outputs(arm_pd.Outputs):
 
 @inline
 def jumps(rate: Array, v_eps: float, variant: float, phi: Array) -> None:
-    """Write phi (2) of the `variant` (6); `rate` of both joints."""
+    """Write phi (2) of the `variant` (6); `rate` (2,) of both joints, `phi` (4,)."""
     for i in range(JOINTS):
         step_pair(rate[i], phi, 2 * i)
         if variant == RAMP:

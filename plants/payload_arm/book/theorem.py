@@ -59,7 +59,7 @@ def unknown_part(run: Cycles, links: TwoLinks, one: Motion) -> Vector:
 
 
 def damping(run: Cycles, s1: Vector) -> tuple[float, float]:
-    """Return K and mu for the |s1| of the run."""
+    """Return K and mu for the |s1| of the run, (n,)."""
     kv, beta, kap1 = run.laws("kv_per_s", "beta", "kap1")
     most, left = np.inf, np.inf
     for s in np.linspace(s1.min(), s1.max(), 21):

@@ -103,7 +103,7 @@ class Outputs(arm_pd.Outputs):
 
 @inline
 def read_out(w: Array, s: Array, i: int) -> float:
-    """Return entry i of W's."""
+    """Return entry i of W's; `w` (10, 2), `s` (10,)."""
     total = 0.0
     for j in range(NODES):
         total += w[j, i] * s[j]

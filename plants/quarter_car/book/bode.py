@@ -48,7 +48,7 @@ def system(law: str, car: Mapping[str, float], gains: Mapping[str, float]) -> tu
 def response_db(
     law: str, w_rad_s: Vector, car: Mapping[str, float], gains: Mapping[str, float]
 ) -> Vector:
-    """Return the gain from zr to zs'' at each frequency, dB."""
+    """Return the gain from zr to zs'' at each frequency, dB. Both (n,)."""
     a, b, row = system(law, car, gains)
     found = [abs(row @ np.linalg.solve(1j * w * np.eye(6) - a, b)) for w in w_rad_s]
     return 20.0 * np.log10(np.array(found))

@@ -42,7 +42,7 @@ HYDRAULIC = 1.0
 
 @dataclass(frozen=True)
 class Strut:
-    """The strut's constants; methods take the states of n cycles."""
+    """The strut's constants; methods take states of n cycles and return values, (n,) each."""
 
     bore_m2: float
     annulus_m2: float
@@ -78,7 +78,7 @@ class Strut:
 
 
 def memberships(x3: Vector, v3: Vector, dp: Vector) -> Vector:
-    """Return m (n, 147)."""
+    """Return m (n, 147) at x3, v3, dp, each (n,)."""
     parts = []
     for value, scale, count, width in zip((x3, v3, dp), SCALES, COUNTS, WIDTHS, strict=True):
         seen = np.clip(value / scale, -RANGE, RANGE)[:, None]
@@ -88,7 +88,10 @@ def memberships(x3: Vector, v3: Vector, dp: Vector) -> Vector:
 
 
 def largest_eps(strut: Strut, states: list[Vector], spool: Vector, ideal: Vector) -> float:
-    """Return the largest G eps over states drawn from the ranges of the run, N/s."""
+    """Return the largest G eps over states drawn from the ranges of the run, N/s.
+
+    `states` and `spool`: (n,) each; `ideal`: (147,).
+    """
     draw = np.random.default_rng(0)
     rows = []
     for one in states:

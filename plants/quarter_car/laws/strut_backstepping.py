@@ -91,7 +91,7 @@ class Outputs(outer.Outputs):
 
 @inline
 def memberships(value: float, width: float, mu: Array) -> None:
-    """Write the normalised memberships (8) of one scaled input."""
+    """Write the normalised memberships (8) of one scaled input to `mu` (sets,)."""
     clipped, total = clip(value, -RANGE, RANGE), 0.0
     for i in range(len(mu)):
         centre = 2.0 * i / (len(mu) - 1.0) - 1.0

@@ -41,12 +41,12 @@ ARM = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
 
 
 def hidden_nodes(v: Vector, q: Vector, rate: Vector) -> Vector:
-    """Return ph (n, 20) at q and q' (n, 2)."""
+    """Return ph (n, 20) at q and q' (n, 2); `v` (5, 20)."""
     return np.tanh(with_threshold(np.concatenate((q, rate), axis=1)) @ v)
 
 
 def states_drawn(values: Vector, draw: np.random.Generator) -> Vector:
-    """Return DRAWN rows from 1.25 times the ranges of the columns."""
+    """Return values (DRAWN, m) from 1.25 times the ranges of the columns of values (n, m)."""
     middle = 0.5 * (values.max(axis=0) + values.min(axis=0))
     half = 0.5 * MARGIN * (values.max(axis=0) - values.min(axis=0))
     return draw.uniform(middle - half, middle + half, (DRAWN, values.shape[1]))

@@ -306,7 +306,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
-    """Return N, Ad, Bd and buffers that hold the robot at rest for all ticks before the run."""
+    """Return N, Ad, Bd and buffers that hold the robot at rest for all ticks before the run.
+
+    Raises ValueError if delay_s is too long.
+    """
     ticks = float(round(settings["delay_s"] * rate_hz))
     if ticks > LONGEST:
         raise ValueError(

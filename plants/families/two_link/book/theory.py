@@ -25,7 +25,7 @@ class TwoLinks:
     g: float = 0.0
 
     def inertia(self, q: Vector) -> Vector:
-        """Return M (n, 2, 2), kg m2."""
+        """Return M (n, 2, 2) at q (n, 2), kg m2."""
         cosine = np.cos(q[:, 1])
         far = self.m2 * self.a2**2 + 0.0 * cosine
         cross = self.m2 * self.a1 * self.a2 * cosine
@@ -36,7 +36,7 @@ class TwoLinks:
         return made
 
     def coriolis(self, q: Vector, v: Vector) -> Vector:
-        """Return Vm (n, 2, 2) for which M' - 2 Vm is skew, N m s/rad."""
+        """Return Vm (n, 2, 2) for which M' - 2 Vm is skew, N m s/rad; q, v (n, 2)."""
         h = self.m2 * self.a1 * self.a2 * np.sin(q[:, 1])
         made = np.zeros((len(q), 2, 2))
         made[:, 0, 0] = -h * v[:, 1]
@@ -45,7 +45,7 @@ class TwoLinks:
         return made
 
     def gravity(self, q: Vector) -> Vector:
-        """Return G (n, 2), N m."""
+        """Return G (n, 2) at q (n, 2), N m."""
         outer = self.m2 * self.g * self.a2 * np.cos(q[:, 0] + q[:, 1])
         inner = (self.m1 + self.m2) * self.g * self.a1 * np.cos(q[:, 0])
         return np.stack((inner + outer, outer), axis=1)
@@ -60,7 +60,7 @@ class TwoLinks:
 
 
 def times(matrices: Vector, vectors: Vector) -> Vector:
-    """Return the product of each cycle's matrix and vector, (n, 2)."""
+    """Return the product of each cycle's matrix (n, 2, 2) and vector (n, 2), (n, 2)."""
     return np.einsum("nij,nj->ni", matrices, vectors)
 
 
@@ -97,7 +97,10 @@ class Motion:
 
 
 def motion(run: Cycles, lam: Vector) -> Motion:
-    """Return the motion of an arm whose blocks are `arm`, `reference_1` and `reference_2`."""
+    """Return the motion of an arm whose blocks are `arm`, `reference_1` and `reference_2`.
+
+    `lam`: (2,).
+    """
     return Motion(
         run.columns("plant:arm.q_{}_rad"),
         run.columns("plant:arm.rate_{}_rad_s"),
@@ -124,7 +127,10 @@ def drawn(one: Motion) -> Motion:
 def accelerated(
     run: Cycles, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
 ) -> Vector:
-    """Return q'' (n, 2) of (1) (2) of arm.py beside it under a torque, none by default."""
+    """Return q'' (n, 2) of (1) (2) of arm.py beside it under a torque, none by default.
+
+    `q`, `v`, `torque`: (n, 2).
+    """
     viscous = run.setting("plant:arm.viscous_Nms_rad")
     coulomb = run.setting("plant:arm.coulomb_Nm")
     slowed = times(links.coriolis(q, v), v) + links.gravity(q)

@@ -36,7 +36,10 @@ def errors(p: Gains, u: Inputs, y: Outputs) -> None:
 
 @inline
 def torques(p: Gains, q: Array, wanted_1: float, wanted_2: float, tau: Array) -> None:
-    """Write tau (3) for the wanted accelerations of both joints; `q`: both angles."""
+    """Write tau (3) for the wanted accelerations of both joints; `q`: both angles.
+
+    `q`, `tau`: (2,).
+    """
     m11, m12, m22 = inertia(cos(q[1]), p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
     tau[0], tau[1] = inertia_times(m11, m12, m22, wanted_1, wanted_2)
 
