@@ -45,7 +45,7 @@ def length_of(frame: NDArray[np.uint8], row: int, frames: NDArray[Any]) -> np.in
 
     `frame` (bytes,), `frames` (rows,).
     """
-    differs = (np.int64(frame[5]) ^ frames[row].flags) & (Flag.FD | Flag.BRS)
+    differs = (np.int64(frame[5]) ^ frames[row].fd_flags) & (Flag.FD | Flag.BRS)
     return np.int64(frame[4]) if differs == 0 else np.int64(-1)
 
 

@@ -55,7 +55,7 @@ def from_bits(d: Any, row: Any, word: Any) -> Any:
     """Return the value of an object in the lowest bits of a word."""
     bits = d.objects[row].bits
     raw = word & ((1 << bits) - 1)
-    if d.objects[row].signed != 0 and raw >> (bits - 1) != 0:
+    if d.objects[row].sign != 0 and raw >> (bits - 1) != 0:
         raw -= 1 << bits
     return raw
 

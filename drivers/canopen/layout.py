@@ -75,7 +75,7 @@ class Mode(Numbered):
     CYCLIC_TORQUE = 10
 
 
-OBJECT = row_of("index subindex bits signed text access low high start")
+OBJECT = row_of("index subindex bits sign text access low high start")
 STATE = row_of(
     "nmt beat_at boots syncs"  # beat_at: cycle of the last heartbeat
     " heard heard_at"  # 1: the heartbeat that is awaited came once; when

@@ -118,8 +118,8 @@ def begin_up(d: Any, row: Any, about: Any) -> None:
         put(d, SDO_ANSWER + d.node, 8, 0x43 | (4 - size) << 2 | about << 8, to_bits(d, row))
         return
     x.segment_row, x.segment_loads = row + 1, 0
-    x.segment_toggle, x.segment_at, x.segment_size, x.segment_since = 0, 0, one.signed, d.k
-    put(d, SDO_ANSWER + d.node, 8, 0x41 | about << 8, one.signed)
+    x.segment_toggle, x.segment_at, x.segment_size, x.segment_since = 0, 0, one.sign, d.k
+    put(d, SDO_ANSWER + d.node, 8, 0x41 | about << 8, one.sign)
 
 
 @loop_function

@@ -45,7 +45,7 @@ def lines_of(*groups: Sequence[str]) -> np.dtype[Any]:
 
 
 FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`
-    "can_id extended dlc flags first end every_n protected sequence"
+    "can_id extended dlc fd_flags first end every_n protected sequence"
     " counter_byte counter_shift counter_mask crc_byte data_id"
 )
 SIGNAL = row_of(  # in 8 bytes from `byte` on; bits, codes: of its limits, raw

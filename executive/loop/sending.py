@@ -39,7 +39,7 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     frame = n.wire.tx
     word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
     codec.put_four_bytes(frame, 0, word)
-    frame[4], frame[5] = n.tx.frames[row].dlc, n.tx.frames[row].flags
+    frame[4], frame[5] = n.tx.frames[row].dlc, n.tx.frames[row].fd_flags
     data = data_of(frame)
     if frame[5] != Flag.NONE:
         blank(frame)

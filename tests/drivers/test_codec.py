@@ -142,7 +142,7 @@ def reference(message: Message, values: dict[str, float]) -> tuple[bytes, int]:
 
 
 @settings(max_examples=150, deadline=None)
-@given(messages(), st.binary(min_size=8, max_size=8))
+@given(messages(), st.binary(min_size=64, max_size=64))
 def test_any_frame_decodes_as_by_cantools(message: Message, payload: bytes) -> None:
     data = payload[: message.length]
     expected = message.decode(data, decode_choices=False)
@@ -197,7 +197,7 @@ def test_a_signal_of_any_start_and_length_agrees_with_cantools_both_ways(order: 
 
 
 @settings(max_examples=150, deadline=None)
-@given(messages(narrow=True), st.binary(min_size=8, max_size=8))
+@given(messages(narrow=True), st.binary(min_size=64, max_size=64))
 def test_every_decoded_frame_of_32_bit_integers_encodes_to_itself(
     message: Message, payload: bytes
 ) -> None:

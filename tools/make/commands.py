@@ -12,6 +12,7 @@ def new(add: Add) -> None:
         action="store_true",
         help="also write the law as a device program",
     )
+    add("--drive", choices=("cia402",), help="also write the motor as a drive on CANopen")
 
 
 def dbc(add: Add) -> None:
@@ -31,7 +32,7 @@ COMMANDS = (
     Command(
         "new",
         "write a first rig of your own: a DC motor, or a pole on a cart",
-        "pcpc new my-motor\npcpc new my-motor --device\npcpc new --cart pole",
+        "pcpc new my-motor\npcpc new my-motor --device\npcpc new my-motor --drive cia402\npcpc new --cart pole",
         new,
         codes=codes(ENVIRONMENT="cannot be written"),
         module="make.new",

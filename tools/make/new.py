@@ -3,7 +3,8 @@
 Its files are those of template/, with `--cart` of template/cart, a rig like any other; only its
 name becomes the folder's. How to run it stands in the README.md of the motor, for both; the table
 of files of the cart is that below.
-With `--device` also those of template/device, whose README.md continues that of the motor.
+With `--drive` also the rig of a drive, with `--device` also the files of template/device, whose
+README.md continues that of the motor.
 """
 
 import argparse
@@ -27,7 +28,6 @@ FILES = {
     "evaluation.py": "figures of merit and the picture",
     "drawing.py": "how it is drawn while it moves",
     "identification.py": "what `pcpc fit` estimates of it from a log",
-    "drive.yaml": "the motor as a drive on CANopen",
     "layout.json": "the curves with which the page of `pcpc host` opens",
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",
@@ -42,6 +42,7 @@ CART_FILES = {
     "test_cart.py": FILES["test_motor.py"],
     "README.md": FILES["README.md"],
 }
+DRIVE_FILES = {"drive.yaml": "the motor as a drive on CANopen, for any master"}
 DEVICE_FILES = {
     "device.py": "the law as a program of its own, in place of the executive",
     "device.yaml": "the rig for it, or for your firmware",
@@ -81,19 +82,31 @@ def command(options: argparse.Namespace) -> int:
         flag = "--cart " if options.cart else ""
         raise UserError(f"DIR is missing: name a new folder, as in pcpc new {flag}{template.rig}")
     folder = Path(options.dir)
-    write(folder, options.device, template)
+    write(folder, options.device, template, options.drive)
     print(f"{folder}: a rig of your own, {template.what}")
-    files = {**template.files, **(DEVICE_FILES if options.device else {})}
+    files = {
+        **template.files, **(DEVICE_FILES if options.device else {}),
+        **(DRIVE_FILES if options.drive else {}),
+    }  # fmt: skip
     print("\n".join(screen.table([(f"  {name}", what) for name, what in files.items()])))
     print(f"next:\n  cd {shlex.quote(str(folder))}")
     print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
     if options.device:
         print(f"  {NEXT_DEVICE}")
+    if options.drive:
+        print("  pcpc plant drive.yaml         the drive, for your master")
     return Exit.OK
 
 
-def write(folder: Path, device: bool = False, template: Template = MOTOR) -> None:
-    """Write the rig into `folder`, which is new or empty, also for a device; UserError."""
+def write(
+    folder: Path, device: bool = False, template: Template = MOTOR, drive: str | None = None
+) -> None:
+    """Write the rig into `folder`, which is new or empty, also for a device or as a `drive`.
+
+    UserError: wrong input, or it cannot be written.
+    """
+    if drive and template is not MOTOR:
+        raise UserError("--drive makes a drive of the motor; leave out --cart")
     if device and template is not MOTOR:
         what = "--device writes a program for the motor; leave it out"
         raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the cart's law")
@@ -108,7 +121,7 @@ def write(folder: Path, device: bool = False, template: Template = MOTOR) -> Non
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
-        for file, text in _texts(template, device).items():
+        for file, text in _texts(template, device, drive).items():
             if file == "rig.yaml":
                 text = text.replace(f"rig: {template.rig}\n", f"rig: {name}\n")
             path = folder / file
@@ -129,7 +142,7 @@ def write(folder: Path, device: bool = False, template: Template = MOTOR) -> Non
         raise UserError(what, code_of(error)) from None
 
 
-def _texts(template: Template, device: bool) -> dict[str, str]:
+def _texts(template: Template, device: bool, drive: str | None) -> dict[str, str]:
     """Return what is written, by file."""
     texts = {file: _text(template.folder / file) for file in template.files}
     rows = [f"| `{file}` | {what} |\n" for file, what in template.files.items()]
@@ -141,6 +154,8 @@ def _texts(template: Template, device: bool) -> dict[str, str]:
         more = TEMPLATE / "device"
         texts |= {file: _text(more / file) for file in DEVICE_FILES}
         texts["README.md"] += _text(more / "README.md")
+    if drive:
+        texts |= {file: _text(TEMPLATE / file) for file in DRIVE_FILES}
     return texts
 
 

@@ -56,8 +56,8 @@ def test_a_byte_of_a_sent_frame_that_the_log_has_otherwise_is_told(
 ) -> None:
     original = logs._frames
 
-    def other(found: Any, name: str, notes: list[str]) -> Any:
-        made = original(found, name, notes).copy()
+    def other(found: Any, name: str, notes: list[str], kind: Any) -> Any:
+        made = original(found, name, notes, kind).copy()
         sent = np.flatnonzero((made["direction"] == 0) & (made["dlc"] > byte))
         if name == "plant" and len(sent):
             made["data"][sent[len(sent) // 2], byte] ^= 1
@@ -74,8 +74,8 @@ def test_a_heartbeat_after_the_meeting_is_compared(
 ) -> None:
     original, ids = logs._frames, {"executive": 0x701, "plant": 0x702}
 
-    def other(found: Any, name: str, notes: list[str]) -> Any:
-        made = original(found, name, notes).copy()
+    def other(found: Any, name: str, notes: list[str], kind: Any) -> Any:
+        made = original(found, name, notes, kind).copy()
         own = (made["direction"] == 0) & (made["id"] == ids[name])
         beat = np.flatnonzero(own & (made["cycle"] == 200))
         made["data"][beat, 0] ^= 1

@@ -14,7 +14,16 @@ from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
-from pcpc.tools.make.new import CART, DEVICE_FILES, FILES, MOTOR, NEXT, NEXT_DEVICE, Template
+from pcpc.tools.make.new import (
+    CART,
+    DEVICE_FILES,
+    DRIVE_FILES,
+    FILES,
+    MOTOR,
+    NEXT,
+    NEXT_DEVICE,
+    Template,
+)
 
 FIGURES = {  # of a README: its controller, the words around it, the figure
     "motor": (
@@ -123,7 +132,20 @@ def test_its_law_in_c_is_such_a_device_too(device: Path, tmp_path: Path) -> None
 
 
 def test_a_rig_without_a_device_has_none(motor: Path) -> None:
-    assert not any((motor / file).exists() for file in DEVICE_FILES)
+    assert not any((motor / file).exists() for file in (*DEVICE_FILES, *DRIVE_FILES))
+
+
+def test_its_drive_is_a_rig_beside_it(tmp_path: Path) -> None:
+    folder = tmp_path / "my-motor"
+    done = pcpc("new", str(folder), "--drive", "cia402")
+    assert done.code == 0 and "pcpc plant drive.yaml" in done.out, str(done)
+    assert files_of(folder) == {*FILES, *DRIVE_FILES}
+    assert pcpc("check", str(folder / "drive.yaml")).code == 0
+    done = pcpc("new", str(tmp_path / "pole"), "--cart", "--drive", "cia402")
+    assert done.code == 2 and "leave out --cart" in done.err, str(done)
+    done = pcpc("new", str(tmp_path / "other"), "--drive", "odrive")
+    assert done.code == 2 and "cia402" in done.err, str(done)
+    assert [one.name for one in tmp_path.iterdir()] == ["my-motor"]
 
 
 def undisturbed(*words: str, folder: Path) -> Done:

@@ -131,7 +131,7 @@ def test_a_frame_of_another_kind_has_a_wrong_length(row: str, flags: int) -> Non
     frame: Any = np.zeros(72, np.uint8)
     frame[4], frame[5] = 8, flags
     rows = np.zeros(1, dbc.FRAME)
-    rows["flags"] = wanted = {"classic": 0, "fd": 4, "brs": 5}[row]
+    rows["fd_flags"] = wanted = {"classic": 0, "fd": 4, "brs": 5}[row]
     assert codec.length_of(frame, 0, rows) == (8 if flags & ~Flag.ESI == wanted else -1)
 
 
