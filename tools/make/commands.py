@@ -32,7 +32,8 @@ COMMANDS = (
     Command(
         "new",
         "write a first rig of your own: a DC motor, or a pole on a cart",
-        "pcpc new my-motor\npcpc new my-motor --device\npcpc new my-motor --drive cia402\npcpc new --cart pole",
+        "pcpc new my-motor\npcpc new my-motor --device\n"
+        "pcpc new my-motor --drive cia402\npcpc new --cart pole",
         new,
         codes=codes(ENVIRONMENT="cannot be written"),
         module="make.new",
