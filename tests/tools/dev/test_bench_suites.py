@@ -104,7 +104,7 @@ def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
         for extended in (0, 0x80):
             head = np.array([0x21, 0x01, 0, extended, length, 0, 0, 0], np.uint8)
             data = np.arange(8, dtype=np.uint8) * (np.arange(8) < length)
-            ours.tx[:] = np.concatenate([head, data])
+            ours.tx[:16] = np.concatenate([head, data])
             assert put_frame(ours) and get_frame(ours, True) == Arrival.FRAME
             received = ours.rx.copy()
             theirs.tx[:] = ours.tx

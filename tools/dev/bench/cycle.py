@@ -97,15 +97,16 @@ def library() -> ctypes.CDLL:
 
 def loop_header() -> str:
     """Return loop.h: the LOOP record as a struct, constants and tables of the loop's modules."""
-    fields: Any = sh.LOOP.fields
+    record = _without_drive()
+    fields: Any = record.fields
     texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
     texts += [
         compiler.macros("WIRE", wire),
         *map(compiler.numbers, NUMBERED),
         "#include <stddef.h>\n#include <stdint.h>\n",
-        *(compiler.struct(name, kind) for name, kind in _rows(sh.LOOP).items()),
+        *(compiler.struct(name, kind) for name, kind in _rows(record).items()),
         *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
-        compiler.struct("loop", sh.LOOP),
+        compiler.struct("loop", record),
         compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
         compiler.array("CRC_16_TABLE", "uint16_t", e2e._CRC_16_TABLE),
         compiler.array("NEXT", "int64_t", states.NEXT),
@@ -118,12 +119,23 @@ def loop_header() -> str:
     return "".join(texts)
 
 
+def _without_drive() -> np.dtype[Any]:
+    """Return LOOP, with plain bytes in the place of the drive, which no cycle here has."""
+    fields: Any = dict(sh.LOOP.fields or {})
+    kind, place, *_ = fields["canopen"]
+    fields["canopen"] = np.dtype(("u1", (kind.itemsize,))), place
+    return np.dtype({
+        "names": list(fields), "formats": [one[0] for one in fields.values()],
+        "offsets": [one[1] for one in fields.values()], "itemsize": sh.LOOP.itemsize,
+    })  # fmt: skip
+
+
 def _rows(kind: Any) -> dict[str, np.dtype[Any]]:
     """Return the types of rows in a record and in its parts, by the name of the table."""
     found: dict[str, np.dtype[Any]] = {}
     for name, (table, *_) in kind.fields.items():
         found |= _rows(table) if table.fields else {}
-        if table.base.fields and (table.shape or kind is not sh.LOOP):
+        if table.base.fields and (table.shape or "canopen" not in kind.fields):
             found[name] = table.base
     return found
 
