@@ -11,12 +11,12 @@ Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import Numbered
-from pcpc.drivers.compiled.rows import row_of
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, row_of
 
 MAX_OBJECTS = 256
 PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
 MAX_ENTRIES = 8  # mapped in one PDO
-OUTBOX_FRAMES, FRAME_BYTES = 16, 16
+OUTBOX_FRAMES = 16
 TEXTS, TEXT_BYTES = 3, 32
 READ, WRITE, TO_DRIVE, FROM_DRIVE = 1, 2, 4, 8  # access; the last two: may be mapped
 RPDO_ROWS, TPDO_ROWS = 3 + 1 + MAX_ENTRIES, 5 + 1 + MAX_ENTRIES
@@ -105,7 +105,7 @@ DRIVE = np.dtype(
         ("text", "u1", (TEXTS * TEXT_BYTES,)),
         ("k", "<i8"),  # the cycle
         ("n_out", "<i8"),
-        ("outbox", "u1", (OUTBOX_FRAMES, FRAME_BYTES)),
+        ("outbox", "u1", (OUTBOX_FRAMES, CLASSIC_BYTES)),
         # from here on kept in keyframes
         ("value", "<i8", (MAX_OBJECTS,)),
         ("state", STATE),

@@ -14,13 +14,13 @@ import numpy as np
 
 from pcpc.drivers.can import codec
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.canopen.layout import Row
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import Whose, hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.rings import push_frame
+from pcpc.executive.loop.sending import send_tx
 from pcpc.executive.loop.strangers import note_foreign, word_of
 
 SEEN = (  # what the table shows: name, unit (or whose), meaning
@@ -92,12 +92,7 @@ def send_outbox(n: Any) -> None:
     d = n.canopen
     for i in range(d.n_out):
         copy(n.wire.tx, d.outbox[i])
-        if put_frame(n.wire):
-            n.control.sent += 1
-        else:
-            n.control.send_errors += 1
-            n.control.bus_errno = n.wire.errno
-        push_frame(n, n.wire.tx, 0, 0)
+        send_tx(n)
     d.n_out = 0
 
 

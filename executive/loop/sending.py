@@ -48,6 +48,17 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     return clamped
 
 
+@loop_inline
+def send_tx(n: Any) -> None:
+    """Send `wire.tx`; count and record it."""
+    if put_frame(n.wire):
+        n.control.sent += 1
+    else:
+        n.control.send_errors += 1
+        n.control.bus_errno = n.wire.errno
+    push_frame(n, n.wire.tx, 0, 0)
+
+
 @loop_function
 def send_frame(n: Any, row: Any, counter: Any) -> None:
     """Encode and send the frame of one row of the transmit table."""
@@ -55,12 +66,7 @@ def send_frame(n: Any, row: Any, counter: Any) -> None:
     if clamped > 0:
         n.v[CLAMPED] = 1.0
         n.control.saturated += clamped
-    if put_frame(n.wire):
-        n.control.sent += 1
-    else:
-        n.control.send_errors += 1
-        n.control.bus_errno = n.wire.errno
-    push_frame(n, n.wire.tx, 0, 0)
+    send_tx(n)
 
 
 @loop_function
