@@ -25,6 +25,9 @@ def folder_of_drive(
     with run_folder(options.output, rig) as folder:
         file = folder / EDS
         file.write_text(text, encoding="ascii")
-        yield folder
-        if not (folder / LOG).is_file():
-            file.unlink()
+        try:
+            yield folder
+        finally:
+            log = folder / LOG
+            if not log.is_file() or not log.stat().st_size:  # nothing ran
+                file.unlink()

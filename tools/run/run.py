@@ -382,7 +382,9 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
         print(line, file=sys.stderr)
     if host.outcome.interrupted:
         return Exit.INTERRUPTED
-    return code if code >= 0 else Exit.SAFETY_STOP if host.outcome.faults else Exit.OK
+    if code < 0 and host.outcome.faults:
+        return Exit.SAFETY_STOP
+    return code if code >= 0 else Exit.LOSS if host.outcome.missing else Exit.OK
 
 
 def command(options: argparse.Namespace) -> int:

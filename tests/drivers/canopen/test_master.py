@@ -80,3 +80,17 @@ def moves(node: BaseNode402) -> None:
     with pytest.raises(canopen.SdoAbortedError) as refused:
         node.sdo[0x6060].raw = 2
     assert refused.value.code == 0x06090030
+
+
+def test_a_second_drive_on_its_bus_leaves_nothing_behind(tmp_path: Path) -> None:
+    bus = own_bus()
+    words = ["plant", str(RIG), "--bus", bus, "--quiet", "-o"]
+    with Running(*words, str(tmp_path / "first")) as run:
+        block = run.block("motor-drive", bus, "plant")
+        until(lambda: block.control.passes > 10, "first cycles")
+        second = pcpc(*words, str(tmp_path / "second"))
+        assert second.code == 4 and "already in use" in second.err, second
+        assert not (tmp_path / "second").exists()
+        run.process.send_signal(signal.SIGINT)
+        assert run.done().code == 130, run
+    assert (tmp_path / "first" / "drive.eds").is_file()
