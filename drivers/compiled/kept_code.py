@@ -161,17 +161,7 @@ class Kept(caching.Cache):
         key = self._index_key(signature, data.codegen)
         key = (*key, "inner") if data.library.inner else key
         content = self._function.__code__.co_filename, self._impl.reduce(data)
-        refused = ""
-        for folder, place in zip(self._folders, self._places, strict=True):
-            try:
-                compile_cache.make(folder)
-                place.save(key, content)
-            except OSError as error:
-                refused = refused or f"{error.strerror or error}"
-                continue
-            kept_files.tell(refused, folder.parent)
-            return
-        kept_files.tell(refused, None)
+        kept_files.keep_first(self._folders, lambda place: self._places[place].save(key, content))
 
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:

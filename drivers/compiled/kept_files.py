@@ -10,6 +10,7 @@ import os
 import pickle
 import sys
 import sysconfig
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import EnumMeta
 from pathlib import Path
@@ -37,6 +38,21 @@ def write_sealed(path: Path, rest: bytes) -> None:
     except OSError:
         draft.unlink(missing_ok=True)
         raise
+
+
+def keep_first(folders: Sequence[Path], keep: Callable[[int], None]) -> None:
+    """Let `keep` write into the first folder, by its place, that takes it; tell the user."""
+    refused = ""
+    for place, folder in enumerate(folders):
+        try:
+            compile_cache.make(folder)
+            keep(place)
+        except OSError as error:
+            refused = refused or f"{error.strerror or error}"
+            continue
+        tell(refused, folder.parent)
+        return
+    tell(refused, None)
 
 
 def unsealed(path: Path) -> Any:

@@ -137,17 +137,10 @@ class Source:
         """Keep object code, or with no `symbol` that only numba can call the function."""
         file = self._function.__code__.co_filename
         rest = pickle.dumps((self._text(key), file, symbol, result, content), -1)
-        refused = ""
-        for folder in self._folders:
-            try:
-                compile_cache.make(folder)
-                kept_files.write_sealed(folder / self._name(key), rest)
-            except OSError as error:
-                refused = refused or f"{error.strerror or error}"
-                continue
-            kept_files.tell(refused, folder.parent)
-            return
-        kept_files.tell(refused, None)
+        kept_files.keep_first(
+            self._folders,
+            lambda place: kept_files.write_sealed(self._folders[place] / self._name(key), rest),
+        )
 
     @contextmanager
     def claimed(self) -> Iterator[None]:

@@ -44,12 +44,14 @@ def lines_of(*groups: Sequence[str]) -> np.dtype[Any]:
     }))  # fmt: skip
 
 
-FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`
+FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`;
+    # selector: 1 + the row of its multiplexer, 0 without one
     "can_id extended dlc fd_flags first end every_n protected sequence"
-    " counter_byte counter_shift counter_mask crc_byte data_id"
+    " counter_byte counter_shift counter_mask crc_byte data_id selector"
 )
-SIGNAL = row_of(  # in 8 bytes from `byte` on; bits, codes: of its limits, raw
-    "byte big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high",
+SIGNAL = row_of(  # in 8 bytes from `byte` on; bits, codes: of its limits, raw; layout: 1 + the
+    # raw value of the multiplexer with which it comes, 0: it always does
+    "byte big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high layout",
     "factor offset code_low code_high",
 )
 RECEIVER = row_of(  # of one frame; see `drivers.can.e2e`
