@@ -74,6 +74,15 @@ def test_the_container_has_what_a_fresh_machine_is_given() -> None:
     assert {".venv", "runs"} <= set(ignored) and "tests" not in ignored
 
 
+def test_where_there_is_no_docker_every_step_of_the_image_is_done() -> None:
+    script = (ROOT / ".ci/container").read_text("utf-8")
+    docker = (ROOT / "Dockerfile").read_text("utf-8").replace("\\\n", " ")
+    steps = {line.split()[0] for line in docker.splitlines() if line and line[0] not in "# "}
+    assert steps == {"FROM", "WORKDIR", "COPY", "RUN", "CMD"}
+    assert "s/^FROM " in script and all(f"        {step}) " in script for step in steps - {"FROM"})
+    subprocess.run(["bash", "-n", ROOT / ".ci/container"], check=True)
+
+
 def test_what_git_does_not_have_is_not_released(tmp_path: Path) -> None:
     def git(*words: str) -> None:
         own = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
