@@ -7,7 +7,8 @@ The results equal cantools bit for bit. Where cantools uses integers beyond 2^53
 is sent as raw 0. The 8 bytes are one 64 bit word, little-endian for Intel and big-endian for
 Motorola signals, in which a signal is a shift and a mask; in a frame of more than 8 bytes, which
 CAN FD has, each signal has such a word of its own, from `byte` on. Bytes behind the frame's dlc are
-read by no signal and are written as 0.
+read by no signal and are written as 0. Of a frame with a multiplexer only the signals are read and
+written that come with its raw value, and those that always do.
 """
 
 from typing import Any
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.can.wire_layout import Flag
-from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.jit import compiled, inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63
@@ -119,6 +120,34 @@ def _unscale(raw: np.int64, signal: Any) -> float:
 
 
 @inline
+def _raw_in(data: NDArray[np.uint8], signal: Any) -> np.int64:
+    """Return the raw word of a signal in `data` (n,), sign-extended."""
+    little = eight_bytes(data, signal.byte)
+    word = _swapped(little) if signal.big_endian != 0 else little
+    raw = (word >> signal.shift) & signal.mask
+    return np.int64((raw ^ signal.sign) - signal.sign)
+
+
+@compiled()
+def _unpack_layout(
+    data: NDArray[np.uint8],
+    frame: int,
+    frames: NDArray[Any],
+    signals: NDArray[Any],
+    values: NDArray[np.float64],
+) -> None:
+    """Decode the signals that come with the multiplexer's value; the others keep theirs.
+
+    Shapes as in `unpack`.
+    """
+    layout = _raw_in(data, signals[frames[frame].selector - 1])
+    for row in range(frames[frame].first, frames[frame].end):
+        signal = signals[row]
+        if signal.layout == 0 or signal.layout == layout + 1:
+            values[np.uint64(signal.variable)] = _unscale(_raw_in(data, signal), signal)
+
+
+@inline
 def unpack(
     data: NDArray[np.uint8],
     frame: int,
@@ -131,6 +160,9 @@ def unpack(
     `data` (n,) has 8 bytes, or as many as the frame's dlc if that is more; `frames` and `signals`
     (rows,) each, `values` (variables,).
     """
+    if frames[frame].selector != 0:
+        _unpack_layout(data, frame, frames, signals, values)
+        return
     long = frames[frame].dlc > 8
     little = eight_bytes(data, 0)
     big = _swapped(little)
@@ -170,6 +202,44 @@ def _bits(code: float, signal: Any) -> np.int64:
 
 
 @inline
+def _encoded(value: float, signal: Any) -> tuple[np.int64, np.int64]:
+    """Return the raw word of a value, and 1 where it saturated or is NaN, else 0."""
+    code = (value - signal.offset) / signal.factor
+    kind, bits = signal.kind, np.int64(0)
+    if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
+        if code == code:
+            bits = _float_bits(code, signal)
+    else:
+        code = _round(code)
+        if code == code:
+            bits = _bits(code, signal)
+    return bits, np.int64(not signal.code_low <= code <= signal.code_high)
+
+
+@compiled()
+def _pack_layout(
+    data: NDArray[np.uint8],
+    frame: int,
+    frames: NDArray[Any],
+    signals: NDArray[Any],
+    values: NDArray[np.float64],
+) -> np.int64:
+    """Encode the signals that go with the multiplexer's value; shapes and result as in `pack`."""
+    for i in range(max(frames[frame].dlc, np.int64(8))):
+        data[i] = 0
+    chosen = signals[frames[frame].selector - 1]
+    layout, saturated = _encoded(values[chosen.variable], chosen)[0] & chosen.mask, np.int64(0)
+    for row in range(frames[frame].first, frames[frame].end):
+        signal = signals[row]
+        if signal.layout == 0 or signal.layout == layout + 1:
+            bits, outside = _encoded(values[np.uint64(signal.variable)], signal)
+            saturated += outside
+            placed = (bits & signal.mask) << signal.shift
+            _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)
+    return saturated
+
+
+@inline
 def pack(
     data: NDArray[np.uint8],
     frame: int,
@@ -183,6 +253,8 @@ def pack(
     the nearest raw value lies outside of its limits, or NaN. `data` (bytes,), `frames` and
     `signals` (rows,) each, `values` (variables,).
     """
+    if frames[frame].selector != 0:
+        return _pack_layout(data, frame, frames, signals, values)
     little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
     long = frames[frame].dlc > 8
     if long:
@@ -190,17 +262,8 @@ def pack(
             data[i] = 0
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
-        code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
-        kind, bits = signal.kind, np.int64(0)
-        if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
-            if code == code:
-                bits = _float_bits(code, signal)
-        else:
-            code = _round(code)
-            if code == code:
-                bits = _bits(code, signal)
-        if not signal.code_low <= code <= signal.code_high:
-            saturated += 1
+        bits, outside = _encoded(values[np.uint64(signal.variable)], signal)
+        saturated += outside
         placed = (bits & signal.mask) << signal.shift
         if long:
             _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)

@@ -89,10 +89,8 @@ def frame(message: Message) -> Frame:
         longer = next((n for n in LENGTHS if n >= message.length), LENGTHS[-1])
         what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
         raise DbcError(f"{where}: {what}")
-    layered = [s.name for s in message.signals if s.is_multiplexer or s.multiplexer_ids is not None]
-    if layered or message.is_container:
-        what = f"multiplexed ({', '.join(layered[:8])})"
-        raise DbcError(f"{where}: {what}; give each layout a frame of its own")
+    if message.is_container:
+        raise DbcError(f"{where}: a container; give each of its PDUs a frame of its own")
     tail = _tail(message)
     return Frame(
         name=message.name,
@@ -109,15 +107,49 @@ def frame(message: Message) -> Frame:
         help=printable(message.comment or "", _BREAKS),
         on_event=_on_event(message),
         flags=_flags(message),
+        selector=_selector(message, tail, where),
     )
+
+
+def _selector(message: Message, tail: Collection[str], where: str) -> str:
+    """Return the name of the multiplexer, "" without one; DbcError for more than one level."""
+    layered = [signal for signal in message.signals if signal.multiplexer_ids is not None]
+    if not layered:
+        return ""
+    cure = "give each layout a frame of its own"
+    for signal in layered:
+        if signal.is_multiplexer:
+            raise DbcError(f"{where}: {signal.name}: a multiplexer within a layout; {cure}")
+        if signal.name in tail:
+            raise DbcError(f"{where}: {signal.name}: only in one layout; let it be in all of them")
+        if len(signal.multiplexer_ids or ()) != 1:
+            raise DbcError(f"{where}: {signal.name}: in more than one layout; {cure}")
+    names = {str(signal.multiplexer_signal) for signal in layered}
+    if len(names) > 1:
+        what = f"{', '.join(sorted(names))}: more than one multiplexer"
+        raise DbcError(f"{where}: {what}; {cure}")
+    chosen = message.get_signal_by_name(names.pop())
+    scaled = (chosen.scale, chosen.offset) != (1, 0)
+    odd = chosen.is_signed or chosen.is_float or scaled or chosen.length > 32
+    if odd or chosen.name in tail:
+        what = "a multiplexer must be unsigned, of 32 bits, factor 1, offset 0, and no counter"
+        raise DbcError(f"{where}: {chosen.name}: {what}")
+    for signal in layered:
+        layout = (signal.multiplexer_ids or [0])[0]
+        if layout >= 1 << chosen.length:
+            what = f"layout {layout} does not fit into the {chosen.length} bits"
+            raise DbcError(f"{where}: {signal.name}: {what} of {chosen.name}")
+    return chosen.name
 
 
 def _flags(message: Message) -> int:
     """Return what a frame's byte 5 says; without CANFD_BRS an FD frame switches its bit rate."""
     if not message.is_fd:
         return Flag.NONE
-    switch = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
-    return Flag.FD | (Flag.NONE if switch is not None and str(switch.value) == "0" else Flag.BRS)
+    own = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
+    of_all = message.dbc.attribute_definitions.get("CANFD_BRS") if message.dbc else None
+    switch = own.value if own else of_all and of_all.default_value
+    return Flag.FD | (Flag.NONE if str(switch) == "0" else Flag.BRS)
 
 
 def _on_event(message: Message) -> bool:
@@ -227,6 +259,7 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
         kind,
         codes,
         {int(k): str(v) for k, v in (signal.choices or {}).items()},
+        signal.multiplexer_ids[0] if signal.multiplexer_ids else None,
     )
 
 
@@ -282,9 +315,14 @@ def table(
         rows.append((
             entry.can_id, entry.extended, entry.dlc, entry.flags, first, len(signals),
             entry.every_n(rate_hz), entry.crc[0], entry.has_sequence, *entry.counter,
-            *entry.crc[1:],
+            *entry.crc[1:], _selector_row(entry, first),
         ))  # fmt: skip
     return Table(np.array(rows, FRAME), np.array(signals, SIGNAL), tuple(names))
+
+
+def _selector_row(entry: Frame, first: int) -> int:
+    names = [signal.name for signal in entry.signals]
+    return 1 + first + names.index(entry.selector) if entry.selector else 0
 
 
 def _signal_row(signal: Signal, place: int, dlc: int) -> tuple[float, ...]:
@@ -300,6 +338,7 @@ def _signal_row(signal: Signal, place: int, dlc: int) -> tuple[float, ...]:
         byte, signal.big_endian, shift, _wrap(mask),
         1 << (signal.nbits - 1) if extends else 0, signal.kind, place,
         int(signal.factor) if wide else 0, int(signal.offset) if wide else 0, *bits,
+        0 if signal.layout is None else 1 + signal.layout,
         signal.factor, signal.offset, *_float_codes(signal),
     )  # fmt: skip
 

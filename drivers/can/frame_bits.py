@@ -10,14 +10,17 @@
               rate, the rest is at that of the data phase. A stuff bit behind the last of the
               h - 5, BRS, is in the data phase                                               (4)
 
-The bit rate changes at the sample points of BRS and CRC delimiter: both count as nominal, which is
-the longer. (1) knows no ids, fixed bits and CRCs: the longest real classic frames are 1 to 3 bits
-shorter (133 instead of 135 for 8 bytes), as a test finds. Sources: Davis, Burns, Bril, Lukkien,
-Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised, Real-Time
-Systems 35 (2007), section 2; ISO 11898-1:2015; for (3) also Linux, include/linux/can/length.h.
+The bit rate changes at the sample points of BRS and CRC delimiter: both count as nominal, though
+together they last a bit of each kind. (1) knows no ids, fixed bits and CRCs: the longest real
+classic frames are 1 to 3 bits shorter (133 instead of 135 for 8 bytes), as a test finds. Sources:
+Davis, Burns, Bril, Lukkien, Controller Area Network (CAN) schedulability analysis: refuted,
+revisited and revised, Real-Time Systems 35 (2007), section 2; ISO 11898-1:2015; for (3) also Linux,
+include/linux/can/length.h.
 """
 
 import math
+
+from pcpc.drivers.compiled.rows import Flag
 
 UNSTUFFED = 13
 
@@ -42,6 +45,14 @@ def fd_bits(n: int, extended: bool = False) -> tuple[int, int]:
     checked = 4 + 17 + 6 if n <= 16 else 4 + 21 + 7  # (3)
     nominal = begin + _stuff_bits(begin - 1)  # (4)
     return nominal + UNSTUFFED, stuffed + _stuff_bits(stuffed) + checked - nominal
+
+
+def frame_bits(n: int, extended: bool, flags: int) -> tuple[int, int]:
+    """Return the bits of a frame of these `Flag`, at the nominal rate and in the data phase."""
+    if not flags & Flag.FD:
+        return classic_bits(min(n, 8), extended), 0
+    nominal, data = fd_bits(n, extended)
+    return (nominal, data) if flags & Flag.BRS else (nominal + data, 0)
 
 
 def transmission_ns(n: int, extended: bool, bitrate: float, data_bitrate: float | None) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.frame_bits import classic_bits, fd_bits
+from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.numbered import Numbered
 
@@ -28,7 +28,8 @@ class Kind(Numbered):
 class Signal:
     """One signal: value = raw factor + offset, in `unit`; it saturates at [low, high].
 
-    `start` counts as in a DBC. `codes` are the limits as raw numbers.
+    `start` counts as in a DBC. `codes` are the limits as raw numbers. `layout`: the raw value of
+    the frame's multiplexer with which it comes; None: it always does.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Signal:
     kind: Kind
     codes: tuple[float, float]
     choices: Mapping[int, str]
+    layout: int | None = None
 
     @property
     def range(self) -> tuple[float, float]:
@@ -59,7 +61,7 @@ class Frame:
     """One frame. `signals` are its variables: in a protected frame all but counter and CRC.
 
     `counter` is (byte, shift, mask), `crc` (one of PROTECTED, byte, id that it is over), zeros
-    without protection. `cycle_ms` is 0 for every cycle.
+    without protection. `cycle_ms` is 0 for every cycle. `selector`: the multiplexer's name.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Frame:
     help: str
     on_event: bool = False
     flags: int = Flag.NONE
+    selector: str = ""
 
     @property
     def fd(self) -> bool:
@@ -85,10 +88,8 @@ class Frame:
 
         `all_fd`: as if it were FD with BRS.
         """
-        if not self.fd and not all_fd:
-            return classic_bits(self.dlc, self.extended), 0
-        nominal, data = fd_bits(self.dlc, self.extended)
-        return (nominal, data) if all_fd or self.flags & Flag.BRS else (nominal + data, 0)
+        flags = Flag.FD | Flag.BRS if all_fd else self.flags
+        return frame_bits(self.dlc, self.extended, flags)
 
     @property
     def protected(self) -> bool:

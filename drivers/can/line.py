@@ -1,17 +1,18 @@
-"""A CAN line as a pure model: who sends when, bit by bit, and what errors do. No clock; bit times.
+"""A CAN line as a pure model: who sends when, bit by bit, and what errors do. No clock; ticks.
 
+    tick       of `drivers.can.ticks`: a bit, or less with the second bit rate of CAN FD         (0)
     start      at the first bit at which the line is idle and a frame waits; the lowest id of what
                waits then wins, and keeps the line to its end                                    (1)
-    length     of the frame's real bits (`stuffing`), then 3 bits of intermission                (2)
-    error      a bit is flipped: the sender's error flag begins at the next one. Receivers see the
-               error at once (flag 6 bits), or after six equal bits of which m <= 5 were there
-               (flags together 12 - m bits); then 8 bits of delimiter, 3 of intermission, and the
-               frame comes again                                                                 (3)
+    length     of the frame's real bits (`stuffing`, `fd_stuffing`), then 3 of intermission      (2)
+    error      a bit is flipped: the sender's error flag begins at the next one, at the nominal bit
+               rate. How long it and those of the receivers last say `error_flags`; then 8 bits of
+               delimiter, 3 of intermission, and the frame comes again                           (3)
     counters   sender: error + 8, sent - 1. Receivers: error + 1, received - 1, from above 127 to
                127. Passive above 127: its flags are recessive and it lets others go first for 8
                bits after sending. Bus off above 255: what waits is lost                         (4)
     recovery   of bus off: 128 times 11 recessive bits, both counters 0                          (5)
     alone      nobody acknowledges: an error in the ACK slot, not counted once passive           (6)
+    passive    a sender has ESI in its FD frames                                                 (7)
 
 Each sender is one controller with a transmit queue of `room` frames, the most urgent first, or
 `in_order` the oldest first. A frame more than that is refused, as by ENOBUFS. Errors are drawn:
@@ -26,25 +27,21 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can.stuffing import (
-    END_BITS,
-    EOF_BITS,
-    INTERMISSION_BITS,
-    RAW_BITS,
-    WIRE_BITS,
-    encode,
-)
+from pcpc.drivers.can.error_flags import flag_ticks
+from pcpc.drivers.can.fd_stuffing import Place, encode_fd
+from pcpc.drivers.can.stuffing import EOF_BITS, INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
+from pcpc.drivers.can.ticks import MOST_TICKS, ticks_of, ticks_per_s
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import FRAME_BYTES, Flag
 from pcpc.drivers.compiled.structures import copy, structure
 
 SENDERS, MOST_ROOM = 4, 256
 WARNING_AT, PASSIVE_AT, OFF_AT = 96, 128, 256  # of the higher counter; bus off by that of sending
 RECESSIVE_RUN, RUNS_TO_RECOVER = 11, 128
-SUSPENDED_BITS, DELIMITER_BITS, FLAG_BITS = 8, 8, 6
+SUSPENDED_BITS, DELIMITER_BITS = 8, 8
 _PRIME, _FACTOR = 2**31 - 1, 48271  # Park and Miller's generator, as `executive.loop.losses`
 _NEVER = 2**62
-_S = 1_000_000_000
 
 
 class Outcome(Numbered):
@@ -64,6 +61,9 @@ LINE = np.dtype(
         ("senders", "<i8"),
         ("room", "<i8"),
         ("in_order", "<i8"),
+        ("per_s", "<i8"),  # ticks
+        ("bit", "<i8"),  # ticks of a bit, and of one in the data phase
+        ("fast", "<i8"),
         ("p", "<f8"),
         ("burst", "<f8"),
         ("draw", "<i8"),  # the generator's state
@@ -73,15 +73,16 @@ LINE = np.dtype(
         ("sending", "<i8"),  # the sender on the line, -1 for none
         ("entry", "<i8"),  # its frame's place in its queue
         ("begin", "<i8"),
-        ("length", "<i8"),  # SOF to EOF
+        ("length", "<i8"),  # bits, SOF to EOF
+        ("places", "<i8", (len(Place),)),  # of its bits; what is no FD frame has none
         ("hit", "<i8"),  # the bit that is flipped, -1 for none
         ("due", "<i8"),  # when what is on the line has happened; with nothing there no meaning
         ("who", "<i8"),  # of what `advance` returned: the sender
         ("at", "<i8"),  # its time
         ("waited", "<i8"),  # SENT: since the frame was queued
-        ("frame", "u1", (16,)),  # what is, or was last, on the line
+        ("frame", "u1", (FRAME_BYTES,)),  # what is, or was last, on the line
         ("first", "<i8"),  # where the first frame began
-        ("busy", "<i8"),  # bits, intermission included
+        ("busy", "<i8"),  # ticks, intermission included
         ("transmit_errors", "<i8", (SENDERS,)),  # TEC and REC
         ("receive_errors", "<i8", (SENDERS,)),
         ("worst", "<i8", (SENDERS,)),  # the highest TEC so far
@@ -97,8 +98,8 @@ LINE = np.dtype(
         ("lost_off", "<i8", (SENDERS,)),
         ("errors", "<i8", (SENDERS,)),
         ("times_off", "<i8", (SENDERS,)),
-        ("longest_bits", "<i8", (SENDERS,)),  # from the queue to the end of the frame
-        ("frames", "u1", (SENDERS * MOST_ROOM, 16)),
+        ("longest", "<i8", (SENDERS,)),  # from the queue to the end of the frame
+        ("frames", "u1", (SENDERS * MOST_ROOM, FRAME_BYTES)),
         ("urgency", "<i8", (SENDERS, MOST_ROOM)),
         ("since", "<i8", (SENDERS, MOST_ROOM)),
         ("raw", "u1", (RAW_BITS,)),
@@ -110,27 +111,22 @@ N = structure(LINE)
 
 
 def prepare(
-    line: Any, senders: int, room: int = 64, *,
+    line: Any, senders: int, room: int = 64, *, bitrate: int = 1, data_bitrate: int | None = None,
     in_order: bool = False, p: float = 0.0, burst: float = 1.0, seed: int = 1,
 ) -> None:  # fmt: skip
-    """Fill the zeroed LINE record `line`; ValueError for wrong `senders` or `room`."""
+    """Fill the zeroed LINE record `line`; ValueError for wrong `senders` or `room`, or rates (0).
+
+    Bit rates in bit/s; without the second one FD frames do not switch theirs.
+    """
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
+    per_s = ticks_per_s(bitrate, data_bitrate)
+    if per_s > MOST_TICKS:
+        raise ValueError(f"{bitrate} and {data_bitrate} bit/s: no common tick")
     line.senders, line.room, line.in_order = senders, room, in_order
+    line.per_s, line.bit, line.fast = per_s, per_s // bitrate, per_s // (data_bitrate or bitrate)
     line.p, line.burst, line.draw = p, burst, 1 + seed % (_PRIME - 1)
     line.sending = -1
-
-
-@loop_function
-def bit_at(bitrate: Any, ns: Any) -> Any:
-    """Return how many bits have passed after `ns`; no product passes 2^63."""
-    return ns // _S * bitrate + ns % _S * bitrate // _S
-
-
-@loop_function
-def ns_of(bitrate: Any, bit: Any) -> Any:
-    """Return when `bit` bits have passed, rounded up."""
-    return bit // bitrate * _S - -(bit % bitrate) * _S // bitrate
 
 
 @loop_inline
@@ -149,7 +145,7 @@ def urgency_of(frame: Any) -> Any:
 
 @loop_function
 def put(line: Any, s: Any, frame: Any, at: Any) -> Any:
-    """Queue `frame` (16,) of sender `s` at bit `at`; return False if it is lost.
+    """Queue `frame` of sender `s` at tick `at`; return False if it is lost.
 
     `at` is not before the last `until` of `advance`.
     """
@@ -170,7 +166,7 @@ def put(line: Any, s: Any, frame: Any, at: Any) -> Any:
 
 @loop_function
 def advance(line: Any, until: Any) -> Any:
-    """Return what happens next up to bit `until`, NOTHING if nothing does; call until then.
+    """Return what happens next up to tick `until`, NOTHING if nothing does; call until then.
 
     A frame begins only before `until`: all that is queued by then must have been put.
     """
@@ -193,7 +189,7 @@ def advance(line: Any, until: Any) -> Any:
 
 @loop_function
 def close(line: Any, at: Any) -> None:
-    """Let what waits at bit `at`, up to which `advance` went, begin: nothing more comes for it."""
+    """Let what waits at tick `at`, up to which `advance` went, begin: nothing more comes for it."""
     if line.sending < 0 and _next_begin(line) <= at:
         _begin(line, at)
 
@@ -206,7 +202,7 @@ def next_due(line: Any) -> Any:
     due = _next_begin(line) + 1
     for s in range(line.senders):
         if line.off[s] != 0:
-            due = min(due, line.recessive_since + RECESSIVE_RUN * line.runs_left[s])
+            due = min(due, line.recessive_since + _run_ticks(line) * line.runs_left[s])
     return min(due, np.int64(_NEVER))
 
 
@@ -229,7 +225,7 @@ def state_of(line: Any, s: Any) -> Any:
 
 @loop_inline
 def _ready(line: Any, s: Any) -> Any:
-    """Return the first bit at which a sender can begin (1)."""
+    """Return the first tick at which a sender can begin (1)."""
     if line.waiting[s] == 0:
         return np.int64(_NEVER)
     return max(line.free_at, line.since[s, 0], line.not_before[s])
@@ -253,17 +249,29 @@ def _begin(line: Any, begin: Any) -> None:
                 if line.since[s, k] <= begin and line.urgency[s, k] < least:
                     least = line.urgency[s, k]
                     line.sending, line.entry = s, k
-    run = (begin - line.recessive_since) // RECESSIVE_RUN
+    run = (begin - line.recessive_since) // _run_ticks(line)
     for s in range(line.senders):
         line.runs_left[s] -= run * line.off[s]
     copy(line.frame, line.frames[line.sending * MOST_ROOM + line.entry])
     if line.busy == 0:
         line.first = begin
-    line.begin, line.length = begin, encode(line.frame, line.raw, line.wire)
+    line.begin = begin
+    if line.frame[5] & Flag.FD != 0:
+        if passive(line, line.sending):
+            line.frame[5] |= Flag.ESI  # (7)
+        line.length = encode_fd(line.frame, line.raw, line.wire, line.places)
+    else:
+        line.places[Place.FAST] = line.places[Place.FAST_END] = line.places[Place.FIXED] = 0
+        line.length = encode(line.frame, line.raw, line.wire)
     line.hit = _hit(line)
     if _listeners(line) == 0 and (line.hit < 0 or line.hit > _slot(line)):
         line.hit = _slot(line)  # (6)
-    line.due = begin + (line.length if line.hit < 0 else line.hit + 1)
+    line.due = begin + ticks_of(line, line.length if line.hit < 0 else line.hit + 1)
+
+
+@loop_inline
+def _run_ticks(line: Any) -> Any:
+    return RECESSIVE_RUN * line.bit
 
 
 @loop_inline
@@ -308,7 +316,7 @@ def _hit(line: Any) -> Any:
 
 @loop_function
 def _rest(line: Any, free_at: Any, recessive: Any) -> None:
-    """Note the end of a transmission, and that its last `recessive` bits were so."""
+    """Note the end of a transmission, and that its last `recessive` ticks were so."""
     line.busy += free_at - line.begin
     line.free_at, line.recessive_since = free_at, free_at - recessive
 
@@ -318,11 +326,12 @@ def _succeed(line: Any, s: Any) -> None:
     line.hit_before = 0
     line.sent[s] += 1
     line.waited = line.at - line.since[s, line.entry]
-    line.longest_bits[s] = max(line.longest_bits[s], line.waited)
+    line.longest[s] = max(line.longest[s], line.waited)
     _take_out(line, s, line.entry)
-    _rest(line, line.at + INTERMISSION_BITS, np.int64(1 + EOF_BITS + INTERMISSION_BITS))
+    end = 1 + EOF_BITS + INTERMISSION_BITS
+    _rest(line, line.at + INTERMISSION_BITS * line.bit, end * line.bit)
     if passive(line, s):
-        line.not_before[s] = line.free_at + SUSPENDED_BITS
+        line.not_before[s] = line.free_at + SUSPENDED_BITS * line.bit
     line.transmit_errors[s] = max(line.transmit_errors[s] - 1, 0)  # (4)
     for r in range(line.senders):
         if r != s and line.off[r] == 0:
@@ -336,14 +345,14 @@ def _fail(line: Any, s: Any) -> Any:
     alone, was_passive = _listeners(line) == 0, passive(line, s)
     line.hit_before = 1
     line.errors[s] += 1
-    flag = FLAG_BITS if alone else _flag_bits(line, np.int64(was_passive))
-    end = DELIMITER_BITS + INTERMISSION_BITS
+    flag = flag_ticks(line, np.int64(was_passive), alone)
+    end = (DELIMITER_BITS + INTERMISSION_BITS) * line.bit
     silent = was_passive
     for r in range(line.senders):
         if r != s and line.off[r] == 0:
             silent = silent and passive(line, r)
             line.receive_errors[r] = min(line.receive_errors[r] + 1, 2 * PASSIVE_AT - 1)
-    _rest(line, line.at + flag + end, np.int64(end + (flag if silent else 0)))
+    _rest(line, line.at + flag + end, end + (flag if silent else np.int64(0)))
     if not (alone and was_passive and line.hit == _slot(line)):  # (6)
         line.transmit_errors[s] += 8
     line.worst[s] = max(line.worst[s], line.transmit_errors[s])
@@ -354,23 +363,8 @@ def _fail(line: Any, s: Any) -> Any:
         line.waiting[s] = 0
         return Outcome.BUS_OFF
     if passive(line, s):
-        line.not_before[s] = line.free_at + SUSPENDED_BITS
+        line.not_before[s] = line.free_at + SUSPENDED_BITS * line.bit
     return Outcome.ERROR
-
-
-@loop_function
-def _flag_bits(line: Any, recessive: Any) -> Any:
-    """Return how long the flags of the sender, `recessive` or not, and of all others last (3)."""
-    wire, hit = line.wire, line.hit
-    if hit >= line.length - END_BITS:
-        return FLAG_BITS
-    level = 1 - wire[hit]
-    m = np.int64(1)
-    while hit - m >= 0 and wire[hit - m] == level:
-        m += 1
-    if m > 5:
-        return FLAG_BITS
-    return 2 * FLAG_BITS - (m if level == recessive else 0)
 
 
 @loop_function
@@ -385,9 +379,9 @@ def _take_out(line: Any, s: Any, k: Any) -> None:
 
 @loop_function
 def _recovers(line: Any, until: Any) -> Any:
-    """Return whether a sender that is off comes back up to bit `until` of an idle line (5)."""
+    """Return whether a sender that is off comes back up to tick `until` of an idle line (5)."""
     for s in range(line.senders):
-        at = line.recessive_since + RECESSIVE_RUN * line.runs_left[s]
+        at = line.recessive_since + _run_ticks(line) * line.runs_left[s]
         if line.off[s] != 0 and at <= until:
             line.off[s] = line.transmit_errors[s] = line.receive_errors[s] = 0
             line.who, line.at = s, at

@@ -4,8 +4,8 @@
     CRC delimiter, ACK slot and delimiter, 7 EOF                              not stuffed
 
 0 is dominant. The ACK slot is dominant, as receivers make it. The interframe space is not part of
-it. `drivers.can.frame_bits` has the longest that such a frame can be. Source: ISO 11898-1:2015,
-10.4.
+it. `drivers.can.frame_bits` has the longest that such a frame can be, `drivers.can.fd_stuffing`
+those of CAN FD. Source: ISO 11898-1:2015, 10.4.
 """
 
 from typing import Any
@@ -14,36 +14,36 @@ import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function
 
-RAW_BITS = 128  # SOF to CRC: 118 with a 29-bit id
-WIRE_BITS = 160  # with stuff bits and the end: 157 at most
+RAW_BITS = 560  # SOF to CRC: 118 with a 29-bit id; FD to the data: 553
+WIRE_BITS = 736  # with stuff bits and the end: 157 at most; FD: 733
+SHORT_ID_BITS = 14  # SOF to IDE
 END_BITS = 10  # CRC delimiter to EOF
 EOF_BITS, INTERMISSION_BITS = 7, 3
 _POLYNOMIAL = 0x4599
 
 
 @loop_function
-def _append(bits: Any, n: Any, value: Any, count: Any) -> Any:
+def append(bits: Any, n: Any, value: Any, count: Any) -> Any:
+    """Write the lowest `count` bits of `value` from place `n` on; return where they end."""
     for i in range(count):
         bits[n + i] = (value >> (count - 1 - i)) & 1
     return n + count
 
 
 @loop_function
-def _head(frame: Any, raw: Any) -> Any:
-    """Write SOF to DLC of `frame` (16,); return the number of bits."""
+def append_id(frame: Any, raw: Any) -> Any:
+    """Write SOF to IDE, of a 29-bit id to RTR, of `frame`; return the number of bits, 14 or 33."""
     word = np.int64(0)
     for i in range(4):
         word |= np.int64(frame[i]) << (8 * i)
     raw[0] = 0
     if word >> 31 != 0:
-        n = _append(raw, 1, (word >> 18) & 0x7FF, 11)
-        n = _append(raw, n, 3, 2)  # SRR, IDE
-        n = _append(raw, n, word & 0x3FFFF, 18)
-        n = _append(raw, n, 0, 3)  # RTR, r1, r0
-    else:
-        n = _append(raw, 1, word & 0x7FF, 11)
-        n = _append(raw, n, 0, 3)  # RTR, IDE, r0
-    return _append(raw, n, np.int64(frame[4]), 4)
+        n = append(raw, 1, (word >> 18) & 0x7FF, 11)
+        n = append(raw, n, 3, 2)  # SRR, IDE
+        n = append(raw, n, word & 0x3FFFF, 18)
+        return append(raw, n, 0, 1)  # RTR
+    n = append(raw, 1, word & 0x7FF, 11)
+    return append(raw, n, 0, 2)  # RTR, IDE
 
 
 @loop_function
@@ -60,10 +60,12 @@ def _crc15(raw: Any, n: Any) -> Any:
 @loop_function
 def encode(frame: Any, raw: Any, wire: Any) -> Any:
     """Write the bits of `frame` (16,) to `wire`, SOF to EOF; return how many. `raw` is scratch."""
-    n = _head(frame, raw)
+    n = append_id(frame, raw)
+    n = append(raw, n, 0, 1 if n == SHORT_ID_BITS else 2)  # r0, with a 29-bit id r1 before it
+    n = append(raw, n, np.int64(frame[4]), 4)
     for i in range(min(np.int64(frame[4]), np.int64(8))):
-        n = _append(raw, n, np.int64(frame[8 + i]), 8)
-    n = _append(raw, n, _crc15(raw, n), 15)
+        n = append(raw, n, np.int64(frame[8 + i]), 8)
+    n = append(raw, n, _crc15(raw, n), 15)
     out, run = np.int64(0), np.int64(0)
     for i in range(n):
         run = run + 1 if out > 0 and wire[out - 1] == raw[i] else np.int64(1)
@@ -73,4 +75,4 @@ def encode(frame: Any, raw: Any, wire: Any) -> Any:
             wire[out] = 1 - raw[i]
             out += 1
             run = np.int64(1)
-    return _append(wire, out, 0x2FF, END_BITS)  # 1 0 1 1111111
+    return append(wire, out, 0x2FF, END_BITS)  # 1 0 1 1111111

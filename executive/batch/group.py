@@ -215,6 +215,8 @@ def _seat(
     for signal in (signal for frame in made.tx_frames for signal in frame.signals):
         if not signal.is_float and max(map(abs, signal.codes)) >= _WHOLE:
             raise NotInLanes(f"signal {signal.name} has codes beyond 2^53")
+    if layered := [frame.name for frame in made.tx_frames if frame.selector]:
+        raise NotInLanes(f"frame {layered[0]} is multiplexed")
     rows = {frame.name: row for row, frame in enumerate(other.rx_frames)}
     heard = np.array([rows.get(frame.name, -1) for frame in made.tx_frames], np.int64)
     places = np.array([made.table.index[name] for name in wanted], np.int64)

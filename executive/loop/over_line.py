@@ -16,6 +16,7 @@ from typing import Any
 from pcpc.drivers.can import error_frames, wire
 from pcpc.drivers.can import line as lines
 from pcpc.drivers.can.line import Outcome
+from pcpc.drivers.can.ticks import tick_at
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
 from pcpc.executive.loop.exchange import end_run, meet, work_below
@@ -25,7 +26,7 @@ _REST_BITS = 1_000_000  # in which what is on its way at the end comes through
 
 @loop_function
 def _queue(line: Any, s: Any, end: Any, at: Any) -> None:
-    """Queue what node `s` has sent at bit `at`."""
+    """Queue what node `s` has sent at tick `at`."""
     for k in range(end.outbox_put):
         lines.put(line, s, end.outbox[k], at)
     end.outbox_put = 0
@@ -33,7 +34,7 @@ def _queue(line: Any, s: Any, end: Any, at: Any) -> None:
 
 @loop_function
 def _go_on(line: Any, nodes: Any, until: Any) -> None:
-    """Let the line go on to bit `until`, and put what is through into its receiver's inbox."""
+    """Let the line go on to tick `until`, and put what is through into its receiver's inbox."""
     what = lines.advance(line, until)
     while what != Outcome.NOTHING:
         if what == Outcome.SENT:
@@ -44,7 +45,7 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
         what = lines.advance(line, until)
 
 
-def _run(nodes: Any, steps: Any, line: Any, bitrate: Any, phase_ns: Any, cycles: Any) -> Any:
+def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
     """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
     top, low = nodes[0], nodes[1]
     if top.passes == 0:
@@ -52,17 +53,17 @@ def _run(nodes: Any, steps: Any, line: Any, bitrate: Any, phase_ns: Any, cycles:
         work_below(nodes, steps)
     for _ in range(cycles):
         before, time_ns = top.passes, top.k * top.clock.period_ns
-        at = lines.bit_at(bitrate, time_ns)
+        at = tick_at(line.per_s, time_ns)
         _go_on(line, nodes, at)
         more = one_pass(top, steps[0])
         _queue(line, 0, top.wire, at)
-        at = lines.bit_at(bitrate, time_ns + phase_ns)
+        at = tick_at(line.per_s, time_ns + phase_ns)
         _go_on(line, nodes, at)
         if more or top.passes != before:  # else it has not sent
             pass_or_finish(low, steps[1])
             _queue(line, 1, low.wire, at)
         if not more:
-            _go_on(line, nodes, at + _REST_BITS)
+            _go_on(line, nodes, at + _REST_BITS * line.bit)
             end_run(nodes, steps)
             return 0
     return 1
@@ -70,6 +71,6 @@ def _run(nodes: Any, steps: Any, line: Any, bitrate: Any, phase_ns: Any, cycles:
 
 @cache
 def run_over_line() -> Any:
-    """Return `run(nodes, steps, line, bitrate, phase_ns, cycles)`, compiled on first use."""
-    kinds = types.UniTuple(N, 2), types.UniTuple(STEPS, 2), lines.N, i8, i8, i8
+    """Return `run(nodes, steps, line, phase_ns, cycles)`, compiled on first use."""
+    kinds = types.UniTuple(N, 2), types.UniTuple(STEPS, 2), lines.N, i8, i8
     return loop(i8(*kinds))(_run)

@@ -1,7 +1,7 @@
 """A gateway that makes one CAN line of two channels: the model of `drivers.can.line` on a clock.
 
 What comes on one side waits in that side's transmit queue, and goes out on the other at the time
-at which its last bit would be there. The model's bit 0 is the start of the gateway; a frame counts
+at which its last bit would be there. The model's tick 0 is the start of the gateway; a frame counts
 as queued when it is read. Deadlines are absolute: a late wake-up delays one frame, not the line.
 What is measured is the time at which the other side had taken a frame, behind that deadline.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import error_frames, line, wire
 from pcpc.drivers.can.line import Outcome
+from pcpc.drivers.can.ticks import ns_of, tick_at
 from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function
@@ -42,10 +43,13 @@ GATEWAY = np.dtype(
         ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
         ("timespec", "<i8", (2,)),
         ("polled", "<i8", (2,)),  # two of struct pollfd, as in WIRE
-        ("bitrate", "<i8"),
         ("start_ns", "<i8"),
-        ("until", "<i8"),  # the bit up to which the model is
-        ("foreign", "<i8", (2,)),  # frames that cannot be carried: FD, remote, no CAN
+        ("until", "<i8"),  # the tick up to which the model is
+        (
+            "foreign",
+            "<i8",
+            (2,),
+        ),  # frames that cannot be carried: remote, no CAN, FD on a classic line
         ("line", line.LINE),
         ("a", WIRE),
         ("b", WIRE),
@@ -85,13 +89,13 @@ def _hand_over(n: Any, end: Any) -> None:
     if not wire.put_frame(end):
         n.control[ERRORS] += 1
         n.control[ERRNO] = end.errno
-    late = _now(n) - n.start_ns - line.ns_of(n.bitrate, n.line.at)
+    late = _now(n) - n.start_ns - ns_of(n.line.per_s, n.line.at)
     note(n, max(late, np.int64(0)))
 
 
 @loop_function
 def _go_on(n: Any) -> None:
-    """Let the line go on to bit `until`."""
+    """Let the line go on to tick `until`."""
     what = line.advance(n.line, n.until)
     while what != Outcome.NOTHING:
         if what == Outcome.SENT:
@@ -113,8 +117,8 @@ def _sleep(n: Any) -> None:
     passed = _now(n) - n.start_ns
     due = line.next_due(n.line)
     soonest = passed + _LONGEST_SLEEP_NS
-    if due <= line.bit_at(n.bitrate, soonest):
-        soonest = line.ns_of(n.bitrate, due)
+    if due <= tick_at(n.line.per_s, soonest):
+        soonest = ns_of(n.line.per_s, due)
     n.timespec[0], n.timespec[1] = 0, max(soonest - passed, np.int64(0))
     n.polled[0] = n.a.fd_rx | libc.POLLIN << 32
     n.polled[1] = n.b.fd_rx | libc.POLLIN << 32
@@ -127,7 +131,7 @@ def carry(n: Any) -> Any:
     if n.start_ns == 0:
         n.start_ns = _now(n)
     while True:
-        n.until = max(n.until, line.bit_at(n.bitrate, _now(n) - n.start_ns))
+        n.until = max(n.until, tick_at(n.line.per_s, _now(n) - n.start_ns))
         _go_on(n)
         if not _read(n, n.a, 0) or not _read(n, n.b, 1):
             return np.int64(0)
@@ -140,25 +144,25 @@ def carry(n: Any) -> Any:
 class Gateway:
     """A gateway between two buses; `carry` runs in a thread of the caller until `stop`."""
 
-    def __init__(self, bitrate: int, room: int, **options: Any) -> None:
-        """`options` are those of `drivers.can.line.prepare`."""
-        self.bitrate = bitrate
-        self.n = self._block(bitrate, room, options)
-        dry = self._block(bitrate, room, options)  # compiled, loaded, touched
+    def __init__(self, room: int, fd: bool = False, **options: Any) -> None:
+        """`fd`: frames of CAN FD are carried too; `options` of `drivers.can.line.prepare`."""
+        self._fd = fd
+        self.n = self._block(room, options)
+        dry = self._block(room, options)  # compiled, loaded, touched
         for end in (dry.a, dry.b):
             wire.prepare(end, Medium.MEMORY, -1, -1)
         dry.control[STOP] = 1
         carry(dry)
 
-    def _block(self, bitrate: int, room: int, options: dict[str, Any]) -> Any:
+    def _block(self, room: int, options: dict[str, Any]) -> Any:
         n: Any = np.zeros(1, GATEWAY).view(np.recarray)[0]
-        n.bitrate = bitrate
         line.prepare(n.line, 2, room, **options)
         return n
 
     def open(self, sides: Sequence[buses.Bus]) -> None:
         """Open both sides, which are heard from now on; BusError."""
         for bus, end in zip(sides, (self.n.a, self.n.b), strict=True):
+            end.fd = self._fd
             buses.open_bus(bus, None, end)
             buses.know_own(end)
 
@@ -172,9 +176,9 @@ class Gateway:
         self.n.control[STOP] = 1
 
     @property
-    def bits(self) -> int:
+    def passed_s(self) -> float:
         """How far the line is."""
-        return int(self.n.until)
+        return int(self.n.until) / int(self.n.line.per_s)
 
     def late_us(self) -> dict[str, float]:
         """Return how late frames were handed over."""

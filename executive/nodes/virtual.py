@@ -163,14 +163,13 @@ class VirtualRun:
             fmus.close(made)
 
 
-def _over_line(rig: Rig) -> tuple[Any, int, int]:
-    """Return the rig's emulated line, its bit rate, and how far the plant is behind, ns."""
-    config, bitrate = rig.config, rig.config.bus.bits_per_s
+def _over_line(rig: Rig) -> tuple[Any, int]:
+    """Return the rig's emulated line, and how far the plant is behind, ns."""
+    config = rig.config
     line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
     lines.prepare(line, 2, config.bus.queue, **line_options(rig))
     behind = (config.realtime.plant.phase - config.realtime.executive.phase) % 1.0 or 1.0
-    assert bitrate is not None, "emulate gives it"
-    return line, bitrate, round(behind * config.period_ns)
+    return line, round(behind * config.period_ns)
 
 
 def simulate(rig: Rig, log: Path) -> VirtualRun:

@@ -39,7 +39,8 @@ class Drive(Keyed):
     """The plant as a drive on CANopen: a block's input is wired to `drive.command`.
 
     `position`, `velocity`: variables that it measures; without a velocity, differences. `rated`:
-    the command at 100 %. `objects`: values at the start, by index and subindex (6085, 1800.3).
+    the command at 100 %. `eds`: EDS or DCF of the real one. `objects`: values at the start, by
+    index and subindex (6085, 1800.3).
     """
 
     profile: Literal["cia402"]
@@ -49,4 +50,5 @@ class Drive(Keyed):
     rated: Positive
     scale: Scale = Scale()
     gains: Gains
+    eds: str | None = None
     objects: dict[str | int, int] = {}

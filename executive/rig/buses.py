@@ -4,7 +4,9 @@ from typing import Any
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.choice import Wanted
-from pcpc.executive.rig.messages import check_classic
+from pcpc.drivers.can.ticks import MOST_TICKS, ticks_per_s
+from pcpc.drivers.can.wire_layout import Flag
+from pcpc.executive.rig.messages import fd_frames
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -24,16 +26,30 @@ def check_line(rig: Rig, pacing: str) -> None:
     """Raise RigError if the rig's line cannot be emulated; `pacing` may be virtual."""
     if rig.config.bus.emulate is None:
         return
-    what = ""
+    what, bus = "", rig.config.bus
+    nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
+    switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     if pacing == "lockstep":
         what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
     elif rig.config.local is not None:
         what = "this rig has a local node and so two buses; only one can be emulated"
-    elif not 1000 <= (rig.config.bus.bits_per_s or 0) <= 1_000_000:
-        what = f"{rig.config.bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s"
+    elif not 1000 <= nominal <= 1_000_000:
+        what = f"{bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s, CAN FD before its switch too"
+    elif switched and fast is None:
+        what = f"{switched[0]} switches its bit rate; give bus.data_bitrate, in bit/s"
+    elif fast is not None:
+        what = odd_rates(nominal, fast)
     if what:
         raise rig.error("bus.emulate", what)
-    check_classic(rig, "an emulated line", "bus.emulate")
+
+
+def odd_rates(bitrate: int, data_bitrate: int) -> str:
+    """Return why a line cannot have these two bit rates, "" if it can."""
+    if data_bitrate < bitrate:
+        return f"data at {data_bitrate} bit/s is slower than the nominal {bitrate}; give more"
+    if ticks_per_s(bitrate, data_bitrate) > MOST_TICKS:
+        return f"no clock up to 9 GHz gives both {bitrate} and {data_bitrate} bit/s; round them"
+    return ""
 
 
 def virtual_pacing(rig: Rig) -> str:
@@ -44,4 +60,5 @@ def virtual_pacing(rig: Rig) -> str:
 def line_options(rig: Rig) -> dict[str, Any]:
     """Return what the rig says of its emulated line, for `drivers.can.line.prepare`."""
     bus = rig.config.bus
-    return {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}
+    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate}
+    return rates | {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

@@ -18,6 +18,8 @@ from pcpc.executive.rig.roles import ROLES, Role
 from pcpc.executive.rig.schema import Config
 from pcpc.executive.rig.yamlfile import Document, Keys
 
+EDS = "plant-drive.eds"  # the name that a log gives it
+
 
 def data(
     document: Document, config: Config, specs: Mapping[Role, Sequence[BlockSpec]]
@@ -36,6 +38,8 @@ def data(
                 entry["signal"] = None
                 entry["interpolation"] = entry["interpolation"] or "hold"
     whole["plant"]["parameters_file"] = None
+    if config.plant.drive is not None and config.plant.drive.eds is not None:
+        whole["plant"]["drive"]["eds"] = EDS
     return whole
 
 

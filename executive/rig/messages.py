@@ -207,13 +207,17 @@ def check_no_drive(rig: Rig, what: str) -> None:
         raise rig.error("plant.drive", what)
 
 
-def check_classic(rig: Rig, what: str, place: str = "dbc") -> None:
-    """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
+def fd_frames(rig: Rig) -> list[dbc.Frame]:
+    """Return the frames of the rig's DBC file that are of CAN FD."""
     database = database_of(rig)
     with errors_named(rig):
-        found = [one.name for one in map(dbc.frame, database.messages) if one.fd]
-    if found:
-        raise rig.error(place, f"{what} has classic frames only; {found[0]} is of CAN FD")
+        return [one for one in map(dbc.frame, database.messages) if one.fd]
+
+
+def check_classic(rig: Rig, what: str) -> None:
+    """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
+    for one in fd_frames(rig):
+        raise rig.error("dbc", f"{what} has classic frames only; {one.name} is of CAN FD")
 
 
 def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[Part]:

@@ -131,13 +131,18 @@ class Rig:
         return [(keys, str(effective.value_at(self.document.data, keys))) for keys in found]
 
     def tables(self) -> dict[str, str]:
-        """Return the tables of all blocks as texts, by the file names of `resolved`."""
-        return {
+        """Return tables of all blocks and the drive's EDS as texts, by the names of `resolved`."""
+        found = {
             effective.table_name(role, block, self.config): block.table
             for role, node in self.nodes().items()
             for block in node.blocks
             if block.table
         }
+        drive = self.config.plant.drive
+        if drive is not None and drive.eds is not None:
+            file = self.document.file(("plant", "drive", "eds"), drive.eds)
+            found[effective.EDS] = file.read_bytes().decode("latin-1")
+        return found
 
     def carried_files(self, reads: Reads) -> list[CarriedFile]:
         """Return the entries of evaluation, drawing and laws, and of other files `reads`."""

@@ -57,6 +57,11 @@ class Bus(Keyed):
         scale = {"k": 1e3, "M": 1e6}.get(number[-1], 1.0)
         return round(scale * float(number.rstrip("kM ")))
 
+    @property
+    def data_bit(self) -> float:
+        """How many nominal bits one of the data phase lasts; without a rate at 1 Mbit/s."""
+        return (self.bits_per_s or 1e6) / self.data_bitrate if self.data_bitrate else 1.0
+
 
 class Supervisor(Keyed):
     """Reactions to missing frames, in cycles, and the ramp to safe values.

@@ -74,6 +74,36 @@ def messages(draw: st.DrawFn, narrow: bool = False) -> Message:
     return Message(0x123, "M", dlc, chosen, **about)
 
 
+@st.composite
+def multiplexed(draw: st.DrawFn) -> Message:
+    """Return a frame with a multiplexer, signals of its layouts, and perhaps one of all of them."""
+    dlc = draw(st.sampled_from([8, *LENGTHS[9:]]))
+    length, first = draw(st.integers(1, 6)), 8 * draw(st.integers(0, dlc - 1))
+    chosen = [Signal("m", first, length, is_multiplexer=True)]
+    common = {*range(first, first + length)}
+    layouts = draw(st.lists(st.integers(0, 2**length - 1), min_size=1, max_size=3, unique=True))
+    taken = {layout: set(common) for layout in layouts}
+    for i in range(draw(st.integers(1, 9))):
+        signal, bits = draw(signals(8 * dlc, f"s{i}", False))
+        layout = draw(st.sampled_from([*layouts, None]))
+        wanted = layouts if layout is None else [layout]
+        if any(bits & taken[one] for one in wanted):
+            continue
+        for one in wanted:
+            taken[one] |= bits
+        if layout is not None:
+            signal.multiplexer_ids, signal.multiplexer_signal = [layout], "m"
+        chosen.append(signal)
+    assume(any(signal.multiplexer_ids for signal in chosen))
+    about: Any = {"senders": ["A"], "cycle_time": 10, "strict": True, "is_fd": dlc > 8}
+    return Message(0x123, "M", dlc, chosen, **about)
+
+
+def in_layout(message: Message, layout: int) -> list[Signal]:
+    """Return the signals that come with this value of the multiplexer."""
+    return [one for one in message.signals if one.multiplexer_ids in (None, [layout])]
+
+
 def tables(message: Message) -> dbc.Table:
     """Return the tables of one message; one that dbc refuses for its width is discarded."""
     try:
@@ -116,11 +146,13 @@ def assert_same_values(got: dict[str, float], expected: dict[str, Any], data: by
         )
 
 
-def reference(message: Message, values: dict[str, float]) -> tuple[bytes, int]:
+def reference(
+    message: Message, values: dict[str, float], signals: list[Signal] | None = None
+) -> tuple[bytes, int]:
     """Return what cantools makes of these values, and how many it must first pull into range."""
     raws: dict[str, Any] = {}
     saturated = 0
-    for signal in message.signals:
+    for signal in message.signals if signals is None else signals:
         value = values[signal.name]
         if math.isnan(value):
             raws[signal.name], saturated = 0, saturated + 1
@@ -163,6 +195,49 @@ def test_any_value_encodes_as_by_cantools_and_saturation_is_counted(
         values[signal.name] = code * float(signal.scale) + float(signal.offset)
     with np.errstate(over="ignore", invalid="ignore"):
         assert pack(values, 0, table) == reference(message, values), f"{values} {message.signals}"
+
+
+@settings(max_examples=150, deadline=None)
+@given(multiplexed(), st.data())
+def test_only_the_signals_of_a_layout_are_read_and_written_as_by_cantools(
+    message: Message, data: st.DataObject
+) -> None:
+    table = tables(message)
+    by_name = {signal.name: signal for signal in message.signals}
+    layouts = {s.multiplexer_ids[0] for s in message.signals if s.multiplexer_ids}
+    layout = data.draw(st.sampled_from(sorted(layouts)))
+    payload = bytearray(data.draw(st.binary(min_size=message.length, max_size=message.length)))
+    at = by_name["m"].start // 8
+    payload[at] = payload[at] & ~((1 << by_name["m"].length) - 1) | layout
+    expected = message.decode(bytes(payload), decode_choices=False)
+    assert isinstance(expected, dict)
+    found = unpack(bytes(payload), 0, table)
+    assert_same_values({name: found[name] for name in expected}, expected, bytes(payload))
+    kept = found.keys() - expected.keys()
+    assert all(math.isnan(found[name]) for name in kept)
+    assert len(kept) == len(message.signals) - len(in_layout(message, layout))
+    values = dict.fromkeys(by_name, math.nan) | {
+        name: data.draw(st.floats(-4.0, 4.0)) * float(by_name[name].scale) for name in expected
+    }
+    values["m"] = float(layout)
+    assert pack(values, 0, table) == reference(message, values, in_layout(message, layout))
+
+
+def test_of_an_unknown_layout_only_the_signals_of_all_layouts_are_read_and_written() -> None:
+    signals = [
+        Signal("m", 0, 8, is_multiplexer=True),
+        Signal("always", 8, 8),
+        Signal("a", 16, 8, multiplexer_ids=[3], multiplexer_signal="m"),
+        Signal("b", 16, 8, multiplexer_ids=[255], multiplexer_signal="m"),
+    ]
+    table = tables(Message(0x123, "M", 4, signals, cycle_time=10, strict=True))
+    assert str(unpack(b"\x04\x07\x09\x00", 0, table)) == str(
+        {"m": 4.0, "always": 7.0, "a": math.nan, "b": math.nan}
+    )
+    given = {"m": 4.0, "always": 7.0, "a": 9.0, "b": 9.0}
+    assert pack(given, 0, table) == (b"\x04\x07\x00\x00", 0)
+    assert pack(given | {"m": 999.0}, 0, table) == (b"\xff\x07\x09\x00", 1)
+    assert pack(given | {"m": math.nan}, 0, table) == (b"\x00\x07\x00\x00", 1)
 
 
 @pytest.mark.parametrize("order", ["little_endian", "big_endian"])

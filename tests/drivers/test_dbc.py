@@ -73,8 +73,21 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
         ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [5|-5]"), "no raw value lies in [5.0|-5.0]"),
         ("2 A\n" + SG.format("a : 0|16@1+ (1,0) [0|0]") + "SIG_VALTYPE_ 1 a : 1;\n",
          "float of 16 bits; use 32 or 64"),
-        ("2 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]"),
-         "frame M: multiplexed (m, a); give each layout a frame"),
+        ("2 A\n" + SG.format("m M : 0|8@1- (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]"),
+         "frame M: m: a multiplexer must be unsigned"),
+        ("2 A\n" + SG.format("m M : 0|1@1+ (1,0) [0|0]") + SG.format("a m2 : 8|8@1+ (1,0) [0|0]"),
+         "frame M: a: layout 2 does not fit into the 1 bits of m"),
+        ("8 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0M : 8|8@1+ (1,0) [0|0]")
+         + SG.format("b m1 : 16|8@1+ (1,0) [0|0]") + "SG_MUL_VAL_ 1 a m 0-0;\n"
+         "SG_MUL_VAL_ 1 b a 1-1;\n", "frame M: a: a multiplexer within a layout; give each"),
+        ("8 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]")
+         + "SG_MUL_VAL_ 1 a m 0-5;\n", "frame M: a: in more than one layout; give each"),
+        ("8 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("n M : 8|8@1+ (1,0) [0|0]")
+         + SG.format("a m0 : 16|8@1+ (1,0) [0|0]") + SG.format("b m0 : 24|8@1+ (1,0) [0|0]")
+         + "SG_MUL_VAL_ 1 a m 0-0;\nSG_MUL_VAL_ 1 b n 0-0;\n", "more than one multiplexer"),
+        ("3 A\n" + SG.format("counter m0 : 0|4@1+ (1,0) [0|0]")
+         + SG.format("m M : 8|8@1+ (1,0) [0|0]") + SG.format("crc : 16|8@1+ (1,0) [0|0]"),
+         "counter: only in one layout; let it be in all"),
         ("2 A\n" + SG.format("crc : 8|8@1+ (1,0) [0|0]"), "no counter or sequence"),
         ("2 A\n" + SG.format("crc : 0|8@1+ (1,0) [0|0]"), "crc must be the 8 bits of the last"),
         ("3 A\n" + SG.format("crc : 16|8@1+ (1,0) [0|0]")
@@ -136,7 +149,7 @@ def test_a_protected_frame_has_its_tail_in_the_frame_row_only(tmp_path: Path) ->
     entries = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
     table = dbc.table(entries, 1000.0, {"M.a": 5})
     row = table.frames[0].tolist()
-    assert row == (352, 1, 4, 0, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352), f"{row}"
+    assert row == (352, 1, 4, 0, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352, 0), f"{row}"
     assert table.variables == ("M.a",), f"{table.variables}"
     assert table.signals[0].variable == 5, f"{table.signals}"
     scales = table.signals[0].tolist()[-4:]

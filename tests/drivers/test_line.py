@@ -60,7 +60,7 @@ def sent(line: Any, arrivals: Iterable[Arrival], until: int) -> list[tuple[bytes
     ):
         while (what := lines.advance(line, at)) != Outcome.NOTHING:
             if what == Outcome.SENT:
-                found.append((line.frame.tobytes(), int(line.waited)))
+                found.append((line.frame[:16].tobytes(), int(line.waited)))
         for _, s, one in group:
             if s >= 0:
                 lines.put(line, s, one, at)

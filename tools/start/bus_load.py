@@ -1,6 +1,7 @@
 """What the frames that nodes saw took of their bus, at most, and how regularly they came.
 
 bits     of each frame as many as one of its length can have (`drivers.can.frame_bits`)
+         in nominal bits; one of CAN FD's data phase is less than one
 load     of a bus; a frame counts once, by the node that saw most of it
 sent     the part of it that is from one node
 period   mean time from a frame to the next of its kind
@@ -17,12 +18,13 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.drivers.can.frame_bits import frame_bits
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.loop.ring_layout import OfFrame
 from pcpc.executive.rig import schema, yamlfile
 
-Kinds = Counter[tuple[int, int]]  # frames by id word and length
-_ID, _LENGTH, _RECEIVED, _STATE = 0xFFFFFFFF, 32, 40, 48  # in a word of a frame
+Kinds = Counter[tuple[int, int, int]]  # frames by id word, length and `Flag`
+_ID, _LENGTH, _RECEIVED, _STATE, _FLAGS = 0xFFFFFFFF, 32, 40, 48, 56  # in a word of a frame
 
 
 class Counted:
@@ -34,7 +36,7 @@ class Counted:
         words, counts = np.unique(rows[:, OfFrame.ABOUT], return_counts=True)
         for word, count in zip(words.tolist(), counts.tolist(), strict=True):
             number, state = word & _ID, word >> _STATE & 0xFF
-            kind = number, word >> _LENGTH & 0xFF
+            kind = number, word >> _LENGTH & 0xFF, word >> _FLAGS & ~Flag.ESI
             self.seen[kind] += count * (state != FrameState.BUS_ERROR)
             if word >> _RECEIVED & 0xFF:
                 self.received.setdefault(number, Counter())[state] += count
@@ -42,26 +44,27 @@ class Counted:
                 self.sent[kind] += count
 
 
-def bits(kinds: Kinds) -> int:
-    """Return the most bits that frames have on the wire."""
-    return sum(
-        count * classic_bits(min(length, 8), bool(number & can_id.EXTENDED))
-        for (number, length), count in kinds.items()
-    )
+def bits(kinds: Kinds, data_bit: float) -> float:
+    """Return the most nominal bits that frames last; `data_bit` of `executive.rig.schema.Bus`."""
+    total = 0.0
+    for (number, length, flags), count in kinds.items():
+        nominal, data = frame_bits(length, bool(number & can_id.EXTENDED), flags)
+        total += count * (nominal + data_bit * data)
+    return total
 
 
-def on_buses(seen: Mapping[str, Kinds]) -> list[int]:
+def on_buses(seen: Mapping[str, Kinds], data_bit: float) -> list[float]:
     """Return the bits on each bus of a run, of what its nodes saw; executive's bus first.
 
     A local node is on both buses and has seen what went over either.
     """
     ends = [seen[role] for role in ("executive", "plant") if role in seen]
     if "local" in seen:
-        return [bits(end) for end in ends] or [bits(seen["local"])]
+        return [bits(end, data_bit) for end in ends or [seen["local"]]]
     most = Kinds()
     for end in ends:
         most |= end
-    return [bits(most)]
+    return [bits(most, data_bit)]
 
 
 def spacing(rows: NDArray[np.int64]) -> dict[tuple[int, bool], tuple[float, float]]:
@@ -79,7 +82,7 @@ def spacing(rows: NDArray[np.int64]) -> dict[tuple[int, bool], tuple[float, floa
     return found
 
 
-def bitrate(about: Mapping[str, Any]) -> int | None:
-    """Return the bit rate that the rig of a node's description says, None for none."""
+def bus_of(about: Mapping[str, Any]) -> schema.Bus:
+    """Return the bus of the rig of a node's description."""
     data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data["bus"]
-    return msgspec.convert(data, schema.Bus).bits_per_s
+    return msgspec.convert(data, schema.Bus)

@@ -146,7 +146,7 @@ def test_no_frame_of_a_rig_takes_longer_than_its_analysis_says(
     setup = Setup(rig.config.rate_hz, rig.config.bus.bits_per_s or 0)
     (frames,) = buses(rig)
     longest = max(row.response_ns or 0 for row in response_rows(frames, setup))
-    waited_ns = 1e9 * int(line.longest_bits.max()) / setup.bitrate
+    waited_ns = 1e9 * int(line.longest.max()) / setup.bitrate
     assert 0.4 * longest < waited_ns <= longest, f"{waited_ns} ns, bound {longest} ns"
 
 

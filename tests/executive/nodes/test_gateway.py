@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import line, wire, wire_layout
-from pcpc.drivers.can.line import Condition, bit_at, ns_of
-from pcpc.drivers.can.wire_layout import Arrival
+from pcpc.drivers.can.line import Condition
+from pcpc.drivers.can.ticks import ns_of, tick_at
+from pcpc.drivers.can.wire_layout import Arrival, Flag
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.nodes.player import STOP
 
@@ -38,7 +39,7 @@ def make() -> Iterator[Make]:
     def made(bitrate: int = 1_000_000, room: int = 64, **options: Any) -> tuple[Gateway, Any, Any]:
         first = buses.bus_named(*buses.parse(own_bus()))
         sides = [first, buses.neighbour_of(first)]
-        gateway = Gateway(bitrate, room, **options)
+        gateway = Gateway(room, bitrate=bitrate, **options)
         gateway.open(sides)
         opened.extend([gateway.n.a, gateway.n.b, *map(an_end, sides)])
         return gateway, *opened[-2:]
@@ -84,6 +85,24 @@ def test_frames_go_to_the_other_side_by_priority_once_their_bits_have_passed(mak
     assert gateway.n.line.sent.tolist() == [2, 1, 0, 0]
 
 
+def test_fd_frames_cross_a_line_of_two_bit_rates_and_no_other(make: Make) -> None:
+    for rates in ({"fd": True, "data_bitrate": 4000}, {}):
+        gateway, a, b = make(1000, **rates)
+        one_pass(gateway)
+        a.tx[:] = 0
+        a.tx[0], a.tx[4], a.tx[5], a.tx[8:56] = 7, 48, Flag.FD | Flag.BRS, range(48)
+        b.fd = 1
+        assert wire.put_frame(a)
+        one_pass(gateway)
+        one_pass(gateway, S // 10)
+        assert there(b) == [], "its data phase takes more than 0.1 s"
+        one_pass(gateway, S // 5)
+        assert there(b) == ([7] if rates else [])
+        assert gateway.n.foreign.tolist() == ([0, 0] if rates else [1, 0])
+        if rates:
+            assert b.rx.tobytes() == a.tx.tobytes()
+
+
 def test_in_order_the_frames_of_a_side_keep_theirs(make: Make) -> None:
     gateway, a, b = make(1000, in_order=True)
     one_pass(gateway)
@@ -117,7 +136,7 @@ def test_how_late_a_frame_was_is_measured(make: Make) -> None:
     send(a, 1)
     one_pass(gateway)
     one_pass(gateway, 10 * S)
-    due_us = 1e3 * int(gateway.n.line.longest_bits[0])
+    due_us = 1e3 * int(gateway.n.line.longest[0])
     assert gateway.late_us()["max"] > 10e6 - due_us - 1e3, gateway.late_us()
     assert gateway.late_us()["p50"] == gateway.late_us()["max"], "there was one"
 
@@ -141,7 +160,7 @@ def test_in_its_thread_it_carries_both_ways_and_never_before_the_bits_have_passe
     gateway.stop()
     thread.join()
     assert heard == {"a": [*range(100, 120)], "b": [*range(20)]}
-    busy_s = int(gateway.n.line.busy) / gateway.bitrate
+    busy_s = int(gateway.n.line.busy) / int(gateway.n.line.per_s)
     assert took_s > busy_s - 3e-5, f"{took_s} s for {busy_s} s of bits"
     assert gateway.not_taken == 0
 
@@ -159,7 +178,7 @@ def test_the_gateway_itself_adds_no_frame_and_none_comes_back(make: Make) -> Non
 
 @given(st.integers(1, 10**6), st.integers(0, 10**16))
 def test_bits_and_times_agree_also_after_months(bitrate: int, ns: int) -> None:
-    bit = int(bit_at(bitrate, ns))
+    bit = int(tick_at(bitrate, ns))
     assert bit == ns * bitrate // S
     assert ns_of(bitrate, bit) == -(-bit * S // bitrate) <= ns
-    assert bit_at(bitrate, ns_of(bitrate, bit)) == bit
+    assert tick_at(bitrate, ns_of(bitrate, bit)) == bit

@@ -50,6 +50,13 @@ def made_up(number: int, draw: random.Random) -> Message | None:
         start = turned[0] if big else first
         signed = draw.random() < 0.5
         signals.append(Signal(name, start, length, order, signed, conversion=conversion))
+    chosen = [one for one in signals if one.length <= 20 and not one.is_signed]
+    if number % 3 == 0 and chosen:
+        chosen[0].is_multiplexer, chosen[0].conversion = True, BaseConversion.factory(1, 0)
+        for one in signals:
+            if one is not chosen[0] and draw.random() < 0.7:
+                one.multiplexer_ids = [draw.randrange(2)]
+                one.multiplexer_signal = chosen[0].name
     message = Message(number, f"F{number:03X}", 8, signals, send_type="EveryCycle")
     try:
         dbc.frame(message)
@@ -95,26 +102,34 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dbc.Frame], An
 
 def test_pack_and_unpack_give_the_bits_of_the_loop(built: tuple[list[dbc.Frame], Any]) -> None:
     found, library = built
-    kinds, draw = set(), random.Random(5)
+    kinds, layouts, draw = set(), 0, random.Random(5)
     for frame in found:
         if not frame.signals:
             continue
-        table, n = dbc.table([frame], 1000.0), len(frame.signals)
+        table = dbc.table([frame], 1000.0)
+        layouts += frame.selector != ""
         kinds |= {signal.kind for signal in frame.signals}
         where = table.frames, table.signals
         name = identifier(frame.name)
         for _ in range(30):
             values = np.array([a_value(signal, draw) for signal in frame.signals])
+            layout = draw.randrange(3)
+            for i, signal in enumerate(frame.signals):
+                if signal.name == frame.selector:
+                    values[i] = signal.factor * layout + signal.offset
             expected, told = np.zeros(8, np.uint8), np.zeros(8, np.uint8)
             clamped = codec.pack(expected, 0, *where, values)
             ours = getattr(library, f"pack_{name}")(values.ctypes, told.ctypes)
             assert (told.tobytes(), ours) == (expected.tobytes(), clamped), (frame.name, values)
             data = np.frombuffer(draw.randbytes(8), np.uint8).copy()
             data[frame.dlc :] = 0
+            if frame.selector:
+                data[:] = expected  # in whose layout there is something
+            unpacked = values.copy()
             codec.unpack(data, 0, *where, values)
-            unpacked = np.zeros(n)
             getattr(library, f"unpack_{name}")(data.ctypes, unpacked.ctypes)
             assert unpacked.tobytes() == values.tobytes(), (frame.name, data.tobytes().hex())
+    assert layouts > 10
     assert kinds == {
         Kind.SCALED,
         Kind.WIDE,

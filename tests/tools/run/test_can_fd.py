@@ -14,8 +14,10 @@ from pcpc.drivers.can import codec, dbc
 from pcpc.drivers.can.bus import UDP_GROUP
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.log import reader as logs
+from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.start import bus_load
 
 BITRATES = "bus: {bitrate: 1000000, data_bitrate: 5000000}"
 SYNC, CMD, FB, HB_EXEC = 0x80, 0xA0, 0x120, 0x701
@@ -152,8 +154,12 @@ def test_a_dbc_file_that_cannot_be_is_one_line(name: str, tmp_path: Path) -> Non
 
 REFUSED = {
     "a data rate": (["bus", "RIG"], "give bus.data_bitrate"),
+    "a slow data rate": (
+        ["bus", "RIG", "--set", "bus.data_bitrate=500000"],
+        "data at 500 kbit/s is",
+    ),
     "a load": (["run", "RIG", "--set", "bus.bitrate=1000000"], "give the rig bus.data_bitrate"),
-    "a line": (["simulate", "RIG", "--set", "bus.emulate=1M"], "classic frames only; SYNC is of"),
+    "a line": (["simulate", "RIG", "--set", "bus.emulate=1M"], "CMD switches its bit rate; give"),
     "C": (["generate", "c", "RIG"], "generated C has classic frames only"),
     "a device": (["plant", "RIG", "--device", "bus"], "a device has classic frames only"),
     "a watchdog": (["watchdog", "RIG"], "the watchdog has classic frames only"),
@@ -175,6 +181,29 @@ def test_the_bus_tells_what_fits(run: tuple[Path, Path]) -> None:
     row = next(one for one in found["frames"] if one["name"] == "FB")
     assert (found["data_bitrate"], row["transmission_us"]) == (5_000_000, pytest.approx(168.8))
     assert found["fits"] and found["load"] < 0.45
+
+
+def test_the_load_of_its_log_is_that_of_both_bit_rates(run: tuple[Path, Path]) -> None:
+    """At most, at 1 and 5 Mbit/s, by `drivers.can.frame_bits`; heartbeats apart."""
+    node = logs.read(run[1]).node["executive"]
+    counts = {number: int((node.frames["id"] == number).sum()) for number in KINDS}
+    most = {SYNC: (87, 0), CMD: (33, 519), FB: (33, 679), HB_EXEC: (65, 0)}
+    info = good(pcpc("log", "info", str(run[1]), "--json")).summary
+    found = {int(row["id"], 16): row for row in info["frames"] if int(row["id"], 16) in KINDS}
+    for number, (nominal, data) in most.items():
+        assert found[number]["bits"] == counts[number] * (nominal + data), hex(number)
+    counted = bus_load.Counted(ring_rows(node.frames))
+    wanted = sum(counts[number] * (a + b / 5) for number, (a, b) in most.items())
+    beats = (node.frames["id"] == 0x702).sum()
+    assert bus_load.bits(counted.seen, 0.2) == pytest.approx(wanted + 65 * beats)
+
+
+def ring_rows(frames: Any) -> Any:
+    """Return frames of a log as the rows of a node's ring."""
+    rows = np.zeros((len(frames), FRAME_WORDS), np.int64)
+    for name, place in (("id", 0), ("dlc", 32), ("direction", 40), ("e2e", 48), ("flags", 56)):
+        rows[:, OfFrame.ABOUT] |= frames[name].astype(np.int64) << place
+    return rows
 
 
 @pytest.mark.parametrize("form", ["log", "blf", "asc"])

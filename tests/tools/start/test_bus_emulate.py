@@ -11,8 +11,9 @@ from typing import Any
 
 import can
 import pytest
+from fd_rig import fd_rig
 from json_schemas import holds
-from processes import DEADLINE_S, PCPC, own_bus, until
+from processes import DEADLINE_S, PCPC, own_bus, pcpc, until
 
 from pcpc.drivers.can import bus as buses
 from pcpc.executive.errors import RigError
@@ -37,6 +38,7 @@ Screen = pytest.CaptureFixture[str]
         (["vcan0", "vcan1", "--errors", "p=0.1,burst=0"], "burst=0: expected 1"),
         (["vcan0", "vcan1", "--queue", "300"], "at most 256"),
         (["vcan0", "vcan1", "--bitrate", "2M"], "classic CAN ends at 1 Mbit/s"),
+        (["vcan0", "vcan1", "--data-bitrate", "500k"], "slower than the nominal 1000000"),
     ],
 )
 def test_what_makes_no_line_is_refused_in_a_line(
@@ -149,6 +151,20 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     assert "line: 1 Mbit/s" in done.stderr
     first, second = (side["bus"] for side in line["sides"])
     assert summary["bus"] == first != second
+
+
+def test_a_run_on_can_fd_with_an_emulated_line_loses_no_frame(tmp_path: Path) -> None:
+    rig = fd_rig(tmp_path, "bus: {emulate: 1 Mbit/s, data_bitrate: 5000000, queue: 256}")
+    words = ["--set", "rate_hz=100", "--no-figure", "--json", "-o", str(tmp_path / "run")]
+    done = pcpc("run", str(rig), "--bus", own_bus(), *words)
+    assert done.code == 0, str(done)
+    line = json.loads((tmp_path / "run" / "line.json").read_text())
+    carried = sum(side["sent"] + side["waiting"] for side in line["sides"])
+    assert carried == done.summary["frames"]["sent"] > 100
+    for key in ("refused", "lost_off", "not_carried"):
+        assert [side[key] for side in line["sides"]] == [0, 0], key
+    assert (line["bitrate"], line["data_bitrate"], line["not_taken"]) == (1_000_000, 5_000_000, 0)
+    assert "line: 1 Mbit/s, data at 5 Mbit/s" in done.err
 
 
 def children(pid: int) -> dict[str, int]:

@@ -1,7 +1,8 @@
 """The signals of recorded frames, by id: with the loop's own tables, else with cantools.
 
-A frame that the tables hold (not multiplexed) is judged and decoded by the functions of
-the loop: counter and CRC are checked and are no signals; a frame that is not OK is not decoded.
+A frame that the tables hold is judged and decoded by the functions of the loop: counter and CRC are
+checked and are no signals; a frame that is not OK is not decoded. A signal that is not in a frame's
+layout keeps its value, at first NaN.
 If more than half of an id's frames fail, then their CRC is another one than the loop's: they are
 decoded unchecked, and the report says so. A cycle time is not asked for. The rest goes through
 cantools. A file that is not strictly right (overlapping signals, ...) is read as far as possible.
@@ -68,6 +69,10 @@ def _walk(
         if check:
             outcome[i], before = e2e.check(data[i], length[i], 0, frames, state)
             lost += before
+        if frames[0].selector != 0:
+            values[i] = values[max(i - 1, 0)]
+            if length[i] != frames[0].dlc or outcome[i] > FrameState.OK_SOME_LOST:
+                continue
         codec.unpack(data[i], 0, frames, signals, values[i])
     return lost
 
@@ -88,7 +93,7 @@ def decode(
     if frame.dlc > frames["data"].shape[1]:
         return _by_cantools(message, frames, place, progress)
     table = dbc.table([frame], 1.0)
-    values = np.zeros((len(frames), len(frame.signals)))
+    values = np.full((len(frames), len(frame.signals)), np.nan)
     outcome = np.zeros(len(frames), np.int64)
     data, length = np.ascontiguousarray(frames["data"]), frames["dlc"].astype(np.int64)
 

@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import yaml
@@ -148,13 +148,14 @@ def fmu_file(
 
 
 def _entries(data: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the blocks of all nodes, as far as they are some."""
-    for node in (data.get(role) for role in ROLES):
-        blocks = node.get("blocks") if isinstance(node, dict) else None
-        yield from filter(_is_mapping, blocks.values() if isinstance(blocks, dict) else ())
+    """Yield the blocks of all nodes, as far as they are some, and the drive with its file."""
+    for node in [one for role in ROLES if isinstance(one := data.get(role), dict)]:
+        blocks, drive = node.get("blocks"), node.get("drive")
+        yield from filter(_is_mapping, blocks.values() if _is_mapping(blocks) else ())
+        yield from [{"file": drive.get("eds")}] if _is_mapping(drive) else ()
 
 
-def _is_mapping(value: object) -> bool:
+def _is_mapping(value: object) -> TypeGuard[dict[str, Any]]:
     return isinstance(value, dict)
 
 

@@ -1,6 +1,6 @@
 """What the messages of a log add up to, without keeping them: cycles, frames, events, bytes."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.e2e_states import INJECTED, name_of
-from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
@@ -69,8 +69,9 @@ class Tally:
         data = data[sane]
         key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)
         key |= data["e2e"].astype(np.uint64) << np.uint64(40)
+        key |= data["dlc"].astype(np.uint64) << np.uint64(48)
         self._keys.setdefault(topic, []).append(
-            key | data["dlc"].astype(np.uint64) << np.uint64(48)
+            key | data["flags"].astype(np.uint64) << np.uint64(56)
         )
         self._waiting += len(rows)
         if self._waiting >= _AT_ONCE:
@@ -82,11 +83,12 @@ class Tally:
                 self._frames[topic, int(key)] += int(n)
         self._keys, self._waiting = {}, 0
 
-    def _counted(self) -> Iterator[tuple[str, int, int, int, int, int]]:
-        """Yield (topic, id, direction, e2e, bytes, count)."""
+    def _counted(self) -> Iterator[tuple[str, int, int, int, tuple[int, int], int]]:
+        """Yield (topic, id, direction, e2e, bytes and flags, count)."""
         self._settle()
         for (topic, key), n in self._frames.items():
-            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, key >> 48, n
+            kind = key >> 48 & 0xFF, key >> 56
+            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, kind, n
 
     def cycles(self, topic: str) -> dict[str, int | None]:
         """Return count, first and last of a node's cycles, and how many between are not there.
@@ -124,20 +126,22 @@ class Tally:
         return next(with_frames, logs.NODES[0])
 
     def frames(
-        self, names: Mapping[int, str], duration_s: float, node: str = ""
+        self, names: Mapping[int, str], duration_s: float, node: str = "", data_bit: float = 1
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Return a node's frames by direction and id; without one those of the node `heard`.
 
-        `bits`: on the wire, at most; what was injected was on none.
+        `bits`: on the wire, at most; what was injected was on none. One of CAN FD's data phase
+        counts as `data_bit`.
         """
         heard = logs.topic(node or self.heard(), "can/frames")
         total: Counter[tuple[int, int]] = Counter()
-        bits: Counter[tuple[int, int]] = Counter()
-        for topic, number, direction, state, size, n in self._counted():
+        bits: dict[tuple[int, int], float] = defaultdict(int)
+        for topic, number, direction, state, (size, flags), n in self._counted():
             if topic == heard:
                 total[direction, number] += n
                 wired = n if state < INJECTED else 0
-                bits[direction, number] += wired * classic_bits(size, number > can_id.ID)
+                nominal, data = frame_bits(size, number > can_id.ID, flags)
+                bits[direction, number] += wired * (nominal + data_bit * data)
         return [
             {"name": names.get(number, ""), "id": can_id.text_of(number),
              "direction": DIRECTIONS[direction], "count": n, "bits": bits[direction, number],

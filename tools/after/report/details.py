@@ -88,11 +88,13 @@ def bus(record: Record) -> list[Part]:
 def _frames(record: Record, node: str) -> list[Part]:
     """Return what a node sent and received, and which share of its bus that takes."""
     duration_s = record.tally.duration_s(logs.topic(node, "can/frames"))
-    found = record.tally.frames(logs.frame_names(record.log), duration_s, node)
-    if not found:
-        return []
     config = record.judge.rig.config if record.judge else None
     own = config and (config.local.bus if config.local and node == "plant" else None)
+    bus = own or (config and config.bus)
+    data_bit = bus.data_bit if bus else 1.0
+    found = record.tally.frames(logs.frame_names(record.log), duration_s, node, data_bit)
+    if not found:
+        return []
     given = (own and own.bits_per_s) or (config and config.bus.bits_per_s)
     room = duration_s * (given or MOST_CLASSIC)
     rows = [

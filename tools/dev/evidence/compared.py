@@ -230,7 +230,7 @@ def _frames() -> NDArray[Any]:
     for row, one in enumerate(ROWS):
         crc = (one.mask != 0) + one.wide
         table[row] = (one.can_id, 0, one.dlc, 0, 0, 0, one.every, crc, 0, one.byte,
-                      one.shift, one.mask, one.place.start, one.data_id)  # fmt: skip
+                      one.shift, one.mask, one.place.start, one.data_id, 0)  # fmt: skip
     return table
 
 
@@ -313,6 +313,11 @@ BO_ 6 LONG: 24 A
  SG_ l : 84|20@1- (1,0) [-400000|400000] "" B
  SG_ m : 123|40@0- (1,0) [0|0] "" B
  SG_ n : 168|24@1- (1,0) [0|0] "" B
+BO_ 7 LAYERED: 8 A
+ SG_ o M : 9|2@1+ (1,0) [0|3] "" B
+ SG_ p : 16|12@1- (0.125,3) [-100|100] "" B
+ SG_ q m1 : 28|20@1- (1,0) [0|0] "" B
+ SG_ r m2 : 39|16@0+ (0.5,0) [10|20000] "" B
 BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","","","","","","","","","","","","",
  "StandardCAN_FD","ExtendedCAN_FD";
 BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
@@ -337,6 +342,8 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
     for s, row in enumerate(rows.tolist()):
         frame = frames[row]
         given = [_value(draw, signal) for signal in frame.signals]
+        if frame.selector and draw.random() < 0.8:
+            given[0] = float(draw.integers(4))
         for signal, value in zip(frame.signals, given, strict=True):
             values[s, places[f"{frame.name}.{signal.name}"]] = value
         content, counts[s] = expected.packed(frame, given)

@@ -204,13 +204,15 @@ def _install(n: Any, has: Settings) -> None:
         first = sum(its < row for its, _, _ in SIGNALS)
         past = first + sum(its == row for its, _, _ in SIGNALS)
         n.rx.frames[row] = (one.can_id, 0, one.dlc, 0, first, past, one.every, crc, 0, one.byte,
-                            one.shift, one.mask, one.place.start, one.data_id)  # fmt: skip
+                            one.shift, one.mask, one.place.start, one.data_id, 0)  # fmt: skip
         n.rx.role[row] = STARTS[row], AWAITED[row], 0, MEETS[row]
         n.intrusion.care[row], n.faults.spoiled[row] = row in CARE, row in SPOILED
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
     for i, (_, byte, place) in enumerate(SIGNALS):
-        n.rx.signals[i] = (0, 0, 8 * byte, 255, 0, Kind.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
+        row = n.rx.signals[i]
+        row.shift, row.mask, row.kind = 8 * byte, 255, Kind.SCALED
+        row.variable, row.factor = place, SCALE
     compared_plausible.install(n.plausible, has.signals)
 
 

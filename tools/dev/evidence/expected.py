@@ -355,8 +355,12 @@ class Receiver:
 def packed(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
     """Return the data of a frame and how many of its signals are saturated."""
     size = max(frame.dlc, 8)
-    word, saturated = [0] * 8 * size, 0
+    word, saturated, layout = [0] * 8 * size, 0, None
     for signal, value in zip(frame.signals, values, strict=True):
+        if signal.name == frame.selector:  # before the signals that it chooses
+            layout = 0 if value != value else round(min(max(value, 0.0), 2.0**signal.nbits - 1.0))
+        elif signal.layout not in (None, layout):
+            continue
         code: Any = (value - signal.offset) / signal.factor
         low, high = signal.codes
         if code == code and not signal.is_float and math.isfinite(code):
@@ -365,9 +369,9 @@ def packed(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
         saturated += bad
         code = 0 if code != code else min(max(code, low), high)
         if signal.is_float:
-            layout = "<f" if signal.nbits == 32 else "<d"
+            form = "<f" if signal.nbits == 32 else "<d"
             # a NaN is raw 0, not the number 0: the same bits
-            bits = int.from_bytes(struct.pack(layout, code), "little")
+            bits = int.from_bytes(struct.pack(form, code), "little")
         else:
             bits = int(code) & ((1 << signal.nbits) - 1)
         at = signal.start

@@ -31,7 +31,7 @@ from pcpc.tools.dev.evidence import (
 from pcpc.tools.dev.evidence.mutation import Mutant, build
 
 TARGETS: Mapping[str, Sequence[str]] = {
-    "drivers.can.codec": ("_round", "_bits", "_add", "pack"),
+    "drivers.can.codec": ("_round", "_bits", "_add", "_encoded", "_pack_layout", "pack"),
     "drivers.can.e2e": ("crc8", "crc16", "right_crc", "crc_of", "put_crc", "protect", "begin_cycle",
                     "age", "_use", "check"),
     "executive.loop.states": ("next_state",),

@@ -13,6 +13,7 @@ from pcpc.drivers.can import can_id
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.loop.ring_layout import OfFrame, frame_words
 from pcpc.executive.nodes.live import Live
+from pcpc.executive.rig.schema import Bus
 from pcpc.tools.start import bus_load
 
 LOOK_S = 1.0  # over which a load is measured
@@ -78,9 +79,9 @@ class Traffic:
         self.spacing = bus_load.spacing(self._lately)
 
     @functools.cached_property
-    def bitrate(self) -> int | None:
-        """Bit/s that the rig says, None for none."""
-        return bus_load.bitrate(self._live.block.description)
+    def bus(self) -> Bus:
+        """The bus of the rig, with its bit rates."""
+        return bus_load.bus_of(self._live.block.description)
 
     def timed(self, number: int, way: str) -> dict[str, float]:
         """Return period and jitter, ms, of the frame of an id, received (rx) or sent (tx)."""
@@ -99,8 +100,11 @@ def load(nodes: Mapping[str, Any]) -> dict[str, Any]:
     over_s = max(one.over_s for one in traffic.values())
     if over_s <= 0.0:
         return {}
+    bus = next(iter(traffic.values())).bus
+    seen = {role: one.seen for role, one in traffic.items()}
+    sent = {role: bus_load.bits(one.sent, bus.data_bit) for role, one in traffic.items()}
     return {
-        "bitrate": next(iter(traffic.values())).bitrate,
-        "bits_per_s": max(bus_load.on_buses({r: one.seen for r, one in traffic.items()})) / over_s,
-        "sent": {role: bus_load.bits(one.sent) / over_s for role, one in traffic.items()},
+        "bitrate": bus.bits_per_s,
+        "bits_per_s": max(bus_load.on_buses(seen, bus.data_bit)) / over_s,
+        "sent": {role: bits / over_s for role, bits in sent.items()},
     }

@@ -87,7 +87,8 @@ class Meter:
     """All nodes of a run that are here."""
 
     def __init__(self, nodes: Mapping[str, Live]) -> None:
-        self.bitrate = bus_load.bitrate(next(iter(nodes.values())).block.description)
+        bus = bus_load.bus_of(next(iter(nodes.values())).block.description)
+        self.bitrate, self._data_bit = bus.bits_per_s, bus.data_bit
         self.nodes = [NodeMeter(live) for live in nodes.values()]
         self._last_s, self.over_s = time.monotonic(), 0.0
         self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
@@ -109,7 +110,8 @@ class Meter:
 
     def bits_per_s(self) -> float:
         """Return what the bus carried a second, at most."""
-        return max(bus_load.on_buses({one.role: one.seen for one in self.nodes})) / self.over_s
+        seen = {one.role: one.seen for one in self.nodes}
+        return max(bus_load.on_buses(seen, self._data_bit)) / self.over_s
 
     def frames(self) -> list[FrameRow]:
         """Return the frames that arrivals, those with something wrong first."""

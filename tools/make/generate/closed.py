@@ -151,6 +151,10 @@ class Closed:
             yield f"        clamped += pack_{name}(&s, data);"
             for other, theirs in self.nodes.items():
                 if frame.name in [one.name for one in theirs.plan.rx_frames]:
+                    if frame.selector:  # what is not in this layout stays as it was
+                        for signal in frame.signals:
+                            place = f"{other}_in.{_flat(frame, signal.name)}"
+                            yield f"        s.{identifier(signal.name)} = (double){place};"
                     yield f"        unpack_{name}(data, &s);"
                     for signal in frame.signals:
                         its = identifier(signal.name)

@@ -99,12 +99,18 @@ def _pack(frame: dbc.Frame) -> Iterator[str]:
     yield "    uint64_t little = 0u;"
     yield "    uint64_t big = 0u;"
     yield "    uint32_t clamped = 0u;"
+    if frame.selector:
+        chosen = int(table.frames[0].selector) - 1
+        name, mask = identifier(frame.selector), int(table.signals[chosen].mask)
+        yield "    uint32_t counted_below = 0u;"
+        raw = f"raw_of(s->{name}, &{name}_scale, &counted_below)"
+        yield f"    const uint64_t layout = {raw} & {_hex(mask)};"
     for i, signal in enumerate(frame.signals):
         row, name = table.signals[i], identifier(signal.name)
         raw = f"{_RAW_OF.get(signal.kind, 'raw_of')}(s->{name}, &{name}_scale, &clamped)"
         word = "big" if signal.big_endian else "little"
         shift, mask = int(row.shift), int(row.mask)
-        yield f"    {word} |= ({raw} & {_hex(mask)}) << {shift};"
+        yield from _where_it_is(signal, f"{word} |= ({raw} & {_hex(mask)}) << {shift};")
     yield "    put_words(data, little, big);"
     yield "    return clamped;"
     yield "}"
@@ -117,13 +123,27 @@ def _unpack(frame: dbc.Frame) -> Iterator[str]:
     for word, big in (("little", False), ("big", True)):
         if any(signal.big_endian is big for signal in frame.signals):
             yield f"    const uint64_t {word} = get_{word}(data);"
+    if frame.selector:
+        row = table.signals[int(table.frames[0].selector) - 1]
+        word = "big" if row.big_endian else "little"
+        raw = f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
+        yield f"    const uint64_t layout = {raw};"
     for i, signal in enumerate(frame.signals):
         row = table.signals[i]
         word = "big" if signal.big_endian else "little"
         raw = f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
         factors = int(row.int_factor), int(row.int_offset)
-        yield f"    s->{identifier(signal.name)} = {_value(signal, raw, factors)};"
+        value = _value(signal, raw, factors)
+        yield from _where_it_is(signal, f"s->{identifier(signal.name)} = {value};")
     yield "}"
+
+
+def _where_it_is(signal: dbc.Signal, statement: str) -> Iterator[str]:
+    """Yield a statement, for the layout of a multiplexed frame that has the signal."""
+    if signal.layout is None:
+        yield f"    {statement}"
+    else:
+        yield from (f"    if (layout == {signal.layout}u) {{", f"        {statement}", "    }")
 
 
 def _value(signal: dbc.Signal, raw: str, whole: tuple[int, int]) -> str:

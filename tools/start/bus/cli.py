@@ -23,7 +23,7 @@ from pcpc.tools.start.rigs import find
 from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.picture import check_picture
 
-_OF_A_RIG = ("set", "data_bitrate", "rate", "jitter", "any_phase", "error_every", "plot")
+_OF_A_RIG = ("set", "rate", "jitter", "any_phase", "error_every", "plot")
 
 
 def command(options: argparse.Namespace) -> int:
@@ -56,16 +56,23 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     config = rig.config
     below = config.local.bus if config.local else None
     of_rig = (config.bus.bits_per_s, (below and below.bits_per_s) or config.bus.bits_per_s)
+    data_of_rig = (config.bus.data_bitrate, below.data_bitrate if below else None)
     jitter_ns, error_every_ns = round(1e9 * options.jitter), round(1e9 * options.error_every)
     if jitter_ns > 1e9 / config.rate_hz:
         what = f"longer than a cycle, {1e3 / config.rate_hz:g} ms: frames would meet the next"
         raise RigError(f"--jitter {1e3 * options.jitter:g}ms: {what}; give less")
     found = traffic.buses(rig, options.any_phase)
-    for name, own, frames in zip(("bus", "local bus"), of_rig, found, strict=False):
+    for name, own, data, frames in zip(
+        ("bus", "local bus"), of_rig, data_of_rig, found, strict=False
+    ):
         bitrate, origin = _bitrate(options, own)
-        fast = options.data_bitrate or config.bus.data_bitrate
+        fast = options.data_bitrate or data or config.bus.data_bitrate
         is_fd = any(sent.frame.fd for sent in frames)
-        if fast is None and any(sent.frame.bits()[1] for sent in frames):
+        switches = any(sent.frame.bits()[1] for sent in frames)
+        if switches and fast is not None and fast < bitrate:
+            what = f"data at {rate_of(fast)} is slower than the nominal {rate_of(bitrate)}"
+            raise rig.error("bus.data_bitrate", what)
+        if switches and fast is None:
             what = (
                 "its CAN FD frames switch their bit rate; give bus.data_bitrate, or --data-bitrate"
             )

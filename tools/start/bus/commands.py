@@ -26,7 +26,7 @@ def bus(add: Add) -> None:
         "--data-bitrate",
         type=bits_per_s,
         metavar="RATE",
-        help="CAN FD: data rate, 2M, 5M",
+        help="CAN FD: data rate, 2M, 5M; emulate: none is carried without",
     )
     add("--rate", type=hz, metavar="RATE", help="cycle rate: 2kHz; default: the rig's")
     add(

@@ -22,7 +22,8 @@ from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
-from pcpc.executive.rig.buses import line_options
+from pcpc.executive.rig.buses import line_options, odd_rates
+from pcpc.executive.rig.messages import fd_frames
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
 from pcpc.tools.start.bus.report import rate_of
@@ -75,11 +76,16 @@ def command(options: argparse.Namespace) -> int:
         raise RigError(f"--queue {options.queue}: at most {line.MOST_ROOM}")
     if options.bitrate and options.bitrate > MOST_CLASSIC:
         raise RigError(f"--bitrate {rate_of(options.bitrate)}: classic CAN ends at 1 Mbit/s")
+    bitrate, fast = options.bitrate or MOST_CLASSIC, options.data_bitrate
+    if fast is not None and (what := odd_rates(bitrate, fast)):
+        raise RigError(f"--data-bitrate: {what}")
     sides = _sides(options.words[1:])
     held = [choice.take_bus(choice.Wanted(*one, rig="", roles=())) for one in sides]
     gateway = Gateway(
-        options.bitrate or MOST_CLASSIC,
         options.queue,
+        fast is not None,
+        bitrate=bitrate,
+        data_bitrate=fast,
         in_order=options.in_order,
         p=errors.p,
         burst=errors.burst,
@@ -131,12 +137,13 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
     end_s = time.monotonic() + (options.for_s or float("inf"))
     try:
         thread.start()
-        progress.say(f"{names[0]} and {names[1]} are one line of {rate_of(gateway.bitrate)}")
-        before = 0, 0
+        rates = line_report.rates_of(line_report.numbers(gateway.n.line, names))
+        progress.say(f"{names[0]} and {names[1]} are one line of {rates}")
+        before = 0, 0.0
         while thread.is_alive() and (left_s := end_s - time.monotonic()) > 0.0:
             thread.join(min(left_s, _POLL_S))
             if progress.due():
-                now = int(gateway.n.line.busy), gateway.bits
+                now = int(gateway.n.line.busy), gateway.passed_s
                 progress.show(_state(gateway, now[0] - before[0], now[1] - before[1]))
                 before = now
     except KeyboardInterrupt:
@@ -159,7 +166,7 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     """
     config, sides = rig.config.bus, [bus, buses.neighbour_of(bus)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    gateway = Gateway(config.bits_per_s or MOST_CLASSIC, config.queue, **line_options(rig))
+    gateway = Gateway(config.queue, bool(fd_frames(rig)), **line_options(rig))
     try:
         gateway.open(sides)
         os.close(ready)
@@ -171,24 +178,25 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     return Exit.OK
 
 
-def _state(gateway: Gateway, busy: int, bits: int) -> str:
+def _state(gateway: Gateway, busy: int, passed_s: float) -> str:
     """Return a line of progress, with the load since the last one."""
     n = gateway.n.line
+    load = busy / max(passed_s * int(n.per_s), 1.0)
     states = " ".join(line_report.STATES[line.state_of(n, s)] for s in range(2))
     waiting = "+".join(str(int(n.waiting[s])) for s in range(2))
     return (
-        f"{int(n.sent.sum())} frames, load {busy / max(bits, 1):.0%}, {int(n.errors.sum())} errors"
+        f"{int(n.sent.sum())} frames, load {load:.0%}, {int(n.errors.sum())} errors"
         f", {states}, waiting {waiting}, lost {int((n.refused + n.lost_off).sum())}"
     )
 
 
 def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     """Return what `--json` prints."""
-    found = line_report.numbers(gateway.n.line, names, gateway.bitrate)
+    found = line_report.numbers(gateway.n.line, names)
     for side, count in zip(found["sides"], gateway.n.foreign, strict=True):
         side["not_carried"] = int(count)
     return found | {
-        "duration_s": gateway.bits / gateway.bitrate, "not_taken": gateway.not_taken,
+        "duration_s": gateway.passed_s, "not_taken": gateway.not_taken,
         "handed_over_late_us": gateway.late_us(),
     }  # fmt: skip
 
@@ -196,7 +204,7 @@ def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
 def text_of(found: dict[str, Any]) -> str:
     """Return the result in lines to read."""
     lines = [
-        f"line     {rate_of(found['bitrate'])}, {found['duration_s']:.3f} s, "
+        f"line     {line_report.rates_of(found)}, {found['duration_s']:.3f} s, "
         f"load {found['load']:.1%}"
     ]
     for side in found["sides"]:

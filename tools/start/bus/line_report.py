@@ -14,22 +14,30 @@ STATES = "active", "warning", "passive", "bus-off"
 _COUNTS = ("sent", "waiting", "errors", "refused", "lost_off", "times_off", "most_waiting")
 
 
-def numbers(line: Any, names: Sequence[str], bitrate: int) -> dict[str, Any]:
+def numbers(line: Any, names: Sequence[str]) -> dict[str, Any]:
     """Return the numbers of a LINE record with its senders' names.
 
     The load is that from its first to its last frame.
     """
+    per_s, bit, fast = (int(line[key]) for key in ("per_s", "bit", "fast"))
     return {
-        "bitrate": bitrate, "load": int(line.busy) / max(int(line.free_at - line.first), 1),
+        "bitrate": per_s // bit, "data_bitrate": None if fast == bit else per_s // fast,
+        "load": int(line.busy) / max(int(line.free_at - line.first), 1),
         "sides": [
             {"bus": name} | {key: int(line[key][s]) for key in _COUNTS} | {
                 "state": STATES[state_of(line, s)], "tec": int(line.transmit_errors[s]),
                 "rec": int(line.receive_errors[s]), "worst_tec": int(line.worst[s]),
-                "longest_us": 1e6 * int(line.longest_bits[s]) / bitrate,
+                "longest_us": 1e6 * int(line.longest[s]) / per_s,
             }
             for s, name in enumerate(names)
         ],
     }  # fmt: skip
+
+
+def rates_of(found: dict[str, Any]) -> str:
+    """Return the bit rates of a line's numbers as people say them."""
+    data = found["data_bitrate"]
+    return rate_of(found["bitrate"]) + (f", data at {rate_of(data)}" if data else "")
 
 
 def write(found: dict[str, Any], path: Path) -> None:
@@ -43,7 +51,7 @@ def summary(found: dict[str, Any]) -> str:
     sides, late = found["sides"], found.get("handed_over_late_us")
     total = {key: sum(side[key] for side in sides) for key in _COUNTS}
     return (
-        f"line: {rate_of(found['bitrate'])}, {total['sent']} frames, load {found['load']:.1%}, "
+        f"line: {rates_of(found)}, {total['sent']} frames, load {found['load']:.1%}, "
         f"{total['errors']} errors, {total['refused'] + total['lost_off']} lost, "
         f"{total['times_off']} times bus-off" + (f", late p99 {late['p99']:.0f} us" if late else "")
     )
