@@ -10,10 +10,10 @@ Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import Numbered, Told
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, row_of
 
-MAX_OBJECTS = 256
+MAX_OBJECTS = 1024
 PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
 MAX_ENTRIES = 8  # mapped in one PDO
 OUTBOX_FRAMES = 16
@@ -41,8 +41,8 @@ class Row(Numbered):
         PROFILE_VELOCITY, ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION, HOMING_METHOD,
         VELOCITY_OFFSET, TORQUE_OFFSET, FOLLOWING_ERROR, TARGET_VELOCITY, MODES,
         ABORT_OPTION, MAX_PROFILE_VELOCITY, HOMING_SPEEDS, HOMING_FAST, HOMING_SLOW,
-        HOMING_ACCELERATION, PERIODS, PERIOD, PERIOD_EXPONENT,
-    ) = range(OTHERS, OTHERS + 72)  # fmt: skip
+        HOMING_ACCELERATION, PERIODS, PERIOD, PERIOD_EXPONENT, SYNC_PERIOD,
+    ) = range(OTHERS, OTHERS + 73)  # fmt: skip
 
 
 class Nmt(Numbered):
@@ -75,13 +75,27 @@ class Mode(Numbered):
     CYCLIC_TORQUE = 10
 
 
+class Mistake(Told):
+    """What a master does wrong, counted; behind `master.` the name of a variable."""
+
+    SDO_ABORTED = "SDO was aborted"
+    COMMAND_IGNORED = "controlword asked for a transition that its state does not have"
+    VALUE_REFUSED = "value in a PDO was outside its object's bounds"
+    TARGET_CLIPPED = "target was outside the software limits"
+    PDO_SHORT = "PDO was shorter than its mapping"
+    PDO_EARLY = "PDO came outside OPERATIONAL"
+    PDO_MISSING = "PDO was missing between two SYNCs"
+    PDO_TWICE = "PDO came more than once between two SYNCs"
+    SYNC_OFF = "SYNC was off by half of the period 0x1006, and more than a cycle"
+
+
 OBJECT = row_of("index subindex bits sign text access low high start")
 STATE = row_of(
-    "nmt beat_at boots syncs"  # beat_at: cycle of the last heartbeat
+    "nmt beat_at boots syncs sync_at"  # beat_at, sync_at: cycles of the last ones
     " heard heard_at"  # 1: the heartbeat that is awaited came once; when
     " power word_before mode enabled"  # word_before: of the command
     " moves pends acknowledged homed reached limited behind_since near_since"
-    " stopped_before wanted steps_left"
+    " stopped_before wanted steps_left leaves"  # leaves: for which state, after a ramp
     " segment_row segment_toggle segment_at segment_size segment_since segment_data segment_loads",
     "position velocity before offset demand_position demand_velocity integral target pending step",
 )
@@ -112,7 +126,9 @@ DRIVE = np.dtype(
         ("map_id", "<i8", (2 * PDOS,)),  # -1: not valid
         ("map_n", "<i8", (2 * PDOS,)),
         ("map_row", "<i8", (2 * PDOS * MAX_ENTRIES,)),
+        ("mistakes", "<i8", (len(Mistake),)),  # of the master
         ("pending", "<i8", (PDOS,)),  # 1: what came waits for a SYNC
+        ("since_sync", "<i8", (PDOS,)),  # how often it came; -1: never, so it is not awaited
         ("pending_low", "<i8", (PDOS,)),  # its first four bytes, and the others
         ("pending_high", "<i8", (PDOS,)),
         ("sent_low", "<i8", (PDOS,)),
@@ -123,6 +139,6 @@ DRIVE = np.dtype(
     align=True,
 )
 KEPT = (
-    "value", "state", "map_id", "map_n", "map_row", "pending", "pending_low", "pending_high",
-    "sent_low", "sent_high", "sent_at", "sync_count",
+    "value", "state", "map_id", "map_n", "map_row", "mistakes", "pending", "since_sync",
+    "pending_low", "pending_high", "sent_low", "sent_high", "sent_at", "sync_count",
 )  # fmt: skip

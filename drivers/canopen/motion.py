@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.canopen.layout import Mode, Power, Row
+from pcpc.drivers.canopen.layout import Mistake, Mode, Power, Row
 from pcpc.drivers.canopen.network import mode_to_be
 from pcpc.drivers.canopen.power import (
     FOLLOWING,
@@ -97,7 +97,9 @@ def take_setpoint(d: Any) -> None:
         base = 0.0
         if word & RELATIVE != 0:
             base = x.target if x.moves != 0 else x.demand_position
-        goal = within_limits(d, position_of(d, Row.TARGET_POSITION) + base)
+        asked = position_of(d, Row.TARGET_POSITION) + base
+        goal = within_limits(d, asked)
+        d.mistakes[Mistake.TARGET_CLIPPED] += 1 if goal != asked else 0
         x.acknowledged = 1
         if word & AT_ONCE != 0 or x.moves == 0:
             x.target, x.moves = goal, 1
@@ -168,6 +170,8 @@ def interpolate(d: Any) -> None:
     x = d.state
     goal = within_limits(d, position_of(d, Row.TARGET_POSITION))
     if d.value[Row.TARGET_POSITION] != x.wanted:
+        clipped = goal != position_of(d, Row.TARGET_POSITION)
+        d.mistakes[Mistake.TARGET_CLIPPED] += 1 if clipped else 0
         x.wanted = d.value[Row.TARGET_POSITION]
         cycles = d.value[Row.PERIOD] * d.rate_hz
         for _ in range(-d.value[Row.PERIOD_EXPONENT]):
@@ -302,7 +306,9 @@ def advance(d: Any) -> Any:
         begin_mode(d)
     x.enabled = 1 if enabled else 0
     u = 0.0
-    if x.power == Power.OPERATION_ENABLED:
+    if x.leaves != 0:
+        u = ramp_down(d, FIRST_SLOW[0], dt)
+    elif x.power == Power.OPERATION_ENABLED:
         u = in_operation(d, dt)
     elif x.power == Power.QUICK_STOP_ACTIVE:
         u = ramp_down(d, d.value[Row.QUICK_STOP_OPTION], dt)

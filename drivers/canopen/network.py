@@ -73,8 +73,8 @@ def command(d: Any, code: Any) -> None:
         start_over(d, False)
     if before != Nmt.OPERATIONAL and x.nmt == Nmt.OPERATIONAL:
         for t in range(PDOS):
-            d.sent_at[t] = -1
-            d.pending[t] = 0
+            d.sent_at[t] = d.since_sync[t] = -1
+            d.pending[t] = d.state.sync_at = 0
 
 
 @loop_function

@@ -103,8 +103,8 @@ _OTHERS: Mapping[Row, tuple[Any, ...]] = {
     Row.CONTROLWORD: (0x6040, 0, Kind.U16, TAKEN),
     Row.STATUSWORD: (0x6041, 0, Kind.U16, SENT),
     Row.QUICK_STOP_OPTION: (0x605A, 0, Kind.I16, RW, 2, 0, 6),
-    Row.SHUTDOWN_OPTION: (0x605B, 0, Kind.I16, RW, 0, 0, 0),
-    Row.DISABLE_OPTION: (0x605C, 0, Kind.I16, RW, 0, 0, 0),
+    Row.SHUTDOWN_OPTION: (0x605B, 0, Kind.I16, RW, 0, 0, 1),
+    Row.DISABLE_OPTION: (0x605C, 0, Kind.I16, RW, 0, 0, 1),
     Row.HALT_OPTION: (0x605D, 0, Kind.I16, RW, 1, 1, 1),
     Row.FAULT_OPTION: (0x605E, 0, Kind.I16, RW, 2, 0, 2),
     Row.MODE: (0x6060, 0, Kind.I8, TAKEN),
@@ -147,6 +147,7 @@ _OTHERS: Mapping[Row, tuple[Any, ...]] = {
     Row.PERIODS: (0x60C2, 0, Kind.U8, RO, 2),
     Row.PERIOD: (0x60C2, 1, Kind.U8, RW, 1, 1, 255),
     Row.PERIOD_EXPONENT: (0x60C2, 2, Kind.I8, RW, -3, -6, 0),
+    Row.SYNC_PERIOD: (0x1006, 0, Kind.U32, RW),
 }
 _FIRST = {  # of CiA 402: what the PDOs carry at first; all but the first are not valid then
     "received": ((Row.CONTROLWORD,), (Row.CONTROLWORD, Row.MODE),
@@ -234,4 +235,4 @@ def install(d: object, node: int, every: list[Object]) -> None:
         )  # fmt: skip
         into.value[i] = one.start
     into.state.nmt = Nmt.BOOT_UP
-    into.sent_at[:] = -1
+    into.sent_at[:] = into.since_sync[:] = -1

@@ -17,7 +17,7 @@ import numpy as np
 from pcpc.drivers.can.codec import eight_bytes, four_bytes
 from pcpc.drivers.canopen.dictionary import from_bits, is_possible, low_word, to_bits
 from pcpc.drivers.canopen.frames import put, tell_error
-from pcpc.drivers.canopen.layout import Nmt, Row
+from pcpc.drivers.canopen.layout import Mistake, Nmt, Row
 from pcpc.drivers.canopen.mapping import (
     EVENT,
     INHIBIT,
@@ -51,6 +51,8 @@ def take(d: Any, p: Any, word: Any) -> None:
         one = d.objects[row]
         if one.low <= raw <= one.high and is_possible(d, row, raw):
             d.value[row] = raw
+        else:
+            d.mistakes[Mistake.VALUE_REFUSED] += 1
         shift += one.bits
 
 
@@ -60,11 +62,14 @@ def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
     for p in range(PDOS):
         if d.map_id[p] == can_id:
             if d.state.nmt != Nmt.OPERATIONAL:
+                d.mistakes[Mistake.PDO_EARLY] += 1
                 return True
             if 8 * dlc < bits_of(d, p):
+                d.mistakes[Mistake.PDO_SHORT] += 1
                 tell_error(d, TOO_SHORT, d.value[Row.ERROR_REGISTER])
             elif d.value[first_row(p) + KIND] <= LAST_SYNC_KIND:
                 d.pending[p] = 1
+                d.since_sync[p] = max(d.since_sync[p], 0) + 1
                 d.pending_low[p] = low_word(four_bytes(data, 0))
                 d.pending_high[p] = low_word(four_bytes(data, 4))
             else:
@@ -74,11 +79,29 @@ def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
 
 
 @loop_function
+def judge_rates(d: Any) -> None:
+    """Count what was wrong between the last two SYNCs: PDOs that come with them, and their time."""
+    x, period = d.state, d.value[Row.SYNC_PERIOD] * 1e-6 * d.rate_hz
+    off = abs(d.k - x.sync_at - period)
+    if period > 0.0 and x.sync_at > 0 and off > max(0.5 * period, 1.0):
+        d.mistakes[Mistake.SYNC_OFF] += 1
+    x.sync_at = d.k
+    for p in range(PDOS):
+        if d.map_id[p] < 0 or d.value[first_row(p) + KIND] > LAST_SYNC_KIND:
+            d.since_sync[p] = -1
+        elif d.since_sync[p] >= 0:
+            d.mistakes[Mistake.PDO_MISSING] += 1 if d.since_sync[p] == 0 else 0
+            d.mistakes[Mistake.PDO_TWICE] += 1 if d.since_sync[p] > 1 else 0
+            d.since_sync[p] = 0
+
+
+@loop_function
 def hear_sync(d: Any) -> None:
     """Take what waited for a SYNC; let be due what is sent with it."""
     if d.state.nmt != Nmt.OPERATIONAL:
         return
     d.state.syncs += 1
+    judge_rates(d)
     for p in range(PDOS):
         if d.pending[p] != 0:
             d.pending[p] = 0

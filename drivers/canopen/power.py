@@ -18,6 +18,7 @@
 
     quick stop option   0 off at once; 1, 2 down, then off; 5, 6 down, then stay
     fault option        0 off at once; 1, 2 down, then off
+    shutdown, disable operation option    0 at once; 1 down, with the deceleration of the profile
     lost connection     0 nothing, 1 a fault (0x8130, 0x8100), 2 off at once, 3 a quick stop
     1, 5: with the deceleration of the profile; 2, 6: with that of the quick stop
 
@@ -30,11 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.canopen.frames import tell_error
-from pcpc.drivers.canopen.layout import Mode, Power, Row
+from pcpc.drivers.canopen.layout import Mistake, Mode, Power, Row
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
 
-FAULT_RESET = 0x80
+FAULT_RESET, COMMAND_BITS = 0x80, 0x8F
 FIRST_STAYING = 5  # option of the quick stop
 VOLTAGE, WARNING, REMOTE, REACHED, LIMITED = 1 << 4, 1 << 7, 1 << 9, 1 << 10, 1 << 11
 BIT_12, BIT_13 = 1 << 12, 1 << 13
@@ -110,12 +111,37 @@ def next_power(power: Any, word: Any, before: Any, option: Any) -> Any:
 
 
 @loop_function
+def is_ignored(power: Any, word: Any, option: Any) -> Any:
+    """Return whether a controlword asks for a transition that a state does not have.
+
+    What asks to stay is none; nor are the bits of a fault reset, or those that want no power.
+    """
+    wanted = command_of(word)
+    if power == Power.FAULT:
+        return wanted >= Command.SHUTDOWN and word & FAULT_RESET == 0
+    if power == Power.SWITCH_ON_DISABLED:
+        return wanted >= Command.SWITCH_ON
+    stays = wanted == Command.ENABLE_OPERATION and option < FIRST_STAYING
+    return power == Power.QUICK_STOP_ACTIVE and (
+        wanted == Command.SHUTDOWN or wanted == Command.SWITCH_ON or stays
+    )
+
+
+@loop_function
 def obey(d: Any) -> None:
-    """Go to the state that the controlword asks for; a reset ends the fault."""
-    x, word = d.state, d.value[Row.CONTROLWORD]
-    power = next_power(x.power, word, x.word_before, d.value[Row.QUICK_STOP_OPTION])
+    """Go to the state that the controlword asks for, some after a ramp; a reset ends the fault."""
+    x, word, option = d.state, d.value[Row.CONTROLWORD], d.value[Row.QUICK_STOP_OPTION]
+    if (word ^ x.word_before) & COMMAND_BITS != 0 and is_ignored(x.power, word, option):
+        d.mistakes[Mistake.COMMAND_IGNORED] += 1
+    power = next_power(x.power, word, x.word_before, option)
     if x.power == Power.FAULT and power != Power.FAULT:
         tell_error(d, 0, 0)
+    x.leaves = 0
+    if x.power == Power.OPERATION_ENABLED and (
+        (power == Power.READY_TO_SWITCH_ON and d.value[Row.SHUTDOWN_OPTION] != 0)
+        or (power == Power.SWITCHED_ON and d.value[Row.DISABLE_OPTION] != 0)
+    ):
+        x.leaves, power = power, x.power
     x.power = power
 
 
@@ -146,7 +172,9 @@ def lose_connection(d: Any, code: Any) -> None:
 def stopped(d: Any) -> None:
     """Leave the state of a ramp that has come to its end."""
     x = d.state
-    if x.power == Power.FAULT_REACTION_ACTIVE:
+    if x.leaves != 0:
+        x.power = x.leaves
+    elif x.power == Power.FAULT_REACTION_ACTIVE:
         x.power = Power.FAULT
     elif x.power == Power.QUICK_STOP_ACTIVE and d.value[Row.QUICK_STOP_OPTION] < FIRST_STAYING:
         x.power = Power.SWITCH_ON_DISABLED

@@ -29,7 +29,7 @@ from pcpc.drivers.canopen.dictionary import (
 )
 from pcpc.drivers.canopen.frames import SDO_ANSWER, put
 from pcpc.drivers.canopen.layout import WRITE as MAY_WRITE
-from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.layout import Mistake, Row
 from pcpc.drivers.canopen.mapping import PDO_ROWS, arrange, pdo_of, why_not
 from pcpc.drivers.compiled.jit import loop_function
 
@@ -93,6 +93,7 @@ def serve(d: Any, data: Any) -> None:
 def abort(d: Any, about: Any, code: Any) -> None:
     """Refuse, and forget the transfer."""
     d.state.segment_row = 0
+    d.mistakes[Mistake.SDO_ABORTED] += 1
     put(d, SDO_ANSWER + d.node, 8, 0x80 | about << 8, code)
 
 

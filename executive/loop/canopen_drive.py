@@ -14,7 +14,7 @@ import numpy as np
 
 from pcpc.drivers.can import codec
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.layout import Mistake, Row
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import Whose, hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
@@ -35,6 +35,7 @@ SEEN = (  # what the table shows: name, unit (or whose), meaning
     ("demand_position", "position", "of the profile, or the target"),
     ("position", "position", "as the drive tells it, homed"),
     ("velocity", "velocity", "as the drive tells it"),
+    *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in Mistake),
 )
 
 
@@ -111,3 +112,5 @@ def show(n: Any) -> None:
     n.v[at + 8] = d.state.demand_position
     n.v[at + 9] = d.state.position
     n.v[at + 10] = d.state.velocity
+    for i in range(len(d.mistakes)):
+        n.v[at + 11 + i] = d.mistakes[i]

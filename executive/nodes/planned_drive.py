@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.canopen import objects
+from pcpc.drivers.canopen import eds_file, objects
 from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
@@ -40,11 +40,27 @@ def dictionary_of(rig: Rig) -> list[objects.Object]:
     """Return the drive's objects as they are at the start; RigError for what cannot be."""
     drive = rig.config.plant.drive
     assert drive is not None
-    every = objects.objects(drive.node, rig.config.rig)
+    every = taken_from_eds(rig).every
     try:
         return objects.changed(every, {str(key): raw for key, raw in drive.objects.items()})
     except ValueError as error:
         raise rig.error(f"{KEY}.objects", str(error)) from None
+
+
+def taken_from_eds(rig: Rig) -> eds_file.Read:
+    """Return the drive's own objects with what its EDS makes of them; RigError."""
+    drive = rig.config.plant.drive
+    assert drive is not None
+    every = objects.objects(drive.node, rig.config.rig)
+    if drive.eds is None:
+        return eds_file.Read(every)
+    file = rig.document.file(("plant", "drive", "eds"), drive.eds)
+    try:
+        return eds_file.read(file, every, drive.node)
+    except OSError as error:
+        raise rig.error(f"{KEY}.eds", f"{file}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise rig.error(f"{KEY}.eds", f"{file.name}: {error}") from None
 
 
 def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.Frame]:

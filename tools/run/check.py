@@ -16,6 +16,7 @@ from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.plan import Plan, check_pacing, cycles_of, plan
+from pcpc.executive.nodes.planned_drive import taken_from_eds
 from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.buses import check_line
@@ -51,6 +52,9 @@ def command(options: argparse.Namespace) -> int:
     report["warnings"] += _try_drawing(rig)
     if rig.config.plant.drive is not None:
         where = rig.where("plant.drive")
+        if left_out := taken_from_eds(rig).left_out:
+            what = ", ".join(left_out[:20]) + (", ..." if len(left_out) > 20 else "")
+            report["warnings"].append(f"{where}: of its EDS the drive does not have {what}")
         report["warnings"].append(f"{where}: the bus load is without the frames of the drive")
     if options.json:
         print(summary_file.text_of(report))

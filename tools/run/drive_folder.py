@@ -2,12 +2,15 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pcpc.drivers.canopen import eds
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.planned_drive import dictionary_of, is_lone_drive
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.verdict.masters import told
 from pcpc.tools.start.folder import LOG, run_folder
 
 EDS = "drive.eds"
@@ -31,3 +34,12 @@ def folder_of_drive(
             log = folder / LOG
             if not log.is_file() or not log.stat().st_size:  # nothing ran
                 file.unlink()
+
+
+def of_the_master(node: Live | None) -> list[str]:
+    """Return what the master of a drive did wrong, as the drive counted it until its end."""
+    if node is None:
+        return []
+    with suppress(LiveError):
+        return told(node.read(), {name: one.help for name, one in node.variables.items()})
+    return []

@@ -28,7 +28,7 @@ from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
-from pcpc.tools.run.drive_folder import folder_of_drive
+from pcpc.tools.run.drive_folder import folder_of_drive, of_the_master
 from pcpc.tools.start import pace
 from pcpc.tools.start.bus import run_line
 from pcpc.tools.start.bus.traffic import warning
@@ -378,13 +378,14 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
             code = host.run()
     if folder is not None:
         host.progress.say(f"log      {folder / LOG}")
-    for line in host.outcome.faults:
+    for line in (*host.outcome.faults, *(wrong := of_the_master(host.nodes.get("plant")))):
         print(line, file=sys.stderr)
     if host.outcome.interrupted:
         return Exit.INTERRUPTED
     if code < 0 and host.outcome.faults:
         return Exit.SAFETY_STOP
-    return code if code >= 0 else Exit.LOSS if host.outcome.missing else Exit.OK
+    ok = Exit.LOSS if host.outcome.missing else Exit.NOT_MET if wrong else Exit.OK
+    return code if code >= 0 else ok
 
 
 def command(options: argparse.Namespace) -> int:

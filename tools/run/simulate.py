@@ -47,8 +47,7 @@ class Simulation:
             return ""
         from pcpc.tools.start.bus import line_report  # here, because few rigs need it
 
-        line, bitrate, _ = self.run.over
-        found = line_report.numbers(line, self.rig.roles, bitrate)
+        found = line_report.numbers(self.run.over[0], self.rig.roles)
         line_report.write(found, folder / line_report.FILE)
         return line_report.summary(found)
 

@@ -82,6 +82,27 @@ def moves(node: BaseNode402) -> None:
     assert refused.value.code == 0x06090030
 
 
+def test_what_a_master_did_wrong_is_told_and_no_pass(tmp_path: Path) -> None:
+    bus, folder = own_bus(), tmp_path / "run"
+    words = ["plant", str(RIG), "--bus", bus, "-o", str(folder), "--quiet"]
+    with Running(*words) as run:
+        block = run.block("motor-drive", bus, "plant")
+        until(lambda: block.control.passes > 10, "first cycles")
+        with master(bus, folder / "drive.eds") as node:
+            node.nmt.state = "OPERATIONAL"
+            for value in (2, 4):
+                with pytest.raises(canopen.SdoAbortedError):
+                    node.sdo[0x6060].raw = value
+            node.sdo[0x6040].raw = 0x0F  # from SWITCH ON DISABLED
+            assert node.sdo[0x6041].raw & 0x6F == 0x40
+        run.process.send_signal(signal.SIGTERM)
+        done = run.done()
+    assert "master: SDO was aborted: 2 x (drive.master.sdo_aborted)" in done.err, done
+    what = "controlword asked for a transition that its state does not have: 1 x"
+    assert f"master: {what} (drive.master.command_ignored)" in done.err, done
+    assert done.err.count("master: ") == 2, done
+
+
 def test_a_second_drive_on_its_bus_leaves_nothing_behind(tmp_path: Path) -> None:
     bus = own_bus()
     words = ["plant", str(RIG), "--bus", bus, "--quiet", "-o"]

@@ -27,6 +27,7 @@ from pcpc.executive.rig.requirements import RequirementError, text_of
 from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Judged, Mistake
 from pcpc.tools.after.verdict.imagined_logs import imagined_log, large, noise, nothing
+from pcpc.tools.after.verdict.masters import counters
 from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound, results
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
@@ -187,7 +188,7 @@ class Judge:
         found = {}
         for name, one in nodes.items():
             asked = [key for of in (one.columns, one.timing) for key in getattr(of, "asked", ())]
-            found[name] = [*asked, *TIMING_COLUMNS]
+            found[name] = [*asked, *counters(one.columns), *TIMING_COLUMNS]
         return found
 
     def judge(

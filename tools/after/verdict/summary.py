@@ -3,7 +3,8 @@
 verdict              exit code
 ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
-                          the evaluation failed, or somebody else ended the run too early
+                          the evaluation failed, the master of a drive made a mistake, or somebody
+                          else ended the run too early
 loss                 3    frames lost (but not on purpose) or stale, slow ones that stayed away,
                           more wrong ones than the rig's `errors` allow, records dropped, or a part
                           of the log missing
@@ -37,6 +38,7 @@ from pcpc.tools.after.verdict import on_purpose
 from pcpc.tools.after.verdict.frames import frames_to, most_cut, stayed_away, too_many, unlike
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
+from pcpc.tools.after.verdict.masters import mistakes
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
 from pcpc.tools.after.verdict.requirements import END_S, LEADER, Result
 
@@ -147,6 +149,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     found = (judge or Judge.of(rig)).judge(log, changed, early)
     timing = _timing(log, outcome)
     failed, limits = [*found.failed], rig.config.timing
+    failed += [line for node in log.node.values() for line in mistakes(node)]
     if timing and limits.error is not None:
         found.judged.append("timing")
     worst_us = timing.pop("together", {})
