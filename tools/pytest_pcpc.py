@@ -21,6 +21,7 @@ not keep time is repeated once, and says so.
 """
 
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -38,8 +39,9 @@ if TYPE_CHECKING:
 _RUNS = pytest.StashKey[list[tuple[str, Path]]]()
 _PROBE_S, _LATE_S = 0.3, 0.002
 _WAKE_S = 0.001
+_WAIT_S, _STOOD_S = 0.01, 0.02  # this much late, a thread that waits for nothing but the clock
 _REASON = 200  # characters of a failure that is named with a repeated test
-_REPEATED = "pcpc, paced"
+_REPEATED, UNKEPT = "pcpc, paced", "pcpc, paced and repeated"  # titles of a report's sections
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -177,19 +179,53 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     if item.get_closest_marker("paced") is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    if any(report.failed for report in reports) and (why := _cannot_keep_time()):
-        why += f"; {_first_failure(reports)}"
+    reports, why = _reports(item, nextitem)
+    if why:
+        first = f"{why}; {_first_failure(reports)}"
         item.stash[_RUNS] = []
         item.session._setupstate.teardown_exact(None)  # what the module shares begins anew too
         item._initrequest()  # type: ignore[attr-defined]  # as a test that has not run
-        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+        reports, why = _reports(item, nextitem)
         for report in reports:
-            report.sections.append((_REPEATED, f"repeated once: {why}"))
+            report.sections.append((_REPEATED, f"repeated once: {first}"))
+            if why:
+                report.sections.append((UNKEPT, why))
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
+
+
+def _reports(item: pytest.Item, nextitem: pytest.Item | None) -> tuple[list[Any], str]:
+    """Run a test; return its reports and, if it failed, why the machine could not keep time."""
+    with _Watch() as watch:
+        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+    failed = any(report.failed for report in reports)
+    return reports, (watch.why or _cannot_keep_time()) if failed else ""
+
+
+class _Watch(threading.Thread):
+    """Waits for nothing but the clock while a test runs, and knows how late it ever was."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.why, self._worst_s, self._over = "", 0.0, threading.Event()
+
+    def __enter__(self) -> "_Watch":
+        self.start()
+        return self
+
+    def run(self) -> None:
+        begin_s = time.monotonic()
+        while not self._over.wait(_WAIT_S):
+            now_s = time.monotonic()
+            self._worst_s, begin_s = max(self._worst_s, now_s - begin_s - _WAIT_S), now_s
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self.join()
+        if self._worst_s > _STOOD_S:
+            self.why = f"the machine stood still for {1e3 * self._worst_s:.0f} ms"
 
 
 def _first_failure(reports: list[Any]) -> str:

@@ -169,8 +169,9 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
     judged = f"verdict  ok ({LIMITS[template.rig]} limits judged)"
     bus = ("--bus", own_bus())
     lockstep = (*bus, "--pacing", "lockstep")
+    patient = ("--set", "supervisor.fault_after_cycles=1000")  # a machine may stand still for 0.1 s
     for way, words in {
-        "virtual": ("simulate", *quiet), "real": ("run", *quiet, *bus),
+        "virtual": ("simulate", *quiet), "real": ("run", *quiet, *bus, *patient),
         "lockstep": ("run", *quiet, *lockstep),
     }.items():  # fmt: skip
         done = undisturbed(*words, folder=tmp_path / way)

@@ -59,7 +59,8 @@ def test_a_recording_and_a_snapshot_are_parts_of_the_log(tmp_path: Path) -> None
             assert "nothing is being recorded" in client.ask(do="record", end=True)["why"]
         run.stop()
     whole = run.run.path
-    for one, least in ((begun, 200), (last, 95), (every, 200)):
+    assert 50 <= last["last"] - last["first"] <= 100  # of 200 a second; some may have been skipped
+    for one, least in ((begun, 200), (last, 30), (every, 200)):
         path = Path(one["file"])
         assert path.parent == tmp_path / "rec"
         for topic in WHOLE:
@@ -73,7 +74,7 @@ def test_a_recording_and_a_snapshot_are_parts_of_the_log(tmp_path: Path) -> None
         few, many = (len(logs.payloads(Path(one["file"]), topic)) for one in (last, every))
         assert 3 * few < 2 * many, f"{topic}: {few} of {many} frames in the last half second"
     begins = [node.cycle[0] for node in logs.read(Path(begun["file"])).node.values()]
-    assert 0 < begun["cycle"] <= min(begins) and last["last"] - last["first"] <= 100
+    assert 0 < begun["cycle"] <= min(begins)
 
 
 @pytest.fixture(scope="module")
