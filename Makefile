@@ -90,8 +90,8 @@ firmware-tools: ## compilers and QEMU for generated C; uses sudo
 size: install ## tokens and lines of each room; SINCE=main: and what was added
 	@$(BIN)/python tools/dev/size.py $(SINCE)
 
-release: tools ## sdist and wheel in dist/, tried in an empty environment
-	@$(BIN)/python tools/dev/release.py
+release: tools ## sdist and wheel in dist/, tried in an empty environment; WHEELS: of other machines
+	@$(BIN)/python tools/dev/release.py $(WHEELS)
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .

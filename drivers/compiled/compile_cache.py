@@ -7,7 +7,7 @@ an edit of a plant's law the loop need not be compiled again.
 
     $NUMBA_CACHE_DIR/HASH, else $XDG_CACHE_HOME/pcpc/compiled/HASH, else ~/.cache/...
     <temporary folder>/pcpc-UID/compiled/HASH    where the first one cannot be written
-    drivers/compiled/shipped/HASH                read only: what a released wheel brings
+    drivers/compiled/shipped/MACHINE/HASH        read only: what a released wheel brings
 
 Code in them is run, so none may belong to anybody but this user or root.
 """
@@ -144,7 +144,7 @@ def folders() -> list[Path]:
 
 def shipped() -> list[Path]:
     """Return the folder of code that came with the present sources, if there is one."""
-    folder = SHIPPED / source_hash()
+    folder = SHIPPED / os.uname().machine / source_hash()
     return [folder] if folder.is_dir() and not distrust(folder) else []
 
 

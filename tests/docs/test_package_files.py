@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -99,3 +100,28 @@ def test_what_git_does_not_have_is_not_released(tmp_path: Path) -> None:
     (tmp_path / "dist/old.whl").touch()
     found = " ".join(release.obstacles(tmp_path))
     assert all(name in found for name in ("new.py", "build/lib", "old.whl")), found
+
+
+def test_a_wheel_takes_the_code_of_other_machines_if_it_is_of_the_same_sources(
+    tmp_path: Path,
+) -> None:
+    def wheel(*places: str) -> Path:
+        made = tmp_path / "other.whl"
+        with zipfile.ZipFile(made, "w") as content:
+            content.writestr("pcpc/__init__.py", "")
+            for place in places:
+                content.writestr(f"{release.SHIPPED}/{place}", "code")
+        return made
+
+    own = Path("x86_64", "0a")
+    release.add_code(wheel("aarch64/0a/loop/pass.nbc", "aarch64/0a/a.nbi"), own, tmp_path / "new")
+    found = {path.name: path.read_text() for path in (tmp_path / "new").rglob("*.nb?")}
+    assert found == {"pass.nbc": "code", "a.nbi": "code"}
+    assert not (tmp_path / "new/pcpc/__init__.py").exists()
+    for places, why in [
+        ([], "brings no compiled code"), (["x86_64/0a/a.nbi"], "name another machine's"),
+        (["aarch64/0a/a.nbi", "riscv64/0b/a.nbi"], "is of other sources"),
+    ]:  # fmt: skip
+        with pytest.raises(SystemExit, match=why):
+            release.add_code(wheel(*places), own, tmp_path / "none")
+    assert not (tmp_path / "none").exists()

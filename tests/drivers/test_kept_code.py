@@ -34,7 +34,7 @@ class Machine:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.cache, self.temporary = folder, folder / "cache", folder / "tmp"
-        self.shipped = folder / "shipped"
+        self.shipped = folder / "shipped" / os.uname().machine
         self.temporary.mkdir()
         (folder / "law.py").write_text(LAW)
 
@@ -45,7 +45,7 @@ class Machine:
             "XDG_CACHE_HOME": str(self.cache), "TMPDIR": str(self.temporary),
         }  # fmt: skip
         done = subprocess.run(
-            [*before, sys.executable, "-c", MAIN, str(self.shipped)], cwd=self.folder,
+            [*before, sys.executable, "-c", MAIN, str(self.shipped.parent)], cwd=self.folder,
             env=environment, capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
@@ -75,6 +75,7 @@ DAMAGE: tuple[Callable[[bytes], bytes], ...] = (
 
 def test_shipped_code_is_read_and_not_written(machine: Machine) -> None:
     assert machine.run() == (10, "")
+    machine.shipped.parent.mkdir()
     (machine.cache / "pcpc" / "compiled").rename(machine.shipped)
     before = {file: file.read_bytes() for file in machine.shipped.rglob("*.nb?")}
     assert machine.run() == (0, "") and not machine.files("*.nb?")
@@ -84,6 +85,9 @@ def test_shipped_code_is_read_and_not_written(machine: Machine) -> None:
     assert machine.run() == (0, ""), "what was compiled in its place is kept for this user"
     damaged.write_bytes(before[damaged])
     assert {file: file.read_bytes() for file in machine.shipped.rglob("*.nb?")} == before
+    machine.shipped.rename(machine.shipped.with_name("riscv64"))
+    assert machine.run()[0] == 9, "code of another machine is not run"
+    machine.shipped.with_name("riscv64").rename(machine.shipped)
     machine.shipped.chmod(0o777)
     (machine.shipped / compile_cache.source_hash()).chmod(0o777)
     shutil.rmtree(machine.cache)

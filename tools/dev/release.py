@@ -5,13 +5,18 @@ repository the wheel then runs a shipped rig and the tutorial's first plant, wit
 
 The wheel brings what this Python compiles of loop, laws and plants, for any processor of this
 machine's kind: an environment with the plain wheel compiles it, the second wheel has it. Another
-Python, or an edited file, finds nothing there and compiles as ever.
+Python, or an edited file, finds nothing there and compiles as ever. Wheels of the same sources from
+other kinds of machine give their code to this one:
+
+    ARCH=arm64 .ci/container build/arm64 'make release'
+    make release WHEELS=build/arm64/pcpc/dist/*.whl
 """
 
 import os
 import subprocess
 import sys
 import venv
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from shutil import copy
@@ -30,10 +35,15 @@ SDIST = "from setuptools import build_meta; import sys; print(build_meta.build_s
 
 
 def obstacles(root: Path) -> list[str]:
-    """Return what keeps a folder from being released; nothing if it is as git has it."""
-    words = ["git", "status", "--porcelain"]
-    done = subprocess.run(words, cwd=root, capture_output=True, text=True, check=True)
-    found = [f"not committed: {line[3:]}" for line in done.stdout.splitlines()]
+    """Return what keeps a folder from being released; nothing if it is as git has it.
+
+    What git has exported is no repository, and is released as it is.
+    """
+    found = []
+    if (root / ".git").exists():
+        words = ["git", "status", "--porcelain"]
+        done = subprocess.run(words, cwd=root, capture_output=True, text=True, check=True)
+        found = [f"not committed: {line[3:]}" for line in done.stdout.splitlines()]
     stale = [root / "build/lib", *root.glob("dist/*")]
     return found + [f"of an earlier build: {one}" for one in stale if one.exists()]
 
@@ -51,26 +61,33 @@ def run(words: Sequence[str | Path], cwd: Path, **environment_too: str) -> str:
     return done.stdout
 
 
-def built(root: Path, folder: Path) -> tuple[Path, Path]:
-    """Return sdist and wheel of the version that git has, the wheel with compiled code."""
-    source = folder / "source"
-    source.mkdir()
-    run(["git", "archive", "-o", folder / "source.tar", "HEAD"], root)
-    run(["tar", "xf", folder / "source.tar"], source)
+def built(root: Path, folder: Path, others: Sequence[Path] = ()) -> tuple[Path, Path]:
+    """Return sdist and wheel of the version that git has, the wheel with compiled code.
+
+    `others`: wheels of the same version with the code of other machines.
+    """
+    source = root
+    if (root / ".git").exists():
+        source = folder / "source"
+        source.mkdir()
+        run(["git", "archive", "-o", folder / "source.tar", "HEAD"], root)
+        run(["tar", "xf", folder / "source.tar"], source)
     sdist = folder / run([sys.executable, "-c", SDIST, folder], source).split()[-1]
     pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
     run([*pip, "-w", folder, sdist], folder)
     (wheel,) = folder.glob("*.whl")
     run(["tar", "xf", sdist], folder)
     (unpacked,) = folder.glob("pcpc-*/")
-    compiled(wheel, folder, unpacked / SHIPPED)
+    own = compiled(wheel, folder, unpacked / SHIPPED)
+    for other in others:
+        add_code(other, own, unpacked)
     wheel.unlink()
     run([*pip, "-w", folder, unpacked], folder)
     return sdist, wheel
 
 
-def compiled(wheel: Path, folder: Path, target: Path) -> None:
-    """Write what a wheel compiles, in an environment of its own, to `target`."""
+def compiled(wheel: Path, folder: Path, target: Path) -> Path:
+    """Write what a wheel compiles to MACHINE/HASH in `target`, and return that name."""
     own, cache = environment_of(wheel, folder / "compiling"), folder / "cache"
     first_starts: list[list[str | Path]] = [
         [own / "python", "-c", ALL_LAWS],
@@ -84,10 +101,28 @@ def compiled(wheel: Path, folder: Path, target: Path) -> None:
     for words in first_starts:
         run(words, folder / "compiling", XDG_CACHE_HOME=str(cache))
     (made,) = (cache / "pcpc" / "compiled").iterdir()
+    name = Path(os.uname().machine, made.name)
     for file in made.rglob("*.nb[ic]"):
-        place = target / made.name / file.relative_to(made)
+        place = target / name / file.relative_to(made)
         place.parent.mkdir(parents=True, exist_ok=True)
         copy(file, place)
+    return name
+
+
+def add_code(wheel: Path, own: Path, unpacked: Path) -> None:
+    """Add the code that another wheel brings; `own`: MACHINE/HASH of this machine's."""
+    with zipfile.ZipFile(wheel) as content:
+        names = [name for name in content.namelist() if name.startswith(f"{SHIPPED}/")]
+        found = {Path(*Path(name).relative_to(SHIPPED).parts[:2]) for name in names}
+        if not found:
+            sys.exit(f"{wheel}: brings no compiled code; name a wheel of `make release`")
+        for machine, digest in (one.parts for one in found):
+            if machine == own.parts[0]:
+                sys.exit(f"{wheel}: has code for {machine}, as this one; name another machine's")
+            if digest != own.parts[1]:
+                here = f"{digest}, here {own.parts[1]}"
+                sys.exit(f"{wheel}: is of other sources, Python or numba ({here})")
+        content.extractall(unpacked, names)
 
 
 def environment_of(wheel: Path, folder: Path) -> Path:
@@ -112,11 +147,14 @@ def tried(wheel: Path, folder: Path) -> None:
 
 def main() -> None:
     """Make and try a release, or say what is in the way."""
+    others = [Path(name).resolve() for name in sys.argv[1:]]
+    if lost := [str(other) for other in others if not zipfile.is_zipfile(other)]:
+        sys.exit(f"release: no such wheel: {', '.join(lost)}")
     if found := obstacles(ROOT):
         sys.exit("\n".join([*found, "release: commit, or remove this with `make clean`"]))
     with TemporaryDirectory() as place:
         folder = Path(place)
-        made = built(ROOT, folder)
+        made = built(ROOT, folder, others)
         tried(made[1], folder)
         (ROOT / "dist").mkdir(exist_ok=True)
         for file in made:
