@@ -76,8 +76,9 @@ def floor(x: float) -> float:
 
 @inline
 def clip(x: float, low: float, high: float) -> float:
-    """Return x limited to low..high; NaN stays NaN."""
-    return where(x < low, low, where(x > high, high, x))
+    """Return x limited to low..high, low where low > high; NaN stays NaN."""
+    below = where(x > high, high, x)  # in this order each line is one instruction
+    return where(below < low, low, below)
 
 
 @inline

@@ -131,10 +131,12 @@ static inline float pcpc_floorf(float x)
     return (whole > x) ? whole - 1.0f : whole;
 }
 
-/* Return x limited to low..high; NaN stays NaN. */
+/* Return x limited to low..high, low where low > high; NaN stays NaN. */
 static inline float pcpc_clipf(float x, float low, float high)
 {
-    return (x < low) ? low : ((x > high) ? high : x);
+    const float below = (x > high) ? high : x;
+
+    return (below < low) ? low : below;
 }
 
 /* Return -1, 0 or 1; a zero keeps its sign, NaN stays NaN. */
