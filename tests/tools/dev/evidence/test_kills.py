@@ -6,7 +6,7 @@ import pytest
 
 from pcpc.tools.dev.evidence import kills
 
-pytestmark = pytest.mark.deep
+pytestmark = [pytest.mark.deep, pytest.mark.paced]
 
 WELL: dict[str, Any] = {
     "process": "host", "signal": "KILL", "at": 5, "unsafe": [], "exposed": {"plant": 70},
@@ -36,7 +36,7 @@ def test_the_node_that_is_left_faults_and_its_ramp_is_seen(
     (row,) = [row for row in rows if (row["process"], row["signal"]) == (killed, "KILL")]
     assert row["fault"][other].startswith("no valid input frame"), row
     assert row["limit"] - 3 <= row["exposed"][other] <= row["limit"], row
-    assert row["state"][killed] == "RUN", row
+    assert row["state"][killed] in ("RUN", "HOLD"), row  # HOLD: a frame late in that cycle
 
 
 def test_a_log_without_its_recorder_ends_early_and_opens(rows: list[dict[str, Any]]) -> None:
