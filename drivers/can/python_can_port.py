@@ -51,10 +51,12 @@ def get(wire: Any, block: bool) -> int:
         return Arrival.FAILED
     if message is None:
         return Arrival.NOTHING
-    foreign = message.is_remote_frame or message.is_error_frame or message.is_fd > wire.fd
+    remote = bool(message.is_remote_frame)
+    foreign = remote > wire.remotes or message.is_error_frame or message.is_fd > wire.fd
     if foreign or len(message.data) > (64 if message.is_fd else 8):
         return Arrival.FOREIGN
     word = can_id.word_of(message.arbitration_id, message.is_extended_id)
+    word |= can_id.REMOTE if remote else 0
     head = word.to_bytes(4, "little") + bytes([len(message.data), flags_of(message), 0, 0])
     for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte

@@ -38,7 +38,7 @@ from pcpc.drivers.compiled.structures import copy, structure
 
 END = structure(WIRE)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.can.bus
-ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
+ERROR_FLAG, REMOTE_FLAG, ERROR_FLAGS = 0x20, 0x40, 0x60  # in the id's top byte; both
 NO_SUCH_KIND = errno.EPROTONOSUPPORT
 
 
@@ -156,12 +156,12 @@ def _unsigned(b: Any, at: Any, stop: Any) -> Any:
 
 
 @loop_function
-def _read_packet(b: Any, end: Any, frame: Any) -> Any:
-    """Read a message map b[:end] into `frame`; return True if it is a data frame."""
+def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
+    """Read a map b[:end] into `frame`; return True for a data frame, if `remotes` a remote one."""
     if end < 2 or end > PACKET_BYTES - 1 or b[0] & 0xF0 != 0x80:
         return False
     can_id, data_at, data_n, extended = np.int64(-1), np.int64(0), np.int64(-1), np.int64(0)
-    at, other, flags = np.int64(1), False, np.int64(0)
+    at, other, flags, remote = np.int64(1), False, np.int64(0), np.int64(0)
     for _ in range(np.int64(b[0] & 15)):
         if at >= end or b[at] < 0xA1 or b[at] > 0xBF:
             return False
@@ -182,6 +182,8 @@ def _read_packet(b: Any, end: Any, frame: Any) -> Any:
             data_at, data_n = value + 2, np.int64(b[value + 1])
         elif n == 14 and first == 105 and fourth == 101 and b[key + 4] == 120:  # is_extended_id
             extended = np.int64(0x80 if _unsigned(b, value, stop) == 1 else 0)
+        elif n == 15 and fourth == 114 and remotes != 0:  # is_remote_frame
+            remote = np.int64(REMOTE_FLAG if _unsigned(b, value, stop) == 1 else 0)
         elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101):
             other |= _unsigned(b, value, stop) != 0  # is_remote_frame, is_error_frame
         elif n == 5 and _unsigned(b, value, stop) != 0:  # is_fd
@@ -201,7 +203,7 @@ def _read_packet(b: Any, end: Any, frame: Any) -> Any:
         return False
     for i in range(4):
         frame[i] = (can_id >> (8 * i)) & 255
-    frame[3] |= extended
+    frame[3] |= extended | remote
     frame[4], frame[5] = data_n, flags
     for i in range(longest):
         frame[8 + i] = b[data_at + i] if i < data_n else 0
@@ -327,7 +329,8 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
     """Receive from one descriptor; as `get_frame`."""
     if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
-        known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & ERROR_FLAGS == 0
+        odd = ERROR_FLAG if wire.remotes != 0 else ERROR_FLAGS
+        known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & odd == 0
         if n == FRAME_BYTES:
             known &= CAN_BE[wire.rx[4]] != 0
             blank(wire.rx)
@@ -343,7 +346,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         wire.source = wire.address[0]
         if n >= 0 and (wire.source == wire.own[0] or wire.source == wire.own[1]):
             return Arrival.OWN
-        known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
+        known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx, wire.remotes)
     else:
         wire.errno = NO_SUCH_KIND
         return Arrival.FAILED

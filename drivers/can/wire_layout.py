@@ -49,6 +49,7 @@ WIRE = np.dtype(
         ("muted", "<i8"),  # 1: a blocking receive listens to the second bus only
         ("in_turn", "<i8"),  # 1: a blocking receive empties the first bus until it is muted
         ("fd", "<i8"),  # 1: CAN FD frames are taken too
+        ("remotes", "<i8"),  # 1: remote frames too
         ("n_second", "<i8"),  # how many ids go out on the second bus, and which
         ("second", "<i8", (SECOND_IDS,)),
         ("errno", "<i8"),  # of the last call that failed

@@ -92,7 +92,7 @@ class Mistake(Told):
 OBJECT = row_of("index subindex bits sign text access low high start")
 STATE = row_of(
     "nmt beat_at boots syncs sync_at"  # beat_at, sync_at: cycles of the last ones
-    " heard heard_at"  # 1: the heartbeat that is awaited came once; when
+    " heard heard_at guarded"  # 1: the heartbeat that is awaited came once; when; the next toggle
     " power word_before mode enabled"  # word_before: of the command
     " moves pends acknowledged homed reached limited behind_since near_since"
     " stopped_before wanted steps_left leaves"  # leaves: for which state, after a ramp

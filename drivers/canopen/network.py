@@ -16,8 +16,10 @@ connection, see `drivers.canopen.power`. Source: CiA 301, 7.2.8 and 7.3.2.
 
 from typing import Any
 
+import numpy as np
+
 from pcpc.drivers.canopen.dictionary import is_possible
-from pcpc.drivers.canopen.frames import put_heartbeat
+from pcpc.drivers.canopen.frames import HEARTBEAT, put, put_heartbeat
 from pcpc.drivers.canopen.layout import Mode, Nmt, Power, Row
 from pcpc.drivers.canopen.mapping import PDOS, arrange
 from pcpc.drivers.canopen.objects import SELF_STARTING
@@ -36,7 +38,7 @@ def boot(d: Any) -> None:
     x.nmt = Nmt.BOOT_UP
     put_heartbeat(d)
     x.nmt = Nmt.OPERATIONAL if d.value[Row.STARTUP] == SELF_STARTING else Nmt.PRE_OPERATIONAL
-    x.heard = 0
+    x.heard = x.guarded = 0
     x.segment_row = 0
     x.boots += 1
 
@@ -83,6 +85,14 @@ def beat(d: Any) -> None:
     ms = d.value[Row.HEARTBEAT_MS]
     if ms > 0 and d.k - d.state.beat_at >= ms * 1e-3 * d.rate_hz:
         put_heartbeat(d)
+
+
+@loop_function
+def answer_guard(d: Any) -> None:
+    """Answer a master that guards its nodes: the state, and a bit that toggles."""
+    x = d.state
+    put(d, HEARTBEAT + d.node, 1, x.nmt | x.guarded << np.int64(7), 0)
+    x.guarded = 1 - x.guarded
 
 
 @loop_function

@@ -4,7 +4,8 @@
     work      a cycle: the command for what was measured (`drivers.canopen.motion.measure`)
     speak     at its end: boot-up, heartbeat, PDOs
 
-What is heard: NMT 0x000, SYNC 0x080, the master's heartbeat, SDO 0x600 + node, received PDOs.
+What is heard: NMT 0x000, SYNC 0x080, the master's heartbeat, SDO 0x600 + node, received PDOs, and
+the remote frame 0x700 + node (node guarding).
 Frames with the ids that the drive sends are another drive's with its number.
 """
 
@@ -18,13 +19,21 @@ from pcpc.drivers.canopen.frames import EMERGENCY, HEARTBEAT, SDO_ANSWER
 from pcpc.drivers.canopen.layout import Nmt
 from pcpc.drivers.canopen.mapping import PDOS
 from pcpc.drivers.canopen.motion import advance
-from pcpc.drivers.canopen.network import beat, boot, command, master_is_silent, note_heartbeat
+from pcpc.drivers.canopen.network import (
+    answer_guard,
+    beat,
+    boot,
+    command,
+    master_is_silent,
+    note_heartbeat,
+)
 from pcpc.drivers.canopen.power import SILENT_MASTER, STOPPED_NODE, has_power, lose_connection
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.structures import data_of
 
 SYNC, SDO_REQUEST, LAST_NODE = 0x080, 0x600, 127
+REMOTE = np.int64(1 << 30)
 hear_sync, receive_pdo, serve = pdo.hear_sync, pdo.receive, sdo.serve
 send_due, give_up = pdo.send_due, sdo.give_up
 
@@ -41,6 +50,11 @@ def hear(d: Any, frame: Any) -> Any:
     if d.state.boots == 0:
         boot(d)
     can_id, dlc, data = four_bytes(frame, 0), np.int64(frame[4]), data_of(frame)
+    if can_id & REMOTE != 0:
+        if can_id != REMOTE | HEARTBEAT + d.node:
+            return np.int64(Whose.OTHER)
+        answer_guard(d)
+        return np.int64(Whose.OURS)
     if can_id == 0:
         if dlc >= 2 and (data[1] == 0 or data[1] == d.node):
             command(d, np.int64(data[0]))

@@ -73,7 +73,7 @@ class Group:
         if rig.config.bus.emulate is not None:
             raise NotInLanes("its line is emulated")
         if rig.config.plant.drive is not None:
-            raise NotInLanes("its plant is a CANopen drive")
+            raise NotInLanes("its plant is a drive")
         if rig.config.supervisor.arm == "manual":
             raise NotInLanes("it is armed by hand")
         if any(step_of(spec) for node in rig.nodes().values() for spec in node.blocks):

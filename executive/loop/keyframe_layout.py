@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.canopen.layout import KEPT as KEPT_OF_DRIVE
+from pcpc.drivers.robots.layout import KEPT as KEPT_OF_ROBOT
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.control import OF_THE_LOOP
 
@@ -56,21 +57,27 @@ KEPT: Mapping[str, Mapping[str, tuple[str, ...]]] = {  # record -> field -> its 
         ), (),
     ),
 }  # fmt: skip
+NO_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {}
 OF_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "canopen": dict.fromkeys(KEPT_OF_DRIVE, ())
 }
+OF_ROBOT: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "robot": dict.fromkeys(KEPT_OF_ROBOT, ()), "canopen": {"state": ()},
+}  # fmt: skip
 _LARGEST = 1 << 62  # cycles, ns, counts
 
 
-def spans(variables: int, faults: bool, drive: bool = False) -> list[Span]:
+def spans(
+    variables: int, faults: bool, more: Mapping[str, Mapping[str, tuple[str, ...]]] = NO_DRIVE
+) -> list[Span]:
     """Return what a keyframe holds of a node with so many variables.
 
-    `faults`: there are some on purpose; `drive`: the node is one. Record, field, offset in LOOP and
-    bytes; ("", "v") first.
+    `faults`: there are some on purpose; `more`: OF_DRIVE or OF_ROBOT of such a node. Record, field,
+    offset in LOOP and bytes; ("", "v") first.
     """
     kinds: Any = sh.LOOP.fields
     found = [("", "v", int(kinds["v"][1]), 8 * variables)]
-    for record, names in {**KEPT, **(OF_DRIVE if drive else {})}.items():
+    for record, names in {**KEPT, **more}.items():
         kind, at = kinds[record][:2]
         for name in names:
             inner, place = kind.fields[name][:2]
@@ -125,7 +132,7 @@ def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
         if not record:
             loop.v[: len(values)] = values
             continue
-        into, columns = loop[record], {**KEPT, **OF_DRIVE}[record][name]
+        into, columns = loop[record], {**KEPT, **OF_ROBOT, **OF_DRIVE}[record][name]
         shape = np.shape(into[name])
         for column in columns:
             into[name][column] = values.reshape(shape)[column]

@@ -32,6 +32,7 @@ from pcpc.drivers.can.wire_layout import WIRE
 from pcpc.drivers.canopen.layout import DRIVE
 from pcpc.drivers.compiled.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.robots.layout import ROBOT
 from pcpc.executive.loop import ring_layout
 from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
@@ -232,6 +233,7 @@ _PRIVATE = [
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
             ("keep", _KEEP), ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),
             ("intrusion", intrusion(MAX_FRAMES, MAX_SIGNALS)), ("canopen", DRIVE),
+            ("robot", ROBOT),
         )
     ),
 ]  # fmt: skip

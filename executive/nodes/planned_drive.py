@@ -1,4 +1,7 @@
-"""The plant's drive on CANopen, planned: its variables, its frames, its dictionary, installed."""
+"""The plant's drive, planned: its variables, its frames, its dictionary, installed.
+
+Of CiA 402; what is another dialect's stands in `executive.nodes.planned_robot`.
+"""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -9,10 +12,12 @@ from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPD
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.loop import robot_drive
 from pcpc.executive.loop.canopen_drive import SEEN, hear_drive, speak_drive, work_drive
 from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.loop.shared import LOOP
 from pcpc.executive.loop.table import Table, Variable
+from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
@@ -24,6 +29,8 @@ COMMAND, KEY = "drive.command", "plant.drive"
 GAINS = ("drive.position_gain_per_s", "drive.velocity_gain", "drive.integral_gain_per_s")
 _SYNC, _ID = 0x080, 0x7FF
 _HIGHEST_GAIN = 1e9
+_NODES, _SCALE = range(1, 128), 1000.0
+CIA402 = "cia402"
 
 
 def drive_of(rig: Rig, role: Role) -> Drive | None:
@@ -40,9 +47,14 @@ def dictionary_of(rig: Rig) -> list[objects.Object]:
     """Return the drive's objects as they are at the start; RigError for what cannot be."""
     drive = rig.config.plant.drive
     assert drive is not None
+    if drive.node not in _NODES:
+        raise rig.error(f"{KEY}.node", f"{drive.node} is not one of 1 to 127")
     every = taken_from_eds(rig).every
+    for key, raw in drive.objects.items():
+        if raw != int(raw):
+            raise rig.error(f"{KEY}.objects", f"{key}: {raw:g} is not a whole number")
     try:
-        return objects.changed(every, {str(key): raw for key, raw in drive.objects.items()})
+        return objects.changed(every, {str(key): int(raw) for key, raw in drive.objects.items()})
     except ValueError as error:
         raise rig.error(f"{KEY}.objects", str(error)) from None
 
@@ -52,7 +64,7 @@ def taken_from_eds(rig: Rig) -> eds_file.Read:
     drive = rig.config.plant.drive
     assert drive is not None
     every = objects.objects(drive.node, rig.config.rig)
-    if drive.eds is None:
+    if drive.eds is None or drive.profile != CIA402:
         return eds_file.Read(every)
     file = rig.document.file(("plant", "drive", "eds"), drive.eds)
     try:
@@ -69,6 +81,15 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     drive = drive_of(rig, role)
     if drive is None:
         return found
+    if drive.profile != CIA402:
+        own = planned_robot.own_ids(rig, drive)
+        for frame in found:
+            if frame.can_id in own and frame.has_sequence:
+                what = (
+                    f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
+                )
+                raise rig.error(f"{KEY}.node", what)
+        return [frame for frame in found if frame.can_id not in own]
     every, node = dictionary_of(rig), drive.node
     rows = [i * RPDO_ROWS + COB_ID for i in range(PDOS)]
     rows += [FIRST_TPDO + i * TPDO_ROWS + COB_ID for i in range(PDOS)]
@@ -90,7 +111,7 @@ def add_variables(
         velocity = _measured(rig, table, "velocity", drive.velocity)
     command = _unit_of_command(rig, blocks)
     units = {"position": position, "velocity": velocity, "": ""}
-    for name, unit, help in SEEN:
+    for name, unit, help in seen(drive):
         table.add(Variable(f"drive.{name}", units[unit], "output", "drive", help))
     table.add(Variable(COMMAND, command, "output", "drive", "what moves the plant"))
     own = (f"({command})/({velocity})", "velocity loop")
@@ -102,8 +123,13 @@ def add_variables(
             name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False
         ))  # fmt: skip
     gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
-    dictionary_of(rig)
+    planned_robot.settings_of(rig, drive) if drive.profile != CIA402 else dictionary_of(rig)
     return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
+
+
+def seen(drive: Drive) -> Sequence[tuple[str, str, str]]:
+    """Return what the table shows of a drive: name, unit (or whose), meaning."""
+    return SEEN if drive.profile == CIA402 else robot_drive.SEEN
 
 
 def _measured(rig: Rig, table: Table, key: str, name: str) -> str:
@@ -139,15 +165,20 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
     if drive is None:
         return
     d, index = loop.canopen, table.index
-    objects.install(d, drive.node, dictionary_of(rig))
     node = structure(LOOP)
-    hooks = (hear_drive, work_drive, speak_drive)
+    if drive.profile == CIA402:
+        hooks = (hear_drive, work_drive, speak_drive)
+        objects.install(d, drive.node, dictionary_of(rig))
+        d.position_scale = drive.scale.position or _SCALE
+        d.velocity_scale = drive.scale.velocity or _SCALE
+    else:
+        hooks = planned_robot.HOOKS
+        planned_robot.install_robot(loop, rig, drive)
     d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
     d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
-    d.position_scale, d.velocity_scale = drive.scale.position, drive.scale.velocity
     d.place_position, d.place_command = index[drive.position], index[COMMAND]
     d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
-    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{SEEN[0][0]}"]
+    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{seen(drive)[0][0]}"]
     loop.rx.role["awaited"] = 0
     if loop.clock.trigger == Trigger.CLOCKED:
         loop.rx.role["starts"] = 0

@@ -39,8 +39,11 @@ def passes_of(made: Planned) -> int:
 
 def held_by(made: Planned) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
-    drive = planned_drive.drive_of(made.rig, made.role) is not None
-    return layout.spans(len(made.table.variables), bool(made.faults), drive)
+    drive = planned_drive.drive_of(made.rig, made.role)
+    more = layout.NO_DRIVE
+    if drive is not None:
+        more = layout.OF_DRIVE if drive.profile == "cia402" else layout.OF_ROBOT
+    return layout.spans(len(made.table.variables), bool(made.faults), more)
 
 
 def described(made: Planned) -> NodeDescription:

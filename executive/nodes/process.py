@@ -312,7 +312,9 @@ def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
     below = bus_below(rig, bus)
     own = below if made.role == "plant" and below is not None else bus
     ids = made.receive_ids + made.send_ids
-    buses.open_bus(own, None if planned_drive.drive_of(rig, made.role) else ids, end)
+    is_drive = planned_drive.drive_of(rig, made.role) is not None
+    end.remotes = is_drive
+    buses.open_bus(own, None if is_drive else ids, end)
     if made.role == "local" and below is not None:
         buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
     buses.know_own(end)

@@ -21,10 +21,13 @@ class Watchdog(Keyed):
 
 
 class Scale(Keyed):
-    """Increments to the unit of what is measured; an acceleration has those of the position."""
+    """The protocol's unit to that of what is measured; an acceleration has that of the position.
 
-    position: Positive = 1000.0
-    velocity: Positive = 1000.0
+    None: 1000 increments of CiA 402, ODrive's turns for a radian, 1 for MIT.
+    """
+
+    position: Positive | None = None
+    velocity: Positive | None = None
 
 
 class Gains(Keyed):
@@ -36,19 +39,19 @@ class Gains(Keyed):
 
 
 class Drive(Keyed):
-    """The plant as a drive on CANopen: a block's input is wired to `drive.command`.
+    """The plant as a drive on CAN: a block's input is wired to `drive.command`.
 
     `position`, `velocity`: variables that it measures; without a velocity, differences. `rated`:
-    the command at 100 %. `eds`: EDS or DCF of the real one. `objects`: values at the start, by
-    index and subindex (6085, 1800.3).
+    the command at 100 %, of a robot's drive at a torque of 1. `eds`: EDS or DCF of the real one.
+    `objects`: values at the start, by index and subindex (6085, 1800.3), or a setting's name.
     """
 
-    profile: Literal["cia402"]
-    node: Annotated[int, Meta(ge=1, le=127)]
+    profile: Literal["cia402", "odrive", "mit"]
+    node: Annotated[int, Meta(ge=0, le=255)]
     position: str
     velocity: str | None = None
     rated: Positive
     scale: Scale = Scale()
     gains: Gains
     eds: str | None = None
-    objects: dict[str | int, int] = {}
+    objects: dict[str | int, int | float] = {}

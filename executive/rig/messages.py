@@ -202,7 +202,7 @@ def check_rate(rig: Rig, pacing: str) -> float:
 
 
 def check_no_drive(rig: Rig, what: str) -> None:
-    """Raise RigError, `what` it is, if the rig's plant is a drive on CANopen."""
+    """Raise RigError, `what` it is, if the rig's plant is a drive."""
     if rig.config.plant.drive is not None:
         raise rig.error("plant.drive", what)
 

@@ -207,7 +207,7 @@ class Plant(Keyed):
     """The plant node; `safe` are the values that its watchdog substitutes.
 
     `limits`: what it sends may be bounded too, and is then safe in its FAULT. `fmu`: see `rig.fmu`.
-    `drive`: the plant is a drive on CANopen.
+    `drive`: the plant is a drive.
     """
 
     carried_out: ClassVar[tuple[str, ...]] = ("fmu", "inputs", "parameters")

@@ -87,7 +87,7 @@ def read(packet: bytes) -> tuple[int, bool, bytes, int] | None:
     view = GUARDED[PAGE - len(packet) :]
     view[:] = np.frombuffer(packet, np.uint8)
     received = np.full(wire_layout.FRAME_BYTES, 0xEE, np.uint8)
-    return content(received) if wire._read_packet(view, len(packet), received) else None
+    return content(received) if wire._read_packet(view, len(packet), received, 0) else None
 
 
 IDS = st.one_of(
@@ -141,6 +141,22 @@ def test_we_read_the_data_frames_of_python_can_and_no_others(message: can.Messag
     sent = (message.arbitration_id, message.is_extended_id, bytes(message.data), flags_of(message))
     got = read(pack_message(message))
     assert got == (sent if data else None), f"{message} read as {got}"
+
+
+def test_a_node_that_wants_them_takes_remote_frames_too() -> None:
+    theirs, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with theirs, ours:
+        end = new_wire(Medium.UDP)
+        end.fd_rx, end.own[:] = ours.fileno(), -1
+        for wanted, arrival in ((0, Arrival.FOREIGN), (1, Arrival.FRAME)):
+            end.remotes = wanted
+            theirs.send(pack_message(can.Message(
+                arbitration_id=0x705, is_extended_id=False, is_remote_frame=True
+            )))  # fmt: skip
+            assert wire.get_frame(end, False) == arrival
+        assert bytes(end.rx[:5]) == (0x705 | 1 << 30).to_bytes(4, "little") + b"\0"
+        theirs.send(pack_message(can.Message(arbitration_id=1, is_error_frame=True)))
+        assert wire.get_frame(end, False) == Arrival.FOREIGN
 
 
 @pytest.mark.parametrize("length", sorted({*range(66)} - {*LENGTHS}))

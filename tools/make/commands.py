@@ -12,7 +12,11 @@ def new(add: Add) -> None:
         action="store_true",
         help="also write the law as a device program",
     )
-    add("--drive", choices=("cia402",), help="also write the motor as a drive on CANopen")
+    add(
+        "--drive",
+        choices=("cia402", "odrive", "mit"),
+        help="also write the motor as a drive: CiA 402, CANSimple, a robot's joint",
+    )
 
 
 def dbc(add: Add) -> None:

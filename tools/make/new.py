@@ -42,7 +42,7 @@ CART_FILES = {
     "test_cart.py": FILES["test_motor.py"],
     "README.md": FILES["README.md"],
 }
-DRIVE_FILES = {"drive.yaml": "the motor as a drive on CANopen, for any master"}
+DRIVE_FILES = {"drive.yaml": "the motor as a drive, for any master"}
 DEVICE_FILES = {
     "device.py": "the law as a program of its own, in place of the executive",
     "device.yaml": "the rig for it, or for your firmware",
@@ -155,7 +155,7 @@ def _texts(template: Template, device: bool, drive: str | None) -> dict[str, str
         texts |= {file: _text(more / file) for file in DEVICE_FILES}
         texts["README.md"] += _text(more / "README.md")
     if drive:
-        texts |= {file: _text(TEMPLATE / file) for file in DRIVE_FILES}
+        texts["drive.yaml"] = _text(TEMPLATE / f"drive_{drive}.yaml")
     return texts
 
 

@@ -1,6 +1,7 @@
-"""The run folder of a drive that is started alone: its log, and the EDS that its master reads."""
+"""The run folder of a drive that is started alone: its log, and what its master reads of it."""
 
 import argparse
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -8,12 +9,14 @@ from pathlib import Path
 from pcpc.drivers.canopen import eds
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
-from pcpc.executive.nodes.planned_drive import dictionary_of, is_lone_drive
+from pcpc.executive.nodes.planned_drive import CIA402, dictionary_of, is_lone_drive
+from pcpc.executive.nodes.planned_robot import settings_of
+from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict.masters import told
 from pcpc.tools.start.folder import LOG, run_folder
 
-EDS = "drive.eds"
+EDS, SETTINGS = "drive.eds", "drive-settings.json"
 
 
 @contextmanager
@@ -21,12 +24,17 @@ def folder_of_drive(
     options: argparse.Namespace, rig: Rig, roles: Sequence[str]
 ) -> Iterator[Path | None]:
     """Make the folder with the EDS in it, if these nodes are a drive; else yield None. RigError."""
-    if not is_lone_drive(rig, roles):
+    drive = rig.config.plant.drive
+    if drive is None or not is_lone_drive(rig, roles):
         yield None
         return
-    text = eds.text(dictionary_of(rig))
+    name, text = EDS, ""
+    if drive.profile == CIA402:
+        text = eds.text(dictionary_of(rig))
+    else:
+        name, text = SETTINGS, settings_text(rig, drive)
     with run_folder(options.output, rig) as folder:
-        file = folder / EDS
+        file = folder / name
         file.write_text(text, encoding="ascii")
         try:
             yield folder
@@ -34,6 +42,20 @@ def folder_of_drive(
             log = folder / LOG
             if not log.is_file() or not log.stat().st_size:  # nothing ran
                 file.unlink()
+
+
+def settings_text(rig: Rig, drive: Drive) -> str:
+    """Return the settings of a robot's drive by the numbers of endpoints or registers, as JSON."""
+    found = {
+        one.name: {
+            "id": one.number,
+            "type": "uint32" if one.whole else "float",
+            "access": "rw" if one.writable else "r",
+            "value": one.start,
+        }
+        for one in settings_of(rig, drive)
+    }
+    return json.dumps({"endpoints": found}, indent=1) + "\n"
 
 
 def of_the_master(node: Live | None) -> list[str]:

@@ -17,7 +17,7 @@ from pcpc.tools.cli import main
 
 HERE = Path(__file__).parent
 MASTERED = HERE / "mastered.yaml"
-DRIVE = HERE.parents[2] / "tools/make/template/drive.yaml"
+DRIVE = HERE.parents[2] / "tools/make/template/drive_cia402.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -76,20 +76,20 @@ def test_a_wrong_object_is_named_with_its_place(entry: str, said: str) -> None:
     text = DRIVE.read_text().replace('objects: {"1017": 100, ', f"objects: {{{entry}, ")
     with pytest.raises(RigError) as error:
         plan(load_rig(DRIVE, text=text), "plant", "real")
-    assert said in str(error.value) and "drive.yaml:13:" in str(error.value), error.value
+    assert said in str(error.value) and "drive_cia402.yaml:13:" in str(error.value), error.value
 
 
 def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
-    with pytest.raises(NotInLanes, match=r"CANopen drive|nothing is compiled"):
+    with pytest.raises(NotInLanes, match=r"its plant is a drive|nothing is compiled"):
         Group(load_rig(MASTERED), {})
     with pytest.raises(RigError, match="the drive moves this plant"):
         Driven(load_rig(MASTERED))
 
 
 REFUSED = {
-    "C": (["generate", "c"], "generated C has no CANopen drive"),
+    "C": (["generate", "c"], "generated C has no drive"),
     "response times": (["bus"], "its master decides when the drive sends"),
-    "a watchdog": (["watchdog"], "does not know the frames of a CANopen drive"),
+    "a watchdog": (["watchdog"], "does not know the frames of a drive"),
 }
 
 

@@ -75,7 +75,7 @@ def files_of(folder: Path) -> set[str]:
 def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
     others = ("device/", "cart/") if template is MOTOR else ("/",)
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
-    known -= set(DRIVE_FILES)
+    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit")}
     assert known == set(template.files) == files_of(new_rig)
     told = (new_rig / "README.md").read_text(encoding="utf-8")
     named = [word for word in (*template.files, *NEXT) if word != "README.md"]
@@ -136,15 +136,17 @@ def test_a_rig_without_a_device_has_none(motor: Path) -> None:
     assert not any((motor / file).exists() for file in (*DEVICE_FILES, *DRIVE_FILES))
 
 
-def test_its_drive_is_a_rig_beside_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("drive", ["cia402", "odrive", "mit"])
+def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
-    done = pcpc("new", str(folder), "--drive", "cia402")
+    done = pcpc("new", str(folder), "--drive", drive)
     assert done.code == 0 and "pcpc plant drive.yaml" in done.out, str(done)
     assert files_of(folder) == {*FILES, *DRIVE_FILES}
     assert pcpc("check", str(folder / "drive.yaml")).code == 0
+    assert f"profile: {drive}\n" in (folder / "drive.yaml").read_text(encoding="utf-8")
     done = pcpc("new", str(tmp_path / "pole"), "--cart", "--drive", "cia402")
     assert done.code == 2 and "leave out --cart" in done.err, str(done)
-    done = pcpc("new", str(tmp_path / "other"), "--drive", "odrive")
+    done = pcpc("new", str(tmp_path / "other"), "--drive", "ethercat")
     assert done.code == 2 and "cia402" in done.err, str(done)
     assert [one.name for one in tmp_path.iterdir()] == ["my-motor"]
 

@@ -126,7 +126,7 @@ def message(row: Any, timestamp_s: float) -> "Message":
     word, dlc, flags = int(row["id"]), int(row["dlc"]), int(row["flags"])
     return Message(
         timestamp=timestamp_s, arbitration_id=word & can_id.ID,
-        is_extended_id=bool(word & can_id.EXTENDED),
+        is_extended_id=bool(word & can_id.EXTENDED), is_remote_frame=bool(word & can_id.REMOTE),
         is_rx=bool(row["direction"]), dlc=dlc, data=row["data"][:dlc].tobytes(), channel=CHANNEL,
         is_fd=bool(flags & Flag.FD), bitrate_switch=bool(flags & Flag.BRS),
         error_state_indicator=bool(flags & Flag.ESI),

@@ -120,10 +120,11 @@ def loop_header() -> str:
 
 
 def _without_drive() -> np.dtype[Any]:
-    """Return LOOP, with plain bytes in the place of the drive, which no cycle here has."""
+    """Return LOOP, with plain bytes in the place of drives, which no cycle here has."""
     fields: Any = dict(sh.LOOP.fields or {})
-    kind, place, *_ = fields["canopen"]
-    fields["canopen"] = np.dtype(("u1", (kind.itemsize,))), place
+    for one in ("canopen", "robot"):
+        kind, place, *_ = fields[one]
+        fields[one] = np.dtype(("u1", (kind.itemsize,))), place
     return np.dtype({
         "names": list(fields), "formats": [one[0] for one in fields.values()],
         "offsets": [one[1] for one in fields.values()], "itemsize": sh.LOOP.itemsize,

@@ -145,7 +145,7 @@ def command(options: argparse.Namespace) -> int:
     """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
     rig = load_rig(options.rig, options.controller, options.set)
     check_classic(rig, "the watchdog")
-    check_no_drive(rig, "the watchdog does not know the frames of a CANopen drive")
+    check_no_drive(rig, "the watchdog does not know the frames of a drive")
     wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), two=False)
     held = choice.take_bus(wanted)
     return serve(rig, held.bus, options.pacing or rig.config.pacing, options.feed)

@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
         return _of_law(options, progress)
     rig = load_rig(_rig(options.what), options.controller, options.set)
     check_classic(rig, "generated C")
-    check_no_drive(rig, "generated C has no CANopen drive; generate it of a rig without one")
+    check_no_drive(rig, "generated C has no drive; generate it of a rig without one")
     if options.device and options.single:
         what = "a device's frames are packed in double; leave out --device or --single"
         raise UserError(what)

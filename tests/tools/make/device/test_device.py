@@ -260,5 +260,5 @@ def test_the_bytes_of_the_contract_are_those_on_the_wire() -> None:
         assert told[name] == bytes([*body, crc]), (name, told)
     frame = np.zeros(16, np.uint8)
     packet = b"".join(bytes.fromhex(text) for name, text in shown if name.startswith("datagram"))
-    assert wire._read_packet(np.frombuffer(packet, np.uint8), len(packet), frame)
+    assert wire._read_packet(np.frombuffer(packet, np.uint8), len(packet), frame, 0)
     assert frame.tobytes() == bytes([0x80, 0, 0, 0, 2, 0, 0, 0, *told["SYNC"], *bytes(6)])

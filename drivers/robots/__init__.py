@@ -1,0 +1,1 @@
+"""Drives of robots on CAN: their dialects, as the compiled loop speaks them."""

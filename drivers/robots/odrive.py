@@ -1,0 +1,399 @@
+"""ODrive's CANSimple: a frame's id is node << 5 | command; numbers are float32, in turns and N m.
+
+    00 Get_Version       01 Heartbeat *      02 Estop            03 Get_Error *
+    04 RxSdo  05 TxSdo   07 Set_Axis_State   09 Get_Encoder_Estimates *
+    0B Set_Controller_Mode                   0C Set_Input_Pos    0D Set_Input_Vel
+    0E Set_Input_Torque  0F Set_Limits       11 Set_Traj_Vel_Limit  12 Set_Traj_Accel_Limits
+    13 Set_Traj_Inertia  14 Get_Iq *         15 Get_Temperature *   16 Reboot
+    17 Get_Bus_Voltage_Current *             18 Clear_Errors     19 Set_Absolute_Position
+    1A Set_Pos_Gain      1B Set_Vel_Gains    1C Get_Torques *    1D Get_Powers *
+
+* are sent by themselves with the period of their setting, if it is not 0; all that begin with Get
+are also answers to a remote frame.
+
+    IDLE 1, CLOSED_LOOP_CONTROL 8; calibrations 3, 4, 7 end at once with success, in IDLE; all
+    other states are refused (INVALID_STATE). An error disarms: IDLE, no torque, until Clear_Errors.
+
+    control mode   torque 1, velocity 2, position 3
+    input mode     passthrough 1, velocity ramp 2, position filter 3, trapezoid 5, torque ramp 6
+    filter         a = 1/4 k^2 (q_in - q_d) + k (v_in - v_d),  k = 2 bandwidth                (1)
+
+A velocity beyond 1.2 vel_limit is an error. Source: ODrive's CAN protocol and its Controller, 0.6.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.can.codec import four_bytes
+from pcpc.drivers.canopen.frames import put
+from pcpc.drivers.canopen.motion import toward
+from pcpc.drivers.canopen.node import Whose
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import data_of
+from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.robots.loops import (
+    FINITE,
+    number_at,
+    short_at,
+    start_here,
+    torque_for,
+    velocity_wanted,
+    word_of,
+)
+from pcpc.drivers.robots.odrive_settings import (
+    LENGTHS,
+    OWN,
+    SENT,
+    Axis,
+    Command,
+    Control,
+    Error,
+    Input,
+    Key,
+    Result,
+)
+
+NODES = 64
+PROTOCOL, FIRMWARE = 2, (0, 6, 10)
+LOOP_GAINS = 1
+_LONG_AGO = 1 << 40  # cycles
+_REMOTE = np.int64(1 << 30)
+
+
+@loop_function
+def boot(r: Any, d: Any) -> None:
+    """Be as after power-on; the offset of the position is lost."""
+    x = r.state
+    x.boots += 1
+    x.power, x.errors, x.disarmed_by, x.result = Axis.IDLE, Error.NONE, Error.NONE, Result.SUCCESS
+    x.offset = x.torque = 0.0
+    for i in range(r.n):
+        r.value[i] = r.settings[i].start
+    for i in range(len(SENT)):
+        r.sent_at[i] = d.k - _LONG_AGO  # all are sent at once
+    start_here(r)
+
+
+@loop_function
+def disarm(r: Any, error: Any) -> None:
+    """Note an error; without torque from now on."""
+    x = r.state
+    x.errors |= error
+    if x.power == Axis.CLOSED_LOOP:
+        x.power, x.disarmed_by, x.result = Axis.IDLE, error, Result.DISARMED
+
+
+@loop_function
+def hear(r: Any, d: Any, frame: Any) -> Any:
+    """Take a frame that came; return whose it is."""
+    if r.state.boots == 0:
+        boot(r, d)
+    can_id = four_bytes(frame, 0)
+    remote, number = can_id & _REMOTE != 0, can_id & ~_REMOTE
+    if number >> 5 != d.node:
+        return np.int64(Whose.OTHER)
+    command = number & 31
+    if remote:
+        answer(r, d, command)
+    elif OWN[command] != 0:
+        return np.int64(Whose.TWIN)
+    elif frame[4] < LENGTHS[command]:
+        r.mistakes[Mistake.FRAME_SHORT] += 1
+    else:
+        obey(r, d, command, data_of(frame))
+    return np.int64(Whose.OURS)
+
+
+@loop_function
+def obey(r: Any, d: Any, command: Any, data: Any) -> None:
+    """Do what a frame wants."""
+    x = r.state
+    if command == Command.ESTOP:
+        disarm(r, Error.ESTOP)
+    elif command == Command.READ_OR_WRITE:
+        serve(r, d, data)
+    elif command == Command.STATE:
+        ask_for(r, four_bytes(data, 0))
+        x.fed_at = d.k
+    elif command == Command.MODE:
+        control, mode = np.float64(four_bytes(data, 0)), np.float64(four_bytes(data, 4))
+        write_both(r, Key.CONTROL_MODE, control, Key.INPUT_MODE, mode)
+    elif Command.POSITION <= command <= Command.TORQUE:
+        take_input(r, command, data)
+        x.fed_at = d.k
+    elif command == Command.LIMITS:
+        torque = number_at(data, 4) * r.value[Key.TORQUE_CONSTANT]
+        write_both(r, Key.VELOCITY_LIMIT, number_at(data, 0), Key.TORQUE_LIMIT, torque)
+    elif command == Command.TRAJECTORY_VELOCITY:
+        write(r, Key.TRAJECTORY_VELOCITY, number_at(data, 0))
+    elif command == Command.TRAJECTORY_ACCELERATION:
+        up, down = number_at(data, 0), number_at(data, 4)
+        write_both(r, Key.ACCELERATION, up, Key.DECELERATION, down)
+    elif command == Command.INERTIA:
+        write(r, Key.INERTIA, number_at(data, 0))
+    elif command == Command.REBOOT and (data[0] == 0 or data[0] == 2):
+        boot(r, d)
+    elif command == Command.CLEAR:
+        x.errors = Error.NONE
+    elif command == Command.ABSOLUTE:
+        place_at(r, number_at(data, 0))
+    elif command == Command.POSITION_GAIN or command == Command.VELOCITY_GAINS:
+        take_gains(r, d, command, data)
+    else:
+        r.mistakes[Mistake.COMMAND_REFUSED] += 1
+
+
+@loop_function
+def is_number(r: Any, value: Any) -> Any:
+    """Return whether a value is a finite number; count it if not."""
+    if abs(value) < FINITE:
+        return True
+    r.mistakes[Mistake.NOT_FINITE] += 1
+    return False
+
+
+@loop_function
+def fits(r: Any, key: Any, value: Any) -> Any:
+    """Return whether a setting takes a value; count what it does not."""
+    if not is_number(r, value):
+        return False
+    one = r.settings[key]
+    if value < one.low or value > one.high or one.writable == 0:
+        r.mistakes[Mistake.VALUE_REFUSED] += 1
+        return False
+    return True
+
+
+@loop_function
+def write(r: Any, key: Any, value: Any) -> None:
+    """Give a setting a value, if it takes it."""
+    if fits(r, key, value):
+        r.value[key] = value
+
+
+@loop_function
+def write_both(r: Any, key: Any, value: Any, other: Any, value_of_other: Any) -> None:
+    """Give two settings their values, both or none."""
+    if fits(r, key, value) and fits(r, other, value_of_other):
+        r.value[key], r.value[other] = value, value_of_other
+
+
+@loop_function
+def ask_for(r: Any, state: Any) -> None:
+    """Go to a state of the axis, or say how that ended."""
+    x = r.state
+    if state == Axis.IDLE:
+        x.power, x.result = Axis.IDLE, Result.SUCCESS
+    elif state == Axis.CLOSED_LOOP and x.errors != 0:
+        x.result = Result.DISARMED
+        r.mistakes[Mistake.COMMAND_REFUSED] += 1
+    elif state == Axis.CLOSED_LOOP:
+        if x.power != Axis.CLOSED_LOOP:
+            start_here(r)
+        x.power, x.result = Axis.CLOSED_LOOP, Result.SUCCESS
+    elif state == 3 or state == 4 or state == 7:
+        x.power, x.result = Axis.IDLE, Result.SUCCESS
+    else:
+        x.result = Result.INVALID_STATE
+        r.mistakes[Mistake.COMMAND_REFUSED] += 1
+
+
+@loop_function
+def take_input(r: Any, command: Any, data: Any) -> None:
+    """Take a target, with what is fed forward."""
+    x, first, second, third = r.state, number_at(data, 0), 0.0, 0.0
+    if command == Command.POSITION:
+        second, third = 1e-3 * short_at(data, 4), 1e-3 * short_at(data, 6)
+    elif command == Command.VELOCITY:
+        third = number_at(data, 4)
+    if not is_number(r, first) or not is_number(r, third):
+        return
+    if command == Command.POSITION:
+        x.target_position, x.target_velocity, x.target_torque = first, second, third
+        x.arrived = 0
+    elif command == Command.VELOCITY:
+        most = r.value[Key.VELOCITY_LIMIT]
+        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
+        x.target_velocity, x.target_torque = first, third
+    else:
+        most = r.value[Key.TORQUE_LIMIT]
+        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
+        x.target_torque = first
+
+
+@loop_function
+def place_at(r: Any, position: Any) -> None:
+    """Let where the motor stands be `position`; targets move along."""
+    x = r.state
+    if is_number(r, position):
+        by = position - x.position
+        x.offset += by
+        x.position += by
+        x.target_position += by
+        x.way_position += by
+
+
+@loop_function
+def take_gains(r: Any, d: Any, command: Any, data: Any) -> None:
+    """Take gains of the loops, into those of the drive."""
+    first, second = number_at(data, 0), 0.0
+    if command == Command.VELOCITY_GAINS:
+        second = number_at(data, 4)
+    if not is_number(r, first) or not is_number(r, second):
+        return
+    if first < 0.0 or second < 0.0 or first > 1e6 or second > 1e6:
+        r.mistakes[Mistake.VALUE_REFUSED] += 1
+        return
+    r.state.regained = LOOP_GAINS
+    if command == Command.POSITION_GAIN:
+        d.gains.position_per_s = first
+        return
+    d.gains.velocity = first * d.rated * r.velocity_scale
+    d.gains.integral_per_s = second / first if first > 0.0 else 0.0
+
+
+@loop_function
+def serve(r: Any, d: Any, data: Any) -> None:
+    """Read or write a setting by the number of its endpoint."""
+    number = np.int64(data[1]) | np.int64(data[2]) << np.int64(8)
+    if data[0] > 1 or number >= r.n:
+        r.mistakes[Mistake.VALUE_REFUSED] += 1
+        return
+    whole = r.settings[number].whole != 0
+    if data[0] == 1:
+        word = four_bytes(data, 4)
+        write(r, number, np.float64(word) if whole else number_at(data, 4))
+        return
+    value = r.value[number]
+    word = np.int64(value) if whole else word_of(value)
+    send(d, Command.ANSWER, number << np.int64(8), word)
+
+
+@loop_function
+def send(d: Any, command: Any, low: Any, high: Any) -> None:
+    """Send one of the drive's own frames."""
+    put(d, d.node << np.int64(5) | command, 8, low, high)
+
+
+@loop_function
+def answer(r: Any, d: Any, command: Any) -> None:
+    """Send what a command tells; a remote frame of any other is a mistake."""
+    x, torque = r.state, r.state.torque
+    if command == Command.VERSION:
+        major, minor, patch = FIRMWARE
+        send(d, command, np.int64(PROTOCOL), np.int64(major | minor << 8 | patch << 16))
+    elif command == Command.HEARTBEAT:
+        flags = x.power | x.result << np.int64(8) | x.arrived << np.int64(16)
+        send(d, command, x.errors, flags)
+    elif command == Command.ERROR:
+        send(d, command, x.errors, x.disarmed_by)
+    elif command == Command.ENCODER:
+        send(d, command, word_of(x.position), word_of(x.velocity))
+    elif command == Command.IQ:
+        current = torque / max(r.value[Key.TORQUE_CONSTANT], 1e-9)
+        send(d, command, word_of(current), word_of(current))
+    elif command == Command.TEMPERATURE:
+        degrees = word_of(r.value[Key.TEMPERATURE])
+        send(d, command, degrees, degrees)
+    elif command == Command.BUS:
+        voltage = max(r.value[Key.BUS_VOLTAGE], 1e-9)
+        power = torque * x.velocity * 2.0 * math.pi
+        send(d, command, word_of(voltage), word_of(power / voltage))
+    elif command == Command.TORQUES:
+        send(d, command, word_of(x.way_torque), word_of(torque))
+    elif command == Command.POWERS:
+        power = word_of(torque * x.velocity * 2.0 * math.pi)
+        send(d, command, power, power)
+    else:
+        r.mistakes[Mistake.COMMAND_REFUSED] += 1
+
+
+@loop_function
+def advance_way(r: Any, dt: Any) -> Any:
+    """Advance what is demanded, by the input mode; return False for a mode that is none."""
+    x, v = r.state, r.value
+    mode, control = np.int64(v[Key.INPUT_MODE]), np.int64(v[Key.CONTROL_MODE])
+    if mode == Input.PASSTHROUGH:
+        x.way_position, x.way_velocity = x.target_position, x.target_velocity
+        x.way_torque = x.target_torque
+    elif mode == Input.VELOCITY_RAMP and control == Control.VELOCITY:
+        before = x.way_velocity
+        x.way_velocity = toward(before, x.target_velocity, v[Key.RAMP_VELOCITY] * dt)
+        x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
+    elif mode == Input.POSITION_FILTER and control == Control.POSITION:
+        k = 2.0 * min(v[Key.BANDWIDTH], 0.25 / dt)
+        far = x.target_position - x.way_position
+        a = 0.25 * k * k * far + k * (x.target_velocity - x.way_velocity)  # (1)
+        x.way_velocity += a * dt
+        x.way_position += x.way_velocity * dt
+        x.way_torque = a * v[Key.INERTIA]
+    elif mode == Input.TRAPEZOID and control == Control.POSITION:
+        follow_trapezoid(r, dt)
+    elif mode == Input.TORQUE_RAMP and control == Control.TORQUE:
+        x.way_torque = toward(x.way_torque, x.target_torque, v[Key.RAMP_TORQUE] * dt)
+    else:
+        return mode == Input.INACTIVE
+    return True
+
+
+@loop_function
+def follow_trapezoid(r: Any, dt: Any) -> None:
+    """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
+    x, v = r.state, r.value
+    slow, left = v[Key.DECELERATION], x.target_position - x.way_position
+    half = 0.5 * slow * dt
+    fastest = math.sqrt(half * half + 2.0 * slow * abs(left)) - half
+    fastest = min(fastest, v[Key.TRAJECTORY_VELOCITY])
+    goal = fastest if left > 0.0 else -fastest
+    grows = abs(goal) > abs(x.way_velocity)
+    rate = v[Key.ACCELERATION] if grows else slow
+    before = x.way_velocity
+    x.way_velocity = toward(before, goal, rate * dt)
+    x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
+    if abs(left) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
+        x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
+    else:
+        x.way_position += x.way_velocity * dt
+
+
+@loop_function
+def work(r: Any, d: Any) -> Any:
+    """Do a cycle; return the torque."""
+    x, v, dt = r.state, r.value, 1.0 / d.rate_hz
+    if x.boots == 0:
+        boot(r, d)
+    patience = v[Key.WATCHDOG_S] * d.rate_hz
+    if v[Key.WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and d.k - x.fed_at > patience:
+        disarm(r, Error.WATCHDOG)
+        r.mistakes[Mistake.SILENT] += 1
+    most, control = v[Key.VELOCITY_LIMIT], np.int64(v[Key.CONTROL_MODE])
+    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[Key.TOLERANCE] * most:
+        disarm(r, Error.VELOCITY)
+    if x.power == Axis.CLOSED_LOOP and (control < Control.TORQUE or not advance_way(r, dt)):
+        disarm(r, Error.BAD_CONFIG)
+    x.torque = 0.0
+    if x.power != Axis.CLOSED_LOOP:
+        x.integral, x.way_position, x.way_velocity = 0.0, x.position, 0.0
+        return 0.0
+    limit = v[Key.TORQUE_LIMIT]
+    if control == Control.TORQUE:
+        gain = d.gains.velocity / (d.rated * r.velocity_scale)
+        torque = min(max(x.way_torque, gain * (-most - x.velocity)), gain * (most - x.velocity))
+        x.torque = min(max(torque, -limit), limit)
+    elif control == Control.VELOCITY:
+        x.torque = torque_for(r, d, min(max(x.way_velocity, -most), most), limit)
+    else:
+        x.torque = torque_for(r, d, velocity_wanted(r, d, most), limit)
+    return x.torque
+
+
+@loop_function
+def speak(r: Any, d: Any) -> None:
+    """Send what is due."""
+    for i in range(len(SENT)):
+        ms = r.value[i]
+        if ms > 0.0 and d.k - r.sent_at[i] >= ms * 1e-3 * d.rate_hz:
+            r.sent_at[i] = d.k
+            answer(r, d, SENT[i])

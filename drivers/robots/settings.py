@@ -1,0 +1,45 @@
+"""The settings of a robot's drive: declared once, changed by a rig, installed (no numba here)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from pcpc.drivers.robots.layout import Dialect
+
+LARGEST = 3.4e38  # of a float32
+
+
+class Setting(NamedTuple):
+    """A setting: its name, its number in the protocol, its value at the start and its bounds."""
+
+    name: str
+    number: int
+    start: float
+    low: float = 0.0
+    high: float = LARGEST
+    whole: bool = False
+    writable: bool = True
+
+
+def started(every: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
+    """Return the settings with other values at the start; ValueError says what is wrong."""
+    names = {one.name: i for i, one in enumerate(every)}
+    found = list(every)
+    for name, value in starts.items():
+        if name not in names:
+            known = ", ".join(one for one in names if one.split(".")[-1] == name.split(".")[-1])
+            raise ValueError(f"{name}: the drive has no such setting" + (known and f"; {known}?"))
+        one = every[names[name]]
+        if not one.low <= value <= one.high or (one.whole and value != int(value)):
+            kind = "a whole number" if one.whole else "a number"
+            raise ValueError(f"{name}: {value:g} is not {kind} from {one.low:g} to {one.high:g}")
+        found[names[name]] = one._replace(start=float(value))
+    return found
+
+
+def install(r: object, dialect: Dialect, every: Sequence[Setting]) -> None:
+    """Write settings into the zeroed ROBOT record `r`, which is as after power-on."""
+    into: Any = r
+    into.dialect, into.n = dialect, len(every)
+    for i, one in enumerate(every):
+        into.settings[i] = (one.number, one.whole, one.writable, one.start, one.low, one.high)
+        into.value[i] = one.start

@@ -1,0 +1,65 @@
+"""The plant's drive in a robot's dialect, planned: its settings, its ids, its hooks."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from pcpc.drivers.robots import mit, odrive, odrive_settings, settings
+from pcpc.drivers.robots.layout import Dialect
+from pcpc.executive.loop.robot_drive import hear_robot, speak_robot, work_robot
+from pcpc.executive.rig.bus_keys import Drive
+from pcpc.executive.rig.reading import Rig
+
+HOOKS = hear_robot, work_robot, speak_robot
+
+
+class Kind(NamedTuple):
+    """A dialect: its number, the highest node, its settings, its scale, and the ids of a node."""
+
+    dialect: Dialect
+    nodes: int
+    settings: Sequence[settings.Setting]
+    scale: float
+    ids: Callable[[int], set[int]]
+
+
+KINDS = {
+    "odrive": Kind(
+        Dialect.ODRIVE, odrive.NODES - 1, odrive_settings.SETTINGS, 0.5 / math.pi,
+        lambda node: {node << 5 | command for command in range(32)},
+    ),
+    "mit": Kind(
+        Dialect.MIT, mit.NODES - 1, mit.SETTINGS, 1.0,
+        lambda node: {node, 0x100 + node, 0x200 + node, 0x300 + node, mit.REGISTERS},
+    ),
+}  # fmt: skip
+
+
+def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
+    """Return the drive's settings as they are at the start; RigError for what cannot be."""
+    kind = KINDS[drive.profile]
+    if drive.node > kind.nodes:
+        raise rig.error("plant.drive.node", f"{drive.node} is not one of 0 to {kind.nodes}")
+    if drive.eds is not None:
+        raise rig.error("plant.drive.eds", f"{drive.profile} has no EDS; leave it out")
+    try:
+        starts = {str(key): float(value) for key, value in drive.objects.items()}
+        return settings.started(kind.settings, starts)
+    except ValueError as error:
+        raise rig.error("plant.drive.objects", str(error)) from None
+
+
+def own_ids(rig: Rig, drive: Drive) -> set[int]:
+    """Return the ids that are the drive's."""
+    values = {one.name: one.start for one in settings_of(rig, drive)}
+    master = {int(values["MST_ID"])} if drive.profile == "mit" else set()
+    return KINDS[drive.profile].ids(drive.node) | master
+
+
+def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:
+    """Write the drive into the LOOP record, but for what `planned_drive` does."""
+    kind, r = KINDS[drive.profile], loop.robot
+    settings.install(r, kind.dialect, settings_of(rig, drive))
+    loop.canopen.node, loop.canopen.on = drive.node, 1
+    r.position_scale = kind.scale if drive.scale.position is None else drive.scale.position
+    r.velocity_scale = kind.scale if drive.scale.velocity is None else drive.scale.velocity

@@ -1,0 +1,111 @@
+"""A robot's drive without a bus: fed with frames, cycle by cycle, beside a mass that it moves."""
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.canopen.layout import DRIVE
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.robots import loops, mit, odrive, odrive_settings, settings
+from pcpc.drivers.robots.layout import ROBOT, Dialect, Mistake
+
+NODE, RATE_HZ = 5, 1000.0
+BUS = np.dtype([("rx", "u1", (16,))])
+structure(DRIVE), structure(ROBOT), structure(BUS)
+hear_odrive, hear_mit = odrive.hear, mit.hear
+
+
+@loop_function
+def odrive_hears(r: Any, d: Any, bus: Any) -> Any:
+    """Let the drive hear what is on a bus: in compiled code frames lie in structures."""
+    return hear_odrive(r, d, bus.rx)
+
+
+@loop_function
+def mit_hears(r: Any, d: Any, bus: Any) -> Any:
+    """Do so for the other dialect."""
+    return hear_mit(r, d, bus.rx)
+
+
+class Bench:
+    """A drive and its load, of inertia 1 in the units of its protocol; `held` keeps it there."""
+
+    def __init__(self, starts: Mapping[str, float] | None = None, drag: float = 0.0) -> None:
+        of_odrive = isinstance(self, ODriveBench)
+        self.dialect = odrive if of_odrive else mit
+        self.r: Any = np.zeros(1, ROBOT).view(np.recarray)[0]
+        self.d: Any = np.zeros(1, DRIVE).view(np.recarray)[0]
+        known = odrive_settings.SETTINGS if of_odrive else mit.SETTINGS
+        every = settings.started(known, starts or {})
+        settings.install(self.r, Dialect.ODRIVE if of_odrive else Dialect.MIT, every)
+        self.r.position_scale = self.r.velocity_scale = 1.0
+        self.d.node, self.d.rate_hz, self.d.rated = NODE, RATE_HZ, 1.0
+        self.d.gains = (20.0, 10.0, 5.0)
+        self.q = self.w = self.u = 0.0
+        self.drag, self.held = drag, False
+        self.said: list[tuple[int, int, bytes]] = []
+        self.cycles(1)
+
+    def cycles(self, count: int) -> "Bench":
+        """Let so many cycles pass."""
+        for _ in range(count):
+            self.u = float(self.dialect.work(self.r, self.d))
+            self._collect()
+            if not self.held:
+                self.w += (self.u - self.drag * self.w) / RATE_HZ
+                self.q += self.w / RATE_HZ
+            loops.measure(self.r, self.q, self.w)
+            self.dialect.speak(self.r, self.d)
+            self._collect()
+            self.d.k += 1
+        return self
+
+    def send(self, can_id: int, data: bytes = b"") -> list[bytes]:
+        """Let the drive hear a frame; return the data of its answers."""
+        before, bus = len(self.said), np.zeros(1, BUS).view(np.recarray)[0]
+        frame = bus.rx
+        frame[:4] = list(can_id.to_bytes(4, "little"))
+        frame[4] = len(data)
+        frame[8 : 8 + len(data)] = list(data)
+        hears = odrive_hears if self.dialect is odrive else mit_hears
+        self.whose = int(hears(self.r, self.d, bus))
+        self._collect()
+        return [data for _, _, data in self.said[before:]]
+
+    def mistakes(self) -> dict[str, int]:
+        """Return what was counted of the master."""
+        return {one.name: int(n) for one, n in zip(Mistake, self.r.mistakes, strict=True) if n}
+
+    @property
+    def x(self) -> Any:
+        """The drive's state."""
+        return self.r.state
+
+    def _collect(self) -> None:
+        for i in range(int(self.d.n_out)):
+            frame = self.d.outbox[i]
+            raw = bytes(frame[8 : 8 + int(frame[4])])
+            self.said.append((int(self.d.k), int.from_bytes(bytes(frame[:4]), "little"), raw))
+        self.d.n_out = 0
+
+
+class ODriveBench(Bench):
+    """An ODrive; `do` sends a command to it."""
+
+    def do(self, command: int, form: str = "", *values: float) -> list[bytes]:
+        """Send a command with its data; return the data of the answers."""
+        return self.send(NODE << 5 | command, struct.pack("<" + form, *values))
+
+    def ask(self, command: int) -> bytes:
+        """Return the answer to a remote frame."""
+        (answer,) = self.send(NODE << 5 | command | 1 << 30, b"")
+        return answer
+
+    def closed(self, control: int = 3, mode: int = 1) -> "ODriveBench":
+        """Be in CLOSED_LOOP_CONTROL."""
+        self.do(0x0B, "II", control, mode)
+        self.do(0x07, "I", 8)
+        return self

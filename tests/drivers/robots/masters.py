@@ -1,0 +1,62 @@
+"""Laws that are masters of a robot's drive: switched on, then a velocity or a place."""
+
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
+
+
+class Asked(Ports):
+    """What the drive is to do."""
+
+    wanted = port("", "velocity in rad/s, or place in rad", 2.0, -100.0, 100.0)
+    until_s = port("s", "then it is switched off", 0.4, 0.0, 100.0)
+
+
+class Heard(Ports):
+    """What the drive says."""
+
+    position_rad = port("rad", "of the drive")
+    velocity_rad_s = port("rad/s", "of the drive")
+
+
+class OfODrive(Ports):
+    """What an ODrive is told."""
+
+    state = port("", "of the axis")
+    control = port("", "control mode")
+    input = port("", "input mode")
+    target_rad_s = port("rad/s", "its target")
+    e = port("", "what is missing")
+
+
+class OfMit(Ports):
+    """What a motor in MIT mode is told."""
+
+    target_rad = port("rad", "its target")
+    target_rad_s = port("rad/s", "its target")
+    stiffness = port("", "of (1)")
+    damping = port("", "of (1)")
+    torque = port("", "of (1)")
+    e = port("", "what is missing")
+
+
+@stage
+def odrive(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfODrive) -> None:
+    """Ask for closed loop and a velocity."""
+    y.state = 8.0 if t < p.until_s else 1.0
+    y.control, y.input = 2.0, 1.0
+    y.target_rad_s = p.wanted
+    y.e = p.wanted - u.velocity_rad_s
+
+
+@stage
+def mit(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfMit) -> None:
+    """Send the orders on and off, which are largest values, and between them a spring's place."""
+    on, off = t < 0.01, t >= p.until_s
+    y.target_rad, y.target_rad_s, y.torque = p.wanted, 0.0, 0.0
+    y.stiffness, y.damping = 0.3, 0.006
+    if on or off:
+        y.target_rad, y.target_rad_s, y.stiffness, y.damping = 12.5, 30.0, 500.0, 5.0
+        y.torque = (0xFFC if on else 0xFFD) * 20.0 / 4095.0 - 10.0
+    y.e = p.wanted - u.position_rad
+
+
+ODRIVE, MIT = Block(odrive), Block(mit)

@@ -1,0 +1,98 @@
+"""Rigs whose plant is a robot's drive: a master in the executive, the same on a bus, replayed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from free_bus import own_bus
+from processes import pcpc
+
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.cli import main
+
+HERE = Path(__file__).parent
+TEMPLATE = HERE.parents[2] / "tools/make/template"
+KINDS = ("odrive", "mit")
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def kind(request: pytest.FixtureRequest) -> str:
+    """Return the dialect."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def run(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the log of a virtual run."""
+    path = tmp_path_factory.mktemp("mastered") / "log.mcap"
+    simulate(load_rig(HERE / f"{kind}.yaml", settings=["record.keyframe=100ms"]), path)
+    return path
+
+
+def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
+    log = logs.read(run)
+    plant, on = log.node["plant"].columns, 8.0 if kind == "odrive" else 1.0
+    assert plant["drive.state"][0] != on and np.all(plant["drive.state"][20:390] == on)
+    reached = plant["motor.speed_rad_s" if kind == "odrive" else "motor.angle_rad"][380]
+    assert abs(reached - 2.0) < (0.02 if kind == "odrive" else 0.15), reached
+    assert plant["drive.state"][-1] != on and plant["drive.command"][-1] == 0.0
+    counted = {name: values[-1] for name, values in plant.items() if "drive.master." in name}
+    refused = counted.pop("drive.master.command_refused")
+    assert len(counted) == 5 and not any(counted.values()) and refused < 3, counted
+    heard = log.node["executive"].columns["rx.FEEDBACK.position" if kind == "mit" else
+                                          "rx.ESTIMATES.position"]  # fmt: skip
+    assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
+
+
+def test_it_replays_to_the_bit_also_from_a_keyframe(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(run)]) == 0
+    assert capsys.readouterr().out.count("bit-identical") == 2
+    assert main(["replay", str(run), "--node", "plant", "--from", "0.3", "--json"]) == 0
+    assert '"identical": true' in capsys.readouterr().out
+
+
+def test_on_a_bus_without_a_clock_it_has_the_same_bits(
+    kind: str, run: Path, tmp_path: Path
+) -> None:
+    words = ["--pacing", "lockstep", "--bus", own_bus(), "--quiet", "--no-figure"]
+    done = pcpc("run", str(HERE / f"{kind}.yaml"), *words, "-o", str(tmp_path / "run"))
+    assert done.code == 0, done
+    one, two = logs.read(run).node, logs.read(tmp_path / "run" / "log.mcap").node
+    for node in ("executive", "plant"):
+        for name, values in one[node].columns.items():
+            assert values.tobytes() == two[node].columns[name].tobytes(), name
+
+
+@pytest.mark.parametrize(("of", "setting", "said"), [
+    ("odrive", "plant.drive.node=64", "64 is not one of 0 to 63"),
+    ("mit", "plant.drive.node=256", "plant.drive.node"),
+    ("odrive", "plant.drive.eds=x.eds", "odrive has no EDS; leave it out"),
+    ("mit", "plant.drive.position=motor.encoder", "no variable motor.encoder"),
+    ("cia402", "plant.drive.node=0", "0 is not one of 1 to 127"),
+    ("odrive", "plant.drive.node=4", "4 has the id of SYNC, 0x080; choose another"),
+])  # fmt: skip
+def test_a_wrong_key_is_named(of: str, setting: str, said: str) -> None:
+    with pytest.raises(RigError) as error:
+        plan(load_rig(TEMPLATE / f"drive_{of}.yaml", settings=[setting]), "plant", "real")
+    assert said in str(error.value), error.value
+
+
+@pytest.mark.parametrize(("of", "before", "after", "said"), [
+    ("mit", "TMAX: 10.0", "TMAX: 0.0", "TMAX: 0 is not a number from 1e-06"),
+    ("mit", "MST_ID: 0x11", "MST_ID: 2048", "MST_ID: 2048 is not a whole number from 0 to 2047"),
+    ("odrive", "axis0.config.motor.torque_constant", "torque_constant", "no such setting; axis0"),
+    ("cia402", '"1017": 100', '"1017": 100.5', "1017: 100.5 is not a whole number"),
+])  # fmt: skip
+def test_a_wrong_setting_is_named_with_its_place(
+    of: str, before: str, after: str, said: str
+) -> None:
+    file = TEMPLATE / f"drive_{of}.yaml"
+    with pytest.raises(RigError) as error:
+        plan(load_rig(file, text=file.read_text().replace(before, after)), "plant", "real")
+    assert said in str(error.value) and f"drive_{of}.yaml:" in str(error.value), error.value
