@@ -90,7 +90,7 @@ firmware-tools: ## compilers and QEMU for generated C; uses sudo
 size: install ## tokens and lines of each room; SINCE=main: and what was added
 	@$(BIN)/python tools/dev/size.py $(SINCE)
 
-release: tools ## sdist and wheel in dist/, tried in an empty environment; WHEELS: of other machines
+release: tools ## sdist and wheel in dist/, tried; WHEELS: of other machines
 	@$(BIN)/python tools/dev/release.py $(WHEELS)
 
 lint: tools ## ruff and mypy

@@ -14,6 +14,7 @@ from damiao_motor import DaMiaoController
 from odrive_can.odrive import ODriveCAN
 from processes import Running, own_bus, pcpc, until
 
+pytestmark = pytest.mark.deep  # processes, each with the cycle of a drive
 TEMPLATE = Path(__file__).parents[3] / "tools/make/template"
 
 
