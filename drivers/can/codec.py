@@ -262,8 +262,17 @@ def pack(
             data[i] = 0
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
-        bits, outside = _encoded(values[np.uint64(signal.variable)], signal)
-        saturated += outside
+        code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
+        kind, bits = signal.kind, np.int64(0)
+        if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
+            if code == code:
+                bits = _float_bits(code, signal)
+        else:
+            code = _round(code)
+            if code == code:
+                bits = _bits(code, signal)
+        if not signal.code_low <= code <= signal.code_high:
+            saturated += 1
         placed = (bits & signal.mask) << signal.shift
         if long:
             _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)

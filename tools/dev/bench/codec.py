@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.codec import pack, unpack
-from pcpc.drivers.compiled.jit import compiled
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import structure
 from pcpc.plants.atb1000 import model
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.cycle import library
@@ -34,14 +35,30 @@ SEED = 1
 
 @dataclass(frozen=True)
 class Frames:
-    """All frames of a DBC with values: `table` of can.dbc, `values` and `found` (signals,)."""
+    """All frames of a DBC with values: `table` of can.dbc, `values` and `found` (signals,).
+
+    `record` holds all of it as the loop's own does: arrays on their own are counted references.
+    """
 
     database: Database
     names: list[str]
     table: dbc.Table
-    data: NDArray[np.uint8]
-    values: NDArray[np.float64]
-    found: NDArray[np.float64]
+    record: Any
+
+    @property
+    def data(self) -> NDArray[np.uint8]:
+        """Return the frames' data, (frames, 8)."""
+        return self.record["data"]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Return what is packed."""
+        return self.record["values"]
+
+    @property
+    def found(self) -> NDArray[np.float64]:
+        """Return what was unpacked."""
+        return self.record["found"]
 
     def messages(self) -> list[tuple[Any, dict[str, float]]]:
         """Return each message of cantools with the values of its signals, 0 for those unused."""
@@ -62,34 +79,37 @@ def frames_of(path: str = DBC, seed: int = SEED) -> Frames:
     ends = np.array([(s.low, s.high) for s in signals])
     values = ends[:, 0] + generator.random(len(ends)) * (ends[:, 1] - ends[:, 0])
     names = [frame.name for frame in frames]
-    data = np.zeros((len(frames), 8), np.uint8)
-    return Frames(database, names, table, data, values, np.zeros_like(values))
+    kind = np.dtype([
+        ("repeats", "<i8"), ("data", "u1", (len(frames), 8)),
+        ("frames", table.frames.dtype, table.frames.shape),
+        ("signals", table.signals.dtype, table.signals.shape),
+        ("values", "<f8", values.shape), ("found", "<f8", values.shape),
+    ], align=True)  # fmt: skip
+    structure(kind)
+    record = np.zeros(1, kind).view(np.recarray)[0]
+    record["frames"], record["signals"], record["values"] = table.frames, table.signals, values
+    return Frames(database, names, table, record)
 
 
-@compiled()
-def drive(repeats: Any, frames: Any, signals: Any, data: Any, values: Any, found: Any) -> None:
+@loop_function
+def drive(n: Any) -> None:
     """Pack and unpack all frames `repeats` times; `drive_codec` of frame.c does the same."""
-    for _ in range(repeats):
-        for f in range(frames.shape[0]):
-            pack(data[f], f, frames, signals, values)
-        for f in range(frames.shape[0]):
-            unpack(data[f], f, frames, signals, found)
+    for _ in range(n.repeats):
+        for f in range(len(n.frames)):
+            pack(n.data[f], f, n.frames, n.signals, n.values)
+        for f in range(len(n.frames)):
+            unpack(n.data[f], f, n.frames, n.signals, n.found)
 
 
 def in_python(f: Frames, repeats: int) -> None:
     """Pack and unpack compiled."""
-    drive(repeats, f.table.frames, f.table.signals, f.data, f.values, f.found)
+    f.record.repeats = repeats
+    drive(f.record)
 
 
 def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
     """Pack and unpack in C."""
-    arrays: tuple[NDArray[Any], ...] = (
-        f.table.frames,
-        f.table.signals,
-        f.data,
-        f.values,
-        f.found,
-    )
+    arrays = [f.record[name] for name in ("frames", "signals", "data", "values", "found")]
     c.drive_codec(
         ctypes.c_int64(repeats), ctypes.c_int64(len(f.data)), *(address(a) for a in arrays)
     )
