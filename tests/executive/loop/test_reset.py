@@ -133,6 +133,18 @@ def test_the_plants_watchdog_is_reset_and_its_input_rises_from_the_safe_value(
     assert np.diff(taken).max() < 0.1 + 1e-9, np.diff(taken)
 
 
+def test_an_input_that_is_missing_while_it_rises_does_not_fall(waiting: Bench) -> None:
+    plant = waiting.plant
+    waiting.run(20, {"CMD": LOST})
+    plant.post({RESET: 1.0})
+    waiting.run(8)
+    assert 0.2 < plant["rx.CMD.motor_torque"] < 0.9
+    waiting.run(1, {"CMD": LOST})
+    waiting.run(RAMP_CYCLES)
+    taken = plant.series("rx.CMD.motor_torque")[-RAMP_CYCLES - 6 :]
+    assert np.diff(taken).min() > -1e-9 and taken[-1] == 1.0, taken
+
+
 def test_a_fault_while_the_command_rises_goes_down_from_where_it_is(waiting: Bench) -> None:
     fault(waiting)
     node = waiting.executive
