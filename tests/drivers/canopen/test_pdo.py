@@ -174,3 +174,14 @@ def test_a_second_drive_of_its_number_is_noticed() -> None:
         assert bench.whose == 3, hex(twin)
     bench.send(0x286, bytes(8))
     assert bench.whose == 0
+
+
+def test_a_master_that_guards_its_nodes_gets_the_state_and_a_bit_that_toggles() -> None:
+    bench = Bench()
+    guard = 0x700 + NODE | 1 << 30  # a remote frame
+    assert [bench.send(guard)[0].data for _ in range(3)] == [b"\x7f", b"\xff", b"\x7f"]
+    bench.operational()
+    assert [one.data for one in bench.send(guard)] == [b"\x85"]
+    bench.send(0, bytes([130, NODE]))
+    assert bench.send(guard)[-1].data == b"\x7f", "it begins anew"
+    assert bench.send(0x701 | 1 << 30) == [] and bench.send(0x600 + NODE | 1 << 30) == []

@@ -41,6 +41,10 @@ def test_odrive_can_moves_it(tmp_path: Path) -> None:
         group, port = name.split(":")[1:]
         bus = can.Bus(group, interface="udp_multicast", port=int(port))
         asyncio.run(with_odrive(ODriveCAN(0, bus)))
+    log = tmp_path / "frames.log"
+    assert pcpc("log", "export", str(tmp_path / "run"), "-o", str(log)).code == 0
+    remote = [message for message in can.CanutilsLogReader(log) if message.is_remote_frame]
+    assert [one.arbitration_id for one in remote] == [9, 23] and "009#R" in log.read_text()
     known = json.loads((tmp_path / "run/drive-settings.json").read_text())["endpoints"]
     assert known["axis0.controller.config.vel_limit"]["value"] == 10.0
 
