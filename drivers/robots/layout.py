@@ -33,8 +33,8 @@ class Mistake(Told):
 
 
 SETTING = row_of("number whole writable", "start low high")
-STATE = row_of(
-    "power mode input_mode errors disarmed_by result arrived boots beat_at fed_at regained",
+STATE = row_of(  # regained: 1 once the master has given gains; way: what is demanded of the loops
+    "power errors disarmed_by result arrived boots beat_at fed_at regained",
     "position velocity torque offset"
     " target_position target_velocity target_torque stiffness damping most_velocity most_torque"
     " way_position way_velocity way_torque integral",

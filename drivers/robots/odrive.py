@@ -57,7 +57,6 @@ from pcpc.drivers.robots.odrive_settings import (
 
 NODES = 64
 PROTOCOL, FIRMWARE = 2, (0, 6, 10)
-LOOP_GAINS = 1
 _LONG_AGO = 1 << 40  # cycles
 _REMOTE = np.int64(1 << 30)
 
@@ -246,7 +245,7 @@ def take_gains(r: Any, d: Any, command: Any, data: Any) -> None:
     if first < 0.0 or second < 0.0 or first > 1e6 or second > 1e6:
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
-    r.state.regained = LOOP_GAINS
+    r.state.regained = 1
     if command == Command.POSITION_GAIN:
         d.gains.position_per_s = first
         return

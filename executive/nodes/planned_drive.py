@@ -84,12 +84,12 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     if drive.profile != CIA402:
         own = planned_robot.own_ids(rig, drive)
         for frame in found:
-            if frame.can_id in own and frame.has_sequence:
+            if frame.can_id in own:
                 what = (
                     f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
                 )
                 raise rig.error(f"{KEY}.node", what)
-        return [frame for frame in found if frame.can_id not in own]
+        return found
     every, node = dictionary_of(rig), drive.node
     rows = [i * RPDO_ROWS + COB_ID for i in range(PDOS)]
     rows += [FIRST_TPDO + i * TPDO_ROWS + COB_ID for i in range(PDOS)]

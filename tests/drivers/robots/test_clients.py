@@ -14,6 +14,10 @@ from damiao_motor import DaMiaoController
 from odrive_can.odrive import ODriveCAN
 from processes import Running, own_bus, pcpc, until
 
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.live import Live
+
 pytestmark = pytest.mark.deep  # processes, each with the cycle of a drive
 TEMPLATE = Path(__file__).parents[3] / "tools/make/template"
 
@@ -41,10 +45,13 @@ def test_odrive_can_moves_it(tmp_path: Path) -> None:
         group, port = name.split(":")[1:]
         bus = can.Bus(group, interface="udp_multicast", port=int(port))
         asyncio.run(with_odrive(ODriveCAN(0, bus)))
+        found = Live(sharing.attach(sh.block_name("motor-drive", name, "plant"))).read()
+        gains = [found[f"drive.{one}_per_s"] for one in ("position_gain", "integral_gain")]
+        assert gains == [33.0, 5.0], "the master's"
     log = tmp_path / "frames.log"
     assert pcpc("log", "export", str(tmp_path / "run"), "-o", str(log)).code == 0
     remote = [message for message in can.CanutilsLogReader(log) if message.is_remote_frame]
-    assert [one.arbitration_id for one in remote] == [9, 23] and "009#R" in log.read_text()
+    assert [one.arbitration_id for one in remote] == [9, 23, 9] and "009#R" in log.read_text()
     known = json.loads((tmp_path / "run/drive-settings.json").read_text())["endpoints"]
     assert known["axis0.controller.config.vel_limit"]["value"] == 10.0
 
@@ -69,6 +76,9 @@ async def with_odrive(client: ODriveCAN) -> None:
     voltage = await client.get_bus_voltage_current()
     assert voltage["Bus_Voltage"] == 24.0
     await client.set_axis_state("IDLE")
+    client.set_pos_gain(33.0)
+    client.set_vel_gains(0.5, 2.5)
+    await client.get_encoder_estimates()  # they have come
     client.stop()
 
 

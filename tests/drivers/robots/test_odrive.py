@@ -192,6 +192,21 @@ def test_an_error_disarms_until_it_is_cleared(cause: str, error: int) -> None:
     assert ("SILENT" in bench.mistakes()) == (cause == "silence")
 
 
+@pytest.mark.parametrize(("command", "form", "values"), [
+    (0x0C, "fhh", (1.0, 0, 0)), (0x0D, "ff", (1.0, 0.0)), (0x0E, "f", (1.0,)), (0x07, "I", (8,)),
+])  # fmt: skip
+def test_a_master_that_speaks_is_not_silent(
+    command: int, form: str, values: tuple[float, ...]
+) -> None:
+    starts = {"axis0.config.enable_watchdog": 1, "axis0.config.watchdog_timeout": 0.1}
+    bench = ODriveBench(FAST | starts).closed()
+    bench.held = True
+    for _ in range(5):
+        bench.cycles(90).send(NODE << 5 | command, struct.pack("<" + form, *values))
+    assert bench.x.power == 8 and "SILENT" not in bench.mistakes()
+    assert bench.cycles(102).x.power == 1 and bench.mistakes()["SILENT"] == 1
+
+
 def test_settings_are_read_and_written_by_their_numbers() -> None:
     bench = ODriveBench()
     for i, one in enumerate(odrive_settings.SETTINGS):

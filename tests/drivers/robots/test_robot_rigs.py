@@ -76,6 +76,9 @@ def test_on_a_bus_without_a_clock_it_has_the_same_bits(
     ("mit", "plant.drive.position=motor.encoder", "no variable motor.encoder"),
     ("cia402", "plant.drive.node=0", "0 is not one of 1 to 127"),
     ("odrive", "plant.drive.node=4", "4 has the id of SYNC, 0x080; choose another"),
+    ("odrive", "plant.drive.node=5", "5 has the id of CMD, 0x0a0; choose another"),
+    ("odrive", "plant.drive.node=9", "9 has the id of FB, 0x120; choose another"),
+    ("mit", "plant.drive.node=160", "160 has the id of CMD, 0x0a0; choose another"),
 ])  # fmt: skip
 def test_a_wrong_key_is_named(of: str, setting: str, said: str) -> None:
     with pytest.raises(RigError) as error:
