@@ -36,7 +36,7 @@ _RIG_CHARACTERS = 24  # of a longer name a seat bears the beginning and a digest
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is started: nodes (`roles`) of a rig, on one bus or on two side by side.
+    """What is started: nodes (`roles`) of a rig, on one bus or on several side by side.
 
     `interface` and `channel` are those of the command line or the rig, `auto` and None if they
     leave the choice. Without roles it is no node, and joins nobody.
@@ -46,7 +46,7 @@ class Wanted:
     channel: str | None
     rig: str
     roles: tuple[str, ...]
-    two: bool = False
+    count: int = 1  # of buses
 
 
 @dataclass
@@ -106,14 +106,16 @@ def _free_bus(wanted: Wanted) -> Choice:
     taken = {name.split("/")[2] for name in claim.held("seat/") if name.count("/") > 3}
     note = ""
     for bus, why_not in itertools.chain(_vcans(wanted), _udp_ports(wanted)):
-        both = (bus, neighbour_of(bus)) if wanted.two else (bus,)
-        if any(str(one) in taken for one in both):
+        every = [bus]
+        while len(every) < wanted.count:
+            every.append(neighbour_of(every[-1]))
+        if any(str(one) in taken for one in every):
             continue
-        claims = [one for one in (claim.hold(_name(bus)) for bus in both) if one is not None]
+        claims = [one for one in (claim.hold(_name(bus)) for bus in every) if one is not None]
         choice = Choice(bus, note, claims)
-        if len(claims) == len(both) and not why_not:
+        if len(claims) == len(every) and not why_not:
             return choice
-        if len(claims) == len(both):
+        if len(claims) == len(every):
             note = note or f"{why_not}; to share it: --bus {bus}"
         choice.release()
     raise BusError(
@@ -127,9 +129,7 @@ def _vcans(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
     if wanted.channel is not None:
         return
     for number in range(_VCANS):
-        if not vcan_ready(f"vcan{number}"):
-            return
-        if wanted.two and not vcan_ready(f"vcan{number + 1}"):
+        if not all(vcan_ready(f"vcan{number + i}") for i in range(wanted.count)):
             return
         yield Bus("socketcan", f"vcan{number}"), ""
 
@@ -139,8 +139,7 @@ def _udp_ports(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
     used = used_ports()
     for port in range(UDP_PORT, UDP_PORT + _PORTS):
         bus = bus_named("udp_multicast", f"{UDP_GROUP}:{port}")
-        wanted_ports = (port, port + 1) if wanted.two else (port,)
-        busy = [number for number in wanted_ports if number in used]
+        busy = [number for number in range(port, port + wanted.count) if number in used]
         yield bus, f"another program uses port {busy[0]}" if busy else ""
 
 

@@ -48,6 +48,7 @@ __all__ = [
     "text",
 ]
 
+Way = Literal["rx", "tx"]
 _BREAKS = "\n\xa0"  # kept in comments
 _LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days; of one without a cycle
 _EXACT = 2**53  # every integer up to here is a float64
@@ -63,7 +64,7 @@ class Table:
     variables: tuple[str, ...]
 
 
-def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tuple[Frame, ...]:
+def frames(database: Database, node: str, direction: Way) -> tuple[Frame, ...]:
     """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id.
 
     DbcError: no such node.

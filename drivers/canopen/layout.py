@@ -128,6 +128,7 @@ DRIVE = np.dtype(
         ("map_row", "<i8", (2 * PDOS * MAX_ENTRIES,)),
         ("mistakes", "<i8", (len(Mistake),)),  # of the master
         ("pending", "<i8", (PDOS,)),  # 1: what came waits for a SYNC
+        ("owed", "<i8", (PDOS,)),  # PDOs more, or less, than SYNCs between the two before
         ("since_sync", "<i8", (PDOS,)),  # how often it came; -1: never, so it is not awaited
         ("pending_low", "<i8", (PDOS,)),  # its first four bytes, and the others
         ("pending_high", "<i8", (PDOS,)),
@@ -139,6 +140,6 @@ DRIVE = np.dtype(
     align=True,
 )
 KEPT = (
-    "value", "state", "map_id", "map_n", "map_row", "mistakes", "pending", "since_sync",
+    "value", "state", "map_id", "map_n", "map_row", "mistakes", "pending", "owed", "since_sync",
     "pending_low", "pending_high", "sent_low", "sent_high", "sent_at", "sync_count",
 )  # fmt: skip

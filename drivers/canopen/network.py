@@ -76,7 +76,7 @@ def command(d: Any, code: Any) -> None:
     if before != Nmt.OPERATIONAL and x.nmt == Nmt.OPERATIONAL:
         for t in range(PDOS):
             d.sent_at[t] = d.since_sync[t] = -1
-            d.pending[t] = d.state.sync_at = 0
+            d.pending[t] = d.owed[t] = d.state.sync_at = 0
 
 
 @loop_function

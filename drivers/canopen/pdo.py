@@ -26,7 +26,7 @@ from pcpc.drivers.canopen.mapping import (
     PDOS,
     first_row,
 )
-from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
 TOO_SHORT = 0x8210
 LAST_SYNC_KIND = 240
@@ -90,9 +90,24 @@ def judge_rates(d: Any) -> None:
         if d.map_id[p] < 0 or d.value[first_row(p) + KIND] > LAST_SYNC_KIND:
             d.since_sync[p] = -1
         elif d.since_sync[p] >= 0:
-            d.mistakes[Mistake.PDO_MISSING] += 1 if d.since_sync[p] == 0 else 0
-            d.mistakes[Mistake.PDO_TWICE] += 1 if d.since_sync[p] > 1 else 0
+            judge_count(d, p, d.since_sync[p] - 1)
             d.since_sync[p] = 0
+
+
+@loop_inline
+def judge_count(d: Any, p: Any, more: Any) -> None:
+    """Count a PDO that came `more` than once, or not, unless it only changed sides with a SYNC.
+
+    On a line a SYNC overtakes a PDO that is sent just before it: then one more follows one less.
+    """
+    other = d.owed[p]
+    d.owed[p] = 0
+    if other != 0 and other == -more:
+        return
+    d.mistakes[Mistake.PDO_MISSING] += 1 if other < 0 else 0
+    d.mistakes[Mistake.PDO_TWICE] += 1 if other > 0 or more > 1 else 0
+    if more == -1 or more == 1:
+        d.owed[p] = more
 
 
 @loop_function

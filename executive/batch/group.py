@@ -72,7 +72,7 @@ class Group:
             raise NotInLanes("it limits what it receives")
         if rig.config.bus.emulate is not None:
             raise NotInLanes("its line is emulated")
-        if rig.config.plant.drive is not None:
+        if rig.config.drives:
             raise NotInLanes("its plant is a drive")
         if rig.config.supervisor.arm == "manual":
             raise NotInLanes("it is armed by hand")

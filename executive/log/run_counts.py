@@ -17,6 +17,7 @@ from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.long_logs import Table, sidecar
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 
+DRIVEN = "drive.command"  # a variable of drives alone
 _ID_DIRECTION_E2E = ~(0xFF << 32)  # of the word of a frame's row, without its length
 
 
@@ -26,7 +27,9 @@ class Absences:
     Records are to be told before the frames of their cycles, some of which may be ahead of them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, waits: bool = True) -> None:
+        """Without `waits`, of a drive, an id is missed only once it has come."""
+        self._waits = waits
         self._first, self._ran = 0, np.empty(0, np.int64)  # the cycles whose frames may come
         self._waiting = np.empty((0, 2), np.int64)  # cycle and id of frames ahead of the records
         self._last: dict[int, int] = {}
@@ -56,7 +59,9 @@ class Absences:
         begin = np.flatnonzero(np.concatenate(([True], ids[1:] != ids[:-1])))
         gaps, numbers = at.copy(), ids[begin].tolist()
         gaps[1:] -= at[:-1]
-        gaps[begin] = at[begin] - [self._last.get(number, 0) for number in numbers]
+        first = np.zeros_like(begin) if self._waits else at[begin]
+        before = [self._last.get(n, i) for n, i in zip(numbers, first.tolist(), strict=True)]
+        gaps[begin] = at[begin] - before
         longest, last = np.maximum.reduceat(gaps, begin), at[[*(begin[1:] - 1), -1]]
         for number, most, place in zip(numbers, longest.tolist(), last.tolist(), strict=True):
             self._longest[number] = max(self._longest.get(number, 0), most)
@@ -75,7 +80,7 @@ class RunCounts:
     def __init__(self, about: NodeDescription) -> None:
         self._about = about
         self._frames: Counter[int] = Counter()
-        self._absences = Absences()
+        self._absences = Absences(not any(name == DRIVEN for name, *_ in about["variables"]))
         self._table: Table | None = None
         self._cells: list[int] = []
 

@@ -54,7 +54,7 @@ def hear_drive(n: Any) -> Any:
     else:
         push_frame(n, n.wire.rx, 1, FrameState.OK)
         n.control.received += 1
-    send_outbox(n)
+    answer(n)
     return np.int64(1)
 
 
@@ -66,7 +66,7 @@ def work_drive(n: Any) -> Any:
     d.gains.position_per_s, d.gains.velocity = n.v[at], n.v[at + 1]
     d.gains.integral_per_s = n.v[at + 2]
     n.v[d.place_command] = work(d)
-    send_outbox(n)
+    answer(n)
     return np.int64(0)
 
 
@@ -85,6 +85,17 @@ def speak_drive(n: Any) -> Any:
     send_outbox(n)
     show(n)
     return np.int64(0)
+
+
+@loop_function
+def answer(n: Any) -> None:
+    """Send what the drive has to say at once; in lockstep, if there is room, behind its node's.
+
+    There whoever waits for a frame of the drive goes on once it is here.
+    """
+    d = n.canopen
+    if n.meeting.ordered == 0 or d.n_out > len(d.outbox) // 2:
+        send_outbox(n)
 
 
 @loop_function

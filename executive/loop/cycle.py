@@ -70,9 +70,9 @@ def one_pass(n: Any, steps: Any) -> Any:
         call_at(n.canopen.works, n)
     step(n, steps)
     limit(n)
+    transmit(n)
     if n.canopen.on != 0:
         call_at(n.canopen.speaks, n)
-    transmit(n)
     publish(n)
     next_cycle(n)
     return n.k < n.guard.cycles or not settled(n.limits)

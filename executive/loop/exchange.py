@@ -7,6 +7,7 @@
              commands are safe
 
 So each node does one cycle more than the one above it. That is the order of lockstep on a bus.
+Several plants are all right below the executive, and hear nobody else.
 `nodes` are LOOP records from the executive down, `steps` what they call, both tuples.
 """
 
@@ -24,8 +25,12 @@ from pcpc.executive.loop.sending import announce, request_first_sample
 def pass_on(nodes: Any, i: Any) -> None:
     """Carry what node `i` has sent to its neighbours."""
     end = nodes[i].wire
-    if i == 0:
+    if i == 0 and nodes[0].meeting.peers > 1:
+        _share(nodes, end)
+    elif i == 0:
         wire.carry(end, nodes[1].wire)
+    elif nodes[0].meeting.peers > 1:
+        wire.carry(end, nodes[0].wire)
     elif i == len(nodes) - 1:
         wire.carry(end, nodes[i - 1].wire)
     else:
@@ -33,12 +38,24 @@ def pass_on(nodes: Any, i: Any) -> None:
 
 
 @loop_function
+def _share(nodes: Any, end: Any) -> None:
+    """Carry what the executive has sent to each plant on the bus of the frame."""
+    for k in range(end.outbox_put):
+        second = wire.on_second(end, end.outbox[k])
+        for i in range(1, len(nodes)):
+            if (nodes[i].meeting.on_second != 0) == second:
+                wire.deliver(end.outbox[k], nodes[i].wire)
+    end.outbox_put = 0
+
+
+@loop_function
 def meet(nodes: Any) -> None:
-    """Let each node find the one below it, and ask it for the sample of t = 0."""
-    lowest = len(nodes) - 1
-    announce(nodes[lowest])
-    pass_on(nodes, lowest)
-    for i in range(lowest - 1, -1, -1):
+    """Let each node find those below it, and ask them for the sample of t = 0."""
+    above = len(nodes) - nodes[0].meeting.peers
+    for i in range(above, len(nodes)):
+        announce(nodes[i])
+        pass_on(nodes, i)
+    for i in range(above - 1, -1, -1):
         wait_for_peer(nodes[i])
         request_first_sample(nodes[i])
         pass_on(nodes, i)
@@ -55,19 +72,20 @@ def work_below(nodes: Any, steps: Any) -> None:
 @loop_function
 def end_run(nodes: Any, steps: Any) -> None:
     """Send the executive's last frames and let the nodes below it end."""
-    lowest = len(nodes) - 1
+    above = len(nodes) - nodes[0].meeting.peers
     finish(nodes[0])
     pass_on(nodes, 0)
     work_below(nodes, steps)
-    for i in range(1, lowest):
+    for i in range(1, above):
         while nodes[i].control.done == 0 and nodes[i].guard.pace > 0.0:
             work_below(nodes, steps)
         if nodes[i].control.done == 0:
             finish(nodes[i])
             pass_on(nodes, i)
         pass_or_finish(nodes[i + 1], steps[i + 1])
-    if nodes[lowest].control.done == 0:
-        finish(nodes[lowest])
+    for i in range(above, len(nodes)):
+        if nodes[i].control.done == 0:
+            finish(nodes[i])
 
 
 def _run(nodes: Any, steps: Any, cycles: Any) -> Any:

@@ -49,20 +49,20 @@ class Turn(Numbered):
 @loop_function
 def sorted_out(n: Any, row: Any) -> Any:
     """Return what to do with `wire.rx`, a frame of `row` that came before the first cycle ended."""
-    part = n.rx.role[row].meeting
+    part, peer = n.rx.role[row].meeting, max(n.rx.role[row].peer - 1, 0)
     if part in (Part.FROM_ABOVE, Part.FROM_BELOW):
-        if n.meeting.met[row] == 0 or (part == Part.FROM_BELOW and n.meeting.sampled != 0):
+        if n.meeting.met[row] == 0 or (part == Part.FROM_BELOW and n.meeting.sampled[peer] != 0):
             n.meeting.met[row] = 1
             return Turn.TAKE
         if part == Part.FROM_BELOW:
-            n.meeting.holding = row + 1
-            copy(n.meeting.held, n.wire.rx)
+            n.meeting.holding[peer] = row + 1
+            copy(n.meeting.held[peer], n.wire.rx)
         return Turn.LEAVE
     if part == Part.BEFORE:
-        n.meeting.holding = np.int64(0)
+        n.meeting.holding[peer] = np.int64(0)
     if part in (Part.BEFORE, Part.AFTER):
-        n.meeting.sampled = 1
-    return Turn.HELD_FIRST if part == Part.AFTER and n.meeting.holding != 0 else Turn.TAKE
+        n.meeting.sampled[peer] = 1
+    return Turn.HELD_FIRST if part == Part.AFTER and n.meeting.holding[peer] != 0 else Turn.TAKE
 
 
 @loop_inline
@@ -75,24 +75,34 @@ def asks(n: Any) -> Any:
 @loop_inline
 def is_over(n: Any) -> Any:
     """Return whether, before the first cycle, all who wait for a heartbeat have one (no clock)."""
-    return n.meeting.ordered != 0 and n.meeting.seeks_below != 0 and n.wire.n_second == 0
+    return n.meeting.ordered != 0 and n.meeting.seeks_below != 0 and n.meeting.between == 0
 
 
 @loop_function
-def exchange_held(n: Any) -> None:
-    """Exchange `wire.rx` for the frame that is held, or back."""
+def exchange_held(n: Any, peer: Any) -> None:
+    """Exchange `wire.rx` for the frame of a node that is held, or back."""
     for i in range(FRAME_BYTES):
-        byte = n.meeting.held[i]
-        n.meeting.held[i] = n.wire.rx[i]
+        byte = n.meeting.held[peer][i]
+        n.meeting.held[peer][i] = n.wire.rx[i]
         n.wire.rx[i] = byte
 
 
 @loop_function
-def held_row(n: Any) -> Any:
+def held_row(n: Any, peer: Any) -> Any:
     """Return the row of the frame that is held, which is held no longer."""
-    row = n.meeting.holding - 1
-    n.meeting.holding = np.int64(0)
+    row = n.meeting.holding[peer] - 1
+    n.meeting.holding[peer] = np.int64(0)
     return row
+
+
+@loop_inline
+def all_heard(n: Any, row: Any) -> Any:
+    """Note that the sender of a frame of `row` was heard; return whether all below were."""
+    peer = n.rx.role[row].peer
+    if peer == 0:
+        return False
+    n.meeting.heard |= np.int64(1) << (peer - 1)
+    return n.meeting.heard == (np.int64(1) << n.meeting.peers) - 1
 
 
 @loop_function

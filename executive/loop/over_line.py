@@ -1,8 +1,8 @@
 """The exchange of `executive.loop.exchange` over an emulated CAN line, in virtual time.
 
     executive   cycle k at k T: takes what is through by then, sends
-    plant       its next cycle at k T + phi T, phi its phase behind the executive's, above 0 up
-                to 1: takes what is through by then, sends
+    plants      their next cycle at k T + phi T, phi their phase behind the executive's, above 0
+                up to 1: take what is through by then, send
 
 What is sent waits for the line (`drivers.can.line`) from that time on; a frame that is not through
 when its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an
@@ -37,9 +37,9 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
     """Let the line go on to tick `until`, and put what is through into its receiver's inbox."""
     what = lines.advance(line, until)
     while what != Outcome.NOTHING:
-        if what == Outcome.SENT:
-            wire.deliver(line.frame, nodes[1 - line.who].wire)
-        for s in range(2):
+        for s in range(len(nodes)):
+            if what == Outcome.SENT and s != line.who:
+                wire.deliver(line.frame, nodes[s].wire)
             if error_frames.news(line, s, line.news):
                 wire.deliver(line.news, nodes[s].wire)
         what = lines.advance(line, until)
@@ -47,7 +47,7 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
 
 def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
     """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
-    top, low = nodes[0], nodes[1]
+    top = nodes[0]
     if top.passes == 0:
         meet(nodes)
         work_below(nodes, steps)
@@ -60,8 +60,9 @@ def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
         at = tick_at(line.per_s, time_ns + phase_ns)
         _go_on(line, nodes, at)
         if more or top.passes != before:  # else it has not sent
-            pass_or_finish(low, steps[1])
-            _queue(line, 1, low.wire, at)
+            for i in range(1, len(nodes)):
+                pass_or_finish(nodes[i], steps[i])
+                _queue(line, i, nodes[i].wire, at)
         if not more:
             _go_on(line, nodes, at + _REST_BITS * line.bit)
             end_run(nodes, steps)
@@ -70,7 +71,7 @@ def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
 
 
 @cache
-def run_over_line() -> Any:
-    """Return `run(nodes, steps, line, phase_ns, cycles)`, compiled on first use."""
-    kinds = types.UniTuple(N, 2), types.UniTuple(STEPS, 2), lines.N, i8, i8
+def run_over_line(count: int) -> Any:
+    """Return `run(nodes, steps, line, phase_ns, cycles)` for that many, compiled on first use."""
+    kinds = types.UniTuple(N, count), types.UniTuple(STEPS, count), lines.N, i8, i8
     return loop(i8(*kinds))(_run)

@@ -125,20 +125,20 @@ def take_one(n: Any) -> None:
 
 @loop_function
 def wait_for_peer(n: Any) -> Any:
-    """Block until the node below is heard, and answer; return False when the host stops us.
+    """Block until all nodes below are heard, and answer; return False when the host stops us.
 
     Without a clock a local node turns to the node above only then.
     """
-    n.wire.muted = n.meeting.ordered
+    n.wire.muted = n.wire.in_turn
     while not stopping(n) and n.guard.faulted == Fault.NONE:
         result = get_frame(n.wire, True)
         if result == Arrival.FRAME:
             row = take_frame(n)
-            if row >= 0 and n.rx.role[row].peer != 0:
+            if row >= 0 and meeting.all_heard(n, row):
                 n.wire.muted = 0
                 announce(n)
                 return True
-        if result == Arrival.NOTHING and (n.meeting.ordered == 0 or n.wire.n_second == 0):
+        if result == Arrival.NOTHING and (n.meeting.ordered == 0 or n.meeting.between == 0):
             announce_again(n)
         if result == Arrival.FAILED:
             n.control.bus_errno = n.wire.errno
@@ -163,9 +163,10 @@ def take_frame(n: Any) -> Any:
         if what == Turn.LEAVE:
             return np.int64(-1)
         if what == Turn.HELD_FIRST:
-            meeting.exchange_held(n)
-            use_frame(n, meeting.held_row(n))
-            meeting.exchange_held(n)
+            peer = n.rx.role[row].peer - 1
+            meeting.exchange_held(n, peer)
+            use_frame(n, meeting.held_row(n, peer))
+            meeting.exchange_held(n, peer)
     return use_frame(n, row)
 
 
@@ -253,7 +254,7 @@ def decode(n: Any, row: Any, new: Any) -> None:
     if new:
         n.rx.started += n.rx.role[row].starts
         n.rx.fresh += n.rx.role[row].awaited
-        if n.wire.n_second > 0 and n.rx.role[row].starts > n.rx.role[row].awaited:
+        if n.meeting.between != 0 and n.rx.role[row].starts > n.rx.role[row].awaited:
             n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
 
 

@@ -48,15 +48,19 @@ def intrusion(frames: int, signals: int) -> list[Any]:
     ]
 
 
-def meeting(frames: int) -> list[Any]:
+def meeting(frames: int, peers: int) -> list[Any]:
     """Return the fields. See `executive.loop.meeting`."""
     return [
+        ("between", "<i8"),  # 1: a local node: above on its first bus, below on the second
         ("seeks_below", "<i8"),  # 1: waits for the node below; 0: is the lowest, waits for nobody
         ("ordered", "<i8"),  # lockstep: takes and records only what always happens
         ("met", "<i8", (frames,)),  # heartbeats that were heard
-        ("sampled", "<i8"),  # 1: the first sample of the node below has begun
-        ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
-        ("held", "u1", (FRAME_BYTES,)),
+        ("peers", "<i8"),  # how many nodes are below
+        ("heard", "<i8"),  # a bit for each that was
+        ("sampled", "<i8", (peers,)),  # 1: the first sample of a node below has begun
+        ("holding", "<i8", (peers,)),  # row + 1 of the frame in `held`, 0 without
+        ("held", "u1", (peers, FRAME_BYTES)),
+        ("on_second", "<i8"),  # of a plant: 1: it is on the second bus of the executive
         ("greets", "<i8"),  # 1: it was started alone, and tells what plant its rig has
         ("greeting", "u1", (FRAME_BYTES,)),
     ]

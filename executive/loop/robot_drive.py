@@ -12,7 +12,7 @@ from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.robots import loops, mit, odrive
 from pcpc.drivers.robots.layout import Dialect, Mistake
-from pcpc.executive.loop.canopen_drive import send_outbox
+from pcpc.executive.loop.canopen_drive import answer, send_outbox
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.strangers import note_foreign, word_of
 
@@ -52,7 +52,7 @@ def hear_robot(n: Any) -> Any:
         r.state.regained = 0
         n.v[at], n.v[at + 1] = d.gains.position_per_s, d.gains.velocity
         n.v[at + 2] = d.gains.integral_per_s
-    send_outbox(n)
+    answer(n)
     return np.int64(1)
 
 

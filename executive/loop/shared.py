@@ -63,6 +63,7 @@ MAX_BLOCKS = 8
 MAX_COPIES = 1024
 MAX_LIMITS = 64
 MAX_FRAMES = 32
+MAX_PEERS = 16  # nodes below one
 MAX_SIGNALS = 256
 MAX_SCHEDULE = 2048
 RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
@@ -228,7 +229,8 @@ _PRIVATE = [
     *(
         (name, np.dtype(fields, align=True))
         for name, fields in (
-            ("clock", _CLOCK), ("rx", _RX), ("meeting", meeting(MAX_FRAMES)), ("guard", _GUARD),
+            ("clock", _CLOCK), ("rx", _RX), ("meeting", meeting(MAX_FRAMES, MAX_PEERS)),
+            ("guard", _GUARD),
             ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
             ("keep", _KEEP), ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),

@@ -1,6 +1,6 @@
-"""A gateway that makes one CAN line of two channels: the model of `drivers.can.line` on a clock.
+"""A gateway that makes one CAN line of channels: the model of `drivers.can.line` on a clock.
 
-What comes on one side waits in that side's transmit queue, and goes out on the other at the time
+What comes on one side waits in that side's transmit queue, and goes out on the others at the time
 at which its last bit would be there. The model's tick 0 is the start of the gateway; a frame counts
 as queued when it is read. Deadlines are absolute: a late wake-up delays one frame, not the line.
 What is measured is the time at which the other side had taken a frame, behind that deadline.
@@ -42,17 +42,17 @@ GATEWAY = np.dtype(
         ("control", "<i8", (CONTROL_WORDS,)),
         ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
         ("timespec", "<i8", (2,)),
-        ("polled", "<i8", (2,)),  # two of struct pollfd, as in WIRE
+        ("sides", "<i8"),
+        ("polled", "<i8", (line.SENDERS,)),  # of struct pollfd, as in WIRE
         ("start_ns", "<i8"),
         ("until", "<i8"),  # the tick up to which the model is
         (
             "foreign",
             "<i8",
-            (2,),
+            (line.SENDERS,),
         ),  # frames that cannot be carried: remote, no CAN, FD on a classic line
         ("line", line.LINE),
-        ("a", WIRE),
-        ("b", WIRE),
+        ("side", WIRE, (line.SENDERS,)),
     ],
     align=True,
 )
@@ -99,15 +99,13 @@ def _go_on(n: Any) -> None:
     what = line.advance(n.line, n.until)
     while what != Outcome.NOTHING:
         if what == Outcome.SENT:
-            if n.line.who == 0:
-                _hand_over(n, n.b)
-            else:
-                _hand_over(n, n.a)
-        if n.a.kind == Medium.SOCKETCAN:  # udp_multicast carries no error frames to us
-            if error_frames.news(n.line, 0, n.a.tx):
-                wire.put_frame(n.a)
-            if error_frames.news(n.line, 1, n.b.tx):
-                wire.put_frame(n.b)
+            for s in range(n.sides):
+                if s != n.line.who:
+                    _hand_over(n, n.side[s])
+        if n.side[0].kind == Medium.SOCKETCAN:  # udp_multicast carries no error frames to us
+            for s in range(n.sides):
+                if error_frames.news(n.line, s, n.side[s].tx):
+                    wire.put_frame(n.side[s])
         what = line.advance(n.line, n.until)
 
 
@@ -120,9 +118,9 @@ def _sleep(n: Any) -> None:
     if due <= tick_at(n.line.per_s, soonest):
         soonest = ns_of(n.line.per_s, due)
     n.timespec[0], n.timespec[1] = 0, max(soonest - passed, np.int64(0))
-    n.polled[0] = n.a.fd_rx | libc.POLLIN << 32
-    n.polled[1] = n.b.fd_rx | libc.POLLIN << 32
-    libc.ppoll(libc.address(n.polled), 2, libc.address(n.timespec), 0)
+    for s in range(n.sides):
+        n.polled[s] = n.side[s].fd_rx | libc.POLLIN << 32
+    libc.ppoll(libc.address(n.polled), n.sides, libc.address(n.timespec), 0)
 
 
 @loop(i8(N))
@@ -133,8 +131,9 @@ def carry(n: Any) -> Any:
     while True:
         n.until = max(n.until, tick_at(n.line.per_s, _now(n) - n.start_ns))
         _go_on(n)
-        if not _read(n, n.a, 0) or not _read(n, n.b, 1):
-            return np.int64(0)
+        for s in range(n.sides):
+            if not _read(n, n.side[s], s):
+                return np.int64(0)
         line.close(n.line, n.until)
         if libc.load_acquire(n.control, STOP) != 0:
             return np.int64(1)
@@ -142,26 +141,27 @@ def carry(n: Any) -> Any:
 
 
 class Gateway:
-    """A gateway between two buses; `carry` runs in a thread of the caller until `stop`."""
+    """A gateway between buses; `carry` runs in a thread of the caller until `stop`."""
 
-    def __init__(self, room: int, fd: bool = False, **options: Any) -> None:
+    def __init__(self, room: int, fd: bool = False, sides: int = 2, **options: Any) -> None:
         """`fd`: frames of CAN FD are carried too; `options` of `drivers.can.line.prepare`."""
-        self._fd = fd
+        self._fd, self._sides = fd, sides
         self.n = self._block(room, options)
         dry = self._block(room, options)  # compiled, loaded, touched
-        for end in (dry.a, dry.b):
-            wire.prepare(end, Medium.MEMORY, -1, -1)
+        for s in range(sides):
+            wire.prepare(dry.side[s], Medium.MEMORY, -1, -1)
         dry.control[STOP] = 1
         carry(dry)
 
     def _block(self, room: int, options: dict[str, Any]) -> Any:
         n: Any = np.zeros(1, GATEWAY).view(np.recarray)[0]
-        line.prepare(n.line, 2, room, **options)
+        n.sides = self._sides
+        line.prepare(n.line, self._sides, room, **options)
         return n
 
     def open(self, sides: Sequence[buses.Bus]) -> None:
-        """Open both sides, which are heard from now on; BusError."""
-        for bus, end in zip(sides, (self.n.a, self.n.b), strict=True):
+        """Open all sides, which are heard from now on; BusError."""
+        for bus, end in zip(sides, self.n.side, strict=False):
             end.fd = self._fd
             buses.open_bus(bus, None, end)
             buses.know_own(end)

@@ -1,6 +1,6 @@
 """What a node that is started alone says of the plant of its rig, before the first cycle.
 
-    id      29 bits, GREETING + 0 executive, 1 local, 2 plant
+    id      29 bits, GREETING + 0 executive, 1 local, 2 plant, 3 plant_2, ...
     data    the first 8 bytes of the SHA-256 of what the plant runs: rate, seed, its blocks and
             parameters, frames, its laws' files; not what the executive does with it
 
@@ -20,7 +20,7 @@ from pcpc.executive.loop.shared import GREETING
 from pcpc.executive.rig.carried_files import with_local_imports
 from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.roles import ROLES, Role
+from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 
 PLANT_BYTES = 8
 
@@ -39,13 +39,15 @@ def install(loop: Any, rig: Rig, role: Role) -> None:
 
 def plant_of(rig: Rig) -> bytes:
     """Return in 8 bytes what the plant of a rig is, wherever its files lie."""
-    told = json.dumps(_bare(yaml.safe_load(rig.resolved())["plant"]), sort_keys=True)
+    whole = yaml.safe_load(rig.resolved())
+    own = whole["plant"] if len(rig.config.plants) == 1 else [whole[r] for r in rig.config.plants]
+    told = json.dumps(_bare(own), sort_keys=True)
     digest = hashlib.sha256(f"{rig.config.rate_hz!r} {rig.config.seed} {told}".encode())
     digest.update(dbc.text(rig.dbc).encode())
     for name, text in sorted(rig.tables().items()):
         digest.update(f"{name} {text}".encode())
     for keys, law in rig.laws():
-        file, _ = law_source(rig.document, keys, law) if "plant" in keys else (None, None)
+        file, _ = law_source(rig.document, keys, law) if keys[0] in PLANTS else (None, None)
         for path in with_local_imports(file) if file is not None else ():
             digest.update(path.name.encode() + path.read_bytes())
     return digest.digest()[:PLANT_BYTES]

@@ -32,8 +32,10 @@ from pcpc.executive.rig.messages import (
     is_emergency,
     is_heartbeat,
     parts_in_meeting,
+    peers_of,
     starts_cycle,
 )
+from pcpc.executive.rig.roles import PLANTS
 from pcpc.executive.rig.schema import FALLBACK
 
 RECEIVE_TIMEOUT_S = 1e-6 * RECEIVE_TIMEOUT_US  # of a blocking receive
@@ -125,14 +127,17 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     loop.rx.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     lockstep = made.pacing == "lockstep"
     clock.kind = Time.LOCKSTEP if lockstep else Time.REAL
-    loop.rings.wait_recorder = loop.meeting.ordered = loop.wire.in_turn = lockstep
+    loop.rings.wait_recorder = loop.meeting.ordered = lockstep
+    loop.meeting.between = made.role == "local"
+    loop.wire.in_turn = lockstep and loop.meeting.between
     _install_overrun(made, loop)
     loop.blocks.n, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
 
 
 def _install_part(made: Plan, loop: Any) -> None:
     """Say what the node does; the lowest one waits for nobody, and owes periods after a stall."""
-    is_plant = made.role == "plant"
+    is_plant = made.role in PLANTS
+    loop.meeting.on_second = is_plant and made.rig.config.plants[made.role].bus is not None
     loop.meeting.seeks_below = not is_plant
     loop.blocks.owe_periods = is_plant
     loop.guard.safe_start = made.role == "executive"
@@ -171,10 +176,12 @@ def _install_frames(made: Plan, loop: Any) -> None:
         into.signals[: len(table.signals)] = table.signals
     rx.n, tx.n = len(made.rx_frames), len(made.tx_frames)
     rx.state[: rx.n] = loop.faults.on_wire[: rx.n] = e2e.new_state(rx.n)
-    part = parts_in_meeting(made.rx_frames, made.below, leads=made.role == "executive")
+    peers = peers_of(made.role, made.rx_frames, made.below, made.senders)
+    part = parts_in_meeting(made.role, made.rx_frames, peers)
+    loop.meeting.peers = max(made.senders.values(), default=1)
     for i, frame in enumerate(made.rx_frames):
-        peer = made.role != "local" or frame.name in made.below
-        rx.role[i] = (starts_cycle(made.role, frame, made.below), is_awaited(frame), peer, part[i])
+        starts = starts_cycle(made.role, frame, made.below)
+        rx.role[i] = (starts, is_awaited(frame), peers[i], part[i])
     rx.starters, rx.awaited = rx.role["starts"].sum(), rx.role["awaited"].sum()
     lost = {name: (loss.share, loss.burst) for name, loss in made.rig.config.losses.items()}
     losses.install(loop, made.rx_frames, lost, made.rig.config.seed)

@@ -38,7 +38,7 @@ from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads
 from pcpc.executive.rig.commands import commands
 from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import NodeSpec, Rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import Limit
 
 
@@ -61,7 +61,8 @@ class Plan:
     noted: list[int] = field(default_factory=list)
     read: Reads = field(default_factory=dict)  # by `prepare`
     limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
-    below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
+    below: frozenset[str] = frozenset()  # of executive or local node: frames on the second bus
+    senders: dict[str, int] = field(default_factory=dict)  # of frames from several nodes below
     external: dict[str, Any] = field(default_factory=dict)  # entries in the place of blocks' own
     opened: list[Any] = field(default_factory=list)  # what has to live as long as the loop runs
 
@@ -133,8 +134,9 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
     made.rx_frames = planned_drive.frames(rig, role, database, "rx")
     said = planned_drive.frames(rig, role, database, "tx")
     made.tx_frames = sorted(said, key=protocol.sending_order)
-    if role == "local":
-        made.below = protocol.frames_to_plant(rig, database)
+    if role not in PLANTS:
+        made.below = protocol.frames_on_second(rig, database)
+    made.senders = protocol.senders_below(rig, role, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)
     protocol.check_stops(rig, database)

@@ -12,6 +12,7 @@ from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPD
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.log.run_counts import DRIVEN
 from pcpc.executive.loop import robot_drive
 from pcpc.executive.loop.canopen_drive import SEEN, hear_drive, speak_drive, work_drive
 from pcpc.executive.loop.clock import Trigger
@@ -25,7 +26,7 @@ from pcpc.executive.rig.roles import Role
 
 Way = Literal["rx", "tx"]
 
-COMMAND, KEY = "drive.command", "plant.drive"
+COMMAND = DRIVEN
 GAINS = ("drive.position_gain_per_s", "drive.velocity_gain", "drive.integral_gain_per_s")
 _SYNC, _ID = 0x080, 0x7FF
 _HIGHEST_GAIN = 1e9
@@ -35,44 +36,42 @@ CIA402 = "cia402"
 
 def drive_of(rig: Rig, role: Role) -> Drive | None:
     """Return the keys of the drive, if this node is one."""
-    return rig.config.plant.drive if role == "plant" else None
+    return rig.config.drives.get(role)
 
 
 def is_lone_drive(rig: Rig, roles: Sequence[str]) -> bool:
-    """Return whether these nodes are a drive alone, for a master elsewhere."""
-    return tuple(roles) == ("plant",) and rig.config.plant.drive is not None
+    """Return whether these nodes are drives alone, for a master elsewhere."""
+    return set(roles) <= set(rig.config.drives)
 
 
-def dictionary_of(rig: Rig) -> list[objects.Object]:
-    """Return the drive's objects as they are at the start; RigError for what cannot be."""
-    drive = rig.config.plant.drive
-    assert drive is not None
+def dictionary_of(rig: Rig, role: Role = "plant") -> list[objects.Object]:
+    """Return a drive's objects as they are at the start; RigError for what cannot be."""
+    drive, at = rig.config.drives[role], f"{role}.drive"
     if drive.node not in _NODES:
-        raise rig.error(f"{KEY}.node", f"{drive.node} is not one of 1 to 127")
-    every = taken_from_eds(rig).every
+        raise rig.error(f"{at}.node", f"{drive.node} is not one of 1 to 127")
+    every = taken_from_eds(rig, role).every
     for key, raw in drive.objects.items():
         if raw != int(raw):
-            raise rig.error(f"{KEY}.objects", f"{key}: {raw:g} is not a whole number")
+            raise rig.error(f"{at}.objects", f"{key}: {raw:g} is not a whole number")
     try:
         return objects.changed(every, {str(key): int(raw) for key, raw in drive.objects.items()})
     except ValueError as error:
-        raise rig.error(f"{KEY}.objects", str(error)) from None
+        raise rig.error(f"{at}.objects", str(error)) from None
 
 
-def taken_from_eds(rig: Rig) -> eds_file.Read:
-    """Return the drive's own objects with what its EDS makes of them; RigError."""
-    drive = rig.config.plant.drive
-    assert drive is not None
+def taken_from_eds(rig: Rig, role: Role = "plant") -> eds_file.Read:
+    """Return a drive's own objects with what its EDS makes of them; RigError."""
+    drive, at = rig.config.drives[role], f"{role}.drive"
     every = objects.objects(drive.node, rig.config.rig)
     if drive.eds is None or drive.profile != CIA402:
         return eds_file.Read(every)
-    file = rig.document.file(("plant", "drive", "eds"), drive.eds)
+    file = rig.document.file((role, "drive", "eds"), drive.eds)
     try:
         return eds_file.read(file, every, drive.node)
     except OSError as error:
-        raise rig.error(f"{KEY}.eds", f"{file}: {error.strerror or error}") from None
+        raise rig.error(f"{at}.eds", f"{file}: {error.strerror or error}") from None
     except ValueError as error:
-        raise rig.error(f"{KEY}.eds", f"{file.name}: {error}") from None
+        raise rig.error(f"{at}.eds", f"{file.name}: {error}") from None
 
 
 def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.Frame]:
@@ -88,9 +87,9 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
                 what = (
                     f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
                 )
-                raise rig.error(f"{KEY}.node", what)
+                raise rig.error(f"{role}.drive.node", what)
         return found
-    every, node = dictionary_of(rig), drive.node
+    every, node = dictionary_of(rig, role), drive.node
     rows = [i * RPDO_ROWS + COB_ID for i in range(PDOS)]
     rows += [FIRST_TPDO + i * TPDO_ROWS + COB_ID for i in range(PDOS)]
     own = {every[row].start & _ID for row in rows}
@@ -105,11 +104,11 @@ def add_variables(
     drive = drive_of(rig, role)
     if drive is None:
         return {}
-    position = _measured(rig, table, "position", drive.position)
+    position = _measured(rig, table, f"{role}.drive.position", drive.position)
     velocity = f"{position}/s"
     if drive.velocity is not None:
-        velocity = _measured(rig, table, "velocity", drive.velocity)
-    command = _unit_of_command(rig, blocks)
+        velocity = _measured(rig, table, f"{role}.drive.velocity", drive.velocity)
+    command = _unit_of_command(rig, role, blocks)
     units = {"position": position, "velocity": velocity, "": ""}
     for name, unit, help in seen(drive):
         table.add(Variable(f"drive.{name}", units[unit], "output", "drive", help))
@@ -123,7 +122,7 @@ def add_variables(
             name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False
         ))  # fmt: skip
     gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
-    planned_robot.settings_of(rig, drive) if drive.profile != CIA402 else dictionary_of(rig)
+    planned_robot.settings_of(rig, drive) if drive.profile != CIA402 else dictionary_of(rig, role)
     return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
 
 
@@ -137,11 +136,11 @@ def _measured(rig: Rig, table: Table, key: str, name: str) -> str:
     if name not in table.index:
         readable = [v.name for v in table.variables if v.kind in ("output", "state")]
         what = f"the plant has no variable {name}{did_you_mean(name, readable)}"
-        raise rig.error(f"{KEY}.{key}", what)
+        raise rig.error(key, what)
     return table.variables[table.index[name]].unit
 
 
-def _unit_of_command(rig: Rig, blocks: Sequence[BlockSpec]) -> str:
+def _unit_of_command(rig: Rig, role: Role, blocks: Sequence[BlockSpec]) -> str:
     """Return the unit of the inputs that take the drive's command."""
     units = {
         port.unit
@@ -153,7 +152,7 @@ def _unit_of_command(rig: Rig, blocks: Sequence[BlockSpec]) -> str:
     what = f"no block of the plant takes {COMMAND}; wire an input of one to it, as torque_Nm"
     if units:
         what = f"{COMMAND} is wired to inputs in {' and '.join(sorted(units))}; it has one unit"
-    raise RigError(f"{rig.where(KEY)}: {what}")
+    raise RigError(f"{rig.where(f'{role}.drive')}: {what}")
 
 
 def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
@@ -168,7 +167,7 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
     node = structure(LOOP)
     if drive.profile == CIA402:
         hooks = (hear_drive, work_drive, speak_drive)
-        objects.install(d, drive.node, dictionary_of(rig))
+        objects.install(d, drive.node, dictionary_of(rig, role))
         d.position_scale = drive.scale.position or _SCALE
         d.velocity_scale = drive.scale.velocity or _SCALE
     else:

@@ -17,7 +17,7 @@ from pcpc.executive.loop.injection_layout import FAULT_DEPTH, MAX_FAULTS
 from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import Fault
 
 STALL, FLOOD = "stall", "flood"
@@ -122,7 +122,7 @@ def moments_of(rig: Rig, role: Role, planned: Planned) -> Iterator[tuple[int, in
     else:
         starts = [first]
     early = int(planned.acts_later)
-    if planned.group == Group.PEER_STALL and role == "plant":
+    if planned.group == Group.PEER_STALL and role in PLANTS:
         early = 0
     for start in starts:
         yield max(start - early, 0), planned.place, cycles
@@ -199,7 +199,7 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
         if fault.node is None or fault.at is not None or fault.frame is not None:
             what = f"a {fault.kind} has node: executive or plant, and neither at nor frame"
             raise rig.error(key, what)
-        if fault.kind == STALL and rig.config.local is not None:
+        if fault.kind == STALL and len(rig.roles) > 2:
             raise rig.error(key, "a stall needs a rig of two nodes")
     elif fault.at is None and fault.frame is None:
         what = f"at: a variable ({', '.join(of_values)})"

@@ -37,16 +37,16 @@ KINDS = {
 
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
-    kind = KINDS[drive.profile]
+    kind, at = KINDS[drive.profile], rig.config.key_of(drive)
     if drive.node > kind.nodes:
-        raise rig.error("plant.drive.node", f"{drive.node} is not one of 0 to {kind.nodes}")
+        raise rig.error(f"{at}.node", f"{drive.node} is not one of 0 to {kind.nodes}")
     if drive.eds is not None:
-        raise rig.error("plant.drive.eds", f"{drive.profile} has no EDS; leave it out")
+        raise rig.error(f"{at}.eds", f"{drive.profile} has no EDS; leave it out")
     try:
         starts = {str(key): float(value) for key, value in drive.objects.items()}
         return settings.started(kind.settings, starts)
     except ValueError as error:
-        raise rig.error("plant.drive.objects", str(error)) from None
+        raise rig.error(f"{at}.objects", str(error)) from None
 
 
 def own_ids(rig: Rig, drive: Drive) -> set[int]:

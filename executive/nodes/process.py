@@ -53,10 +53,10 @@ from pcpc.executive.nodes.plan import (
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried_files
-from pcpc.executive.rig.buses import check_line, wanted_bus
+from pcpc.executive.rig.buses import check_line, second_bus, wanted_bus
 from pcpc.executive.rig.messages import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.executive.rig.roles import ROLES, Role
+from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 
 MODULE = "pcpc.executive.nodes.process"
 _PR_SET_PDEATHSIG = 1
@@ -284,9 +284,9 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
 
     Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
     """
-    below, claims = bus_below(rig, bus), []
+    below, claims = second_bus(rig, bus, made.role), []
     for frame in made.tx_frames:
-        lower = below is not None and (made.role == "plant" or frame.name in made.below)
+        lower = below is not None and (made.role in PLANTS or frame.name in made.below)
         own = below if lower else bus
         name = f"frame/{own}/{frame.word:08X}"
         held = claim.hold(name)
@@ -303,35 +303,21 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
 
 
 def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
-    """Open the bus of a node of `rig`, or both of a local node, into the WIRE `end`; BusError.
+    """Open the bus of a node of `rig`, or both, into the WIRE `end`; BusError.
 
     `bus` is the executive's. A node also listens to its own ids: nobody else may send them;
     a drive to all, since a master may choose the ids of its PDOs.
     """
     end.fd = made.fd
-    below = bus_below(rig, bus)
-    own = below if made.role == "plant" and below is not None else bus
+    below = second_bus(rig, bus, made.role)
+    own = below if made.role in PLANTS and below is not None else bus
     ids = made.receive_ids + made.send_ids
     is_drive = planned_drive.drive_of(rig, made.role) is not None
     end.remotes = is_drive
     buses.open_bus(own, None if is_drive else ids, end)
-    if made.role == "local" and below is not None:
+    if made.below and below is not None:
         buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
     buses.know_own(end)
-
-
-def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
-    """Return the bus of the plant; None where that is the executive's.
-
-    It is that between local node and plant, or the other side of an emulated line.
-    """
-    local = rig.config.local
-    if local is None:
-        return None if rig.config.bus.emulate is None else buses.neighbour_of(bus)
-    if local.bus is None:
-        return buses.neighbour_of(bus)
-    channel = None if local.bus.channel is None else str(local.bus.channel)
-    return buses.bus_named(local.bus.interface, channel)
 
 
 def warm_up_memory(made: Plan) -> Any:

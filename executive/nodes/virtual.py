@@ -138,7 +138,7 @@ class VirtualRun:
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
         loops = tuple(block.loop for block in self.blocks)
-        run, more = run_over_line() if self.over else run_of(len(loops)), 1
+        run, more = run_over_line(len(loops)) if self.over else run_of(len(loops)), 1
         while more:
             more = self._watched(lambda: run(loops, self.steps, *self.over, self._at_once), loops)
             (self.recorder or self.memory).drain()
@@ -167,7 +167,7 @@ def _over_line(rig: Rig) -> tuple[Any, int]:
     """Return the rig's emulated line, and how far the plant is behind, ns."""
     config = rig.config
     line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
-    lines.prepare(line, 2, config.bus.queue, **line_options(rig))
+    lines.prepare(line, len(rig.roles), config.bus.queue, **line_options(rig))
     behind = (config.realtime.plant.phase - config.realtime.executive.phase) % 1.0 or 1.0
     return line, round(behind * config.period_ns)
 

@@ -12,8 +12,9 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import fmu, tables, wired_units, yamlfile
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.law_lookup import Use, law_block
+from pcpc.executive.rig.node_keys import Entry, Plant, Section
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant, Section
+from pcpc.executive.rig.schema import FALLBACK, Config, Parameter
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -55,11 +56,11 @@ class _Found:
     inputs: dict[str, str]
 
 
-def _shared_parameters(document: Document, node: Section) -> dict[str, Shared]:
+def _shared_parameters(document: Document, role: Role, node: Section) -> dict[str, Shared]:
     """Return the entries of a plant's parameters file by name; every block takes those it has."""
     if not isinstance(node, Plant) or node.parameters_file is None:
         return {}
-    source = yamlfile.load(document.file(("plant", "parameters_file"), node.parameters_file))
+    source = yamlfile.load(document.file((role, "parameters_file"), node.parameters_file))
     groups: dict[str, dict[str, Parameter]] = convert(
         source, source.data, dict[str, dict[str, Parameter]], ()
     )
@@ -87,7 +88,7 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
     """Return the blocks of a node, with laws imported and settings complete; RigError."""
     specs: list[BlockSpec] = []
     found: list[_Found] = []
-    shared = _shared_parameters(document, config.sections[section])
+    shared = _shared_parameters(document, section, config.sections[section])
     unused = dict(shared)
     for name, entry in entries(config, section):
         keys = law_keys(config, section, name)

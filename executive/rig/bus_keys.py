@@ -1,4 +1,4 @@
-"""Keys of a rig file: who else is on its bus, a watchdog, and what the plant is to a master."""
+"""Keys of a rig file: its bus, who else is on it, a watchdog, and what a plant is to a master."""
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
@@ -6,10 +6,44 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from pcpc.executive.rig.judged_keys import Word
 from pcpc.executive.rig.keyed import Keyed
+from pcpc.executive.rig.scheduling import Fraction
 
 Positive = Annotated[float, Meta(gt=0, le=1e12)]
 Gain = Annotated[float, Meta(ge=0, le=1e9)]
+
+BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
+
+
+class Bus(Keyed):
+    """A bus as python-can names it; without `bitrate` its load is not checked.
+
+    `emulate`: a line of this bit rate, see `drivers.can.line`, with `queue` places in each node.
+    """
+
+    interface: Word = "auto"
+    channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
+    bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+    data_bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+    emulate: BitRate | Annotated[int, Meta(ge=1000, le=10**6)] | None = None
+    queue: Annotated[int, Meta(ge=1, le=256)] = 64
+    bit_error_rate: Fraction = 0.0
+    error_burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
+
+    @property
+    def bits_per_s(self) -> int | None:
+        """The rate that its frames meet: the emulated one, else `bitrate`."""
+        if not isinstance(self.emulate, str):
+            return self.emulate or self.bitrate
+        number = self.emulate.removesuffix("bit/s").strip()
+        scale = {"k": 1e3, "M": 1e6}.get(number[-1], 1.0)
+        return round(scale * float(number.rstrip("kM ")))
+
+    @property
+    def data_bit(self) -> float:
+        """How many nominal bits one of the data phase lasts; without a rate at 1 Mbit/s."""
+        return (self.bits_per_s or 1e6) / self.data_bitrate if self.data_bitrate else 1.0
 
 
 class Watchdog(Keyed):

@@ -18,8 +18,40 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
     asked = (config.bus.interface, channel) if named is None else buses.parse(named)
-    two = config.bus.emulate is not None or (config.local is not None and config.local.bus is None)
-    return Wanted(*asked, rig=config.rig, roles=roles, two=two)
+    second = [one.bus for one in config.plants.values() if one.bus is not None]
+    beside = any((one.interface, one.channel) == ("auto", None) for one in second)
+    count = 1 + (beside or (config.local is not None and config.local.bus is None))
+    if config.bus.emulate is not None:
+        count = len(rig.roles)
+    return Wanted(*asked, rig=config.rig, roles=roles, count=count)
+
+
+def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:
+    """Return the bus of a node that is not the executive's; None where that is its only one.
+
+    It is that between local node and plant, that of some plants, or, of a plant, its own side of
+    an emulated line.
+    """
+    local, plants = rig.config.local, rig.config.plants
+    if local is None and rig.config.bus.emulate is not None:
+        return side_of(rig, bus, role) if role in plants else None
+    own = [one.bus for name, one in plants.items() if role in (name, "executive") and one.bus]
+    if local is None and not own:
+        return None
+    keys = own[0] if local is None else local.bus
+    if keys is None:
+        return buses.neighbour_of(bus)
+    channel = None if keys.channel is None else str(keys.channel)
+    if keys.interface == "auto" and channel is None:
+        return buses.neighbour_of(bus)
+    return buses.bus_named(keys.interface, channel)
+
+
+def side_of(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus:
+    """Return the bus of a node beside an emulated line; `bus` is the executive's, the first one."""
+    for _ in range(rig.roles.index(role)):
+        bus = buses.neighbour_of(bus)
+    return bus
 
 
 def check_line(rig: Rig, pacing: str) -> None:
@@ -33,6 +65,8 @@ def check_line(rig: Rig, pacing: str) -> None:
         what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
     elif rig.config.local is not None:
         what = "this rig has a local node and so two buses; only one can be emulated"
+    elif any(one.bus is not None for one in rig.config.plants.values()):
+        what = "some plants are on a second bus; only one can be emulated"
     elif not 1000 <= nominal <= 1_000_000:
         what = f"{bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s, CAN FD before its switch too"
     elif switched and fast is None:

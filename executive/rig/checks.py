@@ -16,6 +16,7 @@ from pcpc.executive.rig import fmu, standby, tables
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.effective import file_keys, value_at
 from pcpc.executive.rig.modules import project_file
+from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Expected
 from pcpc.executive.rig.yamlfile import Document, Keys
 
@@ -50,6 +51,7 @@ def _texts(data: Any, keys: Keys) -> Iterator[tuple[Keys, str]]:
 def check(document: Document, config: Config) -> None:
     """Raise the first contradiction between the keys of a rig; RigError."""
     problems = chain(
+        _plants(config),
         _controller(config),
         _blocks(document, config),
         _overrun(config),
@@ -69,22 +71,38 @@ def check(document: Document, config: Config) -> None:
             document.file(keys, value_at(document.data, keys), _CURES.get(keys, ""))
 
 
+def _plants(config: Config) -> Problems:
+    """Refuse plants beside a local node, without the first one, and on a third bus."""
+    nodes: dict[str, Role] = {}
+    buses = {role: one.bus for role, one in config.plants.items() if one.bus is not None}
+    for role, one in config.plants.items():
+        if config.local is not None and (role != "plant" or role in buses):
+            yield (role,), "a rig with a local node has one plant, on the local node's bus"
+        if one.node in nodes:
+            yield (role, "node"), f"{one.node} is {nodes[one.node]}; give each its own DBC node"
+        nodes[one.node] = role
+    first = next(iter(buses), None)
+    for role, bus in buses.items():
+        if first is not None and bus != buses[first]:
+            yield (role, "bus"), f"differs from {first}.bus; a rig has two buses at the most"
+
+
 def _controller(config: Config) -> Problems:
     if config.controller not in config.controllers:
         yield ("controller",), config.no_controller(config.controller)
 
 
 def _blocks(document: Document, config: Config) -> Problems:
-    first: dict[str, str] = {}
+    first: dict[str, Role] = {}
     for role, node in config.sections.items():
         for name, entry in node.blocks.items():
             keys: Keys = (role, "blocks", name)
             if name in _TAKEN:
                 yield keys, "this name is taken; rename the block"
-            if name in first:
+            if name in first and not {first[name], role} <= set(PLANTS):
                 where = document.where((first[name], "blocks", name))
                 yield keys, f"the {first[name]} has this block, {where}; rename one"
-            first[name] = role
+            first.setdefault(name, role)
             has_file = entry.file is not None and entry.law != fmu.LAW
             if entry.law != tables.LAW and (has_file or entry.signal or entry.interpolation):
                 yield keys, "only `law: table` takes file, signal, interpolation"

@@ -14,11 +14,9 @@ import msgspec
 from pcpc.executive.rig import fmu
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
 from pcpc.executive.rig.modules import project_name
-from pcpc.executive.rig.roles import ROLES, Role
+from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 from pcpc.executive.rig.schema import Config
 from pcpc.executive.rig.yamlfile import Document, Keys
-
-EDS = "plant-drive.eds"  # the name that a log gives it
 
 
 def data(
@@ -37,10 +35,22 @@ def data(
             if block.table and not _is_fmu(role, block, config):
                 entry["signal"] = None
                 entry["interpolation"] = entry["interpolation"] or "hold"
-    whole["plant"]["parameters_file"] = None
-    if config.plant.drive is not None and config.plant.drive.eds is not None:
-        whole["plant"]["drive"]["eds"] = EDS
+    for role in PLANTS:
+        if role not in specs:
+            del whole[role]
+            continue
+        own = whole[role]
+        own["parameters_file"] = None
+        if own["drive"] is not None and own["drive"]["eds"] is not None:
+            own["drive"]["eds"] = eds_name(role)
+        if own["bus"] is None:
+            del own["bus"]
     return whole
+
+
+def eds_name(role: Role) -> str:
+    """Return the name that a log gives to the EDS of a plant's drive."""
+    return f"{role}-drive.eds"
 
 
 def table_name(role: Role, block: BlockSpec, config: Config) -> str:
@@ -54,9 +64,10 @@ def _is_fmu(role: Role, block: BlockSpec, config: Config) -> bool:
 
 def file_keys(whole: Mapping[str, Any]) -> list[Keys]:
     """Return the paths of all values of a rig that name a file or a law."""
-    keys: list[Keys] = [("dbc",), ("plant", "parameters_file"), ("evaluation", "file")]
+    keys: list[Keys] = [("dbc",), ("evaluation", "file")]
+    keys += [(role, "parameters_file") for role in PLANTS]
     keys += [("controllers", name, "law") for name in whole["controllers"]]
-    for role in (role for role in ROLES if whole[role] is not None):
+    for role in (role for role in ROLES if whole.get(role) is not None):
         keys += [(role, "blocks", name, "law") for name in whole[role]["blocks"]]
     return [key for key in keys if value_at(whole, key) is not None]
 

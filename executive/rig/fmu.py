@@ -23,6 +23,7 @@ import msgspec
 from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.fmu_model import INPUT, PARAMETER, START, Model, Variable
+from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import Entry
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, shown
 
@@ -46,19 +47,23 @@ def needs() -> str:
 
 def expand_shorthand(document: Document) -> None:
     """Turn `plant: {fmu: FILE, inputs, parameters}` into a block `fmu`, the first; RigError."""
-    plant = document.data.get("plant")
-    if not isinstance(plant, dict) or "fmu" not in plant:
-        return
+    for role in PLANTS:
+        plant = document.data.get(role)
+        if isinstance(plant, dict) and "fmu" in plant:
+            _expand(document, role, plant)
+
+
+def _expand(document: Document, role: Role, plant: dict[str, Any]) -> None:
     blocks = plant.get("blocks", {})
     if not isinstance(blocks, dict) or "fmu" in blocks:
-        raise document.error(("plant", "fmu"), "a block fmu is there, too; rename that")
+        raise document.error((role, "fmu"), "a block fmu is there, too; rename that")
     entry: dict[str, Any] = {"law": LAW}
     for key in _SHORT:
         if key in plant:
             new = "file" if key == "fmu" else key
             entry[new] = plant.pop(key)
-            _move_places(document, ("plant", key), ("plant", "blocks", "fmu", new))
-    document.places[("plant", "blocks", "fmu")] = document.place(("plant", "blocks", "fmu", "file"))
+            _move_places(document, (role, key), (role, "blocks", "fmu", new))
+    document.places[(role, "blocks", "fmu")] = document.place((role, "blocks", "fmu", "file"))
     plant["blocks"] = {"fmu": entry, **blocks}
 
 

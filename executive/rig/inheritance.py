@@ -1,10 +1,11 @@
-"""Controllers that are like others: each number stands in one place of a rig file.
+"""Controllers and plants that are like others: each number stands in one place of a rig file.
 
     controllers:
       pd:      {law: pd, parameters: {kv_Nms_rad: 110.0, lam_per_s: 16.0}}
       pd_star: {like: pd, parameters: {lam_per_s: 20.0}}
       pd_nn:   {like: pd, law: pd_nn, parameters: {kappa: 0.01}}
       both:    {like: [pd_nn, pd_fast], law: pd_nn_fast}
+    plant_2: {like: plant, node: AXIS_2, drive: {node: 6}}
 
 What the entry itself gives rules, then the last name of a list, then the one before it; null takes
 a key away. The names mean the entries as they are after all `base:` files. What is taken over keeps
@@ -15,41 +16,45 @@ import copy
 from typing import Any
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.roles import PLANTS
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 _SECTION = "controllers"
 
 
-def inherit_controllers(document: Document) -> None:
-    """Carry out every `like` in the document's controllers; RigError with its place."""
+def inherit_entries(document: Document) -> None:
+    """Carry out every `like` in the document's controllers and plants; RigError with its place."""
     controllers = document.data.get(_SECTION)
     if isinstance(controllers, dict):
         for name in controllers:
-            _inherit(document, controllers, name, ())
+            _inherit(document, controllers, (_SECTION,), name, ())
+    plants: dict[str, Any] = {role: document.data[role] for role in PLANTS if role in document.data}
+    for role in plants:
+        _inherit(document, plants, (), role, ())
 
 
 def _inherit(
-    document: Document, controllers: dict[str, Any], name: str, above: tuple[str, ...]
+    document: Document, entries: dict[str, Any], section: Keys, name: str, above: tuple[str, ...]
 ) -> None:
-    entry, keys = controllers[name], (_SECTION, name, "like")
+    entry, keys = entries[name], (*section, name, "like")
     if not isinstance(entry, dict) or "like" not in entry:
         return
+    what = "controller" if section else "plant"
     likes = entry["like"] if isinstance(entry["like"], list) else [entry["like"]]
     for other in likes:
         if not isinstance(other, str):
-            what = f"expected the name of a controller, or a list of names, got {other!r}"
-            raise document.error(keys, what)
+            expected = f"expected the name of a {what}, or a list of names, got {other!r}"
+            raise document.error(keys, expected)
         if other in (*above, name):
             chain = " -> ".join((*above, name, other))
-            raise document.error(keys, f"the controllers build on each other: {chain}")
-        if other not in controllers:
-            what = f"no controller {other}{did_you_mean(other, controllers)}"
-            raise document.error(keys, what)
-        _inherit(document, controllers, other, (*above, name))
+            raise document.error(keys, f"the {what}s build on each other: {chain}")
+        if other not in entries:
+            raise document.error(keys, f"no {what} {other}{did_you_mean(other, entries)}")
+        _inherit(document, entries, section, other, (*above, name))
     del entry["like"]
     for other in reversed(likes):
-        if isinstance(controllers[other], dict):
-            _copy_absent(document, (_SECTION, name), entry, (_SECTION, other), controllers[other])
+        if isinstance(entries[other], dict):
+            _copy_absent(document, (*section, name), entry, (*section, other), entries[other])
     _drop_nulls(entry)
 
 

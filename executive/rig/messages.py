@@ -5,16 +5,16 @@ awaited      of every cycle and no SYNC: a cycle without one counts as missing i
 heartbeat    ids 0x700 to 0x77F, as in CANopen
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from pcpc.drivers.can import dbc
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop.meeting import Part
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 
-SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx"), "plant": ("rx",)}
+SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx")}  # a plant: ("rx",)
 
 
 @contextmanager
@@ -63,8 +63,8 @@ def sending_order(frame: dbc.Frame) -> tuple[bool, bool, int]:
 
 def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]) -> None:
     """Raise RigError if a node lacks the SYNC that starts it, or those below, or any input."""
-    is_drive = role == "plant" and rig.config.plant.drive is not None  # which waits for nobody
-    for way in () if is_drive else SYNC_WAYS[role]:
+    is_drive = role in rig.config.drives  # which waits for nobody
+    for way in () if is_drive else SYNC_WAYS.get(role, ("rx",)):
         if not any(frame.has_sequence for frame in (tx if way == "tx" else rx)):
             raise rig.error(
                 "dbc",
@@ -138,13 +138,43 @@ def stop_frame_of(rig: Rig) -> str:
     return stop
 
 
-def frames_to_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
-    """Return the frames of the local node's bus to the plant; RigError if one is on both buses."""
+def frames_on_second(rig: Rig, database: dbc.Database) -> frozenset[str]:
+    """Return the frames of the rig's second bus, to a local node's plant or to plants on their own.
+
+    RigError if one is on both buses.
+    """
     known = {role: _frame_names(database, node.node) for role, node in rig.config.sections.items()}
-    own, above, below = known["local"], known["executive"], known["plant"]
-    for name in sorted(own & above & below):
+    if rig.config.local is not None:
+        second, both = known["local"] & known["plant"], known["executive"]
+    else:
+        plants = rig.config.plants.items()
+        second, both = (
+            set[str]().union(*(known[role] for role, one in plants if (one.bus is None) == first))
+            for first in (False, True)
+        )
+    for name in sorted(second & both):
         raise rig.error("dbc", f"frame {name} is on both buses; give each bus a frame of its own")
-    return frozenset(own & below)
+    return frozenset(second)
+
+
+def senders_below(rig: Rig, role: Role, database: dbc.Database) -> dict[str, int]:
+    """Return the node below `role` that sends a frame, 1 and up, by the frame's name.
+
+    Where several are below, RigError for one without a heartbeat, for which nobody could wait.
+    """
+    plants = rig.config.plants
+    if role != "executive" or len(plants) < 2:
+        return {}
+    found: dict[str, int] = {}
+    for i, (name, plant) in enumerate(plants.items()):
+        sent = dbc.frames(database, plant.node, "tx")
+        heard = dbc.frames(database, rig.config.executive.node, "rx")
+        if not any(is_heartbeat(frame) for frame in sent if frame in heard):
+            what = f"{plant.node} sends no heartbeat that {rig.config.executive.node} receives"
+            cure = "the start waits for each plant's; add a frame with an id of 0x701 to 0x77F"
+            raise rig.error(f"{name}.node", f"{what}; {cure}")
+        found |= {frame.name: i + 1 for frame in sent}
+    return found
 
 
 def received_frames(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
@@ -172,8 +202,8 @@ def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...
     Only frames of the rig's nodes count: a DBC file may know more nodes than a rig has.
     """
     known = _frames_of_rig(rig, database)
-    below = frozenset[str]() if rig.config.local is None else frames_to_plant(rig, database)
-    return (frozenset(known - below), *([below] if below else []))
+    second = frames_on_second(rig, database)
+    return (frozenset(known - second), *([second] if second else []))
 
 
 def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
@@ -202,9 +232,9 @@ def check_rate(rig: Rig, pacing: str) -> float:
 
 
 def check_no_drive(rig: Rig, what: str) -> None:
-    """Raise RigError, `what` it is, if the rig's plant is a drive."""
-    if rig.config.plant.drive is not None:
-        raise rig.error("plant.drive", what)
+    """Raise RigError, `what` it is, if one of the rig's plants is a drive."""
+    for role in rig.config.drives:
+        raise rig.error(f"{role}.drive", what)
 
 
 def fd_frames(rig: Rig) -> list[dbc.Frame]:
@@ -220,22 +250,37 @@ def check_classic(rig: Rig, what: str) -> None:
         raise rig.error("dbc", f"{what} has classic frames only; {one.name} is of CAN FD")
 
 
-def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[Part]:
-    """Return what each received frame is to the meeting; `below`: frames on the bus to the plant.
+def peers_of(
+    made_for: Role, rx: Sequence[dbc.Frame], below: Collection[str], senders: Mapping[str, int]
+) -> list[int]:
+    """Return which of the nodes that a node waits for sends each received frame, 1 and up; else 0.
 
-    `leads`: this is the executive, all of whose frames come from below.
+    `below`: frames of a local node's bus to the plant; `senders`: of `senders_below`.
     """
-    lower = [frame for frame in rx if leads or frame.name in below]
-    beats = sorted(filter(is_heartbeat, lower), key=sending_order)
+    if senders:
+        return [senders.get(frame.name, 0) for frame in rx]
+    return [int(made_for != "local" or frame.name in below) for frame in rx]
+
+
+def parts_in_meeting(made_for: Role, rx: Sequence[dbc.Frame], peers: Sequence[int]) -> list[Part]:
+    """Return what each received frame is to the meeting; `peers`: of `peers_of`.
+
+    All frames of the executive come from below, none of a plant's.
+    """
+    below = [0 if made_for in PLANTS else peer for peer in peers]
+    first: dict[int, dbc.Frame] = {}
+    for frame in sorted(filter(is_heartbeat, rx), key=sending_order):
+        first.setdefault(below[rx.index(frame)], frame)
     found = []
-    for frame in rx:
-        if is_heartbeat(frame) and frame not in lower:
+    for frame, peer in zip(rx, below, strict=True):
+        beat = first.get(peer)
+        if is_heartbeat(frame) and peer == 0 and made_for != "executive":
             found.append(Part.FROM_ABOVE)
-        elif not beats or frame not in lower:
+        elif beat is None or peer == 0:
             found.append(Part.NO_PART)
-        elif frame is beats[0]:
+        elif frame is beat:
             found.append(Part.FROM_BELOW)
         else:
-            later = sending_order(frame) > sending_order(beats[0])
+            later = sending_order(frame) > sending_order(beat)
             found.append(Part.AFTER if later else Part.BEFORE)
     return found

@@ -14,6 +14,7 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.law_lookup import Use, law_block
+from pcpc.executive.rig.roles import MORE_PLANTS, Role
 from pcpc.executive.rig.schema import EARLIER, Config
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted_path
 
@@ -27,9 +28,12 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
-    keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
+    keys_of = dict(_leaves(_whole(config), ()))
     keys_of |= {dotted_path(earlier): keys for earlier, keys in EARLIER.items()}
-    blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
+    blocks: dict[str, list[Role]] = {}  # plants may have the same
+    for role, node in config.sections.items():
+        for name in node.blocks:
+            blocks.setdefault(name, []).append(role)
     rest: list[tuple[str, Any, Place]] = []
     for name, value, place in _parsed_settings(document, settings):
         section, _, fault = name.partition(".")
@@ -59,9 +63,11 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
         chosen = document.data["controller"]
         if block == "controller" and chosen not in document.data["controllers"]:
             raise document.error(("controller",), config.no_controller(str(chosen)))
-        own: Keys = (blocks[block], "blocks", block)
-        keys = ("controllers", chosen) if block == "controller" else own
-        document.put((*keys, "parameters", setting), value, place)
+        for role in blocks[block]:
+            own: Keys = (role, "blocks", block)
+            keys = (*(("controllers", chosen) if block == "controller" else own), "parameters")
+            if len(blocks[block]) == 1 or not document.place((*keys, setting)).option:
+                document.put((*keys, setting), value, place)  # else one is given by its path
 
 
 def _parsed_settings(
@@ -98,7 +104,7 @@ def rename_earlier_keys(document: Document) -> None:
 
 def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
     """Return the suggestion for a setting that is none: only what this rig has."""
-    own, whole = list(_block_settings(document, config)), msgspec.to_builtins(config)
+    own, whole = list(_block_settings(document, config)), _whole(config)
     if same := [setting for setting in own if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
     begun = [setting for setting in own if setting.partition(".")[2].startswith(f"{name}_")]
@@ -134,6 +140,12 @@ def _block_settings(document: Document, config: Config) -> Iterator[str]:
                 continue  # wrong itself, which is said once the option is mended
             ports = block.settings
             yield from (f"{name}.{setting}" for port in ports for setting in port.names())
+
+
+def _whole(config: Config) -> dict[str, Any]:
+    """Return all values of a rig, without the plants that it has not."""
+    whole: dict[str, Any] = msgspec.to_builtins(config)
+    return {key: v for key, v in whole.items() if key not in MORE_PLANTS or v is not None}
 
 
 def _value_at(data: Any, keys: Keys) -> Any:

@@ -38,7 +38,7 @@ from pcpc.executive.rig.carried_files import (
     with_local_imports,
 )
 from pcpc.executive.rig.conversion import convert
-from pcpc.executive.rig.inheritance import inherit_controllers
+from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.options import apply_options, rename_earlier_keys
 from pcpc.executive.rig.roles import Role
@@ -131,17 +131,17 @@ class Rig:
         return [(keys, str(effective.value_at(self.document.data, keys))) for keys in found]
 
     def tables(self) -> dict[str, str]:
-        """Return tables of all blocks and the drive's EDS as texts, by the names of `resolved`."""
+        """Return tables of all blocks and the drives' EDS as texts, by the names of `resolved`."""
         found = {
             effective.table_name(role, block, self.config): block.table
             for role, node in self.nodes().items()
             for block in node.blocks
             if block.table
         }
-        drive = self.config.plant.drive
-        if drive is not None and drive.eds is not None:
-            file = self.document.file(("plant", "drive", "eds"), drive.eds)
-            found[effective.EDS] = file.read_bytes().decode("latin-1")
+        for role, drive in self.config.drives.items():
+            if drive.eds is not None:
+                file = self.document.file((role, "drive", "eds"), drive.eds)
+                found[effective.eds_name(role)] = file.read_bytes().decode("latin-1")
         return found
 
     def carried_files(self, reads: Reads) -> list[CarriedFile]:
@@ -197,7 +197,7 @@ def load_rig(
     """
     document = yamlfile.load(path, text)
     checks.check_characters(document)
-    for expand in (rename_earlier_keys, inherit_controllers, fmu.expand_shorthand, expand_segments):
+    for expand in (rename_earlier_keys, inherit_entries, fmu.expand_shorthand, expand_segments):
         expand(document)
     if controller is not None or settings:
         apply_options(document, controller, settings)

@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from pcpc.executive.rig.keyed import Keyed
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
@@ -46,6 +46,6 @@ class Realtime(Keyed):
     late_fraction: Fraction = 0.1
 
     def of_node(self, role: Role) -> Scheduling:
-        """Return the settings of a node."""
-        found: Scheduling = getattr(self, role)
+        """Return the settings of a node; all plants have those of `plant`."""
+        found: Scheduling = getattr(self, "plant" if role in PLANTS else role)
         return found

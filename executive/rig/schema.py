@@ -8,13 +8,23 @@ from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig.bus_keys import Drive, Watchdog
+from pcpc.executive.rig.bus_keys import Bus, Drive, Watchdog
 from pcpc.executive.rig.judged_keys import Duration, Name, Word
 from pcpc.executive.rig.judged_keys import Expected as Expected
 from pcpc.executive.rig.judged_keys import Requirement as Requirement
 from pcpc.executive.rig.keyed import Keyed
+from pcpc.executive.rig.node_keys import (
+    BlockName,
+    Executive,
+    Local,
+    Plant,
+    Section,
+)
+from pcpc.executive.rig.node_keys import Entry as Entry
+from pcpc.executive.rig.node_keys import Limit as Limit
+from pcpc.executive.rig.node_keys import Plausible as Plausible
 from pcpc.executive.rig.roles import ROLES, Role
-from pcpc.executive.rig.scheduling import Fraction, Realtime
+from pcpc.executive.rig.scheduling import Realtime
 from pcpc.executive.rig.yamlfile import Keys
 
 EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and today's
@@ -27,40 +37,8 @@ EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and
     for key in keys
 }
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
-BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
 PerSecond = Annotated[float, Meta(ge=0, le=1e9)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
-
-
-class Bus(Keyed):
-    """A bus as python-can names it; without `bitrate` its load is not checked.
-
-    `emulate`: a line of this bit rate, see `drivers.can.line`, with `queue` places in each node.
-    """
-
-    interface: Word = "auto"
-    channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
-    bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
-    data_bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
-    emulate: BitRate | Annotated[int, Meta(ge=1000, le=10**6)] | None = None
-    queue: Annotated[int, Meta(ge=1, le=256)] = 64
-    bit_error_rate: Fraction = 0.0
-    error_burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
-
-    @property
-    def bits_per_s(self) -> int | None:
-        """The rate that its frames meet: the emulated one, else `bitrate`."""
-        if not isinstance(self.emulate, str):
-            return self.emulate or self.bitrate
-        number = self.emulate.removesuffix("bit/s").strip()
-        scale = {"k": 1e3, "M": 1e6}.get(number[-1], 1.0)
-        return round(scale * float(number.rstrip("kM ")))
-
-    @property
-    def data_bit(self) -> float:
-        """How many nominal bits one of the data phase lasts; without a rate at 1 Mbit/s."""
-        return (self.bits_per_s or 1e6) / self.data_bitrate if self.data_bitrate else 1.0
 
 
 class Supervisor(Keyed):
@@ -148,97 +126,6 @@ class Law(Keyed):
     parameters: dict[str, float] = {}
     inputs: dict[str, str] = {}
     transmit: dict[str, str] = {}
-
-
-class Entry(Keyed):
-    """A block of a node; only the executive's `controller` has no law here.
-
-    With `law: table` a `file` of numbers over time, or a log and its `signal`; see `rig.tables`.
-    """
-
-    law: str | None = None
-    unit: Word | None = None  # of a reference of any unit, see `rig.wired_units`
-    file: str | None = None
-    signal: str | list[str] | None = None
-    interpolation: Literal["linear", "hold"] | None = None
-    repeat: bool = False
-    parameters: dict[str, float] = {}
-    inputs: dict[str, str] = {}
-
-
-class Limit(Keyed):
-    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit.
-
-    `safe`: where FAULT and the end of the run take it; null for what the receiver's `safe` says,
-    else 0, and for the nearest value within the bounds.
-    """
-
-    low: float = float("-inf")
-    high: float = float("inf")
-    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
-    safe: float | None = None
-
-
-class Plausible(Keyed):
-    """What a received signal may be, in its unit; a value beyond it is not taken.
-
-    `rate_per_s`, `still_cycles` null: not judged. `fault_after` such values in a row are a fault,
-    null: as many as `supervisor.fault_after_cycles`.
-    """
-
-    low: float = float("-inf")
-    high: float = float("inf")
-    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
-    still_cycles: Annotated[int, Meta(ge=1, le=10**9)] | None = None
-    fault_after: Annotated[int, Meta(ge=1, le=10**9)] | None = None
-
-
-class Executive(Keyed):
-    """The controller node; the order of `blocks` is the schedule."""
-
-    node: str
-    blocks: dict[BlockName, Entry]
-    transmit: dict[str, str] = {}
-    limits: dict[str, Limit] = {}
-    plausible: dict[str, Plausible] = {}
-
-
-class Plant(Keyed):
-    """The plant node; `safe` are the values that its watchdog substitutes.
-
-    `limits`: what it sends may be bounded too, and is then safe in its FAULT. `fmu`: see `rig.fmu`.
-    `drive`: the plant is a drive.
-    """
-
-    carried_out: ClassVar[tuple[str, ...]] = ("fmu", "inputs", "parameters")
-
-    node: str
-    blocks: dict[BlockName, Entry]
-    parameters_file: str | None = None
-    transmit: dict[str, str] = {}
-    limits: dict[str, Limit] = {}
-    plausible: dict[str, Plausible] = {}
-    safe: dict[str, float] = {}
-    drive: Drive | None = None
-
-
-class Local(Keyed):
-    """The node between executive and plant; `bus` is the one towards the plant.
-
-    `bus` null: beside the executive's, vcan1 to vcan0, the next port of udp_multicast. `safe` are
-    the values that its watchdog substitutes for what it receives.
-    """
-
-    node: str
-    blocks: dict[BlockName, Entry]
-    bus: Bus | None = None
-    transmit: dict[str, str] = {}
-    limits: dict[str, Limit] = {}
-    plausible: dict[str, Plausible] = {}
-    safe: dict[str, float] = {}
-
-
-Section = Executive | Local | Plant
 
 
 class Loss(Keyed):
@@ -348,6 +235,22 @@ class Config(Keyed):
     executive: Executive
     plant: Plant
     local: Local | None = None
+    # beside `plant`, each with an entry of its own or `like: plant`, see `inheritance`
+    plant_2: Plant | None = None
+    plant_3: Plant | None = None
+    plant_4: Plant | None = None
+    plant_5: Plant | None = None
+    plant_6: Plant | None = None
+    plant_7: Plant | None = None
+    plant_8: Plant | None = None
+    plant_9: Plant | None = None
+    plant_10: Plant | None = None
+    plant_11: Plant | None = None
+    plant_12: Plant | None = None
+    plant_13: Plant | None = None
+    plant_14: Plant | None = None
+    plant_15: Plant | None = None
+    plant_16: Plant | None = None
     losses: dict[str, Loss] = {}
     faults: dict[BlockName, Fault] = {}
     evaluation: dict[str, Any] | None = None
@@ -363,6 +266,25 @@ class Config(Keyed):
         """The nodes that this rig has, by role."""
         nodes = {role: getattr(self, role) for role in ROLES}
         return {role: node for role, node in nodes.items() if node is not None}
+
+    @property
+    def plants(self) -> dict[Role, Plant]:
+        """The nodes of the plant side, by role."""
+        return {role: node for role, node in self.sections.items() if isinstance(node, Plant)}
+
+    @property
+    def below(self) -> tuple[Role, ...]:
+        """The nodes right below the executive: a local node, or all plants."""
+        return tuple(self.plants) if self.local is None else ("local",)
+
+    @property
+    def drives(self) -> dict[Role, Drive]:
+        """The drives among them."""
+        return {role: one.drive for role, one in self.plants.items() if one.drive is not None}
+
+    def key_of(self, drive: Drive) -> str:
+        """Return the path of a drive's entry."""
+        return next(f"{role}.drive" for role, one in self.drives.items() if one is drive)
 
     @property
     def period_ns(self) -> int:

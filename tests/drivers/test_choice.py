@@ -41,7 +41,7 @@ def rig(name: str = "rig") -> str:
 
 
 def auto(name: str, *roles: str, two: bool = False) -> Choice:
-    return choice.take_bus(Wanted("auto", None, name, roles, two))
+    return choice.take_bus(Wanted("auto", None, name, roles, 1 + two))
 
 
 def port(one: Choice) -> int:

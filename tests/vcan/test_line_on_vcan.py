@@ -76,7 +76,7 @@ def test_a_gateway_carries_between_vcan0_and_vcan1_both_ways() -> None:
             assert found == sorted((m.arbitration_id, bytes(m.data)) for m in messages)
     gateway.stop()
     thread.join()
-    for end in (gateway.n.a, gateway.n.b):
+    for end in (gateway.n.side[0], gateway.n.side[1]):
         os.close(end.fd_rx)  # other tests wait for the first who hears all of vcan0
     assert gateway.n.line.sent.tolist()[:2] == [60, 60]
     assert gateway.n.line.busy == 2 * sum(map(bits_of, messages))
@@ -99,6 +99,6 @@ def test_a_sender_that_goes_bus_off_on_the_line_hears_so_from_its_own_channel() 
         finally:
             gateway.stop()
             thread.join()
-            for end in (gateway.n.a, gateway.n.b):
+            for end in (gateway.n.side[0], gateway.n.side[1]):
                 os.close(end.fd_rx)
     assert told == [0x004, 0x004, 0x040], "warning, error passive, bus off"

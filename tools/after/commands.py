@@ -8,7 +8,7 @@ from pcpc.tools.terminal.command import Add, Command, codes
 def replay(add: Add) -> None:
     """Take a log, and what is changed."""
     take.log(add)
-    add("--node", choices=(*ROLES, "device", "all"), default="all",
+    add("--node", metavar="NODE", choices=(*ROLES, "device", "all"), default="all",
         help="node to recompute; device: its frames, by the rig's law; default: all")  # fmt: skip
     take.moment(add, "show this cycle only, as `pcpc step` does")
     add("--from", dest="since", type=float, metavar="S",

@@ -16,6 +16,7 @@ from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.after.record import Figure, Run, UnknownName
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG
@@ -243,7 +244,7 @@ class Live:
             having = [one for one, node in self._nodes.items() if name in node.variables]
             own = self._leader in having or not having
             role, variable = self._leader if own else having[0], name
-        if role not in self._nodes and role not in ("executive", "plant", "local"):
+        if role not in self._nodes and role not in ROLES:
             raise UnknownName(f"{name}: no node {role}; known: {', '.join(self._nodes)}")
         node = self._node(role)
         if variable not in node.variables:
@@ -319,7 +320,7 @@ def running(
     """
     place, words = find(str(rig)), settings(set, seed, standby)
     roles: tuple[str, ...] = load_rig(place, controller, words, resolve=False).roles
-    roles = roles if device is None else ("plant",)
+    roles = roles if device is None else tuple(role for role in roles if role != "executive")
     keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
     target = Path(keep.name) / "run" if keep is not None else Path(str(folder))
     name = "run" if device is None else "plant"

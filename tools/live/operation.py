@@ -11,6 +11,7 @@ from pcpc.executive.loop.states import State
 from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
@@ -68,8 +69,7 @@ def _reset(options: argparse.Namespace) -> dict[str, int]:
 def nodes_in_fault(nodes: Iterable[Live]) -> list[Live]:
     """Return those in FAULT in the order in which they are reset, the lowest first."""
     found = [node for node in nodes if node["supervisor.state"] == State.FAULT]
-    order = ("plant", "local", "executive")
-    return sorted(found, key=lambda node: order.index(node.block.description["node"]))
+    return sorted(found, key=lambda node: -ROLES.index(node.block.description["node"]))
 
 
 def _reset_one(node: Live) -> int:

@@ -50,9 +50,9 @@ def command(options: argparse.Namespace) -> int:
     late = traffic.warning(rig, rig.config.pacing)
     report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
     report["warnings"] += _try_drawing(rig)
-    if rig.config.plant.drive is not None:
-        where = rig.where("plant.drive")
-        if left_out := taken_from_eds(rig).left_out:
+    for role in rig.config.drives:
+        where = rig.where(f"{role}.drive")
+        if left_out := taken_from_eds(rig, role).left_out:
             what = ", ".join(left_out[:20]) + (", ..." if len(left_out) > 20 else "")
             report["warnings"].append(f"{where}: of its EDS the drive does not have {what}")
         report["warnings"].append(f"{where}: the bus load is without the frames of the drive")

@@ -31,6 +31,7 @@ class _Refused(argparse.Action):
 def plant(add: Add) -> None:
     """Take what `run` takes, and what other rooms offer."""
     take.run(add)
+    add("--node", metavar="NAME", help="only this one of a rig's plants, as plant_2")
     for more in offers("BESIDE_PLANT"):
         more(add)
 

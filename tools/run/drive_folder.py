@@ -13,6 +13,7 @@ from pcpc.executive.nodes.planned_drive import CIA402, dictionary_of, is_lone_dr
 from pcpc.executive.nodes.planned_robot import settings_of
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.masters import told
 from pcpc.tools.start.folder import LOG, run_folder
 
@@ -21,27 +22,32 @@ EDS, SETTINGS = "drive.eds", "drive-settings.json"
 
 @contextmanager
 def folder_of_drive(
-    options: argparse.Namespace, rig: Rig, roles: Sequence[str]
+    options: argparse.Namespace, rig: Rig, roles: Sequence[Role]
 ) -> Iterator[Path | None]:
-    """Make the folder with the EDS in it, if these nodes are a drive; else yield None. RigError."""
-    drive = rig.config.plant.drive
-    if drive is None or not is_lone_drive(rig, roles):
+    """Make the folder with their EDS, if these nodes are drives; else yield None. RigError.
+
+    The file of plant_2 has that name before its own.
+    """
+    if not is_lone_drive(rig, roles):
         yield None
         return
-    name, text = EDS, ""
-    if drive.profile == CIA402:
-        text = eds.text(dictionary_of(rig))
-    else:
-        name, text = SETTINGS, settings_text(rig, drive)
+    texts = {}
+    for role in roles:
+        drive, own = rig.config.drives[role], "" if role == "plant" else f"{role}-"
+        if drive.profile == CIA402:
+            texts[own + EDS] = eds.text(dictionary_of(rig, role))
+        else:
+            texts[own + SETTINGS] = settings_text(rig, drive)
     with run_folder(options.output, rig) as folder:
-        file = folder / name
-        file.write_text(text, encoding="ascii")
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="ascii")
         try:
             yield folder
         finally:
             log = folder / LOG
             if not log.is_file() or not log.stat().st_size:  # nothing ran
-                file.unlink()
+                for name in texts:
+                    (folder / name).unlink()
 
 
 def settings_text(rig: Rig, drive: Drive) -> str:

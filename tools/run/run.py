@@ -18,7 +18,7 @@ from typing import Any
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import RigError
+from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.log import long_logs, recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
@@ -43,6 +43,7 @@ from pcpc.tools.terminal.rooms import need_room, part_of
 REFUSALS = Exit.WRONG_INPUT, Exit.ENVIRONMENT
 _POLL_S = 0.02
 _END_S, _SHORT_END_S = 3.0, 0.5  # the other node notices the end of the run, and its death
+_DRIVE_END_S = 0.05  # it takes the executive's last word
 _ASKED_S, _UNBORN_S = 15.0, 0.5  # from asking a node to end to its death; without a cycle
 _DRAIN_S = 60.0
 
@@ -115,7 +116,7 @@ class Host:
         return refused[0].code if refused else -1
 
     def _words(self, role: Role) -> list[str]:
-        alone = ["--alone"] * (len(self.roles) == 1)
+        alone = ["--alone"] * (len(self.roles) < len(self.rig.roles))
         return [role, *_child_arguments(self.options, str(self.bus)), *alone]
 
     def _node(self, role: Role) -> Child:
@@ -266,7 +267,12 @@ class Host:
         if unborn or any(code in REFUSALS for code in codes):
             patience = 0.0
         asked_s = _UNBORN_S if unborn else _ASKED_S
+        drives = [child for child in nodes if child.name in self.rig.config.drives]
         for child in nodes:  # the executive first: the plant still takes its last command
+            if drives and child is drives[0] and child is not nodes[0]:  # they end for nobody
+                time.sleep(_DRIVE_END_S)
+                for one in drives:
+                    one.ask()
             self._await_end(child, patience, asked_s)
         if not unborn and not any(child.ended and child.code in REFUSALS for child in nodes):
             self._start_recorder()  # a run may be shorter than our look at it
@@ -340,7 +346,7 @@ def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
 
 def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
-    options, said = pace.settle(options, rig, alone=len(roles) == 1)
+    options, said = pace.settle(options, rig, alone=len(roles) < len(rig.roles))
     if said:
         print(said, file=sys.stderr)
     if "executive" not in roles:
@@ -378,7 +384,8 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
             code = host.run()
     if folder is not None:
         host.progress.say(f"log      {folder / LOG}")
-    for line in (*host.outcome.faults, *(wrong := of_the_master(host.nodes.get("plant")))):
+    wrong = [one for role in roles for one in of_the_master(host.nodes.get(role))]
+    for line in (*host.outcome.faults, *wrong):
         print(line, file=sys.stderr)
     if host.outcome.interrupted:
         return Exit.INTERRUPTED
@@ -397,4 +404,17 @@ def command(options: argparse.Namespace) -> int:
     role = alone.get(options.command)
     if role == "local" and rig.config.local is None:
         raise RigError(f"{options.rig}: has no local node; use exec and plant")
+    if role == "plant":
+        return on_bus(options, rig, _plants(options, rig))
     return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
+
+
+def _plants(options: argparse.Namespace, rig: Rig) -> tuple[Role, ...]:
+    """Return the plants to start: all, or that of --node; RigError."""
+    every = tuple(rig.config.plants)
+    if options.node is None:
+        return every
+    if options.node not in every:
+        what = f"--node {options.node}: no such plant{did_you_mean(options.node, every)}"
+        raise RigError(f"{options.rig}: {what}")
+    return (options.node,)

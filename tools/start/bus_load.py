@@ -21,7 +21,8 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.loop.ring_layout import OfFrame
-from pcpc.executive.rig import schema, yamlfile
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.bus_keys import Bus
 
 Kinds = Counter[tuple[int, int, int]]  # frames by id word, length and `Flag`
 _ID, _LENGTH, _RECEIVED, _STATE, _FLAGS = 0xFFFFFFFF, 32, 40, 48, 56  # in a word of a frame
@@ -45,7 +46,7 @@ class Counted:
 
 
 def bits(kinds: Kinds, data_bit: float) -> float:
-    """Return the most nominal bits that frames last; `data_bit` of `executive.rig.schema.Bus`."""
+    """Return the most nominal bits that frames last; `data_bit` of `executive.rig.Bus`."""
     total = 0.0
     for (number, length, flags), count in kinds.items():
         nominal, data = frame_bits(length, bool(number & can_id.EXTENDED), flags)
@@ -58,7 +59,7 @@ def on_buses(seen: Mapping[str, Kinds], data_bit: float) -> list[float]:
 
     A local node is on both buses and has seen what went over either.
     """
-    ends = [seen[role] for role in ("executive", "plant") if role in seen]
+    ends = [kinds for role, kinds in seen.items() if role != "local"]
     if "local" in seen:
         return [bits(end, data_bit) for end in ends or [seen["local"]]]
     most = Kinds()
@@ -82,7 +83,7 @@ def spacing(rows: NDArray[np.int64]) -> dict[tuple[int, bool], tuple[float, floa
     return found
 
 
-def bus_of(about: Mapping[str, Any]) -> schema.Bus:
+def bus_of(about: Mapping[str, Any]) -> Bus:
     """Return the bus of the rig of a node's description."""
     data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data["bus"]
-    return msgspec.convert(data, schema.Bus)
+    return msgspec.convert(data, Bus)

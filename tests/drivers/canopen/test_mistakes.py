@@ -55,6 +55,9 @@ CASES: list[tuple[Callable[[Bench], object], dict[Mistake, int]]] = [
     (lambda b: b.send(RPDO, b"\x06\x00"), {Mistake.PDO_EARLY: 1}),
     (lambda b: rounds(with_sync(b), [1, 1, 0, 1, 2, 1]),
      {Mistake.PDO_MISSING: 1, Mistake.PDO_TWICE: 1}),
+    (lambda b: rounds(with_sync(b), [1, 0, 2, 1, 2, 0, 0, 2, 1]), {}),  # a SYNC overtook it
+    (lambda b: rounds(with_sync(b), [1, 0, 0, 2, 1]), {Mistake.PDO_MISSING: 1}),
+    (lambda b: rounds(with_sync(b), [1, 3, 1]), {Mistake.PDO_TWICE: 1}),
     (lambda b: rounds(with_sync(b, 255), [1, 0, 2]), {}),
     (lambda b: rounds(with_sync(b), [0, 0, 1, 1]), {}),
     (lambda b: periods(b, [10, 11, 14, 6, 10]), {}),

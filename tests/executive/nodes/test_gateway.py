@@ -41,7 +41,7 @@ def make() -> Iterator[Make]:
         sides = [first, buses.neighbour_of(first)]
         gateway = Gateway(room, bitrate=bitrate, **options)
         gateway.open(sides)
-        opened.extend([gateway.n.a, gateway.n.b, *map(an_end, sides)])
+        opened.extend([gateway.n.side[0], gateway.n.side[1], *map(an_end, sides)])
         return gateway, *opened[-2:]
 
     yield made
@@ -82,7 +82,7 @@ def test_frames_go_to_the_other_side_by_priority_once_their_bits_have_passed(mak
     assert there(b) == there(a) == [], "47 bits and more are still to pass"
     one_pass(gateway, S)
     assert (there(a), there(b)) == ([0x200], [0x100, 0x300])
-    assert gateway.n.line.sent.tolist() == [2, 1, 0, 0]
+    assert gateway.n.line.sent[:3].tolist() == [2, 1, 0]
 
 
 def test_fd_frames_cross_a_line_of_two_bit_rates_and_no_other(make: Make) -> None:
@@ -98,7 +98,7 @@ def test_fd_frames_cross_a_line_of_two_bit_rates_and_no_other(make: Make) -> Non
         assert there(b) == [], "its data phase takes more than 0.1 s"
         one_pass(gateway, S // 5)
         assert there(b) == ([7] if rates else [])
-        assert gateway.n.foreign.tolist() == ([0, 0] if rates else [1, 0])
+        assert gateway.n.foreign[:2].tolist() == ([0, 0] if rates else [1, 0])
         if rates:
             assert b.rx.tobytes() == a.tx.tobytes()
 

@@ -7,7 +7,7 @@ import pytest
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.inheritance import inherit_controllers
+from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.reading import load_rig
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -24,7 +24,7 @@ def resolved(folder: Path, text: str = RIG) -> yamlfile.Document:
     file = folder / "rig.yaml"
     file.write_text(text)
     document = yamlfile.load(file)
-    inherit_controllers(document)
+    inherit_entries(document)
     return document
 
 

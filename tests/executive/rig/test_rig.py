@@ -44,7 +44,7 @@ def test_each_node_has_real_time_settings_which_earlier_rigs_put_elsewhere(write
     found.append(load_rig(write(), None, (*options, "realtime.plant_phase=0.4")).config)
     realtime = found[0].realtime
     assert all(one.realtime == realtime for one in found), [one.realtime for one in found]
-    control, local, plant = (realtime.of_node(role) for role in ROLES)
+    control, local, plant = (realtime.of_node(role) for role in ROLES[:3])
     assert (control.priority, control.phase, control.cpu) == (60, 0.0, 2)
     assert (local.priority, local.phase, local.cpu) == (75, 0.25, None), "it has a cpu of its own"
     assert (plant.priority, plant.phase, plant.cpu) == (70, 0.4, None)

@@ -8,6 +8,7 @@ import msgspec
 from msgspec import inspect
 
 from pcpc.executive.rig import schema
+from pcpc.executive.rig.roles import ROLES
 
 ROOT = Path(__file__).resolve().parents[3]
 ROW = re.compile(r"^\| (`[^|]+`) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
@@ -23,6 +24,8 @@ def rows(
     """
     told = {} if told is None else told
     for field in inspect.type_info(kind).fields:
+        if field.encode_name in ROLES[4:]:  # as the one before
+            continue
         key, found = f"{above}{field.encode_name}", field.type
         below = struct_in(found)
         if below and (brief := in_brief(found)):  # what may stand in place of the keys below
@@ -78,7 +81,7 @@ def values(kind: inspect.Type) -> str:
     if isinstance(kind, inspect.UnionType):
         return " or ".join(dict.fromkeys(map(values, kind.types)))
     if isinstance(kind, inspect.LiteralType):
-        return ", ".join(f"`{value}`" for value in kind.values)
+        return ", ".join(f"`{value}`" for value in kind.values if value not in ROLES[4:-1])
     if isinstance(kind, inspect.DictType):
         return f"by name: {values(kind.value_type)}"
     if isinstance(kind, inspect.ListType):

@@ -170,16 +170,17 @@ class Branch(VirtualRun):
 
 
 def hand_on(nodes: Sequence[Any]) -> None:
-    """Put what the node below the executive sent last into the inboxes of its neighbours.
+    """Put what the nodes below the executive sent last into the inboxes of their neighbours.
 
     All else was taken in the same cycle: each node works before the one above it.
     """
-    end = nodes[1].wire
-    downwards = set(end.second[: end.n_second].tolist())
-    for frame in end.outbox[: end.outbox_put]:
-        into = nodes[2 * (int(frame[:4].view(np.uint32)[0]) in downwards)].wire
-        into.inbox[into.inbox_put % QUEUE_FRAMES] = frame
-        into.inbox_put += 1
+    for node in nodes[1 : 1 + int(nodes[0].meeting.peers)]:
+        end = node.wire
+        downwards = set(end.second[: end.n_second].tolist())
+        for frame in end.outbox[: end.outbox_put]:
+            into = nodes[2 * (int(frame[:4].view(np.uint32)[0]) in downwards)].wire
+            into.inbox[into.inbox_put % QUEUE_FRAMES] = frame
+            into.inbox_put += 1
     for node in nodes:
         node.wire.outbox_put = 0
 
@@ -233,7 +234,8 @@ def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
         if (frames[roles[0]]["cycle"][-1:] > cycle + 2).any():
             break
     found: dict[str, int] = {}
-    for above, role in pairwise(roles):
+    chain = pairwise(roles) if "local" in roles else ((roles[0], role) for role in roles[1:])
+    for above, role in chain:
         here = found.get(above, cycle)
         taken = frames[above][(frames[above]["direction"] == 1) & (frames[above]["cycle"] == here)]
         sent = frames[role][frames[role]["direction"] == 0]

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.inheritance import inherit_controllers
+from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 _RIG = re.compile(r"^rig:\s*['\"]?([\w.-]+)", re.MULTILINE)
@@ -81,7 +81,7 @@ class Tree:
         document = yamlfile.load(self.root / path)
         if not any(isinstance(document.data.get(key), dict) for key in _SECTIONS):
             return None
-        inherit_controllers(document)
+        inherit_entries(document)
         return Rig(str(document.data.get("rig")), document)
 
     def digest(self, rig: Rig, controller: str, loose: Sequence[str]) -> str:

@@ -1,8 +1,8 @@
 """The frames of a log in the order of the bus, each once, and the choice of those to play.
 
-Both nodes of a run record what they send and what they receive, so most frames stand in a log
-twice. A frame counts at the stamp of its sender; what only a receiver has (the sender's record is
-lost, the sender was no node of the run) counts at the receiver's stamp.
+All nodes of a run record what they send and what they receive, so most frames stand in a log
+twice or more. A frame counts at the stamp of its sender; what only a receiver has (the sender's
+record is lost, the sender was no node of the run) counts at the receiver's stamp.
 
     a received record is a copy of the first sent one with the same id, length and data that is not
     used yet and not later than SLACK_NS behind it
@@ -23,9 +23,10 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.roles import PLANTS
 
-SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
 PEER = {"executive": "plant", "plant": "executive"}
+SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
 _COLUMNS = [("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1")]
 
 
@@ -87,10 +88,10 @@ def bus_frames(log: logs.Log) -> Frames:
     if not nodes:
         lost = f" ({'; '.join(log.missing)})" if log.missing else ""
         raise PlayError(f"{log.path}: holds no frames{lost}; play another log")
-    senders = tuple(dict.fromkeys([*nodes, *(PEER.get(name, "the bus") for name in nodes)]))
+    senders = tuple(dict.fromkeys([*nodes, *map(_peer_of, nodes)]))
     rows = _rows(log, nodes[0], senders)
-    if len(nodes) > 1:
-        rows = _merged(rows, _rows(log, nodes[1], senders))
+    for node in nodes[1:2] if "local" in nodes else nodes[1:]:  # those who share its bus
+        rows = _merged(rows, _rows(log, node, senders), senders.index(node))
     rows = rows[np.lexsort((rows["place"], rows["stamp_ns"]))]
     flags = rows["frame"][:, 3] & ((can_id.REMOTE | can_id.ERROR) >> 24)
     data = rows[flags == 0]
@@ -114,19 +115,29 @@ def _rows(log: logs.Log, node: str, senders: Sequence[str]) -> NDArray[np.void]:
     rows = np.zeros(len(frames), [*_COLUMNS, ("frame", "u1", raw.shape[1:])])
     rows["stamp_ns"], rows["cycle"] = frames["stamp_ns"], frames["cycle"]
     rows["place"] = np.arange(len(frames))
-    peer = senders.index(PEER.get(node, "the bus"))
+    peer = senders.index(_peer_of(node))
     rows["sender"] = np.where(frames["direction"] == 0, senders.index(node), peer)
     rows["frame"] = raw
     return rows
 
 
-def _merged(own: NDArray[np.void], other: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the frames of two nodes, each once; `own` (sender 0) gives place and cycle."""
-    own_sent, other_sent = own[own["sender"] == 0], other[other["sender"] == 1]
-    received, other_received = own[own["sender"] == 1], other[other["sender"] == 0]
+def _peer_of(node: str) -> str:
+    """Return from whom a node has what it received, unless the sender's own record tells more."""
+    return "executive" if node in PLANTS else PEER.get(node, "the bus")
+
+
+def _merged(own: NDArray[np.void], other: NDArray[np.void], number: int) -> NDArray[np.void]:
+    """Return the frames of two records, each once; `own` (sender 0) gives place and cycle.
+
+    `number`: of the sender of `other`.
+    """
+    sent = other["sender"] == number
+    own_sent, other_sent = own[own["sender"] == 0], other[sent]
+    received, other_received = own[own["sender"] != 0], other[~sent]
     source = copies(other_sent, received)
     known = source >= 0
     received["stamp_ns"][known] = other_sent["stamp_ns"][source[known]]
+    received["sender"][known] = number
     unheard = np.ones(len(other_sent), bool)
     unheard[source[known]] = False
     unrecorded = copies(own_sent, other_received) < 0

@@ -11,7 +11,13 @@ def step(add: Add) -> None:
     take.moment(add, "cycle to show")
     add("--show", action="append", default=[], metavar="NAME",
         help="only this variable; * is any text; default: all but parameters")  # fmt: skip
-    add("--node", choices=(*ROLES, "all"), default="all", help="only this node; default: all")
+    add(
+        "--node",
+        metavar="NODE",
+        choices=(*ROLES, "all"),
+        default="all",
+        help="only this node; default: all",
+    )
     take.code_of_laws(add)
     take.json(add)
     take.quiet(add)

@@ -19,7 +19,13 @@ def verify(add: Add) -> None:
     add("--signers", metavar="FILE", help="check its signature: allowed signers of ssh-keygen")
     add("--identity", metavar="WHO", help="who must have signed it")
     add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
-    add("--node", choices=(*ROLES, "all"), default="all", help="only this node; default: all")
+    add(
+        "--node",
+        metavar="NODE",
+        choices=(*ROLES, "all"),
+        default="all",
+        help="only this node; default: all",
+    )
     add(
         "--jobs",
         type=take.positive,

@@ -71,7 +71,7 @@ def reception(_m, n, about, frames, told, kept):
             n.faults.acted[a[3]] = n.passes + 1
         if a[7] != 0:
             n.guard.faulted = a[8]
-        n.wire.n_second = a[9]
+        n.meeting.between = a[9]
         for i in range(16):
             n.wire.rx[i] = frames[s, 0, i]
             n.faults.another[i] = frames[s, 1, i]

@@ -13,7 +13,7 @@ from pcpc.drivers.can import can_id
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.loop.ring_layout import OfFrame, frame_words
 from pcpc.executive.nodes.live import Live
-from pcpc.executive.rig.schema import Bus
+from pcpc.executive.rig.bus_keys import Bus
 from pcpc.tools.start import bus_load
 
 LOOK_S = 1.0  # over which a load is measured

@@ -6,7 +6,7 @@ Text loses what a terminal would obey. What a node says about itself has the for
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.loop.states import STATE_NAMES
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.terminal import screen
 
 Word = Annotated[str, Meta(max_length=1000)]
@@ -42,7 +43,7 @@ class _Metadata(Struct):
 class _Node(Struct):
     name: Word
     rig: Word
-    node: Literal["executive", "local", "plant"]
+    node: Role
     period_ns: Annotated[int, Meta(ge=1, le=10**12)]
     cycles: Annotated[int, Meta(ge=0, le=2**62)]
     watch: Word | None

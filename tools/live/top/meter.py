@@ -19,6 +19,7 @@ from pcpc.executive.loop import faults
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.executive.nodes.tap import Tap, columns_of
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.start import bus_load
 
 _ERROR = re.compile(r"\.(e|err|error)(_|$|\d)")
@@ -91,7 +92,7 @@ class Meter:
         self.bitrate, self._data_bit = bus.bits_per_s, bus.data_bit
         self.nodes = [NodeMeter(live) for live in nodes.values()]
         self._last_s, self.over_s = time.monotonic(), 0.0
-        self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
+        self.nodes.sort(key=lambda one: ROLES.index(one.role))
         self.leader = self.nodes[0]
         self.alarm_lines: deque[str] = deque(maxlen=_ALARMS)
 

@@ -146,6 +146,6 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, options.controller, options.set)
     check_classic(rig, "the watchdog")
     check_no_drive(rig, "the watchdog does not know the frames of a drive")
-    wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), two=False)
+    wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), count=1)
     held = choice.take_bus(wanted)
     return serve(rig, held.bus, options.pacing or rig.config.pacing, options.feed)

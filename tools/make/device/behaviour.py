@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.make.device.below import Below
 from pcpc.tools.make.device.witness import Counts, share
 
 AWAY = 3  # cycles: a gap of the counter up to which a frame still counts, see e2e_states
@@ -65,13 +65,14 @@ class Behaviour:
 
 
 def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> Behaviour:
-    """Return what the device did in the run of a plant; BusError if the DBC file is not there.
+    """Return what the device did in the run of what is below it; BusError without the DBC file.
 
     `counts`: what a witness of the bus has told.
     """
-    plant, found = log.node["plant"], Behaviour()
-    came = plant.frames[plant.frames["direction"] == 1]
-    for frame in dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx"):
+    found, below = Behaviour(), Below(rig)
+    heard = below.record(log)
+    came = heard.frames[heard.frames["direction"] == 1]
+    for role, frame in below.heard:
         own = came[came["id"] == frame.word]
         if frame.on_event and not len(own):
             continue
@@ -89,8 +90,8 @@ def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> 
         if frame.has_sequence:
             found.problems += _rate(found, rig, own, pacing)
         elif messages.is_awaited(frame):
-            found.problems += _lateness(found, rig, frame.name, own, plant.cycle, pacing)
-            _reaction(found, own, plant.frames, pacing)
+            found.problems += _lateness(found, rig, frame.name, own, log.node[role].cycle, pacing)
+            _reaction(found, own, heard.frames, pacing)
     found.problems += _restarts(rig, came)
     for name, of in (counts or {}).items():
         if of.total() >= FEWEST:

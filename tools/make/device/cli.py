@@ -58,7 +58,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     summary.controller, summary.ids = "device", rig.config.limit_ids() or summary.ids
     summary.device = {"command": options.device, **found.json()}
     for key in _CYCLES:
-        setattr(summary, key, outcome.health.get("plant", {}).get(key, 0))
+        setattr(summary, key, outcome.health.get(host.leader, {}).get(key, 0))
     summary.not_judged |= left
     own, summary.expectations_failed = summary.expectations_failed, []
     summary.note_failed(found.problems)

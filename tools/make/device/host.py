@@ -42,8 +42,6 @@ OUTPUT = "device.txt"  # in the run's folder: what it wrote
 
 def check(rig: Rig) -> None:
     """Raise RigError for a rig in which no device can be the executive."""
-    if rig.config.local is not None:
-        raise rig.error("local", "a device takes the executive's place in rigs with two nodes only")
     if rig.config.bus.emulate is not None:
         what = "a device is on no emulated line; --set bus.emulate=null"
         raise rig.error("bus.emulate", what)
@@ -135,13 +133,14 @@ class _WaitingForDevice(PeerWait):
     def too_long(self, blocks: Any, under_way: bool) -> bool:
         """Return whether the node has waited for too long, or waits for nobody any more."""
         if self.device.process is None and self.device.words:
-            if "plant" in blocks and blocks["plant"].control.ready:
+            if all(role in blocks and blocks[role].control.ready for role in self.rig.config.below):
                 self.device.start()
             return False
         if self.device.ended:
             return True
-        if "plant" in blocks and not under_way:
-            rows, first = rows_of(blocks["plant"], "frame", self._looked_at)
+        lead = self.rig.config.below[0]
+        if lead in blocks and not under_way:
+            rows, first = rows_of(blocks[lead], "frame", self._looked_at)
             self._looked_at = first + len(rows)
             for name, wrong in heard_frames(self.rig, rows):
                 self._heard.setdefault(name, set()).update(wrong)
@@ -178,15 +177,16 @@ def heard_frames(rig: Rig, rows: NDArray[np.int64]) -> Iterator[tuple[str, list[
 
 
 class DeviceHost(Host):
-    """One run of a rig's plant with a device, from start to what the log holds."""
+    """One run of all nodes but the executive with a device, from start to what the log holds."""
 
     def __init__(self, options: argparse.Namespace, rig: Rig, folder: Path) -> None:
         for program in options.device[:1]:
             if shutil.which(program) is None:
                 raise UserError(f"--device {program}: no such program, or it is not executable")
-        super().__init__(options, rig, ("plant",), folder)
+        below = tuple(role for role in rig.roles if role != "executive")
+        super().__init__(options, rig, below, folder)
         self.device = Device(options.device, str(self.bus), folder / OUTPUT)
-        self.waiting = self.of_device = _WaitingForDevice(rig, ("plant",))
+        self.waiting = self.of_device = _WaitingForDevice(rig, below)
         self.of_device.device = self.device
         self.counts: witness.Counts = {}
 
@@ -208,7 +208,7 @@ class DeviceHost(Host):
 
     def _words(self, role: Any) -> list[str]:
         words = [word for word in super()._words(role) if word != "--alone"]
-        return [*words, "--device"]
+        return [*words, *["--device"] * (role in self.rig.config.below)]
 
     def _greet(self) -> None:
         super()._greet()
@@ -216,16 +216,17 @@ class DeviceHost(Host):
             self.progress.say(f"waiting for a device on {self.bus}")
 
     def _start_recorder(self) -> None:
-        if "recorder" in self.children or "plant" not in self.nodes:
+        if "recorder" in self.children or not set(self.roles) <= set(self.nodes):
             return
-        words = [str(self.folder / LOG), self._block_name("plant"), "--judged", json.dumps({})]
+        names = [self._block_name(role) for role in self.roles]
+        words = [str(self.folder / LOG), *names, "--judged", json.dumps({})]
         self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
 
     def _recorder_may_come(self) -> bool:
         return "recorder" in self.children and not self.children["recorder"].ended
 
     def _state(self) -> str:
-        if "plant" in self.nodes and self.nodes["plant"].ready and not self._under_way():
+        if self.leader in self.nodes and self.nodes[self.leader].ready and not self._under_way():
             waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
             heard = self.of_device.heard
             came = f", which sent {heard} so far" if heard else ""
@@ -234,7 +235,7 @@ class DeviceHost(Host):
 
     def _judge_end(self) -> None:
         """Note how far the plant came, and what became of the device's command."""
-        block, outcome, wanted = self.blocks.get("plant"), self.outcome, cycles_of(self.rig)
+        block, outcome, wanted = self.blocks.get(self.leader), self.outcome, cycles_of(self.rig)
         outcome.begin_ns = None
         done = 0
         if block is not None:
@@ -244,7 +245,7 @@ class DeviceHost(Host):
             if done < wanted and int(control.passes + control.skipped) < wanted:
                 outcome.short = f"{done:,} of {wanted:,} cycles: the run ended before"
         if complaint := self.device.complaint():
-            cause = 0 if self.children["plant"].code >= 0 else len(outcome.faults)
+            cause = 0 if self.children[self.leader].code >= 0 else len(outcome.faults)
             outcome.faults.insert(cause, f"device: {complaint} after {done:,} of {wanted:,} cycles")
             for line in self.device.said() if self.device.output.exists() else ():
                 self.progress.say(f"device: {line}")

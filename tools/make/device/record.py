@@ -26,7 +26,8 @@ Vector = NDArray[np.float64]
 
 def run_of_device(rig: Rig, log: logs.Log, pacing: str) -> logs.Log:
     """Return `log`, of a plant, with the record of an executive; RigError, BusError as `plan`."""
-    plant = log.node["plant"]
+    lead = rig.config.below[0]
+    plant = log.node[lead]
     kept = plant.cycle < cycles_of(rig)
     about = describe(plan(rig, "executive", pacing), {})
     cycle, nothing = plant.cycle[kept], np.full(int(kept.sum()), math.nan)
@@ -38,7 +39,7 @@ def run_of_device(rig: Rig, log: logs.Log, pacing: str) -> logs.Log:
     bare = logs.Node(
         cycle, plant.stamp_ns[kept], columns, timing, np.empty(0, logs.FRAME), [], [], about
     )
-    metadata = {**log.metadata, "executive": log.metadata["plant"]}
+    metadata = {**log.metadata, "executive": log.metadata[lead]}
     return replace(log, node={"executive": bare, **log.node}, metadata=metadata)
 
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import dbc
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import cycles_of
@@ -22,6 +21,7 @@ from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slic
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.replayed import Verdict, compare_frames
+from pcpc.tools.make.device.below import Below
 
 ROLE = "device"
 _ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": 2.0}
@@ -30,17 +30,17 @@ _ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state":
 def is_of_device(head: logs.Log) -> bool:
     """Return whether a log is that of a plant with a device whose order is certain."""
     pacing = head.metadata.get("plant", {}).get("pacing")
-    return set(head.node) == {"plant"} and pacing == "lockstep"
+    return "executive" not in head.node and "plant" in head.node and pacing == "lockstep"
 
 
 class DeviceComparison:
     """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay."""
 
     def __init__(self, head: logs.Log, rig: Rig) -> None:
-        self.role = "plant"  # the node whose record it is
+        self.below, self.role = Below(rig), rig.config.below[0]  # the node whose record it is
         self.recorded = Assembler([])
         self.replay = Replay(rig, "executive", "lockstep", [])
-        heard = dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx")
+        heard = [frame for _, frame in self.below.heard]
         self._heard = [frame.can_id for frame in heard]
         self._beats = [frame.can_id for frame in heard if messages.is_heartbeat(frame)]
         self.verdict = Verdict(ROLE, rig.config.rate_hz)
@@ -51,8 +51,8 @@ class DeviceComparison:
 
     def take(self, piece: logs.Log, whole: int, last: bool) -> None:
         """Recompute what `piece` completes, up to the plant's cycle `whole`; LogError."""
-        if "plant" in piece.node:
-            self.recorded.add(piece.node["plant"])
+        if self.role in piece.node:
+            self.recorded.add(self.below.record(piece))
         for part in self.recorded.take(whole, last):
             self._advance(part)
             self._compare(int(part.rows[-1, K]))

@@ -20,11 +20,11 @@ from pathlib import Path
 
 import msgpack
 
-from pcpc.drivers.can import dbc
 from pcpc.drivers.can.bus import Bus, listener
 from pcpc.drivers.can.can_id import word_of
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.make.device.below import Below
 from pcpc.tools.start.children import Child
 
 FILE = "arrivals.json"  # in the run's folder, until the device is judged
@@ -48,8 +48,8 @@ class Arrivals:
     @classmethod
     def of(cls, rig: Rig) -> "Arrivals":
         """Return what is to be heard in runs of a rig; BusError if its DBC file is not there."""
-        database, plant = messages.database_of(rig), rig.config.plant.node
-        heard, sent = (dbc.frames(database, plant, way) for way in ("rx", "tx"))
+        below = Below(rig)
+        heard, sent = ([frame for _, frame in of] for of in (below.heard, below.told))
         sync = next(frame.word for frame in heard if frame.has_sequence)
         commands = [one.word for one in heard if messages.is_awaited(one) and one.word != sync]
         period_ns = rig.config.period_ns

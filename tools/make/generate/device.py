@@ -51,8 +51,6 @@ def device(rig: Rig) -> dict[str, str]:
 def _check(rig: Rig) -> None:
     """Raise RigError for what only the executive does."""
     config = rig.config
-    if config.local is not None:
-        raise rig.error("local", "a device takes the executive's place in rigs with two nodes only")
     if config.executive.plausible:
         what = "a device in C does not judge what it hears; leave it to the rig's executive"
         raise rig.error("executive.plausible", what)

@@ -22,7 +22,7 @@ from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
-from pcpc.executive.rig.buses import line_options, odd_rates
+from pcpc.executive.rig.buses import line_options, odd_rates, side_of
 from pcpc.executive.rig.messages import fd_frames
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
@@ -138,7 +138,7 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
     try:
         thread.start()
         rates = line_report.rates_of(line_report.numbers(gateway.n.line, names))
-        progress.say(f"{names[0]} and {names[1]} are one line of {rates}")
+        progress.say(f"{' and '.join(names)} are one line of {rates}")
         before = 0, 0.0
         while thread.is_alive() and (left_s := end_s - time.monotonic()) > 0.0:
             thread.join(min(left_s, _POLL_S))
@@ -164,9 +164,9 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
 
     Writes `result` to `report`. BusError goes to stderr.
     """
-    config, sides = rig.config.bus, [bus, buses.neighbour_of(bus)]
+    config, sides = rig.config.bus, [side_of(rig, bus, role) for role in rig.roles]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    gateway = Gateway(config.queue, bool(fd_frames(rig)), **line_options(rig))
+    gateway = Gateway(config.queue, bool(fd_frames(rig)), len(sides), **line_options(rig))
     try:
         gateway.open(sides)
         os.close(ready)
@@ -182,8 +182,9 @@ def _state(gateway: Gateway, busy: int, passed_s: float) -> str:
     """Return a line of progress, with the load since the last one."""
     n = gateway.n.line
     load = busy / max(passed_s * int(n.per_s), 1.0)
-    states = " ".join(line_report.STATES[line.state_of(n, s)] for s in range(2))
-    waiting = "+".join(str(int(n.waiting[s])) for s in range(2))
+    sides = range(int(n.senders))
+    states = " ".join(line_report.STATES[line.state_of(n, s)] for s in sides)
+    waiting = "+".join(str(int(n.waiting[s])) for s in sides)
     return (
         f"{int(n.sent.sum())} frames, load {load:.0%}, {int(n.errors.sum())} errors"
         f", {states}, waiting {waiting}, lost {int((n.refused + n.lost_off).sum())}"
@@ -193,7 +194,7 @@ def _state(gateway: Gateway, busy: int, passed_s: float) -> str:
 def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     """Return what `--json` prints."""
     found = line_report.numbers(gateway.n.line, names)
-    for side, count in zip(found["sides"], gateway.n.foreign, strict=True):
+    for side, count in zip(found["sides"], gateway.n.foreign, strict=False):
         side["not_carried"] = int(count)
     return found | {
         "duration_s": gateway.passed_s, "not_taken": gateway.not_taken,

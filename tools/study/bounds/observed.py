@@ -23,7 +23,7 @@ from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.nodes.replay import HEAD, Assembler, K, Replay
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.inheritance import inherit_controllers
+from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.options import rename_earlier_keys
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -73,7 +73,7 @@ def given_rates(log: logs.Log, keys: Keys, names: Sequence[str]) -> dict[str, fl
             Path(folder, f"{i}.yaml").write_text(linked, encoding="utf-8")
         document = yamlfile.load(Path(folder, "0.yaml"))
         rename_earlier_keys(document)
-        inherit_controllers(document)
+        inherit_entries(document)
     found: Any = document.data
     for key in (*keys, "parameters"):
         found = found.get(key, {}) if isinstance(found, dict) else {}

@@ -17,12 +17,12 @@ from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.variables import GAIN, NMT, STATE, T_S
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.plan import Plan
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.study.arrays import Flags, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
 
-_ORDER: tuple[Role, ...] = ("executive", "plant", "local")
+_ORDER: tuple[Role, ...] = ("executive", *PLANTS, "local")
 _KEPT = ("state", "received", "sent", "output")  # kinds of what a cycle begins with
 
 

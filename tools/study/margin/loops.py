@@ -11,7 +11,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.roles import PLANTS, Role
 
 _SHARES = (0.02, 0.05, 0.12, 0.3)
 _HEAD = ("supervisor", "health", "timing", "time", "rx")
@@ -51,11 +51,11 @@ def loops(rig: Rig, plans: dict[Role, Plan]) -> list[Loop]:
             takers = tuple(
                 other
                 for other, theirs in plans.items()
-                if other != role and role != "plant" and _takes(theirs, signal)
+                if other != role and role not in PLANTS and _takes(theirs, signal)
             )
             if takers and source.partition(".")[0] not in _HEAD:
                 found.append(_loop(made, role, signal, source, takers))
-    return sorted(found, key=lambda loop: "plant" not in loop.takers)
+    return sorted(found, key=lambda loop: not set(PLANTS) & set(loop.takers))
 
 
 def _takes(made: Plan, signal: str) -> bool:

@@ -53,6 +53,7 @@ typedef struct {
     int32_t last; /* counter; -1 before the first frame */
     uint32_t still_cycles;
     bool fresh; /* one was used in this cycle */
+    bool met;   /* a heartbeat: its node is there */
 } receiver_t;
 
 typedef enum { USED, USED_SOME_LOST, REPEATED, WRONG_SEQUENCE, WRONG_CRC } judgement;

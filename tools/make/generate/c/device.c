@@ -23,7 +23,6 @@ static struct device {
     uint32_t repeats;
     uint32_t repeats_since;
     double told_error;
-    bool met;
     bool silent;
     bool stopped; /* the plant has ended */
     bool over;
@@ -362,8 +361,9 @@ void device_frame(uint32_t id, const uint8_t data[8], uint8_t n)
         if (rig_heard[row].id == id) {
             take(row, whole, n);
             if (rig_heard[row].heartbeat && (n > 0u)) { /* one with 4 may be an earlier run's end */
-                d.stopped = d.stopped || (d.met && (whole[0] == (uint8_t)HEARTBEAT_STOPPED));
-                d.met = d.met || (whole[0] != (uint8_t)HEARTBEAT_STOPPED);
+                bool stopped = whole[0] == (uint8_t)HEARTBEAT_STOPPED;
+                d.stopped = d.stopped || (device_met() && stopped);
+                heard[row].met = heard[row].met || !stopped;
             }
         }
     }
@@ -389,7 +389,7 @@ bool device_init(uint32_t cycles, device_send send)
     d.cycles = cycles;
     d.gain = 1.0;
     for (uint32_t row = 0u; row < RIG_HEARD; row++) {
-        heard[row] = (receiver_t){-1, 0u, false};
+        heard[row] = (receiver_t){-1, 0u, false, false};
     }
     bool right = rig_init() == 0;
     for (uint32_t i = 0u; i < n; i++) {
@@ -407,7 +407,14 @@ void device_greet(void)
 
 bool device_met(void)
 {
-    return d.met;
+    bool met = false;
+    for (uint32_t row = 0u; row < RIG_HEARD; row++) { /* all plants, and at least one */
+        if (rig_heard[row].heartbeat && !heard[row].met) {
+            return false;
+        }
+        met = met || rig_heard[row].heartbeat;
+    }
+    return met;
 }
 
 void device_sync(void)
