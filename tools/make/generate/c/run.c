@@ -17,12 +17,15 @@ static int32_t hear(uint32_t wait_ms)
     return came;
 }
 
-/* Greet until the plant is there, then ask for the sample of t = 0. */
+/* Greet until the plant is there, then ask for the sample of t = 0. A plant answers a greeting, and
+   with several an answer to each answer would be a flood. */
 static void meet(void)
 {
+    device_greet();
     while (!device_met()) {
-        device_greet();
-        (void)hear(GREET_MS);
+        if (hear(GREET_MS) == 0) {
+            device_greet();
+        }
     }
     device_sync();
 }
