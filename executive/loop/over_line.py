@@ -1,8 +1,9 @@
 """The exchange of `executive.loop.exchange` over an emulated CAN line, in virtual time.
 
     executive   cycle k at k T: takes what is through by then, sends
-    plants      their next cycle at k T + phi T, phi their phase behind the executive's, above 0
+    others      their next cycle at k T + phi T, phi their phase behind the executive's, above 0
                 up to 1: take what is through by then, send
+    local node  it is on the line; between it and its plant frames take no time
 
 What is sent waits for the line (`drivers.can.line`) from that time on; a frame that is not through
 when its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an
@@ -25,10 +26,16 @@ _REST_BITS = 1_000_000  # in which what is on its way at the end comes through
 
 
 @loop_function
-def _queue(line: Any, s: Any, end: Any, at: Any) -> None:
+def _queue(line: Any, nodes: Any, s: Any, at: Any) -> None:
     """Queue what node `s` has sent at tick `at`."""
+    end = nodes[s].wire
     for k in range(end.outbox_put):
-        lines.put(line, s, end.outbox[k], at)
+        if s >= line.senders:  # the plant of a local node
+            wire.deliver(end.outbox[k], nodes[s - 1].wire)
+        elif nodes[s].meeting.between != 0 and wire.on_second(end, end.outbox[k]):
+            wire.deliver(end.outbox[k], nodes[s + 1].wire)
+        else:
+            lines.put(line, s, end.outbox[k], at)
     end.outbox_put = 0
 
 
@@ -37,7 +44,7 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
     """Let the line go on to tick `until`, and put what is through into its receiver's inbox."""
     what = lines.advance(line, until)
     while what != Outcome.NOTHING:
-        for s in range(len(nodes)):
+        for s in range(line.senders):
             if what == Outcome.SENT and s != line.who:
                 wire.deliver(line.frame, nodes[s].wire)
             if error_frames.news(line, s, line.news):
@@ -45,7 +52,7 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
         what = lines.advance(line, until)
 
 
-def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
+def _run(nodes: Any, steps: Any, line: Any, phases: Any, cycles: Any) -> Any:
     """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
     top = nodes[0]
     if top.passes == 0:
@@ -56,13 +63,14 @@ def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
         at = tick_at(line.per_s, time_ns)
         _go_on(line, nodes, at)
         more = one_pass(top, steps[0])
-        _queue(line, 0, top.wire, at)
-        at = tick_at(line.per_s, time_ns + phase_ns)
-        _go_on(line, nodes, at)
-        if more or top.passes != before:  # else it has not sent
-            for i in range(1, len(nodes)):
+        _queue(line, nodes, 0, at)
+        for row in range(len(phases)):
+            i = phases[row, 0]
+            at = tick_at(line.per_s, time_ns + phases[row, 1])
+            _go_on(line, nodes, at)
+            if more or top.passes != before:  # else it has not sent
                 pass_or_finish(nodes[i], steps[i])
-                _queue(line, i, nodes[i].wire, at)
+                _queue(line, nodes, i, at)
         if not more:
             _go_on(line, nodes, at + _REST_BITS * line.bit)
             end_run(nodes, steps)
@@ -72,6 +80,9 @@ def _run(nodes: Any, steps: Any, line: Any, phase_ns: Any, cycles: Any) -> Any:
 
 @cache
 def run_over_line(count: int) -> Any:
-    """Return `run(nodes, steps, line, phase_ns, cycles)` for that many, compiled on first use."""
-    kinds = types.UniTuple(N, count), types.UniTuple(STEPS, count), lines.N, i8, i8
+    """Return `run(nodes, steps, line, phases, cycles)` for that many, compiled on first use.
+
+    `phases`: (count - 1, 2), node and ns behind the executive, in the order of the time.
+    """
+    kinds = types.UniTuple(N, count), types.UniTuple(STEPS, count), lines.N, i8[:, ::1], i8
     return loop(i8(*kinds))(_run)

@@ -53,7 +53,7 @@ from pcpc.executive.nodes.plan import (
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried_files
-from pcpc.executive.rig.buses import check_line, second_bus, wanted_bus
+from pcpc.executive.rig.buses import check_line, second_bus, side_of, wanted_bus
 from pcpc.executive.rig.messages import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import PLANTS, ROLES, Role
@@ -285,6 +285,7 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
     Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
     """
     below, claims = second_bus(rig, bus, made.role), []
+    bus = side_of(rig, bus, made.role) if made.role == "local" else bus
     for frame in made.tx_frames:
         lower = below is not None and (made.role in PLANTS or frame.name in made.below)
         own = below if lower else bus
@@ -310,6 +311,7 @@ def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
     """
     end.fd = made.fd
     below = second_bus(rig, bus, made.role)
+    bus = side_of(rig, bus, made.role) if made.role == "local" else bus
     own = below if made.role in PLANTS and below is not None else bus
     ids = made.receive_ids + made.send_ids
     is_drive = planned_drive.drive_of(rig, made.role) is not None

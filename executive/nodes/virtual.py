@@ -29,7 +29,7 @@ from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.watched import watched
-from pcpc.executive.rig.buses import check_line, line_options, virtual_pacing
+from pcpc.executive.rig.buses import check_line, line_options, on_line, virtual_pacing
 from pcpc.executive.rig.reading import Rig
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
@@ -163,13 +163,15 @@ class VirtualRun:
             fmus.close(made)
 
 
-def _over_line(rig: Rig) -> tuple[Any, int]:
-    """Return the rig's emulated line, and how far the plant is behind, ns."""
+def _over_line(rig: Rig) -> tuple[Any, NDArray[np.int64]]:
+    """Return the rig's emulated line, and which other node is how far behind, ns."""
     config = rig.config
     line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
-    lines.prepare(line, len(rig.roles), config.bus.queue, **line_options(rig))
-    behind = (config.realtime.plant.phase - config.realtime.executive.phase) % 1.0 or 1.0
-    return line, round(behind * config.period_ns)
+    lines.prepare(line, len(on_line(rig)), config.bus.queue, **line_options(rig))
+    phases = [config.realtime.of_node(role).phase for role in rig.roles]
+    behind = [(phase - phases[0]) % 1.0 or 1.0 for phase in phases[1:]]
+    rows = [(i + 1, round(one * config.period_ns)) for i, one in enumerate(behind)]
+    return line, np.array(sorted(rows, key=lambda row: row[1]), np.int64)
 
 
 def simulate(rig: Rig, log: Path) -> VirtualRun:

@@ -21,8 +21,8 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     second = [one.bus for one in config.plants.values() if one.bus is not None]
     beside = any((one.interface, one.channel) == ("auto", None) for one in second)
     count = 1 + (beside or (config.local is not None and config.local.bus is None))
-    if config.bus.emulate is not None:
-        count = len(rig.roles)
+    if config.bus.emulate is not None:  # all its sides, and that between local node and plant
+        count += len(on_line(rig)) - 1
     return Wanted(*asked, rig=config.rig, roles=roles, count=count)
 
 
@@ -35,6 +35,7 @@ def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:
     local, plants = rig.config.local, rig.config.plants
     if local is None and rig.config.bus.emulate is not None:
         return side_of(rig, bus, role) if role in plants else None
+    bus = side_of(rig, bus, "local")
     own = [one.bus for name, one in plants.items() if role in (name, "executive") and one.bus]
     if local is None and not own:
         return None
@@ -48,10 +49,16 @@ def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:
 
 
 def side_of(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus:
-    """Return the bus of a node beside an emulated line; `bus` is the executive's, the first one."""
-    for _ in range(rig.roles.index(role)):
-        bus = buses.neighbour_of(bus)
+    """Return the bus of a node at an emulated line, or where none is `bus`, the executive's."""
+    if rig.config.bus.emulate is not None and role in rig.roles:
+        for _ in range(rig.roles.index(role)):
+            bus = buses.neighbour_of(bus)
     return bus
+
+
+def on_line(rig: Rig) -> tuple[Role, ...]:
+    """Return the nodes at a rig's emulated line: all, but for the plant of a local node."""
+    return rig.roles if rig.config.local is None else rig.roles[:2]
 
 
 def check_line(rig: Rig, pacing: str) -> None:
@@ -63,8 +70,6 @@ def check_line(rig: Rig, pacing: str) -> None:
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     if pacing == "lockstep":
         what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
-    elif rig.config.local is not None:
-        what = "this rig has a local node and so two buses; only one can be emulated"
     elif any(one.bus is not None for one in rig.config.plants.values()):
         what = "some plants are on a second bus; only one can be emulated"
     elif not 1000 <= nominal <= 1_000_000:

@@ -10,6 +10,7 @@ from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.buses import on_line
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
@@ -47,7 +48,7 @@ class Simulation:
             return ""
         from pcpc.tools.start.bus import line_report  # here, because few rigs need it
 
-        found = line_report.numbers(self.run.over[0], self.rig.roles)
+        found = line_report.numbers(self.run.over[0], on_line(self.rig))
         line_report.write(found, folder / line_report.FILE)
         return line_report.summary(found)
 

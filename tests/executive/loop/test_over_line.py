@@ -156,13 +156,22 @@ def test_a_bit_rate_is_given_as_people_write_it(text: str) -> None:
     assert rig.config.bus.bits_per_s == 500_000
 
 
-@pytest.mark.parametrize(
-    ("rig", "setting", "said"),
-    [(HULL, "bus.emulate=2M", "classic CAN"),
-     (ROOT / "tests/executive/relay/rig.yaml", "bus.emulate=1M", "only one can be emulated")],
-)  # fmt: skip
-def test_what_cannot_be_emulated_is_refused_with_its_place(
-    rig: Path, setting: str, said: str
-) -> None:
-    with pytest.raises(RigError, match=said):
-        VirtualRun(load_rig(rig, None, [setting]), None)
+def test_a_rate_that_cannot_be_emulated_is_refused_with_its_place() -> None:
+    with pytest.raises(RigError, match="classic CAN"):
+        VirtualRun(load_rig(HULL, None, ["bus.emulate=2M"]), None)
+
+
+@pytest.mark.parametrize("phase", [0.3333, 0.7])  # before the plant's, behind it
+def test_the_bus_above_a_local_node_is_a_line_that_below_takes_no_time(phase: float) -> None:
+    settings = ["bus.emulate=1M", f"realtime.local.phase={phase}"]
+    run = VirtualRun(load_rig(ROOT / "tests/executive/relay/rig.yaml", None, settings), None)
+    for _ in run.advance():
+        pass
+    log, line = run.memory.log(), run.over[0]
+    assert int(line.senders) == 2
+    for s, passes, every in ((0, 1000, 2), (1, 1001, 1)):  # SYNC and ASK; TELL
+        beats = passes // 100
+        assert 0 <= every * passes + beats - int(line.sent[s]) <= 4, line.sent[:3]
+    position = log.node["plant"].columns["lag.position"]
+    assert abs(position[-1] - 0.8) < 1e-4, position[-1]
+    assert np.flatnonzero(position > 0.0)[0] == 1 + (phase > 0.5), "a command acts at once below"

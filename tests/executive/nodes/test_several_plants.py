@@ -159,6 +159,12 @@ def test_a_third_bus_a_shared_frame_and_a_plant_without_heartbeat_are_named(tmp_
         plan(load_rig(path), "executive", "real")
 
 
+def test_two_buses_are_no_line(tmp_path: Path) -> None:
+    rig = load_rig(motors(tmp_path, 3, 1), settings=["bus.emulate=1M"])
+    with pytest.raises(RigError, match="second bus; only one can be emulated"):
+        in_memory(rig)
+
+
 def test_a_setting_of_a_block_is_that_of_all_plants_a_path_that_of_one(tmp_path: Path) -> None:
     path = motors(tmp_path, 3)
     settings = ["motor.coulomb_Nm=0.005", "plant_3.blocks.motor.parameters.coulomb_Nm=0.001"]

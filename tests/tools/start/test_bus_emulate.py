@@ -96,7 +96,6 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
     [
         ("hull", ["bus.emulate=1M", "pacing=lockstep"], "no clock runs"),
         ("hull", ["bus.emulate=2 Mbit/s"], "classic CAN has 1 kbit/s to 1 Mbit/s"),
-        ("telerobot-u1", ["bus.emulate=1M"], "only one can be emulated"),
         ("hull", ["bus.emulate=fast"], "of the form"),
         ("hull", ["bus.emulate=100k"], "lower rate_hz"),
     ],

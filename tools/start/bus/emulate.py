@@ -22,7 +22,7 @@ from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
-from pcpc.executive.rig.buses import line_options, odd_rates, side_of
+from pcpc.executive.rig.buses import line_options, odd_rates, on_line, side_of
 from pcpc.executive.rig.messages import fd_frames
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
@@ -164,7 +164,7 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
 
     Writes `result` to `report`. BusError goes to stderr.
     """
-    config, sides = rig.config.bus, [side_of(rig, bus, role) for role in rig.roles]
+    config, sides = rig.config.bus, [side_of(rig, bus, role) for role in on_line(rig)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     gateway = Gateway(config.queue, bool(fd_frames(rig)), len(sides), **line_options(rig))
     try:
