@@ -82,9 +82,9 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     if drive is None:
         return found
     if drive.profile != CIA402:
-        own = planned_robot.own_ids(rig, drive)
+        own, fd = planned_robot.own_ids(rig, drive), planned_robot.is_of_fd(rig)
         for frame in found:
-            if frame.can_id in own:
+            if frame.can_id in own and frame.fd >= fd:
                 what = (
                     f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
                 )
