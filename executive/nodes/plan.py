@@ -30,7 +30,6 @@ from pcpc.executive.nodes import (
     planned_faults,
     planned_keyframes,
     planned_plausible,
-    planned_robot,
 )
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig import standby
@@ -76,7 +75,7 @@ class Plan:
     def fd(self) -> bool:
         """Whether a frame of the node, or of the rig's drive, is one of CAN FD."""
         own = any(frame.fd for frame in (*self.rx_frames, *self.tx_frames))
-        return own or planned_robot.is_of_fd(self.rig)
+        return own or protocol.has_fd_drive(self.rig)
 
     @property
     def data_bytes(self) -> int:

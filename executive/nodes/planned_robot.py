@@ -16,7 +16,7 @@ HOOKS = hear_robot, work_robot, speak_robot
 class Kind(NamedTuple):
     """A dialect: its number, the highest node, its settings, its scale, and the ids of a node.
 
-    `fd`: its frames are of CAN FD; `first`: the lowest node.
+    `first`: the lowest node.
     """
 
     dialect: Dialect
@@ -24,7 +24,6 @@ class Kind(NamedTuple):
     settings: Sequence[settings.Setting]
     scale: float
     ids: Callable[[int], set[int]]
-    fd: bool = False
     first: int = 0
 
 
@@ -42,7 +41,7 @@ KINDS = {
         lambda node: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
                       for asks in (0, 1) for whom in (node, moteus.NODES)}
         | {node << 8 | whom for whom in range(128)},
-        fd=True, first=1,
+        first=1,
     ),
 }  # fmt: skip
 
@@ -67,12 +66,6 @@ def own_ids(rig: Rig, drive: Drive) -> set[int]:
     values = {one.name: one.start for one in settings_of(rig, drive)}
     master = {int(values["MST_ID"])} if drive.profile == "mit" else set()
     return KINDS[drive.profile].ids(drive.node) | master
-
-
-def is_of_fd(rig: Rig) -> bool:
-    """Return whether the rig's plant is a drive whose frames are of CAN FD."""
-    drive = rig.config.plant.drive
-    return drive is not None and drive.profile in KINDS and KINDS[drive.profile].fd
 
 
 def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:
