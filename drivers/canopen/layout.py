@@ -11,7 +11,7 @@ Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import Numbered, Told
-from pcpc.drivers.compiled.rows import CLASSIC_BYTES, row_of
+from pcpc.drivers.compiled.rows import FRAME_BYTES, row_of
 
 MAX_OBJECTS = 1024
 PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
@@ -119,7 +119,7 @@ DRIVE = np.dtype(
         ("text", "u1", (TEXTS * TEXT_BYTES,)),
         ("k", "<i8"),  # the cycle
         ("n_out", "<i8"),
-        ("outbox", "u1", (OUTBOX_FRAMES, CLASSIC_BYTES)),
+        ("outbox", "u1", (OUTBOX_FRAMES, FRAME_BYTES)),
         # from here on kept in keyframes
         ("value", "<i8", (MAX_OBJECTS,)),
         ("state", STATE),

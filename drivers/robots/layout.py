@@ -1,6 +1,6 @@
 """The memory of a robot's drive, as a structure that the compiled loop uses (no numba here).
 
-    value     its settings, in the order of the dialect's own table (`odrive`, `mit`)
+    value     its settings, in the order of the dialect's own table (`odrive`, `mit`, `moteus`)
     state     what it carries from one cycle to the next, in the units of its protocol
 
 Where it measures, its gains, its outbox: those of `drivers.canopen.layout.DRIVE`.
@@ -18,7 +18,7 @@ CYCLIC = 8  # frames that are sent by themselves, at most
 class Dialect(Numbered):
     """Which one it speaks."""
 
-    NONE, ODRIVE, MIT = range(3)
+    NONE, ODRIVE, MIT, MOTEUS = range(4)
 
 
 class Mistake(Told):
@@ -46,6 +46,7 @@ ROBOT = np.dtype(
         ("position_scale", "<f8"),  # of the protocol's unit to that of the plant
         ("velocity_scale", "<f8"),
         ("settings", SETTING, (MAX_SETTINGS,)),
+        ("cursor", row_of("at end ok out answers mode")),  # in a frame and its answer
         # from here on kept in keyframes
         ("value", "<f8", (MAX_SETTINGS,)),
         ("state", STATE),

@@ -9,12 +9,14 @@ the plant's command, as the gains of a drive are (`drivers.canopen.motion`), and
 command for a torque of 1. The integral stands while T is limited and would grow further.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.robots.layout import Mistake
 
 FINITE = 1e300
 _LARGEST = 3.4028234e38  # a float32
@@ -60,6 +62,35 @@ def start_here(r: Any) -> None:
     x.target_velocity = x.way_velocity = x.target_torque = x.way_torque = x.integral = 0.0
     x.stiffness = x.damping = 0.0
     x.arrived = 1
+
+
+@loop_function
+def is_number(r: Any, value: Any) -> Any:
+    """Return whether a value is a finite number; count it if not."""
+    if abs(value) < FINITE:
+        return True
+    r.mistakes[Mistake.NOT_FINITE] += 1
+    return False
+
+
+@loop_function
+def place_at(r: Any, position: Any) -> None:
+    """Let where the motor stands be `position`; targets move along."""
+    x = r.state
+    if is_number(r, position):
+        by = position - x.position
+        x.offset += by
+        x.position += by
+        x.target_position += by
+        x.way_position += by
+
+
+@loop_inline
+def braked(left: Any, most: Any, slow: Any, dt: Any) -> Any:
+    """Return the velocity from which, slowing down at `slow`, one still stops where `left` ends."""
+    half = 0.5 * slow * dt
+    fastest = min(math.sqrt(half * half + 2.0 * slow * abs(left)) - half, most)
+    return fastest if left > 0.0 else -fastest
 
 
 @loop_inline

@@ -34,8 +34,10 @@ from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
 from pcpc.drivers.robots.loops import (
-    FINITE,
+    braked,
+    is_number,
     number_at,
+    place_at,
     short_at,
     start_here,
     torque_for,
@@ -145,15 +147,6 @@ def obey(r: Any, d: Any, command: Any, data: Any) -> None:
 
 
 @loop_function
-def is_number(r: Any, value: Any) -> Any:
-    """Return whether a value is a finite number; count it if not."""
-    if abs(value) < FINITE:
-        return True
-    r.mistakes[Mistake.NOT_FINITE] += 1
-    return False
-
-
-@loop_function
 def fits(r: Any, key: Any, value: Any) -> Any:
     """Return whether a setting takes a value; count what it does not."""
     if not is_number(r, value):
@@ -220,18 +213,6 @@ def take_input(r: Any, command: Any, data: Any) -> None:
         most = r.value[Key.TORQUE_LIMIT]
         r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
         x.target_torque = first
-
-
-@loop_function
-def place_at(r: Any, position: Any) -> None:
-    """Let where the motor stands be `position`; targets move along."""
-    x = r.state
-    if is_number(r, position):
-        by = position - x.position
-        x.offset += by
-        x.position += by
-        x.target_position += by
-        x.way_position += by
 
 
 @loop_function
@@ -342,10 +323,7 @@ def follow_trapezoid(r: Any, dt: Any) -> None:
     """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
     x, v = r.state, r.value
     slow, left = v[Key.DECELERATION], x.target_position - x.way_position
-    half = 0.5 * slow * dt
-    fastest = math.sqrt(half * half + 2.0 * slow * abs(left)) - half
-    fastest = min(fastest, v[Key.TRAJECTORY_VELOCITY])
-    goal = fastest if left > 0.0 else -fastest
+    goal = braked(left, v[Key.TRAJECTORY_VELOCITY], slow, dt)
     grows = abs(goal) > abs(x.way_velocity)
     rate = v[Key.ACCELERATION] if grows else slow
     before = x.way_velocity

@@ -10,7 +10,7 @@ import numpy as np
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.robots import loops, mit, odrive
+from pcpc.drivers.robots import loops, mit, moteus, odrive
 from pcpc.drivers.robots.layout import Dialect, Mistake
 from pcpc.executive.loop.canopen_drive import answer, send_outbox
 from pcpc.executive.loop.rings import push_frame
@@ -18,10 +18,11 @@ from pcpc.executive.loop.strangers import note_foreign, word_of
 
 hear_odrive, work_odrive, speak_odrive = odrive.hear, odrive.work, odrive.speak
 hear_mit, work_mit, speak_mit = mit.hear, mit.work, mit.speak
+hear_moteus, work_moteus, speak_moteus = moteus.hear, moteus.work, moteus.speak
 measure = loops.measure
 SEEN = (  # what the table shows: name, unit (or whose), meaning
-    ("state", "", "ODrive: 1 idle, 8 closed loop; MIT: 0 off, 1 on, 13 lost"),
-    ("errors", "", "ODrive: bits of what is wrong"),
+    ("state", "", "ODrive: 1 idle, 8 closed loop; MIT: 0 off, 1 on, 13 lost; moteus: mode"),
+    ("errors", "", "ODrive: bits of what is wrong; moteus: fault"),
     ("target_position", "position", "of the master"),
     ("target_velocity", "velocity", "of the master"),
     ("target_torque", "", "of the master, as its protocol has it"),
@@ -39,8 +40,10 @@ def hear_robot(n: Any) -> Any:
     d.k = n.k
     if r.dialect == Dialect.ODRIVE:
         whose = hear_odrive(r, d, n.wire.rx)
-    else:
+    elif r.dialect == Dialect.MIT:
         whose = hear_mit(r, d, n.wire.rx)
+    else:
+        whose = hear_moteus(r, d, n.wire.rx)
     if whose == Whose.OTHER:
         return np.int64(0)
     if whose == Whose.TWIN:
@@ -63,7 +66,12 @@ def work_robot(n: Any) -> Any:
     d.k = n.k
     d.gains.position_per_s, d.gains.velocity = n.v[at], n.v[at + 1]
     d.gains.integral_per_s = n.v[at + 2]
-    torque = work_odrive(r, d) if r.dialect == Dialect.ODRIVE else work_mit(r, d)
+    if r.dialect == Dialect.ODRIVE:
+        torque = work_odrive(r, d)
+    elif r.dialect == Dialect.MIT:
+        torque = work_mit(r, d)
+    else:
+        torque = work_moteus(r, d)
     n.v[d.place_command] = d.rated * torque
     return np.int64(0)
 
@@ -81,8 +89,10 @@ def speak_robot(n: Any) -> Any:
     measure(r, position, velocity)
     if r.dialect == Dialect.ODRIVE:
         speak_odrive(r, d)
-    else:
+    elif r.dialect == Dialect.MIT:
         speak_mit(r, d)
+    else:
+        speak_moteus(r, d)
     send_outbox(n)
     show(n)
     return np.int64(0)

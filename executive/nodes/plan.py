@@ -74,8 +74,9 @@ class Plan:
 
     @property
     def fd(self) -> bool:
-        """Whether a frame of the node is one of CAN FD."""
-        return any(frame.fd for frame in (*self.rx_frames, *self.tx_frames))
+        """Whether a frame of the node, or of the rig's drive, is one of CAN FD."""
+        own = any(frame.fd for frame in (*self.rx_frames, *self.tx_frames))
+        return own or protocol.has_fd_drive(self.rig)
 
     @property
     def data_bytes(self) -> int:

@@ -21,6 +21,7 @@ from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
+from pcpc.executive.rig.messages import has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -81,9 +82,9 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     if drive is None:
         return found
     if drive.profile != CIA402:
-        own = planned_robot.own_ids(rig, drive)
+        own, fd = planned_robot.own_ids(rig, drive), has_fd_drive(rig)
         for frame in found:
-            if frame.can_id in own:
+            if frame.can_id in own and frame.fd >= fd:
                 what = (
                     f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
                 )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from pcpc.drivers.robots import mit, odrive, odrive_settings, settings
+from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
 from pcpc.drivers.robots.layout import Dialect
 from pcpc.executive.loop.robot_drive import hear_robot, speak_robot, work_robot
 from pcpc.executive.rig.bus_keys import Drive
@@ -14,13 +14,17 @@ HOOKS = hear_robot, work_robot, speak_robot
 
 
 class Kind(NamedTuple):
-    """A dialect: its number, the highest node, its settings, its scale, and the ids of a node."""
+    """A dialect: its number, the highest node, its settings, its scale, and the ids of a node.
+
+    `first`: the lowest node.
+    """
 
     dialect: Dialect
     nodes: int
     settings: Sequence[settings.Setting]
     scale: float
     ids: Callable[[int], set[int]]
+    first: int = 0
 
 
 KINDS = {
@@ -32,14 +36,22 @@ KINDS = {
         Dialect.MIT, mit.NODES - 1, mit.SETTINGS, 1.0,
         lambda node: {node, 0x100 + node, 0x200 + node, 0x300 + node, mit.REGISTERS},
     ),
+    "moteus": Kind(
+        Dialect.MOTEUS, moteus.NODES - 1, moteus_registers.SETTINGS, 0.5 / math.pi,
+        lambda node: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
+                      for asks in (0, 1) for whom in (node, moteus.NODES)}
+        | {node << 8 | whom for whom in range(128)},
+        first=1,
+    ),
 }  # fmt: skip
 
 
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
     kind, at = KINDS[drive.profile], rig.config.key_of(drive)
-    if drive.node > kind.nodes:
-        raise rig.error(f"{at}.node", f"{drive.node} is not one of 0 to {kind.nodes}")
+    if not kind.first <= drive.node <= kind.nodes:
+        what = f"{drive.node} is not one of {kind.first} to {kind.nodes}"
+        raise rig.error(f"{at}.node", what)
     if drive.eds is not None:
         raise rig.error(f"{at}.eds", f"{drive.profile} has no EDS; leave it out")
     try:

@@ -6,7 +6,7 @@ from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.choice import Wanted
 from pcpc.drivers.can.ticks import MOST_TICKS, ticks_per_s
 from pcpc.drivers.can.wire_layout import Flag
-from pcpc.executive.rig.messages import fd_frames
+from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -68,6 +68,7 @@ def check_line(rig: Rig, pacing: str) -> None:
     what, bus = "", rig.config.bus
     nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
+    switched += ["a moteus drive"] if has_fd_drive(rig) else []
     if pacing == "lockstep":
         what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
     elif any(one.bus is not None for one in rig.config.plants.values()):

@@ -244,6 +244,12 @@ def fd_frames(rig: Rig) -> list[dbc.Frame]:
         return [one for one in map(dbc.frame, database.messages) if one.fd]
 
 
+def has_fd_drive(rig: Rig) -> bool:
+    """Return whether the rig's plant is a drive whose frames are of CAN FD."""
+    drive = rig.config.plant.drive
+    return drive is not None and drive.profile == "moteus"
+
+
 def check_classic(rig: Rig, what: str) -> None:
     """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
     for one in fd_frames(rig):

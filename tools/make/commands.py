@@ -14,8 +14,8 @@ def new(add: Add) -> None:
     )
     add(
         "--drive",
-        choices=("cia402", "odrive", "mit"),
-        help="also write the motor as a drive: CiA 402, CANSimple, a robot's joint",
+        choices=("cia402", "odrive", "mit", "moteus"),
+        help="also write the motor as a drive: CiA 402, or a robot's, by its dialect",
     )
 
 

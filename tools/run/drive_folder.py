@@ -54,10 +54,10 @@ def settings_text(rig: Rig, drive: Drive) -> str:
     """Return the settings of a robot's drive by the numbers of endpoints or registers, as JSON."""
     found = {
         one.name: {
-            "id": one.number,
+            "id": one.number if one.number >= 0 else None,
             "type": "uint32" if one.whole else "float",
             "access": "rw" if one.writable else "r",
-            "value": one.start,
+            "value": one.start if one.start == one.start else None,
         }
         for one in settings_of(rig, drive)
     }

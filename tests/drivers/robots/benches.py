@@ -2,20 +2,30 @@
 
 import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from moteus.protocol import ParsedRegisters, parse_registers
 
 from pcpc.drivers.canopen.layout import DRIVE
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.rows import Flag
 from pcpc.drivers.compiled.structures import structure
-from pcpc.drivers.robots import loops, mit, odrive, odrive_settings, settings
+from pcpc.drivers.robots import (
+    loops,
+    mit,
+    moteus,
+    moteus_registers,
+    odrive,
+    odrive_settings,
+    settings,
+)
 from pcpc.drivers.robots.layout import ROBOT, Dialect, Mistake
 
 NODE, RATE_HZ = 5, 1000.0
-BUS = np.dtype([("rx", "u1", (16,))])
+BUS = np.dtype([("rx", "u1", (72,))])
 structure(DRIVE), structure(ROBOT), structure(BUS)
-hear_odrive, hear_mit = odrive.hear, mit.hear
+hear_odrive, hear_mit, hear_moteus = odrive.hear, mit.hear, moteus.hear
 
 
 @loop_function
@@ -30,17 +40,24 @@ def mit_hears(r: Any, d: Any, bus: Any) -> Any:
     return hear_mit(r, d, bus.rx)
 
 
+@loop_function
+def moteus_hears(r: Any, d: Any, bus: Any) -> Any:
+    """Do so for the third dialect."""
+    return hear_moteus(r, d, bus.rx)
+
+
 class Bench:
     """A drive and its load, of inertia 1 in the units of its protocol; `held` keeps it there."""
 
+    kind: ClassVar[tuple[Any, ...]] = (mit, Dialect.MIT, mit.SETTINGS, mit_hears)
+    flags = 0  # of the frames that it hears
+
     def __init__(self, starts: Mapping[str, float] | None = None, drag: float = 0.0) -> None:
-        of_odrive = isinstance(self, ODriveBench)
-        self.dialect = odrive if of_odrive else mit
+        self.dialect, dialect, known, self.hears = self.kind
         self.r: Any = np.zeros(1, ROBOT).view(np.recarray)[0]
         self.d: Any = np.zeros(1, DRIVE).view(np.recarray)[0]
-        known = odrive_settings.SETTINGS if of_odrive else mit.SETTINGS
         every = settings.started(known, starts or {})
-        settings.install(self.r, Dialect.ODRIVE if of_odrive else Dialect.MIT, every)
+        settings.install(self.r, dialect, every)
         self.r.position_scale = self.r.velocity_scale = 1.0
         self.d.node, self.d.rate_hz, self.d.rated = NODE, RATE_HZ, 1.0
         self.d.gains = (20.0, 10.0, 5.0)
@@ -68,10 +85,9 @@ class Bench:
         before, bus = len(self.said), np.zeros(1, BUS).view(np.recarray)[0]
         frame = bus.rx
         frame[:4] = list(can_id.to_bytes(4, "little"))
-        frame[4] = len(data)
+        frame[4], frame[5] = len(data), self.flags
         frame[8 : 8 + len(data)] = list(data)
-        hears = odrive_hears if self.dialect is odrive else mit_hears
-        self.whose = int(hears(self.r, self.d, bus))
+        self.whose = int(self.hears(self.r, self.d, bus))
         self._collect()
         return [data for _, _, data in self.said[before:]]
 
@@ -95,6 +111,8 @@ class Bench:
 class ODriveBench(Bench):
     """An ODrive; `do` sends a command to it."""
 
+    kind = (odrive, Dialect.ODRIVE, odrive_settings.SETTINGS, odrive_hears)
+
     def do(self, command: int, form: str = "", *values: float) -> list[bytes]:
         """Send a command with its data; return the data of the answers."""
         return self.send(NODE << 5 | command, struct.pack("<" + form, *values))
@@ -109,3 +127,16 @@ class ODriveBench(Bench):
         self.do(0x0B, "II", control, mode)
         self.do(0x07, "I", 8)
         return self
+
+
+class MoteusBench(Bench):
+    """A moteus; `do` sends what the client makes to it."""
+
+    kind = (moteus, Dialect.MOTEUS, moteus_registers.SETTINGS, moteus_hears)
+    flags = Flag.FD | Flag.BRS
+
+    def do(self, command: Any, source: int = 0) -> ParsedRegisters | None:
+        """Send a command of the client; return what it reads of the answer, if there is one."""
+        asks = 0x8000 if command.reply_required else 0
+        answers = self.send(asks | source << 8 | NODE, bytes(command.data))
+        return parse_registers(answers[0]) if answers else None

@@ -38,12 +38,35 @@ class OfMit(Ports):
     e = port("", "what is missing")
 
 
+class OfMoteus(Ports):
+    """What a moteus is told: heads of subframes, and the values of the registers."""
+
+    write_mode = port("", "write an int8 into 0x000")
+    mode = port("", "of the controller")
+    write = port("", "write three float32 from 0x020 on")
+    target_rad = port("rad", "its target")
+    target_rad_s = port("rad/s", "its target")
+    torque = port("", "fed forward")
+    read = port("", "read three float32 from 0x001 on")
+    pad = port("", "nothing")
+    e = port("", "what is missing")
+
+
 @stage
 def odrive(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfODrive) -> None:
     """Ask for closed loop and a velocity."""
     y.state = 8.0 if t < p.until_s else 1.0
     y.control, y.input = 2.0, 1.0
     y.target_rad_s = p.wanted
+    y.e = p.wanted - u.velocity_rad_s
+
+
+@stage
+def moteus(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfMoteus) -> None:
+    """Ask for a velocity, with the position that belongs to it."""
+    y.write_mode, y.write, y.read, y.pad = 0x0001, 0x200F, 0x011F, 0x50
+    y.mode = 10.0 if t < p.until_s else 0.0
+    y.target_rad, y.target_rad_s, y.torque = p.wanted * t, p.wanted, 0.0
     y.e = p.wanted - u.velocity_rad_s
 
 
@@ -59,4 +82,4 @@ def mit(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfMit) -> None:
     y.e = p.wanted - u.position_rad
 
 
-ODRIVE, MIT = Block(odrive), Block(mit)
+ODRIVE, MIT, MOTEUS = Block(odrive), Block(mit), Block(moteus)

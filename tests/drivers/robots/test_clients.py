@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import can
+import moteus
 import pytest
 from damiao_motor import DaMiaoController
 from odrive_can.odrive import ODriveCAN
@@ -110,3 +112,71 @@ def test_damiao_motor_moves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             settled(lambda: motor.get_states()["status"] == "DISABLED", "it is off")
         finally:
             controller.shutdown()
+
+
+def test_moteus_moves_it(tmp_path: Path) -> None:
+    with drive("moteus", tmp_path / "run") as name:
+        asyncio.run(with_moteus(name))
+    log = tmp_path / "frames.log"
+    assert pcpc("log", "export", str(tmp_path / "run"), "-o", str(log)).code == 0
+    every = list(can.CanutilsLogReader(log))
+    asked = [one for one in every if one.arbitration_id in (0x8001, 0x807F)]
+    told = [one for one in every if one.arbitration_id == 0x100]
+    assert len(told) == len(asked) > 20 and all(one.is_extended_id for one in asked)
+    assert all(one.is_fd and one.bitrate_switch for one in asked + told)
+    assert not any(one.is_extended_id for one in told)
+    known = json.loads((tmp_path / "run/drive-settings.json").read_text())["endpoints"]
+    assert known["command.kp_scale"] == {"id": 35, "type": "float", "access": "rw", "value": 1.0}
+    assert known["servo.max_current_A"]["value"] == 6.0
+
+
+async def with_moteus(name: str) -> None:
+    """Do what a client does with a new controller."""
+    group, port = name.split(":")[1:]
+    filters = [{"can_id": 0x100, "can_mask": 0x1FFFFF80}]  # on this bus it hears its own frames
+    transport = moteus.PythonCan(
+        interface="udp_multicast", channel=group, port=int(port), fd=True, can_filters=filters
+    )
+    client = moteus.Controller(id=1, transport=transport)
+    try:
+        found = await transport.discover(0, source=0)
+        assert [one.can_id for one in found] == [1], found
+        state = await client.set_stop(query=True)
+        state = await client.query()
+        assert state.values[moteus.Register.MODE] == moteus.Mode.STOPPED
+        assert state.values[moteus.Register.VOLTAGE] == 24.0
+        query = moteus.QueryResolution()
+        query._extra = {moteus.Register.REGISTER_MAP_VERSION: moteus.INT32}
+        state = await client.query(query_override=query)
+        assert state.values[moteus.Register.REGISTER_MAP_VERSION] == 5
+        await asyncio.wait_for(client.set_position_wait_complete(
+            position=0.5, velocity_limit=2.0, accel_limit=20.0, watchdog_timeout=1.0
+        ), 30.0)  # fmt: skip
+        await until_of(client, moteus.Register.POSITION, 0.5, 0.02, position=math.nan)
+        await until_of(client, moteus.Register.VELOCITY, 1.0, 0.1, position=math.nan, velocity=1.0)
+        await asyncio.sleep(0.3)
+        state = await client.query()
+        assert state.values[moteus.Register.MODE] == moteus.Mode.TIMEOUT
+        await client.set_stop()
+        state = await client.query()
+        assert state.values[moteus.Register.MODE] == moteus.Mode.STOPPED
+        await client.set_position(position=math.nan, velocity_limit=1.0, stop_position=2.0)
+        state = await client.query()
+        assert state.values[moteus.Register.MODE] == moteus.Mode.FAULT
+        assert state.values[moteus.Register.FAULT] == 45
+        await client.set_stop()
+    finally:
+        transport.close()
+
+
+async def until_of(
+    client: moteus.Controller, register: int, value: float, near: float, **command: float
+) -> None:
+    """Command until a register has a value."""
+    end_s = time.monotonic() + 20.0
+    while True:
+        state = await client.set_position(query=True, **command)
+        if abs(state.values[register] - value) < near:
+            return
+        assert time.monotonic() < end_s, state
+        await asyncio.sleep(0.02)

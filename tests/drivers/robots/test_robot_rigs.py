@@ -11,12 +11,14 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 
 HERE = Path(__file__).parent
 TEMPLATE = HERE.parents[2] / "tools/make/template"
-KINDS = ("odrive", "mit")
+KINDS = ("odrive", "mit", "moteus")
+ON = {"odrive": 8.0, "mit": 1.0, "moteus": 10.0}
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -35,16 +37,16 @@ def run(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     log = logs.read(run)
-    plant, on = log.node["plant"].columns, 8.0 if kind == "odrive" else 1.0
+    plant, on = log.node["plant"].columns, ON[kind]
     assert plant["drive.state"][0] != on and np.all(plant["drive.state"][20:390] == on)
-    reached = plant["motor.speed_rad_s" if kind == "odrive" else "motor.angle_rad"][380]
+    reached = plant["motor.angle_rad" if kind == "mit" else "motor.speed_rad_s"][380]
     assert abs(reached - 2.0) < (0.02 if kind == "odrive" else 0.15), reached
     assert plant["drive.state"][-1] != on and plant["drive.command"][-1] == 0.0
     counted = {name: values[-1] for name, values in plant.items() if "drive.master." in name}
     refused = counted.pop("drive.master.command_refused")
     assert len(counted) == 5 and not any(counted.values()) and refused < 3, counted
-    heard = log.node["executive"].columns["rx.FEEDBACK.position" if kind == "mit" else
-                                          "rx.ESTIMATES.position"]  # fmt: skip
+    answer = {"odrive": "ESTIMATES", "mit": "FEEDBACK", "moteus": "REPLY"}[kind]
+    heard = log.node["executive"].columns[f"rx.{answer}.position"]
     assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
 
 
@@ -79,6 +81,9 @@ def test_on_a_bus_without_a_clock_it_has_the_same_bits(
     ("odrive", "plant.drive.node=5", "5 has the id of CMD, 0x0a0; choose another"),
     ("odrive", "plant.drive.node=9", "9 has the id of FB, 0x120; choose another"),
     ("mit", "plant.drive.node=160", "160 has the id of CMD, 0x0a0; choose another"),
+    ("moteus", "plant.drive.node=0", "0 is not one of 1 to 126"),
+    ("moteus", "plant.drive.node=127", "127 is not one of 1 to 126"),
+    ("moteus", "plant.drive.eds=x.eds", "moteus has no EDS; leave it out"),
 ])  # fmt: skip
 def test_a_wrong_key_is_named(of: str, setting: str, said: str) -> None:
     with pytest.raises(RigError) as error:
@@ -87,6 +92,7 @@ def test_a_wrong_key_is_named(of: str, setting: str, said: str) -> None:
 
 
 @pytest.mark.parametrize(("of", "before", "after", "said"), [
+    ("moteus", "torque_constant: 0.0274", "torque_constant: 0.0", "0 is not a number from 1e-09"),
     ("mit", "TMAX: 10.0", "TMAX: 0.0", "TMAX: 0 is not a number from 1e-06"),
     ("mit", "MST_ID: 0x11", "MST_ID: 2048", "MST_ID: 2048 is not a whole number from 0 to 2047"),
     ("odrive", "axis0.config.motor.torque_constant", "torque_constant", "no such setting; axis0"),
@@ -99,3 +105,25 @@ def test_a_wrong_setting_is_named_with_its_place(
     with pytest.raises(RigError) as error:
         plan(load_rig(file, text=file.read_text().replace(before, after)), "plant", "real")
     assert said in str(error.value) and f"drive_{of}.yaml:" in str(error.value), error.value
+
+
+def test_the_bus_of_a_drive_of_can_fd_takes_its_frames(tmp_path: Path) -> None:
+    for kind in KINDS:
+        rig = load_rig(TEMPLATE / f"drive_{kind}.yaml")
+        for role in ("plant", "executive"):
+            made = plan(rig, role, "real")
+            assert made.fd == (kind == "moteus") and made.data_bytes == (64 if made.fd else 8)
+    rig = load_rig(TEMPLATE / "drive_moteus.yaml", settings=["bus.emulate=1M"])
+    with pytest.raises(RigError, match=r"a moteus drive switches its bit rate; give bus.data_bit"):
+        check_line(rig, "real")
+    check_line(load_rig(HERE / "moteus.yaml", settings=["bus.emulate=1M"]), "real")
+
+
+def test_a_frame_of_can_fd_with_an_id_of_the_drive_is_named(tmp_path: Path) -> None:
+    text = (HERE / "moteus.dbc").read_text().replace(
+        'BA_ "VFrameFormat" BO_ 256', 'BA_ "VFrameFormat" BO_ 1793 14;\nBA_ "VFrameFormat" BO_ 256'
+    )  # fmt: skip
+    (tmp_path / "fd.dbc").write_text(text)
+    rig = load_rig(HERE / "moteus.yaml", settings=[f"dbc={tmp_path / 'fd.dbc'}"])
+    with pytest.raises(RigError, match="1 has the id of HB_EXEC, 0x701; choose another"):
+        plan(rig, "plant", "real")

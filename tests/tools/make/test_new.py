@@ -75,7 +75,7 @@ def files_of(folder: Path) -> set[str]:
 def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
     others = ("device/", "cart/") if template is MOTOR else ("/",)
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
-    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit")}
+    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus")}
     assert known == set(template.files) == files_of(new_rig)
     told = (new_rig / "README.md").read_text(encoding="utf-8")
     named = [word for word in (*template.files, *NEXT) if word != "README.md"]
@@ -136,7 +136,7 @@ def test_a_rig_without_a_device_has_none(motor: Path) -> None:
     assert not any((motor / file).exists() for file in (*DEVICE_FILES, *DRIVE_FILES))
 
 
-@pytest.mark.parametrize("drive", ["cia402", "odrive", "mit"])
+@pytest.mark.parametrize("drive", ["cia402", "odrive", "mit", "moteus"])
 def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
     done = pcpc("new", str(folder), "--drive", drive)

@@ -23,7 +23,7 @@ from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.rig.buses import line_options, odd_rates, on_line, side_of
-from pcpc.executive.rig.messages import fd_frames
+from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
 from pcpc.tools.start.bus.report import rate_of
@@ -166,7 +166,8 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     """
     config, sides = rig.config.bus, [side_of(rig, bus, role) for role in on_line(rig)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    gateway = Gateway(config.queue, bool(fd_frames(rig)), len(sides), **line_options(rig))
+    fd = bool(fd_frames(rig)) or has_fd_drive(rig)
+    gateway = Gateway(config.queue, fd, len(sides), **line_options(rig))
     try:
         gateway.open(sides)
         os.close(ready)

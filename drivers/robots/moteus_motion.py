@@ -1,0 +1,235 @@
+"""What moves a moteus: the commands of a mode, and the loop of the position.
+
+    T = I + Kp kp (q_d - q) + Kd kd (w_d - w) + t,   |T| <= T_max                             (1)
+    I' = Ki (q_d - q),  |I| <= I_max                                                          (2)
+
+Kd is the gain of the velocity, Kp = Kd Kq and Ki = Kp Ki' with Kq, Ki' of the position and the
+integral; kp, kd are the command's. q_d goes on at w_d from where it is if the position is NaN, else
+from that position; with a limit of velocity or acceleration it gets there first.
+
+    zero velocity   Kd kd (0 - w)           current   k i        brake, stopped, fault   0
+    stay within     (1) outside of the bounds, t within them
+
+A fault and the time-out are left by STOPPED alone; the time-out does what its setting says. Brake
+has a command of 0: windings in short-circuit, where that is a voltage.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.canopen.motion import toward
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.robots.loops import FINITE, braked, start_here
+from pcpc.drivers.robots.moteus_registers import ACTIVE, COMMANDS, Fault, Key, Mode
+
+
+@loop_function
+def boot(r: Any, d: Any) -> None:
+    """Be as after power-on."""
+    x = r.state
+    x.boots += 1
+    x.power, x.errors, x.offset, x.torque = Mode.STOPPED, Fault.NONE, 0.0, 0.0
+    start_here(r)
+
+
+@loop_inline
+def usual(value: Any, default: Any) -> Any:
+    """Return a value, for NaN its default."""
+    return value if abs(value) < FINITE else default
+
+
+@loop_function
+def obey(r: Any, d: Any, mode: Any) -> None:
+    """Be in a mode, with the commands that came; out of a fault or time-out only by stopping."""
+    x, v = r.state, r.value
+    if mode == Mode.STOPPED:
+        x.power, x.errors, x.torque = Mode.STOPPED, Fault.NONE, 0.0
+        start_here(r)
+        return
+    if x.power == Mode.FAULT or x.power == Mode.TIMEOUT:
+        r.mistakes[Mistake.COMMAND_REFUSED] += 1
+        return
+    low, high = v[Key.POSITION_MIN], v[Key.POSITION_MAX]
+    bounded = mode == Mode.POSITION and v[Key.UNBOUNDED] == 0.0
+    if bounded and x.power == Mode.STOPPED and (x.position < low or x.position > high):
+        fail(r, Fault.OUTSIDE_LIMIT)
+        return
+    limited = abs(v[Key.MOST_VELOCITY]) < FINITE or abs(v[Key.ACCELERATION]) < FINITE
+    if mode == Mode.POSITION and limited and abs(v[Key.STOP]) < FINITE:
+        fail(r, Fault.STOP_POSITION)
+        return
+    if x.power != mode:
+        velocity = x.velocity
+        start_here(r)
+        x.way_velocity = velocity
+    x.power, x.fed_at = mode, d.k
+    for i in range(COMMANDS):
+        v[ACTIVE + i] = v[i]
+    take_target(r, bounded)
+
+
+@loop_function
+def take_target(r: Any, bounded: Any) -> None:
+    """Take what the commands aim at."""
+    x, v = r.state, r.value
+    position, stop = v[Key.POSITION], v[Key.STOP]
+    x.target_velocity, x.target_torque = usual(v[Key.VELOCITY], 0.0), usual(v[Key.FORWARD], 0.0)
+    x.result = 0
+    if abs(position) < FINITE:
+        x.target_position, x.result = position, 1
+    elif abs(stop) < FINITE:
+        speed = abs(x.target_velocity)
+        x.target_velocity = speed if stop >= x.way_position else -speed
+    x.arrived = 0
+    outside = position < v[Key.POSITION_MIN] or position > v[Key.POSITION_MAX]
+    r.mistakes[Mistake.TARGET_CLIPPED] += 1 if bounded and outside else 0
+
+
+@loop_function
+def fail(r: Any, fault: Any) -> None:
+    """Have a fault: no torque until it is stopped."""
+    r.state.power, r.state.errors = Mode.FAULT, fault
+    r.mistakes[Mistake.COMMAND_REFUSED] += 1
+
+
+@loop_function
+def damping(r: Any, d: Any) -> Any:
+    """Return Kd kd of (1)."""
+    gain = d.gains.velocity / (d.rated * r.velocity_scale)
+    return gain * usual(r.value[ACTIVE + Key.KD_SCALE], 1.0)
+
+
+@loop_function
+def stiffness(r: Any, d: Any) -> Any:
+    """Return Kp kp of (1)."""
+    gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
+    return gain * usual(r.value[ACTIVE + Key.KP_SCALE], 1.0)
+
+
+@loop_function
+def torque_of(r: Any, d: Any, stiff: Any) -> Any:
+    """Return T of (1) and do a step of (2); `stiff` 0: damping only."""
+    x, v = r.state, r.value
+    most = v[Key.CURRENT_LIMIT] * v[Key.TORQUE_CONSTANT]
+    most = min(abs(usual(v[ACTIVE + Key.MOST_TORQUE], most)), most)
+    e, torque = x.way_position - x.position, damping(r, d) * (x.way_velocity - x.velocity)
+    if stiff != 0:
+        gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
+        limit = v[Key.INTEGRAL_LIMIT] * abs(usual(v[ACTIVE + Key.INTEGRAL_SCALE], 1.0))
+        limit = min(limit, most)
+        x.integral += gain * d.gains.integral_per_s * e / d.rate_hz
+        x.integral = min(max(x.integral, -limit), limit)
+        torque += x.integral + stiffness(r, d) * e + x.target_torque
+    return min(max(torque, -most), most)
+
+
+@loop_function
+def limit_of(r: Any, key: Any, default: Any) -> Any:
+    """Return a limit of the way; NaN: there is none. Below 0 there is none either."""
+    limit = usual(r.value[ACTIVE + key], r.value[default])
+    return limit if limit >= 0.0 else math.nan
+
+
+@loop_function
+def advance_way(r: Any, dt: Any) -> None:
+    """Advance q_d and w_d to the next cycle."""
+    x, v = r.state, r.value
+    most = limit_of(r, Key.MOST_VELOCITY, Key.USUAL_VELOCITY)
+    a = limit_of(r, Key.ACCELERATION, Key.USUAL_ACCELERATION)
+    limited, ramped = most == most, a == a
+    w, most = x.target_velocity, most if limited else FINITE
+    w = min(max(w, -most), most)
+    left, before = x.target_position - x.way_position, x.way_velocity
+    if x.result == 0:
+        x.way_velocity = toward(before, w, a * dt) if ramped else w
+        x.arrived = 1 if x.way_velocity == w else 0
+    elif not limited and not ramped:
+        x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
+    elif ramped:
+        goal = w + braked(left, FINITE, a, dt)
+        x.way_velocity = toward(before, min(max(goal, -most), most), a * dt)
+        by = abs(x.way_velocity - w)
+        if (abs(left) <= by * dt and by <= 2.0 * a * dt) or (left == 0.0 and by <= a * dt):
+            x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
+    elif abs(left) <= most * dt:
+        x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
+    else:
+        x.way_velocity = most if left > 0.0 else -most
+    x.way_position += x.way_velocity * dt
+    x.target_position += w * dt if x.result != 0 else 0.0
+    slip, stop = v[Key.SLIP], v[ACTIVE + Key.STOP]
+    if slip >= 0.0:
+        x.way_position = min(max(x.way_position, x.position - slip), x.position + slip)
+    beyond = x.way_position - stop
+    if (beyond > 0.0 and x.way_velocity > 0.0) or (beyond < 0.0 and x.way_velocity < 0.0):
+        x.way_position, x.way_velocity, x.target_velocity = stop, 0.0, 0.0
+        x.result, x.arrived = 0, 1
+    keep_within(r)
+
+
+@loop_function
+def keep_within(r: Any) -> None:
+    """Let q_d be within the bounds of the position."""
+    x, low, high = r.state, r.value[Key.POSITION_MIN], r.value[Key.POSITION_MAX]
+    if r.value[ACTIVE + Key.UNBOUNDED] != 0.0:
+        return
+    if x.way_position < low:
+        x.way_position, x.way_velocity = low, 0.0
+    elif x.way_position > high:
+        x.way_position, x.way_velocity = high, 0.0
+
+
+@loop_function
+def watch(r: Any, d: Any) -> None:
+    """Be in the time-out if the master was silent for too long."""
+    x = r.state
+    patience = r.value[ACTIVE + Key.TIMEOUT]
+    if patience == 0.0:
+        patience = r.value[Key.USUAL_TIMEOUT]
+    waits = x.power == Mode.POSITION or x.power == Mode.ZERO_VELOCITY
+    waits = waits or x.power == Mode.STAY_WITHIN
+    if waits and d.k - x.fed_at > patience * d.rate_hz:
+        r.mistakes[Mistake.SILENT] += 1
+        x.power, x.integral, x.target_velocity, x.target_torque = Mode.TIMEOUT, 0.0, 0.0, 0.0
+        x.way_position, x.result = x.position, 0
+
+
+@loop_function
+def stay_within(r: Any, d: Any) -> None:
+    """Push back what is outside of the bounds; within them only what is fed forward acts."""
+    x, low, high = r.state, r.value[ACTIVE + Key.LOWER], r.value[ACTIVE + Key.UPPER]
+    x.way_position, x.way_velocity = x.position, x.velocity
+    if x.position < low or x.position > high:
+        x.way_position, x.way_velocity = low if x.position < low else high, 0.0
+    else:
+        x.integral = 0.0
+    x.torque = torque_of(r, d, 1)
+
+
+@loop_function
+def work(r: Any, d: Any) -> Any:
+    """Do a cycle; return the torque."""
+    x, v = r.state, r.value
+    if x.boots == 0:
+        boot(r, d)
+    watch(r, d)
+    mode = x.power
+    if mode == Mode.TIMEOUT:
+        mode = np.int64(v[Key.TIMEOUT_MODE])
+    x.torque = 0.0
+    if mode == Mode.POSITION:
+        advance_way(r, 1.0 / d.rate_hz)
+        x.torque = torque_of(r, d, 1)
+    elif mode == Mode.ZERO_VELOCITY:
+        x.way_position, x.way_velocity = x.position, 0.0
+        x.torque = torque_of(r, d, 0)
+    elif mode == Mode.STAY_WITHIN:
+        stay_within(r, d)
+    elif mode == Mode.CURRENT:
+        most = v[Key.CURRENT_LIMIT]
+        current = min(max(usual(v[ACTIVE + Key.Q_CURRENT], 0.0), -most), most)
+        x.torque = current * v[Key.TORQUE_CONSTANT]
+    return x.torque
