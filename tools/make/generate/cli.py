@@ -45,7 +45,8 @@ def command(options: argparse.Namespace) -> int:
     if is_law(options.what):
         return _of_law(options, progress)
     rig = load_rig(_rig(options.what), options.controller, options.set)
-    check_classic(rig, "generated C")
+    if options.device:
+        check_classic(rig, "a device in C")
     check_no_drive(rig, "generated C has no drive; generate it of a rig without one")
     if options.device and options.single:
         what = "a device's frames are packed in double; leave out --device or --single"
