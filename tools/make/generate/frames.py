@@ -56,8 +56,8 @@ def source(sent: Frames, heard: Frames) -> str:
     return "\n".join([*lines, ""])
 
 
-def info(frame: dbc.Frame, rate_hz: float) -> str:
-    """Return the initialiser of the frame's `frame_info`."""
+def info(frame: dbc.Frame, rate_hz: float, with_kind: bool = False) -> str:
+    """Return the initialiser of the frame's `frame_info`; `with_kind`: of a rig on CAN FD."""
     kind, crc_byte, data_id = frame.crc
     byte, shift, mask = frame.counter
     flags = (
@@ -68,6 +68,7 @@ def info(frame: dbc.Frame, rate_hz: float) -> str:
     )
     word = f"0x{frame.can_id:03X}u" + (" | FRAME_EXTENDED" if frame.extended else "")
     told = ", ".join("true" if flag else "false" for flag in flags)
+    told += f", {frame.flags}u" * with_kind
     return (
         f"{{{word}, {frame.every_n(rate_hz)}u, 0x{data_id & 0xFFFF:04X}u, {frame.dlc}u, "
         f"{dbc.Protection(kind).name}, {byte}u, {shift}u, 0x{mask:02X}u, {crc_byte}u, {told}}}"
