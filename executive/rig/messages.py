@@ -214,12 +214,6 @@ def fd_frames(rig: Rig) -> list[dbc.Frame]:
         return [one for one in map(dbc.frame, database.messages) if one.fd]
 
 
-def check_classic(rig: Rig, what: str) -> None:
-    """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
-    for one in fd_frames(rig):
-        raise rig.error("dbc", f"{what} has classic frames only; {one.name} is of CAN FD")
-
-
 def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[Part]:
     """Return what each received frame is to the meeting; `below`: frames on the bus to the plant.
 
