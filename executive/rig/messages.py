@@ -245,15 +245,8 @@ def fd_frames(rig: Rig) -> list[dbc.Frame]:
 
 
 def has_fd_drive(rig: Rig) -> bool:
-    """Return whether the rig's plant is a drive whose frames are of CAN FD."""
-    drive = rig.config.plant.drive
-    return drive is not None and drive.profile == "moteus"
-
-
-def check_classic(rig: Rig, what: str) -> None:
-    """Raise RigError if one of the rig's frames is of CAN FD, with which `what` does not work."""
-    for one in fd_frames(rig):
-        raise rig.error("dbc", f"{what} has classic frames only; {one.name} is of CAN FD")
+    """Return whether one of the rig's plants is a drive whose frames are of CAN FD."""
+    return any(drive.profile == "moteus" for drive in rig.config.drives.values())
 
 
 def peers_of(

@@ -68,13 +68,6 @@ def test_what_is_not_there_is_told_apart_from_a_subindex_that_is_not() -> None:
     assert bench.write(0x60B8, 0, 1, 2) == why.NO_OBJECT  # touch probe
 
 
-@pytest.mark.parametrize("command", [0xA0, 0xA4, 0xC0, 0xC6, 0xE0])
-def test_block_transfer_is_refused(command: int) -> None:
-    answer = Bench().sdo(bytes([command, 0x08, 0x10, 0]))
-    assert answer[:4] == bytes([0x80, 0x08, 0x10, 0])
-    assert int.from_bytes(answer[4:], "little") == why.NO_COMMAND
-
-
 @pytest.mark.parametrize("mode", [2, 4, 5, 7, 11, -1])
 def test_a_mode_that_is_not_there_is_refused(mode: int) -> None:
     assert Bench().write(0x6060, 0, mode, 1) == why.WRONG_VALUE

@@ -160,9 +160,6 @@ REFUSED = {
     ),
     "a load": (["run", "RIG", "--set", "bus.bitrate=1000000"], "give the rig bus.data_bitrate"),
     "a line": (["simulate", "RIG", "--set", "bus.emulate=1M"], "CMD switches its bit rate; give"),
-    "C": (["generate", "c", "RIG"], "generated C has classic frames only"),
-    "a device": (["plant", "RIG", "--device", "bus"], "a device has classic frames only"),
-    "a watchdog": (["watchdog", "RIG"], "the watchdog has classic frames only"),
 }
 
 

@@ -77,7 +77,8 @@ class FrameJudge:
         self.values, self.state = np.zeros(len(names)), e2e.new_state(len(frames))
         self._take_limits(rig)
         blank = np.zeros(FRAME_BYTES, np.uint8)  # compiled before the first frame comes
-        e2e.check(blank[8:], 0, 0, self.table.frames, self.state.copy())
+        length = codec.length_of(blank, 0, self.table.frames)
+        e2e.check(blank[8:], int(length), 0, self.table.frames, self.state.copy())
         codec.unpack(blank[8:], 0, *self.tables, self.values)
         self.ends = {  # place of the value in which a node tells its end, and that value
             role: [
@@ -116,7 +117,7 @@ class FrameJudge:
                 row.limits[self.places[name]] = _Limits(*bounds, step, slack)
 
     def judge(self, frames: NDArray[np.uint8]) -> None:
-        """Judge frames (k, 16) that came up to now."""
+        """Judge frames (k, 72) that came up to now."""
         words = frames[:, :4].copy().view("<u4")[:, 0].tolist()
         for data, word in zip(frames, words, strict=True):
             row = self.by_word.get(word)
@@ -125,7 +126,9 @@ class FrameJudge:
 
     def _judge(self, row: int, data: NDArray[np.uint8]) -> None:
         one = self.rows[row]
-        state, missing = e2e.check(data[8:], int(data[4]), row, self.table.frames, self.state)
+        frames = self.table.frames
+        length = int(codec.length_of(data, row, frames))
+        state, missing = e2e.check(data[8:], length, row, frames, self.state)
         one.last, why = self.cycle, ""
         if state in (FrameState.OK, FrameState.OK_SOME_LOST) and row in self.read:
             codec.unpack(data[8:], row, *self.tables, self.values)

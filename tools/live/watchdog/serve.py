@@ -28,7 +28,7 @@ from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import kernel, realtime
 from pcpc.executive.rig.buses import wanted_bus
-from pcpc.executive.rig.messages import check_classic, check_no_drive
+from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
@@ -41,7 +41,7 @@ _FRAMES = types.Array(types.uint8, 2, "C")
 
 @loop(i8(wire.END, _FRAMES))
 def _receive(end: Any, frames: Any) -> Any:
-    """Take the frames that are there into `frames` (k, 16); return how many, -1: the bus failed."""
+    """Take the frames that are there into `frames` (k, 72); return how many, -1: the bus failed."""
     count = np.int64(0)
     for _ in range(frames.shape[0]):
         what = wire.get_frame(end, False)
@@ -66,14 +66,15 @@ class _Bus:
     def __init__(self, bus: buses.Bus, watch: FrameJudge) -> None:
         self.end: Any = np.zeros(1, WIRE).view(np.recarray)[0]
         self.frames = np.zeros((_AT_ONCE, FRAME_BYTES), np.uint8)
+        self.end.fd = any(row.frame.fd for row in watch.rows)
         buses.open_bus(bus, [row.frame.can_id for row in watch.rows], self.end)
         buses.know_own(self.end)
         self.name, frame = bus, watch.stop_frame
         self.end.tx[:4] = np.frombuffer(frame.word.to_bytes(4, "little"), np.uint8)
-        self.end.tx[4], self.end.tx[8] = frame.dlc, 1
+        self.end.tx[4:6], self.end.tx[8] = (frame.dlc, frame.flags), 1
 
     def receive(self) -> NDArray[np.uint8]:
-        """Return the frames (k, 16) that have come; BusError."""
+        """Return the frames (k, 72) that have come; BusError."""
         count = _receive(self.end, self.frames)
         if count < 0:
             raise BusError(f"{self.name}: the bus failed: {os.strerror(int(self.end.errno))}")
@@ -144,7 +145,6 @@ def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = 
 def command(options: argparse.Namespace) -> int:
     """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
     rig = load_rig(options.rig, options.controller, options.set)
-    check_classic(rig, "the watchdog")
     check_no_drive(rig, "the watchdog does not know the frames of a drive")
     wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), count=1)
     held = choice.take_bus(wanted)

@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.rig.messages import check_classic
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.device.host import DeviceHost, check
 from pcpc.tools.start import pace
@@ -23,7 +22,6 @@ def command(options: argparse.Namespace) -> int:
     """Carry out `plant`; return the exit code."""
     rig = load_rig(options.rig, options.controller, options.set, resolve=False)
     check(rig)
-    check_classic(rig, "a device")
     options, said = pace.settle(options, rig, alone=True)
     if said:
         print(said, file=sys.stderr)

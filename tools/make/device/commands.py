@@ -19,6 +19,7 @@ def slcan(add: Add) -> None:
         metavar="RATE",
         help="bit rate to set in the adapter: 500k, 1M; default: unchanged",
     )
+    add("--data-bitrate", type=bits_per_s, metavar="RATE", help="of CAN FD: 2M, 5M")
 
 
 def in_place(add: Add) -> None:

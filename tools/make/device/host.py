@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import dbc, e2e_states
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import recorder
-from pcpc.executive.log.reader import FRAME
+from pcpc.executive.log.reader import FD_FRAME, FRAME
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.rings import rows_of
 from pcpc.executive.rig.messages import database_of
@@ -168,7 +168,8 @@ def heard_frames(rig: Rig, rows: NDArray[np.int64]) -> Iterator[tuple[str, list[
 
     `rows`: (n, columns of the ring).
     """
-    frames = np.ascontiguousarray(rows[:, 1:]).view(FRAME)[:, 0]
+    payload = np.ascontiguousarray(rows[:, 1:]).view(np.uint8)
+    frames = payload.view(FRAME if payload.shape[1] == FRAME.itemsize else FD_FRAME)[:, 0]
     for frame in _frames(rig):
         came = frames[(frames["id"] == frame.word) & (frames["direction"] == 1)]
         if len(came):

@@ -44,7 +44,8 @@ class DeviceComparison:
         self._heard = [frame.can_id for frame in heard]
         self._beats = [frame.can_id for frame in heard if messages.is_heartbeat(frame)]
         self.verdict = Verdict(ROLE, rig.config.rate_hz)
-        self._answers = self._computed = np.empty(0, logs.FRAME)
+        about = head.node["plant"].description
+        self._answers = self._computed = np.empty(0, logs.frame_type(about))
         self._cycles = cycles_of(rig)
         self._ended = False
         self._begin_s = time.monotonic()

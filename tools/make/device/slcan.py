@@ -4,9 +4,10 @@
     pcpc slcan BUS -- sh qemu.sh m7         a program whose stdin and stdout are the line
 
 slcan is text: tIIINDD.. a frame with an id of 11 bits, TIIIIIIIINDD.. with one of 29, each line
-ends with CR. Frames pass in their order, none is dropped here: what the line does not take waits.
-The line is opened (O) again and again until it answers, then all frames of the bus go to the
-device, but its own.
+ends with CR; d, D one of CAN FD, b, B one that switches its bit rate, N from 9 to F 12 to 64 bytes,
+as CANable and python-can have them. Frames pass in their order, none is dropped here: what the line
+does not take waits. The line is opened (O) again and again until it answers, then all frames of the
+bus go to the device, but its own.
 """
 
 import argparse
@@ -22,41 +23,59 @@ import tty
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple
 
 import msgpack
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, FRAME_BYTES, LENGTHS, Flag
 from pcpc.drivers.errors import BusError, Exit, UserError
 
 OPENS_EVERY_MS = 50
-_LONGEST_LINE = 64
+_LONGEST_LINE = 160
 _READ_BYTES = 65536
+_DATA_RATES = {None: "", 2_000_000: "Y2\r", 5_000_000: "Y5\r"}
 _BIT_RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 _SAID = {
     "timestamp": 0.0, "is_remote_frame": False, "is_error_frame": False, "channel": None,
-    "is_fd": False, "bitrate_switch": False, "error_state_indicator": False,
+    "error_state_indicator": False,
 }  # fmt: skip
-Frame = tuple[int, bytes]  # id as a word of `drivers.can.can_id`, data
+_KINDS = {Flag.NONE: "t", Flag.FD: "d", Flag.FD | Flag.BRS: "b"}
+_FLAGS = {kind: flags for flags, kind in _KINDS.items()}
 
 
-def line_of(word: int, data: bytes) -> bytes:
-    """Return a frame as a line of slcan."""
-    kind = "T" if word & can_id.EXTENDED else "t"
-    return f"{kind}{can_id.text_of(word)}{len(data)}{data.hex().upper()}\r".encode()
+class Frame(NamedTuple):
+    """A frame: its id as a word of `drivers.can.can_id`, its data, its `Flag`."""
+
+    word: int
+    data: bytes
+    flags: int = Flag.NONE
+
+
+def line_of(word: int, data: bytes, flags: int = Flag.NONE) -> bytes:
+    """Return a frame as a line of slcan, in which an error passive sender (ESI) is not told."""
+    kind = _KINDS[flags & (Flag.FD | Flag.BRS)]
+    kind = kind.upper() if word & can_id.EXTENDED else kind
+    length = f"{LENGTHS.index(len(data)):X}"
+    return f"{kind}{can_id.text_of(word)}{length}{data.hex().upper()}\r".encode()
 
 
 def frame_of(line: bytes) -> Frame | None:
     """Return the frame of a line without its CR; None for another line, as an answer."""
-    digits = {b"t": 3, b"T": 8}.get(line[:1], 0)
+    kind = line[:1].decode("latin-1")
+    digits = 3 if kind in _FLAGS else 8 if kind.lower() in _FLAGS else 0
     if not digits or len(line) < digits + 2:
         return None
     try:
-        number, n = int(line[1 : digits + 1], 16), int(line[digits + 1 : digits + 2])
+        number, n = int(line[1 : digits + 1], 16), LENGTHS[int(line[digits + 1 : digits + 2], 16)]
         data = bytes.fromhex(line[digits + 2 : digits + 2 + 2 * n].decode("ascii"))
     except ValueError:
         return None
-    return (can_id.word_of(number, digits == 8), data) if len(data) == n <= 8 else None
+    flags = _FLAGS[kind.lower()]
+    if len(data) != n or (n > 8 and flags == Flag.NONE):
+        return None
+    return Frame(can_id.word_of(number, digits == 8), data, flags)
 
 
 class Udp:
@@ -71,13 +90,15 @@ class Udp:
         """Return what `select` waits for."""
         return self._rx.fileno()
 
-    def put(self, word: int, data: bytes) -> None:
+    def put(self, word: int, data: bytes, flags: int = Flag.NONE) -> None:
         """Send a frame."""
         said = {
             "arbitration_id": word & can_id.ID,
             "is_extended_id": bool(word & can_id.EXTENDED),
             "dlc": len(data),
             "data": data,
+            "is_fd": bool(flags & Flag.FD),
+            "bitrate_switch": bool(flags & Flag.BRS),
             **_SAID,
         }
         self._tx.send(msgpack.packb(said))
@@ -94,15 +115,17 @@ class Udp:
 
 
 def _frame_of_datagram(text: bytes) -> Frame | None:
-    """Return the classic data frame of a datagram."""
+    """Return the data frame of a datagram."""
     try:
         said = msgpack.unpackb(text)
         word = can_id.word_of(int(said["arbitration_id"]), bool(said.get("is_extended_id")))
         data = bytes(said["data"])
     except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException):
         return None
-    other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame", "is_fd"))
-    return None if other or len(data) > 8 else (word, data)
+    flags = (Flag.FD | Flag.BRS * bool(said.get("bitrate_switch"))) if said.get("is_fd") else 0
+    other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame"))
+    fits = len(data) in (LENGTHS if flags else LENGTHS[:9])
+    return Frame(word, data, flags) if fits and not other else None
 
 
 class Can:
@@ -110,14 +133,22 @@ class Can:
 
     def __init__(self, channel: str) -> None:
         self._can = socket.socket(fileno=buses._open_socketcan(channel, None))
+        self._channel, self._most = channel, buses._mtu(channel)
+        if self._most >= FRAME_BYTES:
+            self._can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
 
     def fileno(self) -> int:
         """Return what `select` waits for."""
         return self._can.fileno()
 
-    def put(self, word: int, data: bytes) -> None:
-        """Send a frame; where the queue is full, wait until it is not."""
-        text = word.to_bytes(4, sys.byteorder) + bytes((len(data), 0, 0, 0)) + data.ljust(8, b"\0")
+    def put(self, word: int, data: bytes, flags: int = Flag.NONE) -> None:
+        """Send a frame; where the queue is full, wait until it is not. BusError: it has no FD."""
+        size = FRAME_BYTES if flags & Flag.FD else CLASSIC_BYTES
+        if size > self._most:
+            cure = f"sudo ip link set {self._channel} mtu {FRAME_BYTES}"
+            raise BusError(f"{self._channel}: the interface has no CAN FD; run `{cure}`")
+        head = word.to_bytes(4, sys.byteorder) + bytes((len(data), flags, 0, 0))
+        text = (head + data).ljust(size, b"\0")
         while True:
             try:
                 self._can.send(text)
@@ -131,12 +162,13 @@ class Can:
         """Yield the frames that are there."""
         while True:
             try:
-                text = self._can.recv(16, socket.MSG_DONTWAIT)
+                text = self._can.recv(FRAME_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
             word, n = int.from_bytes(text[:4], sys.byteorder), text[4]
-            if not word & (can_id.REMOTE | can_id.ERROR) and n <= 8:
-                yield word, text[8 : 8 + n]
+            flags = text[5] | Flag.FD if len(text) == FRAME_BYTES else Flag.NONE
+            if not word & (can_id.REMOTE | can_id.ERROR) and n <= len(text) - 8:
+                yield Frame(word, text[8 : 8 + n], flags)
 
 
 def open_port(path: Path, baud: int) -> int:
@@ -165,11 +197,12 @@ class Bridge:
         self.opened = False
         self._rest = b""
 
-    def open(self, bit_rate: int | None) -> bool:
+    def open(self, bit_rate: int | None, data_rate: int | None = None) -> bool:
         """Ask the line to open until it answers; return False if it ended before."""
-        rate = f"S{_BIT_RATES.index(bit_rate)}\r".encode() if bit_rate in _BIT_RATES else b""
+        rate = f"S{_BIT_RATES.index(bit_rate)}\r" if bit_rate in _BIT_RATES else ""
+        rate += _DATA_RATES[data_rate]
         while not self.opened:
-            os.write(self.out, b"\rC\r" * bool(rate) + rate + b"O\r")
+            os.write(self.out, b"\rC\r" * bool(rate) + rate.encode() + b"O\r")
             ready, _, _ = select.select((self.into,), (), (), 1e-3 * OPENS_EVERY_MS)
             if ready and not self.from_line():
                 return False
@@ -220,11 +253,13 @@ def command(options: argparse.Namespace) -> int:
     if options.bitrate not in (None, *_BIT_RATES):
         known = ", ".join(map(str, _BIT_RATES))
         raise UserError(f"--bitrate {options.bitrate:g}: slcan knows {known} bit/s")
+    if options.data_bitrate not in _DATA_RATES:
+        raise UserError(f"--data-bitrate {options.data_bitrate:g}: slcan knows 2M and 5M")
     signal.signal(signal.SIGTERM, _leave)
     if options.port is not None:
         line = open_port(options.port, options.baud)
         bridge = Bridge(open_bus(options.bus), line, line)
-        if bridge.open(options.bitrate):
+        if bridge.open(options.bitrate, options.data_bitrate):
             bridge.run()
         return Exit.OK
     return with_program(open_bus(options.bus), options.rest)

@@ -14,7 +14,7 @@ from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import law_lookup
-from pcpc.executive.rig.messages import check_classic, check_no_drive
+from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.modules import module_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate import builds, cost, precision, single
@@ -45,7 +45,6 @@ def command(options: argparse.Namespace) -> int:
     if is_law(options.what):
         return _of_law(options, progress)
     rig = load_rig(_rig(options.what), options.controller, options.set)
-    check_classic(rig, "generated C")
     check_no_drive(rig, "generated C has no drive; generate it of a rig without one")
     if options.device and options.single:
         what = "a device's frames are packed in double; leave out --device or --single"

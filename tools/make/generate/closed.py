@@ -137,7 +137,8 @@ class Closed:
         """Yield what carries the frames of a node to all others, by their bytes."""
         rate = self.rig.config.rate_hz
         yield f"static uint32_t {role}_send(uint32_t k)\n{{"
-        yield "    uint32_t clamped = 0U;\n    uint8_t data[8];\n"
+        room = frames.data_bytes(wiring.plan.tx_frames)
+        yield f"    uint32_t clamped = 0U;\n    uint8_t data[{room}];\n"
         yield "    (void)k;\n    (void)data;"
         for frame in wiring.plan.tx_frames:
             if not frame.signals or messages.is_emergency(frame):

@@ -15,6 +15,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.generate import declared, frames, rig_source
+from pcpc.tools.make.generate.long_frames import with_long_frames
 from pcpc.tools.make.generate.rig_source import DeviceWiring
 from pcpc.tools.make.generate.translator import elementary
 
@@ -36,6 +37,8 @@ def device(rig: Rig) -> dict[str, str]:
         | elementary.files()
         | declared.files()
     )
+    if made.fd:
+        files = with_long_frames(files)
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     wiring = DeviceWiring(made)

@@ -3,9 +3,13 @@
 CMD_signals                    the frame's signals, physical values in double
 pack_CMD(s, data)              to eight bytes, counter and CRC still 0; returns how many clamped
 unpack_FB_A(data, s)           from eight bytes
+
+A frame of more than eight bytes, which CAN FD has, is all its bytes; each of its signals has a word
+of its own there.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.dbc import Kind
@@ -13,6 +17,16 @@ from pcpc.executive.rig import messages
 from pcpc.tools.make.generate.words import comment, identifier, number
 
 Frames = Sequence[dbc.Frame]
+_ADD_WORD = """\
+/* Add the bits of a little-endian and of a big-endian word to eight bytes. */
+static void add_words(uint8_t data[8], uint64_t little, uint64_t big)
+{
+    uint8_t word[8];
+    put_words(word, little, big);
+    for (uint32_t i = 0u; i < 8u; i++) {
+        data[i] |= word[i];
+    }
+}"""
 _RAW_OF = {Kind.FLOAT_32: "raw_of_float32", Kind.FLOAT_64: "raw_of_float64"}
 
 
@@ -33,6 +47,8 @@ def header(sent: Frames, heard: Frames) -> str:
 def source(sent: Frames, heard: Frames) -> str:
     """Return frames.c."""
     lines = ['#include "frames.h"']
+    if any(_is_long(frame) for frame in _full(sent)):
+        lines += ["", *_ADD_WORD.splitlines()]
     for frame in _full(sent):
         lines += ["", *_pack(frame)]
     for frame in _full(heard):
@@ -40,8 +56,8 @@ def source(sent: Frames, heard: Frames) -> str:
     return "\n".join([*lines, ""])
 
 
-def info(frame: dbc.Frame, rate_hz: float) -> str:
-    """Return the initialiser of the frame's `frame_info`."""
+def info(frame: dbc.Frame, rate_hz: float, with_kind: bool = False) -> str:
+    """Return the initialiser of the frame's `frame_info`; `with_kind`: of a rig on CAN FD."""
     kind, crc_byte, data_id = frame.crc
     byte, shift, mask = frame.counter
     flags = (
@@ -52,10 +68,20 @@ def info(frame: dbc.Frame, rate_hz: float) -> str:
     )
     word = f"0x{frame.can_id:03X}u" + (" | FRAME_EXTENDED" if frame.extended else "")
     told = ", ".join("true" if flag else "false" for flag in flags)
+    told += f", {frame.flags}u" * with_kind
     return (
         f"{{{word}, {frame.every_n(rate_hz)}u, 0x{data_id & 0xFFFF:04X}u, {frame.dlc}u, "
         f"{dbc.Protection(kind).name}, {byte}u, {shift}u, 0x{mask:02X}u, {crc_byte}u, {told}}}"
     )
+
+
+def data_bytes(frames: Iterable[dbc.Frame]) -> int:
+    """Return the room that the data of any of the frames take: 8, or more."""
+    return max(8, *(frame.dlc for frame in frames))
+
+
+def _is_long(frame: dbc.Frame) -> bool:
+    return frame.dlc > 8
 
 
 def _full(frames: Iterable[dbc.Frame]) -> Iterator[dbc.Frame]:
@@ -73,12 +99,12 @@ def _struct(frame: dbc.Frame) -> Iterator[str]:
 
 def _pack_head(frame: dbc.Frame) -> str:
     name = identifier(frame.name)
-    return f"uint32_t pack_{name}(const {name}_signals *s, uint8_t data[8])"
+    return f"uint32_t pack_{name}(const {name}_signals *s, uint8_t data[{data_bytes([frame])}])"
 
 
 def _unpack_head(frame: dbc.Frame) -> str:
     name = identifier(frame.name)
-    return f"void unpack_{name}(const uint8_t data[8], {name}_signals *s)"
+    return f"void unpack_{name}(const uint8_t data[{data_bytes([frame])}], {name}_signals *s)"
 
 
 def _hex(word: int) -> str:
@@ -96,8 +122,9 @@ def _pack(frame: dbc.Frame) -> Iterator[str]:
         bits = _hex(int(row.bits_low)), _hex(int(row.bits_high))
         fields = ", ".join([*map(number, scale), *bits])
         yield f"    static const scale_t {identifier(signal.name)}_scale = {{{fields}}};"
-    yield "    uint64_t little = 0u;"
-    yield "    uint64_t big = 0u;"
+    if not _is_long(frame):
+        yield "    uint64_t little = 0u;"
+        yield "    uint64_t big = 0u;"
     yield "    uint32_t clamped = 0u;"
     if frame.selector:
         chosen = int(table.frames[0].selector) - 1
@@ -105,13 +132,22 @@ def _pack(frame: dbc.Frame) -> Iterator[str]:
         yield "    uint32_t counted_below = 0u;"
         raw = f"raw_of(s->{name}, &{name}_scale, &counted_below)"
         yield f"    const uint64_t layout = {raw} & {_hex(mask)};"
+    if _is_long(frame):
+        yield f"    for (uint32_t i = 0u; i < {frame.dlc}u; i++) {{"
+        yield from ("        data[i] = 0u;", "    }")
     for i, signal in enumerate(frame.signals):
         row, name = table.signals[i], identifier(signal.name)
         raw = f"{_RAW_OF.get(signal.kind, 'raw_of')}(s->{name}, &{name}_scale, &clamped)"
         word = "big" if signal.big_endian else "little"
         shift, mask = int(row.shift), int(row.mask)
-        yield from _where_it_is(signal, f"{word} |= ({raw} & {_hex(mask)}) << {shift};")
-    yield "    put_words(data, little, big);"
+        placed = f"({raw} & {_hex(mask)}) << {shift}"
+        statement = f"{word} |= {placed};"
+        if _is_long(frame):
+            both = f"0u, {placed}" if signal.big_endian else f"{placed}, 0u"
+            statement = f"add_words(&data[{int(row.byte)}], {both});"
+        yield from _where_it_is(signal, statement)
+    if not _is_long(frame):
+        yield "    put_words(data, little, big);"
     yield "    return clamped;"
     yield "}"
 
@@ -121,21 +157,26 @@ def _unpack(frame: dbc.Frame) -> Iterator[str]:
     yield _unpack_head(frame)
     yield "{"
     for word, big in (("little", False), ("big", True)):
-        if any(signal.big_endian is big for signal in frame.signals):
+        if not _is_long(frame) and any(signal.big_endian is big for signal in frame.signals):
             yield f"    const uint64_t {word} = get_{word}(data);"
     if frame.selector:
-        row = table.signals[int(table.frames[0].selector) - 1]
-        word = "big" if row.big_endian else "little"
-        raw = f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
+        raw = _raw(frame, table.signals[int(table.frames[0].selector) - 1])
         yield f"    const uint64_t layout = {raw};"
     for i, signal in enumerate(frame.signals):
         row = table.signals[i]
-        word = "big" if signal.big_endian else "little"
-        raw = f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
+        raw = _raw(frame, row)
         factors = int(row.int_factor), int(row.int_offset)
         value = _value(signal, raw, factors)
         yield from _where_it_is(signal, f"s->{identifier(signal.name)} = {value};")
     yield "}"
+
+
+def _raw(frame: dbc.Frame, row: Any) -> str:
+    """Return the expression of a signal's raw word; `row`: of `dbc.table`."""
+    word = "big" if row.big_endian else "little"
+    if _is_long(frame):
+        word = f"get_{word}(&data[{int(row.byte)}])"
+    return f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
 
 
 def _where_it_is(signal: dbc.Signal, statement: str) -> Iterator[str]:

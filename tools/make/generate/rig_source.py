@@ -95,8 +95,8 @@ void rig_send(void);
 bool rig_finite(finite_t finite);
 bool rig_estop(void);
 void rig_publish(uint32_t passes);
-uint32_t rig_pack(uint32_t row, uint8_t data[8]);
-void rig_unpack(uint32_t row, const uint8_t data[8]);
+uint32_t rig_pack(uint32_t row, uint8_t data[$room]);
+void rig_unpack(uint32_t row, const uint8_t data[$room]);
 
 #endif
 """)
@@ -123,6 +123,7 @@ def header(made: Plan) -> str:
         awaited=sum(map(messages.is_awaited, heard)),
         stop=names.index(stop) if stop in names else len(heard),
         limits=len(made.limits),
+        room=made.data_bytes,
         structs="\n".join([*_struct("received_t", heard), *_struct("sent_t", sent)]),
     )
 
@@ -152,7 +153,7 @@ def source(wiring: Wiring) -> str:
     rate_hz = made.rig.config.rate_hz
     for name, table in (("sent", made.tx_frames), ("heard", made.rx_frames)):
         lines.append(f"const frame_info rig_{name}[RIG_{name.upper()}] = {{")
-        lines += [f"    {frames.info(one, rate_hz)}, /* {one.name} */" for one in table]
+        lines += [f"    {frames.info(one, rate_hz, made.fd)}, /* {one.name} */" for one in table]
         lines += ["};", ""]
     lines += [*_limits(wiring), "", *_init(wiring), "", *_tune(wiring), "", *_step(wiring), ""]
     lines += [*_send(wiring), "", *_finite(wiring), "", *_estop(wiring), "", *_publish(), ""]
@@ -268,9 +269,9 @@ def _choice(made: Plan, what: str) -> Iterator[str]:
     all_ = made.tx_frames if what == "pack" else made.rx_frames
     rows = [(row, identifier(frame.name)) for row, frame in enumerate(all_) if frame.signals]
     if what == "pack":
-        yield "uint32_t rig_pack(uint32_t row, uint8_t data[8])"
+        yield f"uint32_t rig_pack(uint32_t row, uint8_t data[{made.data_bytes}])"
     else:
-        yield "void rig_unpack(uint32_t row, const uint8_t data[8])"
+        yield f"void rig_unpack(uint32_t row, const uint8_t data[{made.data_bytes}])"
     yield "{"
     if what == "pack":
         yield "    uint32_t clamped = 0u;"

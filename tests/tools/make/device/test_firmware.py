@@ -43,7 +43,7 @@ bus, commands = slcan.open_bus(sys.argv[2]), 0
 device = subprocess.Popen([*sys.argv[1:3], "0", "100"])
 while commands < 60:
     select.select((bus,), (), (), 60.0)
-    commands += sum(word == 0x0A0 for word, _ in bus.frames())
+    commands += sum(frame.word == 0x0A0 for frame in bus.frames())
 device.kill()
 os.kill(os.getpid(), signal.SIGKILL)
 """

@@ -7,13 +7,17 @@ import random
 import select
 import shutil
 import subprocess
+import tty
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 from processes import PCPC, ROOT, own_bus, pcpc, until
 
+from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.tools.make.device import slcan
+from pcpc.tools.make.generate.long_frames import with_long_frames
 
 FIXED = ROOT / "tools" / "make" / "generate" / "c"
 
@@ -22,6 +26,24 @@ class Frame(ctypes.Structure):
     """A frame as codec.h has it."""
 
     _fields_ = (("id", ctypes.c_uint32), ("n", ctypes.c_uint8), ("data", ctypes.c_uint8 * 8))
+
+
+class LongFrame(ctypes.Structure):
+    """A frame as it is on CAN FD."""
+
+    _fields_ = (
+        ("id", ctypes.c_uint32), ("n", ctypes.c_uint8), ("data", ctypes.c_uint8 * 64),
+        ("flags", ctypes.c_uint8),
+    )  # fmt: skip
+
+
+class LongLine(ctypes.Structure):
+    """The state of a line as it is on CAN FD."""
+
+    _fields_ = (
+        ("line", ctypes.c_char * 140), ("n", ctypes.c_uint32), ("open", ctypes.c_bool),
+        ("reply", ctypes.c_char),
+    )  # fmt: skip
 
 
 class Line(ctypes.Structure):
@@ -33,16 +55,30 @@ class Line(ctypes.Structure):
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def in_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def library_of(folder: Path) -> Any:
+    """Compile slcan.c of a folder, and load it."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler; apt-get install gcc libc6-dev")
-    path = tmp_path_factory.mktemp("slcan") / "slcan.so"
-    words = ["cc", "-O1", "-shared", "-fPIC", "-o", str(path), str(FIXED / "slcan.c")]
-    subprocess.run(words, check=True)
+    path = folder / "slcan.so"
+    words = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", str(path)]
+    subprocess.run([*words, str(folder / "slcan.c")], check=True)
     library = ctypes.CDLL(str(path))
     library.slcan_take.restype = ctypes.c_bool
     return library
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return library_of(shutil.copytree(FIXED, tmp_path_factory.mktemp("slcan") / "c"))
+
+
+def long_frames(count: int) -> list[slcan.Frame]:
+    draw = random.Random(10)
+    found = [one._replace(flags=draw.choice((0, 4, 5))) for one in frames(count)]
+    return [
+        one._replace(data=draw.randbytes(draw.choice(LENGTHS))) if one.flags else one
+        for one in found
+    ]
 
 
 def frames(count: int) -> list[slcan.Frame]:
@@ -50,15 +86,18 @@ def frames(count: int) -> list[slcan.Frame]:
     words = (
         draw.choice((draw.randrange(2**11), 1 << 31 | draw.randrange(2**29))) for _ in range(count)
     )
-    return [(word, draw.randbytes(draw.randrange(9))) for word in words]
+    return [slcan.Frame(word, draw.randbytes(draw.randrange(9))) for word in words]
 
 
-def heard(library: Any, line: Line, text: bytes) -> tuple[list[slcan.Frame], bytes]:
+def heard(
+    library: Any, line: Any, text: bytes, kind: Any = Frame
+) -> tuple[list[slcan.Frame], bytes]:
     """Return the frames of characters that a device takes, and what it answers."""
-    found, said, frame = list[slcan.Frame](), b"", Frame()
+    found, said, frame = list[slcan.Frame](), b"", kind()
     for byte in text:
         if library.slcan_take(ctypes.byref(line), ctypes.c_char(byte), ctypes.byref(frame)):
-            found.append((frame.id, bytes(frame.data[: frame.n])))
+            flags = getattr(frame, "flags", Flag.NONE)
+            found.append(slcan.Frame(frame.id, bytes(frame.data[: frame.n]), flags))
         said += b"" if line.reply == b"\0" else line.reply
     return found, said
 
@@ -66,13 +105,69 @@ def heard(library: Any, line: Line, text: bytes) -> tuple[list[slcan.Frame], byt
 def test_frames_are_the_same_text_in_python_and_in_c(in_c: Any) -> None:
     line, text = Line(), ctypes.create_string_buffer(28)
     assert heard(in_c, line, b"O\r") == ([], b"\r")
-    for word, data in frames(500):
+    for word, data, _ in frames(500):
         frame = Frame(word, len(data), (ctypes.c_uint8 * 8)(*data))
         count = in_c.slcan_line(ctypes.byref(frame), text)
         said = slcan.line_of(word, data)
         assert text.raw[:count] == said
-        assert slcan.frame_of(said[:-1]) == (word, data)
-        assert heard(in_c, line, said) == ([(word, data)], b"")
+        assert slcan.frame_of(said[:-1]) == (word, data, Flag.NONE)
+        assert heard(in_c, line, said) == ([(word, data, Flag.NONE)], b"")
+
+
+@pytest.fixture(scope="module")
+def in_long_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Return the C of a rig on CAN FD."""
+    folder = tmp_path_factory.mktemp("long")
+    texts = {file.name: file.read_text() for file in FIXED.iterdir() if file.is_file()}
+    for name, text in with_long_frames(texts).items():
+        (folder / name).write_text(text)
+    return library_of(folder)
+
+
+def test_frames_of_can_fd_are_the_same_text_in_python_can_too(
+    in_long_c: Any, tmp_path: Path
+) -> None:
+    """python-can's host is at the other end of a pseudo-terminal."""
+    pytest.importorskip("serial")
+    line, text = LongLine(), ctypes.create_string_buffer(140)
+    assert heard(in_long_c, line, b"O\r", LongFrame) == ([], b"\r")
+    device, host = pty.openpty()
+    tty.setraw(device)
+    with can.Bus(interface="slcan", channel=os.ttyname(host), sleep_after_open=0.0) as theirs:
+        taken(device)
+        for word, data, flags in long_frames(60):
+            frame = LongFrame(word, len(data), (ctypes.c_uint8 * 64)(*data), flags)
+            count = in_long_c.slcan_line(ctypes.byref(frame), text)
+            said = slcan.line_of(word, data, flags)
+            assert text.raw[:count] == said
+            assert slcan.frame_of(said[:-1]) == (word, data, flags)
+            assert heard(in_long_c, line, said, LongFrame) == ([(word, data, flags)], b"")
+            os.write(device, said)
+            message = theirs.recv(10.0)
+            assert message is not None and bytes(message.data) == data
+            its = message.arbitration_id, message.is_extended_id, message.is_fd
+            assert its == (word & 0x1FFFFFFF, bool(word >> 31), bool(flags & Flag.FD))
+            assert message.bitrate_switch is bool(flags & Flag.BRS)
+            theirs.send(message)
+            back = b""
+            while not back.endswith(b"\r"):
+                back += taken(device)
+            assert back == said
+    os.close(device)
+    os.close(host)
+
+
+def test_what_is_no_frame_of_can_fd_is_none(in_long_c: Any) -> None:
+    wrong = [
+        b"d", b"d123", b"d123G", b"d1239" + b"00" * 11, b"D123800", b"b123F" + b"00" * 63,
+        b"t1239" + b"00" * 12, b"f1230",
+    ]  # fmt: skip
+    line = LongLine(open=True)
+    for text in [*wrong, b"b123F" + b"00" * 200]:
+        assert slcan.frame_of(text) is None or text not in wrong, text
+        assert heard(in_long_c, line, text + b"\r", LongFrame) == ([], b"\a"), text
+    whole = b"b123F" + b"AB" * 64
+    assert heard(in_long_c, line, whole + b"\r", LongFrame)[0] == [(0x123, b"\xab" * 64, 5)]
 
 
 def test_what_is_no_frame_is_none(in_c: Any) -> None:
@@ -84,14 +179,14 @@ def test_what_is_no_frame_is_none(in_c: Any) -> None:
     assert heard(in_c, line, b"S8\rC\rt1230\rO\r\r") == ([], b"\r\r\a\r"), (
         "closed, it hears nothing"
     )
-    assert heard(in_c, line, b"t" * 100 + b"\rt1230\r") == ([(0x123, b"")], b"\a")
+    assert heard(in_c, line, b"t" * 100 + b"\rt1230\r") == ([(0x123, b"", 0)], b"\a")
 
 
 def test_a_serial_line_is_carried_to_the_bus_and_back(tmp_path: Path) -> None:
     """A pseudo-terminal has a device's side, here, and a host's, at which the bridge is."""
     device, host = pty.openpty()
     name, bus = os.ttyname(host), own_bus()
-    words = [PCPC, "slcan", bus, name, "--bitrate", "500k"]
+    words = [PCPC, "slcan", bus, name, "--bitrate", "500k", "--data-bitrate", "5M"]
     bridge = subprocess.Popen(words)
     try:
         carry_both_ways(device, host, bus)
@@ -104,7 +199,7 @@ def test_a_serial_line_is_carried_to_the_bus_and_back(tmp_path: Path) -> None:
 
 def carry_both_ways(device: int, host: int, bus: str) -> None:
     said = b""
-    while not said.endswith(b"S6\rO\r"):
+    while not said.endswith(b"S6\rY5\rO\r"):
         said += taken(device)
     os.close(host)  # the bridge has opened it by now
     os.write(device, b"\r\r\rt7011")
@@ -113,13 +208,16 @@ def carry_both_ways(device: int, host: int, bus: str) -> None:
     came = list[slcan.Frame]()
     until(lambda: came.extend(end.frames()) or len(came) >= 1, "a frame on the bus")
     until(lambda: came.extend(end.frames()) or came[-1][1] == b"\xaa\x55", "the other one")
-    assert came[-1] == (1 << 31 | 0x1ABCDEF0, b"\xaa\x55")
-    for word, data in frames(40):
-        end.put(word, data)
-    expected = b"".join(slcan.line_of(word, data) for word, data in frames(40))
+    assert came[-1] == (1 << 31 | 0x1ABCDEF0, b"\xaa\x55", Flag.NONE)
+    os.write(device, b"b123F" + b"C3" * 64 + b"\r")
+    until(lambda: came.extend(end.frames()) or came[-1].flags, "one of CAN FD")
+    assert came[-1] == (0x123, b"\xc3" * 64, Flag.FD | Flag.BRS)
+    for frame in long_frames(40):
+        end.put(*frame)
+    expected = b"".join(slcan.line_of(*frame) for frame in long_frames(40))
     said = b""
     while len(said) < len(expected):
-        said += taken(device).replace(b"\rC\rS6\rO\r", b"")
+        said += taken(device).replace(b"\rC\rS6\rY5\rO\r", b"")
     assert said == expected
 
 

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from fd_rig import fd_rig
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
@@ -73,6 +74,24 @@ def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) 
     found = []
     for name, law in (("same", files["executive_controller.c"]), ("other", changed)):
         write({**files, "executive_controller.c": law}, tmp_path / name)
+        builds.fixed_files(tmp_path / name)
+        found.append(gcc.digest(tmp_path / name))
+    assert found[0] == expected != found[1], (expected, found)
+
+
+def test_frames_of_can_fd_in_c_carry_the_bits_of_python(tmp_path: Path) -> None:
+    """Signals over 48 and 64 bytes, Intel and Motorola; one moved by a byte is another loop."""
+    rig = load_rig(fd_rig(tmp_path), None, [])
+    closed = Closed(rig)
+    files = closed.files(60)
+    assert "uint32_t pack_FB(const FB_signals *s, uint8_t data[64])" in files["frames.h"]
+    assert "uint32_t pack_CMD(const CMD_signals *s, uint8_t data[48])" in files["frames.h"]
+    gcc = next(build for build in builds.builds() if build.name == "gcc -O2")
+    expected, found = digest_of(in_memory(rig), closed.columns(), 60), []
+    shifted = files["frames.c"].replace("add_words(&data[37]", "add_words(&data[36]")
+    assert shifted != files["frames.c"]
+    for name, text in (("same", files["frames.c"]), ("other", shifted)):
+        write({**files, "frames.c": text}, tmp_path / name)
         builds.fixed_files(tmp_path / name)
         found.append(gcc.digest(tmp_path / name))
     assert found[0] == expected != found[1], (expected, found)
