@@ -379,7 +379,8 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         "blocks": [spec.name for spec in made.spec.blocks],
         "laws": list(standby.laws(rig.config)) if standby.IN_CHARGE in table.index else [],
         "faults": planned_faults.described(made.faults),
-        "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
+        "frames": planned_drive.names(made.rig, made.role)
+        | {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),
         "fault_names": list(FAULT_NAMES),
         "attachments": attachments,

@@ -21,7 +21,7 @@ from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
-from pcpc.executive.rig.messages import has_fd_drive
+from pcpc.executive.rig.messages import database_of, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -96,6 +96,27 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     own = {every[row].start & _ID for row in rows}
     own |= {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
     return [frame for frame in found if frame.can_id not in own]
+
+
+def names(rig: Rig, role: Role) -> dict[str, str]:
+    """Return what the frames of a drive are called that the DBC file does not name, by id."""
+    drive = drive_of(rig, role)
+    if drive is None:
+        return {}
+    if drive.profile != CIA402:
+        found = planned_robot.names(rig, drive)
+    else:
+        node, every = drive.node, dictionary_of(rig, role)
+        found = {0: "NMT", _SYNC: "SYNC", _SYNC + node: "EMCY", 0x700 + node: "heartbeat"}
+        found |= {0x580 + node: "SDO answer", 0x600 + node: "SDO request"}
+        for i in range(PDOS):
+            for word, row in (("RPDO", i * RPDO_ROWS), ("TPDO", FIRST_TPDO + i * TPDO_ROWS)):
+                found[every[row + COB_ID].start & _ID] = f"{word}{i + 1}"
+    known = {message.frame_id for message in database_of(rig).messages}
+    shown = {number: name for number, name in found.items() if number not in known}
+    return {
+        str(number): f"{name} {drive.node}" if number else name for number, name in shown.items()
+    }
 
 
 def add_variables(

@@ -68,6 +68,17 @@ def own_ids(rig: Rig, drive: Drive) -> set[int]:
     return KINDS[drive.profile].ids(drive.node) | master
 
 
+def names(rig: Rig, drive: Drive) -> dict[int, str]:
+    """Return what the drive's frames are called, by id."""
+    if drive.profile == "odrive":
+        return {drive.node << 5 | one: one.name.lower() for one in odrive_settings.Command}
+    if drive.profile == "mit":
+        values = {one.name: one.start for one in settings_of(rig, drive)}
+        found = {drive.node: "MIT", 0x100 + drive.node: "position", 0x200 + drive.node: "velocity"}
+        return found | {int(values["MST_ID"]): "feedback", mit.REGISTERS: "register"}
+    return {}
+
+
 def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:
     """Write the drive into the LOOP record, but for what `planned_drive` does."""
     kind, r = KINDS[drive.profile], loop.robot

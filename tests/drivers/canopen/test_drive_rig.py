@@ -88,7 +88,6 @@ def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
 
 REFUSED = {
     "C": (["generate", "c"], "generated C has no drive"),
-    "response times": (["bus"], "its master decides when the drive sends"),
     "a watchdog": (["watchdog"], "does not know the frames of a drive"),
 }
 

@@ -14,12 +14,13 @@ from collections.abc import Iterator
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.start.bus import figure, report, traffic
+from pcpc.tools.start.bus.drive_frames import LEFT_OUT
 from pcpc.tools.start.bus.report import Bus, rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC, Setup
 from pcpc.tools.start.rigs import find
+from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.picture import check_picture
 
@@ -41,12 +42,13 @@ def command(options: argparse.Namespace) -> int:
     if options.rate is not None:
         given.append(f"rate_hz={options.rate!r}")
     rig = load_rig(find(options.words[0]), None, given, resolve=False)
-    check_no_drive(rig, "its master decides when the drive sends; nothing bounds these frames")
     found = list(_buses(rig, options))
     if options.json:
         print(json.dumps(report.as_json(rig, found), indent=2))
     else:
         print("\n\n".join("\n".join(report.text_of(rig, bus)) for bus in found))
+        if rig.config.drives:
+            print("\n".join(screen.rows([("drives", LEFT_OUT)])))
     if options.plot is not None:
         figure.draw(rig, found, options.plot)
     return Exit.OK if all(traffic.fits(bus.rows) for bus in found) else Exit.NOT_MET

@@ -20,6 +20,7 @@ from pcpc.drivers.can import dbc
 from pcpc.drivers.can.frame_bits import duration_ns
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.start.bus.drive_frames import own_frames
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
 from pcpc.tools.start.bus.response import responses_ns
 
@@ -105,13 +106,15 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
         return SentFrame(frame, sender, 0.5 if rig.config.pacing == "sync" else 1.0)
 
     with messages.errors_named(rig):
-        return [
-            sorted(
-                (sent(message) for message in database.messages if message.name in names),
-                key=lambda entry: entry.priority,
-            )
+        found = [
+            [sent(message) for message in database.messages if message.name in names]
             for names in messages.frames_by_bus(rig, database)
         ]
+        for role, frame in own_frames(rig, database):
+            node = rig.config.plants[role]
+            phase = phases[node.node] if kept else None
+            found[node.bus is not None].append(SentFrame(frame, node.node, 1.0, phase))
+    return [sorted(frames, key=lambda entry: entry.priority) for frames in found]
 
 
 def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFrame], Wire]:
