@@ -61,7 +61,12 @@ def test_commands_of_the_client_are_decoded_as_it_means_them(name: str) -> None:
     client = moteus.Controller(
         id=NODE, position_resolution=of_all(moteus.PositionResolution, resolution)
     )
-    for chosen in (list(SENT), ["velocity", "maximum_torque"], ["position", "kd_scale"], []):
+    for chosen in (
+        list(SENT),
+        ["velocity", "maximum_torque"],
+        ["position", "kd_scale"],
+        list(SENT)[9:],
+    ):
         if name in ("int32", "float"):
             chosen = chosen[:9]  # more does not fit into the client's frame
         bench = MoteusBench(FREE)
@@ -162,6 +167,29 @@ def test_an_answer_ends_where_a_frame_ends() -> None:
     assert found.errors == [(8, 1), (9, 1)]
     (data,) = bench.send(0x8000 | NODE, bytes([0x10, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F, 0x7F]))
     assert len(data) <= 64 and len(parse_registers(data).errors) > 10
+
+
+def test_an_answer_has_the_next_length_of_can_fd_and_whole_values() -> None:
+    bench = MoteusBench()
+    for count in range(1, 15):
+        for kind, size in ((0x10, 1), (0x14, 2), (0x1C, 4)):
+            (data,) = bench.send(0x8000 | NODE, bytes([kind, count, 0x20]))
+            used = (2 if count <= 3 else 3) + count * size
+            assert len(data) == min(one for one in LENGTHS if one >= used), (count, size)
+            assert (
+                data[used:].strip(b"\x50") == b"" and len(parse_registers(data).response) == count
+            )
+    asks = bytes([0x1C, 12, 0x20, 0x11, 0x00, 0x12, 0x01, 0x10, 6, 0x00])
+    (data,) = bench.send(0x8000 | NODE, asks)
+    assert len(parse_registers(data).response) == 12 + 3 and data[63] == 0x50
+
+
+def test_an_answer_has_a_long_id_where_a_short_one_does_not_do() -> None:
+    bench = MoteusBench()
+    for node, extended in ((7, 0), (8, 1 << 31), (126, 1 << 31)):
+        bench.d.node = node
+        assert bench.send(0x8000 | node, b"\x50") == [b""]
+        assert bench.said[-1][1] == node << 8 | extended
 
 
 @pytest.mark.parametrize("data", [
