@@ -18,7 +18,7 @@ from typing import Any
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs, recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
@@ -28,6 +28,7 @@ from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
+from pcpc.tools.run.child_words import child_arguments, chosen_plants, was_told_to_end
 from pcpc.tools.run.drive_folder import folder_of_drive, of_the_master
 from pcpc.tools.start import pace
 from pcpc.tools.start.bus import run_line
@@ -107,7 +108,7 @@ class Host:
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
-        if any(child.code < 0 for child in self.children.values() if not _told_to_end(child)):
+        if any(child.code < 0 for child in self.children.values() if not was_told_to_end(child)):
             refused = []  # what others refuse for want of a node that was killed is no reason
         spoken = refused[:1] or list(self.children.values())
         complain([child for child in spoken if child.name != "watchdog"])
@@ -117,7 +118,7 @@ class Host:
 
     def _words(self, role: Role) -> list[str]:
         alone = ["--alone"] * (len(self.roles) < len(self.rig.roles))
-        return [role, *_child_arguments(self.options, str(self.bus)), *alone]
+        return [role, *child_arguments(self.options, str(self.bus)), *alone]
 
     def _node(self, role: Role) -> Child:
         """Start a node: as a copy of this process, where the loop is compiled."""
@@ -331,19 +332,6 @@ class Host:
         return sharing.is_locked(self._block_name("executive"))
 
 
-def _told_to_end(child: Child) -> bool:
-    """Return whether it is no node, and died because this process asked it to end."""
-    return child.asked and child.name in ("line", "watchdog")
-
-
-def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
-    arguments = [options.rig, "--with-parent", str(os.getpid()), "--bus", bus]
-    for name in ("pacing", "controller"):
-        if value := getattr(options, name):
-            arguments += [f"--{name}", value]
-    return arguments + [word for setting in options.set for word in ("--set", setting)]
-
-
 def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
     options, said = pace.settle(options, rig, alone=len(roles) < len(rig.roles))
@@ -405,16 +393,5 @@ def command(options: argparse.Namespace) -> int:
     if role == "local" and rig.config.local is None:
         raise RigError(f"{options.rig}: has no local node; use exec and plant")
     if role == "plant":
-        return on_bus(options, rig, _plants(options, rig))
+        return on_bus(options, rig, chosen_plants(options, rig))
     return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
-
-
-def _plants(options: argparse.Namespace, rig: Rig) -> tuple[Role, ...]:
-    """Return the plants to start: all, or that of --node; RigError."""
-    every = tuple(rig.config.plants)
-    if options.node is None:
-        return every
-    if options.node not in every:
-        what = f"--node {options.node}: no such plant{did_you_mean(options.node, every)}"
-        raise RigError(f"{options.rig}: {what}")
-    return (options.node,)
