@@ -119,6 +119,7 @@ DRIVE = np.dtype(
         ("text", "u1", (TEXTS * TEXT_BYTES,)),
         ("k", "<i8"),  # the cycle
         ("n_out", "<i8"),
+        ("answers_last", "<i8"),  # 1: in lockstep, behind what its node sends
         ("outbox", "u1", (OUTBOX_FRAMES, FRAME_BYTES)),
         # from here on kept in keyframes
         ("value", "<i8", (MAX_OBJECTS,)),

@@ -94,7 +94,7 @@ def answer(n: Any) -> None:
     There whoever waits for a frame of the drive goes on once it is here.
     """
     d = n.canopen
-    if n.meeting.ordered == 0 or d.n_out > len(d.outbox) // 2:
+    if d.answers_last == 0 or d.n_out > len(d.outbox) // 2:
         send_outbox(n)
 
 

@@ -197,6 +197,7 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
         planned_robot.install_robot(loop, rig, drive)
     d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
     d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
+    d.answers_last = loop.meeting.ordered
     d.place_position, d.place_command = index[drive.position], index[COMMAND]
     d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
     d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{seen(drive)[0][0]}"]
