@@ -79,7 +79,8 @@ def test_generated_c_protects_it_with_the_same_bytes(tmp_path: Path) -> None:
         "void ours(uint8_t *data, uint32_t counter);\n"
         "void ours(uint8_t *data, uint32_t counter)\n{\n    protect(data, &ROW, counter);\n}\n"
         "int wrong(const uint8_t *data, uint8_t n);\n"
-        "int wrong(const uint8_t *data, uint8_t n)\n{\n    receiver_t state = {-1, 0u, false, false};\n"
+        "int wrong(const uint8_t *data, uint8_t n)\n{\n"
+        "    receiver_t state = {-1, 0u, false, false};\n"
         "    uint32_t lost = 0u;\n    return judge(data, n, &ROW, &state, &lost) == WRONG_CRC;\n}\n"
     )
     words = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o"]
