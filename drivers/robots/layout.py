@@ -30,6 +30,7 @@ class Mistake(Told):
     VALUE_REFUSED = "setting was not there, or its value outside of its bounds"
     TARGET_CLIPPED = "target was outside the limits"
     SILENT = "master was silent for longer than the drive waits"
+    NOT_SWITCHED = "frame of CAN FD came without the bit rate switch of the bus"
 
 
 SETTING = row_of("number whole writable", "start low high")
@@ -51,6 +52,7 @@ ROBOT = np.dtype(
         ("value", "<f8", (MAX_SETTINGS,)),
         ("state", STATE),
         ("mistakes", "<i8", (len(Mistake),)),
+        ("switches", "<i8"),  # 1: the bus has a second bit rate
         ("sent_at", "<i8", (CYCLIC,)),
     ],
     align=True,

@@ -69,6 +69,7 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
     if whom != d.node and whom != NODES:
         twin = source == d.node and can_id & ANSWER == 0
         return np.int64(Whose.TWIN if twin else Whose.OTHER)
+    r.mistakes[Mistake.NOT_SWITCHED] += r.switches if flags & Flag.BRS == 0 else 0
     c = r.cursor
     c.at, c.end, c.ok, c.out = 0, min(np.int64(frame[4]), LONGEST), 1, 0
     c.answers = 1 if can_id & ANSWER != 0 and d.n_out < OUTBOX_FRAMES else 0

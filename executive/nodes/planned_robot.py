@@ -84,5 +84,6 @@ def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:
     kind, r = KINDS[drive.profile], loop.robot
     settings.install(r, kind.dialect, settings_of(rig, drive))
     loop.canopen.node, loop.canopen.on = drive.node, 1
+    r.switches = rig.config.bus.data_bitrate is not None
     r.position_scale = kind.scale if drive.scale.position is None else drive.scale.position
     r.velocity_scale = kind.scale if drive.scale.velocity is None else drive.scale.velocity

@@ -227,6 +227,14 @@ def test_an_answer_is_as_its_question_was() -> None:
             assert bench.said[-1][1] == word and bench.d.outbox[0][5] == flags
 
 
+def test_a_frame_that_does_not_switch_its_bit_rate_is_counted_where_the_bus_has_two() -> None:
+    for switches, flags, times in ((1, Flag.FD, 1), (1, Flag.FD | Flag.BRS, 0), (0, Flag.FD, 0)):
+        bench = MoteusBench()
+        bench.r.switches, bench.flags = switches, flags
+        bench.do(CLIENT.make_query(), 0)
+        assert bench.mistakes() == ({"NOT_SWITCHED": times} if times else {}), (switches, flags)
+
+
 def test_it_is_a_spring_and_a_damper() -> None:
     bench = MoteusBench(FREE)
     bench.d.gains = (50.0, 2.0, 0.0)

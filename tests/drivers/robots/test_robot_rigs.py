@@ -44,7 +44,7 @@ def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     assert plant["drive.state"][-1] != on and plant["drive.command"][-1] == 0.0
     counted = {name: values[-1] for name, values in plant.items() if "drive.master." in name}
     refused = counted.pop("drive.master.command_refused")
-    assert len(counted) == 5 and not any(counted.values()) and refused < 3, counted
+    assert len(counted) == 6 and not any(counted.values()) and refused < 3, counted
     answer = {"odrive": "ESTIMATES", "mit": "FEEDBACK", "moteus": "REPLY"}[kind]
     heard = log.node["executive"].columns[f"rx.{answer}.position"]
     assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
@@ -113,7 +113,8 @@ def test_the_bus_of_a_drive_of_can_fd_takes_its_frames(tmp_path: Path) -> None:
         for role in ("plant", "executive"):
             made = plan(rig, role, "real")
             assert made.fd == (kind == "moteus") and made.data_bytes == (64 if made.fd else 8)
-    rig = load_rig(TEMPLATE / "drive_moteus.yaml", settings=["bus.emulate=1M"])
+    settings = ["bus.emulate=1M", "bus.data_bitrate=null"]
+    rig = load_rig(TEMPLATE / "drive_moteus.yaml", settings=settings)
     with pytest.raises(RigError, match=r"a moteus drive switches its bit rate; give bus.data_bit"):
         check_line(rig, "real")
     check_line(load_rig(HERE / "moteus.yaml", settings=["bus.emulate=1M"]), "real")
