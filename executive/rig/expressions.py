@@ -36,7 +36,7 @@ _WORDS = ("and", "or", "not")
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
 _TOKEN = re.compile(
     rf"(?P<number>{_NUMBER})(?P<unit>{AFTER_NUMBER})?(?![\w.])"
-    r"|(?P<name>(?:(?:executive|local|plant):)?[A-Za-z_]\w*(?:\.\w+)*)(?![\w.]|\s*\()"
+    r"|(?P<name>(?:(?:executive|local|plant(?:_\d+)?):)?[A-Za-z_]\w*(?:\.\w+)*)(?![\w.]|\s*\()"
 )
 _PLACEHOLDER = re.compile(r"_(\d+)_")
 _ARITHMETIC: dict[type, tuple[str, Any]] = {

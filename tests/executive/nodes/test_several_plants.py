@@ -215,3 +215,17 @@ def test_a_plant_of_several_is_started_alone_and_a_wrong_name_is_named(tmp_path:
     rig = drives(tmp_path, 3)
     done = pcpc("plant", str(rig), "--node", "plant_4", cwd=tmp_path)
     assert done.code == 2 and "--node plant_4: no such plant" in done.err, done
+
+
+def test_a_requirement_says_whose_variable_it_is_about(tmp_path: Path) -> None:
+    entry = 'require: [{{always: "abs({}motor.encoder_rad) < 1 rad"}}]\n'
+    for whose, code, said in (
+        ("", 2, "is one of plant, plant_2, plant_3; say whose, as plant_3:motor.encoder_rad"),
+        ("plant_2:", 1, "plant_2:motor.encoder_rad) < 1 rad: violated first"),
+        ("plant_3:", 0, "ok (1 limit judged)"),
+    ):
+        rig = motors(tmp_path, 3)
+        rig.write_text(rig.read_text().replace("require: null\n", entry.format(whose)))
+        words = ["--set", "duration_s=0.5", "--no-figure", "--set", "reference_3.amplitude_rad=0.9"]
+        done = pcpc("simulate", str(rig), *words, "-o", str(tmp_path / f"run{code}"))
+        assert done.code == code and said in " ".join((done.out + done.err).split()), done

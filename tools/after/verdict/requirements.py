@@ -20,6 +20,7 @@ from pcpc.executive.rig.requirements import (
     text_of,
     timed_requirement,
 )
+from pcpc.executive.rig.roles import PLANTS
 from pcpc.executive.rig.units import Unit, unit, unit_of_name
 from pcpc.plants.judging import Judged, Run
 from pcpc.tools.after.verdict.monitors import Monitor, monitor
@@ -119,12 +120,21 @@ class Names:
         ExpressionError for what is neither.
         """
         if (found := names.find_variable(self.log, name)) is not None:
+            self._check_whose(name, *found)
             return found
         if name in self.signals:
             return "", name
         if why := names.why_unrecorded(self.log, name):
             raise ExpressionError(f"{name} is {why}")
         raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known())}")
+
+    def _check_whose(self, name: str, node: str, variable: str) -> None:
+        """Raise ExpressionError for a variable that several plants have, of none by name."""
+        having = [one for one, record in self.log.node.items()
+                  if one in PLANTS and variable in record.columns]  # fmt: skip
+        if node in PLANTS and ":" not in name and len(having) > 1:
+            what = f"{name} is one of {', '.join(having)}; say whose, as {having[-1]}:{name}"
+            raise ExpressionError(what)
 
     def unit(self, name: str) -> Unit | None:
         """Return the unit of a name, None for one that nobody tells; ExpressionError."""
