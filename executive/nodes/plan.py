@@ -136,7 +136,8 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
     said = planned_drive.frames(rig, role, database, "tx")
     made.tx_frames = sorted(said, key=protocol.sending_order)
     if role not in PLANTS:
-        made.below = protocol.frames_on_second(rig, database)
+        own = {frame.name for frame in (*made.rx_frames, *made.tx_frames)}
+        made.below = protocol.frames_on_second(rig, database) & own
     made.senders = protocol.senders_below(rig, role, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)

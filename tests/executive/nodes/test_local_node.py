@@ -61,6 +61,7 @@ def test_each_node_has_only_the_frames_of_its_buses() -> None:
     plans = {role: plan(rig, role, "sync") for role in rig.roles}
     local = plans["local"]
     assert local.below == {"SYNC_LOCAL", "CMD", "FB", "HB_PLANT"}
+    assert not plans["executive"].below and not plans["plant"].below
     assert {f.name for f in plans["executive"].rx_frames} == {"TELL", "HB_LOCAL"}
     assert {f.name for f in plans["plant"].rx_frames} == {"SYNC_LOCAL", "CMD"}
     assert sorted(local.receive_ids) == [128, 160, 1793]
