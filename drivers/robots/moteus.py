@@ -337,9 +337,7 @@ def of_motion(r: Any, d: Any, register: Any) -> Any:
     x = r.state
     if register == Register.VELOCITY or register == Register.ENCODER_VELOCITY:
         return x.velocity
-    if register == Register.TORQUE or register == Register.DEMANDED:
-        return x.torque
-    if register == Register.CONTROL_TORQUE:
+    if register in (Register.TORQUE, Register.DEMANDED, Register.CONTROL_TORQUE):
         return x.torque
     if register == Register.INTEGRAL:
         return x.integral

@@ -139,6 +139,7 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
         own = {frame.name for frame in (*made.rx_frames, *made.tx_frames)}
         made.below = protocol.frames_on_second(rig, database) & own
     made.senders = protocol.senders_below(rig, role, database)
+    planned_drive.check_senders(rig, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)
     protocol.check_stops(rig, database)

@@ -21,7 +21,7 @@ from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
-from pcpc.executive.rig.messages import database_of, has_fd_drive
+from pcpc.executive.rig.messages import FD_PROFILES, database_of
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -82,7 +82,7 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     if drive is None:
         return found
     if drive.profile != CIA402:
-        own, fd = planned_robot.own_ids(rig, drive), has_fd_drive(rig)
+        own, fd = planned_robot.own_ids(rig, drive), drive.profile in FD_PROFILES
         for frame in found:
             if frame.can_id in own and frame.fd >= fd:
                 what = (
@@ -96,6 +96,32 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     own = {every[row].start & _ID for row in rows}
     own |= {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
     return [frame for frame in found if frame.can_id not in own]
+
+
+def check_senders(rig: Rig, database: dbc.Database) -> None:
+    """Raise RigError if two plants on one bus send the same id, or hear one as the same drive."""
+    taken: dict[tuple[bool, int], Role] = {}
+    for role, plant in rig.config.plants.items():
+        sent = {one.can_id for one in frames(rig, role, database, "tx") if not one.extended}
+        for number in sorted(sent | _spoken_ids(rig, role)):
+            other = taken.setdefault((plant.bus is None, number), role)
+            if other != role:
+                key = f"{role}.node" if plant.drive is None else f"{role}.drive.node"
+                what = f"{number:#05x} is an id of {other} on this bus, too; choose another"
+                raise rig.error(key, what)
+
+
+def _spoken_ids(rig: Rig, role: Role) -> set[int]:
+    """Return the ids that a drive sends, and those by which it alone is meant."""
+    drive = drive_of(rig, role)
+    if drive is None:
+        return set()
+    if drive.profile != CIA402:
+        return planned_robot.spoken_ids(rig, drive)
+    start = [one.start for one in dictionary_of(rig, role)]
+    found = {base + drive.node for base in (_SYNC, 0x580, 0x600, 0x700)}
+    cob_ids = [start[FIRST_TPDO + i * TPDO_ROWS + COB_ID] for i in range(PDOS)]
+    return found | {one & _ID for one in cob_ids if not one & objects.NOT_VALID}
 
 
 def names(rig: Rig, role: Role) -> dict[str, str]:

@@ -68,6 +68,15 @@ def own_ids(rig: Rig, drive: Drive) -> set[int]:
     return KINDS[drive.profile].ids(drive.node) | master
 
 
+def spoken_ids(rig: Rig, drive: Drive) -> set[int]:
+    """Return those that no other drive on its bus may have; a master's orders may be to many."""
+    if drive.profile == "mit":
+        return own_ids(rig, drive) - {mit.REGISTERS}
+    if drive.profile == "moteus":
+        return {drive.node << 8 | whom for whom in range(128)} | {drive.node}
+    return own_ids(rig, drive)
+
+
 def names(rig: Rig, drive: Drive) -> dict[int, str]:
     """Return what the drive's frames are called, by id."""
     if drive.profile == "odrive":

@@ -14,6 +14,7 @@ from pcpc.executive.loop.meeting import Part
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import PLANTS, Role
 
+FD_PROFILES = ("moteus",)  # drives whose frames are of CAN FD
 SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx")}  # a plant: ("rx",)
 
 
@@ -246,7 +247,7 @@ def fd_frames(rig: Rig) -> list[dbc.Frame]:
 
 def has_fd_drive(rig: Rig) -> bool:
     """Return whether one of the rig's plants is a drive whose frames are of CAN FD."""
-    return any(drive.profile == "moteus" for drive in rig.config.drives.values())
+    return any(drive.profile in FD_PROFILES for drive in rig.config.drives.values())
 
 
 def peers_of(

@@ -278,6 +278,13 @@ class Config(Keyed):
         return tuple(self.plants) if self.local is None else ("local",)
 
     @property
+    def second_bus(self) -> Bus | None:
+        """The bus of a local node's plant or of some plants, where its keys are given."""
+        if self.local is not None:
+            return self.local.bus
+        return next((one.bus for one in self.plants.values() if one.bus is not None), None)
+
+    @property
     def drives(self) -> dict[Role, Drive]:
         """The drives among them."""
         return {role: one.drive for role, one in self.plants.items() if one.drive is not None}

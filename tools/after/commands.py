@@ -1,6 +1,5 @@
 """Commands: replay."""
 
-from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command, codes
 
@@ -8,8 +7,9 @@ from pcpc.tools.terminal.command import Add, Command, codes
 def replay(add: Add) -> None:
     """Take a log, and what is changed."""
     take.log(add)
-    add("--node", metavar="NODE", choices=(*ROLES, "device", "all"), default="all",
-        help="node to recompute; device: its frames, by the rig's law; default: all")  # fmt: skip
+    take.node(
+        add, "node to recompute; device: its frames, by the rig's law; default: all", "device"
+    )
     take.moment(add, "show this cycle only, as `pcpc step` does")
     add("--from", dest="since", type=float, metavar="S",
         help="first time that is compared, s of the run")  # fmt: skip

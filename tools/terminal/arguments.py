@@ -7,6 +7,7 @@ from typing import Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.durations import duration_ns, duration_s
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal.command import Add
 from pcpc.tools.terminal.option_notes import need_value
 from pcpc.tools.terminal.rooms import offers
@@ -115,6 +116,11 @@ def _file(option: str) -> Callable[[str], str]:
         raise UserError(f"{option} {text}: no such file")
 
     return there
+
+
+def node(add: Add, help: str = "only this node; default: all", *more: str) -> None:
+    """Take which node of a log is meant, or one of `more`."""
+    add("--node", metavar="NODE", choices=(*ROLES, *more, "all"), default="all", help=help)
 
 
 def code_of_laws(add: Add) -> None:

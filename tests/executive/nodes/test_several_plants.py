@@ -229,3 +229,25 @@ def test_a_requirement_says_whose_variable_it_is_about(tmp_path: Path) -> None:
         words = ["--set", "duration_s=0.5", "--no-figure", "--set", "reference_3.amplitude_rad=0.9"]
         done = pcpc("simulate", str(rig), *words, "-o", str(tmp_path / f"run{code}"))
         assert done.code == code and said in " ".join((done.out + done.err).split()), done
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (("node: 6,", "node: 5,"), "plant_2.drive.node: 0x085 is an id of plant on this bus"),
+    (('"1803.1": 1158', '"1803.1": 1157'), "0x485 is an id of plant"),
+    (('"1403.1": 1286', '"1403.1": 1285'), ""),  # one order to two drives
+    (("node: 6,", "node: 66,"), "0x742 is an id of plant_2 on this bus"),
+])  # fmt: skip
+def test_two_plants_never_send_one_id_on_a_bus(
+    change: tuple[str, str], said: str, tmp_path: Path
+) -> None:
+    """In virtual time they do not hear each other: nothing else would tell."""
+    path = drives(tmp_path, 3)
+    text = path.read_text()
+    assert change[0] in text
+    path.write_text(text.replace(*change))
+    if not said:
+        plan(load_rig(path), "plant_2", "real")
+        return
+    with pytest.raises(RigError, match=r"drive\.node") as error:
+        plan(load_rig(path), "plant_3", "real")
+    assert said in str(error.value), error.value

@@ -1,6 +1,5 @@
 """Commands: step."""
 
-from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command
 
@@ -11,13 +10,7 @@ def step(add: Add) -> None:
     take.moment(add, "cycle to show")
     add("--show", action="append", default=[], metavar="NAME",
         help="only this variable; * is any text; default: all but parameters")  # fmt: skip
-    add(
-        "--node",
-        metavar="NODE",
-        choices=(*ROLES, "all"),
-        default="all",
-        help="only this node; default: all",
-    )
+    take.node(add)
     take.code_of_laws(add)
     take.json(add)
     take.quiet(add)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command
 
@@ -19,13 +18,7 @@ def verify(add: Add) -> None:
     add("--signers", metavar="FILE", help="check its signature: allowed signers of ssh-keygen")
     add("--identity", metavar="WHO", help="who must have signed it")
     add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
-    add(
-        "--node",
-        metavar="NODE",
-        choices=(*ROLES, "all"),
-        default="all",
-        help="only this node; default: all",
-    )
+    take.node(add)
     add(
         "--jobs",
         type=take.positive,

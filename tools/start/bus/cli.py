@@ -56,7 +56,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     config = rig.config
-    below = config.local.bus if config.local else None
+    below, name_below = config.second_bus, "local bus" if config.local else "second bus"
     of_rig = (config.bus.bits_per_s, (below and below.bits_per_s) or config.bus.bits_per_s)
     data_of_rig = (config.bus.data_bitrate, below.data_bitrate if below else None)
     jitter_ns, error_every_ns = round(1e9 * options.jitter), round(1e9 * options.error_every)
@@ -65,7 +65,7 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
         raise RigError(f"--jitter {1e3 * options.jitter:g}ms: {what}; give less")
     found = traffic.buses(rig, options.any_phase)
     for name, own, data, frames in zip(
-        ("bus", "local bus"), of_rig, data_of_rig, found, strict=False
+        ("bus", name_below), of_rig, data_of_rig, found, strict=False
     ):
         bitrate, origin = _bitrate(options, own)
         fast = options.data_bitrate or data or config.bus.data_bitrate

@@ -29,8 +29,8 @@ from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
-LAST_SYNC_KIND = 240
-LEFT_OUT = "SDOs, EMCY and what else a master asks the drives for come on top"
+LAST_SYNC_KIND = 240  # of CiA 301: 1 to 240, with so many SYNCs
+LEFT_OUT = "a moteus' answers, SDOs, EMCY and what else a master asks for come on top"
 
 
 def own_frames(rig: Rig, database: dbc.Database) -> Iterator[tuple[Role, Frame]]:
