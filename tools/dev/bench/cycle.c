@@ -230,30 +230,31 @@ static void note_foreign(loop *n, uint32_t word)
 
 static int64_t sorted_out(loop *n, int64_t row)
 {
-    int64_t part = n->rx.role[row].meeting;
+    int64_t part = n->rx.role[row].meeting, peer = n->rx.role[row].peer - 1;
+    peer = peer > 0 ? peer : 0;
     if (part == PART_FROM_ABOVE || part == PART_FROM_BELOW) {
-        if (!n->meeting.met[row] || (part == PART_FROM_BELOW && n->meeting.sampled)) {
+        if (!n->meeting.met[row] || (part == PART_FROM_BELOW && n->meeting.sampled[peer])) {
             n->meeting.met[row] = 1;
             return TURN_TAKE;
         }
         if (part == PART_FROM_BELOW) {
-            n->meeting.holding = row + 1;
-            memcpy(n->meeting.held, n->wire.rx, WIRE_CLASSIC_BYTES);
+            n->meeting.holding[peer] = row + 1;
+            memcpy(n->meeting.held[peer], n->wire.rx, WIRE_CLASSIC_BYTES);
         }
         return TURN_LEAVE;
     }
     if (part == PART_BEFORE)
-        n->meeting.holding = 0;
+        n->meeting.holding[peer] = 0;
     if (part == PART_BEFORE || part == PART_AFTER)
-        n->meeting.sampled = 1;
-    return part == PART_AFTER && n->meeting.holding ? TURN_HELD_FIRST : TURN_TAKE;
+        n->meeting.sampled[peer] = 1;
+    return part == PART_AFTER && n->meeting.holding[peer] ? TURN_HELD_FIRST : TURN_TAKE;
 }
 
-static void exchange_held(loop *n)
+static void exchange_held(loop *n, int64_t peer)
 {
     uint8_t frame[WIRE_CLASSIC_BYTES];
-    memcpy(frame, n->meeting.held, sizeof frame);
-    memcpy(n->meeting.held, n->wire.rx, sizeof frame);
+    memcpy(frame, n->meeting.held[peer], sizeof frame);
+    memcpy(n->meeting.held[peer], n->wire.rx, sizeof frame);
     memcpy(n->wire.rx, frame, sizeof frame);
 }
 
@@ -277,11 +278,12 @@ static int64_t take_frame(loop *n)
         if (what == TURN_LEAVE)
             return -1;
         if (what == TURN_HELD_FIRST) {
-            int64_t first = n->meeting.holding - 1;
-            exchange_held(n);
-            n->meeting.holding = 0;
+            int64_t peer = n->rx.role[row].peer > 1 ? n->rx.role[row].peer - 1 : 0;
+            int64_t first = n->meeting.holding[peer] - 1;
+            exchange_held(n, peer);
+            n->meeting.holding[peer] = 0;
             use_frame(n, first);
-            exchange_held(n);
+            exchange_held(n, peer);
         }
     }
     return use_frame(n, row);
@@ -902,7 +904,7 @@ static void pass_or_finish(loop *n, step_function **steps)
 
 static int wait_for_peer(loop *n)
 {
-    n->wire.muted = n->meeting.ordered;
+    n->wire.muted = n->wire.in_turn;
     while (!stopping(n)) {
         int result = get_frame(&n->wire, 1);
         if (result == ARRIVAL_FAILED) {
@@ -910,9 +912,12 @@ static int wait_for_peer(loop *n)
             n->guard.faulted = FAULT_BUS_FAILED;
             return 0;
         }
-        int known = result == ARRIVAL_FRAME && take_frame(n) >= 0;
-        if (known)
+        int64_t row = result == ARRIVAL_FRAME ? take_frame(n) : -1;
+        int known = row >= 0 && n->rx.role[row].peer != 0;
+        if (known) {
+            n->meeting.heard |= 1; /* of one peer */
             n->wire.muted = 0;
+        }
         if (known || result == ARRIVAL_NOTHING)
             announce(n);
         if (known)

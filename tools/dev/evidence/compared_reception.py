@@ -100,7 +100,7 @@ def reception(_m, n, about, frames, told, kept):
             t[32 + i] = words(rx.state[max(a[3], 0)])[i]
             t[42 + i] = words(n.faults.on_wire[max(a[3], 0)])[i]
         t[52], t[53], t[54] = n.faults.shown, rx.foreign.count, rx.repeats.count
-        t[55], t[56] = n.meeting.sampled, n.meeting.holding
+        t[55], t[56] = n.meeting.sampled[0], n.meeting.holding[0]
         for i in range(4):
             kept[s, i] = n.v[20 + i]
             kept[s, 4 + i] = n.v[30 + i]

@@ -206,8 +206,9 @@ def test_what_cannot_be_a_device_is_refused(tmp_path: Path) -> None:
     done = with_device(tmp_path / "run", ("./no-such-program",))
     assert done.code == 2 and "no such program" in done.err, done
     assert not (tmp_path / "run").exists()
-    done = pcpc("plant", "telerobot-u1", "--device", "sh", cwd=tmp_path)
-    assert done.code == 2 and "two nodes only" in done.err, done
+    emulated = ("--set", "bus.emulate=500000", "--device", "sh")
+    done = pcpc("plant", "hull", *emulated, cwd=tmp_path)
+    assert done.code == 2 and "--set bus.emulate=null" in done.err, done
 
 
 def test_the_summary_is_kept_with_what_the_device_did(tmp_path: Path) -> None:
