@@ -61,38 +61,34 @@ class Closed:
 
     def files(self, cycles: int) -> dict[str, str]:
         """Return the files of the program that runs so many cycles."""
+        return self.around("\n".join(self._main(cycles)))
+
+    def around(self, main: str) -> dict[str, str]:
+        """Return the files of a program with the nodes, its `main.c` given."""
         sent = {f.name: f for wiring in self.nodes.values() for f in wiring.plan.tx_frames}
         used = list(sent.values())
         return {
             **self.texts,
             "frames.h": frames.header(used, used),
             "frames.c": frames.source(used, used),
-            "main.c": "\n".join(self._main(cycles)),
+            "main.c": main,
         }
 
     def _main(self, cycles: int) -> Iterator[str]:
         yield "/* The closed loop of a rig; prints the digest of what its nodes record. */"
         yield f"#define CYCLES {cycles}U"
-        yield from (f'#include "{role}_rig.h"' for role in self.nodes)
-        yield from ('#include "frames.h"', '#include "pcpc_math.h"', "")
-        for role in self.nodes:
-            yield f"static {role}_rig {role}_node;"
-            yield f"static {role}_received {role}_in;"
-            yield f"static {role}_sent {role}_out;"
+        yield from self.declared()
         yield PORT.read_text(encoding="utf-8")
         for node, columns in self.columns().items():
             yield f"static uint64_t {node}_digest = {BASIS}U;\n\nstatic void {node}_mix(void)\n{{"
             yield f"    uint64_t h = {node}_digest;"
             yield from (f"    h = mix(h, (double){text});" for _, text in columns)
             yield f"    {node}_digest = h;\n}}\n"
-        for role, wiring in self.nodes.items():
-            yield from self._send(role, wiring)
-            yield from self._cycle(role, wiring)
+        yield from self.cycles()
         roles = list(self.nodes)
         below = [*reversed(roles[1:])]
         yield "int main(void)\n{"
-        refused = " | ".join(f"{role}_rig_init(&{role}_node)" for role in roles)
-        yield f"    if (({refused}) != 0) {{"
+        yield f"    if (({self.refused}) != 0) {{"
         yield '        say("refused");\n        finish();\n        return 1;\n    }'
         yield from (f"    {role}_cycle(0U);" for role in below)
         yield f"    for (uint32_t k = 0U; k < {cycles}U; k += 1U) {{"
@@ -102,6 +98,26 @@ class Closed:
         yield "    uint64_t all = 0U;"
         yield from (f"    all = (all ^ {role}_digest) * {PRIME}U;" for role in roles)
         yield "    say_hex(all);\n    cost_say();\n    finish();\n    return 0;\n}\n"
+
+    @property
+    def refused(self) -> str:
+        """What sets all nodes to their first values, in C; not 0: a self-test refuses."""
+        return " | ".join(f"{role}_rig_init(&{role}_node)" for role in self.nodes)
+
+    def declared(self) -> Iterator[str]:
+        """Yield what is included, and the nodes with what they hear and send."""
+        yield from (f'#include "{role}_rig.h"' for role in self.nodes)
+        yield from ('#include "frames.h"', '#include "pcpc_math.h"', "")
+        for role in self.nodes:
+            yield f"static {role}_rig {role}_node;"
+            yield f"static {role}_received {role}_in;"
+            yield f"static {role}_sent {role}_out;"
+
+    def cycles(self) -> Iterator[str]:
+        """Yield ROLE_cycle(k) of all nodes; each calls its ROLE_mix."""
+        for role, wiring in self.nodes.items():
+            yield from self._send(role, wiring)
+            yield from self._cycle(role, wiring)
 
     def _cycle(self, role: str, wiring: NodeWiring) -> Iterator[str]:
         """Yield one cycle of a node; a lower one is not mixed in its last cycle."""

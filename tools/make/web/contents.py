@@ -1,0 +1,197 @@
+"""What a page is told of a rig: JSON, and behind it the modules of its controllers.
+
+    payload = gzip(length of the JSON, 4 bytes little-endian; JSON; modules), base64
+
+The digest of a run is SHA-256 over the recorded states and outputs of all blocks: node after node
+from the executive down, a row a cycle, little-endian doubles, NaN as 7FF8000000000000.
+"""
+
+import base64
+import gzip
+import hashlib
+import importlib.metadata
+import json
+import math
+import platform
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import RigError
+from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.make.generate.closed import NAN
+from pcpc.tools.make.web.program import Program
+
+SEEDS = 3  # beyond the rig's own
+LAYOUT = "layout.json"
+MOST_BYTES = 1 << 30  # of what a page keeps of a run
+
+
+class Contents:
+    """A rig, and its controllers one by one."""
+
+    def __init__(self, rig: Rig, name: str, settings: list[str]) -> None:
+        """`name`: as the user called it; `settings`: what he changed."""
+        self.rig, self._modules = rig, list[bytes]()
+        config = rig.config
+        self.about: dict[str, Any] = {
+            "version": importlib.metadata.version("pcpc"),
+            "machine": platform.machine().replace("_", "-"),
+            "rig": config.rig,
+            "title": config.title,
+            "called": name,
+            "settings": settings,
+            "period_s": config.period_ns * 1e-9,
+            "rate_hz": config.rate_hz,
+            "nodes": list(rig.roles),
+            "schedule": [{"at_s": one.at_s, "set": dict(one.set)} for one in config.schedule],
+            "layout": _layout(rig),
+            "controllers": [],
+            "absent": [],
+        }
+
+    def add(self, rig: Rig) -> None:
+        """Compile a controller and run it once; RigError, UserError."""
+        program = Program(rig)
+        kept = 8 * program.cycle_count * sum(map(len, program.rows.values()))
+        if kept > MOST_BYTES:
+            what = f"a page would keep {kept / 2**30:.1f} GiB of a run; make it shorter"
+            raise rig.error("duration_s", what)
+        module = program.module()
+        log = in_memory(rig)
+        offset = sum(map(len, self._modules))
+        self._modules.append(module)
+        self.about["controllers"].append(
+            {
+                "name": rig.config.controller,
+                "module": [offset, len(module)],
+                "cycles": program.cycle_count,
+                "digest": digest(program, log),
+                "columns": {role: _columns(program, role) for role in program.nodes},
+                "values": [one for role in program.nodes for one in _values(program, role)],
+                "seed": rig.config.seed,
+                "seeds": _seeds(rig, program, self.about["settings"]),
+            }
+        )
+
+    def leave_out(self, controller: str, error: UserError) -> None:
+        """Note why a controller is not there."""
+        self.about["absent"].append({"name": controller, "why": str(error)})
+
+    def payload(self) -> str:
+        """Return all of it."""
+        text = json.dumps(self.about, separators=(",", ":"), allow_nan=False).encode()
+        whole = len(text).to_bytes(4, "little") + text + b"".join(self._modules)
+        return base64.b64encode(gzip.compress(whole, 9, mtime=0)).decode()
+
+
+def contents(
+    path: Path, name: str, only: str | None, settings: list[str], say: Callable[[str], None]
+) -> Contents:
+    """Return what a page of a rig holds; RigError, UserError: no controller of it can be there."""
+    rig = load_rig(path, only, settings)
+    made = Contents(rig, name, settings)
+    first = rig.config.controller
+    names = [only] if only else [first, *(one for one in rig.config.controllers if one != first)]
+    for controller in names:
+        say(controller)
+        try:
+            made.add(load_rig(path, controller, settings))
+        except RigError as error:
+            if controller in (only, first):
+                raise
+            made.leave_out(controller, error)
+    return made
+
+
+def digest(program: Program, log: Log) -> str:
+    """Return the digest of a whole run."""
+    whole = hashlib.sha256()
+    for role, columns in program.rows.items():
+        recorded = log.node[role].columns
+        names = [one.name for one in columns if one.digested]
+        if not names:
+            continue
+        table = np.stack([recorded[name] for name in names])[:, : program.cycle_count]
+        words = np.ascontiguousarray(table.T, "<f8").view(np.uint64)
+        whole.update(np.where(np.isnan(table.T), np.uint64(NAN), words).tobytes())
+    return whole.hexdigest()
+
+
+def _columns(program: Program, role: str) -> list[list[Any]]:
+    """Return name, unit, meaning and whether it is digested of each column of a node."""
+    table = program.nodes[role].plan.table
+    found = []
+    for one in program.rows[role]:
+        variable = table.variables[table.index[one.name]]
+        found.append([one.name, variable.unit, variable.help, int(one.digested)])
+    return found
+
+
+def _values(program: Program, role: str) -> list[dict[str, Any]]:
+    """Return the parameters of a node that can be changed in a page."""
+    made = program.nodes[role].plan
+    specs = {spec.name: spec for spec in made.spec.blocks}
+    found = []
+    for i, name in enumerate(program.places[role]):
+        place = made.table.index[name]
+        variable = made.table.variables[place]
+        if variable.kind != "parameter" or not math.isfinite(variable.high - variable.low):
+            continue
+        found.append(
+            {
+                "node": role,
+                "at": i,
+                "name": name,
+                "unit": variable.unit,
+                "help": variable.help,
+                "low": variable.low,
+                "high": variable.high,
+                "value": made.values.get(place, 0.0),
+                "set": _is_setting(specs[variable.writer], name),
+            }
+        )
+    return found
+
+
+def _is_setting(spec: BlockSpec, name: str) -> bool:
+    """Return whether `--set` gives a parameter the very value that the block takes."""
+    return spec.block.prepare is None and name.partition(".")[2] in spec.settings
+
+
+def _seeds(
+    rig: Rig, program: Program, settings: list[str]
+) -> dict[str, list[tuple[int, int, float]]]:
+    """Return what begins otherwise with another seed: node, place, value."""
+    found: dict[str, list[tuple[int, int, float]]] = {}
+    for seed in range(rig.config.seed + 1, rig.config.seed + 1 + SEEDS):
+        again = load_rig(rig.path, rig.config.controller, [*settings, f"seed={seed}"])
+        differ = list[tuple[int, int, float]]()
+        for number, role in enumerate(program.nodes):
+            old, new = program.nodes[role].plan, plan(again, role, "lockstep")
+            for i, name in enumerate(program.places[role]):
+                place = old.table.index[name]
+                if new.values.get(place, 0.0) != old.values.get(place, 0.0):
+                    differ.append((number, i, new.values.get(place, 0.0)))
+        if differ:
+            found[str(seed)] = differ
+    return found
+
+
+def _layout(rig: Rig) -> Mapping[str, Any] | None:
+    """Return the panels beside a rig's evaluation or drawing, None without."""
+    beside = [Path(rig.evaluation.file)] if rig.evaluation else []
+    for file in (*beside, *([rig.drawing] if rig.drawing else [])):
+        try:
+            found: Mapping[str, Any] = json.loads(file.with_name(LAYOUT).read_text("utf-8"))
+            return found
+        except (OSError, ValueError):
+            continue
+    return None

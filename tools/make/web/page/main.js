@@ -1,0 +1,256 @@
+// The page of one rig: what is chosen, what runs, and what is told of it.
+import { Run, contents } from "./run.js";
+import { Curves, Plant, byId, digits, element } from "./view.js";
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
+const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+class WebPage {
+  constructor(about, module) {
+    this.about = about; this.module = module; this.tunings = []; this.changed = new Map(); this.running = false;
+    this.ids = 0; this.drawn = -1;
+    const worker = new Blob([byId("worker").textContent], { type: "text/javascript" });
+    this.worker = new Worker(URL.createObjectURL(worker));
+    this.worker.onmessage = ({ data }) => this.heard(data);
+    for (const one of about.controllers) byId("controller").append(new Option(one.name));
+    for (const one of SPEEDS) byId("speed").append(new Option(one === Infinity ? "fastest" : `${one} ×`, one, one === 1, one === 1));
+    const window_s = about.layout?.window_s ?? 5;
+    for (const one of WINDOWS) byId("window").append(new Option(one === Infinity ? "whole run" : `${one} s`, one, one === window_s, one === window_s));
+    byId("about").textContent = `${about.rig}: ${about.nodes.length} nodes, ${about.rate_hz} Hz; made by pcpc ${about.version}. `
+      + "All is computed here: the file loads nothing and sends nothing.";
+    for (const one of about.absent) byId("absent").append(element("li", `without ${one.name}: ${one.why}`));
+    byId("controller").onchange = () => { this.changed.clear(); this.restart(); };
+    byId("seed").onchange = () => this.restart();
+    byId("go").onclick = () => this.go(!this.running);
+    byId("step").onclick = () => this.step(1);
+    byId("again").onclick = () => this.restart();
+    byId("speed").onchange = () => { if (this.running) this.go(true); };
+    byId("window").onchange = () => this.draw();
+    byId("search").oninput = () => this.searched();
+    byId("copy").onclick = () => this.copied(byId("command").textContent, "command");
+    byId("link").onclick = () => this.copied(location.href.split("#")[0] + this.link(), "link");
+    addEventListener("hashchange", () => { if (location.hash !== this.link()) this.linked(); });
+    addEventListener("resize", () => { this.panels.forEach((one) => one.resize()); this.draw(); });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.show());
+    document.addEventListener("keydown", (event) => this.key(event));
+    this.panels = this.layout().map((names) => new Curves(byId("panels"), names));
+    this.plant = new Plant(about.needs ?? {}, globalThis.scene);
+    this.linked();
+    if (!still) requestAnimationFrame(() => this.frame());
+  }
+
+  get controller() { return this.about.controllers.find((one) => one.name === byId("controller").value); }
+
+  layout() {
+    const panels = this.about.layout?.panels?.filter((one) => one.kind === "time").map((one) => one.names);
+    return panels ?? this.about.first ?? [];
+  }
+
+  key(event) {
+    if (event.target !== document.body || event.ctrlKey || event.metaKey || event.altKey) return;
+    const action = { " ": () => this.go(!this.running), ".": () => this.step(1), ">": () => this.step(100) }[event.key];
+    if (action) { event.preventDefault(); action(); }
+  }
+
+  // The link's settings; what is wrong of them is told and left out.
+  linked() {
+    const wrong = [], given = new URLSearchParams(location.hash.slice(1));
+    const names = this.about.controllers.map((one) => one.name);
+    const name = given.get("controller") ?? names[0];
+    if (!names.includes(name)) wrong.push(`controller=${name}: there are ${names.join(", ")}`);
+    byId("controller").value = names.includes(name) ? name : names[0];
+    this.changed.clear();
+    for (const [key, text] of given) {
+      if (key === "controller" || key === "seed") continue;
+      const one = this.value(key), value = Number(text);
+      if (!one) wrong.push(`${key}: no such parameter of ${this.controller.name}`);
+      else if (text.trim() === "" || !(value >= one.low && value <= one.high)) wrong.push(`${key}=${text}: expected ${one.low} to ${one.high} ${one.unit}`);
+      else this.changed.set(key, value);
+    }
+    const seed = given.get("seed");
+    this.seeds();
+    if (seed !== null && ![...byId("seed").options].some((one) => one.value === seed)) wrong.push(`seed=${seed}: this file has ${[...byId("seed").options].map((one) => one.value).join(", ")}`);
+    else if (seed !== null) byId("seed").value = seed;
+    this.notice(wrong.length ? `The link was not taken whole.\n${wrong.join("\n")}` : "");
+    this.restart(true);
+  }
+
+  key_of(one) { return one.node === this.about.nodes[0] ? one.name : `${one.node}:${one.name}`; }
+  value(key) { return this.controller.values.find((one) => this.key_of(one) === key); }
+  seeds() {
+    const { seed, seeds } = this.controller, before = byId("seed").value;
+    byId("seed").replaceChildren(...[seed, ...Object.keys(seeds)].map((one) => new Option(one)));
+    byId("seed-box").hidden = !Object.keys(seeds).length;
+    if (before in seeds) byId("seed").value = before;
+  }
+
+  link() {
+    const given = new URLSearchParams({ controller: this.controller.name });
+    if (+byId("seed").value !== this.controller.seed) given.set("seed", byId("seed").value);
+    for (const [key, value] of this.changed) given.set(key, value);
+    return `#${given}`;
+  }
+
+  // The same run natively; "" where no command line says it.
+  command() {
+    const words = ["pcpc simulate", this.about.called], set = (text) => words.push("--set", /[\s{}"']/.test(text) ? `'${text}'` : text);
+    if (this.about.controllers.length > 1 || this.about.absent.length) words.push("--controller", this.controller.name);
+    this.about.settings.forEach(set);
+    if (+byId("seed").value !== this.controller.seed) set(`seed=${byId("seed").value}`);
+    const later = this.tunings.map(({ at, one, value }) => ({ at_s: at * this.about.period_s, one, value }));
+    for (const [key, value] of this.changed) {
+      const one = this.value(key);
+      if (one.set) set(`${one.name}=${value}`);
+      else later.unshift({ at_s: 0, one, value });
+    }
+    if (later.some(({ one }) => one.node !== this.about.nodes[0])) return "";
+    if (later.length) {
+      const entry = ({ at_s, one, value }) => `{at_s: ${+at_s.toPrecision(9)}, set: {${one.name}: ${value}}}`;
+      const own = this.about.schedule.flatMap((each) => Object.entries(each.set).map(([name, value]) => `{at_s: ${each.at_s}, set: {${name}: ${value}}}`));
+      set(`schedule=[${[...own, ...later.map(entry)].join(", ")}]`);
+    }
+    return words.join(" ");
+  }
+
+  restart(keepsHash = false) {
+    this.running = false; this.tunings = []; this.drawn = -1; this.ended = false;
+    this.seeds();
+    this.run = new Run(this.controller, this.about.nodes, this.about.period_s);
+    if (!keepsHash) history.replaceState(null, "", this.link());
+    const { module, columns, cycles } = this.controller, nodes = this.about.nodes;
+    this.worker.postMessage({
+      kind: "start", module: this.module(module), columns: nodes.map((node) => columns[node].length), cycles,
+      periodS: this.about.period_s,
+      values: [...(this.controller.seeds[byId("seed").value] ?? []),
+        ...[...this.changed].map(([key, value]) => [nodes.indexOf(this.value(key).node), this.value(key).at, value])],
+    });
+    this.state("starting", "");
+    byId("digest").textContent = ""; byId("requirements").replaceChildren(); byId("metrics").replaceChildren();
+    this.controls(); this.told(); this.show();
+  }
+
+  heard(data) {
+    if (data.kind === "rows") { this.run.take(data.parts); if (still) this.draw(); }
+    else if (data.kind === "failed") { this.state("failed", "bad"); this.notice(data.why); }
+    else if (data.kind === "ready") { this.state("ready", ""); this.draw(); }
+    else if (data.kind === "ended") this.end();
+    else if (data.kind === "tuned") {
+      const { one, value } = this.pending.get(data.id);
+      this.pending.delete(data.id);
+      this.tunings.push({ at: data.now, one, value });
+      byId("answer").textContent = `${one.name} = ${digits(value)} from cycle ${data.now} on`;
+      this.told();
+    }
+  }
+
+  go(on) {
+    if (this.ended && on) { this.restart(); }
+    this.running = on && !this.ended;
+    this.worker.postMessage({ kind: "go", speed: this.running ? +byId("speed").value : 0 });
+    this.state(this.running ? "running" : "paused", this.running ? "good" : "");
+  }
+
+  step(cycles) {
+    if (this.ended) return;
+    this.running = false;
+    this.state("paused", "");
+    this.worker.postMessage({ kind: "step", cycles });
+  }
+
+  async end() {
+    this.running = false; this.ended = true;
+    this.state("ended", ""); this.draw();
+    const run = this.run, found = await run.digest();
+    if (run !== this.run) return;
+    const plain = !this.changed.size && !this.tunings.length && +byId("seed").value === this.controller.seed;
+    const line = byId("digest"), short = found.slice(0, 16), native = this.controller.digest;
+    line.className = plain ? (found === native ? "good" : "bad") : "";
+    if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below gives the same natively" : "a plant tuned while it runs is in no command; save the log and replay it"}`;
+    else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
+    else line.textContent = `DIFFERS from pcpc ${this.about.version} on ${this.about.machine}: ${short}, not ${native.slice(0, 16)}`;
+    line.title = found;
+  }
+
+  controls() {
+    this.pending = new Map();
+    byId("values").replaceChildren(...this.controller.values.map((one) => this.control(one)));
+    this.searched();
+    const own = this.about.schedule.flatMap((each) => Object.entries(each.set));
+    byId("disturbances").replaceChildren(...own.map(([name, value]) => {
+      const one = this.value(name), button = element("button", `${name} = ${digits(value)} now`);
+      button.onclick = () => this.tune(one, value);
+      return button;
+    }));
+  }
+
+  control(one) {
+    const key = this.key_of(one), label = element("label", "", { title: one.help }), shown = element("output");
+    const range = element("input", "", { type: "range", min: 0, max: 1000, "aria-label": `${key} ${one.unit}` });
+    const now = this.changed.get(key) ?? one.value, span = one.high - one.low;
+    // Of a range of decades the slider is a power: near the value that the rig has it is fine.
+    const part = Math.min(0.9, Math.max(0.1, (one.value - one.low) / span)), bent = one.value > one.low ? Math.log((one.value - one.low) / span) / Math.log(Math.max(0.5, part)) : 1;
+    const power = Math.max(1, Math.min(12, bent));
+    const at = (value) => 1000 * ((value - one.low) / span) ** (1 / power);
+    const value = () => (Math.abs(+range.value - at(one.value)) < 1 ? one.value : +(one.low + span * (+range.value / 1000) ** power).toPrecision(4));
+    range.value = at(now);
+    const say = (it) => { shown.textContent = `${digits(it)} ${one.unit}`; label.classList.toggle("changed", it !== one.value); range.setAttribute("aria-valuetext", `${digits(it)} ${one.unit}`); };
+    say(now);
+    range.oninput = () => say(value());
+    range.onchange = () => this.tune(one, value());
+    label.append(element("span", key), shown, range);
+    label.dataset.key = key.toLowerCase();
+    return label;
+  }
+
+  // Before a run begins it begins so; later it is a tuning at the cycle that comes next.
+  tune(one, value) {
+    if (this.ended) this.restart();
+    if (this.run.counts[0] === 0) { this.changed.set(this.key_of(one), value); this.restart(); return; }
+    const id = ++this.ids;
+    this.pending.set(id, { one, value });
+    this.worker.postMessage({ kind: "set", id, values: [[this.about.nodes.indexOf(one.node), one.at, value]] });
+  }
+
+  searched() {
+    const text = byId("search").value.toLowerCase();
+    for (const label of byId("values").children) label.hidden = !label.dataset.key.includes(text);
+  }
+
+  told() {
+    const command = this.command();
+    byId("command").textContent = command || "a plant tuned while it runs is in no command: save the log";
+    byId("copy").disabled = !command;
+  }
+
+  async copied(text, what) {
+    try { await navigator.clipboard.writeText(text); byId("said").textContent = `the ${what} is in the clipboard`; }
+    catch { byId("said").textContent = text; }
+  }
+
+  state(text, kind) {
+    byId("state").textContent = text; byId("state").className = `pill ${kind}`;
+    byId("go").textContent = text === "running" ? "pause" : text === "ended" ? "run again" : "run";
+  }
+
+  notice(text) { byId("notice").hidden = !text; byId("notice").textContent = text; }
+
+  show() { this.panels.forEach((one) => one.shown(this.run)); this.drawn = -1; this.draw(); }
+
+  frame() {
+    if (this.run.done !== this.drawn) this.draw();
+    requestAnimationFrame(() => this.frame());
+  }
+
+  draw() {
+    this.drawn = this.run.done;
+    const window_s = Math.min(+byId("window").value, this.run.cycles * this.about.period_s);
+    for (const one of this.panels) one.draw(window_s);
+    this.plant.draw(this.run, this.drawn - 1);
+    byId("clock").textContent = `${(this.drawn * this.about.period_s).toFixed(3)} s of ${(this.run.cycles * this.about.period_s).toFixed(3)} s`;
+  }
+}
+
+contents(byId("payload").textContent).then(
+  ({ about, module }) => { globalThis.page = new WebPage(about, module); },
+  (error) => { byId("notice").hidden = false; byId("notice").textContent = `This file is damaged: ${error.message}`; },
+);

@@ -1,0 +1,63 @@
+// A run as the page keeps it: a column a variable, and the digest of all of them.
+const NAN_BITS = 0x7ff8000000000000n;
+
+export async function contents(text) {
+  const packed = Uint8Array.from(atob(text.trim()), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const whole = await new Response(stream).arrayBuffer();
+  const length = new DataView(whole).getUint32(0, true);
+  const about = JSON.parse(new TextDecoder().decode(new Uint8Array(whole, 4, length)));
+  return { about, module: ([offset, bytes]) => whole.slice(4 + length + offset, 4 + length + offset + bytes) };
+}
+
+export class Run {
+  constructor(controller, nodes, periodS) {
+    this.controller = controller; this.nodes = nodes; this.periodS = periodS; this.cycles = controller.cycles;
+    this.kept = nodes.map((node) => controller.columns[node].map(() => new Float64Array(this.cycles)));
+    this.counts = nodes.map(() => 0);
+    this.places = new Map();
+    nodes.forEach((node, i) => controller.columns[node].forEach(([name, unit, help], j) => {
+      this.places.set(`${node}:${name}`, { node, name, unit, help, values: this.kept[i][j], count: () => this.counts[i] });
+    }));
+  }
+
+  take(parts) {
+    parts.forEach((rows, i) => {
+      const columns = this.kept[i], n = columns.length;
+      if (!n) return;
+      const first = this.counts[i], count = Math.min(rows.length / n, this.cycles - first);
+      for (let j = 0; j < n; j++) for (let r = 0; r < count; r++) columns[j][first + r] = rows[r * n + j];
+      this.counts[i] += count;
+    });
+  }
+
+  // A name as in a log: NODE:NAME, or NAME alone: the executive's, else of the node that has it.
+  place(name) {
+    if (name.includes(":")) return this.places.get(name);
+    return this.nodes.map((node) => this.places.get(`${node}:${name}`)).find(Boolean);
+  }
+
+  get done() { return Math.min(...this.counts.filter((_, i) => this.kept[i].length)); }
+
+  async digest() {
+    const widths = this.nodes.map((node) => this.controller.columns[node].filter((one) => one[3]).length);
+    const whole = new Float64Array(this.cycles * widths.reduce((a, b) => a + b, 0));
+    const bits = new BigUint64Array(whole.buffer);
+    let base = 0;
+    this.nodes.forEach((node, i) => {
+      const width = widths[i];
+      let place = 0;
+      this.controller.columns[node].forEach((one, j) => {
+        if (!one[3]) return;
+        for (let k = 0, values = this.kept[i][j]; k < this.cycles; k++) {
+          whole[base + k * width + place] = values[k];
+          if (values[k] !== values[k]) bits[base + k * width + place] = NAN_BITS;
+        }
+        place += 1;
+      });
+      base += width * this.cycles;
+    });
+    const found = new Uint8Array(await crypto.subtle.digest("SHA-256", whole.buffer));
+    return Array.from(found, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  }
+}

@@ -1,0 +1,54 @@
+// Runs a rig: as many cycles as the clock asks for, a batch at a time.
+const SLICE_MS = 8, BUSY_MS = 14, MOST = 256;
+let wasm, columns, cycles, periodS, now = 0, speed = 0, begun = 0, from = 0, timer = 0;
+
+const view = (node, i) => new Float64Array(wasm.memory.buffer, wasm.place(node, i), 1);
+
+function rows() {
+  return columns.map((n, i) => new Float64Array(wasm.memory.buffer, wasm.rows(i), n * wasm.count(i)).slice());
+}
+
+function send(kind, parts) { postMessage({ kind, now, parts }, parts.map((part) => part.buffer)); }
+
+function advance(n) {
+  const next = wasm.run(Math.min(n, MOST));
+  const done = next - now;
+  now = next;
+  if (done) send("rows", rows());
+  return done;
+}
+
+function slice() {
+  timer = 0;
+  const end = performance.now() + BUSY_MS;
+  const target = speed === Infinity ? cycles : from + Math.floor((performance.now() - begun) * 1e-3 * speed / periodS);
+  while (now < Math.min(target, cycles) && performance.now() < end) advance(Math.min(target, cycles) - now);
+  if (now >= cycles) { speed = 0; postMessage({ kind: "ended", now }); }
+  if (speed) timer = setTimeout(slice, speed === Infinity ? 0 : SLICE_MS);
+}
+
+function go(to) {
+  speed = to; begun = performance.now(); from = now;
+  if (speed && !timer) timer = setTimeout(slice, 0);
+}
+
+onmessage = async ({ data }) => {
+  if (data.kind === "start") {
+    try {
+      const made = await WebAssembly.instantiate(data.module);
+      ({ columns, cycles, periodS } = data);
+      wasm = made.instance.exports;
+      const refused = wasm.start();
+      if (refused) throw new Error(`this browser does not give the bits of every other machine (self-test ${refused})`);
+    } catch (error) { postMessage({ kind: "failed", why: String(error.message ?? error) }); return; }
+    now = 0;
+    send("rows", rows());
+    postMessage({ kind: "ready" });
+  } else if (data.kind === "go") go(data.speed);
+  else if (data.kind === "step") { go(0); for (let n = data.cycles, done; n > 0; n -= done) if (!(done = advance(n))) break;
+    if (now >= cycles) postMessage({ kind: "ended", now });
+  } else if (data.kind === "set") {
+    for (const [node, i, value] of data.values) view(node, i)[0] = value;
+    postMessage({ kind: "tuned", now, id: data.id });
+  }
+};
