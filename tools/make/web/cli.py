@@ -1,4 +1,4 @@
-"""`pcpc generate web`: a rig as one HTML file that runs in a browser, with the bits of every build."""
+"""`pcpc generate web`: a rig as one HTML file that any browser runs, bit for bit."""
 
 import argparse
 import base64

@@ -26,6 +26,7 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.closed import NAN
 from pcpc.tools.make.web.program import Program
 
@@ -125,7 +126,7 @@ def digest(program: Program, log: Log) -> str:
     return whole.hexdigest()
 
 
-def _columns(program: Program, role: str) -> list[list[Any]]:
+def _columns(program: Program, role: Role) -> list[list[Any]]:
     """Return name, unit, meaning and whether it is digested of each column of a node."""
     table = program.nodes[role].plan.table
     found = []
@@ -135,7 +136,7 @@ def _columns(program: Program, role: str) -> list[list[Any]]:
     return found
 
 
-def _values(program: Program, role: str) -> list[dict[str, Any]]:
+def _values(program: Program, role: Role) -> list[dict[str, Any]]:
     """Return the parameters of a node that can be changed in a page."""
     made = program.nodes[role].plan
     specs = {spec.name: spec for spec in made.spec.blocks}

@@ -1,7 +1,8 @@
 """The closed loop of a rig as a WebAssembly module without imports.
 
-    start()         all nodes begin; the lower ones have done cycle 0. 0, or a self-test refuses
-    run(n)          the next n cycles of the executive, at most BATCH, and what follows below
+    start()         all nodes have their first values. 0, or a self-test refuses
+    run(n)          the next n cycles of the executive, at most BATCH, and what follows below; the
+                    first call begins with cycle 0 of the lower nodes
     count(node)     how many rows the last call left of a node, from the executive down
     rows(node)      where they lie: a double a column
     place(node, i)  where the i-th value that can be set lies: parameters, then states
@@ -20,6 +21,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.builds import fixed_files
 from pcpc.tools.make.generate.closed import Closed
 from pcpc.tools.make.generate.library import WARNINGS, run, write
@@ -55,7 +57,7 @@ class Program(Closed):
         }
         self.places = {role: self._settable(role) for role in self.nodes}
 
-    def _carried(self, role: str) -> Iterator[Column]:
+    def _carried(self, role: Role) -> Iterator[Column]:
         """Yield what the frames of a node carry."""
         wiring = self.nodes[role]
         for place, variable in enumerate(wiring.plan.table.variables):
@@ -64,7 +66,7 @@ class Program(Closed):
                 where = {"received": "in", "sent": "out"}[struct]
                 yield Column(variable.name, f"{role}_{where}.{member}", False)
 
-    def _settable(self, role: str) -> dict[str, str]:
+    def _settable(self, role: Role) -> dict[str, str]:
         """Return parameters and states of a node by name, with their places in C."""
         wiring = self.nodes[role]
         variables = wiring.plan.table.variables
@@ -92,7 +94,7 @@ class Program(Closed):
         yield from self.declared()
         yield "static void cost_begin(void)\n{\n}\n\nstatic void cost_end(void)\n{\n}\n"
         for role, columns in self.rows.items():
-            yield f"static double {role}_rows[BATCH][{max(1, len(columns))}];"
+            yield f"static double {role}_rows[BATCH + 1U][{max(1, len(columns))}];"
             yield f"static uint32_t {role}_count;\n\nstatic void {role}_mix(void)\n{{"
             yield f"    double *row = {role}_rows[{role}_count];\n    (void)row;"
             yield from (f"    row[{i}] = (double){one.text};" for i, one in enumerate(columns))
@@ -100,10 +102,12 @@ class Program(Closed):
         yield from self.cycles()
         yield from (f"{one};" for one in _PROTOTYPES)
         yield f"\nstatic uint32_t now;\n\n{_PROTOTYPES[0]}\n{{"
-        yield f"    const int32_t refused = {self.refused};\n    if (refused == 0) {{"
-        yield from (f"        {role}_cycle(0U);" for role in reversed(roles[1:]))
-        yield f"    }}\n    return refused;\n}}\n\n{_PROTOTYPES[1]}\n{{"
+        yield f"    return {self.refused};\n}}\n\n{_PROTOTYPES[1]}\n{{"
+        yield "    static uint32_t begun;\n"
         yield from (f"    {role}_count = 0U;" for role in roles)
+        yield "    if (begun == 0U) {\n        begun = 1U;"
+        yield from (f"        {role}_cycle(0U);" for role in reversed(roles[1:]))
+        yield "    }"
         yield "    for (uint32_t i = 0U; (i < n) && (i < BATCH) && (now < CYCLES); i += 1U) {"
         yield f"        {roles[0]}_cycle(now);\n        now += 1U;"
         yield from (f"        {role}_cycle(now);" for role in reversed(roles[1:]))

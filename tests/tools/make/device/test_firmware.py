@@ -182,7 +182,7 @@ def test_sums_in_software_are_rounded_as_those_in_hardware(tmp_path: Path) -> No
 def test_what_only_the_executive_does_is_refused(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     plausible = "executive: {plausible: {FB_A.encoder: {high: 9.0}}}"
-    rig.write_text(f"base: {find('hull')}\n{plausible}\n")
+    rig.write_text(f"base: {Path(find('hull')).resolve()}\n{plausible}\n")
     for words, what in (
         ([str(rig)], "leave it to the rig's executive"),
         (["hull", "--set", "supervisor.arm=manual"], "--set supervisor.arm=automatic"),

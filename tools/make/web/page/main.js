@@ -94,7 +94,7 @@ class WebPage {
   // The same run natively; "" where no command line says it.
   command() {
     const words = ["pcpc simulate", this.about.called], set = (text) => words.push("--set", /[\s{}"']/.test(text) ? `'${text}'` : text);
-    if (this.about.controllers.length > 1 || this.about.absent.length) words.push("--controller", this.controller.name);
+    words.push("--controller", this.controller.name);
     this.about.settings.forEach(set);
     if (+byId("seed").value !== this.controller.seed) set(`seed=${byId("seed").value}`);
     const later = this.tunings.map(({ at, one, value }) => ({ at_s: at * this.about.period_s, one, value }));

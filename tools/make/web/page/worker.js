@@ -2,6 +2,7 @@
 const SLICE_MS = 8, BUSY_MS = 14, MOST = 256;
 let wasm, columns, cycles, periodS, now = 0, speed = 0, begun = 0, from = 0, timer = 0;
 
+// Where a value lies that can be set.
 const view = (node, i) => new Float64Array(wasm.memory.buffer, wasm.place(node, i), 1);
 
 function rows() {
@@ -24,31 +25,46 @@ function slice() {
   const target = speed === Infinity ? cycles : from + Math.floor((performance.now() - begun) * 1e-3 * speed / periodS);
   while (now < Math.min(target, cycles) && performance.now() < end) advance(Math.min(target, cycles) - now);
   if (now >= cycles) { speed = 0; postMessage({ kind: "ended", now }); }
-  if (speed) timer = setTimeout(slice, speed === Infinity ? 0 : SLICE_MS);
+  if (speed) timer = setTimeout(() => guarded(slice), speed === Infinity ? 0 : SLICE_MS);
 }
 
 function go(to) {
   speed = to; begun = performance.now(); from = now;
-  if (speed && !timer) timer = setTimeout(slice, 0);
+  if (speed && !timer) timer = setTimeout(() => guarded(slice), 0);
 }
 
-onmessage = async ({ data }) => {
-  if (data.kind === "start") {
-    try {
-      const made = await WebAssembly.instantiate(data.module);
-      ({ columns, cycles, periodS } = data);
-      wasm = made.instance.exports;
-      const refused = wasm.start();
-      if (refused) throw new Error(`this browser does not give the bits of every other machine (self-test ${refused})`);
-    } catch (error) { postMessage({ kind: "failed", why: String(error.message ?? error) }); return; }
-    now = 0;
-    send("rows", rows());
-    postMessage({ kind: "ready" });
-  } else if (data.kind === "go") go(data.speed);
-  else if (data.kind === "step") { go(0); for (let n = data.cycles, done; n > 0; n -= done) if (!(done = advance(n))) break;
-    if (now >= cycles) postMessage({ kind: "ended", now });
-  } else if (data.kind === "set") {
-    for (const [node, i, value] of data.values) view(node, i)[0] = value;
-    postMessage({ kind: "tuned", now, id: data.id });
-  }
-};
+async function start(data) {
+  const made = await WebAssembly.instantiate(data.module);
+  ({ columns, cycles, periodS } = data);
+  wasm = made.instance.exports;
+  const refused = wasm.start();
+  if (refused) throw new Error(`this browser does not give the bits of every other machine (self-test ${refused})`);
+  for (const [node, i, value] of data.values) view(node, i)[0] = value;
+  now = wasm.run(0);
+  send("rows", rows());
+  postMessage({ kind: "ready" });
+}
+
+function step(n) {
+  go(0);
+  for (let done = 1; n > 0 && done > 0; n -= done) done = advance(n);
+  if (now >= cycles) postMessage({ kind: "ended", now });
+}
+
+function set({ values, id }) {
+  for (const [node, i, value] of values) view(node, i)[0] = value;
+  postMessage({ kind: "tuned", now, id });
+}
+
+const guarded = (work) => Promise.resolve().then(work).catch((error) => {
+  speed = 0;
+  postMessage({ kind: "failed", why: String(error.message ?? error) });
+});
+
+onmessage = ({ data }) => guarded(() => {
+  if (data.kind === "start") return start(data);
+  if (data.kind === "go") go(data.speed);
+  if (data.kind === "step") step(data.cycles);
+  if (data.kind === "set") set(data);
+  return undefined;
+});

@@ -1,0 +1,154 @@
+"""The module of a page in Node: the digest of `pcpc simulate`, as it is and with what was changed."""
+
+import hashlib
+import json
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import pcpc
+
+from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.make.web.contents import digest
+from pcpc.tools.make.web.program import Program
+from pcpc.tools.start.rigs import find
+
+NODE = shutil.which("node")
+pytestmark = pytest.mark.skipif(NODE is None, reason="no node here: apt install nodejs")
+HERE = Path(__file__).parent
+SHORT = ("--set", "duration_s=1")
+
+
+def page(folder: Path, rig: str, *more: str) -> Path:
+    """Return the page of a rig."""
+    file = folder / "page.html"
+    done = pcpc("generate", "web", rig, *more, "-o", str(file), "-q")
+    assert done.code == 0, done
+    return file
+
+
+def runs(file: Path, *asked: dict[str, Any], patience_s: float = 300.0) -> list[dict[str, Any]]:
+    """Return what became of runs in Node."""
+    given = json.dumps({"page": str(file), "runs": asked})
+    done = subprocess.run(
+        [str(NODE), str(HERE / "in_node.mjs")],
+        input=given,
+        capture_output=True,
+        text=True,
+        timeout=patience_s,
+    )
+    assert done.returncode == 0, done.stderr
+    return list(json.loads(done.stdout))
+
+
+def native(name: str, controller: str, *settings: str) -> tuple[str, Log]:
+    """Return the digest of a native run, and its log."""
+    rig = load_rig(Path(find(name)), controller, ["duration_s=1", *settings])
+    log = in_memory(rig)
+    return digest(Program(rig), log), log
+
+
+@pytest.mark.parametrize(
+    "rig", ["probe", "deadzone-sine", "fuzzy-d03", "two-gaps", "telerobot-u1", "suspension-8"]
+)
+def test_each_controller_gives_the_digest_of_pcpc_simulate(rig: str, tmp_path: Path) -> None:
+    names = [*load_rig(Path(find(rig))).config.controllers][:3]
+    file = page(tmp_path, rig, *SHORT)
+    for name, got in zip(names, runs(file, *({"controller": name} for name in names)), strict=True):
+        assert got["digest"] == got["native"], (name, got)
+        assert len({*got["counts"]}) == 1
+
+
+def test_what_is_changed_gives_the_digest_of_the_command_that_the_page_tells(
+    tmp_path: Path,
+) -> None:
+    file = page(tmp_path, "deadzone-sine", "--controller", "nn", *SHORT)
+    gain, width = "controller.kv_Nms_rad", "arm.d_plus_Nm"
+    begun, tuned, both = runs(
+        file,
+        {"controller": "nn", "values": {gain: 31.5, width: 7.25}},
+        {"controller": "nn", "at": 300, "then": {gain: 31.5}},
+        {"controller": "nn", "values": {width: 1.0}, "at": 1, "then": {gain: 5.0}},
+    )
+    later = "schedule=[{at_s: %g, set: {controller.kv_Nms_rad: %g}}]"
+    assert begun["digest"] == native("deadzone-sine", "nn", f"{gain}=31.5", f"{width}=7.25")[0]
+    assert tuned["digest"] == native("deadzone-sine", "nn", later % (0.3, 31.5))[0]
+    settings = f"{width}=1", later % (0.001, 5.0)
+    assert both["digest"] == native("deadzone-sine", "nn", *settings)[0]
+    assert len({one["digest"] for one in (begun, tuned, both)} | {begun["native"]}) == 4
+
+
+def test_another_seed_gives_the_digest_of_that_seed(tmp_path: Path) -> None:
+    file = page(tmp_path, "hull", "--controller", "pd", *SHORT)
+    found = runs(file, *({"controller": "pd", "seed": str(seed)} for seed in (1, 2, 4)))
+    expected = [native("hull", "pd", f"seed={seed}")[0] for seed in (1, 2, 4)]
+    assert [one["digest"] for one in found] == expected
+    assert len({*expected}) == 3
+
+
+def test_a_module_with_the_last_bit_of_a_gain_changed_has_another_digest(tmp_path: Path) -> None:
+    file = page(tmp_path, "deadzone-sine", "--controller", "pd", *SHORT)
+    rig = load_rig(Path(find("deadzone-sine")), "pd", ["duration_s=1"])
+    gain = next(
+        block.settings for block in rig.nodes()["executive"].blocks if block.name == "controller"
+    )
+    module = Program(rig).module()
+    places = [
+        at.start() for at in re.finditer(re.escape(struct.pack("<d", gain["kv_Nms_rad"])), module)
+    ]
+    assert places
+    found = runs(file, *({"controller": "pd", "flip": at} for at in places), {"controller": "pd"})
+    assert [one["digest"] == one["native"] for one in found] == [False] * len(places) + [True]
+
+
+def test_the_digest_is_of_every_recorded_value() -> None:
+    """Shape (n,) of each column; one bit of any of them gives another digest."""
+    rig = load_rig(Path(find("probe")), None, ["duration_s=0.1"])
+    program, log = Program(rig), in_memory(rig)
+    whole = hashlib.sha256()
+    for role, columns in program.columns().items():
+        names = [name for name, _ in columns]
+        for k in range(program.cycle_count):
+            row = [log.node[role].columns[name][k] for name in names]
+            whole.update(b"".join(value.tobytes() for value in row))
+    assert whole.hexdigest() == digest(program, log)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("no-such-rig",), "no rig of this name"),
+        (("probe", "--controller", "nobody"), "nobody"),
+        (("hull", "--set", "duration_s=100000"), "duration_s"),
+        (("hull", "--set", "losses.CMD.share=0.1", "--controller", "pd"), "losses.CMD.share=0"),
+        (("probe", "-o", "/no/such/place.html"), "/no/such/place.html"),
+    ],
+)
+def test_what_cannot_be_a_page_is_one_line(
+    words: tuple[str, ...], what: str, tmp_path: Path
+) -> None:
+    done = pcpc("generate", "web", *words, "-q", cwd=tmp_path)
+    assert done.code in (2, 4) and what in done.err, done
+    assert len(done.err.splitlines()) == 1 and not [*tmp_path.iterdir()]
+
+
+def test_equal_rigs_give_equal_pages(tmp_path: Path) -> None:
+    """Markup in a title is text, and nothing is loaded from anywhere."""
+    rig = tmp_path / "rig.yaml"
+    title = "</title><script>alert(1)</script>"
+    rig.write_text(f"base: {Path(find('probe')).resolve()}\ntitle: '{title}'\n", encoding="utf-8")
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    files = [page(tmp_path / name, str(rig), *SHORT).read_bytes() for name in ("a", "b")]
+    assert files[0] == files[1]
+    text = files[0].decode()
+    assert title not in text and "&lt;script&gt;alert(1)" in text
+    assert "default-src 'none'" in text and len(text) < 1_000_000
+    for word in ("http://", "https://", "@import", "src="):
+        assert word not in text.replace("https://github.com/leeoniya/uPlot", ""), word
