@@ -1,0 +1,1 @@
+"""A rig as a page: `pcpc generate web`."""
