@@ -177,7 +177,7 @@ class Evaluation:
 
     def figures(self, judged: Judged) -> dict[str, float]:
         """Return the figures of a run; {} without a cycle in the window."""
-        merits = self._taken(judged.numbers)
+        merits = self.taken(judged.numbers)
         found: dict[str, float] = {}
         for leader in dict.fromkeys(m.leader for m in merits.values() if isinstance(m, Merit)):
             own = {n: m for n, m in merits.items() if isinstance(m, Merit) and m.leader == leader}
@@ -195,7 +195,7 @@ class Evaluation:
             windows[name] = (numbers[f"{name}_from_s"], numbers.get(f"{name}_to_s", math.inf))
         return Judged(log, period_s, windows, numbers, self.signals)
 
-    def _taken(self, numbers: Mapping[str, float]) -> dict[str, Merit | Callable[[Judged], float]]:
+    def taken(self, numbers: Mapping[str, float]) -> dict[str, Merit | Callable[[Judged], float]]:
         """Return the figures of merit that the rig's windows and numbers ask for."""
         given = {*further(numbers), *numbers, WINDOW, RUN, LATE, ""}
         found: dict[str, Merit | Callable[[Judged], float]] = {}
@@ -212,12 +212,12 @@ class Evaluation:
 
     def non_finite(self, judged: Judged, name: str) -> str:
         """Return which recorded value of a figure is no finite number; "" for none."""
-        merit = self._taken(judged.numbers).get(name)
+        merit = self.taken(judged.numbers).get(name)
         return judged.non_finite(merit) if isinstance(merit, Merit) else ""
 
     def names(self, numbers: Mapping[str, float]) -> list[str]:
         """Return the names of all figures that a run may have."""
-        return list(self._taken(numbers))
+        return list(self.taken(numbers))
 
     def unknown(self, numbers: Mapping[str, float]) -> Iterator[tuple[str, str]]:
         """Yield the numbers of a rig that nothing here asks for, each with a cure."""

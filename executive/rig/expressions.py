@@ -90,13 +90,18 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Value:
-    """A number a cycle, in base units; `unit` None adapts to what it stands beside."""
+    """A number a cycle, in base units; `unit` None adapts to what it stands beside.
+
+    `parts`: how `at` makes it, for those who cannot call it: the name of a function of numpy, abs,
+    sqrt, rate, `column` or `number`; then values, names and numbers.
+    """
 
     text: str
     unit: Unit | None
     at: Callable[[Rows], Any]
     names: frozenset[str] = frozenset()
     number: Fraction | None = None  # of a constant, in base units
+    parts: tuple[Any, ...] = ()
 
     def taken_as(self, other: Unit | None) -> "Value":
         """Return a bare number, or a value of unknown unit, in the unit of its neighbour."""
@@ -105,7 +110,8 @@ class Value:
         if self.number is not None:
             return _constant(self.text, self.number * other.factor, other)
         factor = float(other.factor)
-        return Value(self.text, other, lambda rows: self.at(rows) * factor, self.names)
+        parts = "multiply", self, _constant("", other.factor, None)
+        return Value(self.text, other, lambda rows: self.at(rows) * factor, self.names, parts=parts)
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,7 @@ class Condition:
     `margin`  of each row; negative exactly where it does not hold
     `said`    of row i: the comparison that decided
     `inverse` what holds where this does not; NaN apart, where neither does
+    `parts`   `and` or `or` with conditions, or a sign, what it compares, and `said`'s two values
     """
 
     text: str
@@ -122,6 +129,7 @@ class Condition:
     margin: Callable[[Rows], Vector]
     said: Callable[[Rows, int], Comparison]
     inverse: "Callable[[], Condition]"
+    parts: tuple[Any, ...] = ()
 
 
 def condition(text: str, units: Units) -> Condition:
@@ -161,7 +169,10 @@ def comparison(a: Value, sign: str, b: Value) -> Condition:
         factor = float(shown.factor)
         return Comparison(left.text, float(x) / factor, float(y) / factor, shown)
 
-    return Condition(text, a.names | b.names, margin, said, lambda: comparison(a, opposite, b))
+    return Condition(
+        text, a.names | b.names, margin, said, lambda: comparison(a, opposite, b),
+        (sign, a, b, left, right, shown),
+    )  # fmt: skip
 
 
 class _Reader:
@@ -251,7 +262,7 @@ class _Reader:
             )
         (one,), (act, own) = given, _FUNCTIONS[name]
         made = one.unit and own(one.unit)
-        return Value(text, made, lambda rows: act(rows, one.at(rows)), one.names)
+        return Value(text, made, lambda rows: act(rows, one.at(rows)), one.names, parts=(name, one))
 
 
 def _variable(name: str, own: Unit | None) -> Value:
@@ -260,7 +271,7 @@ def _variable(name: str, own: Unit | None) -> Value:
     def at(rows: Rows) -> Vector:
         return rows.columns[name] if factor == 1.0 else rows.columns[name] * factor
 
-    return Value(name, own, at, frozenset({name}))
+    return Value(name, own, at, frozenset({name}), parts=("column", name, factor))
 
 
 def _constant(text: str, number: Fraction, own: Unit | None) -> Value:
@@ -268,7 +279,7 @@ def _constant(text: str, number: Fraction, own: Unit | None) -> Value:
         base = float(number)
     except OverflowError:
         raise ExpressionError(f"{text} is beyond the range of a float") from None
-    return Value(text, own, lambda rows: base, number=number)
+    return Value(text, own, lambda rows: base, number=number, parts=("number", base))
 
 
 def _product(text: str, a: Value, sign: str, b: Value) -> Value:
@@ -288,7 +299,7 @@ def _product(text: str, a: Value, sign: str, b: Value) -> Value:
         with np.errstate(all="ignore"):
             return act(a.at(rows), b.at(rows))
 
-    return Value(text, own, at, a.names | b.names)
+    return Value(text, own, at, a.names | b.names, parts=(act.__name__, a, b))
 
 
 def _combination(text: str, act: Any, a: Value, b: Value) -> Value:
@@ -301,7 +312,7 @@ def _combination(text: str, act: Any, a: Value, b: Value) -> Value:
         with np.errstate(all="ignore"):
             return act(a.at(rows), b.at(rows))
 
-    return Value(text, a.unit, at, a.names | b.names)
+    return Value(text, a.unit, at, a.names | b.names, parts=(act.__name__, a, b))
 
 
 def _in_one_unit(a: Value, b: Value, text: str) -> tuple[Value, Value]:
@@ -329,8 +340,9 @@ def _junction(found: list[Condition], word: str) -> Condition:
     text = f" {word} ".join(one.text for one in found)
     names = frozenset[str]().union(*(one.names for one in found))
     return Condition(
-        text, names, margin, said, lambda: _junction([one.inverse() for one in found], other)
-    )
+        text, names, margin, said, lambda: _junction([one.inverse() for one in found], other),
+        (word, *found),
+    )  # fmt: skip
 
 
 def _rate(rows: Rows, found: Any) -> Vector:

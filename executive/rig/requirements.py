@@ -247,4 +247,6 @@ class _Part:
 
 
 def _column(text: str, key: str, own: Unit) -> Value:
-    return Value(text, own, lambda rows: rows.columns[key], frozenset({key}))
+    return Value(
+        text, own, lambda rows: rows.columns[key], frozenset({key}), parts=("column", key, 1.0)
+    )

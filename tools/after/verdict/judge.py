@@ -222,7 +222,7 @@ class Judge:
             found.failed.append(str(error))
             found.not_judged = dict.fromkeys(expected, "the evaluation failed")
             return
-        reason = early or _outside(judged.log) or _beyond(self.rig, changed)
+        reason = early or _outside(judged.log) or beyond(self.rig, changed)
         if reason:
             found.not_judged = dict.fromkeys(expected, reason)
             return
@@ -262,7 +262,7 @@ def _outside(log: Log) -> str:
     return "the commands came from outside, but the limits are for the rig's controllers"
 
 
-def _beyond(rig: Rig, changed: list[str]) -> str:
+def beyond(rig: Rig, changed: list[str]) -> str:
     """Return why the changes leave nothing to judge the rig's limits by; "" if they do not."""
     names = [setting.partition("=")[0] for setting in changed]
     for name in names:
@@ -367,7 +367,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
         if name not in known:
             what = f"the evaluation has no such metric{did_you_mean(name, known)}"
             raise rig.error(f"expect.{config.controller}.{name}", what)
-    unjudged = _beyond(rig, changed)
+    unjudged = beyond(rig, changed)
     warnings = [f"the limits will not be judged: {unjudged}"] if unjudged and expected else []
     warnings += [str(rig.error(f"evaluation.{n}", what)) for n, what in judge.unused().items()]
     return warnings + [
