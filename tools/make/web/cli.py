@@ -23,6 +23,9 @@ _STYLES = (_HOST, "uplot.css"), (_HOST, "host.css"), (__package__, "web.css")
 _SCRIPTS = (
     (_HOST, "drawing.js"),
     (__package__, "run.js"),
+    (__package__, "vectors.js"),
+    (__package__, "monitors.js"),
+    (__package__, "judge.js"),
     (__package__, "view.js"),
     (__package__, "main.js"),
 )

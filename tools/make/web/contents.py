@@ -28,6 +28,7 @@ from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.closed import NAN
+from pcpc.tools.make.web.judge_script import judge_data
 from pcpc.tools.make.web.program import Program
 
 SEEDS = 3  # beyond the rig's own
@@ -77,6 +78,7 @@ class Contents:
                 "digest": digest(program, log),
                 "columns": {role: _columns(program, role) for role in program.nodes},
                 "values": [one for role in program.nodes for one in _values(program, role)],
+                "judge": judge_data(rig, self.about["settings"]),
                 "seed": rig.config.seed,
                 "seeds": _seeds(rig, program, self.about["settings"]),
             }

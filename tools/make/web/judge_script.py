@@ -19,7 +19,7 @@ from pcpc.executive.rig.expressions import Condition, Value
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import TimedRequirement, text_of
-from pcpc.executive.rig.units import NONE, unit_of_name
+from pcpc.executive.rig.units import unit_of_name
 from pcpc.plants import statistics
 from pcpc.plants.judging import WINDOW, Judged, Merit, Mistake, Place, Run, Source, Vector, edges
 from pcpc.tools.after.verdict.imagined_logs import imagined_log

@@ -1,5 +1,6 @@
 // The page of one rig: what is chosen, what runs, and what is told of it.
 import { Run, contents } from "./run.js";
+import { judge, shortNumber } from "./judge.js";
 import { Curves, Plant, byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
@@ -159,7 +160,7 @@ class WebPage {
 
   async end() {
     this.running = false; this.ended = true;
-    this.state("ended", ""); this.draw();
+    this.state("judging", ""); this.draw();
     const run = this.run, found = await run.digest();
     if (run !== this.run) return;
     const plain = !this.changed.size && !this.tunings.length && +byId("seed").value === this.controller.seed;
@@ -169,6 +170,19 @@ class WebPage {
     else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
     else line.textContent = `DIFFERS from pcpc ${this.about.version} on ${this.about.machine}: ${short}, not ${native.slice(0, 16)}`;
     line.title = found;
+    this.judged(plain);
+  }
+
+  // As `pcpc simulate` judges: limits are of the rig as it is, requirements of every run.
+  judged(plain) {
+    const data = plain ? this.controller.judge : { ...this.controller.judge, unjudged: "the run was changed" };
+    const verdict = judge(data, (name) => this.run.place(name)?.values, this.run.done, this.about.period_s);
+    this.state(verdict.word, { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
+    const mark = (met) => [{ true: "✓", false: "✗" }[met] ?? "–", { true: "good", false: "bad" }[met] ?? "quiet"];
+    byId("requirements").replaceChildren(...verdict.requirements.map((one) => row([mark(one.met), [one.words]])));
+    byId("metrics").replaceChildren(...verdict.metrics.map((one) => row([
+      mark(one.met), [one.name], [one.value === null ? one.why : shortNumber(one.value, 4), "number"],
+      [one.limit ? one.limit.map((limit) => shortNumber(limit, 4)).join(" to ") : "", "quiet"]])));
   }
 
   controls() {
@@ -229,7 +243,7 @@ class WebPage {
 
   state(text, kind) {
     byId("state").textContent = text; byId("state").className = `pill ${kind}`;
-    byId("go").textContent = text === "running" ? "pause" : text === "ended" ? "run again" : "run";
+    byId("go").textContent = this.running ? "pause" : this.ended ? "run again" : "run";
   }
 
   notice(text) { byId("notice").hidden = !text; byId("notice").textContent = text; }
@@ -248,6 +262,12 @@ class WebPage {
     this.plant.draw(this.run, this.drawn - 1);
     byId("clock").textContent = `${(this.drawn * this.about.period_s).toFixed(3)} s of ${(this.run.cycles * this.about.period_s).toFixed(3)} s`;
   }
+}
+
+function row(cells) {
+  const made = element("tr");
+  made.append(...cells.map(([text, kind]) => element("td", text, kind ? { class: kind } : {})));
+  return made;
 }
 
 contents(byId("payload").textContent).then(
