@@ -77,9 +77,9 @@ vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
 		qemu-system-x86 busybox-static zstd iproute2 can-utils
 
-browser-tools: ## Chromium for the tests of the page; uses sudo
+browser-tools: ## Chromium, Firefox and Node for the tests of pages; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
-	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends chromium
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends chromium firefox-esr nodejs
 
 firmware-tools: ## compilers and QEMU for generated C; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq

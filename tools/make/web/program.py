@@ -90,7 +90,8 @@ class Program(Closed):
     def _web(self) -> Iterator[str]:
         roles = list(self.nodes)
         yield "/* The closed loop of a rig for a page. */"
-        yield f"#define CYCLES {self.cycle_count}U\n#define BATCH {BATCH}U"
+        yield f"#define CYCLES {self.cycle_count + 1}U /* of the lower nodes */"
+        yield f"#define BATCH {BATCH}U"
         yield from self.declared()
         yield "static void cost_begin(void)\n{\n}\n\nstatic void cost_end(void)\n{\n}\n"
         for role, columns in self.rows.items():
@@ -108,7 +109,7 @@ class Program(Closed):
         yield "    if (begun == 0U) {\n        begun = 1U;"
         yield from (f"        {role}_cycle(0U);" for role in reversed(roles[1:]))
         yield "    }"
-        yield "    for (uint32_t i = 0U; (i < n) && (i < BATCH) && (now < CYCLES); i += 1U) {"
+        yield "    for (uint32_t i = 0U; (i < n) && (i < BATCH) && (now < (CYCLES - 1U)); i += 1U) {"
         yield f"        {roles[0]}_cycle(now);\n        now += 1U;"
         yield from (f"        {role}_cycle(now);" for role in reversed(roles[1:]))
         yield f"    }}\n    return now;\n}}\n\n{_PROTOTYPES[2]}\n{{"

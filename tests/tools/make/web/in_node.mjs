@@ -1,5 +1,6 @@
 // Runs a page's rig as the page does, with its own worker, columns and digest.
 import fs from "node:fs";
+import { judge } from "../../../../tools/make/web/page/judge.js";
 import { Run, contents } from "../../../../tools/make/web/page/run.js";
 
 const asked = JSON.parse(fs.readFileSync(0)), text = fs.readFileSync(asked.page, "utf8");
@@ -26,6 +27,7 @@ for (const { controller, seed, values = {}, at = 0, then = {}, flip } of asked.r
     await post({ kind: "set", id: 1, values: placed(then) });
     await post({ kind: "step", cycles: chosen.cycles });
   }
-  results.push({ digest: why ? "" : await run.digest(), native: chosen.digest, counts: run.counts, why });
+  const verdict = why ? null : judge(chosen.judge, (name) => run.place(name)?.values, run.done, about.period_s);
+  results.push({ digest: why ? "" : await run.digest(), native: chosen.digest, counts: run.counts, why, verdict });
 }
 console.log(JSON.stringify(results));

@@ -15,6 +15,7 @@ from processes import pcpc
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.make.web.contents import digest
 from pcpc.tools.make.web.program import Program
 from pcpc.tools.start.rigs import find
@@ -62,7 +63,26 @@ def test_each_controller_gives_the_digest_of_pcpc_simulate(rig: str, tmp_path: P
     file = page(tmp_path, rig, *SHORT)
     for name, got in zip(names, runs(file, *({"controller": name} for name in names)), strict=True):
         assert got["digest"] == got["native"], (name, got)
-        assert len({*got["counts"]}) == 1
+        assert len({got["counts"][0] + 1, *got["counts"][1:]}) == 1
+
+
+@pytest.mark.parametrize(
+    "rig",
+    ["hull", "slew10", "payload-on", "backlash-map", "two-gaps", "friction-c", "suspension-8",
+     "fuzzy-d01", "backlash-pendulum", "deadzone-step", "telerobot-u1"],
+)  # fmt: skip
+def test_a_run_is_judged_as_natively(rig: str, tmp_path: Path) -> None:
+    file = page(tmp_path, rig, "--controller", load_rig(Path(find(rig))).config.controller)
+    known = load_rig(Path(find(rig)))
+    judge, log = Judge.of(known), in_memory(known)
+    (got,) = runs(file, {"controller": known.config.controller})
+    found = {one["name"]: one["value"] for one in got["verdict"]["metrics"]}
+    expected = {name: value for name, value in judge.metrics(log).items() if value == value}
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-15)
+    results = judge.requirements(log, cut=False)
+    told = got["verdict"]["requirements"]
+    assert [one["met"] for one in told] == [one.held for one in results]
+    assert got["verdict"]["word"] == "ok"
 
 
 def test_what_is_changed_gives_the_digest_of_the_command_that_the_page_tells(

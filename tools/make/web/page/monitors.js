@@ -20,7 +20,7 @@ export class Watch {
   }
 
   values(index) {
-    return typeof index === "string" ? this.made[index] : this.calculation.vector(index);
+    return typeof index === "string" ? this.made[index] : this.calculation.vector(index).subarray(0, this.n);
   }
 
   // The margin of a condition in each cycle; negative exactly where it does not hold.

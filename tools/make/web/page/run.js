@@ -13,7 +13,8 @@ export async function contents(text) {
 export class Run {
   constructor(controller, nodes, periodS) {
     this.controller = controller; this.nodes = nodes; this.periodS = periodS; this.cycles = controller.cycles;
-    this.kept = nodes.map((node) => controller.columns[node].map(() => new Float64Array(this.cycles)));
+    // The lower nodes do one cycle more than the executive.
+    this.kept = nodes.map((node) => controller.columns[node].map(() => new Float64Array(this.cycles + 1).fill(NaN)));
     this.counts = nodes.map(() => 0);
     this.places = new Map();
     nodes.forEach((node, i) => controller.columns[node].forEach(([name, unit, help], j) => {
@@ -25,7 +26,7 @@ export class Run {
     parts.forEach((rows, i) => {
       const columns = this.kept[i], n = columns.length;
       if (!n) return;
-      const first = this.counts[i], count = Math.min(rows.length / n, this.cycles - first);
+      const first = this.counts[i], count = Math.min(rows.length / n, this.cycles + 1 - first);
       for (let j = 0; j < n; j++) for (let r = 0; r < count; r++) columns[j][first + r] = rows[r * n + j];
       this.counts[i] += count;
     });
@@ -37,7 +38,7 @@ export class Run {
     return this.nodes.map((node) => this.places.get(`${node}:${name}`)).find(Boolean);
   }
 
-  get done() { return Math.min(...this.counts.filter((_, i) => this.kept[i].length)); }
+  get done() { return Math.min(this.cycles, ...this.counts.filter((_, i) => this.kept[i].length)); }
 
   async digest() {
     const widths = this.nodes.map((node) => this.controller.columns[node].filter((one) => one[3]).length);

@@ -21,7 +21,7 @@ export const NUMBER_OPERATIONS = {
     const left = a % b;
     return left !== 0 && left < 0 !== b < 0 ? left + b : left;
   },
-  maximum: Math.max, minimum: Math.min, hypot: Math.hypot, arctan2: Math.atan2,
+  maximum: (a, b) => Math.max(a, b), minimum: (a, b) => Math.min(a, b), hypot: (a, b) => Math.hypot(a, b), arctan2: Math.atan2,
   fmax: (a, b) => (a >= b || Number.isNaN(b) ? a : b),
   fmin: (a, b) => (a <= b || Number.isNaN(b) ? a : b),
   less: (a, b) => +(a < b), less_equal: (a, b) => +(a <= b), greater: (a, b) => +(a > b),
@@ -105,7 +105,8 @@ export const STATISTICS = {
 // The nodes of a trace (symbols.py) over the columns of a run, each calculated once.
 export class Calculation {
   constructor(data, column, cycles, periodS) {
-    Object.assign(this, { nodes: data.nodes, column, cycles, periodS, made: new Map() });
+    // The plant has one cycle more, which is asked for only as what comes after the last.
+    Object.assign(this, { nodes: data.nodes, column, cycles, length: cycles + 1, periodS, made: new Map() });
     const [first, past] = span(data.reach, cycles);
     this.reached = first < past;
   }
@@ -118,23 +119,23 @@ export class Calculation {
 
   vector(index) {
     const found = this.at(index);
-    return typeof found === "number" ? new Float64Array(this.cycles).fill(found) : found;
+    return typeof found === "number" ? new Float64Array(this.length).fill(found) : found;
   }
 
   calculated(word, ...given) {
     if (word === "number") return Number(given[0]);
-    if (word === "cycle") return Float64Array.from({ length: this.cycles }, (_, i) => i);
+    if (word === "cycle") return Float64Array.from({ length: this.length }, (_, i) => i);
     if (word === "column") return this.recorded(given[0]);
     if (word === "if") return this.at(given[this.at(given[0]) !== 0 ? 1 : 2]);
     if (word === "columns") return given.map((one) => this.vector(one));
     if (word === "merit") return this.figure(...given);
     if (word === "before" || word === "after" || word === "rate") {
-      return this.moved(word, this.vector(given[0]), this.cycles);
+      return this.moved(word, this.vector(given[0]), this.length);
     }
     const act = NUMBER_OPERATIONS[word], parts = given.map((one) => this.at(one));
     if (act === undefined) throw new Error(`no operation ${word}`);
     if (parts.every((one) => typeof one === "number")) return act(...parts);
-    const [a, b, c] = given.map((one) => this.vector(one)), found = new Float64Array(this.cycles);
+    const [a, b, c] = given.map((one) => this.vector(one)), found = new Float64Array(this.length);
     for (let i = 0; i < found.length; i++) found[i] = act(a[i], b?.[i], c?.[i]);
     return found;
   }
@@ -142,7 +143,9 @@ export class Calculation {
   recorded(name) {
     const found = this.column(name);
     if (found === undefined) throw new Error(`the page has no ${name}`);
-    return found.subarray(0, this.cycles);
+    const whole = new Float64Array(this.length).fill(NaN);
+    whole.set(found.subarray(0, this.length));
+    return whole;
   }
 
   moved(word, x, n) {

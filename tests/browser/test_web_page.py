@@ -1,0 +1,164 @@
+"""A page of `pcpc generate web` in real browsers, from a file."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from firefox import firefox
+from playwright.sync_api import Browser, Page, expect
+from processes import pcpc
+
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.make.web.contents import digest
+from pcpc.tools.make.web.program import Program
+from pcpc.tools.start.rigs import find, shipped_rigs
+
+pytestmark = pytest.mark.browser
+ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
+LATER = 120_000  # ms
+EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of the barrel with three controllers that differ."""
+    return made(tmp_path_factory.mktemp("web"), "hull", "--set", "duration_s=2")
+
+
+def made(folder: Path, rig: str, *more: str) -> Path:
+    """Return the page of a rig."""
+    path = folder / "page.html"
+    done = pcpc("generate", "web", rig, *more, "-o", str(path), "-q")
+    assert done.code == 0, done
+    return path
+
+
+@pytest.fixture
+def page(browser: Browser) -> Iterator[Page]:
+    """Return a tab in which every request but the file and its worker is an error."""
+    own = browser.new_context(viewport={"width": 1280, "height": 900})
+    tab, odd = own.new_page(), list[str]()
+    tab.on("request", lambda one: odd.append(one.url))
+    tab.on("pageerror", lambda one: odd.append(f"error: {one}"))
+    yield tab
+    own.close()
+    assert not [one for one in odd if not re.match(r"file:///[^?]*page\.html|blob:null/", one)], odd
+
+
+def opened(page: Page, file: Path, link: str = "") -> None:
+    """Load a page and wait until it is ready."""
+    page.goto(f"file://{file}{link}")
+    expect(page.locator("#state")).to_have_text("ready", timeout=LATER)
+
+
+def run_to_the_end(page: Page) -> str:
+    """Return what is told of the digest."""
+    page.select_option("#speed", "Infinity")
+    page.locator("#go").click()
+    expect(page.locator("#digest")).not_to_have_text("", timeout=LATER)
+    return page.locator("#digest").inner_text()
+
+
+@pytest.mark.parametrize("plant", ONE_OF_A_PLANT)
+def test_a_rig_of_each_plant_gives_the_digest_of_the_native_run(
+    plant: str, page: Page, tmp_path: Path
+) -> None:
+    opened(page, made(tmp_path, str(ONE_OF_A_PLANT[plant].path)))
+    assert EQUAL.fullmatch(run_to_the_end(page))
+    expect(page.locator("#state")).to_have_text("ok")
+
+
+def test_each_controller_in_firefox(file: Path) -> None:
+    with firefox() as tab:
+        tab.goto(f"file://{file}")
+        names = tab.value(
+            "new Promise((done) => { const all = document.getElementById('controller').options;"
+            "const look = () => all.length ? done([...all].map((one) => one.value).join(' '))"
+            ": setTimeout(look, 20); look(); })"
+        )
+        assert len(names.split()) > 10
+        for name in names.split():
+            said = tab.value(
+                "new Promise((done) => { const by = (id) => document.getElementById(id);"
+                f"by('controller').value = '{name}'; by('controller').onchange();"
+                "by('speed').value = 'Infinity'; by('go').click();"
+                "const look = () => by('digest').textContent ? done(by('digest').textContent)"
+                ": setTimeout(look, 20); look(); })"
+            )
+            assert EQUAL.fullmatch(said), (name, said)
+
+
+def test_what_was_changed_has_the_digest_of_the_command_that_is_shown(
+    page: Page, file: Path
+) -> None:
+    opened(page, file, "#controller=pd_nn&controller.kv_Nms_rad=80&seed=2")
+    page.keyboard.press(".")
+    slider = page.get_by_role("slider", name="controller.lam_per_s")
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#answer")).to_contain_text("from cycle 1 on")
+    said = run_to_the_end(page)
+    assert said.startswith("digest ") and "gives the same natively" in said
+    words = shlex.split(page.locator("#command").inner_text())
+    assert words[:3] == ["pcpc", "simulate", "hull"]
+    settings = [text for flag, text in pairwise(words) if flag == "--set"]
+    assert len(settings) == 3 and "duration_s=2" in settings, words
+    rig = load_rig(Path(find("hull")), words[words.index("--controller") + 1], settings)
+    assert said.split()[1].rstrip(";") == digest(Program(rig), in_memory(rig))[:16]
+
+
+def test_settings_of_a_link_that_are_wrong_are_told_and_left_out(page: Page, file: Path) -> None:
+    wrong = "#controller=nobody&seed=99&controller.kv_Nms_rad=1e9&x=<img src=x onerror=alert(1)>"
+    opened(page, file, wrong)
+    told = page.locator("#notice").inner_text().splitlines()
+    assert len(told) == 5 and "nobody" in told[1] and told[3].startswith("x: no such"), told
+    assert page.locator("img").count() == 0
+    assert EQUAL.fullmatch(run_to_the_end(page))
+
+
+def test_a_run_keeps_time_steps_and_begins_anew_from_the_keyboard(page: Page, file: Path) -> None:
+    opened(page, file)
+    page.keyboard.press(">")
+    expect(page.locator("#clock")).to_have_text("0.100 s of 2.000 s")
+    page.keyboard.press(".")
+    expect(page.locator("#clock")).to_have_text("0.101 s of 2.000 s")
+    page.keyboard.press(" ")
+    expect(page.locator("#state")).to_have_text("running")
+    page.keyboard.press(" ")
+    expect(page.locator("#state")).to_have_text("paused")
+    page.locator("#again").click()
+    expect(page.locator("#clock")).to_have_text("0.000 s of 2.000 s")
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_wider_than_the_window(
+    browser: Browser, file: Path, width: int, scheme: str
+) -> None:
+    own = browser.new_context(
+        viewport={"width": width, "height": 900},
+        color_scheme="dark" if scheme == "dark" else "light",
+        reduced_motion="reduce",
+    )
+    tab = own.new_page()
+    opened(tab, file)
+    assert EQUAL.fullmatch(run_to_the_end(tab))
+    wide = tab.locator("html").evaluate("(html) => html.scrollWidth")
+    named = "(all) => all.every((one) => one.labels?.length || one.ariaLabel || one.textContent)"
+    assert wide <= width
+    assert tab.locator("button, select, input").evaluate_all(named)
+    own.close()
+
+
+def test_a_damaged_file_says_so(page: Page, file: Path, tmp_path: Path) -> None:
+    text = file.read_text("utf-8")
+    at = text.index('id="payload">') + 4000
+    damaged = tmp_path / "page.html"
+    damaged.write_text(text[:at] + ("B" if text[at] == "A" else "A") + text[at + 1 :], "utf-8")
+    page.goto(f"file://{damaged}")
+    expect(page.locator("#notice")).to_contain_text("damaged", timeout=LATER)
