@@ -162,3 +162,12 @@ def test_a_damaged_file_says_so(page: Page, file: Path, tmp_path: Path) -> None:
     damaged.write_text(text[:at] + ("B" if text[at] == "A" else "A") + text[at + 1 :], "utf-8")
     page.goto(f"file://{damaged}")
     expect(page.locator("#notice")).to_contain_text("damaged", timeout=LATER)
+
+
+def test_a_run_that_was_left_has_no_part_in_the_next(page: Page, file: Path) -> None:
+    """Restarts in the middle, as fast as a page can ask for them."""
+    opened(page, file)
+    page.select_option("#speed", "Infinity")
+    often = "(go) => { for (let i = 0; i < 30; i++) { go.click(); document.getElementById('again').click(); } }"
+    page.locator("#go").evaluate(often)
+    assert EQUAL.fullmatch(run_to_the_end(page))

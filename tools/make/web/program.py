@@ -109,7 +109,7 @@ class Program(Closed):
         yield "    if (begun == 0U) {\n        begun = 1U;"
         yield from (f"        {role}_cycle(0U);" for role in reversed(roles[1:]))
         yield "    }"
-        yield "    for (uint32_t i = 0U; (i < n) && (i < BATCH) && (now < (CYCLES - 1U)); i += 1U) {"
+        yield "    for (uint32_t i = 0U; (i < n) && (i < BATCH) && (now + 1U < CYCLES); i += 1U) {"
         yield f"        {roles[0]}_cycle(now);\n        now += 1U;"
         yield from (f"        {role}_cycle(now);" for role in reversed(roles[1:]))
         yield f"    }}\n    return now;\n}}\n\n{_PROTOTYPES[2]}\n{{"

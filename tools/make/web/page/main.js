@@ -9,7 +9,7 @@ const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 class WebPage {
   constructor(about, module) {
     this.about = about; this.module = module; this.tunings = []; this.changed = new Map(); this.running = false;
-    this.ids = 0; this.drawn = -1;
+    this.id = 0; this.asked = 0; this.drawn = -1;
     const worker = new Blob([byId("worker").textContent], { type: "text/javascript" });
     this.worker = new Worker(URL.createObjectURL(worker));
     this.worker.onmessage = ({ data }) => this.heard(data);
@@ -120,7 +120,7 @@ class WebPage {
     if (!keepsHash) history.replaceState(null, "", this.link());
     const { module, columns, cycles } = this.controller, nodes = this.about.nodes;
     this.worker.postMessage({
-      kind: "start", module: this.module(module), columns: nodes.map((node) => columns[node].length), cycles,
+      kind: "start", id: ++this.id, module: this.module(module), columns: nodes.map((node) => columns[node].length), cycles,
       periodS: this.about.period_s,
       values: [...(this.controller.seeds[byId("seed").value] ?? []),
         ...[...this.changed].map(([key, value]) => [nodes.indexOf(this.value(key).node), this.value(key).at, value])],
@@ -131,13 +131,14 @@ class WebPage {
   }
 
   heard(data) {
+    if (data.id !== this.id) return;
     if (data.kind === "rows") { this.run.take(data.parts); if (still) this.draw(); }
     else if (data.kind === "failed") { this.state("failed", "bad"); this.notice(data.why); }
     else if (data.kind === "ready") { this.state("ready", ""); this.draw(); }
     else if (data.kind === "ended") this.end();
     else if (data.kind === "tuned") {
-      const { one, value } = this.pending.get(data.id);
-      this.pending.delete(data.id);
+      const { one, value } = this.pending.get(data.tuning);
+      this.pending.delete(data.tuning);
       this.tunings.push({ at: data.now, one, value });
       byId("answer").textContent = `${one.name} = ${digits(value)} from cycle ${data.now} on`;
       this.told();
@@ -220,9 +221,9 @@ class WebPage {
   tune(one, value) {
     if (this.ended) this.restart();
     if (this.run.counts[0] === 0) { this.changed.set(this.key_of(one), value); this.restart(); return; }
-    const id = ++this.ids;
-    this.pending.set(id, { one, value });
-    this.worker.postMessage({ kind: "set", id, values: [[this.about.nodes.indexOf(one.node), one.at, value]] });
+    const tuning = ++this.asked;
+    this.pending.set(tuning, { one, value });
+    this.worker.postMessage({ kind: "set", tuning, values: [[this.about.nodes.indexOf(one.node), one.at, value]] });
   }
 
   searched() {

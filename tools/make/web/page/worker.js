@@ -1,6 +1,6 @@
 // Runs a rig: as many cycles as the clock asks for, a batch at a time.
 const SLICE_MS = 8, BUSY_MS = 14, MOST = 256;
-let wasm, columns, cycles, periodS, now = 0, speed = 0, begun = 0, from = 0, timer = 0;
+let id = 0, wasm, columns, cycles, periodS, now = 0, speed = 0, begun = 0, from = 0, timer = 0;
 
 // Where a value lies that can be set.
 const view = (node, i) => new Float64Array(wasm.memory.buffer, wasm.place(node, i), 1);
@@ -9,7 +9,9 @@ function rows() {
   return columns.map((n, i) => new Float64Array(wasm.memory.buffer, wasm.rows(i), n * wasm.count(i)).slice());
 }
 
-function send(kind, parts) { postMessage({ kind, now, parts }, parts.map((part) => part.buffer)); }
+// Each message tells of which run it is: a page that has begun another leaves it.
+const tell = (message, buffers) => postMessage({ id, now, ...message }, buffers);
+const send = (kind, parts) => tell({ kind, parts }, parts.map((part) => part.buffer));
 
 function advance(n) {
   const next = wasm.run(Math.min(n, MOST));
@@ -21,10 +23,11 @@ function advance(n) {
 
 function slice() {
   timer = 0;
+  if (!speed) return;
   const end = performance.now() + BUSY_MS;
   const target = speed === Infinity ? cycles : from + Math.floor((performance.now() - begun) * 1e-3 * speed / periodS);
   while (now < Math.min(target, cycles) && performance.now() < end) advance(Math.min(target, cycles) - now);
-  if (now >= cycles) { speed = 0; postMessage({ kind: "ended", now }); }
+  if (now >= cycles) { speed = 0; tell({ kind: "ended" }); }
   if (speed) timer = setTimeout(() => guarded(slice), speed === Infinity ? 0 : SLICE_MS);
 }
 
@@ -34,37 +37,41 @@ function go(to) {
 }
 
 async function start(data) {
+  go(0);
+  ({ id, columns, cycles, periodS } = data);
   const made = await WebAssembly.instantiate(data.module);
-  ({ columns, cycles, periodS } = data);
   wasm = made.instance.exports;
   const refused = wasm.start();
   if (refused) throw new Error(`this browser does not give the bits of every other machine (self-test ${refused})`);
   for (const [node, i, value] of data.values) view(node, i)[0] = value;
   now = wasm.run(0);
   send("rows", rows());
-  postMessage({ kind: "ready" });
+  tell({ kind: "ready" });
 }
 
 function step(n) {
   go(0);
   for (let done = 1; n > 0 && done > 0; n -= done) done = advance(n);
-  if (now >= cycles) postMessage({ kind: "ended", now });
+  if (now >= cycles) tell({ kind: "ended" });
 }
 
-function set({ values, id }) {
+function set({ values, tuning }) {
   for (const [node, i, value] of values) view(node, i)[0] = value;
-  postMessage({ kind: "tuned", now, id });
+  tell({ kind: "tuned", tuning });
 }
 
 const guarded = (work) => Promise.resolve().then(work).catch((error) => {
   speed = 0;
-  postMessage({ kind: "failed", why: String(error.message ?? error) });
+  tell({ kind: "failed", why: String(error.message ?? error) });
 });
 
-onmessage = ({ data }) => guarded(() => {
+function handled(data) {
   if (data.kind === "start") return start(data);
   if (data.kind === "go") go(data.speed);
   if (data.kind === "step") step(data.cycles);
   if (data.kind === "set") set(data);
   return undefined;
-});
+}
+
+let before = Promise.resolve(); // a module is there before what follows is done with it
+onmessage = ({ data }) => (before = before.then(() => guarded(() => handled(data))));
