@@ -10,11 +10,11 @@
 The cycles are those of `tools.make.generate.closed`.
 """
 
-import importlib.util
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -135,8 +135,10 @@ _PROTOTYPES = (
 
 
 def _compiler() -> tuple[str, ...]:
-    if importlib.util.find_spec("ziglang"):
-        return (sys.executable, "-m", "ziglang", "cc", *_ZIG)
+    with suppress(ImportError):
+        import ziglang
+
+        return (sys.executable, "-m", ziglang.__name__, "cc", *_ZIG)
     if shutil.which("zig"):
         return ("zig", "cc", *_ZIG)
     if shutil.which("clang") and shutil.which("wasm-ld"):
