@@ -1,5 +1,6 @@
 // The page: what is shown, what was asked, and the order in which both happen.
 
+import { firstPanels } from "./axes.js";
 import { Net } from "./net.js";
 import { TimePanel, PhasePanel, MOST_CURVES, MOST_NAME, deliver, el } from "./panels.js";
 import { Runs } from "./runs.js";
@@ -23,6 +24,7 @@ class Page {
     document.addEventListener("keydown", (event) => {
       if (event.key === " " && event.target === document.body) { event.preventDefault(); this.pause(!this.paused); }
     });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.panels.forEach((panel) => panel.build()));
     addEventListener("resize", () => { this.side.painted = false; this.panels.forEach((panel) => panel.resize()); });
     this.net = new Net((m) => this.heard(m), (b) => this.drawn(b), (text, kind) => this.link(text, kind));
     this.side = new Side(this); this.runs = new Runs(this);
@@ -60,7 +62,7 @@ class Page {
     if (!this.variables.size) { this.side.shown(about, null); return; } // nothing runs yet
     const before = this.panels.map((panel) => panel.layout());
     if (before.some((panel) => panel.names.length) && this.rig === about.rig) this.laid(before);
-    else this.laid(this.stored() ?? this.own(about.layout) ?? this.first());
+    else this.laid(this.stored() ?? this.own(about.layout) ?? firstPanels([...this.variables.values()]));
     this.rig = about.rig;
     this.side.shown(about, this.whole);
   }
@@ -75,12 +77,6 @@ class Page {
   use(window_s) {
     this.window_s = WINDOWS.includes(window_s) ? window_s : 5;
     by("window").value = String(this.window_s);
-  }
-
-  first() {
-    const names = [...this.variables.keys()].filter((name) => this.variables.get(name).plot);
-    const good = names.filter((name) => /\b(e|error)\w*(_rad|_m|_mm)?$/.test(name) || /torque_Nm|theta_rad|_d_rad/.test(name));
-    return [{ kind: "time", names: (good.length ? good : names).slice(0, 3) }];
   }
 
   put(panel) { this.panels.push(panel); by("panels").append(panel.box); panel.build(); return panel; }

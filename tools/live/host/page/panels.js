@@ -1,8 +1,8 @@
 // Curves over time and phase planes. Arrays have a fixed size and are filled in place: what is new
 // is appended bin by bin, and drawn once per animation frame.
 
-export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999", "#7a5195"];
-const DASHES = [[], [6, 3], [2, 3]];
+import { alignedRanges, axisValues, curveColour, darkPage, newestLegend, plotOptions, rangeOf, roomy } from "./axes.js";
+
 const HEAD = 8, BINS = 0, PHASE = 2;
 const HEIGHT = 240;
 export const MOST_CURVES = 32, MOST_NAME = 300; // as the server takes them
@@ -21,19 +21,6 @@ const el = (tag, className, text) => {
   return made;
 };
 export { css, el };
-
-// Ticks as text: with as many digits as tell them apart, in a power of ten where those would be many.
-export function labels(ticks, step) {
-  const power = (v) => Math.floor(Math.log10(v) + 1e-9), most = Math.max(step, ...ticks.map(Math.abs));
-  const whole = (d) => { const v = step * 10 ** d; return Math.abs(v - Math.round(v)) < 1e-6; };
-  let digits = -power(step); // behind the point
-  while (!whole(digits) && digits < 2 - power(step)) digits += 1;
-  const shift = most < 1e-3 || most >= 1e6 ? power(most) : 0;
-  return ticks.map((v) => {
-    const text = (v / 10 ** shift).toFixed(Math.min(100, Math.max(0, digits + shift)));
-    return +text === 0 ? (shift ? "0" : text.replace("-", "")) : shift ? `${text}e${shift}` : text;
-  });
-}
 
 class Panel {
   constructor(page, names) {
@@ -69,7 +56,7 @@ class Panel {
     this.box.setAttribute("aria-label", `curves: ${this.names.join(", ") || "none yet"}`);
     this.names.forEach((name, i) => {
       const chip = el("button", "chip"), mark = el("i");
-      mark.style.background = COLOURS[i % COLOURS.length];
+      mark.style.background = curveColour(i, darkPage());
       const unit = this.page.variables.get(name)?.unit;
       chip.append(mark, `${name}${unit ? ` [${unit}]` : ""} ✕`);
       chip.ariaLabel = `take ${name} away`;
@@ -113,35 +100,20 @@ export class TimePanel extends Panel {
   }
 
   build() {
-    this.chips(); this.end = null; this.held = new Map();
+    this.chips(); this.end = this.scaled = null; this.held = new Map();
     this.x = this.y = null; this.dirty = false; // what was taken for other curves is not this chart's
     if (this.chart) this.chart.destroy();
-    const text = css("--text"), grid = { stroke: css("--line"), width: 1 };
-    const axis = { stroke: text, grid, ticks: grid, values: (u, found, i, space, step) => labels(found, step) };
-    const broad = (u, found) => Math.max(70, 20 + 7 * Math.max(0, ...(found ?? []).map((one) => one.length)));
-    this.units = this.names.map((name) => this.unit(name));
-    const units = [...new Set(this.units)]; // each has a scale
-    const series = this.names.map((name, i) => ({
-      scale: this.units[i], label: name, stroke: COLOURS[i % COLOURS.length], width: 1, spanGaps: false,
-      dash: DASHES[Math.floor(i / COLOURS.length) % DASHES.length], points: { show: false },
-      value: (u, v) => v === null || Number.isNaN(v) ? "–" : v.toPrecision(6),
-    }));
+    const curves = this.names.map((name) => ({ name, unit: this.unit(name) }));
+    this.units = curves.map((one) => one.unit);
+    const options = plotOptions({
+      curves, width: this.width(), height: HEIGHT, dark: darkPage(), ranges: (units) => this.ranges(units),
+      ink: { text: () => css("--text"), line: () => css("--line") },
+    });
     this.chart = new uPlot({
-      width: this.width(), height: HEIGHT, legend: { live: true },
-      scales: {
-        x: { time: false },
-        ...Object.fromEntries(units.map((unit) => [unit, { range: () => this.range(unit) }])),
-      },
-      axes: [
-        { ...axis, values: (...its) => axis.values(...its).map((one) => `${one} s`) },
-        ...units.slice(0, 2).map((unit, i) => ({
-          ...axis, scale: unit, side: i ? 1 : 3, size: broad, label: units.length > 1 ? unit.slice(2) : undefined,
-          labelSize: 16, labelFont: "12px system-ui", grid: i ? { show: false } : grid,
-        })),
-      ],
-      series: [{ label: "t", value: (u, v) => v === null ? "–" : `${v.toFixed(4)} s` }, ...series],
+      ...options,
       cursor: { sync: { key: "pcpc" }, drag: { x: true, y: false, setScale: false } },
       hooks: {
+        ...options.hooks,
         setSelect: [(u) => this.zoom(u)],
         ready: [(u) => u.over.addEventListener("dblclick", () => this.page.zoom(null))],
         draw: [(u) => this.mark(u)],
@@ -160,23 +132,20 @@ export class TimePanel extends Panel {
   }
 
   // The scale of a curve: curves of one unit share it, and so do expressions.
-  unit(name) { return `y ${name.startsWith("=") ? "calculated" : this.page.variables.get(name)?.unit || "1"}`; }
+  unit(name) { return name.startsWith("=") ? "calculated" : this.page.variables.get(name)?.unit ?? ""; }
 
   // The range of values: it grows at once and shrinks only by much, so that the axis stands still.
   // uPlot's own takes a NaN at the begin, a cycle that is not there, for the least value.
   range(unit) {
-    let low = Infinity, high = -Infinity;
-    this.units.forEach((one, c) => {
-      if (one === unit && this.y) for (const v of this.y[c]) { if (v < low) low = v; if (v > high) high = v; }
-    });
-    if (!(low <= high)) return [0, 1];
-    const room = 0.05 * (high - low) || Math.abs(low) * 0.05 || 1;
-    const held = this.held.get(unit);
+    const now = this.y && rangeOf(this.y.filter((_, c) => (this.units[c] || "1") === unit));
+    if (!now) return [0, 1];
+    const { low, high } = now, held = this.held.get(unit);
     if (held && low >= held[0] && high <= held[1] && high - low > 0.4 * (held[1] - held[0])) return held;
-    const now = [low - room, high + room];
-    this.held.set(unit, now);
-    return now;
+    this.held.set(unit, roomy(now));
+    return this.held.get(unit);
   }
+
+  ranges(units) { return this.scaled ??= alignedRanges(units.map((unit) => this.range(unit))); }
 
   mark(u) {
     const t = this.page.instant;
@@ -224,7 +193,7 @@ export class TimePanel extends Panel {
     this.dirty = true;
   }
 
-  draw() { this.chart.setData([this.x, ...this.y], true); }
+  draw() { this.scaled = null; this.chart.setData([this.x, ...this.y], true); newestLegend(this.chart); }
   resize() {
     const width = this.width();
     if (width === this.chart.width) return;
@@ -274,16 +243,16 @@ export class PhasePanel extends Panel {
     const at = (i) => [left + (xs[i] - x0) / (x1 - x0) * (right - left), bottom - (ys[i] - y0) / (y1 - y0) * (bottom - top)];
     g.strokeStyle = css("--line"); g.strokeRect(left, top, right - left, bottom - top);
     g.fillStyle = css("--text"); g.font = `${11 * scale}px system-ui`;
-    const told = (a, b) => labels([a, b], 10 ** (Math.floor(Math.log10(b - a)) - 1)); // a tenth to a hundredth of it
+    const told = (a, b) => axisValues([a, b], 10 ** (Math.floor(Math.log10(b - a)) - 1)); // a tenth to a hundredth of it
     const [[xa, xb], [ya, yb]] = [told(x0, x1), told(y0, y1)];
     g.fillText(xa, left, bottom + 14 * scale);
     g.textAlign = "right"; g.fillText(xb, right, bottom + 14 * scale);
     g.fillText(ya, left - 4 * scale, bottom); g.fillText(yb, left - 4 * scale, top + 10 * scale);
     g.textAlign = "center"; g.fillText(`${this.names[1]} over ${this.names[0]}`, (left + right) / 2, bottom + 14 * scale);
-    g.strokeStyle = COLOURS[0]; g.lineWidth = scale; g.beginPath();
+    g.strokeStyle = curveColour(0, darkPage()); g.lineWidth = scale; g.beginPath();
     for (let i = 0; i < n; i++) g.lineTo(...at(i));
     g.stroke();
-    g.fillStyle = COLOURS[1]; g.beginPath(); g.arc(...at(n - 1), 4 * scale, 0, 7); g.fill();
+    g.fillStyle = curveColour(1, darkPage()); g.beginPath(); g.arc(...at(n - 1), 4 * scale, 0, 7); g.fill();
   }
 
   resize() { this.dirty = this.points !== null; }
