@@ -1,0 +1,1 @@
+"""A rig as one HTML file: its nodes as WebAssembly, with the bits of every other build."""
