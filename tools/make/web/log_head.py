@@ -69,7 +69,9 @@ def log_head(rig: Rig) -> dict[str, Any]:
             "cycles": cycles_of(rig),
             "wall_ns": facts["clock_wall_ns"],
             "schemas": [[s.id, s.name, s.encoding, s.data.decode()] for s in _schemas(found)],
-            "channels": [[c.id, c.schema_id, c.topic, c.message_encoding] for c in _channels(found)],
+            "channels": [
+                [c.id, c.schema_id, c.topic, c.message_encoding] for c in _channels(found)
+            ],
             "metadata": [
                 [one.name, one.metadata]
                 for one in found.metadata
@@ -126,10 +128,15 @@ def _node(made: Plan, node: logs.Node, known: int) -> dict[str, Any]:
         },
         "events": [one for one in node.events if one["cycle"] < known],
         "heard": [frame.word for frame in made.rx_frames],
-        "sent": [_frame(frame, rate) for frame in made.tx_frames if not messages.is_emergency(frame)],
+        "sent": [
+            _frame(frame, rate) for frame in made.tx_frames if not messages.is_emergency(frame)
+        ],
         "at_end": last,
         "at_end_event": {
-            "event": "state", "argument": int(State.STOP), "value": 0.0, "name": State.STOP.name
+            "event": "state",
+            "argument": int(State.STOP),
+            "value": 0.0,
+            "name": State.STOP.name,
         },
         "limits": {
             f"tx.{name}": {

@@ -248,6 +248,10 @@ export function mcapContents(bytes) {
     if (opcode === MCAP.DATA_END) {
       const crc = part.number(4);
       if (crc && crc !== crc32(bytes.subarray(0, begin))) throw new Error("the checksum of all data does not match");
+      const end = bytes.length - 12;
+      if (crc32(bytes.subarray(file.at, end)) !== file.view.getUint32(end, true)) {
+        throw new Error("the summary's checksum does not match");
+      }
       return { topics, metadata, attachments };
     }
     if (opcode === MCAP.METADATA) {
