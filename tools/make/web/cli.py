@@ -26,6 +26,10 @@ _SCRIPTS = (
     (__package__, "vectors.js"),
     (__package__, "monitors.js"),
     (__package__, "judge.js"),
+    (__package__, "fzstd.js"),
+    (__package__, "mcap.js"),
+    (__package__, "frames.js"),
+    (__package__, "log.js"),
     (__package__, "view.js"),
     (__package__, "main.js"),
 )

@@ -29,6 +29,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.closed import NAN
 from pcpc.tools.make.web.judge_script import judge_data
+from pcpc.tools.make.web.log_head import log_head
 from pcpc.tools.make.web.program import Program
 
 SEEDS = 3  # beyond the rig's own
@@ -79,6 +80,7 @@ class Contents:
                 "columns": {role: _columns(program, role) for role in program.nodes},
                 "values": [one for role in program.nodes for one in _values(program, role)],
                 "judge": judge_data(rig, self.about["settings"]),
+                "log": log_head(rig),
                 "seed": rig.config.seed,
                 "seeds": _seeds(rig, program, self.about["settings"]),
             }

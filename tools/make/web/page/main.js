@@ -1,6 +1,7 @@
 // The page of one rig: what is chosen, what runs, and what is told of it.
 import { Run, contents } from "./run.js";
 import { judge, shortNumber } from "./judge.js";
+import { logBytes, readLog } from "./log.js";
 import { Curves, Plant, byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
@@ -9,7 +10,7 @@ const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 class WebPage {
   constructor(about, module) {
     this.about = about; this.module = module; this.tunings = []; this.changed = new Map(); this.running = false;
-    this.id = 0; this.asked = 0; this.drawn = -1;
+    this.id = 0; this.asked = 0; this.drawn = -1; this.again = 0;
     const worker = new Blob([byId("worker").textContent], { type: "text/javascript" });
     this.worker = new Worker(URL.createObjectURL(worker));
     this.worker.onmessage = ({ data }) => this.heard(data);
@@ -30,6 +31,10 @@ class WebPage {
     byId("search").oninput = () => this.searched();
     byId("copy").onclick = () => this.copied(byId("command").textContent, "command");
     byId("link").onclick = () => this.copied(location.href.split("#")[0] + this.link(), "link");
+    byId("save").onclick = () => this.save();
+    byId("open").onchange = ({ target }) => { this.open(target.files[0]); target.value = ""; };
+    document.addEventListener("dragover", (event) => event.preventDefault());
+    document.addEventListener("drop", (event) => { event.preventDefault(); this.open(event.dataTransfer.files[0]); });
     addEventListener("hashchange", () => { if (location.hash !== this.link()) this.linked(); });
     addEventListener("resize", () => { this.panels.forEach((one) => one.resize()); this.draw(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.show());
@@ -37,7 +42,7 @@ class WebPage {
     this.panels = this.layout().map((names) => new Curves(byId("panels"), names));
     this.plant = new Plant(about.needs ?? {}, globalThis.scene);
     this.linked();
-    if (!still) requestAnimationFrame(() => this.frame());
+    requestAnimationFrame(() => this.frame());
   }
 
   get controller() { return this.about.controllers.find((one) => one.name === byId("controller").value); }
@@ -114,7 +119,7 @@ class WebPage {
   }
 
   restart(keepsHash = false) {
-    this.running = false; this.tunings = []; this.drawn = -1; this.ended = false;
+    this.running = false; this.tunings = []; this.drawn = -1; this.ended = false; this.log = null;
     this.seeds();
     this.run = new Run(this.controller, this.about.nodes, this.about.period_s);
     if (!keepsHash) history.replaceState(null, "", this.link());
@@ -132,27 +137,76 @@ class WebPage {
 
   heard(data) {
     if (data.id !== this.id) return;
-    if (data.kind === "rows") { this.run.take(data.parts); if (still) this.draw(); }
+    if (data.kind === "rows") { this.run.take(data.parts); }
     else if (data.kind === "failed") { this.state("failed", "bad"); this.notice(data.why); }
     else if (data.kind === "ready") { this.state("ready", ""); this.draw(); }
     else if (data.kind === "ended") this.end();
     else if (data.kind === "tuned") {
       const { one, value } = this.pending.get(data.tuning);
       this.pending.delete(data.tuning);
-      this.tunings.push({ at: data.now, one, value });
-      byId("answer").textContent = `${one.name} = ${digits(value)} from cycle ${data.now} on`;
+      // The lower nodes are a cycle ahead.
+      this.tunings.push({ at: data.now + (one.node === this.about.nodes[0] ? 0 : 1), one, value });
+      byId("answer").textContent = `${one.name} = ${digits(value)} from cycle ${this.tunings.at(-1).at} on`;
       this.told();
     }
   }
 
   go(on) {
-    if (this.ended && on) { this.restart(); }
+    if (this.log) { this.play(on); return; }
+    if (this.ended && on) this.restart();
     this.running = on && !this.ended;
     this.worker.postMessage({ kind: "go", speed: this.running ? +byId("speed").value : 0 });
     this.state(this.running ? "running" : "paused", this.running ? "good" : "");
   }
 
+  // A log that was opened: what was recorded, as fast as it is asked for.
+  play(on) {
+    if (on && this.run.cursor >= this.log.cycles) this.run.cursor = 0;
+    this.running = on;
+    this.began = { cursor: this.run.cursor, at: performance.now() };
+    this.state(on ? "playing" : "paused", on ? "good" : "");
+  }
+
+  played() {
+    const speed = +byId("speed").value, went = (performance.now() - this.began.at) * 1e-3 * speed / this.about.period_s;
+    this.run.cursor = Math.min(this.log.cycles, this.began.cursor + (speed === Infinity ? Infinity : Math.floor(went)));
+    if (this.run.cursor >= this.log.cycles) { this.running = false; this.state("end of the log", ""); }
+  }
+
+  async open(file) {
+    if (!file) return;
+    try {
+      if (file.size > 200e6) throw new Error(`the log has ${Math.round(file.size / 1e6)} MB; a page reads 200`);
+      const bytes = new Uint8Array(await file.arrayBuffer());
+      const found = readLog(this.controller.log, bytes);
+      if (found.cycles > this.controller.cycles) throw new Error(`the log has ${found.cycles} cycles, this page's run ${this.controller.cycles}`);
+      this.restart();
+      this.id += 1; // what is computed is left
+      this.run.fill(found);
+      this.log = found;
+      this.notice(`${file.name}: ${found.cycles} cycles of a log${found.same ? "" : ", of a rig that was changed"}; restart ends it`);
+      this.show(); this.play(true);
+    } catch (error) { this.notice(`${file.name}: ${error.message}`); }
+  }
+
+  save() {
+    try {
+      if (this.log) throw new Error("this is a log already");
+      if (!this.run.done) throw new Error("nothing has run yet");
+      if (+byId("seed").value !== this.controller.seed) throw new Error("a log of another seed is of another rig: run the command");
+      const settings = Object.fromEntries([...this.changed].map(([key, value]) => [`${this.value(key).node}:${this.value(key).name}`, value]));
+      const tunings = this.tunings.map(({ at, one, value }) => ({ cycle: at, node: one.node, name: one.name, value }));
+      const bytes = logBytes(this.controller.log, { cycles: this.run.done, column: (name) => this.run.place(name)?.values, settings, tunings });
+      const link = element("a", "", { download: `${this.about.rig}-${this.controller.name}.mcap` });
+      link.href = URL.createObjectURL(new Blob([bytes]));
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+      byId("said").textContent = `${this.run.done} cycles; pcpc replay ${link.download}`;
+    } catch (error) { byId("said").textContent = error.message; }
+  }
+
   step(cycles) {
+    if (this.log) { this.play(false); this.run.cursor = Math.min(this.log.cycles, this.run.cursor + cycles); this.draw(); return; }
     if (this.ended) return;
     this.running = false;
     this.state("paused", "");
@@ -219,7 +273,7 @@ class WebPage {
 
   // Before a run begins it begins so; later it is a tuning at the cycle that comes next.
   tune(one, value) {
-    if (this.ended) this.restart();
+    if (this.ended || this.log) this.restart();
     if (this.run.counts[0] === 0) { this.changed.set(this.key_of(one), value); this.restart(); return; }
     const tuning = ++this.asked;
     this.pending.set(tuning, { one, value });
@@ -252,7 +306,8 @@ class WebPage {
   show() { this.panels.forEach((one) => one.shown(this.run)); this.drawn = -1; this.draw(); }
 
   frame() {
-    if (this.run.done !== this.drawn) this.draw();
+    if (this.log && this.running) this.played();
+    if (this.run.done !== this.drawn && (!still || performance.now() > this.again)) { this.again = performance.now() + 500; this.draw(); }
     requestAnimationFrame(() => this.frame());
   }
 

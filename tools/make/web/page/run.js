@@ -16,6 +16,7 @@ export class Run {
     // The lower nodes do one cycle more than the executive.
     this.kept = nodes.map((node) => controller.columns[node].map(() => new Float64Array(this.cycles + 1).fill(NaN)));
     this.counts = nodes.map(() => 0);
+    this.cursor = Infinity; // up to which cycle a log has played
     this.places = new Map();
     nodes.forEach((node, i) => controller.columns[node].forEach(([name, unit, help], j) => {
       this.places.set(`${node}:${name}`, { node, name, unit, help, values: this.kept[i][j], count: () => this.counts[i] });
@@ -32,13 +33,22 @@ export class Run {
     });
   }
 
+  // A log in the place of what is computed.
+  fill({ cycles, columns }) {
+    this.nodes.forEach((node, i) => {
+      this.controller.columns[node].forEach(([name], j) => this.kept[i][j].set(columns[`${node}:${name}`].subarray(0, this.cycles + 1)));
+      this.counts[i] = cycles + (i > 0);
+    });
+    this.cursor = 0;
+  }
+
   // A name as in a log: NODE:NAME, or NAME alone: the executive's, else of the node that has it.
   place(name) {
     if (name.includes(":")) return this.places.get(name);
     return this.nodes.map((node) => this.places.get(`${node}:${name}`)).find(Boolean);
   }
 
-  get done() { return Math.min(this.cycles, ...this.counts.filter((_, i) => this.kept[i].length)); }
+  get done() { return Math.min(this.cycles, this.cursor, ...this.counts.filter((_, i) => this.kept[i].length)); }
 
   async digest() {
     const widths = this.nodes.map((node) => this.controller.columns[node].filter((one) => one[3]).length);
