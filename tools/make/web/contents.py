@@ -34,6 +34,8 @@ from pcpc.tools.make.web.program import Program
 
 SEEDS = 3  # beyond the rig's own
 LAYOUT = "layout.json"
+WALL_NS = "1700000000000000001"  # in the place of the time of day at which a page is made
+SHORT = 200  # characters
 MOST_BYTES = 1 << 30  # of what a page keeps of a run
 
 
@@ -43,6 +45,7 @@ class Contents:
     def __init__(self, rig: Rig, name: str, settings: list[str]) -> None:
         """`name`: as the user called it; `settings`: what he changed."""
         self.rig, self._modules = rig, list[bytes]()
+        self._places: dict[str, int] = {}
         config = rig.config
         self.about: dict[str, Any] = {
             "version": importlib.metadata.version("pcpc"),
@@ -56,6 +59,7 @@ class Contents:
             "nodes": list(rig.roles),
             "schedule": [{"at_s": one.at_s, "set": dict(one.set)} for one in config.schedule],
             "layout": _layout(rig),
+            "parts": [],
             "controllers": [],
             "absent": [],
         }
@@ -80,11 +84,35 @@ class Contents:
                 "columns": {role: _columns(program, role) for role in program.nodes},
                 "values": [one for role in program.nodes for one in _values(program, role)],
                 "judge": judge_data(rig, self.about["settings"]),
-                "log": log_head(rig),
+                "log": self._log(rig),
                 "seed": rig.config.seed,
                 "seeds": _seeds(rig, program, self.about["settings"]),
             }
         )
+
+    def _log(self, rig: Rig) -> dict[str, Any]:
+        """Return what a page needs to write a log, or why it writes none."""
+        try:
+            return self._shared(log_head(rig))
+        except RigError as error:
+            return {"why": str(error)}
+
+    def _shared(self, head: dict[str, Any]) -> dict[str, Any]:
+        """Return a log's head with what several controllers have as places in `parts`."""
+        whole = json.dumps(head).replace(head["wall_ns"], WALL_NS)
+        return {key: self._part(value) for key, value in json.loads(whole).items()}
+
+    def _part(self, value: Any) -> Any:
+        """Return a value, longer ones as {"part": place}."""
+        if isinstance(value, list):
+            return [self._part(one) for one in value]
+        text = json.dumps(value)
+        if len(text) < SHORT:
+            return value
+        place = self._places.setdefault(text, len(self._places))
+        if place == len(self.about["parts"]):
+            self.about["parts"].append(value)
+        return {"part": place}
 
     def leave_out(self, controller: str, error: UserError) -> None:
         """Note why a controller is not there."""

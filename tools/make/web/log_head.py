@@ -94,11 +94,15 @@ def _schemas(found: logs.Scan) -> Iterator[Any]:
 
 
 def _attached(file: Any) -> str:
+    """Return the text of an attachment, `base64:...` of one that is no UTF-8."""
     data = file.data
     if file.name in {f"{role}.json" for role in logs.NODES}:
         about = json.loads(data)
         data = json.dumps({k: v for k, v in about.items() if k not in _WITHOUT}).encode()
-    return base64.b64encode(data).decode()
+    try:
+        return str(data.decode())
+    except UnicodeDecodeError:
+        return f"base64:{base64.b64encode(data).decode()}"
 
 
 def _schedule(plans: list[Plan]) -> list[dict[str, Any]]:

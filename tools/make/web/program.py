@@ -32,7 +32,7 @@ CURE = 'no compiler for wasm32 here; pip install "pcpc[web-export]", or apt inst
 _EXPORTS = "start", "run", "count", "rows", "place"
 _ZIG = ("-target", "wasm32-freestanding", "-fno-sanitize=all")
 _CLANG = ("--target=wasm32", "-ffreestanding")
-_COMMON = ("-O2", "-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
+_COMMON = ("-Os", "-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
 
 
 @dataclass(frozen=True)

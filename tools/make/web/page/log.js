@@ -49,6 +49,8 @@ class Away {
   }
 }
 
+const attachedBytes = (text) => (text.startsWith("base64:")
+  ? Uint8Array.from(atob(text.slice(7)), (letter) => letter.charCodeAt(0)) : new TextEncoder().encode(text));
 const hex = (id) => id.toString(16).toUpperCase();
 
 class LogOfRun {
@@ -96,7 +98,7 @@ class LogOfRun {
       writer.metadata(name, its);
     }
     for (const [name, kind, text] of head.attachments) {
-      let data = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+      let data = attachedBytes(text);
       if (head.nodes.some((node) => name === `${node.name}.json`)) {
         const json = new TextDecoder().decode(data).replaceAll(`"${head.wall_ns}"`, `"${wall}"`);
         data = new TextEncoder().encode(json);
@@ -302,6 +304,6 @@ function sameRig(head, file) {
   const ours = head.attachments.find(([name]) => name === "rig-resolved.yaml")?.[2];
   const theirs = file.attachments.get("rig-resolved.yaml");
   if (!ours || !theirs) return false;
-  const text = atob(ours);
-  return text.length === theirs.length && theirs.every((byte, i) => text.charCodeAt(i) === byte);
+  const own = attachedBytes(ours);
+  return own.length === theirs.length && theirs.every((byte, i) => own[i] === byte);
 }

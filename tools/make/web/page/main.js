@@ -176,6 +176,7 @@ class WebPage {
   async open(file) {
     if (!file) return;
     try {
+      if (this.controller.log.why) throw new Error(this.controller.log.why);
       if (file.size > 200e6) throw new Error(`the log has ${Math.round(file.size / 1e6)} MB; a page reads 200`);
       const bytes = new Uint8Array(await file.arrayBuffer());
       const found = readLog(this.controller.log, bytes);
@@ -191,6 +192,7 @@ class WebPage {
 
   save() {
     try {
+      if (this.controller.log.why) throw new Error(this.controller.log.why);
       if (this.log) throw new Error("this is a log already");
       if (!this.run.done) throw new Error("nothing has run yet");
       if (+byId("seed").value !== this.controller.seed) throw new Error("a log of another seed is of another rig: run the command");

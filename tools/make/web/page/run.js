@@ -1,12 +1,19 @@
 // A run as the page keeps it: a column a variable, and the digest of all of them.
 const NAN_BITS = 0x7ff8000000000000n;
 
+// What several controllers have is there once.
+const unshared = (value, parts) => (Array.isArray(value) ? value.map((one) => unshared(one, parts))
+  : value?.part !== undefined ? parts[value.part] : value);
+
 export async function contents(text) {
   const packed = Uint8Array.from(atob(text.trim()), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const whole = await new Response(stream).arrayBuffer();
   const length = new DataView(whole).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(whole, 4, length)));
+  for (const one of about.controllers) {
+    one.log = Object.fromEntries(Object.entries(one.log).map(([key, value]) => [key, unshared(value, about.parts)]));
+  }
   return { about, module: ([offset, bytes]) => whole.slice(4 + length + offset, 4 + length + offset + bytes) };
 }
 
