@@ -19,6 +19,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.log.diff import compare
+from pcpc.tools.cli import main
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.web.log_head import log_head
 
@@ -88,7 +89,7 @@ class Native:
     def _node(self, what: str, given: Path, out: Path) -> None:
         head = self.folder / "head.json"
         head.write_text(json.dumps(self.head, allow_nan=False))
-        command = [NODE, SCRIPT, PAGE, what, head, given, out]
+        command = [NODE, *map(str, (SCRIPT, PAGE, what, head, given, out))]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
         assert done.returncode == 0, done.stderr
 
@@ -175,6 +176,14 @@ def test_a_run_that_was_stopped_replays_as_far_as_it_came(hull: Native) -> None:
     assert main(["replay", str(page), "--quiet"]) == 0
 
 
+def test_a_run_whose_commands_are_not_safe_at_its_end_has_no_last_word(tmp_path: Path) -> None:
+    run = native(rig_of("hull", "executive.limits.CMD.motor_torque.rate_per_s=2.0"), tmp_path)
+    assert len(run.log.node["executive"].cycle) > 2500  # natively they are ramped down
+    page = run.page("page", cycles=2500)
+    assert [one["name"] for one in logs.read(page).node["plant"].events] == ["READY", "RUN"]
+    assert main(["replay", str(page), "--quiet"]) == 0
+
+
 def test_a_wrong_bit_of_a_column_is_found_by_replay(hull: Native) -> None:
     values = hull.log.node["executive"].columns["controller.tau_Nm"]
     kept = values[700]
@@ -231,6 +240,24 @@ def test_damaged_logs_are_refused_in_one_line(hull: Native) -> None:
         answers = hull.read(*files)
         for file, answer in zip(files, answers, strict=True):
             assert re.fullmatch("the log is damaged: .*", answer.get("error", "")), (file, answer)
+
+
+def test_a_chunk_is_believed_by_its_own_checksum(hull: Native) -> None:
+    for path in (hull.folder / "native.mcap", hull.page("page")):
+        data = path.read_bytes()
+        end = int.from_bytes(data[-28:-20], "little")  # of the data, where the summary begins
+        unchecked = [[at, data[at]] for at in range(end - 4, end)]  # as from writers without a CRC
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        chunk = summary.chunk_indexes[1]
+        last = chunk.chunk_start_offset + chunk.chunk_length - 1
+        whole, damaged = hull.read(
+            {"name": str(path), "flips": unchecked},
+            {"name": str(path), "flips": [*unchecked, [last - 40, 1]]},
+        )
+        assert whole.get("cycles") == 2500, whole
+        assert damaged.get("error", "").startswith("the log is damaged"), damaged
 
 
 def test_other_rigs_and_versions_are_refused_by_name(hull: Native, tmp_path: Path) -> None:

@@ -263,7 +263,8 @@ export function readLog(head, bytes) {
   if (!cycles) throw new Error("the log holds no cycle");
   const own = new Set(head.tunings.map((one) => JSON.stringify(one)));
   const given = told.filter((one) => !own.has(JSON.stringify(one)));
-  const settings = Object.fromEntries(given.filter((one) => !one.cycle).map((one) => [`${one.node}:${one.name}`, one.value]));
+  const first = given.filter((one) => !one.cycle);
+  const settings = Object.fromEntries(first.map((one) => [`${one.node}:${one.name}`, one.value]));
   const tunings = given.filter((one) => one.cycle).sort((a, b) => a.cycle - b.cycle);
   return { cycles, columns, tunings, settings, same: sameRig(head, file) };
 }
