@@ -1,5 +1,6 @@
 """A page of `pcpc generate web` in real browsers, from a file."""
 
+import json
 import re
 import shlex
 from collections.abc import Iterator
@@ -168,6 +169,27 @@ def test_a_run_that_was_left_has_no_part_in_the_next(page: Page, file: Path) -> 
     """Restarts in the middle, as fast as a page can ask for them."""
     opened(page, file)
     page.select_option("#speed", "Infinity")
-    often = "(go) => { for (let i = 0; i < 30; i++) { go.click(); document.getElementById('again').click(); } }"
+    again = "document.getElementById('again').click()"
+    often = f"(go) => {{ for (let i = 0; i < 30; i++) {{ go.click(); {again}; }} }}"
     page.locator("#go").evaluate(often)
     assert EQUAL.fullmatch(run_to_the_end(page))
+
+
+def test_a_log_that_is_saved_replays_and_plays(page: Page, file: Path, tmp_path: Path) -> None:
+    opened(page, file, "#controller=pd_nn&controller.kv_Nms_rad=80")
+    page.keyboard.press(".")
+    page.get_by_role("slider", name="controller.lam_per_s").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#answer")).to_contain_text("from cycle 1 on")
+    run_to_the_end(page)
+    with page.expect_download() as saved:
+        page.locator("#save").click()
+    log = tmp_path / "page.mcap"
+    saved.value.save_as(log)
+    done = pcpc("replay", str(log), "--json")
+    assert done.code == 0 and all(one["identical"] for one in json.loads(done.out)), done
+    page.set_input_files("#open", log)
+    expect(page.locator("#state")).to_have_text("end of the log", timeout=LATER)
+    for damaged, what in ((log.read_bytes()[:-99], "damaged"), (b"%PDF-1.7", "no MCAP file")):
+        page.set_input_files("#open", {"name": "x", "mimeType": "", "buffer": damaged})
+        expect(page.locator("#notice")).to_contain_text(what)

@@ -28,6 +28,7 @@ from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.closed import NAN
+from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.web.judge_script import judge_data
 from pcpc.tools.make.web.log_head import log_head
 from pcpc.tools.make.web.program import Program
@@ -94,7 +95,7 @@ class Contents:
         """Return what a page needs to write a log, or why it writes none."""
         try:
             return self._shared(log_head(rig))
-        except RigError as error:
+        except Untranslatable as error:
             return {"why": str(error)}
 
     def _shared(self, head: dict[str, Any]) -> dict[str, Any]:
@@ -137,7 +138,7 @@ def contents(
         say(controller)
         try:
             made.add(load_rig(path, controller, settings))
-        except RigError as error:
+        except (RigError, Untranslatable) as error:
             if controller in (only, first):
                 raise
             made.leave_out(controller, error)
