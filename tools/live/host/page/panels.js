@@ -145,7 +145,11 @@ export class TimePanel extends Panel {
     return this.held.get(unit);
   }
 
-  ranges(units) { return this.scaled ??= alignedRanges(units.map((unit) => this.range(unit))); }
+  // Once a drawing; a chart that has been replaced may ask once more, for its own units.
+  ranges(units) {
+    if (this.scaled?.units !== units) this.scaled = { units, found: alignedRanges(units.map((unit) => this.range(unit))) };
+    return this.scaled.found;
+  }
 
   mark(u) {
     const t = this.page.instant;
