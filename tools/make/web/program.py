@@ -28,7 +28,7 @@ from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator.elementary import FLAGS
 
 BATCH = 256
-CURE = 'no compiler for wasm32 here; pip install "pcpc[web-export]", or apt install clang lld'
+CURE = "no compiler for wasm32 here; pip install ziglang, or apt install clang lld"
 _EXPORTS = "start", "run", "count", "rows", "place"
 _ZIG = ("-target", "wasm32-freestanding", "-fno-sanitize=all")
 _CLANG = ("--target=wasm32", "-ffreestanding")
