@@ -15,9 +15,11 @@ DRAWN = "pcpc.panels.some((panel) => panel.x || panel.points)"
 
 
 @contextmanager
-def opened(browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN) -> Iterator[Page]:
+def opened(
+    browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN, scheme: Any = None
+) -> Iterator[Page]:
     """Open the page; whatever it complains of, and every foreign address, is an error."""
-    context = browser.new_context(viewport=size)
+    context = browser.new_context(viewport=size, color_scheme=scheme)
     page = context.new_page()
     said: list[str] = []
     page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))

@@ -76,5 +76,5 @@ def scene(now: Now, p: Settings) -> Scene:
         text((1.05, -0.57), f"play {1e3 * p['gap_rad']:g} mrad"),
         gauge((1.62, 0.1), 0.8, FULL_RAD, [(off, "moving"), (off + muzzle, "magnified")],
               f"error, ±{1e3 * FULL_RAD:g} mrad"),
-        note=f"bending x {BENDING:g}",
+        note=f"bending x {BENDING:g}; 270 deg of arrow: {math.pi * FULL_NM:.0f} N m",
     )  # fmt: skip

@@ -45,5 +45,5 @@ def scene(now: Now, p: Settings) -> Scene:
         slot(middle, 2.0 * half, now["command"], torque + p["d_minus_Nm"], torque + p["d_plus_Nm"],
              2.0 * FULL_NM),
         text((-0.75 * a, -1.84 * a), f"play {p['d_plus_Nm'] - p['d_minus_Nm']:g} N m"),
-        note=f"line: ±{FULL_NM:g} N m",
+        note=f"line: ±{FULL_NM:g} N m; 270 deg of arrow: {FULL_NM:g} N m",
     )  # fmt: skip

@@ -34,5 +34,5 @@ def scene(now: Now, p: Settings) -> Scene:
         turn(elbow, 0.36, start[1], by[1], "ground", 0.1),
         [disc(at, 0.05, "magnified", fill) for at, fill in zip((shoulder, elbow), sticks,
                                                                  strict=True)],
-        note="grey: friction; red: joint sticks",
+        note=f"270 deg of arrow: {FULL_NM:g} N m; grey: friction; red: joint sticks",
     )  # fmt: skip

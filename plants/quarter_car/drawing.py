@@ -70,5 +70,5 @@ def scene(now: Now, p: Settings) -> Scene:
          for y in (0.55 - 0.32, 0.55 + 0.32) if p["limits_on"]],
         gauge((1.25, 0.55), 0.8, FULL_N, [(now["wanted"], "reference"),
                                            (now["force"] - weight, "moving")], "force"),
-        note=f"±{125 * p['stop_m']:g} cm (red: stops), ±{1e-3 * FULL_N:g} kN",
+        note=f"travel: ±{125 * p['stop_m']:g} cm (red: stops); force: ±{1e-3 * FULL_N:g} kN",
     )  # fmt: skip

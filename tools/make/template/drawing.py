@@ -32,5 +32,5 @@ def scene(now: Now, p: Settings) -> Scene:
         disc(CENTRE, 0.12, "body", 0.6),
         turn(CENTRE, 0.9, angle, 1.5 * math.pi * now["current"] / FULL_A, head=0.15),
         gauge((1.75, 0.0), 1.8, p["v_max_V"], [(now["voltage"], "force")], "voltage"),
-        note=f"±{p['v_max_V']:g} V; 270 deg of arrow: {FULL_A:g} A",
+        note=f"voltage: ±{p['v_max_V']:g} V; 270 deg of arrow: {FULL_A:g} A",
     )

@@ -42,6 +42,12 @@ export function paint(canvas, scene) {
   g.setLineDash([]);
   if (scene.note) {
     g.font = `${FONT}px system-ui`; g.fillStyle = css("--quiet"); g.textAlign = "right"; g.textBaseline = "bottom";
-    g.fillText(scene.note, width - 4, height - 2);
+    const lines = [];
+    for (const part of scene.note.split("; ")) { // a narrow page has more lines
+      const longer = lines.length ? `${lines.at(-1)}; ${part}` : part;
+      if (lines.length && g.measureText(longer).width < width - 8) lines[lines.length - 1] = longer;
+      else lines.push(part);
+    }
+    lines.reverse().forEach((one, i) => g.fillText(one, width - 4, height - 2 - 1.3 * FONT * i));
   }
 }

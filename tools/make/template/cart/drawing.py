@@ -30,5 +30,5 @@ def scene(now: Now, p: Settings) -> Scene:
         link(pivot, polar(pivot, length, 0.5 * math.pi - now["angle"]), 0.02, "moving"),
         disc(pivot, 0.015, "body", 0.6),
         gauge((0.85, 0.35), 0.7, p["f_max_N"], [(now["force"], "force")], "force"),
-        note=f"±{p['f_max_N']:g} N",
+        note=f"force: ±{p['f_max_N']:g} N",
     )
