@@ -1,6 +1,6 @@
 // Requirements of a whole run, as tools/after/verdict/monitors.py judges them: its (1), (2), (3).
 
-const BARELY = -2.2250738585072014e-308; // a margin of 0 of what does not hold
+export const BARELY = -2.2250738585072014e-308; // a margin of 0 of what does not hold
 const COMPARED = {
   "<": (a, b) => a < b, "<=": (a, b) => a <= b, ">": (a, b) => a > b, ">=": (a, b) => a >= b,
   "==": (a, b) => a === b, "!=": (a, b) => a !== b,

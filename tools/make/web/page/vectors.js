@@ -103,16 +103,33 @@ export const STATISTICS = {
 };
 
 // The nodes of a trace (symbols.py) over the columns of a run, each calculated once.
+// `leader`: the node whose cycles count; all but the executive record a few more than `cycles`.
 export class Calculation {
-  constructor(data, column, cycles, periodS) {
-    Object.assign(this, { nodes: data.nodes, column, cycles, periodS, made: new Map() });
-    const [first, past] = span(data.reach, cycles);
+  constructor(data, column, cycles, periodS, leader = "executive", whole = null) {
+    Object.assign(this, { data, column, cycles, periodS, leader, made: new Map(), led: new Map() });
+    this.whole = whole ?? this;
+    if (whole !== null) {
+      const owned = ([word, name]) => word === "column" && name.startsWith(`${leader}:`);
+      const own = data.nodes.find(owned);
+      this.cycles = own ? this.recorded(own[1]).length : cycles;
+    }
+    const [first, past] = span(data.reach, this.cycles);
     this.reached = first < past;
+  }
+
+  // The same by the cycles of another node.
+  by(leader) {
+    const { data, column, cycles, periodS, whole, led } = this.whole;
+    if (leader === whole.leader) return whole;
+    if (!led.has(leader)) {
+      led.set(leader, new Calculation(data, column, cycles, periodS, leader, whole));
+    }
+    return led.get(leader);
   }
 
   // A number for all cycles, a Float64Array of one for each, or two of those.
   at(index) {
-    if (!this.made.has(index)) this.made.set(index, this.calculated(...this.nodes[index]));
+    if (!this.made.has(index)) this.made.set(index, this.calculated(...this.data.nodes[index]));
     return this.made.get(index);
   }
 
@@ -124,10 +141,11 @@ export class Calculation {
   calculated(word, ...given) {
     if (word === "number") return Number(given[0]);
     if (word === "cycle") return Float64Array.from({ length: this.cycles }, (_, i) => i);
-    if (word === "column") return this.recorded(given[0]);
+    if (word === "column") return this.paired(given[0]);
+    if (word === "told") return this.told(given[0]);
     if (word === "if") return this.at(given[this.at(given[0]) !== 0 ? 1 : 2]);
     if (word === "columns") return given.map((one) => this.vector(one));
-    if (word === "merit") return this.figure(...given);
+    if (word === "merit") return this.by(given[0]).figure(...given.slice(1));
     if (word === "before" || word === "after" || word === "rate") {
       return this.moved(word, this.vector(given[0]), this.cycles);
     }
@@ -135,14 +153,30 @@ export class Calculation {
     if (act === undefined) throw new Error(`no operation ${word}`);
     if (parts.every((one) => typeof one === "number")) return act(...parts);
     const [a, b, c] = given.map((one) => this.vector(one)), found = new Float64Array(this.cycles);
-    for (let i = 0; i < found.length; i++) found[i] = act(a[i], b?.[i], c?.[i]);
+    for (let i = 0; i < found.length; i++) {
+      found[i] = !b ? act(a[i]) : !c ? act(a[i], b[i]) : act(a[i], b[i], c[i]);
+    }
     return found;
   }
 
   recorded(name) {
     const found = this.column(name);
     if (found === undefined) throw new Error(`the page has no ${name}`);
-    return found.subarray(0, this.cycles);
+    return name.startsWith("executive:") ? found.subarray(0, this.whole.cycles) : found;
+  }
+
+  // A variable at the leader's cycles.
+  paired(name) {
+    const found = this.recorded(name).subarray(0, this.cycles);
+    if (found.length === this.cycles) return found;
+    const padded = new Float64Array(this.cycles).fill(NaN);
+    padded.set(found);
+    return padded;
+  }
+
+  told(node) {
+    const found = new Float64Array(this.cycles).fill(1);
+    return node === "executive" ? found.fill(0, this.whole.cycles) : found;
   }
 
   moved(word, x, n) {
