@@ -7,6 +7,7 @@ their parts. What neither can be written down is named with the reason, as `why`
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -90,17 +91,17 @@ class _Run(Run):
     trace: Trace = field(default_factory=Trace)
 
     @property
-    def cycle(self) -> Any:  # type: ignore[override]
+    def cycle(self) -> Any:
         """The cycle numbers."""
         return self.trace.symbol("cycle")
 
     @property
-    def t_s(self) -> Any:  # type: ignore[override]
+    def t_s(self) -> Any:
         """Time of the cycles, s."""
         return self.cycle * self.period_s
 
     @property
-    def plant_tells(self) -> bool:  # type: ignore[override]
+    def plant_tells(self) -> bool:
         """Whether the rig has a plant."""
         return "plant" in self.log.node
 
@@ -210,7 +211,7 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
                     for asked in sorted(run.suspects)
                 ]
             else:
-                one["value"] = traced.trace.of(lambda merit=merit: merit(traced)).index
+                one["value"] = traced.trace.of(partial(merit, traced)).index
         except (Exception, Unrecordable) as error:
             one["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
         found.append(one)

@@ -200,7 +200,7 @@ class Symbol(NDArrayOperatorsMixin):
         raise Unrecordable("it takes numbers a cycle apart, or calls an unknown function")
 
     __float__ = __int__ = __index__ = __len__ = __iter__ = __getitem__ = __array__ = _refuse
-    __setitem__ = __round__ = __hash__ = _refuse  # type: ignore[assignment]
+    __setitem__ = __round__ = __hash__ = _refuse
 
 
 def plain(value: float) -> float | str:

@@ -44,19 +44,24 @@ def judged_in_node(
     cycles: int, period_s: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Return what judge.js says; numbers that are not finite are words of JavaScript."""
-    if (node := shutil.which("node")) is None:
-        pytest.skip("node is not installed")
-    for file in ("judge", "monitors", "vectors"):
-        text = (PAGE / f"{file}.js").read_text().replace('.js";', '.mjs";')
-        (folder / f"{file}.mjs").write_text(text)
     begins = np.cumsum([0, *(len(one) for one in columns.values())]).tolist()
     asked = {"data": data, "names": list(columns), "cycles": cycles, "periodS": period_s}
     asked["begins"] = begins
     (folder / "asked.json").write_text(json.dumps(asked, allow_nan=False))
     np.concatenate([*columns.values()], dtype=np.float64).tofile(folder / "columns.bin")
-    (folder / "ask.mjs").write_text(_SCRIPT)
+    return dict(node_json(folder, _SCRIPT))
+
+
+def node_json(folder: Path, script: str) -> Any:
+    """Return the JSON that a module prints; the page's modules lie beside it as .mjs."""
+    if (node := shutil.which("node")) is None:
+        pytest.skip("node is not installed")
+    for file in ("judge", "monitors", "vectors"):
+        text = (PAGE / f"{file}.js").read_text().replace('.js";', '.mjs";')
+        (folder / f"{file}.mjs").write_text(text)
+    (folder / "ask.mjs").write_text(script)
     done = subprocess.run(
         [node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
-    return dict(json.loads(done.stdout))
+    return json.loads(done.stdout)

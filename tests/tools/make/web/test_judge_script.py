@@ -1,5 +1,6 @@
 """A page judges a run as `pcpc simulate` does: metrics, limits, requirements."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from judging_node import judged_in_node, page_columns
+from judging_node import judged_in_node, node_json, page_columns
 
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.virtual import in_memory
@@ -18,6 +19,7 @@ from pcpc.plants.evaluation import Evaluation, Judged, Mean, Peak, Rms, Run, Vec
 from pcpc.tools.after.verdict.judge import Judge, Judgement
 from pcpc.tools.make.web import judge_script
 from pcpc.tools.make.web.judge_script import judge_data
+from pcpc.tools.make.web.symbols import BINARY, UNARY, plain
 from pcpc.tools.start.rigs import find
 
 RELATIVE = 1e-9
@@ -113,6 +115,21 @@ def test_requirements_of_every_kind_are_judged_as_natively(
         x[rng.integers(0, 100, 3)], y[rng.integers(0, 100, 3)] = math.nan, math.inf
     rig, log = required(monkeypatch, {"x": x, "y": y, "z": z}, None)
     assert_same(Judge.of(rig).judge(log, []), answer(tmp_path, rig, log, 100))
+    end = int(rng.integers(1, 100))
+    begun = Judge.of(rig).judge(_first_cycles(log, end), [], "the run did not finish")
+    page = answer(tmp_path, rig, log, end)["requirements"]
+    assert [one.text for one in begun.requirements] == [one["words"] for one in page]
+
+
+def _first_cycles(log: Log, end: int) -> Log:
+    nodes = {
+        name: replace(
+            node, cycle=node.cycle[:end], stamp_ns=node.stamp_ns[:end], timing={},
+            columns={key: values[:end] for key, values in dict(node.columns).items()},
+        )
+        for name, node in log.node.items()
+    }  # fmt: skip
+    return replace(log, node=nodes)
 
 
 def test_a_run_that_was_cut_off_leaves_limits_and_obligations_open(tmp_path: Path) -> None:
@@ -154,3 +171,36 @@ def test_what_cannot_be_written_down_is_named_and_the_rest_is_judged(
     native = evaluation.figures(evaluation.judged(log, (-math.inf, math.inf), {}, 1e-3))
     for name in ("branch", "turned"):
         assert told[name]["value"] == pytest.approx(native[name], rel=RELATIVE)
+
+
+def test_operations_and_numbers_as_words_are_those_of_numpy_and_python(tmp_path: Path) -> None:
+    ends = (0.0, 0.5, -0.5, 1.5, 2.5, -1.0, 1.0, 0.1, 3.7, -7.25, math.inf, -math.inf, math.nan)
+    words = (*ends, 1234.5, 1235.5, 0.00001, 123456.0, 99995.0, 1e22, 1e-7, 1 / 3, 1e16, 4e-324)
+    script = f"""
+import {{ NUMBER_OPERATIONS as act }} from "./vectors.mjs";
+import {{ shortNumber, pythonNumber }} from "./judge.mjs";
+const ends = {json.dumps([plain(one) for one in ends])}.map(Number);
+const words = {json.dumps([plain(one) for one in words])}.map(Number);
+const told = {{}};
+for (const one of {json.dumps(UNARY)}) told[one] = ends.map((a) => String(act[one](a)));
+for (const one of {json.dumps(BINARY)}) {{
+  told[one] = ends.flatMap((a) => ends.map((b) => String(act[one](a, b))));
+}}
+const short = [1, 4, 6, 12].map((n) => words.map((one) => shortNumber(one, n)));
+const whole = words.filter(Number.isFinite).map(pythonNumber);
+console.log(JSON.stringify({{ told, short, whole, known: Object.keys(act) }}));
+"""
+    found = node_json(tmp_path, script)
+    assert {*found["known"]} == {*UNARY, *BINARY, "where"}
+    with np.errstate(all="ignore"):
+        a, b = np.repeat(ends, len(ends)), np.tile(ends, len(ends))
+        for one in UNARY:
+            told = [number(value) for value in found["told"][one]]
+            np.testing.assert_allclose(
+                told, getattr(np, one)(np.array(ends)), 1e-14, 0, err_msg=one
+            )
+        for one in BINARY:
+            told = [number(value) for value in found["told"][one]]
+            np.testing.assert_allclose(told, getattr(np, one)(a, b), 1e-14, 0, err_msg=one)
+    assert found["short"] == [[f"{one:.{n}g}" for one in words] for n in (1, 4, 6, 12)]
+    assert found["whole"] == [repr(one) for one in words if math.isfinite(one)]
