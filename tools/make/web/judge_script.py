@@ -107,7 +107,9 @@ class _Run(Run):
 
     def told(self, node: str) -> Any:
         """Return that a node records every cycle, or none."""
-        return self.trace.number(node in self.log.node, "vector", logical=True)
+        if node not in self.log.node:
+            return self.trace.number(0.0, "vector", logical=True)
+        return self.trace.symbol("told", node, logical=True)
 
     def get(self, name: str) -> Any:
         """Return a variable, or NaN."""
@@ -180,7 +182,7 @@ class _Judged(Judged):
         source = run.values(one.source, one.place)
         if name is None or (name in ("CORRELATION", "SETTLING")) != (source.kind == "pair"):
             raise Unrecordable("its statistic is not one of pcpc.plants.evaluation")
-        what = name, source.index, *_span(self, one.over)
+        what = run.leader, name, source.index, *_span(self, one.over)
         return one.scale * cast(Any, self.trace.symbol("merit", *what, kind="scalar"))
 
 
@@ -202,6 +204,7 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
         try:
             if isinstance(merit, Merit):
                 one["value"] = traced.figure(merit, run).index
+                one["leader"] = merit.leader
                 one["window"] = _span(traced, merit.over)
                 one["asked"] = [
                     [asked, ":".join(names.find_variable(traced.log, asked) or ())]

@@ -132,7 +132,7 @@ def test_limits_are_judged_by_runs_that_reach_the_end_of_every_window(
     settings: tuple[str, ...], judged: bool
 ) -> None:
     rig = load_rig(SLEW10, settings=settings)
-    assert (judging._beyond(rig, ["duration_s=1"]) == "") == judged, settings
+    assert (judging.beyond(rig, ["duration_s=1"]) == "") == judged, settings
 
 
 def test_a_run_with_nothing_to_judge_says_so(tmp_path: Path) -> None:

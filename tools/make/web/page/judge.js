@@ -1,6 +1,6 @@
 // A run judged in the page as `pcpc simulate` judges it: metrics, limits, requirements.
 import { Calculation, span } from "./vectors.js";
-import { Watch } from "./monitors.js";
+import { BARELY, Watch } from "./monitors.js";
 
 const UNFINISHED = "the run did not finish", HERE = "not judged in a page";
 
@@ -26,7 +26,8 @@ export function judge(data, column, cycles, periodS) {
 function judgedMetric(about, calculation, reason, periodS) {
   const { name, unit, order } = about, label = about.id ? `${about.id} ${name}` : name;
   const found = { name, unit, value: NaN };
-  const missing = (error) => Object.assign(found, { value: null, why: `${HERE}: ${error}`, here: true });
+  const missing = (error) =>
+    Object.assign(found, { value: null, why: `${HERE}: ${error}`, here: true });
   if (about.why) missing(about.why);
   try {
     if (!about.why) found.value = calculation.at(about.value);
@@ -36,7 +37,9 @@ function judgedMetric(about, calculation, reason, periodS) {
   if (!about.limit) return found;
   const [low, high] = about.limit.map(Number), value = found.value;
   Object.assign(found, { limit: [low, high], order, met: null });
-  if (reason || found.why) return Object.assign(found, { words: `${label}: ${reason || found.why}` });
+  if (reason || found.why) {
+    return Object.assign(found, { words: `${label}: ${reason || found.why}` });
+  }
   const said = Number.isNaN(value) ? "is not known in this run" : `= ${shortNumber(value, 4)}`;
   const limits = `expected ${shortNumber(low, 6)} to ${shortNumber(high, 6)}`;
   const odd = nonFinite(about, calculation, periodS);
@@ -48,9 +51,10 @@ function judgedMetric(about, calculation, reason, periodS) {
 
 // The first recorded value of a figure's window that is not finite.
 function nonFinite(about, calculation, periodS) {
-  const [first, past] = span(about.window ?? [0, 0], calculation.cycles);
+  const led = calculation.by(about.leader ?? "executive");
+  const [first, past] = span(about.window ?? [0, 0], led.cycles);
   for (const [name, variable] of about.asked ?? []) {
-    const values = calculation.recorded(variable).subarray(first, past);
+    const values = led.recorded(variable).subarray(first, past);
     const bad = values.findIndex((one) => !Number.isFinite(one));
     if (bad >= 0) {
       return `${name} is not a finite number at ${shortNumber((first + bad) * periodS, 4)} s`;
@@ -73,8 +77,10 @@ function required(about, calculation, cut, periodS) {
   }
   const { first, least, events, judged } = watch, open = events - judged;
   const time = (cycle) => Number(shortNumber(cycle * periodS, 12));
-  if (least === null || !(judged || first)) return { ...not(unjudgedWhy(watch)), events, judged, open };
-  const margin = Math.abs(watch.margin) <= Number.MIN_VALUE * 2 ** 52 ? 0 : watch.margin / least.factor;
+  if (least === null || !(judged || first)) {
+    return { ...not(unjudgedWhy(watch)), events, judged, open };
+  }
+  const margin = Math.abs(watch.margin) <= -BARELY ? 0 : watch.margin / least.factor;
   const found = { text, met: first === null, margin, unit: least.unit, margin_s: time(least.cycle),
     first_s: null, events, judged, open };
   const own = (value, unit) => shortNumber(value, 4) + (unit ? ` ${unit}` : "");
@@ -115,7 +121,8 @@ export function shortNumber(value, digits) {
   if (Number.isNaN(value)) return "nan";
   if (!Number.isFinite(value)) return value > 0 ? "inf" : "-inf";
   let [mantissa, power] = value.toExponential(digits - 1).split("e");
-  const [exact, exactPower] = value.toExponential(100).split("e"), sign = exact[0] === "-" ? "-" : "";
+  const [exact, exactPower] = value.toExponential(100).split("e");
+  const sign = exact[0] === "-" ? "-" : "";
   const all = exact.replace(/[-.]/g, ""), tie = /^50*$/.test(all.slice(digits));
   if (tie && all[digits - 1] % 2 === 0) { // half to even
     [mantissa, power] = [`${sign}${all[0]}.${all.slice(1, digits)}`, exactPower];

@@ -1,6 +1,6 @@
 // Requirements of a whole run, as tools/after/verdict/monitors.py judges them: its (1), (2), (3).
 
-const BARELY = -2.2250738585072014e-308; // a margin of 0 of what does not hold
+export const BARELY = -2.2250738585072014e-308; // a margin of 0 of what does not hold
 const COMPARED = {
   "<": (a, b) => a < b, "<=": (a, b) => a <= b, ">": (a, b) => a > b, ">=": (a, b) => a >= b,
   "==": (a, b) => a === b, "!=": (a, b) => a !== b,
@@ -20,7 +20,7 @@ export class Watch {
   }
 
   values(index) {
-    return typeof index === "string" ? this.made[index] : this.calculation.vector(index).subarray(0, this.n);
+    return typeof index === "string" ? this.made[index] : this.calculation.vector(index);
   }
 
   // The margin of a condition in each cycle; negative exactly where it does not hold.

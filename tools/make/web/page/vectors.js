@@ -21,7 +21,7 @@ export const NUMBER_OPERATIONS = {
     const left = a % b;
     return left !== 0 && left < 0 !== b < 0 ? left + b : left;
   },
-  maximum: (a, b) => Math.max(a, b), minimum: (a, b) => Math.min(a, b), hypot: (a, b) => Math.hypot(a, b), arctan2: Math.atan2,
+  maximum: Math.max, minimum: Math.min, hypot: Math.hypot, arctan2: Math.atan2,
   fmax: (a, b) => (a >= b || Number.isNaN(b) ? a : b),
   fmin: (a, b) => (a <= b || Number.isNaN(b) ? a : b),
   less: (a, b) => +(a < b), less_equal: (a, b) => +(a <= b), greater: (a, b) => +(a > b),
@@ -103,49 +103,80 @@ export const STATISTICS = {
 };
 
 // The nodes of a trace (symbols.py) over the columns of a run, each calculated once.
+// `leader`: the node whose cycles count; all but the executive record a few more than `cycles`.
 export class Calculation {
-  constructor(data, column, cycles, periodS) {
-    // The plant has one cycle more, which is asked for only as what comes after the last.
-    Object.assign(this, { nodes: data.nodes, column, cycles, length: cycles + 1, periodS, made: new Map() });
-    const [first, past] = span(data.reach, cycles);
+  constructor(data, column, cycles, periodS, leader = "executive", whole = null) {
+    Object.assign(this, { data, column, cycles, periodS, leader, made: new Map(), led: new Map() });
+    this.whole = whole ?? this;
+    if (whole !== null) {
+      const owned = ([word, name]) => word === "column" && name.startsWith(`${leader}:`);
+      const own = data.nodes.find(owned);
+      this.cycles = own ? this.recorded(own[1]).length : cycles;
+    }
+    const [first, past] = span(data.reach, this.cycles);
     this.reached = first < past;
+  }
+
+  // The same by the cycles of another node.
+  by(leader) {
+    const { data, column, cycles, periodS, whole, led } = this.whole;
+    if (leader === whole.leader) return whole;
+    if (!led.has(leader)) {
+      led.set(leader, new Calculation(data, column, cycles, periodS, leader, whole));
+    }
+    return led.get(leader);
   }
 
   // A number for all cycles, a Float64Array of one for each, or two of those.
   at(index) {
-    if (!this.made.has(index)) this.made.set(index, this.calculated(...this.nodes[index]));
+    if (!this.made.has(index)) this.made.set(index, this.calculated(...this.data.nodes[index]));
     return this.made.get(index);
   }
 
   vector(index) {
     const found = this.at(index);
-    return typeof found === "number" ? new Float64Array(this.length).fill(found) : found;
+    return typeof found === "number" ? new Float64Array(this.cycles).fill(found) : found;
   }
 
   calculated(word, ...given) {
     if (word === "number") return Number(given[0]);
-    if (word === "cycle") return Float64Array.from({ length: this.length }, (_, i) => i);
-    if (word === "column") return this.recorded(given[0]);
+    if (word === "cycle") return Float64Array.from({ length: this.cycles }, (_, i) => i);
+    if (word === "column") return this.paired(given[0]);
+    if (word === "told") return this.told(given[0]);
     if (word === "if") return this.at(given[this.at(given[0]) !== 0 ? 1 : 2]);
     if (word === "columns") return given.map((one) => this.vector(one));
-    if (word === "merit") return this.figure(...given);
+    if (word === "merit") return this.by(given[0]).figure(...given.slice(1));
     if (word === "before" || word === "after" || word === "rate") {
-      return this.moved(word, this.vector(given[0]), this.length);
+      return this.moved(word, this.vector(given[0]), this.cycles);
     }
     const act = NUMBER_OPERATIONS[word], parts = given.map((one) => this.at(one));
     if (act === undefined) throw new Error(`no operation ${word}`);
     if (parts.every((one) => typeof one === "number")) return act(...parts);
-    const [a, b, c] = given.map((one) => this.vector(one)), found = new Float64Array(this.length);
-    for (let i = 0; i < found.length; i++) found[i] = act(a[i], b?.[i], c?.[i]);
+    const [a, b, c] = given.map((one) => this.vector(one)), found = new Float64Array(this.cycles);
+    for (let i = 0; i < found.length; i++) {
+      found[i] = !b ? act(a[i]) : !c ? act(a[i], b[i]) : act(a[i], b[i], c[i]);
+    }
     return found;
   }
 
   recorded(name) {
     const found = this.column(name);
     if (found === undefined) throw new Error(`the page has no ${name}`);
-    const whole = new Float64Array(this.length).fill(NaN);
-    whole.set(found.subarray(0, this.length));
-    return whole;
+    return name.startsWith("executive:") ? found.subarray(0, this.whole.cycles) : found;
+  }
+
+  // A variable at the leader's cycles.
+  paired(name) {
+    const found = this.recorded(name).subarray(0, this.cycles);
+    if (found.length === this.cycles) return found;
+    const padded = new Float64Array(this.cycles).fill(NaN);
+    padded.set(found);
+    return padded;
+  }
+
+  told(node) {
+    const found = new Float64Array(this.cycles).fill(1);
+    return node === "executive" ? found.fill(0, this.whole.cycles) : found;
   }
 
   moved(word, x, n) {
