@@ -21,7 +21,7 @@ from pcpc.tools.terminal.progress import Progress
 _HOST = "pcpc.tools.live.host"
 _STYLES = (_HOST, "uplot.css"), (_HOST, "host.css"), (__package__, "web.css")
 _SCRIPTS = (
-    (_HOST, "drawing.js"),
+    (_HOST, "axes.js"),
     (__package__, "run.js"),
     (__package__, "vectors.js"),
     (__package__, "monitors.js"),

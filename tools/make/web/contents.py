@@ -45,7 +45,7 @@ class Contents:
 
     def __init__(self, rig: Rig, name: str, settings: list[str]) -> None:
         """`name`: as the user called it; `settings`: what he changed."""
-        self.rig, self._modules = rig, list[bytes]()
+        self._modules = list[bytes]()
         self._places: dict[str, int] = {}
         config = rig.config
         self.about: dict[str, Any] = {
@@ -74,6 +74,10 @@ class Contents:
             raise rig.error("duration_s", what)
         module = program.module()
         log = in_memory(rig)
+        ended = log.node["executive"].columns["supervisor.fault"]
+        if len(ended) != program.cycle_count or ended.any():
+            what = "its run ends in a fault, and a page has no supervisor; `pcpc simulate` shows it"
+            raise rig.error("controller", what)
         offset = sum(map(len, self._modules))
         self._modules.append(module)
         self.about["controllers"].append(
@@ -160,12 +164,13 @@ def digest(program: Program, log: Log) -> str:
 
 
 def _columns(program: Program, role: Role) -> list[list[Any]]:
-    """Return name, unit, meaning and whether it is digested of each column of a node."""
+    """Return name, unit, meaning, 1: digested + 2: must be finite, and kind of each column."""
     table = program.nodes[role].plan.table
     found = []
     for one in program.rows[role]:
         variable = table.variables[table.index[one.name]]
-        found.append([one.name, variable.unit, variable.help, int(one.digested)])
+        flags = one.digested + 2 * one.finite
+        found.append([one.name, variable.unit, variable.help, flags, variable.kind])
     return found
 
 

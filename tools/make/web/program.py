@@ -42,6 +42,7 @@ class Column:
     name: str
     text: str  # its expression in C
     digested: bool
+    finite: bool  # a value that is not finite is a fault of the node
 
 
 class Program(Closed):
@@ -50,21 +51,29 @@ class Program(Closed):
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
         self.cycle_count = cycles_of(rig)
-        digested = self.columns()
-        self.rows = {
-            role: [Column(*one, True) for one in digested[role]] + [*self._carried(role)]
-            for role in self.nodes
-        }
+        _check(rig)
+        recorded = self.columns()
+        self.rows = {role: [*self._columns(role, recorded[role])] for role in self.nodes}
         self.places = {role: self._settable(role) for role in self.nodes}
 
-    def _carried(self, role: Role) -> Iterator[Column]:
-        """Yield what the frames of a node carry."""
-        wiring = self.nodes[role]
-        for place, variable in enumerate(wiring.plan.table.variables):
+    def _columns(self, role: Role, recorded: list[tuple[str, str]]) -> Iterator[Column]:
+        """Yield what is digested of a node, then what its frames carry and what must be finite."""
+        wiring, digested = self.nodes[role], {name for name, _ in recorded}
+        variables = wiring.plan.table.variables
+        judged = [
+            (variables[p].name, wiring.places[p].replace("rig->", f"{role}_node.", 1))
+            for _, views in wiring.blocks
+            for p in views.outputs[: views.judged]
+        ]
+        must = {name for name, _ in judged}
+        yield from (Column(name, text, True, name in must) for name, text in recorded)
+        for place, variable in enumerate(variables):
             if variable.recorded and variable.kind in ("received", "sent"):
                 struct, _, member = wiring.at(place).partition("->")
                 where = {"received": "in", "sent": "out"}[struct]
-                yield Column(variable.name, f"{role}_{where}.{member}", False)
+                sent = variable.kind == "sent"
+                yield Column(variable.name, f"{role}_{where}.{member}", False, sent)
+        yield from (Column(*one, False, True) for one in judged if one[0] not in digested)
 
     def _settable(self, role: Role) -> dict[str, str]:
         """Return parameters and states of a node by name, with their places in C."""
@@ -123,6 +132,20 @@ class Program(Closed):
                 yield f"        case {i}U:\n            return (void *)&{text};"
             yield "        default:\n            break;\n        }\n    }"
         yield "    return (void *)0;\n}\n"
+
+
+def _check(rig: Rig) -> None:
+    """Raise RigError for what would end or hold a run in the supervisor, which a page has not."""
+    config = rig.config
+    for role, section in config.sections.items():
+        if section.plausible:
+            what = "a page does not judge what it hears; take it out"
+            raise rig.error(f"{role}.plausible", what)
+    if config.supervisor.arm == "manual":
+        what = "a page has no operator who arms it; --set supervisor.arm=automatic"
+        raise rig.error("supervisor.arm", what)
+    if config.supervisor.estop:
+        raise rig.error("supervisor.estop", "a page has no emergency stop; take it out")
 
 
 _PROTOTYPES = (

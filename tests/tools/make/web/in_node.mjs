@@ -27,7 +27,7 @@ for (const { controller, seed, values = {}, at = 0, then = {}, flip } of asked.r
     await post({ kind: "set", id: 1, values: placed(then) });
     await post({ kind: "step", cycles: chosen.cycles });
   }
-  const verdict = why ? null : judge(chosen.judge, (name) => run.place(name)?.values, run.done, about.period_s);
-  results.push({ digest: why ? "" : await run.digest(), native: chosen.digest, counts: run.counts, why, verdict });
+  const verdict = why ? null : judge(chosen.judge, (name) => run.record(name), run.done, about.period_s);
+  results.push({ digest: why ? "" : await run.digest(), native: chosen.digest, counts: run.counts, why, verdict, odd: run.odd() });
 }
 console.log(JSON.stringify(results));

@@ -104,6 +104,25 @@ def test_what_is_changed_gives_the_digest_of_the_command_that_the_page_tells(
     assert len({one["digest"] for one in (begun, tuned, both)} | {begun["native"]}) == 4
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [{"controller.kap2": 785.1356164947664, "controller.critic_on": 0.259085991853645},
+     {"arm.a2_m": 0.001, "reference_2.frequency_hz": 0.477464829275686}],
+)  # fmt: skip
+def test_a_value_that_ends_the_run_natively_is_told(
+    changed: dict[str, float], tmp_path: Path
+) -> None:
+    """The first of the law, the second of the plant; a page has no supervisor."""
+    file = page(tmp_path, "payload-on", "--controller", "critic", *SHORT)
+    ended, whole = runs(file, {"controller": "critic", "values": changed}, {"controller": "critic"})
+    law = {k: v for k, v in changed.items() if k.startswith("controller.")}
+    at_once = ", ".join(f"{{at_s: 0, set: {{{k}: {v!r}}}}}" for k, v in law.items())
+    settings = [f"schedule=[{at_once}]"] if law else [f"{k}={v!r}" for k, v in changed.items()]
+    rig = load_rig(Path(find("payload-on")), "critic", ["duration_s=1", *settings])
+    cycles = len(in_memory(rig).node["executive"].columns["time.t_s"])
+    assert ended["odd"]["cycle"] <= cycles < 1000 and whole["odd"] is None
+
+
 def test_another_seed_gives_the_digest_of_that_seed(tmp_path: Path) -> None:
     file = page(tmp_path, "hull", "--controller", "pd", *SHORT)
     found = runs(file, *({"controller": "pd", "seed": str(seed)} for seed in (1, 2, 4)))
@@ -141,6 +160,7 @@ def test_the_digest_is_of_every_recorded_value() -> None:
         (("probe", "--controller", "nobody"), "nobody"),
         (("hull", "--set", "duration_s=100000"), "duration_s"),
         (("hull", "--set", "losses.CMD.share=0.1", "--controller", "pd"), "losses.CMD.share=0"),
+        (("hull", "--set", "supervisor.arm=manual"), "--set supervisor.arm=automatic"),
         (("probe", "-o", "/no/such/place.html"), "/no/such/place.html"),
     ],
 )

@@ -2,7 +2,8 @@
 import { Run, contents } from "./run.js";
 import { judge, shortNumber } from "./judge.js";
 import { logBytes, readLog } from "./log.js";
-import { Curves, Plant, byId, digits, element } from "./view.js";
+import { firstPanels } from "./axes.js";
+import { Curves, byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -40,7 +41,6 @@ class WebPage {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.show());
     document.addEventListener("keydown", (event) => this.key(event));
     this.panels = this.layout().map((names) => new Curves(byId("panels"), names));
-    this.plant = new Plant(about.needs ?? {}, globalThis.scene);
     this.linked();
     requestAnimationFrame(() => this.frame());
   }
@@ -49,7 +49,10 @@ class WebPage {
 
   layout() {
     const panels = this.about.layout?.panels?.filter((one) => one.kind === "time").map((one) => one.names);
-    return panels ?? this.about.first ?? [];
+    if (panels) return panels;
+    const [top, ...below] = this.about.nodes, columns = this.about.controllers[0].columns;
+    const named = (node, before) => columns[node].map(([name, unit, , , kind]) => ({ name: before + name, unit, kind, plot: true }));
+    return firstPanels([named(top, ""), ...below.map((node) => named(node, `${node}:`))].flat()).map((one) => one.names);
   }
 
   key(event) {
@@ -99,8 +102,9 @@ class WebPage {
 
   // The same run natively; "" where no command line says it.
   command() {
-    const words = ["pcpc simulate", this.about.called], set = (text) => words.push("--set", /[\s{}"']/.test(text) ? `'${text}'` : text);
-    words.push("--controller", this.controller.name);
+    const quoted = (text) => (/^[\w.:=/+,-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+    const words = ["pcpc simulate", quoted(this.about.called), "--controller", quoted(this.controller.name)];
+    const set = (text) => words.push("--set", quoted(text));
     this.about.settings.forEach(set);
     if (+byId("seed").value !== this.controller.seed) set(`seed=${byId("seed").value}`);
     const later = this.tunings.map(({ at, one, value }) => ({ at_s: at * this.about.period_s, one, value }));
@@ -195,10 +199,11 @@ class WebPage {
       if (this.controller.log.why) throw new Error(this.controller.log.why);
       if (this.log) throw new Error("this is a log already");
       if (!this.run.done) throw new Error("nothing has run yet");
+      if (this.run.odd()) throw new Error("a value was not finite: natively the run had ended there");
       if (+byId("seed").value !== this.controller.seed) throw new Error("a log of another seed is of another rig: run the command");
       const settings = Object.fromEntries([...this.changed].map(([key, value]) => [`${this.value(key).node}:${this.value(key).name}`, value]));
       const tunings = this.tunings.map(({ at, one, value }) => ({ cycle: at, node: one.node, name: one.name, value }));
-      const bytes = logBytes(this.controller.log, { cycles: this.run.done, column: (name) => this.run.place(name)?.values, settings, tunings });
+      const bytes = logBytes(this.controller.log, { cycles: this.run.done, column: (name) => this.run.record(name), settings, tunings });
       const link = element("a", "", { download: `${this.about.rig}-${this.controller.name}.mcap` });
       link.href = URL.createObjectURL(new Blob([bytes]));
       link.click();
@@ -218,10 +223,17 @@ class WebPage {
   async end() {
     this.running = false; this.ended = true;
     this.state("judging", ""); this.draw();
-    const run = this.run, found = await run.digest();
+    const run = this.run, odd = run.odd(), line = byId("digest");
+    if (odd) {
+      line.className = "bad";
+      line.textContent = `${odd.name} is not finite at ${digits(odd.cycle * run.periodS)} s: natively a safety stop, which a page does not have`;
+      this.state("not finite", "bad");
+      return;
+    }
+    const found = await run.digest();
     if (run !== this.run) return;
     const plain = !this.changed.size && !this.tunings.length && +byId("seed").value === this.controller.seed;
-    const line = byId("digest"), short = found.slice(0, 16), native = this.controller.digest;
+    const short = found.slice(0, 16), native = this.controller.digest;
     line.className = plain ? (found === native ? "good" : "bad") : "";
     if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below gives the same natively" : "a plant tuned while it runs is in no command"}`;
     else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
@@ -233,8 +245,10 @@ class WebPage {
   // As `pcpc simulate` judges: limits are of the rig as it is, requirements of every run.
   judged(plain) {
     const data = plain ? this.controller.judge : { ...this.controller.judge, unjudged: "the run was changed" };
-    const verdict = judge(data, (name) => this.run.place(name)?.values, this.run.done, this.about.period_s);
-    this.state(verdict.word, { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
+    const verdict = judge(data, (name) => this.run.record(name), this.run.done, this.about.period_s);
+    const judged = [...verdict.requirements, ...verdict.metrics].filter((one) => typeof one.met === "boolean").length;
+    if (verdict.word === "ok" && !judged) this.state("nothing judged", "warn");
+    else this.state(`${verdict.word}, ${judged} judged`, { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
     const mark = (met) => [{ true: "✓", false: "✗" }[met] ?? "–", { true: "good", false: "bad" }[met] ?? "quiet"];
     byId("requirements").replaceChildren(...verdict.requirements.map((one) => row([mark(one.met), [one.words]])));
     byId("metrics").replaceChildren(...verdict.metrics.map((one) => row([
@@ -317,7 +331,6 @@ class WebPage {
     this.drawn = this.run.done;
     const window_s = Math.min(+byId("window").value, this.run.cycles * this.about.period_s);
     for (const one of this.panels) one.draw(window_s);
-    this.plant.draw(this.run, this.drawn - 1);
     byId("clock").textContent = `${(this.drawn * this.about.period_s).toFixed(3)} s of ${(this.run.cycles * this.about.period_s).toFixed(3)} s`;
   }
 }

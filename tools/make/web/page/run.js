@@ -1,4 +1,6 @@
 // A run as the page keeps it: a column a variable, and the digest of all of them.
+const DIGESTED = 1, MUST_BE_FINITE = 2;
+const FINITE = 1e300; // from here on a value counts as not finite: executive/loop/limits.py
 const NAN_BITS = 0x7ff8000000000000n;
 
 // What several controllers have is there once.
@@ -25,8 +27,8 @@ export class Run {
     this.counts = nodes.map(() => 0);
     this.cursor = Infinity; // up to which cycle a log has played
     this.places = new Map();
-    nodes.forEach((node, i) => controller.columns[node].forEach(([name, unit, help], j) => {
-      this.places.set(`${node}:${name}`, { node, name, unit, help, values: this.kept[i][j], count: () => this.counts[i] });
+    nodes.forEach((node, i) => controller.columns[node].forEach(([name, unit, help, , kind], j) => {
+      this.places.set(`${node}:${name}`, { name, unit, help, kind, values: this.kept[i][j], count: () => this.counts[i] });
     }));
   }
 
@@ -55,10 +57,27 @@ export class Run {
     return this.nodes.map((node) => this.places.get(`${node}:${name}`)).find(Boolean);
   }
 
+  // All that was recorded of NODE:NAME.
+  record(name) {
+    const found = this.places.get(name);
+    return found?.values.subarray(0, found.count());
+  }
+
+  // The first value that is a fault natively, {name, cycle}, or null.
+  odd() {
+    let first = null;
+    this.nodes.forEach((node, i) => this.controller.columns[node].forEach((one, j) => {
+      if (!(one[3] & MUST_BE_FINITE)) return;
+      const end = Math.min(this.counts[i], first?.cycle ?? Infinity), values = this.kept[i][j];
+      for (let k = 0; k < end; k++) if (!(Math.abs(values[k]) < FINITE)) { first = { name: `${node}:${one[0]}`, cycle: k }; break; }
+    }));
+    return first;
+  }
+
   get done() { return Math.min(this.cycles, this.cursor, ...this.counts.filter((_, i) => this.kept[i].length)); }
 
   async digest() {
-    const widths = this.nodes.map((node) => this.controller.columns[node].filter((one) => one[3]).length);
+    const widths = this.nodes.map((node) => this.controller.columns[node].filter((one) => one[3] & DIGESTED).length);
     const whole = new Float64Array(this.cycles * widths.reduce((a, b) => a + b, 0));
     const bits = new BigUint64Array(whole.buffer);
     let base = 0;
@@ -66,7 +85,7 @@ export class Run {
       const width = widths[i];
       let place = 0;
       this.controller.columns[node].forEach((one, j) => {
-        if (!one[3]) return;
+        if (!(one[3] & DIGESTED)) return;
         for (let k = 0, values = this.kept[i][j]; k < this.cycles; k++) {
           whole[base + k * width + place] = values[k];
           if (values[k] !== values[k]) bits[base + k * width + place] = NAN_BITS;

@@ -1,8 +1,7 @@
-// What is seen of a run: curves over time, and the plant's drawing.
-import { paint } from "./drawing.js";
+// What is seen of a run: curves over time.
+import { darkPage, newestLegend, plotOptions } from "./axes.js";
 
 const BINS = 600, HEIGHT = 190;
-const COLOURS = ["--role-moving", "--role-magnified", "--good", "--role-force", "--role-ghost", "--quiet"];
 
 export const byId = (id) => document.getElementById(id);
 
@@ -37,7 +36,7 @@ export function envelope(values, first, last, width) {
 
 export class Curves {
   constructor(box, names) {
-    this.names = names; this.box = box.appendChild(element("div", "", { class: "panel" }));
+    this.names = names; this.box = box.appendChild(element("div", "", { class: "panel", role: "group" }));
     this.plot = null;
   }
 
@@ -48,16 +47,11 @@ export class Curves {
     this.plot = null;
     this.box.hidden = !this.places.length;
     if (this.box.hidden) return;
-    const units = [...new Set(this.places.map(([, place]) => place.unit))];
-    const grid = { stroke: css("--line"), width: 1 }, axis = { stroke: css("--text"), ticks: grid };
-    this.plot = new uPlot({
-      width: this.box.clientWidth - 8, height: HEIGHT, cursor: { show: false }, legend: { show: true, live: true },
-      scales: { x: { time: false } },
-      axes: [{ ...axis, grid }, ...units.slice(0, 2).map((unit, i) => (
-        { ...axis, scale: unit || "1", side: i ? 1 : 3, label: unit || "1", size: 62, grid: i ? { show: false } : grid }))],
-      series: [{}, ...this.places.map(([name, place], i) => (
-        { label: name, scale: place.unit || "1", stroke: css(COLOURS[i % COLOURS.length]), width: 1.5, points: { show: false } }))],
-    }, [[], ...this.places.map(() => [])], this.box);
+    this.box.setAttribute("aria-label", `curves: ${this.places.map(([name]) => name).join(", ")}`);
+    const curves = this.places.map(([name, { unit }]) => ({ name, unit }));
+    const ink = { text: () => css("--text"), line: () => css("--line") };
+    const options = plotOptions({ curves, width: this.box.clientWidth - 8, height: HEIGHT, dark: darkPage(), ink });
+    this.plot = new uPlot(options, [[], ...curves.map(() => [])], this.box);
   }
 
   draw(windowS) {
@@ -68,22 +62,9 @@ export class Curves {
     first -= first % width; // bins stay where they are while time goes on
     const x = [];
     for (let k = first; k < last; k += width) { x.push(k * period); if (width > 1) x.push((k + 0.5 * width) * period); }
-    this.plot.setData([x, ...this.places.map(([, place]) => envelope(place.values, first, last, width))]);
+    this.plot.setData([x, ...this.places.map(([, place]) => envelope(place.values, first, last, width))], true);
+    newestLegend(this.plot);
   }
 
   resize() { this.plot?.setSize({ width: this.box.clientWidth - 8, height: HEIGHT }); }
-}
-
-export class Plant {
-  constructor(needs, scene) {
-    this.needs = needs; this.scene = scene; this.canvas = byId("drawing");
-    byId("drawing-box").hidden = !scene;
-  }
-
-  draw(run, k) {
-    if (!this.scene || k < 0) return;
-    const now = { t: k * run.periodS };
-    for (const [name, source] of Object.entries(this.needs)) now[name] = run.place(source)?.values[k] ?? NaN;
-    paint(this.canvas, this.scene(now));
-  }
 }
