@@ -42,10 +42,13 @@ export class Run {
     });
   }
 
-  // A log in the place of what is computed.
+  // A log in the place of what is computed; what none records stays unknown.
   fill({ cycles, columns }) {
     this.nodes.forEach((node, i) => {
-      this.controller.columns[node].forEach(([name], j) => this.kept[i][j].set(columns[`${node}:${name}`].subarray(0, this.cycles + 1)));
+      this.controller.columns[node].forEach(([name], j) => {
+        const found = columns[`${node}:${name}`];
+        if (found) this.kept[i][j].set(found.subarray(0, this.cycles + 1));
+      });
       this.counts[i] = cycles + (i > 0);
     });
     this.cursor = 0;
