@@ -14,8 +14,12 @@ NEEDS   short names, and the variables behind them, as in a log or a live table:
 now     their values at one instant, NaN for what is not known, and `t`, the time in s
 p       the settings of the plant's blocks by name, as the rig gives them
 
+A page of `pcpc generate web` has the scene written down with `now` and `p` open: the functions of
+`math`, `max`, `min`, `abs` and numpy's operators are; float(p["length_m"]) takes the rig's value.
+
 A rig's drawing is the drawing.py beside its evaluation, or beside the rig file if it has none. The
-page of `pcpc host`, `pcpc log animate` and the README's figure are painted from the same scenes.
+pages of `pcpc host` and `pcpc generate web`, `pcpc log animate` and the README's figure are painted
+from the same scenes.
 """
 
 import math
@@ -87,16 +91,21 @@ class Drawing:
         values = {name: float(now.get(name, math.nan)) for name in (*self.needs, "t")}
         values = {name: v if math.isfinite(v) else math.nan for name, v in values.items()}
         absent = [name for name in self.needs if math.isnan(values[name])]
-        try:
-            found = self._scene(values, p)
-            if not isinstance(found, Scene):
-                raise TypeError(f"scene returned {type(found).__name__}, expected a Scene")
-        except (Exception, SystemExit) as error:
-            raise DrawingError(cause(error)) from None
+        found = self.drawn(values, p)
         if absent or found.lacks:
             x0, _, x1, y1 = found.bounds
             words = f"no data: {', '.join(absent)}" if absent else "no data"
             found.add(text((0.5 * (x0 + x1), y1 - 0.04 * found.side), words))
+        return found
+
+    def drawn(self, now: Now, p: Settings) -> Scene:
+        """Return what the drawing.py makes of values as they are. DrawingError."""
+        try:
+            found = self._scene(now, p)
+            if not isinstance(found, Scene):
+                raise TypeError(f"scene returned {type(found).__name__}, expected a Scene")
+        except (Exception, SystemExit) as error:
+            raise DrawingError(cause(error)) from None
         return found
 
     def columns(self, run: Run) -> dict[str, Vector]:

@@ -41,6 +41,7 @@ COLOURS = {
 }  # fmt: skip
 _FAR = 50.0  # of the bounds; what is drawn beyond is cut
 _FINE = 4  # decimals of the bounds' longer side
+_ARC = 16  # lines of an arc
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,10 @@ def _flat(points: Iterable[Point]) -> tuple[float, ...]:
     return tuple(value for point in points for value in point)
 
 
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)  # NaN stays NaN
+
+
 def polar(centre: Point, radius: float, angle: float) -> Point:
     """Return the point at an angle around a centre."""
     return centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle)
@@ -137,11 +142,10 @@ def turn(
     centre: Point, radius: float, start: float, by: float, role: str = "force", head: float = 0.05
 ) -> list[Shape]:  # fmt: skip
     """Return an arc with a head, at most three quarters of a circle."""
-    by = max(-1.5 * math.pi, min(1.5 * math.pi, by))
+    by = _within(by, -1.5 * math.pi, 1.5 * math.pi)
     if abs(by) * radius < 0.25 * head:
         return []
-    steps = 2 + int(abs(by) / 0.2) if math.isfinite(by) else 2
-    arc = [polar(centre, radius, start + by * i / steps) for i in range(steps + 1)]
+    arc = [polar(centre, radius, start + by * i / _ARC) for i in range(_ARC + 1)]
     ahead = start + by + math.copysign(0.5 * math.pi - 0.3 * head / radius, by)
     return [line(arc, role, 2.0), _head(arc[-1], ahead, head, role)]
 
@@ -193,7 +197,7 @@ def gauge(
     scale = [p for tick in ticks for p in ((x, tick[1]), tick, (x, tick[1]))]
     found = [line(scale, "note", 0.8), text((x, y + 0.56 * high), words)]
     for value, role in marks:
-        v = y + 0.5 * high * max(-1.0, min(1.0, value / span))
+        v = y + 0.5 * high * _within(value / span, -1.0, 1.0)
         found.append(area(((x, v), (x + 1.6 * w, v + 0.6 * w), (x + 1.6 * w, v - 0.6 * w)), role,
                           0.9, 1.0))  # fmt: skip
     return found
@@ -210,7 +214,7 @@ class Plane:
 
     def at(self, x: float, y: float) -> Point:
         """Return where (x, y) lies; at the edge if beyond."""
-        x, y = max(-1.0, min(1.0, x / self.span_x)), max(-1.0, min(1.0, y / self.span_y))
+        x, y = _within(x / self.span_x, -1.0, 1.0), _within(y / self.span_y, -1.0, 1.0)
         return self.centre[0] + self.half * x, self.centre[1] + self.half * y
 
     def curve(
@@ -237,22 +241,29 @@ class Scene:
     """What is seen at one instant, in bounds that are the same at all of them."""
 
     bounds: Bounds
-    shapes: list[Shape]
+    given: list[Shape]
     note: str
-    lacks: bool  # a shape was left out
 
     def __init__(self, bounds: Bounds, *shapes: Shapes, note: str = "") -> None:
-        x0, y0, x1, y1 = (float(edge) for edge in bounds)
+        x0, y0, x1, y1 = (1.0 * edge for edge in bounds)
         if not (math.isfinite(x0 + y0 + x1 + y1) and x0 < x1 and y0 < y1):
             raise ValueError(f"bounds {bounds}: expected (x0, y0, x1, y1), finite, ascending")
         self.bounds, self.note = (x0, y0, x1, y1), note
-        given = list(_each(shapes))
-        self.shapes = [one for one in given if all(map(math.isfinite, one.xy))]
-        self.lacks = len(self.shapes) < len(given)
+        self.given = list(_each(shapes))
 
     def add(self, *shapes: Shape) -> None:
         """Add shapes on top."""
-        self.shapes += shapes
+        self.given += shapes
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """The shapes whose places are known."""
+        return [one for one in self.given if all(map(math.isfinite, one.xy))]
+
+    @property
+    def lacks(self) -> bool:
+        """Whether a shape is left out."""
+        return len(self.shapes) < len(self.given)
 
     @property
     def side(self) -> float:

@@ -41,9 +41,9 @@ def turned(points: list[Point], angle: float) -> list[Point]:
 
 def bent(now: Now, p: Settings) -> list[Point]:
     """Return the true axis (1)."""
-    beam = modal_data(Tube(*(p[field.name] for field in fields(Tube))))
-    x = np.linspace(0.0, p["length_m"], 13)
-    f, _, _ = mode_shapes(beam.roots, p["length_m"], x)
+    beam = modal_data(Tube(*(float(p[field.name]) for field in fields(Tube))))
+    x = np.linspace(0.0, long := float(p["length_m"]), 13)
+    f, _, _ = mode_shapes(beam.roots, long, x)
     y = BENDING * (beam.tip / f[:, -1] * [now["q1"], now["q2"], now["q3"]]) @ f
     return turned(list(zip(x.tolist(), y.tolist(), strict=True)), now["theta"])
 

@@ -8,7 +8,7 @@ FULL = 5.0
 
 def scene(now: Now, p: Settings) -> Scene:
     """Return what is seen."""
-    x, end = now["x"], max(-FULL, min(FULL, now["command"]))
+    x, end = now["x"], min(max(now["command"], -FULL), FULL)
     return Scene(
         (-FULL - 0.5, -1.0, FULL + 0.5, 1.2),
         ground((FULL, -0.35), (-FULL, -0.35), 0.3)[0],

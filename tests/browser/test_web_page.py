@@ -21,6 +21,8 @@ from pcpc.tools.start.rigs import find, shipped_rigs
 pytestmark = pytest.mark.browser
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
 LATER = 120_000  # ms
+PAINTED = """(canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
+    .data.filter((value, i) => i % 4 === 3 && value).length"""  # pixels
 EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}")
 
 
@@ -71,6 +73,9 @@ def test_a_rig_of_each_plant_gives_the_digest_of_the_native_run(
     path = ONE_OF_A_PLANT[plant].path
     opened(page, made(tmp_path, str(path)))
     assert EQUAL.fullmatch(run_to_the_end(page))
+    drawing = page.locator("#drawing")
+    assert drawing.is_visible() and "no data" not in str(drawing.get_attribute("aria-label"))
+    assert drawing.evaluate(PAINTED) > 100
     word = "ok, [0-9]+ judged" if load_rig(path).evaluation else "nothing judged"
     expect(page.locator("#state")).to_have_text(re.compile(word))
 

@@ -27,11 +27,14 @@ from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
+from pcpc.plants.drawing import DrawingError, drawing_of, settings_of
 from pcpc.tools.make.generate.closed import NAN
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.web.judge_script import judge_data
 from pcpc.tools.make.web.log_head import log_head
 from pcpc.tools.make.web.program import Program
+from pcpc.tools.make.web.scene_script import scene_data
+from pcpc.tools.make.web.symbols import Unrecordable
 
 SEEDS = 3  # beyond the rig's own
 LAYOUT = "layout.json"
@@ -90,10 +93,22 @@ class Contents:
                 "values": [one for role in program.nodes for one in _values(program, role)],
                 "judge": judge_data(rig, self.about["settings"]),
                 "log": self._log(rig),
+                "drawing": self._drawing(rig),
                 "seed": rig.config.seed,
                 "seeds": _seeds(rig, program, self.about["settings"]),
             }
         )
+
+    def _drawing(self, rig: Rig) -> Any:
+        """Return the plant's drawing, or why there is none."""
+        try:
+            made = drawing_of(rig)
+            found = scene_data(made, settings_of(rig)) if made else {"why": "the rig has none"}
+        except (DrawingError, Unrecordable) as error:
+            found = {"why": str(error)}
+            if (told := {"name": "the drawing", **found}) not in self.about["absent"]:
+                self.about["absent"].append(told)
+        return self._part(found)
 
     def _log(self, rig: Rig) -> dict[str, Any]:
         """Return what a page needs to write a log, or why it writes none."""

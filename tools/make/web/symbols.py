@@ -11,12 +11,13 @@ becomes an `if` with both ways. What cannot be written down raises Unrecordable.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-MOST_BRANCHES = 64
+MOST_BRANCHES = 256
 UNARY = (
     "absolute", "negative", "positive", "sign", "sqrt", "square", "cbrt", "exp", "expm1", "log",
     "log1p", "log2", "log10", "sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh",
@@ -53,6 +54,15 @@ class _Fork(BaseException):
     def __init__(self, condition: int) -> None:
         super().__init__(condition)
         self.condition = condition
+
+
+@dataclass(frozen=True)
+class Fork:
+    """What a function returns where the node `condition` holds, and where not."""
+
+    condition: int
+    yes: Any
+    no: Any
 
 
 class Trace:
@@ -92,18 +102,28 @@ class Trace:
 
     def of(self, function: Callable[[], Any]) -> "Symbol":
         """Return what a function returns, with both ways of its branches."""
+
+        def joined(found: Any) -> Symbol:
+            if not isinstance(found, Fork):
+                return self.operand(found)
+            yes, no = joined(found.yes), joined(found.no)
+            return self.symbol("if", found.condition, yes.index, no.index, kind=yes.kind)
+
+        return joined(self.ways(function))
+
+    def ways(self, function: Callable[[], Any]) -> Any:
+        """Return what a function returns, a Fork where it branches."""
         left = [MOST_BRANCHES]
 
-        def walk(way: list[bool]) -> Symbol:
+        def walk(way: list[bool]) -> Any:
             left[0] -= 1
             if left[0] < 0:
                 raise Unrecordable("it branches too often")
             self._way, self._taken = way, 0
             try:
-                return self.operand(function())
+                return function()
             except _Fork as fork:
-                yes, no = walk([*way, True]), walk([*way, False])
-                return self.symbol("if", fork.condition, yes.index, no.index, kind=yes.kind)
+                return Fork(fork.condition, walk([*way, True]), walk([*way, False]))
             finally:
                 self._way, self._taken = [], 0
 

@@ -52,11 +52,11 @@ def judged_in_node(
     return dict(node_json(folder, _SCRIPT))
 
 
-def node_json(folder: Path, script: str) -> Any:
+def node_json(folder: Path, script: str, more: tuple[str, ...] = ()) -> Any:
     """Return the JSON that a module prints; the page's modules lie beside it as .mjs."""
     if (node := shutil.which("node")) is None:
         pytest.skip("node is not installed")
-    for file in ("judge", "monitors", "vectors"):
+    for file in ("judge", "monitors", "vectors", *more):
         text = (PAGE / f"{file}.js").read_text().replace('.js";', '.mjs";')
         (folder / f"{file}.mjs").write_text(text)
     (folder / "ask.mjs").write_text(script)

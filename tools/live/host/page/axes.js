@@ -92,7 +92,7 @@ export function plotOptions({ curves, width, height, dark, ink, ranges }) {
       ...Object.fromEntries(units.map((unit, i) => [scale(unit), { range: (u) => found(u, i) }])),
     },
     axes: [
-      { ...axis, values: (...its) => axis.values(...its).map((one) => `${one} s`) },
+      { ...axis, space: 75, values: (...its) => axis.values(...its).map((one) => `${one} s`) },
       ...units.slice(0, 2).map((unit, i) => ({
         ...axis, scale: scale(unit), side: i ? 1 : 3, size: broad, label: units.length > 1 ? unit : undefined,
         labelSize: 16, labelFont: "12px system-ui", grid: i ? { show: false } : grid,

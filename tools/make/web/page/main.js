@@ -3,6 +3,7 @@ import { Run, contents } from "./run.js";
 import { judge, shortNumber } from "./judge.js";
 import { logBytes, readLog } from "./log.js";
 import { firstPanels } from "./axes.js";
+import { Plant } from "./plant.js";
 import { Curves, byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
@@ -41,6 +42,7 @@ class WebPage {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.show());
     document.addEventListener("keydown", (event) => this.key(event));
     this.panels = this.layout().map((names) => new Curves(byId("panels"), names));
+    this.plant = new Plant();
     this.linked();
     requestAnimationFrame(() => this.frame());
   }
@@ -319,7 +321,14 @@ class WebPage {
 
   notice(text) { byId("notice").hidden = !text; byId("notice").textContent = text; }
 
-  show() { this.panels.forEach((one) => one.shown(this.run)); this.drawn = -1; this.draw(); }
+  show() { this.panels.forEach((one) => one.shown(this.run)); this.plant.shown(this.run); this.drawn = -1; this.draw(); }
+
+  // Settings of the plant as they are now, by their names in its blocks.
+  plantSettings() {
+    const now = [...[...this.changed].map(([key, value]) => ({ one: this.value(key), value })), ...this.tunings];
+    const own = now.filter(({ one }) => one.node === "plant");
+    return Object.fromEntries(own.map(({ one, value }) => [one.name.slice(one.name.indexOf(".") + 1), value]));
+  }
 
   frame() {
     if (this.log && this.running) this.played();
@@ -331,6 +340,7 @@ class WebPage {
     this.drawn = this.run.done;
     const window_s = Math.min(+byId("window").value, this.run.cycles * this.about.period_s);
     for (const one of this.panels) one.draw(window_s);
+    this.plant.draw(this.log ? {} : this.plantSettings());
     byId("clock").textContent = `${(this.drawn * this.about.period_s).toFixed(3)} s of ${(this.run.cycles * this.about.period_s).toFixed(3)} s`;
   }
 }

@@ -14,6 +14,7 @@ export async function contents(text) {
   const length = new DataView(whole).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(whole, 4, length)));
   for (const one of about.controllers) {
+    one.drawing = unshared(one.drawing, about.parts);
     one.log = Object.fromEntries(Object.entries(one.log).map(([key, value]) => [key, unshared(value, about.parts)]));
   }
   return { about, module: ([offset, bytes]) => whole.slice(4 + length + offset, 4 + length + offset + bytes) };
