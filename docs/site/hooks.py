@@ -2,7 +2,7 @@
 
 mkdocs takes pages from one folder; here it gets those of the top, docs/ and the READMEs of the
 plants. A link to a source file or notebook leads to a page that shows it, mathematics becomes
-MathML, and the search needs no network.
+MathML, and the search needs no network. `rig_pages` puts rigs at work into some pages.
 """
 
 import json
@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import rig_pages
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
@@ -42,12 +43,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     theme = [one for one in theirs if one.src_dir != config.docs_dir]
     linked = {to for name in own if name.endswith(".md") for to in _sources(name)}
     pages = [File.generated(config, f"{name}.md", content=_shown(name)) for name in sorted(linked)]
-    return Files([*theme, *found, *pages])
+    texts = [(ROOT / name).read_text("utf-8") for name in own if name.endswith(".md")]
+    rigs = rig_pages.made({one for text in texts for one in rig_pages.shown(text)})
+    ready = [File.generated(config, at, abs_src_path=str(file)) for at, file in rigs.items()]
+    return Files([*theme, *found, *pages, *ready])
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links to source files to their pages; put MathML in place of mathematics."""
+    """Lead links to source files to their pages; put in MathML and rigs in their places."""
     here = page.file.src_uri
+    markdown = rig_pages.embedded(markdown, "../" * page.url.count("/"), files.src_uris)
     markdown = MATH.sub(lambda m: f'<div class="law">{_mathml(m[1])}</div>', markdown)
     return LINK.sub(lambda m: m[1] + ".md" * (_at(here, m[1]) + ".md" in files.src_uris), markdown)
 

@@ -1,12 +1,20 @@
 """The documentation builds as a site: no dead link, no dead anchor, nothing from the network."""
 
+import base64
+import gzip
+import html
+import importlib
+import json
+import logging
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from mkdocs.exceptions import PluginError
 
 pytestmark = pytest.mark.deep
 
@@ -59,3 +67,62 @@ def test_mathematics_is_shown_as_such(site: Path) -> None:
     page = (site / "docs/book/chapter3.html").read_text("utf-8")
     assert page.count("<math ") == 3 and "<mover><mi>q</mi><mo>..</mo></mover>" in page
     assert "```" not in page and "\\dot" not in page
+
+
+RIGS = ["README.md", *(f"docs/book/chapter{number}.md" for number in range(1, 10))]
+IFRAME = re.compile(r'<iframe src="([^"]+)" title="([^"]+)" loading="lazy"></iframe>')
+
+
+@pytest.mark.parametrize("source", RIGS)
+def test_the_first_page_and_each_chapter_have_a_rig_at_work(source: str, site: Path) -> None:
+    (mark,) = re.findall("<!--rig:(.+):(.+)-->", (ROOT / source).read_text("utf-8"))
+    name = source.removesuffix(".md").replace("README", "index")
+    page = (site / f"{name}.html").read_text("utf-8")
+    ((at, title),) = IFRAME.findall(page)
+    assert (
+        title.startswith(f"{mark[0]}, ") and f'<a href="{at}">' in page and "<!--rig:" not in page
+    )
+    file = (site / name).parent / html.unescape(at)
+    (payload,) = re.findall(r'id="payload">([\w+/=]+)</script>', file.read_text("utf-8"))
+    whole = gzip.decompress(base64.b64decode(payload))
+    about = json.loads(whole[4 : 4 + int.from_bytes(whole[:4], "little")])
+    assert about["rig"] == mark[0] and not about["absent"]
+    assert ",".join(one["name"] for one in about["controllers"]) == mark[1]
+    assert all(re.fullmatch("[0-9a-f]{64}", one["digest"]) for one in about["controllers"])
+    assert file.stat().st_size < 400_000
+
+
+@pytest.fixture
+def rig_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Return the module that makes the pages, with nothing kept."""
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    found = importlib.import_module("rig_pages")
+    monkeypatch.setattr(found, "ROOT", tmp_path)
+    monkeypatch.setattr(found, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(found, "_key", lambda: "key")
+    return found
+
+
+def test_without_a_compiler_one_line_says_that_pages_have_no_rig(
+    rig_pages: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:  # fmt: skip
+    (tmp_path / "ziglang.py").write_text("raise ImportError")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PATH", "")
+    mark = "<!--rig:probe:proportional-->"
+    with caplog.at_level(logging.INFO):
+        there = rig_pages.made(rig_pages.shown(mark) * 2)
+    assert there == {} and len(caplog.messages) == 2, caplog.messages
+    assert caplog.messages[1].startswith("Pages without a rig at work: no compiler for wasm32 here")
+    assert "No page of probe here" in rig_pages.embedded(mark, "../", there)
+
+
+def test_a_page_is_made_once_and_a_wrong_rig_ends_the_build(rig_pages: ModuleType) -> None:
+    with pytest.raises(PluginError, match=r"no page of hull with nobody: .*nobody"):
+        rig_pages.made(rig_pages.shown("<!--rig:hull:nobody-->"))
+    wanted = rig_pages.shown("<!--rig:probe:proportional-->")
+    (file,) = rig_pages.made(wanted).values()
+    first = file.stat().st_mtime_ns
+    assert [*rig_pages.made(wanted).values()] == [file] and file.stat().st_mtime_ns == first
+    assert rig_pages.made([]) == {} and not file.exists(), "what no page shows is not kept"
