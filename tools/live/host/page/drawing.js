@@ -7,9 +7,10 @@ const FONT = 13, ROOM = 12;
 export function paint(canvas, scene) {
   const scale = devicePixelRatio, [x0, y0, x1, y1] = scene.bounds;
   const width = canvas.clientWidth, height = canvas.clientHeight;
-  const each = Math.min((width - 2 * ROOM) / (x1 - x0), (height - 2 * ROOM) / (y1 - y0));
+  const high = height - (scene.note ? 1.3 * FONT : 0); // the note lies below what is drawn
+  const each = Math.min((width - 2 * ROOM) / (x1 - x0), (high - 2 * ROOM) / (y1 - y0));
   if (!(each > 0)) return; // no room: it is folded, or not laid out yet
-  const left = 0.5 * (width - each * (x1 - x0)), top = 0.5 * (height - each * (y1 - y0));
+  const left = 0.5 * (width - each * (x1 - x0)), top = 0.5 * (high - each * (y1 - y0));
   const pixels = [Math.round(width * scale), Math.round(height * scale)];
   if (canvas.width !== pixels[0] || canvas.height !== pixels[1]) [canvas.width, canvas.height] = pixels;
   const g = canvas.getContext("2d");
