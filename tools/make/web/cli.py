@@ -23,11 +23,11 @@ _STYLES = (_HOST, "uplot.css"), (_HOST, "host.css"), (__package__, "web.css")
 _SCRIPTS = (
     (_HOST, "axes.js"),
     (_HOST, "drawing.js"),
+    (__package__, "fzstd.js"),
     (__package__, "run.js"),
     (__package__, "vectors.js"),
     (__package__, "monitors.js"),
     (__package__, "judge.js"),
-    (__package__, "fzstd.js"),
     (__package__, "mcap.js"),
     (__package__, "frames.js"),
     (__package__, "log.js"),

@@ -1,13 +1,13 @@
 """What a page is told of a rig: JSON, and behind it the modules of its controllers.
 
-    payload = gzip(length of the JSON, 4 bytes little-endian; JSON; modules), base64
+    payload = base64(SHA-256 of what follows; zstd(length of the JSON, 4 bytes little-endian; JSON;
+              modules))
 
 The digest of a run is SHA-256 over the recorded states and outputs of all blocks: node after node
 from the executive down, a row a cycle, little-endian doubles, NaN as 7FF8000000000000.
 """
 
 import base64
-import gzip
 import hashlib
 import importlib.metadata
 import json
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import RigError
@@ -40,6 +41,7 @@ SEEDS = 3  # beyond the rig's own
 LAYOUT = "layout.json"
 WALL_NS = "1700000000000000001"  # in the place of the time of day at which a page is made
 SHORT = 200  # characters
+WINDOW = 25  # bits; the controllers of a rig are alike
 MOST_BYTES = 1 << 30  # of what a page keeps of a run
 
 
@@ -142,7 +144,11 @@ class Contents:
         """Return all of it."""
         text = json.dumps(self.about, separators=(",", ":"), allow_nan=False).encode()
         whole = len(text).to_bytes(4, "little") + text + b"".join(self._modules)
-        return base64.b64encode(gzip.compress(whole, 9, mtime=0)).decode()
+        wide = zstandard.ZstdCompressionParameters.from_level(
+            19, window_log=WINDOW, enable_ldm=True
+        )
+        packed = zstandard.ZstdCompressor(compression_params=wide).compress(whole)
+        return base64.b64encode(hashlib.sha256(packed).digest() + packed).decode()
 
 
 def contents(
