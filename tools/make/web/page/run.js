@@ -45,7 +45,10 @@ export class Run {
   // A log in the place of what is computed.
   fill({ cycles, columns }) {
     this.nodes.forEach((node, i) => {
-      this.controller.columns[node].forEach(([name], j) => this.kept[i][j].set(columns[`${node}:${name}`].subarray(0, this.cycles + 1)));
+      this.controller.columns[node].forEach(([name], j) => {
+        const found = columns[`${node}:${name}`]; // a log has less: not what is only looked at for being finite
+        if (found) this.kept[i][j].set(found.subarray(0, this.cycles + 1));
+      });
       this.counts[i] = cycles + (i > 0);
     });
     this.cursor = 0;
