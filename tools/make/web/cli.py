@@ -22,6 +22,7 @@ _HOST = "pcpc.tools.live.host"
 _STYLES = (_HOST, "uplot.css"), (_HOST, "host.css"), (__package__, "web.css")
 _SCRIPTS = (
     (_HOST, "axes.js"),
+    (_HOST, "phase.js"),
     (__package__, "run.js"),
     (__package__, "vectors.js"),
     (__package__, "monitors.js"),
@@ -31,6 +32,7 @@ _SCRIPTS = (
     (__package__, "frames.js"),
     (__package__, "log.js"),
     (__package__, "view.js"),
+    (__package__, "panes.js"),
     (__package__, "main.js"),
 )
 _POLICY = (

@@ -29,6 +29,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.closed import NAN
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
+from pcpc.tools.make.web.disturbances import disturbances
 from pcpc.tools.make.web.judge_script import judge_data
 from pcpc.tools.make.web.log_head import log_head
 from pcpc.tools.make.web.program import Program
@@ -59,6 +60,7 @@ class Contents:
             "rate_hz": config.rate_hz,
             "nodes": list(rig.roles),
             "schedule": [{"at_s": one.at_s, "set": dict(one.set)} for one in config.schedule],
+            "disturbances": disturbances(rig, settings),
             "layout": _layout(rig),
             "parts": [],
             "controllers": [],
