@@ -254,7 +254,12 @@ class WebPage {
   }
 
   controls() {
-    this.pending = new Map(); this.sliders = new Map();
+    this.pending = new Map();
+    if (this.sliders?.of === this.controller) { // who has the focus keeps it
+      for (const [one, say] of this.sliders) say(this.changed.get(this.key_of(one)) ?? one.value);
+      return;
+    }
+    this.sliders = Object.assign(new Map(), { of: this.controller });
     byId("values").replaceChildren(...this.controller.values.map((one) => this.control(one)));
     this.searched();
     byId("disturbances").replaceChildren(...this.about.disturbances.flatMap(({ label, set }) => {
@@ -290,7 +295,12 @@ class WebPage {
   // Before a run begins it begins so; later it is a tuning at the cycle that comes next. `later`: a time after it.
   tune(all) {
     if (this.ended || this.log) this.restart();
-    if (this.run.counts[0] === 0) { for (const { one, value } of all) this.changed.set(this.key_of(one), value); this.restart(); return; }
+    if (this.run.counts[0] === 0) {
+      for (const { one, value } of all) this.changed.set(this.key_of(one), value);
+      byId("answer").textContent = `${all.map(({ one, value }) => `${one.name} = ${digits(value)}`).join(", ")} from the begin on`;
+      this.restart();
+      return;
+    }
     const tuning = ++this.asked;
     this.pending.set(tuning, all);
     this.worker.postMessage({ kind: "set", tuning, values: all.map(({ one, value, later }) => [this.about.nodes.indexOf(one.node), one.at, value, later]) });

@@ -4,7 +4,7 @@ import { drawPhase } from "./phase.js";
 import { byId, css, curvePoints, element } from "./view.js";
 
 const BINS = 600, POINTS = 2000, HEIGHT = 190, SPOKEN_MS = 1000;
-const MOST = { panels: 12, curves: 32, listed: 80 };
+const MOST = { panels: 12, curves: 32, listed: 200 };
 const KINDS = { time: "curves over time", phase: "phase plane" };
 const ink = { text: () => css("--text"), line: () => css("--line") };
 
@@ -167,7 +167,8 @@ export class Panes {
   }
 
   changed(words) {
-    this.shown(this.run);
+    this.all.forEach((one) => one.shown(this.run));
+    this.listed();
     if (this.windowS) this.draw(this.windowS);
     byId("panels-said").textContent = words;
     this.kept();
@@ -236,7 +237,14 @@ export class Panes {
     byId("more").textContent = `${found.length} variables${found.length > MOST.listed ? `, the first ${MOST.listed} are here: search` : ""}`;
   }
 
-  shown(run) { this.run = run; this.all.forEach((one) => one.shown(run)); this.listed(); this.list(); }
+  shown(run) {
+    const other = this.run?.controller !== run.controller;
+    this.run = run;
+    this.all.forEach((one) => one.shown(run));
+    this.listed();
+    if (other) this.list();
+  }
+
   draw(windowS) { this.windowS = windowS; this.all.forEach((one) => one.draw(windowS)); }
   resize() { this.all.forEach((one) => one.resize()); }
 }
