@@ -42,11 +42,11 @@ export class Run {
     });
   }
 
-  // A log in the place of what is computed.
+  // A log in the place of what is computed; what none records stays unknown.
   fill({ cycles, columns }) {
     this.nodes.forEach((node, i) => {
       this.controller.columns[node].forEach(([name], j) => {
-        const found = columns[`${node}:${name}`]; // a log has less: not what is only looked at for being finite
+        const found = columns[`${node}:${name}`];
         if (found) this.kept[i][j].set(found.subarray(0, this.cycles + 1));
       });
       this.counts[i] = cycles + (i > 0);
