@@ -124,7 +124,8 @@ class PhasePane extends Pane {
 export class Panes {
   constructor(about, kept) {
     this.about = about; this.kept = kept; this.all = []; this.chosen = null;
-    this.known = new Set(about.controllers.flatMap(({ columns }) => about.nodes.flatMap((node) => columns[node].flatMap(([name]) => [name, `${node}:${name}`]))));
+    const own = this.usual().flatMap(({ names }) => names);
+    this.known = new Set([...own, ...about.controllers.flatMap(({ columns }) => about.nodes.flatMap((node) => columns[node].flatMap(([name]) => [name, `${node}:${name}`])))]);
     byId("add-time").onclick = () => this.add("time");
     byId("add-phase").onclick = () => this.add("phase");
     byId("usual").onclick = () => { this.set(this.usual()); this.changed("the panels are the rig's own"); };
