@@ -150,10 +150,10 @@ def _beside(
         if file == path:
             continue
         try:
-            other = load_rig(file, None, settings)
+            other = load_rig(file, rig.config.controller, settings)
             found = _parameters(other) if [*other.roles] == [*rig.roles] else {}
         except UserError:
-            continue  # no rig, or none that the settings suit
+            continue  # no rig, or none that has the controller and takes the settings
         if found.keys() == own.keys():
             yield other.config.rig, {name: value for name, (_, value) in found.items()}
 
