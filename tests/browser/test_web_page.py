@@ -11,6 +11,7 @@ import pytest
 from firefox import firefox
 from playwright.sync_api import Browser, Page, expect
 from processes import pcpc
+from web_paging import LATER, alone, made, opened, run_to_the_end
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
@@ -20,7 +21,6 @@ from pcpc.tools.start.rigs import find, shipped_rigs
 
 pytestmark = pytest.mark.browser
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
-LATER = 120_000  # ms
 PAINTED = """(canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
     .data.filter((value, i) => i % 4 === 3 && value).length"""  # pixels
 EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}")
@@ -32,38 +32,11 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(tmp_path_factory.mktemp("web"), "hull", "--set", "duration_s=2")
 
 
-def made(folder: Path, rig: str, *more: str) -> Path:
-    """Return the page of a rig."""
-    path = folder / "page.html"
-    done = pcpc("generate", "web", rig, *more, "-o", str(path), "-q")
-    assert done.code == 0, done
-    return path
-
-
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
-    """Return a tab in which every request but the file and its worker is an error."""
-    own = browser.new_context(viewport={"width": 1280, "height": 900})
-    tab, odd = own.new_page(), list[str]()
-    tab.on("request", lambda one: odd.append(one.url))
-    tab.on("pageerror", lambda one: odd.append(f"error: {one}"))
-    yield tab
-    own.close()
-    assert not [one for one in odd if not re.match(r"file:///[^?]*page\.html|blob:null/", one)], odd
-
-
-def opened(page: Page, file: Path, link: str = "") -> None:
-    """Load a page and wait until it is ready."""
-    page.goto(f"file://{file}{link}")
-    expect(page.locator("#state")).to_have_text("ready", timeout=LATER)
-
-
-def run_to_the_end(page: Page) -> str:
-    """Return what is told of the digest."""
-    page.select_option("#speed", "Infinity")
-    page.locator("#go").click()
-    expect(page.locator("#digest")).not_to_have_text("", timeout=LATER)
-    return page.locator("#digest").inner_text()
+    """Return a tab in which a request is an error."""
+    with alone(browser) as tab:
+        yield tab
 
 
 @pytest.mark.parametrize("plant", ONE_OF_A_PLANT)
@@ -188,6 +161,9 @@ def test_a_log_that_is_saved_replays_and_plays(page: Page, file: Path, tmp_path:
     page.get_by_role("slider", name="controller.lam_per_s").focus()
     page.keyboard.press("ArrowRight")
     expect(page.locator("#answer")).to_contain_text("from cycle 1 on")
+    page.get_by_role("button", name="fire now").press("Enter")
+    expect(page.locator("#answer")).to_contain_text("fire_hub_start_s = 0.002")
+    expect(page.locator("#command")).to_contain_text("in no command")
     run_to_the_end(page)
     with page.expect_download() as saved:
         page.locator("#save").click()

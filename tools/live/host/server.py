@@ -31,7 +31,7 @@ IDLE_S = 10.0  # for a page that comes back
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _FILES = (
     "index.html", "main.js", "net.js", "panels.js", "side.js", "operate.js", "drawing.js",
-    "runs.js", "axes.js", "host.css", "uplot.js", "uplot.css",
+    "runs.js", "axes.js", "phase.js", "host.css", "uplot.js", "uplot.css",
 )  # fmt: skip
 
 

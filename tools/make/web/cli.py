@@ -24,6 +24,7 @@ _SCRIPTS = (
     (_HOST, "axes.js"),
     (_HOST, "drawing.js"),
     (__package__, "fzstd.js"),
+    (_HOST, "phase.js"),
     (__package__, "run.js"),
     (__package__, "vectors.js"),
     (__package__, "monitors.js"),
@@ -34,6 +35,7 @@ _SCRIPTS = (
     (__package__, "scene.js"),
     (__package__, "view.js"),
     (__package__, "plant.js"),
+    (__package__, "panes.js"),
     (__package__, "main.js"),
 )
 _POLICY = (

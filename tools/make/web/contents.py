@@ -31,6 +31,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.plants.drawing import DrawingError, drawing_of, settings_of
 from pcpc.tools.make.generate.closed import NAN
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
+from pcpc.tools.make.web.disturbances import disturbances
 from pcpc.tools.make.web.judge_script import judge_data
 from pcpc.tools.make.web.log_head import log_head
 from pcpc.tools.make.web.program import Program
@@ -64,6 +65,7 @@ class Contents:
             "rate_hz": config.rate_hz,
             "nodes": list(rig.roles),
             "schedule": [{"at_s": one.at_s, "set": dict(one.set)} for one in config.schedule],
+            "disturbances": disturbances(rig, settings),
             "layout": _layout(rig),
             "parts": [],
             "controllers": [],

@@ -4,7 +4,7 @@
 const LIGHT = ["#0072b2", "#c04f00", "#00795a", "#b0558a", "#946600", "#1f7fb8", "#6b6b6b", "#7a5195"];
 const DARK = ["#56b4e9", "#ff8a3d", "#2fc796", "#e396c4", "#e69f00", "#9ad0f5", "#b0b0b0", "#b79be0"];
 const DASHES = [[], [6, 3], [2, 3]];
-const MOST_FIRST = { panels: 4, curves: 4 };
+const MOST_FIRST = { panels: 4, curves: 4 }, AXES = 2;
 
 // Each has a contrast of 3 or more against the page's cards.
 export function curveColours(dark) { return dark ? DARK : LIGHT; }
@@ -29,6 +29,8 @@ export function valueText(value, unit) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   return `${value === 0 ? "0" : value.toPrecision(6)}${unit ? ` ${unit}` : ""}`;
 }
+
+const shortened = (value) => String(+value.toPrecision(3));
 
 // The range of some columns with some room, null if they have no value: NaN and null are none.
 export function rangeOf(columns) {
@@ -84,6 +86,11 @@ export function plotOptions({ curves, width, height, dark, ink, ranges }) {
     const own = units.map((unit) => rangeOf(curves.flatMap((one, c) => (one.unit || "1") === unit ? [u.data[c + 1]] : [])));
     return alignedRanges(own.map((one) => one ? roomy(one) : [0, 1]));
   };
+  // A scale without an axis of its own is told beside its curves' values.
+  const extent = (u, unit) => {
+    const { min, max } = units.indexOf(unit || "1") < AXES ? {} : u.scales[scale(unit)];
+    return Number.isFinite(min) ? ` (${shortened(min)} to ${shortened(max)} over the height)` : "";
+  };
   const found = (u, i) => (ranges ? ranges(units) : fitted(u))[i];
   return {
     width, height, legend: { live: true },
@@ -93,7 +100,7 @@ export function plotOptions({ curves, width, height, dark, ink, ranges }) {
     },
     axes: [
       { ...axis, space: 75, values: (...its) => axis.values(...its).map((one) => `${one} s`) },
-      ...units.slice(0, 2).map((unit, i) => ({
+      ...units.slice(0, AXES).map((unit, i) => ({
         ...axis, scale: scale(unit), side: i ? 1 : 3, size: broad, label: units.length > 1 ? unit : undefined,
         labelSize: 16, labelFont: "12px system-ui", grid: i ? { show: false } : grid,
       })),
@@ -103,7 +110,7 @@ export function plotOptions({ curves, width, height, dark, ink, ranges }) {
       ...curves.map(({ name, unit, label }, i) => ({
         scale: scale(unit), label: label ?? name, stroke: curveColour(i, dark), width: 1.5, spanGaps: false,
         dash: DASHES[Math.floor(i / LIGHT.length) % DASHES.length], points: { show: false },
-        value: (u, v) => valueText(v, unit === "calculated" ? "" : unit),
+        value: (u, v) => valueText(v, unit === "calculated" ? "" : unit) + extent(u, unit),
       })),
     ],
     hooks: { setCursor: [newestLegend] },

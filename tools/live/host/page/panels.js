@@ -1,7 +1,8 @@
 // Curves over time and phase planes. Arrays have a fixed size and are filled in place: what is new
 // is appended bin by bin, and drawn once per animation frame.
 
-import { alignedRanges, axisValues, curveColour, darkPage, newestLegend, plotOptions, rangeOf, roomy } from "./axes.js";
+import { alignedRanges, curveColour, darkPage, newestLegend, plotOptions, rangeOf, roomy } from "./axes.js";
+import { drawPhase } from "./phase.js";
 
 const HEAD = 8, BINS = 0, PHASE = 2;
 const HEIGHT = 240;
@@ -232,31 +233,7 @@ export class PhasePanel extends Panel {
   }
 
   draw() {
-    const canvas = this.canvas, scale = devicePixelRatio;
-    canvas.width = canvas.clientWidth * scale; canvas.height = canvas.clientHeight * scale;
-    const g = canvas.getContext("2d"), [xs, ys] = this.points, n = xs.length;
-    if (!n) return;
-    const ends = (of) => {
-      let low = Infinity, high = -Infinity;
-      for (const v of of) { if (v < low) low = v; if (v > high) high = v; }
-      const room = 0.05 * (high - low) || Math.abs(low) || 1;
-      return [low - room, high + room];
-    };
-    const [x0, x1] = ends(xs), [y0, y1] = ends(ys);
-    const left = 70 * scale, bottom = canvas.height - 30 * scale, top = 8 * scale, right = canvas.width - 8 * scale;
-    const at = (i) => [left + (xs[i] - x0) / (x1 - x0) * (right - left), bottom - (ys[i] - y0) / (y1 - y0) * (bottom - top)];
-    g.strokeStyle = css("--line"); g.strokeRect(left, top, right - left, bottom - top);
-    g.fillStyle = css("--text"); g.font = `${11 * scale}px system-ui`;
-    const told = (a, b) => axisValues([a, b], 10 ** (Math.floor(Math.log10(b - a)) - 1)); // a tenth to a hundredth of it
-    const [[xa, xb], [ya, yb]] = [told(x0, x1), told(y0, y1)];
-    g.fillText(xa, left, bottom + 14 * scale);
-    g.textAlign = "right"; g.fillText(xb, right, bottom + 14 * scale);
-    g.fillText(ya, left - 4 * scale, bottom); g.fillText(yb, left - 4 * scale, top + 10 * scale);
-    g.textAlign = "center"; g.fillText(`${this.names[1]} over ${this.names[0]}`, (left + right) / 2, bottom + 14 * scale);
-    g.strokeStyle = curveColour(0, darkPage()); g.lineWidth = scale; g.beginPath();
-    for (let i = 0; i < n; i++) g.lineTo(...at(i));
-    g.stroke();
-    g.fillStyle = curveColour(1, darkPage()); g.beginPath(); g.arc(...at(n - 1), 4 * scale, 0, 7); g.fill();
+    drawPhase(this.canvas, this.points, this.names, { text: () => css("--text"), line: () => css("--line") });
   }
 
   resize() { this.dirty = this.points !== null; }

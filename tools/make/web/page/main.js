@@ -2,9 +2,9 @@
 import { Run, contents } from "./run.js";
 import { judge, shortNumber } from "./judge.js";
 import { logBytes, readLog } from "./log.js";
-import { firstPanels } from "./axes.js";
 import { Plant } from "./plant.js";
-import { Curves, byId, digits, element } from "./view.js";
+import { Panes } from "./panes.js";
+import { byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -38,24 +38,16 @@ class WebPage {
     document.addEventListener("dragover", (event) => event.preventDefault());
     document.addEventListener("drop", (event) => { event.preventDefault(); this.open(event.dataTransfer.files[0]); });
     addEventListener("hashchange", () => { if (location.hash !== this.link()) this.linked(); });
-    addEventListener("resize", () => { this.panels.forEach((one) => one.resize()); this.draw(); });
+    addEventListener("resize", () => { this.panels.resize(); this.draw(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.show());
     document.addEventListener("keydown", (event) => this.key(event));
-    this.panels = this.layout().map((names) => new Curves(byId("panels"), names));
+    this.panels = new Panes(about, () => history.replaceState(null, "", this.link()));
     this.plant = new Plant();
     this.linked();
     requestAnimationFrame(() => this.frame());
   }
 
   get controller() { return this.about.controllers.find((one) => one.name === byId("controller").value); }
-
-  layout() {
-    const panels = this.about.layout?.panels?.filter((one) => one.kind === "time").map((one) => one.names);
-    if (panels) return panels;
-    const [top, ...below] = this.about.nodes, columns = this.about.controllers[0].columns;
-    const named = (node, before) => columns[node].map(([name, unit, , , kind]) => ({ name: before + name, unit, kind, plot: true }));
-    return firstPanels([named(top, ""), ...below.map((node) => named(node, `${node}:`))].flat()).map((one) => one.names);
-  }
 
   key(event) {
     if (event.target !== document.body || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -72,7 +64,7 @@ class WebPage {
     byId("controller").value = names.includes(name) ? name : names[0];
     this.changed.clear();
     for (const [key, text] of given) {
-      if (key === "controller" || key === "seed") continue;
+      if (["controller", "seed", "panels"].includes(key)) continue;
       const one = this.value(key), value = Number(text);
       if (!one) wrong.push(`${key}: no such parameter of ${this.controller.name}`);
       else if (text.trim() === "" || !(value >= one.low && value <= one.high)) wrong.push(`${key}=${text}: expected ${one.low} to ${one.high} ${one.unit}`);
@@ -82,6 +74,7 @@ class WebPage {
     this.seeds();
     if (seed !== null && ![...byId("seed").options].some((one) => one.value === seed)) wrong.push(`seed=${seed}: this file has ${[...byId("seed").options].map((one) => one.value).join(", ")}`);
     else if (seed !== null) byId("seed").value = seed;
+    wrong.push(...this.panels.linked(given.get("panels")));
     this.notice(wrong.length ? `The link was not taken whole.\n${wrong.join("\n")}` : "");
     this.restart(true);
   }
@@ -99,6 +92,7 @@ class WebPage {
     const given = new URLSearchParams({ controller: this.controller.name });
     if (+byId("seed").value !== this.controller.seed) given.set("seed", byId("seed").value);
     for (const [key, value] of this.changed) given.set(key, value);
+    if (this.panels.link() !== null) given.set("panels", this.panels.link());
     return `#${given}`;
   }
 
@@ -148,11 +142,14 @@ class WebPage {
     else if (data.kind === "ready") { this.state("ready", ""); this.draw(); }
     else if (data.kind === "ended") this.end();
     else if (data.kind === "tuned") {
-      const { one, value } = this.pending.get(data.tuning);
+      const asked = this.pending.get(data.tuning), own = (one) => one.node === this.about.nodes[0];
       this.pending.delete(data.tuning);
-      // The lower nodes are a cycle ahead.
-      this.tunings.push({ at: data.now + (one.node === this.about.nodes[0] ? 0 : 1), one, value });
-      byId("answer").textContent = `${one.name} = ${digits(value)} from cycle ${this.tunings.at(-1).at} on`;
+      asked.forEach(({ one }, k) => { // the lower nodes are a cycle ahead
+        this.tunings.push({ at: data.now + (own(one) ? 0 : 1), one, value: data.given[k] });
+        this.sliders.get(one)?.(data.given[k]);
+      });
+      const words = asked.map(({ one }, k) => `${one.name} = ${digits(data.given[k])}`);
+      byId("answer").textContent = `${words.join(", ")} from cycle ${this.tunings.at(-1).at} on`;
       this.told();
     }
   }
@@ -260,14 +257,21 @@ class WebPage {
 
   controls() {
     this.pending = new Map();
+    if (this.sliders?.of === this.controller) { // who has the focus keeps it
+      for (const [one, say] of this.sliders) say(this.changed.get(this.key_of(one)) ?? one.value);
+      return;
+    }
+    this.sliders = Object.assign(new Map(), { of: this.controller });
     byId("values").replaceChildren(...this.controller.values.map((one) => this.control(one)));
     this.searched();
-    const own = this.about.schedule.flatMap((each) => Object.entries(each.set));
-    byId("disturbances").replaceChildren(...own.map(([name, value]) => {
-      const one = this.value(name), button = element("button", `${name} = ${digits(value)} now`);
-      button.onclick = () => this.tune(one, value);
+    byId("disturbances").replaceChildren(...this.about.disturbances.flatMap(({ label, set }) => {
+      const all = set.map(([name, value, later]) => ({ one: this.value(name), value, later: Boolean(later) }));
+      if (!all.every(({ one }) => one)) return []; // another controller's
+      const button = element("button", label, { title: all.map(({ one, value, later }) => `${one.name} = ${later ? "now + " : ""}${digits(value)} ${one.unit}`).join("\n") });
+      button.onclick = () => this.tune(all);
       return button;
     }));
+    byId("disturbances").hidden = !byId("disturbances").children.length;
   }
 
   control(one) {
@@ -282,20 +286,26 @@ class WebPage {
     range.value = at(now);
     const say = (it) => { shown.textContent = `${digits(it)} ${one.unit}`; label.classList.toggle("changed", it !== one.value); range.setAttribute("aria-valuetext", `${digits(it)} ${one.unit}`); };
     say(now);
+    this.sliders.set(one, (it) => { range.value = at(it); say(it); });
     range.oninput = () => say(value());
-    range.onchange = () => this.tune(one, value());
+    range.onchange = () => this.tune([{ one, value: value() }]);
     label.append(element("span", key), shown, range);
     label.dataset.key = key.toLowerCase();
     return label;
   }
 
-  // Before a run begins it begins so; later it is a tuning at the cycle that comes next.
-  tune(one, value) {
+  // Before a run begins it begins so; later it is a tuning at the cycle that comes next. `later`: a time after it.
+  tune(all) {
     if (this.ended || this.log) this.restart();
-    if (this.run.counts[0] === 0) { this.changed.set(this.key_of(one), value); this.restart(); return; }
+    if (this.run.counts[0] === 0) {
+      for (const { one, value } of all) this.changed.set(this.key_of(one), value);
+      byId("answer").textContent = `${all.map(({ one, value }) => `${one.name} = ${digits(value)}`).join(", ")} from the begin on`;
+      this.restart();
+      return;
+    }
     const tuning = ++this.asked;
-    this.pending.set(tuning, { one, value });
-    this.worker.postMessage({ kind: "set", tuning, values: [[this.about.nodes.indexOf(one.node), one.at, value]] });
+    this.pending.set(tuning, all);
+    this.worker.postMessage({ kind: "set", tuning, values: all.map(({ one, value, later }) => [this.about.nodes.indexOf(one.node), one.at, value, later]) });
   }
 
   searched() {
@@ -321,7 +331,7 @@ class WebPage {
 
   notice(text) { byId("notice").hidden = !text; byId("notice").textContent = text; }
 
-  show() { this.panels.forEach((one) => one.shown(this.run)); this.plant.shown(this.run); this.drawn = -1; this.draw(); }
+  show() { this.panels.shown(this.run); this.plant.shown(this.run); this.drawn = -1; this.draw(); }
 
   // Settings of the plant as they are now, by their names in its blocks.
   plantSettings() {
@@ -339,7 +349,7 @@ class WebPage {
   draw() {
     this.drawn = this.run.done;
     const window_s = Math.min(+byId("window").value, this.run.cycles * this.about.period_s);
-    for (const one of this.panels) one.draw(window_s);
+    this.panels.draw(window_s);
     this.plant.draw(this.log ? {} : this.plantSettings());
     byId("clock").textContent = `${(this.drawn * this.about.period_s).toFixed(3)} s of ${(this.run.cycles * this.about.period_s).toFixed(3)} s`;
   }

@@ -1,7 +1,4 @@
-// What is seen of a run: curves over time.
-import { darkPage, newestLegend, plotOptions } from "./axes.js";
-
-const BINS = 600, HEIGHT = 190;
+// Elements of the page, and values as text and as points.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -19,52 +16,27 @@ export function digits(value) {
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// The least and the greatest value of each of `width` cycles in their order, so that no spike is lost.
-export function envelope(values, first, last, width) {
-  const found = [];
+// Points of curves over the cycles [first, last): of each `width` cycles the least and the greatest
+// value in their order, so that no spike is lost, and at the end the newest value. [x, y, y, ...]
+export function curvePoints(columns, first, last, width, periodS) {
+  const x = [], curves = columns.map(() => []);
   for (let k = first; k < last; k += width) {
-    let low = k, high = k;
-    for (let i = k; i < Math.min(k + width, last); i++) {
-      if (values[i] < values[low]) low = i;
-      if (values[i] > values[high]) high = i;
-    }
-    found.push(values[Math.min(low, high)]);
-    if (width > 1) found.push(values[Math.max(low, high)]);
+    const end = Math.min(k + width, last);
+    x.push(k * periodS);
+    if (width > 1) x.push(Math.min(k + 0.5 * width, end - 1) * periodS);
+    columns.forEach((values, c) => {
+      let low = k, high = k;
+      for (let i = k; i < end; i++) {
+        if (values[i] < values[low] || Number.isNaN(values[low])) low = i;
+        if (values[i] > values[high] || Number.isNaN(values[high])) high = i;
+      }
+      curves[c].push(values[Math.min(low, high)]);
+      if (width > 1) curves[c].push(values[Math.max(low, high)]);
+    });
   }
-  return found;
-}
-
-export class Curves {
-  constructor(box, names) {
-    this.names = names; this.box = box.appendChild(element("div", "", { class: "panel", role: "group" }));
-    this.plot = null;
+  if (width > 1 && last > first) {
+    x.push((last - 1) * periodS);
+    columns.forEach((values, c) => curves[c].push(values[last - 1]));
   }
-
-  shown(run) {
-    this.places = this.names.map((name) => [name, run.place(name)]).filter(([, place]) => place);
-    this.run = run;
-    this.plot?.destroy();
-    this.plot = null;
-    this.box.hidden = !this.places.length;
-    if (this.box.hidden) return;
-    this.box.setAttribute("aria-label", `curves: ${this.places.map(([name]) => name).join(", ")}`);
-    const curves = this.places.map(([name, { unit }]) => ({ name, unit }));
-    const ink = { text: () => css("--text"), line: () => css("--line") };
-    const options = plotOptions({ curves, width: this.box.clientWidth - 8, height: HEIGHT, dark: darkPage(), ink });
-    this.plot = new uPlot(options, [[], ...curves.map(() => [])], this.box);
-  }
-
-  draw(windowS) {
-    if (!this.plot) return;
-    const last = this.run.done, period = this.run.periodS;
-    let first = Math.max(0, last - Math.round(windowS / period));
-    const width = Math.max(1, Math.ceil((last - first) / BINS));
-    first -= first % width; // bins stay where they are while time goes on
-    const x = [];
-    for (let k = first; k < last; k += width) { x.push(k * period); if (width > 1) x.push((k + 0.5 * width) * period); }
-    this.plot.setData([x, ...this.places.map(([, place]) => envelope(place.values, first, last, width))], true);
-    newestLegend(this.plot);
-  }
-
-  resize() { this.plot?.setSize({ width: this.box.clientWidth - 8, height: HEIGHT }); }
+  return [x, ...curves];
 }

@@ -55,9 +55,12 @@ function step(n) {
   if (now >= cycles) tell({ kind: "ended" });
 }
 
+// From the next cycle on; a value that is `later` is a time after the begin of that cycle. Nodes
+// below the first are a cycle ahead.
 function set({ values, tuning }) {
-  for (const [node, i, value] of values) view(node, i)[0] = value;
-  tell({ kind: "tuned", tuning });
+  const given = values.map(([node, , value, later]) => (later ? +(value + (now + (node > 0)) * periodS).toPrecision(12) : value));
+  values.forEach(([node, i], k) => { view(node, i)[0] = given[k]; });
+  tell({ kind: "tuned", tuning, given });
 }
 
 const guarded = (work) => Promise.resolve().then(work).catch((error) => {
