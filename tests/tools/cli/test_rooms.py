@@ -75,6 +75,7 @@ ROOMS = (
     Room("after/report", ("report", "latest"), "no such command"),
     Room("dev/evidence", ("evidence",), "no such command"),
     Room("live/watchdog", ("run", "watched.yaml"), "not in this installation", 4),
+    Room("live/xcp", ("xcp",), "no such command"),
     Room("make/device", ("plant", "probe", "--device", "true"), "unrecognized arguments"),
 )  # fmt: skip
 

@@ -1,0 +1,191 @@
+"""A running node is measured and calibrated by pyXCP; its log holds what was seen and set."""
+
+import json
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from live_run import KV, Run, going_on
+from live_run import pcpc as started
+from processes import pcpc, until
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes import live
+from pcpc.tools.live.xcp.packets import HEAD
+
+MASTER = Path(__file__).with_name("xcp_master.py")
+ROWS, SECONDS = 100, 60.0
+
+
+@dataclass
+class Slave:
+    """A run, the ports of its executive's slave and the process that serves them."""
+
+    run: Run
+    udp: int
+    tcp: int
+    process: "subprocess.Popen[str]"
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[Slave]:
+    """Serve the executive of a run until it ends."""
+    with going_on(folder) as run:
+        process = started("xcp", run.node, "--udp", "0", "--tcp", "0")
+        assert process.stdout is not None
+        ports = [int(process.stdout.readline().rsplit(":", 1)[1]) for _ in range(2)]
+        yield Slave(run, *ports, process)
+        process.kill()
+
+
+@pytest.fixture(scope="module")
+def slave(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Slave]:
+    with served(tmp_path_factory.mktemp("xcp") / "run") as found:
+        yield found
+
+
+class Raw:
+    """A master that sends bytes as they are."""
+
+    def __init__(self, port: int) -> None:
+        self.end = socket.create_connection(("127.0.0.1", port), SECONDS)
+
+    def ask(self, packet: bytes) -> bytes:
+        self.end.sendall(HEAD.pack(len(packet), 0) + packet)
+        return self.packet()
+
+    def packet(self) -> bytes:
+        length, _ = HEAD.unpack(self._read(HEAD.size))
+        return self._read(length)
+
+    def _read(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            more = self.end.recv(count - len(data))
+            if not more:
+                raise EOFError
+            data += more
+        return data
+
+
+def measured(slave: Slave, protocol: str, recorded: list[str]) -> dict[str, Any]:
+    """Return what a session of pyXCP has seen."""
+    port = slave.udp if protocol == "udp" else slave.tcp
+    words = [sys.executable, str(MASTER), str(port), protocol, str(ROWS), json.dumps(recorded)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def download(master: Raw, slave: Slave, value: float) -> bytes:
+    number = list(live.find(slave.run.node).variables).index(KV)
+    head = struct.pack("<BBxBI", 0xED, 8, 0, 8 * number)
+    return master.ask(head + struct.pack("<d", value))
+
+
+def test_a_session_of_pyxcp_is_in_the_log_and_replays(tmp_path: Path) -> None:
+    with served(tmp_path / "run") as slave:
+        node = live.find(slave.run.node)
+        recorded = list(node.block.description["state_columns"])
+        told = {protocol: measured(slave, protocol, recorded) for protocol in ("udp", "tcp")}
+        names = set(node.variables)
+        master, cycles = Raw(slave.tcp), dict[float, int]()
+        assert master.ask(b"\xff\x00")[0] == 0xFF
+        for value in range(200, 230):
+            assert download(master, slave, value) == b"\xff"
+            event = master.packet()
+            assert event[:2] == b"\xfd\xfe"
+            (cycles[float(value)],) = struct.unpack("<Q", event[2:])
+        slave.run.host.send_signal(signal.SIGINT)
+        slave.run.host.communicate(timeout=60)
+        assert master.packet() == b"\xfd\x07", "EV_SESSION_TERMINATED"
+        until(lambda: slave.process.poll() is not None, "the slave ends with its node")
+        assert slave.process.returncode == 0
+    log = logs.read(tmp_path / "run" / "log.mcap")
+    for one in told.values():
+        assert one["read"] == [101.0, 102.5, 103.25] and set(one["places"]) == names
+        assert [each["name"] for each in one["events"]] == ["cycle", "cycle_10", "cycle_100"]
+        assert_in_log(log.node["executive"], one["rows"], recorded)
+    tuned = {one["value"]: one["cycle"] for one in log.node["executive"].tunings}
+    assert {value: tuned[value] for value in cycles} == cycles
+    done = pcpc("replay", str(tmp_path / "run" / "log.mcap"), "--json")
+    assert done.code == 0 and all(one["identical"] for one in json.loads(done.out)), done
+
+
+def assert_in_log(node: logs.Node, rows: list[Any], recorded: list[str]) -> None:
+    """Compare measured rows with the log's, bit by bit and stamp by stamp."""
+    values = np.array([[bytes.fromhex(one) for one in row[1]] for row in rows], "V8")
+    time = values[:, recorded.index("time.t_s")].copy().view(np.float64)
+    cycle = np.round(time * 200.0).astype(int)
+    at = np.searchsorted(node.cycle, cycle)
+    assert len(cycle) >= ROWS and np.array_equal(node.cycle[at], cycle)
+    assert np.array_equal(at, at[0] + np.arange(len(at))), "a row of the log is missing"
+    for i, name in enumerate(recorded):
+        ours = values[:, i].copy().view(np.uint64)
+        assert np.array_equal(ours, node.columns[name][at].view(np.uint64)), name
+    stamps = np.array([row[0] for row in rows])
+    assert np.array_equal(stamps - stamps[0], (cycle - cycle[0]) * 5_000_000)
+
+
+def test_what_is_locked_or_out_of_range_is_refused(slave: Slave) -> None:
+    master = Raw(slave.tcp)
+    assert master.ask(b"\xff\x00")[0] == 0xFF
+    assert download(master, slave, 1001.0) == b"\xfe\x22"
+    assert pcpc("lock", "tune", "--node", slave.run.node).code == 0
+    assert download(master, slave, 201.0) == b"\xfe\x25"
+    assert pcpc("lock", "none", "--node", slave.run.node).code == 0
+    assert download(master, slave, 199.0) == b"\xff"
+
+
+def test_two_hundred_masters_and_one_that_does_not_read(slave: Slave) -> None:
+    cycle = live.find(slave.run.node).read().cycle
+    for _ in range(200):
+        assert Raw(slave.tcp).ask(b"\xff\x00")[0] == 0xFF
+    deaf = Raw(slave.tcp)
+    deaf.end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.ask(b"\xff\x00")
+    wrong = Raw(slave.tcp)
+    wrong.end.sendall(HEAD.pack(0, 0) + b"x")
+    with pytest.raises(EOFError):
+        wrong.packet()
+    with socket.socket(type=socket.SOCK_DGRAM) as udp:
+        for damaged in (b"", b"\x01", HEAD.pack(9, 0) + b"\xff", HEAD.pack(300, 0) + b"\xff" * 300):
+            udp.sendto(damaged, ("127.0.0.1", slave.udp))
+    assert Raw(slave.tcp).ask(b"\xff\x00")[0] == 0xFF, "others are served"
+    assert live.find(slave.run.node).read().cycle > cycle and slave.process.poll() is None
+
+
+def test_a_port_that_is_taken_and_a_node_that_is_not_there_are_told(slave: Slave) -> None:
+    done = pcpc("xcp", slave.run.node, "--tcp", str(slave.tcp))
+    assert done.code == 4 and f"TCP 127.0.0.1:{slave.tcp}: Address already in use" in done.err
+    done = pcpc("xcp", "nobody")
+    assert done.code == 4 and "no such node" in done.err
+
+
+def test_an_a2l_file_is_read_by_a_parser_of_another_hand(tmp_path: Path) -> None:
+    from pya2l import import_a2l, model
+
+    file = tmp_path / "hull.a2l"
+    done = pcpc("a2l", "hull", "-o", str(file))
+    assert done.code == 0, done
+    session = import_a2l(str(file), in_memory=True, encoding="utf-8", progress_bar=False)
+    found = {one.name: one.ecu_address.address for one in session.query(model.Measurement)}
+    found |= {one.name: one.address for one in session.query(model.Characteristic)}
+    gain = session.query(model.Characteristic).filter_by(name=KV).one()
+    assert (gain.lowerLimit, gain.upperLimit) == (0.0, 1000.0)
+    unit = session.query(model.CompuMethod).filter_by(name=gain.conversion).one()
+    assert unit.unit == "N m s/rad"
+    lines = file.read_text().count("ECU_ADDRESS"), len(re.findall("VALUE 0x", file.read_text()))
+    assert len(found) == sum(lines) > 100
+    assert sorted(found.values()) == [8 * i for i in range(len(found))]
+    assert pcpc("a2l", "hull", "--node", "moon", "-o", str(file)).code == 2

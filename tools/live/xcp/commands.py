@@ -1,0 +1,38 @@
+"""Commands: xcp, a2l."""
+
+from pathlib import Path
+
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import NODE_CODES, OUTPUT_CODES, Add, Command
+
+
+def _ports(add: Add) -> None:
+    add("--udp", type=int, metavar="PORT", help="port of XCP on UDP; default: 5555, 0: any")
+    add("--address", metavar="ADDRESS", default="127.0.0.1", help="default: %(default)s")
+
+
+def xcp(add: Add) -> None:
+    """Take a node, and where it is served."""
+    add("node", nargs="?", metavar="NODE", help="executive, plant, RIG.plant; default: executive")
+    _ports(add)
+    add("--tcp", type=int, metavar="PORT", help="port of XCP on TCP; 0: any")
+
+
+def a2l(add: Add) -> None:
+    """Take a rig and one of its nodes."""
+    take.rig(add)
+    add("--node", default="executive", metavar="NODE", help="default: %(default)s")
+    _ports(add)
+    add("-o", "--output", type=Path, metavar="FILE", help="default: RIG-NODE.a2l")
+
+
+COMMANDS = (
+    Command(
+        "xcp", "a running node as an XCP slave", "pcpc xcp executive --udp 5555", xcp,
+        module="live.xcp.serve", codes=NODE_CODES,
+    ),
+    Command(
+        "a2l", "the variables of a rig as an A2L file", "pcpc a2l hull -o hull.a2l", a2l,
+        module="live.xcp.a2l_file", codes=OUTPUT_CODES,
+    ),
+)  # fmt: skip

@@ -1,0 +1,190 @@
+"""DAQ lists of an XCP session: what is sent of each cycle, built by commands in their order.
+
+A list has object descriptor tables (ODT), each a packet: its number, in the first of a list a time
+stamp, then bytes of recorded variables. FREE, ALLOC_DAQ, ALLOC_ODT, ALLOC_ODT_ENTRY follow each
+other; WRITE_DAQ fills; what runs is not changed.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from struct import Struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.tools.live.xcp.packets import MAX_DTO, Err, Refused
+
+MOST_ODTS, MOST_ENTRIES = 252, 20_000  # numbers behind are no ODT's; what a session may keep
+STAMP = Struct("<I")  # microseconds of the run, which come round after 71 minutes
+TIMESTAMP, NOT_OURS = 0x10, 0x23  # of a list's mode: alternating, stimulation, no number
+DIVISIONS = (1, 10, 100)  # event channels: every cycle, every tenth, every hundredth
+
+Entry = tuple[int, int]  # address, bytes
+
+
+@dataclass
+class _List:
+    odts: list[list[Entry | None]] = field(default_factory=list)
+    mode: int = 0
+    event: int = 0
+    prescaler: int = 1
+    selected: bool = False
+    places: list[NDArray[np.intp]] | None = None  # bytes of a row by ODT; None: it does not run
+
+    @property
+    def stamped(self) -> bool:
+        return bool(self.mode & TIMESTAMP)
+
+
+class DaqLists:
+    """Those of a session. `columns`: of each variable its place in a row, -1 for none."""
+
+    def __init__(self, columns: Sequence[int]) -> None:
+        self._columns = columns
+        self.lists: list[_List] = []
+        self._stage = ""
+        self._pointer: tuple[int, int, int] | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether any is sent."""
+        return any(one.places is not None for one in self.lists)
+
+    def of(self, number: int) -> _List:
+        """Return a list; Refused."""
+        if number >= len(self.lists):
+            raise Refused(Err.OUT_OF_RANGE)
+        return self.lists[number]
+
+    # Building
+
+    def free(self) -> None:
+        """Leave all lists, running ones too."""
+        self.lists, self._pointer, self._stage = [], None, "free"
+
+    def alloc(self, count: int) -> None:
+        """Make lists; Refused."""
+        self._follows("free")
+        if count > MOST_ODTS:
+            raise Refused(Err.MEMORY_OVERFLOW)
+        self.lists, self._stage = [_List() for _ in range(count)], "daq"
+
+    def alloc_odts(self, number: int, count: int) -> None:
+        """Make the tables of a list; Refused."""
+        self._follows("daq", "odt")
+        one = self.of(number)
+        if sum(len(each.odts) for each in self.lists) - len(one.odts) + count > MOST_ODTS:
+            raise Refused(Err.MEMORY_OVERFLOW)
+        one.odts, self._stage = [[] for _ in range(count)], "odt"
+
+    def alloc_entries(self, number: int, odt: int, count: int) -> None:
+        """Make the entries of a table; Refused."""
+        self._follows("odt", "entry")
+        one = self.of(number)
+        if odt >= len(one.odts):
+            raise Refused(Err.OUT_OF_RANGE)
+        kept = sum(len(entries) for each in self.lists for entries in each.odts)
+        if kept - len(one.odts[odt]) + count > MOST_ENTRIES:
+            raise Refused(Err.MEMORY_OVERFLOW)
+        one.odts[odt], self._stage = [None] * count, "entry"
+
+    def _follows(self, *stages: str) -> None:
+        if self.running:
+            raise Refused(Err.DAQ_ACTIVE)
+        if self._stage not in stages:
+            raise Refused(Err.SEQUENCE)
+
+    def clear(self, number: int) -> None:
+        """Stop and empty a list; Refused."""
+        one = self.of(number)
+        one.places, one.selected = None, False
+        one.odts = [[None] * len(entries) for entries in one.odts]
+
+    def point(self, number: int, odt: int, entry: int) -> None:
+        """Choose the entry that is written or read next; Refused."""
+        odts = self.of(number).odts
+        if odt >= len(odts) or entry >= len(odts[odt]):
+            raise Refused(Err.OUT_OF_RANGE)
+        self._pointer = number, odt, entry
+
+    def write(self, bit: int, size: int, extension: int, address: int) -> None:
+        """Fill the chosen entry; the next one of its table is chosen then. Refused."""
+        number, odt, entry = self._pointed()
+        one = self.lists[number]
+        if one.places is not None:
+            raise Refused(Err.DAQ_ACTIVE)
+        if bit != 0xFF or extension or not 0 < size <= 8 or address % 8 + size > 8:
+            raise Refused(Err.OUT_OF_RANGE)
+        if address // 8 >= len(self._columns):
+            raise Refused(Err.OUT_OF_RANGE)
+        if self._columns[address // 8] < 0:
+            raise Refused(Err.DAQ_CONFIG)  # a variable that is not recorded
+        one.odts[odt][entry] = address, size
+        self._pointer = number, odt, entry + 1
+
+    def read(self) -> Entry:
+        """Return the chosen entry, (0, 0) if it is empty; Refused."""
+        number, odt, entry = self._pointed()
+        self._pointer = number, odt, entry + 1
+        return self.lists[number].odts[odt][entry] or (0, 0)
+
+    def _pointed(self) -> tuple[int, int, int]:
+        if self._pointer is None:
+            raise Refused(Err.SEQUENCE)
+        number, odt, entry = self._pointer
+        if entry >= len(self.lists[number].odts[odt]):
+            raise Refused(Err.OUT_OF_RANGE)
+        return number, odt, entry
+
+    # Running
+
+    def set_mode(self, mode: int, number: int, event: int, prescaler: int) -> None:
+        """Say when a list is sent; Refused."""
+        one = self.of(number)
+        if one.places is not None:
+            raise Refused(Err.DAQ_ACTIVE)
+        if mode & NOT_OURS:
+            raise Refused(Err.MODE_NOT_VALID)
+        if event >= len(DIVISIONS) or not prescaler:
+            raise Refused(Err.OUT_OF_RANGE)
+        one.mode, one.event, one.prescaler = mode & TIMESTAMP, event, prescaler
+
+    def first(self, number: int) -> int:
+        """Return the number of a list's first packet."""
+        return sum(len(one.odts) for one in self.lists[:number])
+
+    def start(self, *numbers: int) -> None:
+        """Send lists from the next cycle on, all or none; Refused."""
+        for number, places in [(number, self._places(self.of(number))) for number in numbers]:
+            self.lists[number].places = places
+
+    def _places(self, one: _List) -> list[NDArray[np.intp]]:
+        if not one.odts or any(None in entries or not entries for entries in one.odts):
+            raise Refused(Err.DAQ_CONFIG)
+        for i, entries in enumerate(one.odts):
+            head = 1 + STAMP.size * (one.stamped and not i)
+            if head + sum(entry[1] for entry in entries if entry) > MAX_DTO:
+                raise Refused(Err.DAQ_CONFIG)
+        return [
+            np.concatenate([8 * self._columns[address // 8] + address % 8 + np.arange(size)
+                            for address, size in filter(None, entries)])
+            for entries in one.odts
+        ]  # fmt: skip
+
+    def stop(self, number: int) -> None:
+        """Send a list no more; Refused."""
+        self.of(number).places = None
+
+    def packets(
+        self, cycle: NDArray[np.int64], period_us: float, values: NDArray[np.float64]
+    ) -> Iterator[bytes]:
+        """Yield what is sent of cycles (n,) with values (n, columns): each cycle's in its order."""
+        raw = np.ascontiguousarray(values).view(np.uint8).reshape(len(cycle), -1)
+        for row, number in enumerate(cycle.tolist()):
+            for i, one in enumerate(self.lists):
+                if one.places is None or number % (DIVISIONS[one.event] * one.prescaler):
+                    continue
+                for odt, places in enumerate(one.places):
+                    stamp = one.stamped and not odt
+                    told = STAMP.pack(round(number * period_us) & 0xFFFFFFFF) if stamp else b""
+                    yield bytes([self.first(i) + odt]) + told + raw[row, places].tobytes()

@@ -1,0 +1,256 @@
+"""`pcpc xcp`: a running node as an XCP slave over UDP and TCP, beside its loop.
+
+What is measured comes out of the recorder's ring, which costs the loop nothing; what is written
+goes through the mailbox and is in the log as a tuning. Each master has a session of its own. One
+that does not read is cut off (TCP) or loses packets, and is told by EV_DAQ_OVERLOAD.
+"""
+
+import argparse
+import selectors
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError, level_of
+from pcpc.executive.nodes.tap import Tap
+from pcpc.tools.live.local_nodes import Nodes
+from pcpc.tools.live.xcp.a2l import Described, a2l_text, version
+from pcpc.tools.live.xcp.packets import (
+    EV_DAQ_OVERLOAD,
+    EV_SESSION_TERMINATED,
+    EVENT,
+    HEAD,
+    MAX_CTO,
+    Err,
+    Refused,
+)  # fmt: skip
+from pcpc.tools.live.xcp.slave import Served, Session
+
+BUSY_S, IDLE_S = 0.002, 0.05  # between looks at the ring while lists run, and at the node
+MOST_SESSIONS, MOST_WAITING = 16, 4 << 20  # masters; bytes that one has not read
+Address3 = tuple[str, str, int]  # UDP or TCP, address, port
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve a node until it ends; return the exit code. LiveError, UserError."""
+    live = Nodes().find(options.node or "executive")
+    udp, tcp = options.udp, options.tcp
+    if udp is None and tcp is None:
+        udp = 5555
+    ports = [(kind, options.address, port)
+             for kind, port in (("UDP", udp), ("TCP", tcp)) if port is not None]  # fmt: skip
+    with _Server(live, ports) as server:
+        for kind, address, port in server.ports:
+            print(f"{live.name}: XCP over {kind} on {address}:{port}", flush=True)
+        server.serve()
+    print(f"{live.name} has ended")
+    return Exit.OK
+
+
+def served(live: Live, tap: Tap, a2l: bytes) -> Served:
+    """Return a running node as a slave has it."""
+    places = {name: place for place, name in enumerate(tap.names)}
+
+    def read() -> tuple[int, Any]:
+        now = live.read()
+        return now.cycle, now.array
+
+    def write(changes: Mapping[str, float]) -> int:
+        if any(live.variables[name].range is None for name in changes):
+            raise Refused(Err.WRITE_PROTECTED)
+        try:
+            return live.tune(changes)
+        except LiveError:
+            if level_of(live.block) != "none":
+                raise Refused(Err.ACCESS_LOCKED) from None
+            with suppress(LiveError):
+                live.check(changes)
+                raise Refused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
+            raise Refused(Err.OUT_OF_RANGE) from None
+
+    columns = [places.get(name, -1) for name in live.variables]
+    rig = str(live.block.description.get("rig"))
+    return Served(live.name, rig, live.period_ns, [*live.variables], columns, a2l, read, write)
+
+
+class _Master:
+    """A master, and what it has not got yet. `put`: sends bytes, returns how many went."""
+
+    def __init__(self, session: Session, put: Callable[[bytes], int], stream: bool) -> None:
+        self.session, self._put, self._stream = session, put, stream
+        self._counter, self._waiting, self._came = 0, bytearray(), bytearray()
+        self._lost = False
+
+    def take(self, data: bytes) -> None:
+        """Answer what came; ValueError: it is no message."""
+        self._came += data
+        while len(self._came) >= HEAD.size:
+            length, _ = HEAD.unpack_from(self._came)
+            if not 0 < length <= MAX_CTO:
+                raise ValueError(f"a packet of {length} bytes")
+            if len(self._came) < HEAD.size + length:
+                break
+            packet = bytes(self._came[HEAD.size : HEAD.size + length])
+            del self._came[: HEAD.size + length]
+            self.send(self.session.answers(packet))
+        if not self._stream:
+            self._came.clear()
+
+    def send(self, packets: list[bytes]) -> None:
+        """Send packets; ValueError: the master does not read them."""
+        if self._lost:
+            packets, self._lost = [bytes([EVENT, EV_DAQ_OVERLOAD]), *packets], False
+        for packet in packets:
+            message = HEAD.pack(len(packet), self._counter) + packet
+            self._counter = (self._counter + 1) & 0xFFFF
+            if self._stream:
+                self._waiting += message
+            elif not self._put(message):
+                self._lost = True
+        if self._stream:
+            self.flush()
+            if len(self._waiting) > MOST_WAITING:
+                raise ValueError("it does not read")
+
+    def flush(self) -> None:
+        """Send on what waits."""
+        while self._waiting and (count := self._put(bytes(self._waiting[: 1 << 16]))):
+            del self._waiting[:count]
+
+
+class _Server:
+    """Sockets of a node's slave, and its masters by connection or address."""
+
+    def __init__(self, live: Live, wanted: list[Address3]) -> None:
+        self._live, self._tap = live, Tap(live)
+        self._select = selectors.DefaultSelector()
+        self._sockets: list[socket.socket] = []
+        self._masters: dict[Any, _Master] = {}
+        self.ports: list[Address3] = []
+        try:
+            for kind, address, port in wanted:
+                self._open(kind, address, port)
+        except OSError as error:
+            self._close()
+            raise UserError(
+                f"{kind} {address}:{port}: {error.strerror}", Exit.ENVIRONMENT
+            ) from None
+        about = [Described(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
+        role, rig = live.name.rpartition(".")[2], str(live.block.description.get("rig"))
+        text = a2l_text(rig, role, version(), live.period_ns, about, self.ports)
+        self._node = served(live, self._tap, text.encode())
+
+    def _open(self, kind: str, address: str, port: int) -> None:
+        made = socket.socket(type=socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM)
+        self._sockets.append(made)
+        if kind == "TCP":
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((address, port))
+        made.setblocking(False)
+        heard = self._datagrams
+        if kind == "TCP":
+            made.listen()
+            heard = self._accept
+        self._select.register(made, selectors.EVENT_READ, heard)
+        self.ports.append((kind, address, made.getsockname()[1]))
+
+    def __enter__(self) -> "_Server":
+        return self
+
+    def __exit__(self, *what: object) -> None:
+        for key in [*self._masters]:
+            with suppress(ValueError, OSError):
+                self._masters[key].send([bytes([EVENT, EV_SESSION_TERMINATED])])
+            self._leave(key)
+        self._close()
+
+    def _close(self) -> None:
+        self._select.close()
+        for one in self._sockets:
+            one.close()
+
+    def serve(self) -> None:
+        """Answer until the node ends."""
+        while self._live.running:
+            busy = any(one.session.daq.running for one in self._masters.values())
+            for key, _ in self._select.select(BUSY_S if busy else IDLE_S):
+                key.data(key.fileobj)
+            self._measured()
+        self._measured()
+
+    def _measured(self) -> None:
+        rows = self._tap.rows()
+        if not len(rows):
+            return
+        for key, one in [*self._masters.items()]:
+            if one.session.daq.running:
+                self._guarded(key, one.send, one.session.packets(rows.cycle, rows.values))
+
+    def _guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
+        """Do what may end with a master's end."""
+        try:
+            work(*given)
+        except (ValueError, OSError):
+            self._leave(key)
+
+    def _leave(self, key: Any) -> None:
+        self._masters.pop(key, None)
+        if isinstance(key, socket.socket):
+            with suppress(KeyError, ValueError):
+                self._select.unregister(key)
+            key.close()
+
+    # UDP
+
+    def _datagrams(self, end: socket.socket) -> None:
+        for _ in range(256):
+            try:
+                data, address = end.recvfrom(2048)
+            except OSError:
+                return
+            if address not in self._masters:
+                self._admit(address, partial(_sent, end.sendto, address), False)
+            self._guarded(address, self._masters[address].take, data)
+            if (one := self._masters.get(address)) and not one.session.connected:
+                self._leave(address)
+
+    # TCP
+
+    def _accept(self, end: socket.socket) -> None:
+        with suppress(OSError):
+            made, _ = end.accept()
+            made.setblocking(False)
+            made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._admit(made, partial(_sent, made.send, None), True)
+            self._select.register(made, selectors.EVENT_READ, self._stream)
+
+    def _stream(self, end: socket.socket) -> None:
+        try:
+            data = end.recv(1 << 16)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._leave(end)
+        elif end in self._masters:
+            self._guarded(end, self._masters[end].take, data)
+
+    def _admit(self, key: Any, put: Callable[[bytes], int], stream: bool) -> None:
+        """Take a new master; the one that has been there longest without measuring goes."""
+        if len(self._masters) >= MOST_SESSIONS:
+            idle = [one for one, it in self._masters.items() if not it.session.daq.running]
+            self._leave((idle or [*self._masters])[0])
+        self._masters[key] = _Master(Session(self._node), put, stream)
+
+
+def _sent(send: Callable[..., int], to: Any, message: bytes) -> int:
+    """Return how many bytes went; OSError: the way is broken."""
+    try:
+        return send(message) if to is None else send(message, to)
+    except (BlockingIOError, ConnectionRefusedError):
+        return 0
