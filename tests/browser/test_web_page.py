@@ -102,6 +102,21 @@ def test_settings_of_a_link_that_are_wrong_are_told_and_left_out(page: Page, fil
     assert EQUAL.fullmatch(run_to_the_end(page))
 
 
+def test_a_link_that_follows_another_takes_nothing_from_it(page: Page, file: Path) -> None:
+    opened(page, file, "#controller=pd&seed=2&controller.lam_per_s=4")
+    assert run_to_the_end(page).startswith("digest ")
+    opened(page, file, "#controller=pd")
+    expect(page.locator("#seed")).to_have_value("1")
+    assert EQUAL.fullmatch(run_to_the_end(page))
+
+
+def test_a_link_of_any_length_is_told_in_a_few_lines(page: Page, file: Path) -> None:
+    opened(page, file, "#" + "&".join(["x" * 100_000, *(f"a{i}=1" for i in range(2000))]))
+    told = page.locator("#notice").inner_text()
+    assert len(told) < 1000 and told.endswith("\nand 1990 more"), told
+    assert EQUAL.fullmatch(run_to_the_end(page))
+
+
 def test_a_run_keeps_time_steps_and_begins_anew_from_the_keyboard(page: Page, file: Path) -> None:
     opened(page, file)
     page.keyboard.press(">")

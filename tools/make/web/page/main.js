@@ -7,6 +7,7 @@ import { Panes } from "./panes.js";
 import { byId, digits, element } from "./view.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, Infinity], WINDOWS = [0.5, 1, 2, 5, 10, 20, 60, Infinity];
+const LINES = 12, LINE = 300; // of a notice, whatever a link or a file says
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 class WebPage {
@@ -71,7 +72,7 @@ class WebPage {
       else this.changed.set(key, value);
     }
     const seed = given.get("seed");
-    this.seeds();
+    this.seeds("");
     if (seed !== null && ![...byId("seed").options].some((one) => one.value === seed)) wrong.push(`seed=${seed}: this file has ${[...byId("seed").options].map((one) => one.value).join(", ")}`);
     else if (seed !== null) byId("seed").value = seed;
     wrong.push(...this.panels.linked(given.get("panels")));
@@ -81,8 +82,8 @@ class WebPage {
 
   key_of(one) { return one.node === this.about.nodes[0] ? one.name : `${one.node}:${one.name}`; }
   value(key) { return this.controller.values.find((one) => this.key_of(one) === key); }
-  seeds() {
-    const { seed, seeds } = this.controller, before = byId("seed").value;
+  seeds(before = byId("seed").value) {
+    const { seed, seeds } = this.controller;
     byId("seed").replaceChildren(...[seed, ...Object.keys(seeds)].map((one) => new Option(one)));
     byId("seed-box").hidden = !Object.keys(seeds).length;
     if (before in seeds) byId("seed").value = before;
@@ -329,7 +330,11 @@ class WebPage {
     byId("go").textContent = this.running ? "pause" : this.ended ? "run again" : "run";
   }
 
-  notice(text) { byId("notice").hidden = !text; byId("notice").textContent = text; }
+  notice(text) {
+    const lines = text.split("\n").map((line) => (line.length > LINE ? `${line.slice(0, LINE)} …` : line));
+    if (lines.length > LINES) lines.splice(LINES, Infinity, `and ${lines.length - LINES} more`);
+    byId("notice").hidden = !text; byId("notice").textContent = lines.join("\n");
+  }
 
   show() { this.panels.shown(this.run); this.plant.shown(this.run); this.drawn = -1; this.draw(); }
 
