@@ -102,6 +102,23 @@ def test_settings_of_a_link_that_are_wrong_are_told_and_left_out(page: Page, fil
     assert EQUAL.fullmatch(run_to_the_end(page))
 
 
+def test_a_changed_run_is_judged_as_the_command_that_is_shown(page: Page, tmp_path: Path) -> None:
+    file = made(tmp_path, "hull", "--controller", "pd")
+    for changed in ("kv_Nms_rad=97", "gear_ratio=50"):
+        opened(page, file, f"#controller=pd&controller.{changed}")
+        run_to_the_end(page)
+        words = shlex.split(page.locator("#command").inner_text())
+        done = pcpc(*words[1:], "--json", "--no-figure", "-o", str(tmp_path / changed))
+        native = json.loads(done.out)
+        state = f"{native['verdict']}, {len(native['judged'])} judged"
+        expect(page.locator("#state")).to_have_text(state)
+        rows = [row.split("\t") for row in page.locator("#metrics").inner_text().splitlines()]
+        left = [row[1] for row in rows if row[2].endswith("gear_ratio was changed")]
+        told = {row[1]: row[2] for row in rows if row[1] not in left}
+        assert told == {n: f"{x:.4g}" for n, x in native["metrics"].items() if n not in left}
+        assert (done.code, len(left)) == ((1, 0) if changed[0] == "k" else (0, 2)), done
+
+
 def test_a_link_that_follows_another_takes_nothing_from_it(page: Page, file: Path) -> None:
     opened(page, file, "#controller=pd&seed=2&controller.lam_per_s=4")
     assert run_to_the_end(page).startswith("digest ")

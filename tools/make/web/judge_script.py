@@ -105,6 +105,11 @@ class _Run(Run):
         """Whether the rig has a plant."""
         return "plant" in self.log.node
 
+    def setting(self, name: str) -> float:
+        """Return a setting of the rig, and note that it was asked for."""
+        self.trace.settings.add(name)
+        return super().setting(name)
+
     def told(self, node: str) -> Any:
         """Return that a node records every cycle, or none."""
         if node not in self.log.node:
@@ -201,6 +206,7 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
         if (unit := unit_of_name(name)) is not None:
             one["unit"] = unit.text
         run = traced.run(merit.leader if isinstance(merit, Merit) else "executive")
+        traced.trace.settings.clear()
         try:
             if isinstance(merit, Merit):
                 one["value"] = traced.figure(merit, run).index
@@ -214,6 +220,7 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
                 one["value"] = traced.trace.of(partial(merit, traced)).index
         except (Exception, Unrecordable) as error:
             one["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
+        one["settings"] = sorted(traced.trace.settings)
         found.append(one)
     told = {one["name"] for one in found}
     found += [
@@ -246,10 +253,12 @@ def _requirements(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for entry, one in zip(entries, judge.check_requirements(traced.log), strict=True):
         about: dict[str, Any] = {"text": text_of(entry), "id": entry.id or ""}
+        traced.trace.settings.clear()
         try:
             about |= {"missing": one} if isinstance(one, str) else _timed(one, known, traced)
         except (Exception, Unrecordable) as error:
             about["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
+        about["settings"] = sorted(traced.trace.settings)
         found.append(about)
     return found
 

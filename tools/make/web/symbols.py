@@ -70,6 +70,7 @@ class Trace:
 
     def __init__(self) -> None:
         self.nodes: list[list[Any]] = []
+        self.settings = set[str]()  # of the rig that were asked for, whose values are numbers here
         self._known: dict[tuple[Any, ...], int] = {}
         self._way: list[bool] = []
         self._taken = 0

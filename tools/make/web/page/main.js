@@ -239,13 +239,16 @@ class WebPage {
     else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
     else line.textContent = `DIFFERS from pcpc ${this.about.version} on ${this.about.machine}: ${short}, not ${native.slice(0, 16)}`;
     line.title = found;
-    this.judged(plain);
+    this.judged();
   }
 
-  // As `pcpc simulate` judges: limits are of the rig as it is, requirements of every run.
-  judged(plain) {
-    const data = plain ? this.controller.judge : { ...this.controller.judge, unjudged: "the run was changed" };
-    const verdict = judge(data, (name) => this.run.record(name), this.run.done, this.about.period_s);
+  // As `pcpc simulate` judges; what is made of a setting that was changed is left to it.
+  judged() {
+    const changed = new Set([...this.changed.keys()].filter((key) => this.value(key).set).map((key) => key.split(".").at(-1)));
+    const known = (one) => { const name = one.settings?.find((each) => changed.has(each)); return name ? { ...one, why: `${name} was changed` } : one; };
+    const { metrics, requirements, ...data } = this.controller.judge;
+    const asked = { ...data, metrics: metrics.map(known), requirements: requirements.map(known) };
+    const verdict = judge(asked, (name) => this.run.record(name), this.run.done, this.about.period_s);
     const judged = [...verdict.requirements, ...verdict.metrics].filter((one) => typeof one.met === "boolean").length;
     if (verdict.word === "ok" && !judged) this.state("nothing judged", "warn");
     else this.state(`${verdict.word}, ${judged} judged`, { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
