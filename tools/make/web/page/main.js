@@ -186,8 +186,8 @@ class WebPage {
       const found = readLog(this.controller.log, bytes);
       if (found.cycles > this.controller.cycles) throw new Error(`the log has ${found.cycles} cycles, this page's run ${this.controller.cycles}`);
       this.restart();
-      this.id += 1; // what is computed is left
       this.run.fill(found);
+      this.id += 1; // what is computed is left
       this.log = found;
       this.notice(`${file.name}: ${found.cycles} cycles of a log${found.same ? "" : ", of a rig that was changed"}; restart ends it`);
       this.show(); this.play(true);
