@@ -56,7 +56,10 @@ def served(live: Live, tap: Tap, a2l: bytes) -> Served:
     places = {name: place for place, name in enumerate(tap.names)}
 
     def read() -> tuple[int, Any]:
-        now = live.read()
+        try:
+            now = live.read()
+        except LiveError:  # it stands still in the middle of a cycle
+            raise Refused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
         return now.cycle, now.array
 
     def write(changes: Mapping[str, float]) -> int:
@@ -83,7 +86,7 @@ class _Master:
     def __init__(self, session: Session, put: Callable[[bytes], int], stream: bool) -> None:
         self.session, self._put, self._stream = session, put, stream
         self._counter, self._waiting, self._came = 0, bytearray(), bytearray()
-        self._lost = False
+        self.lost = False
 
     def take(self, data: bytes) -> None:
         """Answer what came; ValueError: it is no message."""
@@ -102,15 +105,15 @@ class _Master:
 
     def send(self, packets: list[bytes]) -> None:
         """Send packets; ValueError: the master does not read them."""
-        if self._lost:
-            packets, self._lost = [bytes([EVENT, EV_DAQ_OVERLOAD]), *packets], False
+        if self.lost:
+            packets, self.lost = [bytes([EVENT, EV_DAQ_OVERLOAD]), *packets], False
         for packet in packets:
             message = HEAD.pack(len(packet), self._counter) + packet
             self._counter = (self._counter + 1) & 0xFFFF
             if self._stream:
                 self._waiting += message
             elif not self._put(message):
-                self._lost = True
+                self.lost = True
         if self._stream:
             self.flush()
             if len(self._waiting) > MOST_WAITING:
@@ -183,7 +186,11 @@ class _Server:
         self._measured()
 
     def _measured(self) -> None:
+        before = self._tap.missed["record"]
         rows = self._tap.rows()
+        if self._tap.missed["record"] > before:
+            for one in self._masters.values():
+                one.lost = True
         if not len(rows):
             return
         for key, one in [*self._masters.items()]:
