@@ -235,7 +235,7 @@ class WebPage {
     const plain = !this.changed.size && !this.tunings.length && +byId("seed").value === this.controller.seed;
     const short = found.slice(0, 16), native = this.controller.digest;
     line.className = plain ? (found === native ? "good" : "bad") : "";
-    if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below gives the same natively" : "a plant tuned while it runs is in no command"}`;
+    if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below gives the same natively" : "what was changed of the plant is in no command"}`;
     else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
     else line.textContent = `DIFFERS from pcpc ${this.about.version} on ${this.about.machine}: ${short}, not ${native.slice(0, 16)}`;
     line.title = found;
@@ -319,7 +319,7 @@ class WebPage {
 
   told() {
     const command = this.command();
-    byId("command").textContent = command || "a plant tuned while it runs is in no command";
+    byId("command").textContent = command || "what was changed of the plant is in no command";
     byId("copy").disabled = !command;
   }
 
