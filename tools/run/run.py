@@ -36,7 +36,7 @@ from pcpc.tools.start.bus.traffic import warning
 from pcpc.tools.start.children import Child, complain, on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.start.interface import choose_bus
-from pcpc.tools.start.page import page_of
+from pcpc.tools.start.page import Pages
 from pcpc.tools.start.peer_wait import PeerWait
 from pcpc.tools.terminal.progress import Compiling, Progress, node_line
 from pcpc.tools.terminal.rooms import need_room, part_of
@@ -76,7 +76,7 @@ class Host:
         self.waiting = PeerWait(rig, roles)
         self.leader = "executive" if "executive" in roles else roles[0]
         self.keeps_log = self.leader == "executive"
-        self.page = page_of(options, self._block_name(self.leader))
+        self.page = Pages(options, self._block_name(self.leader))
 
     @property
     def blocks(self) -> dict[str, sh.Shared]:

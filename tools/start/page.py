@@ -1,14 +1,12 @@
-"""The page beside a run: that of the room live/host, where it is there; else none."""
+"""What is served beside a run: by each room that has a run_page.py, as live/host; else nothing."""
 
 import argparse
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
-from pcpc.tools.terminal.rooms import is_installed, part_of
+from pcpc.tools.terminal.rooms import parts_called
 
 SAID = "page: "  # before its address
-_ROOM = "live/host"
 
 
 class NoPage:
@@ -39,10 +37,33 @@ class NoPage:
         """Tell how the log is shown, where the run had a page."""
 
 
-def page_of(options: argparse.Namespace, node: str) -> NoPage:
-    """Return the page of a run whose leading node is `node`; UserError."""
-    if not is_installed(_ROOM):
-        return NoPage()
-    page: Any = part_of(_ROOM, "run_page").Page(options, node)
-    assert isinstance(page, NoPage)
-    return page
+class Pages(NoPage):
+    """Those of all rooms, as one."""
+
+    def __init__(self, options: argparse.Namespace, node: str) -> None:
+        self._pages: list[NoPage] = []
+        try:
+            for room in parts_called("run_page"):
+                self._pages.append(room.Page(options, node))
+        except BaseException:
+            self.end()
+            raise
+
+    def start(self) -> None:
+        """Begin to serve, and tell where."""
+        for one in self._pages:
+            one.start()
+
+    def end(self) -> None:
+        """End with the run."""
+        for one in self._pages:
+            one.end()
+
+    def ended(self) -> str:
+        """Return what to say where one has ended before the run, once; else ""."""
+        return "\n".join(filter(None, [one.ended() for one in self._pages]))
+
+    def farewell(self, folder: Path) -> None:
+        """Tell how the log is shown, where the run had a page."""
+        for one in self._pages:
+            one.farewell(folder)

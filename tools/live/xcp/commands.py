@@ -26,6 +26,18 @@ def a2l(add: Add) -> None:
     add("-o", "--output", type=Path, metavar="FILE", help="default: RIG-NODE.a2l")
 
 
+def beside(add: Add) -> None:
+    """Take the slave beside a run."""
+    add(
+        "--xcp",
+        nargs="?",
+        const="udp:5555",
+        metavar="udp:PORT",
+        help="serve XCP during the run, also tcp:PORT; default: %(const)s",
+    )
+
+
+BESIDE_RUN = beside
 COMMANDS = (
     Command(
         "xcp", "a running node as an XCP slave", "pcpc xcp executive --udp 5555", xcp,

@@ -30,6 +30,7 @@ from pcpc.tools.live.xcp.packets import (
 )  # fmt: skip
 from pcpc.tools.live.xcp.slave import Served, Session
 
+PORT = 5555
 BUSY_S, IDLE_S = 0.002, 0.05  # between looks at the ring while lists run, and at the node
 MOST_SESSIONS, MOST_WAITING = 16, 4 << 20  # masters; bytes that one has not read
 Address3 = tuple[str, str, int]  # UDP or TCP, address, port
@@ -40,13 +41,12 @@ def command(options: argparse.Namespace) -> int:
     live = Nodes().find(options.node or "executive")
     udp, tcp = options.udp, options.tcp
     if udp is None and tcp is None:
-        udp = 5555
+        udp = PORT
     ports = [(kind, options.address, port)
              for kind, port in (("UDP", udp), ("TCP", tcp)) if port is not None]  # fmt: skip
-    with _Server(live, ports) as server:
-        for kind, address, port in server.ports:
-            print(f"{live.name}: XCP over {kind} on {address}:{port}", flush=True)
-        server.serve()
+    with Server(ports) as server:
+        print("\n".join(f"{live.name}: {one}" for one in server.told), flush=True)
+        server.serve(live)
     print(f"{live.name} has ended")
     return Exit.OK
 
@@ -125,27 +125,30 @@ class _Master:
             del self._waiting[:count]
 
 
-class _Server:
+class Server:
     """Sockets of a node's slave, and its masters by connection or address."""
 
-    def __init__(self, live: Live, wanted: list[Address3]) -> None:
-        self._live, self._tap = live, Tap(live)
+    def __init__(self, wanted: list[Address3]) -> None:
+        """Listen; UserError."""
         self._select = selectors.DefaultSelector()
         self._sockets: list[socket.socket] = []
         self._masters: dict[Any, _Master] = {}
-        self.ports: list[Address3] = []
+        self._ports: list[Address3] = []
         try:
             for kind, address, port in wanted:
                 self._open(kind, address, port)
         except OSError as error:
-            self._close()
-            raise UserError(
-                f"{kind} {address}:{port}: {error.strerror}", Exit.ENVIRONMENT
-            ) from None
-        about = [Described(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
-        role, rig = live.name.rpartition(".")[2], str(live.block.description.get("rig"))
-        text = a2l_text(rig, role, version(), live.period_ns, about, self.ports)
-        self._node = served(live, self._tap, text.encode())
+            self.close()
+            what = f"{kind} {address}:{port}: {error.strerror}"
+            raise UserError(what, Exit.ENVIRONMENT) from None
+        except OverflowError:
+            self.close()
+            raise UserError(f"{kind} {address}:{port}: no such port") from None
+
+    @property
+    def told(self) -> list[str]:
+        """Where it listens, a line each."""
+        return [f"XCP over {kind} on {address}:{port}" for kind, address, port in self._ports]
 
     def _open(self, kind: str, address: str, port: int) -> None:
         made = socket.socket(type=socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM)
@@ -159,9 +162,9 @@ class _Server:
             made.listen()
             heard = self._accept
         self._select.register(made, selectors.EVENT_READ, heard)
-        self.ports.append((kind, address, made.getsockname()[1]))
+        self._ports.append((kind, address, made.getsockname()[1]))
 
-    def __enter__(self) -> "_Server":
+    def __enter__(self) -> "Server":
         return self
 
     def __exit__(self, *what: object) -> None:
@@ -169,26 +172,32 @@ class _Server:
             with suppress(ValueError, OSError):
                 self._masters[key].send([bytes([EVENT, EV_SESSION_TERMINATED])])
             self._leave(key)
-        self._close()
+        self.close()
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Listen no more."""
         self._select.close()
         for one in self._sockets:
             one.close()
 
-    def serve(self) -> None:
-        """Answer until the node ends."""
-        while self._live.running:
+    def serve(self, live: Live) -> None:
+        """Answer for a node until it ends."""
+        tap, about = Tap(live), live.block.description
+        described = [Described(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
+        rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
+        text = a2l_text(rig, role, version(), live.period_ns, described, self._ports)
+        self._node = served(live, tap, text.encode())
+        while live.running:
             busy = any(one.session.daq.running for one in self._masters.values())
             for key, _ in self._select.select(BUSY_S if busy else IDLE_S):
                 key.data(key.fileobj)
-            self._measured()
-        self._measured()
+            self._measured(tap)
+        self._measured(tap)
 
-    def _measured(self) -> None:
-        before = self._tap.missed["record"]
-        rows = self._tap.rows()
-        if self._tap.missed["record"] > before:
+    def _measured(self, tap: Tap) -> None:
+        before = tap.missed["record"]
+        rows = tap.rows()
+        if tap.missed["record"] > before:
             for one in self._masters.values():
                 one.lost = True
         if not len(rows):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from live_run import KV, Run, going_on
 from live_run import pcpc as started
-from processes import pcpc, until
+from processes import RIGS, own_bus, pcpc, until
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live
@@ -25,6 +25,7 @@ from pcpc.tools.live.xcp.packets import HEAD
 
 MASTER = Path(__file__).with_name("xcp_master.py")
 ROWS, SECONDS = 100, 60.0
+BRIEF = ["--set", "duration_s=60", "--set", "rate_hz=200", "--no-figure", "--quiet"]
 
 
 @dataclass
@@ -170,6 +171,25 @@ def test_a_port_that_is_taken_and_a_node_that_is_not_there_are_told(slave: Slave
     assert done.code == 4 and f"TCP 127.0.0.1:{slave.tcp}: Address already in use" in done.err
     done = pcpc("xcp", "nobody")
     assert done.code == 4 and "no such node" in done.err
+
+
+def test_a_run_serves_its_executive_from_its_beginning_to_its_end() -> None:
+    run = started("run", str(RIGS / "hull.yaml"), "--bus", own_bus(), "--xcp", "tcp:0", *BRIEF)
+    assert run.stderr is not None
+    for line in run.stderr:
+        if line.startswith("XCP over TCP on 127.0.0.1:"):
+            break
+    master = Raw(int(line.rsplit(":", 1)[1]))
+    assert master.ask(b"\xff\x00")[0] == 0xFF
+    run.send_signal(signal.SIGINT)
+    assert master.packet() == b"\xfd\x07", "EV_SESSION_TERMINATED"
+    assert run.wait(60) == 130, run.communicate()
+
+
+@pytest.mark.parametrize("where", ["5555", "udp:", "udp:99999", "can", "tcp:-1"])
+def test_a_wrong_place_is_told_before_the_run(where: str) -> None:
+    done = pcpc("run", str(RIGS / "hull.yaml"), "--xcp", where)
+    assert done.code == 2 and done.err.count("\n") == 1 and where[-5:] in done.err, done
 
 
 def test_an_a2l_file_is_read_by_a_parser_of_another_hand(tmp_path: Path) -> None:
