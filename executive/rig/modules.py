@@ -221,15 +221,21 @@ class _ReadMemory:
 
 
 def _execute(file: Path, name: str) -> ModuleType:
-    """Run a file as module `name`; modules beside it can be imported by their names."""
+    """Run a file as module `name`; modules beside it can be imported by their names.
+
+    No bytecode is kept: a disk that fills up cuts it, and Python takes what is cut for whole.
+    """
     if str(file.parent) not in sys.path:
         sys.path.append(str(file.parent))  # last: it hides nothing
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None, "a .py file has a loader"
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise
+    finally:
+        sys.dont_write_bytecode = before
     return module
