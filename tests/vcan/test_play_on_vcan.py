@@ -1,6 +1,7 @@
 """`pcpc play` on a real vcan0: what candump hears is what the log holds, when the log says it."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -60,6 +61,7 @@ def sent(frames: play_frames.Frames) -> list[Frame]:
 
 
 def start(log: Path, *words: str) -> subprocess.Popen[str]:
+    """Start a player on one processor; vcan has a queue for each: who moves overtakes himself."""
     words = (str(log), "--bus", CHANNEL, "--json", *words)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "pcpc.tools.cli", "play", *words],
@@ -67,6 +69,7 @@ def start(log: Path, *words: str) -> subprocess.Popen[str]:
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        preexec_fn=lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}),
     )
 
 
