@@ -91,14 +91,14 @@ class Drawing:
         values = {name: float(now.get(name, math.nan)) for name in (*self.needs, "t")}
         values = {name: v if math.isfinite(v) else math.nan for name, v in values.items()}
         absent = [name for name in self.needs if math.isnan(values[name])]
-        found = self.drawn(values, p)
+        found = self.raw_scene(values, p)
         if absent or found.lacks:
             x0, _, x1, y1 = found.bounds
             words = f"no data: {', '.join(absent)}" if absent else "no data"
             found.add(text((0.5 * (x0 + x1), y1 - 0.04 * found.side), words))
         return found
 
-    def drawn(self, now: Now, p: Settings) -> Scene:
+    def raw_scene(self, now: Now, p: Settings) -> Scene:
         """Return what the drawing.py makes of values as they are. DrawingError."""
         try:
             found = self._scene(now, p)

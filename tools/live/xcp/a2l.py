@@ -49,7 +49,7 @@ _A2ML = """    /begin A2ML
     /end A2ML"""
 
 
-class Described(NamedTuple):
+class A2lVariable(NamedTuple):
     """A variable as the file has it; `range`: of a parameter, else None."""
 
     name: str
@@ -64,7 +64,7 @@ def version() -> str:
 
 
 def a2l_text(
-    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[Described],
+    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[A2lVariable],
     transports: Iterable[tuple[str, str, int]],
 ) -> str:  # fmt: skip
     """Return the file of a node. `transports`: ("UDP" or "TCP", address, port)."""
@@ -72,7 +72,7 @@ def a2l_text(
 
 
 def _lines(
-    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[Described],
+    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[A2lVariable],
     transports: Iterable[tuple[str, str, int]],
 ) -> Iterator[str]:  # fmt: skip
     units = {unit: f"CM_{i}" for i, unit in enumerate(sorted({one.unit for one in variables}))}
@@ -105,7 +105,7 @@ def _lines(
     yield "  /end MODULE\n/end PROJECT"
 
 
-def _group(block: str, members: list[Described]) -> Iterator[str]:
+def _group(block: str, members: list[A2lVariable]) -> Iterator[str]:
     yield f"    /begin GROUP G_{_word(block)} {_text(f'block {block}')}\n      ROOT"
     for kind, wanted in (("CHARACTERISTIC", True), ("MEASUREMENT", False)):
         names = [_word(one.name) for one in members if (one.range is not None) is wanted]

@@ -6,7 +6,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.live.xcp.a2l import Described, a2l_text, version
+from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, version
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import outfile
 
@@ -18,7 +18,7 @@ def command(options: argparse.Namespace) -> int:
         raise UserError(f"{options.node}: no such node; {', '.join(rig.roles)}")
     variables = plan(rig, options.node, "lockstep").table.variables
     described = [
-        Described(one.name, one.unit, one.help,
+        A2lVariable(one.name, one.unit, one.help,
                   (one.low, one.high) if one.kind == "parameter" else None)
         for one in variables
     ]  # fmt: skip

@@ -109,7 +109,7 @@ class DaqLists:
 
     def write(self, bit: int, size: int, extension: int, address: int) -> None:
         """Fill the chosen entry; the next one of its table is chosen then. Refused."""
-        number, odt, entry = self._pointed()
+        number, odt, entry = self._choice()
         one = self.lists[number]
         if one.places is not None:
             raise Refused(Err.DAQ_ACTIVE)
@@ -124,11 +124,11 @@ class DaqLists:
 
     def read(self) -> Entry:
         """Return the chosen entry, (0, 0) if it is empty; Refused."""
-        number, odt, entry = self._pointed()
+        number, odt, entry = self._choice()
         self._pointer = number, odt, entry + 1
         return self.lists[number].odts[odt][entry] or (0, 0)
 
-    def _pointed(self) -> tuple[int, int, int]:
+    def _choice(self) -> tuple[int, int, int]:
         if self._pointer is None:
             raise Refused(Err.SEQUENCE)
         number, odt, entry = self._pointer

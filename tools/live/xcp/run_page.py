@@ -38,7 +38,7 @@ class Page(NoPage):
     def start(self) -> None:
         """Begin to serve, and tell where."""
         if self._server is not None:
-            print("\n".join(self._server.told), file=sys.stderr, flush=True)
+            print("\n".join(self._server.addresses), file=sys.stderr, flush=True)
             self._child = Child.forked("xcp", self._serve, ())
             self._server.close()
 

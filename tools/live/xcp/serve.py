@@ -18,7 +18,7 @@ from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError, level_of
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.live.local_nodes import Nodes
-from pcpc.tools.live.xcp.a2l import Described, a2l_text, version
+from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, version
 from pcpc.tools.live.xcp.packets import (
     EV_DAQ_OVERLOAD,
     EV_SESSION_TERMINATED,
@@ -28,7 +28,7 @@ from pcpc.tools.live.xcp.packets import (
     Err,
     Refused,
 )  # fmt: skip
-from pcpc.tools.live.xcp.slave import Served, Session
+from pcpc.tools.live.xcp.slave import NodeTable, Session
 
 PORT = 5555
 BUSY_S, IDLE_S = 0.002, 0.05  # between looks at the ring while lists run, and at the node
@@ -45,13 +45,13 @@ def command(options: argparse.Namespace) -> int:
     ports = [(kind, options.address, port)
              for kind, port in (("UDP", udp), ("TCP", tcp)) if port is not None]  # fmt: skip
     with Server(ports) as server:
-        print("\n".join(f"{live.name}: {one}" for one in server.told), flush=True)
+        print("\n".join(f"{live.name}: {one}" for one in server.addresses), flush=True)
         server.serve(live)
     print(f"{live.name} has ended")
     return Exit.OK
 
 
-def served(live: Live, tap: Tap, a2l: bytes) -> Served:
+def table_of(live: Live, tap: Tap, a2l: bytes) -> NodeTable:
     """Return a running node as a slave has it."""
     places = {name: place for place, name in enumerate(tap.names)}
 
@@ -77,7 +77,7 @@ def served(live: Live, tap: Tap, a2l: bytes) -> Served:
 
     columns = [places.get(name, -1) for name in live.variables]
     rig = str(live.block.description.get("rig"))
-    return Served(live.name, rig, live.period_ns, [*live.variables], columns, a2l, read, write)
+    return NodeTable(live.name, rig, live.period_ns, [*live.variables], columns, a2l, read, write)
 
 
 class _Master:
@@ -139,14 +139,14 @@ class Server:
                 self._open(kind, address, port)
         except OSError as error:
             self.close()
-            what = f"{kind} {address}:{port}: {error.strerror}"
+            what = f"{kind} {address}:{port}: {error.strerror}; give another port"
             raise UserError(what, Exit.ENVIRONMENT) from None
         except OverflowError:
             self.close()
             raise UserError(f"{kind} {address}:{port}: no such port") from None
 
     @property
-    def told(self) -> list[str]:
+    def addresses(self) -> list[str]:
         """Where it listens, a line each."""
         return [f"XCP over {kind} on {address}:{port}" for kind, address, port in self._ports]
 
@@ -183,14 +183,16 @@ class Server:
     def serve(self, live: Live) -> None:
         """Answer for a node until it ends."""
         tap, about = Tap(live), live.block.description
-        described = [Described(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
+        described = [A2lVariable(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
         rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
         text = a2l_text(rig, role, version(), live.period_ns, described, self._ports)
-        self._node = served(live, tap, text.encode())
+        self._node = table_of(live, tap, text.encode())
         while live.running:
             busy = any(one.session.daq.running for one in self._masters.values())
             for key, _ in self._select.select(BUSY_S if busy else IDLE_S):
                 key.data(key.fileobj)
+            for key, one in [*self._masters.items()]:
+                self._guarded(key, one.flush)
             self._measured(tap)
         self._measured(tap)
 

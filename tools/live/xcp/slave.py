@@ -38,7 +38,7 @@ _STAMPS = 0x34  # 4 bytes, of microseconds
 
 
 @dataclass(frozen=True)
-class Served:
+class NodeTable:
     """A node, as a slave has it.
 
     names     of its variables, in the order of their numbers
@@ -60,7 +60,7 @@ class Served:
 class Session:
     """The slave's side of one master."""
 
-    def __init__(self, node: Served) -> None:
+    def __init__(self, node: NodeTable) -> None:
         self._node, self.connected = node, False
         self.daq = DaqLists(node.columns)
         self._mta = VARIABLES, 0

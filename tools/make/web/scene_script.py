@@ -45,29 +45,29 @@ _TOKEN = re.compile("\x01([0-9]+):([^\x02]*)\x02")
 
 def scene_data(made: Drawing, settings: Settings) -> dict[str, Any]:
     """Return a drawing with the settings of its rig; Unrecordable: why there is none."""
-    written = _Written()
-    now: Any = {name: written.given("now", name) for name in (*made.needs, "t")}
-    p: Any = {name: written.given("setting", name, value) for name, value in settings.items()}
+    script = _Script()
+    now: Any = {name: script.given("now", name) for name in (*made.needs, "t")}
+    p: Any = {name: script.given("setting", name, value) for name, value in settings.items()}
 
     def leaf() -> dict[str, Any]:
         try:
-            return written.leaf(made.drawn(now, p))
+            return script.leaf(made.raw_scene(now, p))
         except DrawingError as error:
             return {"error": str(error)}
 
-    with _open_functions(written):
-        tree = _tree(written.trace.ways(leaf))
+    with _open_functions(script):
+        tree = _tree(script.trace.ways(leaf))
     leaves = list(_leaves(tree))
     if all("error" in leaf for leaf in leaves):
         raise Unrecordable(leaves[0]["error"])
-    used = {node[1] for node in written.trace.nodes if node[0] == "setting"}
+    used = {node[1] for node in script.trace.nodes if node[0] == "setting"}
     return {
         "needs": dict(made.needs),
         "settings": {name: plain(settings[name]) for name in settings if name in used},
-        "nodes": written.trace.nodes,
+        "nodes": script.trace.nodes,
         "tree": tree,
-        "shapes": written.shapes,
-        "assumed": [list(one) for one in written.assumed.values()],
+        "shapes": script.shapes,
+        "assumed": [list(one) for one in script.assumed.values()],
     }
 
 
@@ -85,7 +85,7 @@ def _leaves(tree: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield tree
 
 
-class _Written:
+class _Script:
     """What has been written down of a drawing."""
 
     def __init__(self) -> None:
@@ -146,23 +146,23 @@ class _Written:
 class Quantity:
     """A number of a drawing that is open: of settings alone it has its value in the rig, too."""
 
-    def __init__(self, written: _Written, index: int, value: float | None = None) -> None:
-        self._written, self.index, self.value = written, index, value
+    def __init__(self, script: _Script, index: int, value: float | None = None) -> None:
+        self._script, self.index, self.value = script, index, value
 
     def apply(self, operation: str, function: Callable[..., Any], *given: Any) -> "Quantity":
         """Return what an operation makes of this number and others."""
-        return self._written.apply(operation, function, self, *given)
+        return self._script.apply(operation, function, self, *given)
 
     def __bool__(self) -> bool:
         if self.value is None:
-            return self._written.trace.branch(self.index)
+            return self._script.trace.branch(self.index)
         truth = self.apply("not_equal", operator.ne, 0.0)
-        return bool(self._written.assume(truth.index, float(self.value != 0.0)))
+        return bool(self._script.assume(truth.index, float(self.value != 0.0)))
 
     def _plain(self, what: str) -> float:
         if self.value is None:
             raise Unrecordable(f"it takes a number of the instant as {what}")
-        return self._written.assume(self.index, self.value)
+        return self._script.assume(self.index, self.value)
 
     def __float__(self) -> float:
         return self._plain("a plain float: only functions of math and numpy's operators are open")
@@ -175,7 +175,7 @@ class Quantity:
 
     def __round__(self, digits: int | None = None) -> Any:
         if digits is None and self.value is not None:
-            return round(self._written.assume(self.apply("rint", round).index, round(self.value)))
+            return round(self._script.assume(self.apply("rint", round).index, round(self.value)))
         scale = 10.0 ** (digits or 0)
         whole = self.apply("multiply", operator.mul, scale).apply("rint", round)
         return whole.apply("divide", operator.truediv, scale)
@@ -209,7 +209,7 @@ def _operator(name: str, operation: str) -> None:
         return NotImplemented if _foreign(other) else self.apply(operation, function, other)
 
     def backward(self: Quantity, other: Any) -> Any:
-        return self._written.apply(operation, function, other, self)
+        return self._script.apply(operation, function, other, self)
 
     setattr(Quantity, f"__{name}__", forward)
     if name in ("add", "sub", "mul", "truediv", "pow", "mod"):
@@ -233,10 +233,10 @@ for _name, _operation in _FUNCTIONS.items():
 
 
 @contextmanager
-def _open_functions(written: _Written) -> Iterator[None]:
+def _open_functions(script: _Script) -> Iterator[None]:
     """Let the functions of `math`, `max` and `min` take open numbers for a while."""
-    opened = [(math, name, _opened(written, name, each)) for name, each in _FUNCTIONS.items()]
-    folds = [(builtins, one.__name__, _fold(written, one)) for one in (max, min)]
+    opened = [(math, name, _open_function(script, name, each)) for name, each in _FUNCTIONS.items()]
+    folds = [(builtins, one.__name__, _fold(script, one)) for one in (max, min)]
     own = [(module, name, getattr(module, name)) for module, name, _ in opened + folds]
     try:
         for module, name, function in opened + folds:
@@ -247,22 +247,22 @@ def _open_functions(written: _Written) -> Iterator[None]:
             setattr(module, name, function)
 
 
-def _opened(written: _Written, name: str, operation: str) -> Callable[..., Any]:
+def _open_function(script: _Script, name: str, operation: str) -> Callable[..., Any]:
     function = getattr(math, name)
 
-    def opened(*given: Any, **more: Any) -> Any:
+    def open_function(*given: Any, **more: Any) -> Any:
         if not any(isinstance(one, Quantity) for one in given):
             return function(*given, **more)
         if name == "log" and len(given) == 2:
-            return opened(given[0]) / opened(given[1])
+            return open_function(given[0]) / open_function(given[1])
         if name == "hypot" and len(given) != 2:
-            return opened(sum(one * one for one in given) ** 0.5, 0.0)
-        return written.apply(operation, function, *given)
+            return open_function(sum(one * one for one in given) ** 0.5, 0.0)
+        return script.apply(operation, function, *given)
 
-    return opened
+    return open_function
 
 
-def _fold(written: _Written, function: Callable[..., Any]) -> Callable[..., Any]:
+def _fold(script: _Script, function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `max` or `min` with Python's order: the first is kept unless another is beyond it."""
     operation, beyond = ("greater", operator.gt) if function is max else ("less", operator.lt)
 
@@ -274,8 +274,8 @@ def _fold(written: _Written, function: Callable[..., Any]) -> Callable[..., Any]
             return function(*given, **more)
         best, *others = found
         for one in others:
-            better = written.apply(operation, beyond, one, best)
-            best = written.apply("where", lambda c, yes, no: yes if c else no, better, one, best)
+            better = script.apply(operation, beyond, one, best)
+            best = script.apply("where", lambda c, yes, no: yes if c else no, better, one, best)
         return best
 
     return fold

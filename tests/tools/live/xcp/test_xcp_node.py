@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,13 @@ import pytest
 from live_run import KV, Run, going_on
 from live_run import pcpc as started
 from processes import RIGS, own_bus, pcpc, until
+from test_xcp_slave import Node as SlaveTable
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live
-from pcpc.tools.live.xcp.packets import HEAD
+from pcpc.tools.live.xcp.packets import EV_DAQ_OVERLOAD, EVENT, HEAD
+from pcpc.tools.live.xcp.serve import _Master, _sent
+from pcpc.tools.live.xcp.slave import Session
 
 MASTER = Path(__file__).with_name("xcp_master.py")
 ROWS, SECONDS = 100, 60.0
@@ -164,6 +168,39 @@ def test_two_hundred_masters_and_one_that_does_not_read(slave: Slave) -> None:
             udp.sendto(damaged, ("127.0.0.1", slave.udp))
     assert Raw(slave.tcp).ask(b"\xff\x00")[0] == 0xFF, "others are served"
     assert live.find(slave.run.node).read().cycle > cycle and slave.process.poll() is None
+
+
+def test_a_master_that_does_not_read_gets_all_of_it_later_or_is_left() -> None:
+    node = SlaveTable().table()
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    master = _Master(Session(node), partial(_sent, ours.send, None), True)
+    packets = [struct.pack("<I", i) * 250 for i in range(1000)]
+    master.send(packets)
+    theirs.settimeout(SECONDS)
+    got = b""
+    while len(got) < 1000 * (HEAD.size + 1000):
+        got += theirs.recv(1 << 16)
+        master.flush()
+    whole = (HEAD.pack(1000, i) + packet for i, packet in enumerate(packets))
+    assert got == b"".join(whole)
+    with pytest.raises(ValueError, match="does not read"):
+        for _ in range(10):
+            master.send(packets)
+
+
+def test_a_packet_that_udp_has_lost_is_told_with_the_next() -> None:
+    went, full = list[bytes](), [True]
+
+    def put(message: bytes) -> int:
+        return 0 if full[0] else went.append(message[HEAD.size :]) or len(message)
+
+    master = _Master(Session(SlaveTable().table()), put, False)
+    master.send([b"a"])
+    full[0] = False
+    master.send([b"b"])
+    master.send([b"c"])
+    assert went == [bytes([EVENT, EV_DAQ_OVERLOAD]), b"b", b"c"]
 
 
 def test_a_port_that_is_taken_and_a_node_that_is_not_there_are_told(slave: Slave) -> None:

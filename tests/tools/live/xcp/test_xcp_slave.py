@@ -9,7 +9,7 @@ import pytest
 
 from pcpc.tools.live.xcp.lists import MOST_ENTRIES, MOST_ODTS
 from pcpc.tools.live.xcp.packets import LAYOUTS, MAX_CTO, Cmd, Err, Refused
-from pcpc.tools.live.xcp.slave import Served, Session, period
+from pcpc.tools.live.xcp.slave import NodeTable, Session, period
 
 NAMES = ["time.t_s", "controller.e", "controller.kv", "controller.km", "odd"]
 COLUMNS = [0, 1, -1, -1, 2]
@@ -36,8 +36,8 @@ class Node:
             self.values[NAMES.index(name)] = value
         return 4321
 
-    def served(self) -> Served:
-        return Served("r.executive", "r", 1_000_000, NAMES, COLUMNS, A2L, self.read, self.write)
+    def table(self) -> NodeTable:
+        return NodeTable("r.executive", "r", 1_000_000, NAMES, COLUMNS, A2L, self.read, self.write)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def node() -> Node:
 
 @pytest.fixture
 def session(node: Node) -> Session:
-    made = Session(node.served())
+    made = Session(node.table())
     (answer,) = made.answers(b"\xff\x00")
     assert answer == bytes([0xFF, 0x05, 0x80, MAX_CTO]) + struct.pack("<H", 1400) + b"\x01\x01"
     return made
@@ -83,7 +83,7 @@ def listed(session: Session, *odts: list[tuple[int, int]]) -> None:
 
 
 def test_nothing_is_answered_before_a_connection_and_after_it(node: Node) -> None:
-    made = Session(node.served())
+    made = Session(node.table())
     for code in range(255):
         assert made.answers(bytes([code, 0, 0, 0])) == []
     made.answers(b"\xff\x00")
@@ -257,7 +257,7 @@ def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: Session) -> N
 def test_whatever_comes_is_answered_by_one_packet_and_moves_nothing(node: Node) -> None:
     """Random packets, and right ones with changed bytes; what is written is in its range."""
     random = np.random.default_rng(38)
-    made = Session(node.served())
+    made = Session(node.table())
     right = [bytes([code]) + bytes(layout.size) for code, layout in LAYOUTS.items()]
     right += [bytes([0xF0, 8]) + struct.pack("<d", 5.0), bytes([0xC7, 1]) + bytes(8)]
     for _ in range(20_000):
