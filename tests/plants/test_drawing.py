@@ -156,6 +156,19 @@ def test_a_tooth_is_solid_where_it_touches(tooth: float, solid: bool) -> None:
     assert (drawn.style == 1.0) is solid
 
 
+def test_a_value_that_nobody_knows_is_drawn_nowhere() -> None:
+    """Not at the end of its scale, where it would be a great one."""
+    plane = scene.Plane((0.0, 0.0), 1.0, 2.0, 2.0)
+    unknown = scene.Scene(
+        (-1.0, -1.0, 1.0, 1.0),
+        scene.turn((0.0, 0.0), 0.5, 0.0, math.nan),
+        scene.disc(plane.at(math.nan, 0.0), 0.1, "moving"),
+        scene.gauge((0.0, 0.0), 1.0, 1.0, [(math.nan, "moving")], "scale"),
+    )
+    assert unknown.lacks and {one.role for one in unknown.shapes} == {"note"}
+    assert plane.at(9.0, -9.0) == (1.0, -1.0)
+
+
 # The other plants: lengths stay, points lie on their curves
 
 

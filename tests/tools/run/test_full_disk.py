@@ -111,7 +111,8 @@ def test_what_cannot_be_written_whole_is_not_there_and_can_be_tried_again(
     words: tuple[str, ...], most_bytes: int, tmp_path: Path
 ) -> None:
     """A limit of file sizes ends a write in the middle, as a disk that fills up does."""
-    shutil.copytree(ROOT / "tools/make/template", tmp_path / "rig")
+    new = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "tools/make/template", tmp_path / "rig", ignore=new)
     (tmp_path / "rig/motor.dbc").unlink()
     small = pcpc(*words, cwd=tmp_path, before=["prlimit", f"--fsize={most_bytes}", "--"])
     assert small.code in (Exit.LOSS, Exit.ENVIRONMENT), str(small)

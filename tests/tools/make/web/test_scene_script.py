@@ -155,6 +155,8 @@ def test_what_a_drawing_may_write(text: str, tmp_path: Path) -> None:
     asked = [{"a": x, "b": y, "t": 0.0} for x, y in np.abs(random.normal(0, 3, (9, 2)))]
     if "log" not in text:
         asked += [{"a": x, "b": y, "t": 0.0} for x, y in random.normal(0, 3, (30, 2))]
+    if "copysign" in text:
+        asked += [{"a": x, "b": 2.0, "t": 0.0} for x in (0.0, -0.0)]
     found = drawn_by_a_page(tmp_path, scene_data(made, p), [(now, {}) for now in asked])
     for page, now in zip(found, asked, strict=True):
         assert_same(page, made, now, p)
