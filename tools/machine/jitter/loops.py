@@ -7,7 +7,7 @@
 All wait for absolute deadlines of CLOCK_MONOTONIC, under SCHED_FIFO where that is allowed.
 """
 
-import ctypes
+import os
 import shutil
 import signal
 import subprocess
@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +23,14 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.machine.jitter.compiler import CompilerError, compile_to
+from pcpc.tools.start.children import end_with
 from pcpc.tools.terminal.progress import Progress
 
 SOURCE = Path(__file__).with_name("wake.c")
 NAMES = ("cyclictest", "c", "python")
-_PR_SET_PDEATHSIG = 1
+
 _POLL_S = 0.1
 _END_S = 5.0
-_libc = ctypes.CDLL(None)
 
 
 class JitterError(UserError):
@@ -122,9 +123,9 @@ def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[floa
 
 
 def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
-    words = ["cyclictest", "-v", "-N", "-m", "-i", str(setup.interval_ns // 1000)]
-    words += ["-l", str(loops), "-p", str(setup.priority)]
-    return words if setup.cpu(0) is None else [*words, "-a", str(setup.cpu(0))]
+    words = f"-i {setup.interval_ns // 1000} -l {loops} -p {setup.priority}"
+    cpu = "" if setup.cpu(0) is None else f" -a {setup.cpu(0)}"
+    return f"cyclictest -v -N -m {words}{cpu}".split()
 
 
 def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
@@ -161,7 +162,7 @@ def _outcome(words: Sequence[str], folder: Path, show: Callable[[float], None]) 
             stdout=out,
             stderr=err,
             start_new_session=True,
-            preexec_fn=lambda: _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+            preexec_fn=partial(end_with, os.getpid(), signal.SIGTERM),
         )
         try:
             while process.poll() is None:

@@ -76,16 +76,20 @@ def qemu_command(
 ) -> list[str]:
     """Return QEMU's command line; `numbers` are the descriptors of the ports and the console."""
     accel = {"kvm": "kvm", "tcg": "tcg,thread=multi"}[accelerator]
-    command = [qemu, "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none"]
-    command += ["-machine", "pc,graphics=off,vmport=off", "-accel", accel, "-cpu", "max"]
-    command += ["-smp", str(size.cpus), "-m", str(size.memory_mb), "-rtc", "base=utc"]
-    command += ["-kernel", str(kernel.image), "-initrd", str(kernel.initramfs)]
-    command += ["-append", _KERNEL_ARGUMENTS]
-    command += ["-fsdev", "local,id=host,path=/,security_model=none,multidevs=remap"]
-    command += ["-device", "virtio-9p-pci,fsdev=host,mount_tag=host"]
-    command += ["-chardev", f"socket,id=console,fd={numbers['console']}"]
-    command += ["-serial", "chardev:console", "-device", "virtio-serial-pci"]
-    for port in PORTS:
-        command += ["-chardev", f"socket,id={port},fd={numbers[port]}"]
-        command += ["-device", f"virtserialport,chardev={port},name=pcpc.{port}"]
-    return command
+    fixed = (
+        "-nodefaults -no-user-config -no-reboot -display none "
+        f"-machine pc,graphics=off,vmport=off -accel {accel} -cpu max "
+        f"-smp {size.cpus} -m {size.memory_mb} -rtc base=utc "
+        "-fsdev local,id=host,path=/,security_model=none,multidevs=remap "
+        "-device virtio-9p-pci,fsdev=host,mount_tag=host "
+        f"-chardev socket,id=console,fd={numbers['console']} "
+        "-serial chardev:console -device virtio-serial-pci"
+    )
+    ports = (
+        f"-chardev socket,id={port},fd={numbers[port]} "
+        f"-device virtserialport,chardev={port},name=pcpc.{port}"
+        for port in PORTS
+    )
+    files = ["-kernel", str(kernel.image), "-initrd", str(kernel.initramfs)]
+    words = " ".join([fixed, *ports]).split()
+    return [qemu, *words, *files, "-append", _KERNEL_ARGUMENTS]
