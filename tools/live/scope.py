@@ -230,11 +230,11 @@ def command(options: argparse.Namespace) -> int:
             lost = f", {missed} cycles lost" if missed else ""
             raise LiveError(f"{options.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
     if options.plot is not None:
-        from pcpc.tools.after.log.plot import plot  # here, because it takes time
+        from pcpc.tools.after.log import plot  # here, because it takes time
 
         words = [str(options.output), *scope.names]
-        about = argparse.Namespace(words=words, output=options.plot, start=None, end=None)
-        plot(about, Progress(quiet=True))
+        about = {"words": words, "output": options.plot, "start": None, "end": None, "quiet": True}
+        plot.command(argparse.Namespace(**about))
     rows = sum(one["rows"] for one in scope.bursts)
     if options.json:
         print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.bursts}))

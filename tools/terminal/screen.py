@@ -88,6 +88,11 @@ def table(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str
     return found
 
 
+def some(texts: Sequence[str], most: int, more: str = "and {} more, see --json") -> list[str]:
+    """Return the first texts, at most as many; then `more`, with the count of those left out."""
+    return [*texts[:most], *[more.format(len(texts) - most)] * (len(texts) > most)]
+
+
 def shell(command: str, indent: str = "  ") -> list[str]:
     r"""Return a shell command as lines to copy, continued with `\`; quoted words stay whole."""
     room, lines = width() - len(indent) - len(" \\"), [""]

@@ -89,15 +89,10 @@ class _Bisection:
     def found(self) -> dict[str, Any]:
         """Return what is told of it; UserError where two runs of one commit differ."""
         told: dict[str, Any] = {"cycles": len(next(iter(self._good.node.values())).cycle)}
-        empty: dict[str, Any] = {
-            "suspects": [],
-            "skipped": [],
-            "files": [],
-            "only": [],
-            "nodes": [],
-        }
         if diff.compare(self._good, self._bad).equal:
-            return {**told, "runs": self._runs.count, "parent": None, **empty}
+            lists = ("suspects", "skipped", "files", "only", "nodes")
+            nothing = {"runs": self._runs.count, "parent": None}
+            return told | nothing | {name: [] for name in lists}
         left, parent = suspects(self._runs.repository, *self._ends, self._differs, self._tell)
         old, new = self._again(parent, self._good), self._again(left[-1], self._bad)
         report, folder = diff.compare(old, new), os.path.dirname(self._runs.rig)
@@ -145,9 +140,7 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
     for one in left:
         text = f"{one['commit'][:10]}  {one['date']}  {one['subject']}"
         yield from screen.wrapped(text, "commit   ")
-    files = told["files"]
-    texts = [*files[:_SHOWN], *[f"{len(files) - _SHOWN} more"] * (len(files) > _SHOWN)]
-    yield from screen.wrapped(", ".join(texts), "changed  ")
+    yield from screen.wrapped(", ".join(screen.some(told["files"], _SHOWN, "{} more")), "changed  ")
     for text in told["only"]:
         yield from screen.wrapped(text, "also     ")
     for one in told["nodes"]:

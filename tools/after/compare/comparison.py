@@ -140,7 +140,9 @@ def _where(pair: Pair) -> str:
 def _block(pair: Pair) -> list[str]:
     """Return the lines of a changed pair for a terminal."""
     texts = {
-        "rig": _settings(pair), "verdict": _verdict(pair), "signals": _signals(pair),
+        "rig": _settings(pair),
+        "verdict": [f"{pair.verdict.old} -> {pair.verdict.new}"] * pair.verdict.differs,
+        "signals": _signals(pair),
         "also": pair.said, "metrics": _metrics(pair), "figure": [pair.figure] * bool(pair.figure),
     }  # fmt: skip
     head = f"{pair.name}: differs {_where(pair)}"
@@ -179,13 +181,7 @@ def _more(pair: Pair) -> Iterator[tuple[str, ...]]:
 
 
 def _settings(pair: Pair) -> list[str]:
-    told = [_told(one) for one in pair.settings[:_SETTINGS]]
-    left = len(pair.settings) - len(told)
-    return told + [f"and {left} more values"] * (left > 0)
-
-
-def _verdict(pair: Pair) -> list[str]:
-    return [f"{pair.verdict.old} -> {pair.verdict.new}"] if pair.verdict.differs else []
+    return screen.some([_told(one) for one in pair.settings], _SETTINGS, "and {} more values")
 
 
 def _signals(pair: Pair) -> list[str]:

@@ -91,7 +91,7 @@ def _signals(old: Run, new: Run, pair: Pair, path: Path) -> bool:
     names = [signal.name for signal in pair.outside[:_AXES]]
     if not names:
         return False
-    page = page_of(sources, [[name] for name in names], (-np.inf, np.inf), (_OLD, _NEW))
+    page = page_of(sources, [[name] for name in names], colours=(_OLD, _NEW))
     with new_file(path, force=True) as unfinished:
         page.savefig(unfinished, dpi=DPI, format="png")
     return True

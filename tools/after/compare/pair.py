@@ -21,6 +21,7 @@ import yaml
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import rig_commits
+from pcpc.plants.judging import effective_rig
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
 from pcpc.tools.after.verdict.summary import Summary
@@ -182,9 +183,8 @@ def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
 
 def _settings(log: logs.Log) -> Iterator[tuple[str, Any]]:
     """Yield the effective values of a log's rig by dotted names, without other controllers'."""
-    text = next((t for n, t in log.attachments.items() if n.endswith("rig-resolved.yaml")), "")
     try:
-        data = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        data = effective_rig(log)
     except (yaml.YAMLError, ValueError, RecursionError):
         return
     chosen = fact(log, "controller")

@@ -65,8 +65,8 @@ def _newest(text: str, told: Comparison) -> dict[Key, Path]:
             told.pairs.append(Pair(str(path), "", FAILED, [str(error)]))
             continue
         key = fact(head, "rig"), fact(head, "controller")
-        begin = fact(head, "clock_wall_ns")
-        found[key] = max(found.get(key, (0, path)), (int(begin) if begin.isdecimal() else 0, path))
+        begin_ns = int(fact(head, "clock_wall_ns") or 0)
+        found[key] = max(found.get(key, (0, path)), (begin_ns, path))
     if not found:
         raise RigError(f"{text}: no log in this folder; name a run, or a folder that holds some")
     return {key: path for key, (_, path) in found.items()}

@@ -49,7 +49,7 @@ class Job:
     """A rig to run in both versions; `folder` takes the runs."""
 
     name: str
-    sides: tuple[Side, Side]
+    sides: Sequence[Side]  # old, new
     folder: Path
     how: How
 
@@ -112,6 +112,22 @@ def path_from(root: Path, word: str) -> str:
     return os.path.relpath(os.path.join(os.path.realpath(folder), name), root)
 
 
+class _Version:
+    """A version of the rigs: what is wrong with which, and the others, by their paths."""
+
+    def __init__(self, side: str, tree: Tree, present: Tree) -> None:
+        self.side, self.tree, self.files = side, tree, tree.rig_files()
+        self.python_path = python_path(tree, present)
+        self.rigs: dict[str, Rig] = {}
+        self.wrong: dict[str, str] = {}
+        for path in self.files:
+            try:
+                if rig := tree.rig(path):
+                    self.rigs[path] = rig
+            except RigError as error:
+                self.wrong[path] = f"{side}: {error}".replace(f"{tree.root}/", "")
+
+
 class _Plan:
     """What has to be run, in `jobs`, and what is known without."""
 
@@ -119,45 +135,37 @@ class _Plan:
         self, trees: tuple[Tree, Tree], options: argparse.Namespace, how: How, folder: Path,
         changed: Sequence[str],
     ) -> None:  # fmt: skip
-        self._trees, self._options, self._how, self._folder = trees, options, how, folder
-        self._paths = [python_path(tree, trees[1]) for tree in trees]
-        self._files = [tree.rig_files() for tree in trees]
-        self._names = _names({**self._files[0], **self._files[1]})
-        self._read = [{path: _rig(tree, path) for path in of} for tree, of in self._each()]
-        rigs = [(t, rig) for t, of in zip(trees, self._read, strict=True) for rig in of.values()]
-        used = {file for tree, rig in rigs if isinstance(rig, Rig) for file in tree.used(rig)}
+        self._options, self._how, self._folder, self._root = options, how, folder, trees[1].root
+        both = zip(_SIDES, trees, strict=True)
+        self._versions = [_Version(side, tree, trees[1]) for side, tree in both]
+        self._names = _names({k: v for one in self._versions for k, v in one.files.items()})
+        used = {f for one in self._versions for r in one.rigs.values() for f in one.tree.used(r)}
         self._loose = trees[1].loose(changed, used)
         self.jobs: list[Job] = []
-
-    def _each(self) -> Iterator[tuple[Tree, dict[str, str]]]:
-        yield from zip(self._trees, self._files, strict=True)
 
     def pairs(self) -> Iterator[Pair]:
         """Yield the pairs that need no run, and fill `jobs`; RigError for words that name none."""
         for path in self._chosen():
-            name, rigs = self._names[path], [of.get(path) for of in self._read]
-            wrong = [f"{s}: {r}" for s, r in zip(_SIDES, rigs, strict=True) if isinstance(r, str)]
-            old, new = rigs
+            wrong = [one.wrong[path] for one in self._versions if path in one.wrong]
+            having = [one for one in self._versions if path in one.rigs]
             if wrong:
-                yield Pair(name, "", FAILED, wrong)
-            elif isinstance(old, Rig) and isinstance(new, Rig):
-                yield from self._controllers(path, old, new)
-            elif isinstance(old, Rig) or isinstance(new, Rig):
-                side = "old" if new is None else "new"
-                yield Pair(name, "", ALONE, [f"only in the {side} version: {path}"])
+                yield Pair(self._names[path], "", FAILED, wrong)
+            elif len(having) > 1:
+                yield from self._controllers(path, *(one.rigs[path] for one in having))
+            elif having:
+                what = f"only in the {having[0].side} version: {path}"
+                yield Pair(self._names[path], "", ALONE, [what])
 
     def _chosen(self) -> list[str]:
         """Return the paths of the rigs that the command line names, or of all."""
         words, known = self._options.words, sorted(self._names)
         found = dict[str, None]()
         for word in words:
-            root = self._trees[1].root
-            forms = (
-                {path_from(root, f"{word}{end}") for end in ("", "/rig.yaml")} if word else set()
-            )
+            ends = ("", "/rig.yaml") if word else ()
+            forms = {path_from(self._root, f"{word}{end}") for end in ends}
             mine = [p for p in known if p in forms or fnmatchcase(self._names[p], word)]
             if not mine and (file := _found(word)):
-                mine = [p for p in known if p == path_from(root, file)]
+                mine = [p for p in known if p == path_from(self._root, file)]
             if not mine:
                 raise RigError(
                     f"{word or repr(word)}: no rig of either version"
@@ -165,9 +173,7 @@ class _Plan:
                 )
             found |= dict.fromkeys(mine)
         if not known:
-            raise RigError(
-                f"{self._trees[1].root}: no rig, a YAML file with `rig: NAME`, in either version"
-            )
+            raise RigError(f"{self._root}: no rig, a YAML file with `rig: NAME`, in either version")
         return list(found) if words else known
 
     def _controllers(self, path: str, old: Rig, new: Rig) -> Iterator[Pair]:
@@ -181,9 +187,8 @@ class _Plan:
         if not (options.controller or options.all_controllers):
             wanted = [new.own, *(law for law in known if law != new.own)]
         for law in wanted:
-            sides = [
-                side for side, rig in zip(_SIDES, (old, new), strict=True) if law in rig.controllers
-            ]
+            both = zip(_SIDES, (old, new), strict=True)
+            sides = [side for side, rig in both if law in rig.controllers]
             if not sides and options.controller:
                 what = f"no such controller{did_you_mean(law, known)}"
                 yield Pair(name, law, FAILED, [what])
@@ -198,26 +203,14 @@ class _Plan:
                     return  # what it shares with the others has changed
 
     def _same(self, old: Rig, new: Rig, law: str) -> bool:
-        digests = (
-            t.digest(r, law, self._loose) for t, r in zip(self._trees, (old, new), strict=True)
-        )
-        return len(set(digests)) == 1
+        both = zip(self._versions, (old, new), strict=True)
+        return len({one.tree.digest(rig, law, self._loose) for one, rig in both}) == 1
 
     def _add(self, path: str, old: str, new: str) -> None:
-        sides = [
-            Side(tree.root, path, law, python)
-            for tree, law, python in zip(self._trees, (old, new), self._paths, strict=True)
-        ]
+        both = zip(self._versions, (old, new), strict=True)
+        sides = [Side(one.tree.root, path, law, one.python_path) for one, law in both]
         folder = self._folder / f"run{len(self.jobs)}"
-        self.jobs.append(Job(self._names[path], (sides[0], sides[1]), folder, self._how))
-
-
-def _rig(tree: Tree, path: str) -> Rig | str | None:
-    """Return a rig, what is wrong with it, or None for no rig."""
-    try:
-        return tree.rig(path)
-    except RigError as error:
-        return str(error).replace(f"{tree.root}/", "")
+        self.jobs.append(Job(self._names[path], sides, folder, self._how))
 
 
 def _names(files: dict[str, str]) -> dict[str, str]:

@@ -29,11 +29,10 @@ def command(options: argparse.Namespace) -> int:
         raise LogCommandError(f"{options.output}: expected a name that ends in .gif")
     need("a film needs", FIGURE, "PIL")
     log = series.read_log(options.log, progress)
-    begin_s = series.seconds(options.start, -np.inf, "--start")
-    end_s = series.seconds(options.end, np.inf, "--end")
+    window_s = series.window_s(options)
     if not options.speed > 0.0:
         raise LogCommandError(f"--speed {options.speed:g}: expected more than 0")
-    times, scenes = _scenes(log, (begin_s, end_s), options, progress)
+    times, scenes = _scenes(log, window_s, options, progress)
     with new_file(options.output, force=True) as path:
         _paint(times, scenes, path, progress)
     progress.close()
@@ -45,9 +44,8 @@ def _scenes(
     log: logs.Log, window_s: tuple[float, float], options: argparse.Namespace, progress: Progress
 ) -> tuple[list[float], list[Scene]]:
     """Return the times and scenes of a log, PER_S for a second of the film."""
-    leader = "executive" if "executive" in log.node else next(iter(log.node), "executive")
-    facts = log.metadata.get(leader, {})
-    run = Judged(log, 1e-9 * float(facts.get("period_ns", 1e9))).run(leader)
+    leader = next(iter(log.node))
+    run = Judged(log, 1e-9 * float(log.metadata[leader].get("period_ns", 1e9))).run(leader)
     inside = np.flatnonzero((run.t_s >= window_s[0]) & (run.t_s <= window_s[1]))
     if not len(inside):
         raise LogCommandError(f"{log.path}: no cycle between --start and --end")

@@ -30,7 +30,7 @@ from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan, walk
 from pcpc.tools.after.log import source
-from pcpc.tools.after.log.series import label, seconds
+from pcpc.tools.after.log.series import EVER_S, label, window_s
 from pcpc.tools.after.log.tally import DIRECTIONS, senseless
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
@@ -44,8 +44,7 @@ def command(options: argparse.Namespace) -> int:
     path, found = options.log, Scan()
     # on a terminal the text itself shows how far it is
     progress = Progress(options.quiet or sys.stdout.isatty())
-    start_s = seconds(options.start, -math.inf, "--start")
-    end_s = seconds(options.end, math.inf, "--end")
+    start_s, end_s = window_s(options)
     zero_ns = first_cycle_ns(path)
     topics = [f"/{name.lstrip('/')}" for name in options.topics or []]
     form = options.format or _usual_format(topics)
@@ -70,7 +69,7 @@ def command(options: argparse.Namespace) -> int:
     _check_known(path, found, topics)
     sys.stdout.flush()
     progress.close()
-    if not some and (options.start, options.end) != (None, None):
+    if not some and (start_s, end_s) != EVER_S:
         raise LogCommandError(f"{path}: nothing was recorded there; see --topics, --start, --end")
     missing = found.missing + printer.left_out()
     for line in missing:

@@ -60,8 +60,8 @@ def decimated(
 
 
 def page_of(
-    sources: Sequence[Source], groups: Sequence[Sequence[str]], window_s: tuple[float, float],
-    colours: Sequence[str] = _COLOURS,
+    sources: Sequence[Source], groups: Sequence[Sequence[str]],
+    window_s: tuple[float, float] = series.EVER_S, colours: Sequence[str] = _COLOURS,
 ) -> "Figure":  # fmt: skip
     """Return a figure with an axis for each group of names; UserError without matplotlib.
 
@@ -70,25 +70,21 @@ def page_of(
     need("a picture needs", FIGURE)
     height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)
     page, column = sheet((_WIDTH_IN, height), 100, len(groups), sharex=True, squeeze=False)
-    axes, n = column[:, 0], len(colours)
+    axes, by_log = column[:, 0], len(sources) > 1
     for ax, names in zip(axes, groups, strict=True):
-        by_log = len(sources) > 1
-        lines = [
-            (source, name, source.name if by_log else name, colours[(number if by_log else i) % n])
-            for i, name in enumerate(names)
-            for number, source in enumerate(sources)
-            if name in source.series
-        ]
-        drawn = [
-            _draw(ax, source, name, window_s, {"label": shown(label), "color": colour})
-            for source, name, label, colour in lines
-        ]
-        if not any(drawn):
+        drawn = False
+        for i, name in enumerate(names):
+            for number, source in enumerate(sources):
+                if name in source.series:
+                    label, line = (source.name, number) if by_log else (name, i)
+                    style = {"label": shown(label), "color": colours[line % len(colours)]}
+                    drawn = _draw(ax, source, name, window_s, style) or drawn
+        if not drawn:
             ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
         one = next(source.series[names[0]] for source in sources if names[0] in source.series)
         unit = series.label(one.unit)
         ax.set_ylabel(shown(unit), fontsize=8)
-        if len(sources) > 1:
+        if by_log:
             ax.set_title(shown(names[0]), fontsize=8, loc="left", pad=2)
         bare(ax)
         ax.tick_params(labelsize=8)
@@ -124,10 +120,7 @@ def _title(sources: Sequence[Source]) -> tuple[str, ...]:
         for key in ("rig", "controller", "pacing")
         if len(values := {fact.get(key, "") for fact in facts}) == 1
     ]
-    names = (
-        [source.name for source in sources]
-        if len(sources) <= _MOST_NAMES
-        else [f"{len(sources)} logs"]
-    )
+    names = [source.name for source in sources]
+    names = names if len(names) <= _MOST_NAMES else [f"{len(names)} logs"]
     same = [word for word in dict.fromkeys(same) if word not in ("", "none", *names)]
     return ", ".join(names), *same

@@ -67,7 +67,7 @@ class Frames:
 
     def sent_by(self, name: str) -> NDArray[np.bool_]:
         """Return which frames node `name` sent, (n,)."""
-        return np.array([one == name for one in self.senders])[self.sender]
+        return np.array(self.senders)[self.sender] == name
 
     def keep(self, chosen: NDArray[np.bool_]) -> "Frames":
         """Return the chosen frames only."""
@@ -97,13 +97,9 @@ def bus_frames(log: logs.Log) -> Frames:
     data = rows[flags == 0]
     if not len(data):
         raise PlayError(f"{log.path}: holds only remote and error frames; play another log")
-    names: dict[int, str] = {}
-    for name in nodes:
-        known = log.node[name].description.get("frames", {})
-        names |= {int(number): str(text) for number, text in known.items()}
     return Frames(
         data["stamp_ns"].copy(), np.maximum.accumulate(data["cycle"]), data["sender"].copy(),
-        data["frame"].copy(), senders, names, _period_ns(log, data["stamp_ns"]),
+        data["frame"].copy(), senders, logs.frame_names(log), _period_ns(log, data["stamp_ns"]),
         len(rows) - len(data),
     )  # fmt: skip
 
@@ -168,9 +164,8 @@ def _keys(rows: NDArray[np.void]) -> list[bytes]:
 
 def _period_ns(log: logs.Log, stamp_ns: NDArray[np.int64]) -> int:
     """Return the period of the log's rig; without one the mean distance of its frames."""
-    for facts in log.metadata.values():
-        text = facts.get("period_ns", "")
-        if text.isdigit() and int(text) > 0:
+    for node in log.node:
+        if text := log.metadata[node].get("period_ns"):
             return int(text)
     return max(int(stamp_ns[-1] - stamp_ns[0]) // max(len(stamp_ns) - 1, 1), 1)
 
@@ -208,7 +203,8 @@ def _named(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]
         else:
             these = words == _id_word(text, frames, log)
         if not these.any():
-            there = ", ".join(sorted({frames.label(int(i)) for i in _firsts(words)}))
+            firsts = np.unique(words, return_index=True)[1].tolist()
+            there = ", ".join(sorted(set(map(frames.label, firsts))))
             raise PlayError(f"{log}: --only {text}: no such frame to play; there are {there}")
         chosen |= these
     return chosen
@@ -227,11 +223,7 @@ def _id_word(text: str, frames: Frames, log: str) -> int:
     return can_id.word_of(number, len(digits) == 8 or number > 0x7FF)
 
 
-def _firsts(words: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.unique(words, return_index=True)[1]
-
-
 def cycles(frames: Frames) -> NDArray[np.int64]:
     """Return where each cycle begins, and the end, (cycles + 1,)."""
     begins = np.flatnonzero(np.diff(frames.cycle)) + 1
-    return np.concatenate([[0], begins, [len(frames)]]).astype(np.int64)
+    return np.concatenate([[0], begins, [len(frames)]])

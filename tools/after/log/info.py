@@ -7,8 +7,7 @@ it goes. `start` is the first cycle on the wall clock; of a run without a clock,
 import argparse
 import json
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from pcpc.tools.after.log import source
 from pcpc.tools.after.log.foreign import survey
 from pcpc.tools.after.log.tally import DIRECTIONS, Tally
 from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.terminal import document
+from pcpc.tools.terminal import document, screen
 from pcpc.tools.terminal.progress import Progress
 
 _FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
@@ -112,10 +111,10 @@ def _texts(report: Mapping[str, Any]) -> dict[str, list[str]]:
         "frames": [_frames_text(report["frames"], way) for way in DIRECTIONS],
         "e2e errors": [", ".join(bad) or "none"],
         **{
-            kind: _some([*map(_line, report[kind])], _SHOWN) or ["none"]
+            kind: screen.some([*map(_line, report[kind])], _SHOWN) or ["none"]
             for kind in ("faults", "events", "tunings")
         },
-        "topics": _some(topics, _TOPICS),
+        "topics": screen.some(topics, _TOPICS),
         "size": [f"{_size(report['bytes'])}{per_hour} (compressed)"],
         "attachments": [", ".join(report["attachments"]) or "none"],
         "versions": [", ".join(f"{name} {text}" for name, text in report["versions"].items())],
@@ -124,11 +123,6 @@ def _texts(report: Mapping[str, Any]) -> dict[str, list[str]]:
         "recovered": [f"{name}: {text}" for name, text in report["recovered"].items()],
         "missing": report["missing"] or ["nothing"],
     }
-
-
-def _some(texts: Sequence[str], most: int) -> list[str]:
-    more = [f"and {len(texts) - most} more, see --json"] * (len(texts) > most)
-    return [*texts[:most], *more]
 
 
 def _node_text(node: Mapping[str, int | None]) -> str:
@@ -154,12 +148,10 @@ def _frames_text(frames: list[dict[str, Any]], direction: str) -> str:
 
 
 def _recorder_text(counts: Mapping[str, str]) -> str:
-    def total(kind: str) -> int:
-        texts = [text for name, text in counts.items() if name.split(".")[0] == kind]
-        return sum(int(text) for text in texts if re.fullmatch("[0-9]{1,19}", text))
-
-    kinds = ("written", "dropped", "discarded")
-    return ", ".join(f"{total(kind)} records {kind}" for kind in kinds)
+    return ", ".join(
+        f"{sum(int(n) for name, n in counts.items() if name.split('.')[0] == kind)} records {kind}"
+        for kind in ("written", "dropped", "discarded")
+    )
 
 
 def entry_text(entry: Mapping[str, Any]) -> str:

@@ -14,8 +14,6 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-import numpy as np
-
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
@@ -34,20 +32,17 @@ _DEFAULTS = ("reference.*", "controller.*", "rx.*", "*")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `plot`; return the exit code."""
-    return plot(options, Progress(options.quiet))
-
-
-def plot(options: argparse.Namespace, progress: Progress) -> int:
-    """As `command`; raises LogCommandError, RigError."""
+    """Carry out `plot`; return the exit code. LogCommandError, RigError."""
+    progress = Progress(options.quiet)
     if options.output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"{options.output}: not a picture; expected {', '.join(SUFFIXES)}")
     paths, patterns = sorted_out(options.words)
     need("a picture needs", FIGURE)
     read = [series.read_log(path, progress) for path in paths]
     loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
-    window = (options.start, options.end) != (None, None)
-    if len(read) == 1 and not patterns and not window and _has_own(read[0], options, progress):
+    window = series.window_s(options)
+    whole = window == series.EVER_S
+    if len(read) == 1 and not patterns and whole and _has_own(read[0], options, progress):
         return loss
     names = names_of(paths)
     sources = [
@@ -55,20 +50,18 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
         for name, log in zip(names, read, strict=True)
     ]
     groups = groups_of(sources, patterns)
-    start_s = series.seconds(options.start, -np.inf, "--start")
-    end_s = series.seconds(options.end, np.inf, "--end")
     for one in sources:
         absent = [name for group in groups for name in group if name not in one.series]
         if absent:
             progress.say(f"{one.log.path}: no {', '.join(absent)}")
     drawn = (
-        one.inside(name, (start_s, end_s)).any()
+        one.inside(name, window).any()
         for one in sources for group in groups for name in group if name in one.series
     )  # fmt: skip
-    if window and not any(drawn):
+    if not whole and not any(drawn):
         raise LogCommandError(f"{paths[0]}: nothing was recorded there; see --start, --end")
     progress.show(f"drawing {sum(map(len, groups))} variables")
-    page = page_of(sources, groups, (start_s, end_s))
+    page = page_of(sources, groups, window)
     with new_file(options.output, force=True) as path:
         page.savefig(path, dpi=DPI, format=options.output.suffix[1:].lower())
     progress.close()

@@ -8,7 +8,6 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
@@ -32,15 +31,16 @@ def command(options: argparse.Namespace) -> int:
         if not sum(done.messages.values()):
             reason = done.missing[0] if done.missing else "the log is whole, and empty"
             raise LogCommandError(f"{path}: nothing to recover: {reason}")
-        report = _report(path, out, done, _nodes(unfinished, done))
+        nodes = _nodes(unfinished, done)
     progress.close()
     if options.json:
+        about = {"log": str(path), "file": str(out), "nodes": nodes}
+        report = {**about, "messages": done.messages, "missing": done.missing}
         print(json.dumps(report, indent=2))
         return Exit.OK
     for line in done.missing or ["nothing: the log is whole"]:
         print(f"missing: {line}", file=sys.stderr)
-    nodes = report["nodes"].items()
-    kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes]
+    kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes.items()]
     print(f"{out}: {'; '.join([*kept, f'{sum(done.messages.values())} messages'])}")
     return Exit.OK
 
@@ -57,13 +57,3 @@ def _nodes(out: Path, done: Recovered) -> dict[str, dict[str, float]]:
         period_ns = int(log.metadata[name].get("period_ns", 0))
         nodes[name] = {"cycles": cycles, "seconds": cycles * period_ns / 1e9}
     return nodes
-
-
-def _report(
-    path: Path, out: Path, done: Recovered, nodes: dict[str, dict[str, float]]
-) -> dict[str, Any]:
-    """Return what `--json` prints."""
-    return {
-        "log": str(path), "file": str(out), "nodes": nodes, "messages": done.messages,
-        "missing": done.missing,
-    }  # fmt: skip

@@ -6,7 +6,9 @@ time        wall time, ns, k T from the start in lockstep and virtual time; t = 
             record of the executive (of the plant without)
 """
 
-from collections.abc import Collection, Iterable, Mapping
+import argparse
+import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -21,6 +23,7 @@ from pcpc.executive.log.names import why_unrecorded
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
+EVER_S = (-math.inf, math.inf)
 LARGE_BYTES = 50_000_000  # takes about 2 s to read
 _PREFIXES = tuple(f"{role}." for role in logs.NODES if role != "executive")
 
@@ -53,12 +56,9 @@ def read_log(path: Path, progress: Progress) -> logs.Log:
 
 
 def wall_offset_ns(log: logs.Log, node: str) -> int:
-    """Return wall time minus stamp of a node; 0 where the log does not tell."""
+    """Return wall time minus stamp of a node; a clock that the log does not tell counts as 0."""
     facts = log.metadata[node]
-    try:
-        return int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
-    except (KeyError, ValueError):
-        return 0
+    return int(facts.get("clock_wall_ns", 0)) - int(facts.get("clock_monotonic_ns", 0))
 
 
 def start_ns(log: logs.Log) -> int:
@@ -138,6 +138,12 @@ def seconds(text: str | None, otherwise: float, option: str) -> float:
     return value
 
 
+def window_s(options: argparse.Namespace) -> tuple[float, float]:
+    """Return the times of --start and --end, those of EVER_S where they are not given."""
+    begin_s, end_s = EVER_S
+    return seconds(options.start, begin_s, "--start"), seconds(options.end, end_s, "--end")
+
+
 def label(unit: str) -> str:
     """Return a unit as it stands behind a name."""
     return f"[{unit or '1'}]"
@@ -161,5 +167,4 @@ def rows_of(base: Series, other: Series, by_cycle: bool) -> NDArray[np.int64]:
 
 def without_clock(log: logs.Log) -> bool:
     """Return whether equal cycle numbers of both nodes mean the same instant."""
-    facts: Mapping[str, str] = next(iter(log.metadata[name] for name in log.node))
-    return facts.get("pacing") in ("lockstep", "virtual")
+    return log.metadata[next(iter(log.node))].get("pacing") in ("lockstep", "virtual")

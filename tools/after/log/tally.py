@@ -1,7 +1,7 @@
 """What the messages of a log add up to, without keeping them: cycles, frames, events, bytes."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,9 +13,11 @@ from pcpc.drivers.can.e2e_states import INJECTED, name_of
 from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.inventory import TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 
 DIRECTIONS = ("sent", "received")
+_KEY = [("id", "<u4"), ("direction", "u1"), ("e2e", "u1"), ("dlc", "u1"), ("flags", "u1")]
 _AT_ONCE = 100_000  # frames counted at once
 _NAME = 80  # letters of a name that are shown
 
@@ -32,7 +34,7 @@ class Tally:
     _steps: dict[str, list[int]] = field(default_factory=dict)  # first, last
     _left_out: Counter[str] = field(default_factory=Counter)
     _entries: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
-    _frames: Counter[tuple[str, int]] = field(default_factory=Counter)  # topic, key
+    _frames: Counter[tuple[Any, ...]] = field(default_factory=Counter)  # topic, values of _KEY
     _keys: dict[str, list[NDArray[np.uint64]]] = field(default_factory=dict)
     _waiting: int = 0
 
@@ -66,29 +68,19 @@ class Tally:
     def _take_frames(self, topic: str, rows: NDArray[Any]) -> None:
         data, sane = logs.frames_in(rows)
         self._left_out[topic] += len(data) - int(sane.sum())
-        data = data[sane]
-        key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)
-        key |= data["e2e"].astype(np.uint64) << np.uint64(40)
-        key |= data["dlc"].astype(np.uint64) << np.uint64(48)
-        self._keys.setdefault(topic, []).append(
-            key | data["flags"].astype(np.uint64) << np.uint64(56)
-        )
+        keys = data[sane][[name for name, _ in _KEY]].astype(_KEY).view(np.uint64)
+        self._keys.setdefault(topic, []).append(keys)
         self._waiting += len(rows)
         if self._waiting >= _AT_ONCE:
             self._settle()
 
     def _settle(self) -> None:
-        for topic, keys in self._keys.items():
-            for key, n in zip(*np.unique(np.concatenate(keys), return_counts=True), strict=True):
-                self._frames[topic, int(key)] += int(n)
+        """Count the frames whose keys wait."""
+        for topic, pieces in self._keys.items():
+            keys, counts = np.unique(np.concatenate(pieces), return_counts=True)
+            for key, n in zip(keys.view(_KEY).tolist(), counts.tolist(), strict=True):
+                self._frames[(topic, *key)] += n
         self._keys, self._waiting = {}, 0
-
-    def _counted(self) -> Iterator[tuple[str, int, int, int, tuple[int, int], int]]:
-        """Yield (topic, id, direction, e2e, bytes and flags, count)."""
-        self._settle()
-        for (topic, key), n in self._frames.items():
-            kind = key >> 48 & 0xFF, key >> 56
-            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, kind, n
 
     def cycles(self, topic: str) -> dict[str, int | None]:
         """Return count, first and last of a node's cycles, and how many between are not there.
@@ -109,8 +101,8 @@ class Tally:
     def _skipped(self, events: str) -> int:
         """Return how many cycles the events of a node call skipped."""
         told = (entry for _, entry in self._entries.get(events, []))
-        counts = (one.get("argument") for one in told if one.get("event") == "skip")
-        return sum(count for count in counts if isinstance(count, int) and count > 0)
+        counts = (one.get("argument", 0) for one in told if one.get("event") == "skip")
+        return sum(count for count in counts if count > 0)
 
     def left_out(self) -> list[str]:
         """Return a line for each topic of which messages are not counted: they make no sense."""
@@ -133,10 +125,11 @@ class Tally:
         `bits`: on the wire, at most; what was injected was on none. One of CAN FD's data phase
         counts as `data_bit`.
         """
+        self._settle()
         heard = logs.topic(node or self.heard(), "can/frames")
         total: Counter[tuple[int, int]] = Counter()
         bits: dict[tuple[int, int], float] = defaultdict(int)
-        for topic, number, direction, state, (size, flags), n in self._counted():
+        for (topic, number, direction, state, size, flags), n in self._frames.items():
             if topic == heard:
                 total[direction, number] += n
                 wired = n if state < INJECTED else 0
@@ -149,20 +142,27 @@ class Tally:
             for (direction, number), n in sorted(total.items())
         ]  # fmt: skip
 
-    def e2e(self, nodes: Iterable[str]) -> dict[str, dict[str, int]]:
+    def e2e(self, nodes: Iterable[str]) -> Mapping[str, Mapping[str, int]]:
         """Return how many received frames were not OK, by node and state of the check."""
-        bad: dict[str, dict[str, int]] = {name: {} for name in nodes}
-        for topic, _, direction, state, _, n in self._counted():
-            for name in bad:
-                if topic == logs.topic(name, "can/frames") and direction == 1 and state:
-                    what = name_of(state)
-                    bad[name][what] = bad[name].get(what, 0) + n
+        self._settle()
+        bad: dict[str, Counter[str]] = {name: Counter() for name in nodes}
+        for (topic, _, direction, state, *_), n in self._frames.items():
+            name = TOPICS.get(topic, ("",))[0]
+            if direction == 1 and state and name in bad:
+                bad[name][name_of(state)] += n
         return bad
 
     def entries(self, kind: str, zero_ns: int) -> list[dict[str, Any]]:
-        """Return the events or tunings of both nodes by time, `time_s` after `zero_ns`."""
+        """Return the events or tunings of all nodes by time, `time_s` after `zero_ns`.
+
+        What others may have added to them is left out.
+        """
         found = [
-            (at_ns, {"time_s": (at_ns - zero_ns) / 1e9, "node": node, **_told(entry)})
+            (
+                at_ns,
+                {"time_s": (at_ns - zero_ns) / 1e9, "node": node}
+                | {key: entry[key] for key in log_checks.PARTS if key in entry},
+            )
             for node in logs.NODES
             for at_ns, entry in self._entries.get(logs.topic(node, kind), [])
         ]
@@ -170,13 +170,8 @@ class Tally:
 
     def topics(self) -> list[dict[str, Any]]:
         """Return messages and bytes, as they were before compression, of all topics."""
-        names = [channel.topic for channel in self.found.channels.values()]
+        names = (channel.topic for channel in self.found.channels.values())
         return [{"topic": n, "messages": self.messages[n], "bytes": self.bytes[n]} for n in names]
-
-
-def _told(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what an event or a tuning is made of, without what others may have added."""
-    return {key: entry[key] for key in log_checks.PARTS if key in entry}
 
 
 def senseless(left_out: Mapping[str, int]) -> list[str]:

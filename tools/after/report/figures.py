@@ -46,17 +46,9 @@ def states(record: Record, node: str) -> Iterator[tuple[str, float, float]]:
 def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, Mapping[str, Any]]]:
     """Yield node, fault on purpose, begin and end in s, and what is known of the fault."""
     for node, one in record.log.node.items():
-        period_s = record.period_s(node)
-        began: dict[str, tuple[float, float]] = {}
-        for fault, cycle, left, about in on_purpose.fault_settings(one):
-            at_s = period_s * (cycle + bool(about.get("next_cycle")))
-            if fault in began:
-                begin_s, end_s = began.pop(fault)
-                yield node, fault, begin_s, min(end_s, at_s), about
-            if left > 0.0:
-                began[fault] = at_s, at_s + period_s * left
-        for fault, (begin_s, end_s) in began.items():
-            about = one.description.get("faults", {}).get(fault, {})
+        for fault, *span, about in on_purpose.fault_spans(one):
+            later = bool(about.get("next_cycle"))
+            begin_s, end_s = (record.period_s(node) * (cycle + later) for cycle in span)
             yield node, fault, begin_s, min(end_s, max(record.end_s, begin_s)), about
 
 

@@ -6,7 +6,6 @@ evaluation from outside that may not run (see `tools.after.log.rig`).
 """
 
 import argparse
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,9 +16,10 @@ import numpy as np
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.inventory import TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD
-from pcpc.executive.nodes.planned_plausible import COUNT
+from pcpc.executive.rig import carried_files
 from pcpc.plants.pages import thinned
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series, source
@@ -29,7 +29,6 @@ from pcpc.tools.after.log.tally import Tally
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge
-from pcpc.tools.after.verdict.outcome import HEALTH
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
@@ -121,7 +120,7 @@ def gather(
             groups.extend(_groups(first))
         names = [name for group in groups for name in group]
         for name, one in _series(first, names).items():
-            node = next((n for n in logs.NODES if one.topic.startswith(f"/{n}/")), "executive")
+            node, _ = TOPICS[one.topic]
             asked.setdefault(node, []).append(name.removeprefix(f"{node}."))
         return asked
 
@@ -129,14 +128,12 @@ def gather(
     log = long_logs.read(path, wanted)
     if not _draws(judge) and not groups:
         groups = _groups(log)
-    with path.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    found = Record(log, tally, sha256, judge, why, groups=groups)
+    found = Record(log, tally, carried_files.sha256(path), judge, why, groups=groups)
     found.summary = summary or summary_file.beside(path)
     found.at_end = found.summary is not None
     if found.summary is None and judge is not None:
         outcome = summaries.outcome_of(log)
-        outcome.health = {name: _health(ends, name) for name in log.node}
+        outcome.health = {name: summaries.counters(ends.get(name, {})) for name in log.node}
         found.summary = summaries.summarise(judge.rig, log, outcome, judge)
     return found
 
@@ -159,28 +156,22 @@ def _draws(judge: Judge | None) -> bool:
 
 
 def _tallied(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, float]]]:
-    """Return what a log adds up to, but for events, and the last row of each topic of columns."""
+    """Return what a log adds up to, but for events, and the last values of each node's columns."""
     tally, last = Tally(Scan()), dict[str, Any]()
     for channel, piece in source.stream(path, tally.found, progress):
         topic = tally.found.topic(channel)
-        if not topic.endswith(("/events", "/tunings")):
+        kind = TOPICS.get(topic, ("", ""))[1]
+        if kind not in ("events", "tunings"):
             tally.add(channel, source.messages(piece))
-        if topic.endswith(("/state", "/timing")):
+        if kind in ("state", "timing"):
             last[topic] = piece[-1, MESSAGE_HEAD + logs.CDR_BYTES :].copy()
-    ends = {}
+    ends: dict[str, dict[str, float]] = {}
     for topic, row in last.items():
         names = [one.name for one in logs.variables(tally.found, topic)]
-        whole = row.size == 8 * len(names)
-        ends[topic] = dict(zip(names, np.nan_to_num(row.view("<f8")), strict=True)) if whole else {}
+        if row.size == 8 * len(names):
+            values = zip(names, np.nan_to_num(row.view("<f8")), strict=True)
+            ends.setdefault(TOPICS[topic][0], {}).update(values)
     return tally, ends
-
-
-def _health(ends: Mapping[str, Mapping[str, float]], node: str) -> dict[str, int]:
-    """Return a node's counters at its end, which would cost a pass over a long log each."""
-    state, timing = (ends.get(logs.topic(node, kind), {}) for kind in ("state", "timing"))
-    found = {key: int(timing.get(f"health.{name}", 0.0)) for key, (_, name) in HEALTH.items()}
-    refused = (value for name, value in state.items() if name.startswith(COUNT))
-    return found | {"implausible": int(sum(refused))}
 
 
 def _groups(log: logs.Log) -> list[list[str]]:

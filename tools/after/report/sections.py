@@ -128,8 +128,7 @@ def figure(record: Record, folder: Path) -> Part:
         return Picture(png, "the figure of the run's end")
     if not record.groups:
         return None
-    page = page_of([record.source()], record.groups, (-math.inf, math.inf))
-    return Picture(png_of(page), "variables over time")
+    return Picture(png_of(page_of([record.source()], record.groups)), "variables over time")
 
 
 # What happened

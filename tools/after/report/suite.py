@@ -13,9 +13,9 @@ A run that is none, damaged, cut, changed since, or not ok, keeps the suite from
 """
 
 import argparse
-import hashlib
 import os
 import tempfile
+from collections import ChainMap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,8 +25,8 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.requirements import text_of
-from pcpc.executive.rig.schema import Expected
 from pcpc.plants.judging import effective_rig
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.recorded import folders_below, log_of
@@ -73,8 +73,7 @@ class OneRun:
     @property
     def begin_ns(self) -> int:
         """When it began, 0 for unknown."""
-        text = self.facts.get("clock_wall_ns", "")
-        return int(text) if text.isdecimal() else 0
+        return int(self.facts.get("clock_wall_ns", 0))
 
     @property
     def code(self) -> int:
@@ -175,15 +174,13 @@ def _below(top: Path) -> Iterator[Path]:
 def _judged(path: Path, options: argparse.Namespace) -> OneRun:
     found = OneRun(path)
     try:
-        with path.open("rb") as file:
-            found.sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        found.sha256 = carried_files.sha256(path)
         head = logs.head(path)
     except (OSError, UserError) as error:
         found.problems.append(_reason(error, path))
         return found
-    for facts in head.metadata.values():
-        for key in _KEYS:
-            found.facts.setdefault(key, facts[key]) if key in facts else None
+    told = ChainMap(*(head.metadata[name] for name in head.node))
+    found.facts = {key: told[key] for key in _KEYS if key in told}
     try:
         with tempfile.TemporaryDirectory(prefix="pcpc-suite-") as folder:
             _judge(found, head, Path(folder), options)
@@ -252,15 +249,11 @@ def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[Test
 def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
     """Yield what became of the rig's limits; the margin is that to the nearer one."""
     config = judge.rig.config
-    for name, limit in config.expected.items():
-        low, high = limit
-        key = limit.id if isinstance(limit, Expected) and limit.id else name
-        words = f"{name} {low:g} to {high:g}"
-        label = config.limit_ids().get(name)
-        begin = f"{label} {name} " if label else f"{name} "
+    for name, (low, high) in config.expected.items():
+        key, words = config.limit_ids().get(name, name), f"{name} {low:g} to {high:g}"
         failed = [
             line for one in (summary, own) for line in one.expectations_failed
-            if line.startswith(begin) and " was not judged: " not in line
+            if line.startswith(f"{summary.named(name)} ") and " was not judged: " not in line
         ]  # fmt: skip
         value = summary.metrics.get(name, own.metrics.get(name))
         left = own.not_judged.get(name) or summary.not_judged.get(name)

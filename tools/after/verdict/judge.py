@@ -29,6 +29,7 @@ from pcpc.plants.judging import Judged, Mistake
 from pcpc.tools.after.verdict.imagined_logs import imagined_log, large, noise, nothing
 from pcpc.tools.after.verdict.masters import counters
 from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound, results
+from pcpc.tools.terminal import screen
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
@@ -91,6 +92,11 @@ class Judge:
     def given(self) -> schema.Evaluation:
         """What the rig says of its evaluation."""
         return self.rig.evaluation or _NONE
+
+    def named(self, limit: str) -> str:
+        """Return the name of a limit behind its id, if it has one."""
+        ids = self.rig.config.limit_ids()
+        return f"{ids[limit]} {limit}" if limit in ids else limit
 
     def unused(self) -> dict[str, str]:
         """Return the rig's numbers that nothing in its evaluation asks for, and what to say."""
@@ -214,8 +220,7 @@ class Judge:
         self, found: Judgement, judged: Judged, changed: list[str], early: str
     ) -> None:
         """Judge the metrics that the rig limits."""
-        config = self.rig.config
-        expected, ids = config.expected, config.limit_ids()
+        expected = self.rig.config.expected
         try:
             found.metrics = guarded(lambda: self.evaluation.figures(judged))
         except EvaluationError as error:
@@ -229,21 +234,21 @@ class Judge:
         for name, (low, high) in expected.items():
             found.judged.append(name)
             value = found.metrics.get(name, math.nan)
-            limited = f"{ids[name]} {name}" if name in ids else name
             if not low <= value <= high:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
-                found.failed.append(f"{limited} {said}, expected {low:g} to {high:g}{known}")
+                what = f"{said}, expected {low:g} to {high:g}{known}"
             elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
-                found.failed.append(f"{limited} = {value:.4g} ignores that {odd}")
+                what = f"= {value:.4g} ignores that {odd}"
+            else:
+                continue
+            found.failed.append(f"{self.named(name)} {what}")
 
 
 def changes(settings: Sequence[str]) -> str:
     """Return what was changed, for a title: the first ones, and how many more."""
     shown = [f"{text[:_LONGEST]}..." if len(text) > _LONGEST else text for text in settings]
-    if len(shown) > _TITLED:
-        shown[_TITLED:] = [f"{len(shown) - _TITLED} more"]
-    return "".join(f"; {setting}" for setting in shown)
+    return "".join(f"; {setting}" for setting in screen.some(shown, _TITLED, "{} more"))
 
 
 _PROBED = 1000  # rows

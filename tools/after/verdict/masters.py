@@ -25,11 +25,5 @@ def mistakes(node: Node) -> list[str]:
     """Return what a node's log tells."""
     names = counters(node.columns)
     last = {name: float(node.columns[name][-1]) for name in names if len(node.columns[name])}
-    return told(last, dict.fromkeys(names, "mistake") | _helps(node))
-
-
-def _helps(node: Node) -> dict[str, str]:
-    """Return what variables are, as far as a log says it in the form of today's."""
-    known = node.description.get("variables", ())
-    rows = [row for row in known if isinstance(row, list) and len(row) == 5]
-    return {str(row[0]): str(row[4]) for row in rows}
+    helps = {row[0]: row[4] for row in node.description.get("variables", ())}
+    return told(last, dict.fromkeys(names, "mistake") | helps)

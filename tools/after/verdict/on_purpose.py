@@ -6,7 +6,6 @@ knows of the other node's stall; its cycles are those in which the others may be
 flood takes no frame: what does not come because of it is missing.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -63,18 +62,12 @@ def _starved(log: logs.Log, role: str, end: int) -> bool:
 
 def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     """Return (n, 2) first and last cycles in which others stood still unknown to a node, apart."""
-    spans: list[tuple[float, float]] = []
-    for name, node in log.node.items():
-        on: dict[str, tuple[float, float]] = {}  # stalls -> their cycles
-        for fault, cycle, left, about in fault_settings(node) if name != role else ():
-            if about.get("kind") != "stall" or fault in log.node[role].description["faults"]:
-                continue
-            if fault in on:
-                start, end = on.pop(fault)
-                spans.append((start, min(end, cycle)))
-            if left > 0.0:
-                on[fault] = cycle, cycle + left
-        spans += on.values()
+    spans = [
+        (start, end)
+        for name, node in log.node.items() if name != role
+        for fault, start, end, about in fault_spans(node)
+        if about.get("kind") == "stall" and fault not in log.node[role].description["faults"]
+    ]  # fmt: skip
     merged: list[list[float]] = []
     for start, end in sorted(spans):
         start, end = start - EARLY_CYCLES, end + EARLY_CYCLES
@@ -85,15 +78,27 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     return np.array(merged).reshape(-1, 2)
 
 
+def fault_spans(node: logs.Node) -> Iterator[tuple[str, float, float, Mapping[str, Any]]]:
+    """Yield each fault, the cycles from which on it was set and was over, what is known of it."""
+    on: dict[str, tuple[float, float, Mapping[str, Any]]] = {}
+    for fault, cycle, left, about in fault_settings(node):
+        if fault in on:
+            begin, end, _ = on.pop(fault)
+            yield fault, begin, min(end, cycle), about
+        if left > 0.0:
+            on[fault] = cycle, cycle + left, about
+    for fault, span in on.items():
+        yield fault, *span
+
+
 def fault_settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
     """Yield fault, cycle, for how many it is on from there, and what is known of it."""
     known = node.description.get("faults", {})
     for tuning in node.tunings:
-        first, _, rest = str(tuning.get("name")).partition(".")
+        first, _, rest = tuning["name"].partition(".")
         fault, _, what = rest.partition(".")
         if (first, what) == ("fault", "left"):
-            value = float(tuning.get("value", math.nan))
-            yield fault, int(tuning["cycle"]), value, known.get(fault, {})
+            yield fault, tuning["cycle"], float(tuning["value"]), known.get(fault, {})
 
 
 def _period_ns(node: logs.Node) -> float:

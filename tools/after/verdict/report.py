@@ -15,7 +15,7 @@ from typing import Any
 from pcpc.drivers.errors import printable
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.tools.after.verdict.summary import Summary, is_branch
-from pcpc.tools.terminal import document
+from pcpc.tools.terminal import document, screen
 
 LATEST_SHOWN = 3  # of those in summary.json
 METRICS_SHOWN = 24
@@ -71,7 +71,6 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
         "late": summary.late_cycles, "skipped": summary.skipped_cycles, "held": summary.held_cycles
     }  # fmt: skip
     counts = ", ".join(f"{name} {count}" for name, count in cycles.items())
-    more = [f"and {len(against) - LINES_SHOWN} more, see summary.json"]
     texts = {
         "rig": [printable(f"{summary.rig}: {summary.title}".removesuffix(": "))],
         "run": [
@@ -93,7 +92,7 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
         "injected": [", ".join(summary.injected)],
         "metrics": _metrics(summary, wide),
         "require": [one.text for one in summary.requirements if one.held],
-        "problem": against[:LINES_SHOWN] + more * (len(against) > LINES_SHOWN),
+        "problem": screen.some(against, LINES_SHOWN, "and {} more, see summary.json"),
         "changed": [", ".join(summary.changed)],
         "verdict": [verdict_text(summary)],
         "folder": [str(folder)],

@@ -15,16 +15,14 @@ Counters are those of the nodes at their end, not of what the log keeps.
 """
 
 import contextlib
-import math
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
@@ -139,15 +137,16 @@ def outcome_of(log: logs.Log) -> Outcome:
 
 def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:
     """Return the content of summary.json."""
-    executive = log.node.get("executive")
+    executive = log.node.get(LEADER)
+    executive = executive if executive and len(executive.cycle) else None
     each = _each_health(log, outcome)
     health = _sum(each)
-    early = ""
-    if outcome.interrupted or outcome.faults or outcome.short:
-        early = "the run did not finish"
+    ended = outcome.interrupted or outcome.faults
+    early = "the run did not finish" if ended or outcome.short else ""
     changed = [*dict.fromkeys((*branched(log), *outcome.changed, *_tuned(rig, log)))]
-    found = (judge or Judge.of(rig)).judge(log, changed, early)
-    timing = _timing(log, outcome)
+    judge = judge or Judge.of(rig)
+    found = judge.judge(log, changed, early)
+    timing = _timing(executive, log, outcome)
     failed, limits = [*found.failed], rig.config.timing
     failed += [line for node in log.node.values() for line in mistakes(node)]
     if timing and limits.error is not None:
@@ -158,14 +157,10 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         failed.append(
             f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
         )
-    if outcome.short and not (outcome.interrupted or outcome.faults):
+    if outcome.short and not ended:
         failed.append(outcome.short)
     if outcome.strict:
-        labels = {name: f"{one} {name}" for name, one in rig.config.limit_ids().items()}
-        failed += [
-            f"{labels.get(name, name)} was not judged: {why}"
-            for name, why in found.not_judged.items()
-        ]
+        failed += [f"{judge.named(k)} was not judged: {why}" for k, why in found.not_judged.items()]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     frames_wrong = [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)]
@@ -175,7 +170,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     verdict = "expectation not met" if failed else "ok"
     if on_purpose.is_input_missing(log, each) or dropped or frames_wrong or missing:
         verdict = "loss"
-    if outcome.interrupted or outcome.faults:
+    if ended:
         verdict = "interrupted" if outcome.interrupted else "safety stop"
     return Summary(
         rig=rig.config.rig,
@@ -186,7 +181,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         seed=rig.config.seed,
         rate_hz=rig.config.rate_hz,
         rig_git=log.metadata.get(LEADER, {}).get(RIG_COMMIT, ""),
-        cycles=max(_cycles(executive), outcome.cycles),
+        cycles=max(int(executive.cycle[-1]) + 1 if executive else 0, outcome.cycles),
         late_cycles=health.pop("late_cycles"),
         skipped_cycles=health.pop("skipped_cycles"),
         held_cycles=health.pop("held_cycles"),
@@ -239,7 +234,7 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     last: dict[str, str] = {}
     for node in log.node.values():
         for tuning in node.tunings:
-            name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
+            name, value = tuning["name"], float(tuning["value"])
             if name.startswith("fault.") and name.endswith(".left"):
                 continue  # told with the faults on purpose
             if (name, value) in planned:
@@ -249,13 +244,9 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     return list(last.values())
 
 
-def _cycles(executive: logs.Node | None) -> int:
-    return 0 if executive is None or not len(executive.cycle) else int(executive.cycle[-1]) + 1
-
-
 def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     """Return the time from the command to the executive's first cycle."""
-    if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
+    if executive is None or outcome.begin_ns is None:
         return None
     first_ns = int(executive.stamp_ns[0])
     if outcome.pacing == "lockstep":  # its stamps are k T
@@ -266,7 +257,7 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
 
 def _of_another_run(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
     """Return a line if the log was replaced: by one from before the command, or paced otherwise."""
-    if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
+    if executive is None or outcome.begin_ns is None:
         return []
     paced = log.metadata.get(LEADER, {}).get("pacing", outcome.pacing)
     before = outcome.pacing not in WITHOUT_CLOCK and executive.stamp_ns[0] < outcome.begin_ns
@@ -274,20 +265,25 @@ def _of_another_run(executive: logs.Node | None, log: logs.Log, outcome: Outcome
     return ["the log is that of another run: it was replaced while this one went on"] * other
 
 
-def _last(values: NDArray[np.float64] | None) -> int:
-    return int(values[-1]) if values is not None and len(values) else 0
-
-
 def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
     """Return the counters of each node: its own ones if it ran here, else the last in the log."""
     found = dict(outcome.health)
     for role, node in log.node.items():
         if role not in found:
-            timing = node.timing
-            found[role] = {k: _last(timing.get(f"health.{v}")) for k, (_, v) in HEALTH.items()}
-            refused = [name for name in node.columns if name.startswith(COUNT)]
-            found[role]["implausible"] = sum(_last(node.columns[name]) for name in refused)
+            wanted = [f"health.{name}" for _, name in HEALTH.values()]
+            wanted += [name for name in node.columns if name.startswith(COUNT)]
+            found[role] = counters({
+                name: own[name][-1] for own in (node.timing, node.columns) for name in wanted
+                if name in own and len(own[name])
+            })  # fmt: skip
     return found
+
+
+def counters(last: Mapping[str, float]) -> Counts:
+    """Return the counters of a node by the last values of its columns."""
+    found = {key: int(last.get(f"health.{name}", 0)) for key, (_, name) in HEALTH.items()}
+    refused = (int(value) for name, value in last.items() if name.startswith(COUNT))
+    return found | {"implausible": sum(refused)}
 
 
 def _sum(each: dict[str, Counts]) -> Counts:
@@ -302,17 +298,17 @@ def _sum(each: dict[str, Counts]) -> Counts:
     }
 
 
-def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
+def _timing(
+    executive: logs.Node | None, log: logs.Log, outcome: Outcome
+) -> dict[str, dict[str, float]]:
     """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
 
     Of a log too long to be read whole to one part in a million.
     """
-    executive = log.node.get("executive")
-    if executive is None or outcome.pacing == "virtual" or not len(executive.cycle):
+    if executive is None or outcome.pacing == "virtual":
         return {}
     found: dict[str, Any] = {}
-    names = [f"timing.{stage}_us" for stage in _STAGES]
-    if not all(name in executive.timing for name in names):
+    if not all(f"timing.{stage}_us" in executive.timing for stage in _STAGES):
         return {}
     for part in parts(log):
         timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
