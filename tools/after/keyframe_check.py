@@ -3,14 +3,11 @@
 Not compared: what clocks measured, and frames sent in the first meeting, which is not recomputed.
 """
 
-from typing import Any
-
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.keyframes import Keyframe, Keyframes, keyframe_of
 from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.replay import Replay
-from pcpc.tools.after.log.ulp import ulp_distance
-from pcpc.tools.after.replayed import Difference, Verdict
+from pcpc.tools.after.replayed import Verdict
 
 _KEPT = 64  # recomputed states of which the log may still bring the keyframe
 
@@ -67,12 +64,4 @@ class KeyframeCheck:
         frame, state = self._recorded.pop(passes), self._recomputed.pop(passes)
         self._verdict.keyframes += 1
         for name, old, new in planned_keyframes.differences(self._replay.plan, frame.state, state):
-            self._note(name, frame.cycle, old, new)
-
-    def _note(self, name: str, cycle: int, old: Any, new: Any) -> None:
-        both = isinstance(old, float) and isinstance(new, float)
-        known = self._verdict.differences.setdefault(
-            name, Difference(name, cycle, repr(old), repr(new),
-                             ulp_distance(old, new) if both else None),
-        )  # fmt: skip
-        known.count += 1
+            self._verdict.note(name, frame.cycle, old, new).count += 1

@@ -93,6 +93,7 @@ class Run:
     ) -> None:  # fmt: skip
         self.path = path
         self._rig_given, self._outcome, self._keep, self._trust = rig, outcome, keep, trust
+        self._options = argparse.Namespace(trust=trust, law=[], rig=None)
 
     def __repr__(self) -> str:
         about = self.log.metadata.get("executive") or self.log.metadata.get("plant", {})
@@ -221,8 +222,7 @@ class Run:
         if self._rig_given is not None:
             return self._rig_given
         self._files = tempfile.TemporaryDirectory(prefix="pcpc-")  # of the rig, as long as it
-        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
-        return log_rig.judged_rig(self.log, Path(self._files.name), options)[0]
+        return log_rig.judged_rig(self.log, Path(self._files.name), self._options)[0]
 
     @cached_property
     def _judge(self) -> Judge:
@@ -311,10 +311,9 @@ class Run:
 
     def report(self, path: str | Path) -> Path:
         """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
-        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
         known = self.result if self.judged_at_its_end else None
         page = part_of("after/report", "cli")
-        page.write(self.path, Path(path), options, Progress(quiet=True), known)
+        page.write(self.path, Path(path), self._options, Progress(quiet=True), known)
         return Path(path)
 
     def _plot(self, variables: Sequence[str], place: Path) -> None:
@@ -325,7 +324,7 @@ class Run:
         known, begin_ns = series.all_series(self.log), series.start_ns(self.log)
         source = Source(self.path.stem, self.log, known, begin_ns)
         groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in variables])
-        page_of([source], groups, (-np.inf, np.inf)).savefig(place, dpi=DPI)
+        page_of([source], groups).savefig(place, dpi=DPI)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return all variables as a table by time. ImportError without pandas."""
@@ -346,7 +345,7 @@ class Run:
 
         options = argparse.Namespace(
             node="all", controller=changes.pop("controller", None),
-            set=settings(changes.pop("set", {})), trust=self._trust, law=[], rig=None,
+            set=settings(changes.pop("set", {})), trust=self._trust,
         )  # fmt: skip
         if changes:
             raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")

@@ -8,7 +8,6 @@ loop: the plant does not answer) and shows how far that is from the record.
 
 import argparse
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -29,8 +28,7 @@ from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.keyframe_check import KeyframeCheck
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log.ulp import ulp_distance
-from pcpc.tools.after.replayed import Difference, Verdict, compare_frames, plain, report
+from pcpc.tools.after.replayed import Verdict, compare_frames, plain, report
 from pcpc.tools.after.span import Values, cycles_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal.progress import Progress
@@ -98,10 +96,7 @@ def replay(
     values = Values(words, first) if words else None
     changed = bool(options.controller or options.set)
     how: dict[str, Any] = {"last": last, "seek": 0 if changed else first, "changed": changed}
-    with (
-        tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder,
-        log_rig.rig_of(head, Path(folder), options) as rig,
-    ):
+    with log_rig.rig_of(head, options) as rig:
         nodes = comparisons(
             head, rig, options.node, **how, each=values.look if values else _nothing
         )
@@ -308,8 +303,7 @@ def pacing_of(head: logs.Log, role: str) -> str:
 def _dropped(head: logs.Log, role: str) -> int:
     """Return how many frames and events of a node found no room in the recorder's memory."""
     run = head.metadata.get("run", {})
-    texts = [run.get(f"dropped.{role}.{ring}", "0") for ring in ("frame", "event")]
-    return sum(int(text) for text in texts if text.isdecimal())
+    return sum(int(run.get(f"dropped.{role}.{ring}", 0)) for ring in ("frame", "event"))
 
 
 def _told_as_missing(verdict: Verdict, left: NDArray[np.int64]) -> None:
@@ -360,12 +354,7 @@ def _compare(
     for j in map(int, np.flatnonzero((recorded != computed).any(axis=0))):
         at = np.flatnonzero(recorded[:, j] != computed[:, j])
         old, new = (x[at, j].copy().view(np.float64) for x in (recorded, computed))
-        if names[j] not in verdict.differences:
-            verdict.differences[names[j]] = Difference(
-                names[j], int(cycle[at[0]]), repr(float(old[0])), repr(float(new[0])),
-                ulp_distance(float(old[0]), float(new[0])),
-            )  # fmt: skip
-        difference = verdict.differences[names[j]]
+        difference = verdict.note(names[j], int(cycle[at[0]]), float(old[0]), float(new[0]))
         difference.count += len(at)
         distance = np.abs(old - new)
         difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))

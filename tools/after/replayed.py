@@ -6,6 +6,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from pcpc.tools.after.log.cat import unequal_frames, unequal_texts
+from pcpc.tools.after.log.ulp import ulp_distance
 from pcpc.tools.terminal import screen
 
 SENT = "frames sent"
@@ -66,6 +67,13 @@ class Verdict:
         """Recomputed time over time spent."""
         return self.cycles / self.rate_hz / max(self.spent_s, 1e-9)
 
+    def note(self, name: str, cycle: int, old: Any, new: Any) -> Difference:
+        """Return the difference of a variable, which begins here if it has not begun before."""
+        both = isinstance(old, float) and isinstance(new, float)
+        ulp = ulp_distance(old, new) if both else None
+        first = Difference(name, cycle, repr(old), repr(new), ulp)
+        return self.differences.setdefault(name, first)
+
     def ordered(self) -> list[Difference]:
         """Return the differences, earliest first, in one cycle in the order of its stages."""
 
@@ -88,7 +96,7 @@ def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[A
     old, new = unequal_texts(recorded, computed, at)
     longer = recorded if len(recorded) > at else computed
     first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
-    verdict.differences.setdefault(first.name, first).count += count
+    verdict.differences.setdefault(SENT, first).count += count
 
 
 def plain(verdict: Verdict) -> dict[str, Any]:

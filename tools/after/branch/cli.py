@@ -3,7 +3,6 @@
 import argparse
 import math
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -49,19 +48,17 @@ def command(options: argparse.Namespace) -> int:
     if _LEADER not in head.node:
         raise UserError(f"{path}: no record of the executive; a branch needs all nodes")
     cycle = cycle_of(head, options)
-    with tempfile.TemporaryDirectory(prefix="pcpc-branch-") as folder:
-        chosen = argparse.Namespace(
-            **vars(options) | {"controller": None, "set": _of_the_rig(head, options)}
-        )
-        try:
-            with log_rig.rig_of(head, Path(folder), chosen, whole=True) as rig:
-                return _branched(head, rig, cycle, options)
-        except BusError as error:
-            if options.bus is not None:
-                raise
-            raise UserError(str(error)) from None  # the log's DBC, not a bus of this machine
-        except StepError as error:
-            raise StepError(f"{path}: {error or 'a step does not return'}") from None
+    own = {"controller": None, "set": _of_the_rig(head, options)}
+    try:
+        chosen = argparse.Namespace(**vars(options) | own)
+        with log_rig.rig_of(head, chosen, whole=True) as rig:
+            return _branched(head, rig, cycle, options)
+    except BusError as error:
+        if options.bus is not None:
+            raise
+        raise UserError(str(error)) from None  # the log's DBC, not a bus of this machine
+    except StepError as error:
+        raise StepError(f"{path}: {error or 'a step does not return'}") from None
 
 
 def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:

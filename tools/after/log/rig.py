@@ -22,12 +22,14 @@ import json
 import os
 import posixpath
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeGuard
 
+import msgspec
 import numpy as np
 import yaml
 
@@ -40,8 +42,9 @@ from pcpc.executive.rig.roles import ROLES
 from pcpc.plants.judging import effective_rig
 
 MOST_UP = 64  # folders that a file may lie above its rig
-
-
+FOLDER = "pcpc-rig-"  # how the name of its files' folder begins
+_NOT_GIVEN: dict[str, Any] = {"trust": False, "law": [], "rig": None, "fmu": [],
+                              "controller": None, "set": []}  # fmt: skip
 _DRAWINGS = "plants/*/drawing.py", "tools/make/template/**/drawing.py"
 
 
@@ -57,7 +60,7 @@ class Carried:
     sha256: str
     laws: tuple[str, ...]
     given: tuple[str, ...]
-    content: bytes | None
+    content: bytes | None = None
 
     def shown(self) -> str:
         """Return name and hash as messages show them."""
@@ -66,38 +69,38 @@ class Carried:
 
 @contextmanager
 def rig_of(
-    head: logs.Log, folder: Path, options: argparse.Namespace, whole: bool = False
+    head: logs.Log, options: argparse.Namespace, whole: bool = False
 ) -> Iterator[Rig]:  # fmt: skip
-    """Yield the rig of a log, its files below `folder`; LogError, RigError.
+    """Yield the rig of a log, its files in a temporary folder; LogError, RigError.
 
     While it is in use, laws open what the run's laws opened. `whole`: with its evaluation and its
-    schedule, as for another run.
+    schedule, as for another run. An option that is not there is not given.
     """
-    options = argparse.Namespace(
-        **({"trust": False, "law": [], "rig": None, "fmu": []} | vars(options))
-    )
-    data = _resolved(head, folder, whole)
-    if whole and isinstance(given := data.get("evaluation"), dict):
-        given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
-    data |= {} if whole else {"evaluation": None}
-    for entry in _entries(data):
-        if entry.get("law") == fmu.LAW and (file := fmu_file(head, entry, folder, options.fmu)):
-            entry["file"] = str(file)
-    place, controller, settings = folder / "rig.yaml", options.controller, options.set
-    rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
-    files = carried_by(head)
-    where = _places(head, files, folder, options)
-    by_law = {law: where[file] for file in files for law in file.laws}
-    for keys, law in rig.laws():
-        if rig.document.place(keys).option or not (path := _path_of(head, law, by_law)):
-            continue
-        target: Any = data
-        for key in keys[:-1]:
-            target = target[key]
-        _, colon, attribute = law.partition(":")
-        target[keys[-1]] = f"{path}{colon}{attribute}"
-    with opened_from(_redirected(files, where)), trial.without_trials():
-        yield load_rig(place, controller, settings, text=yamlfile.dump(data))
+    options = argparse.Namespace(**_NOT_GIVEN | vars(options))
+    with tempfile.TemporaryDirectory(prefix=FOLDER) as text:
+        folder = Path(text)
+        data = _resolved(head, folder, whole)
+        if whole and isinstance(given := data.get("evaluation"), dict):
+            given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
+        data |= {} if whole else {"evaluation": None}
+        for entry in _entries(data):
+            if entry.get("law") == fmu.LAW and (file := fmu_file(head, entry, folder, options.fmu)):
+                entry["file"] = str(file)
+        place, controller, settings = folder / "rig.yaml", options.controller, options.set
+        rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
+        files = carried_by(head)
+        where = _places(head, files, folder, options)
+        by_law = {law: where[file] for file in files for law in file.laws}
+        for keys, law in rig.laws():
+            if rig.document.place(keys).option or not (path := _path_of(head, law, by_law)):
+                continue
+            target: Any = data
+            for key in keys[:-1]:
+                target = target[key]
+            _, colon, attribute = law.partition(":")
+            target[keys[-1]] = f"{path}{colon}{attribute}"
+        with opened_from(_redirected(files, where)), trial.without_trials():
+            yield load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 
 def _resolved(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, Any]:
@@ -226,21 +229,17 @@ def carried_by(head: logs.Log, kind: str = "") -> list[Carried]:
             if kind != next((one for one in ("judges", "draws") if entry.get(one)), ""):
                 continue
             try:
-                one = Carried(
-                    str(entry["name"]), str(entry["path"]), str(entry["sha256"]),
-                    tuple(map(str, entry["laws"])), tuple(map(str, entry["given"])),
-                    contents.get(str(entry["sha256"])),
-                )  # fmt: skip
-            except (KeyError, TypeError) as error:
-                what = f"an entry of the files it carries is damaged ({error!r})"
+                one = msgspec.convert(entry, Carried)
+            except msgspec.ValidationError as error:
+                what = f"an entry of the files it carries is damaged ({error})"
                 raise logs.LogError(f"{head.path}: {what}") from None
-            known = found.get(one.name)
-            if known is not None and known.sha256 != one.sha256:
+            known = found.get(one.name, one)
+            if known.sha256 != one.sha256:
                 raise logs.LogError(f"{head.path}: {one.name} changed while the run started")
-            laws, given = (known.laws, known.given) if known else ((), ())
-            found[one.name] = Carried(
-                one.name, one.path, one.sha256, (*laws, *one.laws), (*given, *one.given),
-                one.content,
+            laws, given = (known.laws, known.given) if known is not one else ((), ())
+            found[one.name] = replace(
+                one, laws=(*laws, *one.laws), given=(*given, *one.given),
+                content=contents.get(one.sha256),
             )  # fmt: skip
     for name, text in () if kind else head.attachments.items():  # of older logs
         if name.endswith(".py") and not any(name in one.laws for one in found.values()):

@@ -12,7 +12,6 @@ import argparse
 import json
 import math
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,21 +38,19 @@ def command(options: argparse.Namespace) -> int:
     roles = [role for role in logs.NODES if role in head.node and options.node in (role, "all")]
     if not roles:
         raise UserError(f"{path}: no record of node {options.node}")
-    given = argparse.Namespace(**vars(options) | {"controller": None, "set": []})
     frames: dict[str, list[Any]] = {role: [] for role in roles}
-    with tempfile.TemporaryDirectory(prefix="pcpc-step-") as folder:
-        try:
-            with log_rig.rig_of(head, Path(folder), given) as rig:
-                nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in roles]
-        except BusError as error:  # the log's DBC, not a bus of this machine
-            raise UserError(str(error)) from None
-        since_ns = min(node.since_ns for node in nodes)
-        for piece in recomputed(path, nodes, since_ns=since_ns):
-            for role in (role for role in roles if role in piece.node):
-                own = piece.node[role].frames
-                frames[role] += list(own[own["cycle"] == cycle])
-            left = cycle + 1 - min(int(node.replay.block.loop.k) for node in nodes)
-            progress.show(f"{left} cycles are left to recompute")
+    try:
+        with log_rig.rig_of(head, options) as rig:
+            nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in roles]
+    except BusError as error:  # the log's DBC, not a bus of this machine
+        raise UserError(str(error)) from None
+    since_ns = min(node.since_ns for node in nodes)
+    for piece in recomputed(path, nodes, since_ns=since_ns):
+        for role in (role for role in roles if role in piece.node):
+            own = piece.node[role].frames
+            frames[role] += list(own[own["cycle"] == cycle])
+        left = cycle + 1 - min(int(node.replay.block.loop.k) for node in nodes)
+        progress.show(f"{left} cycles are left to recompute")
     progress.close()
     for node in nodes:
         for note in node.notes:

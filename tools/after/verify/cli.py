@@ -105,7 +105,7 @@ def _table(options: argparse.Namespace) -> tuple[dict[str, tables.Entry], str]:
 def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
     """Verify the logs, on several processors where there are several; in the order of `names`."""
     about = {key: getattr(options, key) for key in ("node", "trust", "law", "rig", "fmu")}
-    judge = partial(verified, options=argparse.Namespace(controller=None, set=[], **about))
+    judge = partial(verified, options=argparse.Namespace(**about))
     jobs, progress = options.jobs or _processes(names), Progress(options.quiet)
     if min(jobs, len(names)) > 1:
         return each(judge, names, progress, jobs)

@@ -12,7 +12,6 @@ import multiprocessing
 import os
 import re
 import signal
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -73,7 +72,7 @@ def verified(log: str, options: argparse.Namespace) -> Row:
 def _words(error: Exception, log: str) -> str:
     """Return an error's words without the log, and without the folder that its rig was laid in."""
     text = error.strerror if isinstance(error, OSError) else str(error)
-    text = re.sub(r"\S*pcpc-verify-\w+/", "", text or "a step does not return")
+    text = re.sub(rf"\S*{log_rig.FOLDER}\w+/", "", text or "a step does not return")
     return text.removeprefix(f"{log}: ")
 
 
@@ -84,10 +83,7 @@ def _state_of(path: Path) -> tuple[int, ...]:
 
 def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
     """Recompute a log and enter what came of it; UserError, StepError."""
-    with (
-        tempfile.TemporaryDirectory(prefix="pcpc-verify-") as folder,
-        log_rig.rig_of(head, Path(folder), options) as rig,
-    ):
+    with log_rig.rig_of(head, options) as rig:
         nodes = comparisons(head, rig, options.node)
         wanted = [role for role in rig.nodes() if options.node in (role, "all")]
     columns: dict[str, set[str]] = {}

@@ -132,10 +132,7 @@ def of_log(
     `options`: of `tools.after.log.rig`. LogError, RigError, BoundsError.
     """
     head = logs.head(path)
-    with (
-        tempfile.TemporaryDirectory(prefix="pcpc-bounds-") as folder,
-        log_rig.rig_of(head, Path(folder), options) as rig,
-    ):
+    with log_rig.rig_of(head, options) as rig:
         wanted = states(rig)
         nodes = [_Node(head, rig, role, wanted) for role in rig.roles if role in head.node]
     frontier, missing = Frontier(), list[str]()
