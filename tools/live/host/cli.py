@@ -115,13 +115,10 @@ def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) 
 
 
 def _summary(options: argparse.Namespace, shown: Source | FollowedRun) -> str:
-    what = (
-        "the page can tune and stop the run"
-        if options.write
-        else "the page is read-only (--write lets it tune)"
-    )
     if isinstance(shown, Source):
         return f"{shown.rig}, a finished log; Ctrl-C ends it"
+    can = "can tune and stop the run" if options.write else "is read-only (--write lets it tune)"
+    what = f"the page {can}"
     return f"showing {options.node or options.what or 'any rig that runs'}; {what}; Ctrl-C ends it"
 
 
@@ -130,11 +127,8 @@ def _source(what: str | None, node: str) -> Source | FollowedRun:
     if what is None:
         return FollowedRun(node=node)
     path = Path(what)
-    if (
-        path.suffix == ".mcap"
-        or what == LATEST
-        or (path.is_dir() and not (path / "rig.yaml").is_file())
-    ):
+    is_run = path.is_dir() and not (path / "rig.yaml").is_file()
+    if path.suffix == ".mcap" or what == LATEST or is_run:
         return of_log(source.read(log_of(what), Progress()))
     going_on = bool(what and live.running(what))
     return FollowedRun(what if going_on else str(rigs.data_of(rigs.find(what))["rig"]), node)

@@ -30,10 +30,8 @@ class Display:
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count = 0
         self._status = Status()
-        self._drawing: tuple[tuple[int, int], PlantDrawing | None] = (
-            (-1, -1),
-            None,
-        )  # of which version
+        self._drawing: PlantDrawing | None = None
+        self._drawn = (-1, -1)  # which version
 
     @property
     def source(self) -> Source:
@@ -64,15 +62,13 @@ class Display:
 
     def _scene(self, cycle: int) -> dict[str, Any]:
         source = self.source
-        version = source.version
         try:
-            if self._drawing[0] != version:
-                self._drawing = version, None  # should it fail, it does so once
-                self._drawing = version, drawing_of(source, self._options)
-            found = self._drawing[1]
-            return found.scene(source, cycle) if found else {}
+            if self._drawn != source.version:
+                self._drawn, self._drawing = source.version, None  # should it fail, it does so once
+                self._drawing = drawing_of(source, self._options)
+            return self._drawing.scene(source, cycle) if self._drawing else {}
         except UserError as error:
-            self._drawing = version, None
+            self._drawing = None
             return {"bounds": [0, 0, 1, 1], "note": str(error), "shapes": []}
 
     def find(self) -> None:

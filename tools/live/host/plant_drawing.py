@@ -59,9 +59,9 @@ def drawing_of(source: Source, options: argparse.Namespace) -> PlantDrawing | No
             file, _ = drawing_of_log(source.log, Path(folder), options)
             made = file and drawing.load(file)
         return PlantDrawing(made, drawing.settings_of_log(source.log), source) if made else None
-    for about in _descriptions(source):
-        for path in _paths(about, "draws"):
-            text = about["attachments"]["rig-resolved.yaml"]
+    for node in source.nodes.values():
+        for path in _paths(node.description, "draws"):
+            text = node.description["attachments"]["rig-resolved.yaml"]
             return PlantDrawing(drawing.load(path), settings(text), source)
     return None
 
@@ -73,19 +73,12 @@ def _paths(about: Mapping[str, Any], kind: str) -> list[Path]:
     return [path for path in paths if path.is_file()]
 
 
-def _descriptions(source: Source) -> list[dict[str, Any]]:
-    return [
-        node.live.block.description if source.live else node.description
-        for node in source.nodes.values()
-    ]
-
-
 def layout(source: Source) -> Any:
     """Return the panels with which a plant is shown first, or None.
 
     They are those of the layout.json beside its evaluation or its drawing.
     """
-    for about in _descriptions(source):
+    for about in (node.description for node in source.nodes.values()):
         for path in _paths(about, "judges") + _paths(about, "draws"):
             with suppress(OSError, ValueError):
                 return json.loads(path.with_name(LAYOUT).read_text("utf-8"))

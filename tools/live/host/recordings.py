@@ -86,7 +86,7 @@ class Recording:
         """Write what the nodes have put since; take up those that have come."""
         for role, node in list(self._source.nodes.items()):
             if role not in self._taps:
-                self._part.node(node.live.block.description)
+                self._part.node(node.description)
                 self._taps[role] = Tap(node.live)
         for role, tap in self._taps.items():
             for ring in sh.RINGS:

@@ -6,7 +6,6 @@ import contextlib
 import logging
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +27,7 @@ from pcpc.tools.live.remote import guard
 
 LOOK_S = 0.5  # how soon another run is seen
 IDLE_S = 10.0  # for a page that comes back
-_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-_FILES = (
-    "index.html", "main.js", "net.js", "panels.js", "side.js", "operate.js", "drawing.js",
-    "runs.js", "axes.js", "phase.js", "host.css", "uplot.js", "uplot.css",
-)  # fmt: skip
+_KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}  # of the page's files
 
 
 class Server:
@@ -77,9 +72,9 @@ class Server:
     def app(self, names: frozenset[str], secure: bool) -> Any:
         """Return the ASGI application for a server with these names."""
         routes: list[Any] = [WebSocketRoute("/ws", self._connected)]
-        routes += [
-            Route("/" if name == "index.html" else f"/{name}", _file(name)) for name in _FILES
-        ]
+        for file in Path(__file__).with_name("page").iterdir():
+            if file.suffix in _KINDS:
+                routes.append(Route(f"/{file.name}".removesuffix("index.html"), _answer(file)))
         return guard.Guard(Starlette(routes=routes, lifespan=self._life), names, secure)
 
     async def _connected(self, socket: WebSocket) -> None:
@@ -136,12 +131,11 @@ class Server:
                 del self._displays[name], self._idle_s[name]
 
 
-def _file(name: str) -> Any:
-    body = files("pcpc.tools.live.host").joinpath("page", name).read_bytes()
-    kind = _KINDS[name.rpartition(".")[2]]
+def _answer(file: Path) -> Any:
+    body = file.read_bytes()
 
     async def answer(request: Any) -> Response:
-        return Response(body, media_type=kind)
+        return Response(body, media_type=_KINDS[file.suffix])
 
     return answer
 

@@ -45,13 +45,14 @@ class LiveNode:
 
     def __init__(self, live: nodes.Live) -> None:
         self.live, self.tap = live, Tap(live)
-        self.role = str(live.block.description["node"])
+        self.description = live.block.description
+        self.role = str(self.description["node"])
         self.period_s, self.variables = 1e-9 * live.period_ns, live.variables
         self.names = self.tap.names
         self._places = {name: place for place, name in enumerate(self.names)}
         rows = int(min(KEPT_S / self.period_s, KEPT_BYTES / (10 * len(self.names) + 20)))
         self._history = History(max(rows, 2), len(self.names))
-        self._frames = Newest(FRAMES_KEPT, (frame_words(live.block.description),), np.int64)
+        self._frames = Newest(FRAMES_KEPT, (frame_words(self.description),), np.int64)
         self._events = Newest(EVENTS_KEPT, (EVENT_WORDS,), np.int64)
         self._turn = threading.Lock()  # between what comes and who copies it
         self.traffic = Traffic(live)
@@ -64,7 +65,7 @@ class LiveNode:
             self._frames.add(frames)
             self._events.add(events)
         self.traffic.add(frames)
-        about = node_description(self.live.block.description)
+        about = node_description(self.description)
         return [(int(row[1]), *entry_of(row, about)) for row in events]
 
     def clear(self) -> None:
@@ -78,19 +79,11 @@ class LiveNode:
             cycle = self._history.cycle
             first = (int(cycle[-1]) if len(cycle) else 0) - round(last_s / self.period_s) + 1
             new, history = slice(int(np.searchsorted(cycle, first)), None), self._history
-            rows = Rows(
-                cycle[new].copy(),
-                history.stamp_ns[new].copy(),
-                history.values[new].copy(),
-                self._places,
-            )
+            stamps, values = history.stamp_ns[new].copy(), history.values[new].copy()
+            rows = Rows(cycle[new].copy(), stamps, values, self._places)
             frames, events = self._frames.rows, self._events.rows
-            return Stretch(
-                self.live.block.description,
-                rows,
-                frames[frames[:, 2] >= first],
-                events[events[:, 1] >= first],
-            )
+            frames, events = frames[frames[:, 2] >= first], events[events[:, 1] >= first]
+            return Stretch(self.description, rows, frames, events)
 
     def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
         """Return the cycles `first` to `last` that are there, and values (n, names)."""

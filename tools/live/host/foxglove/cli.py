@@ -83,15 +83,13 @@ def _say(options: argparse.Namespace, shown: FollowedRun, port: int, token: str)
     url = f"{'wss' if options.tls_cert else 'ws'}://{guard.place(name, port)}"
     query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/[]")
     print(f"{url}\nhttps://app.foxglove.dev/?{query}", flush=True)
-    reach = (
-        "every page open in a browser here" if guard.is_loopback(options.address) else "all there"
-    )
-    to_tune = f"to tune, set the parameter {TOKEN} to {token}"
-    lines = (
-        f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C ends it",
-        f"reading needs no token: {reach} can read",
-        to_tune
-        if options.write
-        else "it is read-only; with --write, clients with the token can tune",
-    )
-    print(*lines, sep="\n", file=sys.stderr, flush=True)
+    local = guard.is_loopback(options.address)
+    reach = "every page open in a browser here" if local else "all there"
+    tune = "it is read-only; with --write, clients with the token can tune"
+    if options.write:
+        tune = f"to tune, set the parameter {TOKEN} to {token}"
+    print(
+        f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C ends it\n"
+        f"reading needs no token: {reach} can read\n{tune}",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
