@@ -6,8 +6,8 @@ from typing import Any
 from pcpc.drivers.errors import UserError
 
 
-class _Store(argparse._StoreAction):
-    """An option with a value, which is noted; a second one that contradicts is refused."""
+class _Noted(argparse.Action):
+    """An option that is noted; a second value that contradicts the first is refused."""
 
     def __call__(
         self,
@@ -18,39 +18,22 @@ class _Store(argparse._StoreAction):
     ) -> None:
         if self.nargs is None:
             need_value(parser, option_string, values)
-        if option_string is not None and repr(_note(self, options, values)) != repr(values):
+        value = values if isinstance(self, argparse._StoreAction) else True  # others go together
+        if option_string is not None and repr(_note(self, options, value)) != repr(value):
             parser.error(f"{option_string}: given twice, with two values")
         super().__call__(parser, options, values, option_string)
 
 
-class _StoreTrue(argparse._StoreTrueAction):
-    """An option without a value, which is noted."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        options: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ) -> None:
-        _note(self, options, True)
-        super().__call__(parser, options, values, option_string)
+class _Store(_Noted, argparse._StoreAction):
+    """An option with a value."""
 
 
-class _Append(argparse._AppendAction):
-    """An option that may be repeated, which is noted."""
+class _StoreTrue(_Noted, argparse._StoreTrueAction):
+    """An option without a value."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        options: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ) -> None:
-        if self.nargs is None:
-            need_value(parser, option_string, values)
-        _note(self, options, True)
-        super().__call__(parser, options, values, option_string)
+
+class _Append(_Noted, argparse._AppendAction):
+    """An option that may be repeated."""
 
 
 ACTIONS = {None: _Store, "store": _Store, "store_true": _StoreTrue, "append": _Append}
