@@ -92,11 +92,11 @@ class Run:
         keep: Any = None, *, trust: bool = False,
     ) -> None:  # fmt: skip
         self.path = path
-        self._rig_given, self._outcome, self._keep, self._trust = rig, outcome, keep, trust
+        self._rig_given, self._outcome, self._keep = rig, outcome, keep
         self._options = argparse.Namespace(trust=trust, law=[], rig=None)
 
     def __repr__(self) -> str:
-        about = self.log.metadata.get("executive") or self.log.metadata.get("plant", {})
+        about = self.log.metadata[next(iter(self.log.node))]
         return f"<pcpc.Run {about.get('rig')} {about.get('controller')} {self.path}>"
 
     # What was recorded
@@ -127,8 +127,7 @@ class Run:
 
     @cached_property
     def _records(self) -> Any:
-        leader = "executive" if "executive" in self.log.node else next(iter(self.log.node))
-        return Judged(self.log, self.period_s).run(leader)
+        return Judged(self.log, self.period_s).run(next(iter(self.log.node)))
 
     def __getitem__(self, name: str) -> Vector:
         if (found := names.find_variable(self.log, name)) is not None:
@@ -344,8 +343,8 @@ class Run:
         from pcpc.tools.after.replay import replay  # time
 
         options = argparse.Namespace(
-            node="all", controller=changes.pop("controller", None),
-            set=settings(changes.pop("set", {})), trust=self._trust,
+            **vars(self._options), node="all", controller=changes.pop("controller", None),
+            set=settings(changes.pop("set", {})),
         )  # fmt: skip
         if changes:
             raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")

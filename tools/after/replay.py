@@ -96,10 +96,9 @@ def replay(
     values = Values(words, first) if words else None
     changed = bool(options.controller or options.set)
     how: dict[str, Any] = {"last": last, "seek": 0 if changed else first, "changed": changed}
+    how |= {"each": values.look} if values else {}
     with log_rig.rig_of(head, options) as rig:
-        nodes = comparisons(
-            head, rig, options.node, **how, each=values.look if values else _nothing
-        )
+        nodes = comparisons(head, rig, options.node, **how)
     if values:
         values.begin([node for node in nodes if isinstance(node, Comparison)])
     whole = (first, last) == (0, ALL)
@@ -112,9 +111,6 @@ def replay(
     return [node.verdict for node in nodes]
 
 
-def _nothing() -> None: ...
-
-
 def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
     """Return what recomputes a node, or all of a log, its device too; LogError.
 
@@ -125,8 +121,9 @@ def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
         if role in head.node and node in (role, "all")
     ]  # fmt: skip
     whole = not how.get("seek") and how.get("last", ALL) == ALL
-    if node in ("device", "all") and whole and _of_device(head):
-        nodes.append(part_of(_DEVICE, "replay").DeviceComparison(head, rig))
+    if node in ("device", "all") and whole and is_installed(_DEVICE):
+        device = part_of(_DEVICE, "replay")
+        nodes += [device.DeviceComparison(head, rig)] if device.is_of_device(head) else []
     if not nodes and node == "device" and not whole:
         raise UserError("--node device: its frames are compared as a whole; leave out --from, --to")
     if not nodes:
@@ -150,11 +147,6 @@ def recomputed(
         yield piece
         if not whole and all(node.is_there for node in nodes):
             return
-
-
-def _of_device(head: logs.Log) -> bool:
-    """Return whether a log is that of a plant with a device whose order is certain."""
-    return is_installed(_DEVICE) and bool(part_of(_DEVICE, "replay").is_of_device(head))
 
 
 class Comparison:

@@ -107,8 +107,7 @@ class _Bisection:
         }  # fmt: skip
 
     def _tell(self, left: int, commit: str) -> None:
-        what = "commit" if left == 1 else "commits"
-        self._progress.show(f"{left} {what} left, testing {commit[:7]}")
+        self._progress.show(f"{left} commit{'s' * (left > 1)} left, testing {commit[:7]}")
 
     def _again(self, commit: str, before: logs.Log) -> logs.Log:
         """Run a commit once more; UserError if its bits are not those of before."""

@@ -105,9 +105,7 @@ def firsts(report: diff.Report, old: logs.Log, new: logs.Log) -> list[First]:
     """Return what differs first in each node, by time and, at one instant, by cause."""
     of: dict[str, list[diff.Difference]] = {}
     for one in report.differences:
-        name = one.name.removeprefix("frame ")
-        node = next((role for role in logs.NODES if name.startswith(f"{role}.")), "executive")
-        of.setdefault(node, []).append(one)
+        of.setdefault(diff.node_of(one), []).append(one)
     found = []
     for node, differences in of.items():
         order = _Order(node, old, new)

@@ -71,19 +71,21 @@ class Repository:
 
     def files(self) -> list[str]:
         """Return the files of the working tree that are tracked, or could be."""
-        names = dict.fromkeys(_git(self.root, *_NEW, "--cached").split("\0"))
-        return sorted(name for name in names if name and (self.root / name).is_file())
+        names = self._names(*_NEW, "--cached")
+        return sorted(name for name in names if (self.root / name).is_file())
 
     def files_of(self, commit: str) -> list[str]:
         """Return the files of a version."""
-        names = _git(self.root, "ls-tree", "-r", "-z", "--name-only", commit).split("\0")
-        return sorted(name for name in names if name)
+        return sorted(self._names("ls-tree", "-r", "-z", "--name-only", commit))
 
     def changed(self, commit: str) -> list[str]:
         """Return the files in which the working tree differs from a version."""
-        tracked = _git(self.root, "diff", "--name-only", "--no-renames", "-z", commit, "--")
-        new = _git(self.root, *_NEW)
-        return sorted({name for name in (tracked + new).split("\0") if name})
+        tracked = self._names("diff", "--name-only", "--no-renames", "-z", commit, "--")
+        return sorted(tracked | self._names(*_NEW))
+
+    def _names(self, *words: str) -> set[str]:
+        """Return the files that git lists."""
+        return {name for name in _git(self.root, *words).split("\0") if name}
 
     @contextmanager
     def checked_out(self, commit: str) -> Iterator[Path]:

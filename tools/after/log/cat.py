@@ -37,6 +37,7 @@ from pcpc.tools.terminal.progress import Progress
 
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
 _FRAMES = "can/frames"
+Rows = NDArray[Any]  # messages, or frames: (n,) records
 
 
 def command(options: argparse.Namespace) -> int:
@@ -125,7 +126,7 @@ class Printer:
     _headed: bool = False
     _left_out: Counter[str] = field(default_factory=Counter)
 
-    def lines(self, channel: int, rows: NDArray[Any]) -> Iterator[str]:
+    def lines(self, channel: int, rows: Rows) -> Iterator[str]:
         """Yield the lines of messages (n,) of one channel."""
         topic = self.found.topic(channel)
         if self.found.channels[channel].message_encoding == "json":
@@ -139,18 +140,18 @@ class Printer:
         """Return a line for each topic of which messages are not printed: they make no sense."""
         return senseless(self._left_out)
 
-    def _time_s(self, rows: NDArray[Any]) -> list[float]:
+    def _time_s(self, rows: Rows) -> list[float]:
         times: list[float] = ((rows["log_time"].astype(np.int64) - self.zero_ns) / 1e9).tolist()
         return times
 
-    def _cycles(self, channel: int, rows: NDArray[Any]) -> list[int]:
+    def _cycles(self, channel: int, rows: Rows) -> list[int]:
         """Return the cycles of messages that carry their low 32 bits."""
         sequence = rows["sequence"].astype(np.int64)
         cycles: list[int] = log_checks.unwrapped_cycles(sequence, self._last.get(channel)).tolist()
         self._last[channel] = cycles[-1]
         return cycles
 
-    def _columns(self, channel: int, topic: str, rows: NDArray[Any]) -> Iterator[str]:
+    def _columns(self, channel: int, topic: str, rows: Rows) -> Iterator[str]:
         if topic not in self._variables:
             self._variables[topic] = logs.variables(self.found, topic)
         variables = self._variables[topic]
@@ -173,7 +174,7 @@ class Printer:
             entry = {"topic": topic, "time_s": time_s, "cycle": cycle}
             yield json_line(entry | dict(zip(fields, row, strict=True)))
 
-    def _frames(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
+    def _frames(self, topic: str, rows: Rows) -> Iterator[str]:
         if rows["data"].shape[1] - logs.CDR_BYTES not in logs.FRAME_SIZES:
             self._left_out[topic] += len(rows)
             return
@@ -203,7 +204,7 @@ class Printer:
             else:
                 yield json_line({"topic": topic} | entry)
 
-    def _objects(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
+    def _objects(self, topic: str, rows: Rows) -> Iterator[str]:
         for time_s, row in zip(self._time_s(rows), rows, strict=True):
             entry = self._entry(topic, row["data"].tobytes())
             if entry is None:
@@ -242,7 +243,7 @@ def frame_text(frame: Any) -> str:
     return f"{can_id.text_of(int(frame['id']))}{mark}{payload(frame)}"
 
 
-def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> tuple[int, int]:
+def unequal_frames(a: Rows, b: Rows, fields: Sequence[str]) -> tuple[int, int]:
     """Return how many frames differ in these fields or have no counterpart, and where the first.
 
     Both (n,) records.
@@ -257,7 +258,7 @@ def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> t
 
 
 def unequal_texts(
-    a: NDArray[Any], b: NDArray[Any], at: int, text: Callable[[Any], str] = frame_text
+    a: Rows, b: Rows, at: int, text: Callable[[Any], str] = frame_text
 ) -> tuple[str, str]:
     """Return two recorded frames that differ, "none" for none, so that one sees in what.
 

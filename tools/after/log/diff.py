@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.inventory import TOPICS
 from pcpc.tools.after.log import series, source
 from pcpc.tools.after.log.cat import payload, unequal_frames, unequal_texts
 from pcpc.tools.after.log.tally import DIRECTIONS
@@ -118,7 +119,7 @@ def compare(
     zero_ns = series.start_ns(a)
     for name, rows in _shared_cycles(report, a, b).items():
         both = [n for n in chosen if n in ours and n in theirs]
-        for variable in (n for n in both if _node_of(ours[n]) == name):
+        for variable in (n for n in both if TOPICS[ours[n].topic][0] == name):
             one, other = ours[variable], theirs[variable]
             found = _values(one, other, rows, relative, absolute, zero_ns)
             report.variables += 1
@@ -134,27 +135,24 @@ def compare(
 
 def _in_the_loop(one: Difference) -> tuple[float, int, int, int]:
     """Return what sorts differences by time and, at one instant, by cause before effect."""
-    name = one.name.removeprefix("frame ")
-    node = next((r for r in logs.NODES if name.startswith(f"{r}.")), "executive")
+    name, node = one.name.removeprefix("frame "), node_of(one)
     kind = name.removeprefix(f"{node}.").partition(".")[0]
     stage = 3 if name != one.name else _STAGES.get(kind, 1)
     return one.time_s, one.cycle, -logs.NODES.index(node), stage
 
 
-def _node_of(one: series.Series) -> str:
-    first = one.topic.split("/")[1]
-    return first if first in logs.NODES else "executive"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+def node_of(one: Difference) -> str:
+    """Return the node whose variable or frame it is."""
+    name = one.name.removeprefix("frame ")
+    return next((node for node in logs.NODES if name.startswith(f"{node}.")), "executive")
 
 
 def _only(report: Report, what: str, a: set[str], b: set[str]) -> None:
     for path, names in ((report.a, a - b), (report.b, b - a)):
         if names:
-            listed = ", ".join(sorted(names)[:8]) + (", ..." if len(names) > 8 else "")
-            report.only.append(f"only {path} has {_counted(len(names), what)}: {listed}")
+            listed = ", ".join(screen.some(sorted(names), 8, "..."))
+            count = f"{len(names)} {what}{'s' * (len(names) > 1)}"
+            report.only.append(f"only {path} has {count}: {listed}")
 
 
 def _shared_cycles(
@@ -170,7 +168,7 @@ def _shared_cycles(
         for path, own in ((report.a, ours), (report.b, theirs)):
             rest = np.setdiff1d(own, common)
             if len(rest):
-                count = _counted(len(rest), "cycle")
+                count = f"{len(rest)} cycle{'s' * (len(rest) > 1)}"
                 report.only.append(f"only {path} has {count} of {name}: {rest[0]} to {rest[-1]}")
     return shared
 

@@ -21,6 +21,7 @@ _WIDTH_IN, _AXIS_IN, _REST_IN, DPI = 12.0, 1.7, 0.9, 110
 _PIXELS = 1100  # of an axis, about
 _LONGEST_NAME = 60  # characters
 _MOST_NAMES = 4  # of logs in the title
+Vector = NDArray[np.float64]
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#707070")
 
 
@@ -39,9 +40,7 @@ class Source:
         return np.asarray((t >= window_s[0]) & (t < window_s[1]))
 
 
-def decimated(
-    t: NDArray[np.float64], y: NDArray[np.float64], pixels: int = _PIXELS
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def decimated(t: Vector, y: Vector, pixels: int = _PIXELS) -> tuple[Vector, Vector]:
     """Return first, last, lowest and highest point of each of `pixels` equal parts of `t`.
 
     `t`, `y` (n,), `t` ascending. NaN is neither lowest nor highest.

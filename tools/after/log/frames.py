@@ -27,6 +27,7 @@ from pcpc.executive.rig.roles import PLANTS
 
 PEER = {"executive": "plant", "plant": "executive"}
 SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
+Ints = NDArray[np.int64]  # (n,)
 _COLUMNS = [("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1")]
 
 
@@ -43,8 +44,8 @@ class Frames:
     the log.
     """
 
-    stamp_ns: NDArray[np.int64]
-    cycle: NDArray[np.int64]
+    stamp_ns: Ints
+    cycle: Ints
     sender: NDArray[np.uint8]
     raw: NDArray[np.uint8]
     senders: tuple[str, ...]
@@ -56,7 +57,7 @@ class Frames:
         return len(self.stamp_ns)
 
     @property
-    def words(self) -> NDArray[np.int64]:
+    def words(self) -> Ints:
         """Return the ids with SocketCAN's flags, (n,)."""
         return self.raw[:, :4].copy().view("<u4")[:, 0].astype(np.int64)
 
@@ -142,7 +143,7 @@ def _merged(own: NDArray[np.void], other: NDArray[np.void], number: int) -> NDAr
     return np.concatenate([own_sent, received, extra])
 
 
-def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> NDArray[np.int64]:
+def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> Ints:
     """Return for each received row the sent row that it is a copy of, -1 for none. All (n,)."""
     waiting: dict[bytes, deque[int]] = defaultdict(deque)
     for i, key in enumerate(_keys(sent)):
@@ -162,7 +163,7 @@ def _keys(rows: NDArray[np.void]) -> list[bytes]:
     return [text[i : i + size] for i in range(0, len(text), size)]
 
 
-def _period_ns(log: logs.Log, stamp_ns: NDArray[np.int64]) -> int:
+def _period_ns(log: logs.Log, stamp_ns: Ints) -> int:
     """Return the period of the log's rig; without one the mean distance of its frames."""
     for node in log.node:
         if text := log.metadata[node].get("period_ns"):
@@ -223,7 +224,7 @@ def _id_word(text: str, frames: Frames, log: str) -> int:
     return can_id.word_of(number, len(digits) == 8 or number > 0x7FF)
 
 
-def cycles(frames: Frames) -> NDArray[np.int64]:
+def cycles(frames: Frames) -> Ints:
     """Return where each cycle begins, and the end, (cycles + 1,)."""
     begins = np.flatnonzero(np.diff(frames.cycle)) + 1
     return np.concatenate([[0], begins, [len(frames)]])

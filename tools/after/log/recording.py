@@ -219,13 +219,9 @@ class _Counted:
             self.channels[name] += 1
             if self._channel not in (None, name):
                 return
-        for what, is_so in (
-            ("error", message.is_error_frame),
-            ("remote", message.is_remote_frame),
-        ):
-            if is_so:
-                self.left_out[what] += 1
-                return
+        if message.is_error_frame or message.is_remote_frame:
+            self.left_out["error" if message.is_error_frame else "remote"] += 1
+            return
         number, dlc, extended = message.arbitration_id, message.dlc, message.is_extended_id
         if dlc not in LENGTHS[: None if message.is_fd else 9] or len(message.data) != dlc:
             raise ValueError(f"id {number:#x}: {len(message.data)} of {dlc} bytes")

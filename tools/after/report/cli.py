@@ -14,7 +14,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.after.log.recorded import log_of
 from pcpc.tools.after.verdict.summary import Summary
-from pcpc.tools.terminal.document import Section, html
+from pcpc.tools.terminal.document import Part, Section, html
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.option_notes import refuse
@@ -66,18 +66,20 @@ def write(
 
     with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:
         record = gather(path, Path(folder), options, progress, summary)
-        chapters = [
-            Section("Figure", [sections.figure(record, Path(folder))]),
-            Section("Requirements", [sections.requirements(record)]),
-            Section("Metrics", [sections.metrics(record)]),
-            Section("Course", sections.course(record)),
-            Section("Timing", details.timing(record)),
-            Section("Bus", details.bus(record)),
-            Section("Configuration", details.configuration(record)),
-            Section("Versions", [details.versions(record)]),
-            Section("Replay", details.replay(record)),
-        ]
-    bodies = {chapter.title: body for chapter in chapters if (body := html(chapter))}
+        chapters: dict[str, list[Part]] = {
+            "Figure": [sections.figure(record, Path(folder))],
+            "Requirements": [sections.requirements(record)],
+            "Metrics": [sections.metrics(record)],
+            "Course": sections.course(record),
+            "Timing": details.timing(record),
+            "Bus": details.bus(record),
+            "Configuration": details.configuration(record),
+            "Versions": [details.versions(record)],
+            "Replay": details.replay(record),
+        }
+    bodies = {
+        name: body for name, parts in chapters.items() if (body := html(Section(name, parts)))
+    }
     heading = html(Section(sections.title(record), [sections.facts(record)]), 1)
     contents = "".join(f'<a href="#{name}">{name}</a> ' for name in bodies)
     parts = [heading, html(sections.verdict(record)), f"<nav>{contents}</nav>", *bodies.values()]

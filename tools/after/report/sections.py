@@ -99,14 +99,8 @@ def metrics(record: Record) -> Table | None:
             bounds = f"{low:g} to {high:g}"
             state = "met" if low <= value <= high else Strong("not met")
             state = "not judged" if name in summary.not_judged else state
-        rows.append(
-            (
-                summary.named(name),
-                f"{value:.4g}" if name in summary.metrics else "not told",
-                bounds,
-                state,
-            )
-        )
+        told = f"{value:.4g}" if name in summary.metrics else "not told"
+        rows.append((summary.named(name), told, bounds, state))
     return Table(("metric", "value", "limits", ""), rows, (1,))
 
 
@@ -114,13 +108,9 @@ def figure(record: Record, folder: Path) -> Part:
     """Return the evaluation's figure; where it draws none the run's own, or variables over time."""
     judge, summary, place = record.judge, record.summary, folder / "figure.png"
     if judge is not None and not record.groups:
-        about = (
-            (summary.metrics, place, summary.requirements, summary.changed)
-            if summary
-            else ({}, place)
-        )
+        told = (summary.requirements, summary.changed) if summary else ()
         try:
-            if not judge.draw(record.log, *about):
+            if not judge.draw(record.log, summary.metrics if summary else {}, place, *told):
                 return Picture(place.read_bytes(), "the figure of the evaluation")
         except RigError as error:
             return Note(f"No figure: {error}")
@@ -138,9 +128,8 @@ def course(record: Record) -> list[Part]:
     """Return states, faults, tunings and alarms over time."""
     drawn = figures.course(record)
     nodes = record.log.node.values()
-    cut = isinstance(record.log, LongLog) and any(
-        max(len(node.events), len(node.tunings)) >= MOST_ENTRIES for node in nodes
-    )
+    most = max((len(one) for node in nodes for one in (node.events, node.tunings)), default=0)
+    cut = isinstance(record.log, LongLog) and most >= MOST_ENTRIES
     return [
         drawn and Picture(png_of(drawn), "states of the supervisor, faults and tunings over time"),
         _states(record), _faults(record), _on_purpose(record), _tunings(record), _alarms(record),

@@ -28,6 +28,7 @@ from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
 _ORDER = "piso"  # initials of parameter, input, state, output
+_KINDS = {"parameter": "set", "input": "in", "state": "state", "output": "out"}
 
 
 def command(options: argparse.Namespace) -> int:
@@ -106,8 +107,8 @@ class Cycle:
         if frames:
             found += [f"  frame in   {' '.join(one)}" for one in self.taken(1)]
         for title, variables in self.stages():
-            rows = [self._row(one) for one in variables if one.name in chosen]
-            found += [title, *screen.table(rows, right=(2,))] if rows else []
+            if rows := [self._row(one) for one in variables if one.name in chosen]:
+                found += [title, *screen.table(rows, right=(2,))]
         if frames:
             found += [f"  frame out  {' '.join(one[:2])}" for one in self.taken(0)]
         return found
@@ -117,9 +118,7 @@ class Cycle:
         value, source = self.values[one.name], self.sources.get(one.name, "")
         wanted = self.values.get(source, value) if one.kind == "sent" else value
         limited = "" if wanted == value or math.isnan(wanted) else f" limited, {wanted:.6g} wanted"
-        kind = {"input": "in", "output": "out", "parameter": "set"}.get(one.kind, one.kind)
-        kind = kind if kind in ("in", "out", "set", "state") else ""
-        return f"  {kind}", one.name, f"{value:.9g}", f"{one.unit}{limited}"
+        return f"  {_KINDS.get(one.kind, '')}", one.name, f"{value:.9g}", f"{one.unit}{limited}"
 
     def as_dict(self, cycle: int, chosen: set[str]) -> dict[str, Any]:
         """Return everything for JSON; what is not finite is text."""

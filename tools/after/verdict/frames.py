@@ -79,11 +79,8 @@ def stayed_away(rig: Rig, log: Log) -> list[str]:
         if role in log.node:
             whole = ran.get(f"written.{role}.record", "0")
             for frame in (frame for frame in frames if frame.cycle_ms):
-                cycles, every = (
-                    int(told.get(f"{role}.{frame.word:X}", whole)),
-                    frame.every_n(rate_hz),
-                )
-                if cycles > AWAY * every:
+                cycles = int(told.get(f"{role}.{frame.word:X}", whole))
+                if cycles > AWAY * (every := frame.every_n(rate_hz)):
                     what = f"{frame.name} stayed away for {cycles / rate_hz:.4g} s"
                     lines[f"{what}; every {every / rate_hz:g} s was expected"] = None
     return list(lines)
@@ -138,7 +135,7 @@ def most_cut(rig: Rig, log: Log) -> str:
 
     "" for none, and of a log too long to be looked at for it.
     """
-    found = [] if isinstance(log, LongLog) else [*_cuts(rig, log)]
+    found = () if isinstance(log, LongLog) else _cuts(rig, log)
     cycles, text = max(found, default=(0, ""))
     return text.format(cycles) if cycles else ""
 
@@ -150,12 +147,10 @@ def _cuts(rig: Rig, log: Log) -> Iterator[tuple[int, str]]:
         for frame in _frames(rig, section.node, "tx"):
             for signal in frame.signals:
                 name = f"{frame.name}.{signal.name}"
-                values, limit = (
-                    columns.get(section.transmit.get(name, "")),
-                    limits.get(name, Limit()),
-                )
+                values = columns.get(section.transmit.get(name, ""))
                 if values is None:
                     continue
+                limit = limits.get(name, Limit())
                 low, high = max(signal.range[0], limit.low), min(signal.range[1], limit.high)
                 for bound, by in ((low, low - values), (high, values - high)):
                     beyond = by > 0.5 * abs(signal.factor)

@@ -123,16 +123,13 @@ def verdict_text(summary: Summary) -> str:
     if summary.verdict not in ("ok", "loss", "expectation not met"):
         return summary.verdict
     if left:
-        said = f"{_limits(len(left))} not judged: {', '.join(dict.fromkeys(left.values()))}"
+        why = ", ".join(dict.fromkeys(left.values()))
+        said = f"{len(left)} limit{'s' * (len(left) > 1)} not judged: {why}"
     elif judged:
-        said = f"{_limits(judged)} judged"
+        said = f"{judged} limit{'s' * (judged > 1)} judged"
     else:
         said = f"nothing judged: the rig states no limits for {summary.controller}"
     return f"{summary.verdict} ({said})"
-
-
-def _limits(count: int) -> str:
-    return f"{count} limit" if count == 1 else f"{count} limits"
 
 
 def _stages(summary: Summary, width: int) -> list[str]:

@@ -42,7 +42,7 @@ def signature_of(table: Path) -> Path:
 
 def relative(log: str, table: Path) -> str:
     """Return the path of a log as its table has it; UserError where it does not lie below."""
-    path = Path(os.path.relpath(log, table.parent)).as_posix()
+    path = path_below(log, table)
     if path.startswith("../") or os.path.isabs(path):
         what = f"does not lie below {table.parent}, the folder of the table"
         raise UserError(f"{log}: {what}; put the table into a folder above all logs")

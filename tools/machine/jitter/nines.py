@@ -39,6 +39,7 @@ TAIL = 0.025  # on either side of an interval
 HELD, BROKEN, OPEN, TOO_FEW = "held", "broken", "open", "not judged"
 _FEWEST_BEYOND = Fraction(1, 10**9)  # of the nines that are printed
 Vector = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Judged = tuple[str, "Point", float, str]  # way, quantile, limit in us, verdict
 
 
@@ -54,11 +55,11 @@ class Point:
 
 
 def whole_path(
-    cycle: NDArray[np.int64],
+    cycle: Ints,
     late_us: Vector,
-    wakes_ns: NDArray[np.int64],
-    commands_ns: NDArray[np.int64],
-    syncs_ns: NDArray[np.int64],
+    wakes_ns: Ints,
+    commands_ns: Ints,
+    syncs_ns: Ints,
     refused: NDArray[np.bool_],
     held: NDArray[np.bool_],
     period_us: float,

@@ -28,6 +28,8 @@ _PLANT_BELOW = 10  # of the executive's priority, as in every rig
 ROLES = ("executive", "plant")
 _COUNTERS = ("passes", "late_cycles", "skipped_cycles", "send_errors", "held_cycles")
 _UNPACED = {"executive": 0, "plant": 1}  # first cycles that a frame started, not the clock
+Ints = NDArray[np.int64]
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,12 @@ class Node:
     `paths_us`: `nines.WAYS` of the executive.
     """
 
-    stages_us: dict[str, NDArray[np.float64]]
+    stages_us: dict[str, Vector]
     missed: int
     late: int
     pid: int
     priority: int
-    paths_us: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    paths_us: dict[str, Vector] = field(default_factory=dict)
 
     @property
     def cycles(self) -> int:
@@ -51,7 +53,7 @@ class Node:
         return len(self.stages_us["wake_late"])
 
     @property
-    def late_ns(self) -> NDArray[np.int64]:
+    def late_ns(self) -> Ints:
         """Lateness of each cycle, ns, as the loop took it."""
         return np.rint(1e3 * self.stages_us["wake_late"]).astype(np.int64)
 
@@ -142,12 +144,12 @@ def read(
     """Return the nodes of a log and the executive's metadata; LogError, JitterError for a loss."""
     names = [f"timing.{stage}_us" for stage in STAGES]
     names += [f"health.{name}" for name in _COUNTERS]
-    parts: dict[str, dict[str, list[NDArray[np.float64]]]] = {
+    parts: dict[str, dict[str, list[Vector]]] = {
         node: {name: [] for name in names} for node in ROLES
     }
     missing: list[str] = []
     metadata: dict[str, str] = {}
-    stamps: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("wake", "CMD", "SYNC")}
+    stamps: dict[str, list[Ints]] = {name: [] for name in ("wake", "CMD", "SYNC")}
     for piece, _ in logs.pieces(log):
         missing += piece.missing
         for name, part in piece.node.items():
@@ -173,7 +175,7 @@ def read(
     return nodes, metadata
 
 
-def _add_stamps(stamps: dict[str, list[NDArray[np.int64]]], part: logs.Node) -> None:
+def _add_stamps(stamps: dict[str, list[Ints]], part: logs.Node) -> None:
     """Add cycle and stamp, ns, of each wake-up, command and SYNC."""
     stamps["wake"].append(np.stack([part.cycle, part.stamp_ns]))
     for word, name in part.description["frames"].items():
@@ -183,11 +185,11 @@ def _add_stamps(stamps: dict[str, list[NDArray[np.int64]]], part: logs.Node) -> 
 
 
 def _paths(
-    stamps: dict[str, list[NDArray[np.int64]]],
-    table: dict[str, NDArray[np.float64]],
+    stamps: dict[str, list[Ints]],
+    table: dict[str, Vector],
     setup: Setup,
     interrupted: bool,
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Vector]:
     """Return the executive's `nines.WAYS`, none if a command or a SYNC of a cycle is not there."""
     cycle, wakes_ns = np.concatenate(stamps["wake"], axis=1)
     sent_ns = []
@@ -215,9 +217,7 @@ def _paths(
     )
 
 
-def _node(
-    name: str, table: dict[str, NDArray[np.float64]], setup: Setup, pid: int, interrupted: bool
-) -> Node:
+def _node(name: str, table: dict[str, Vector], setup: Setup, pid: int, interrupted: bool) -> Node:
     first, ran = _UNPACED[name], len(table["health.passes"])
     stages = {stage: table[f"timing.{stage}_us"][first:] for stage in STAGES}
     stages["publish"] = table["timing.publish_us"][first + 1 :]
