@@ -23,16 +23,16 @@ _AS_HOST: dict[str, Any] = {
     "address": "127.0.0.1", "name": [], "tls_cert": None, "tls_key": None, "plain": False,
     "new_token": False, "node": "", "what": None,
 }  # fmt: skip
-_END_S = 2.0
 
 
 class Page(NoPage):
     """That of one run, whose leading node is `node`; without --host none, which does nothing."""
 
+    ENDED = "the page has ended: {}; the run goes on, `pcpc host` shows it again"
+
     def __init__(self, options: argparse.Namespace, node: str) -> None:
         given = {key: getattr(options, key, None) for key in _GIVEN}
         self._wanted, self._node = bool(getattr(options, "host", False)), node
-        self._child: Child | None = None
         self._door: Door | None = None
         self._options = argparse.Namespace(**_AS_HOST, **given)
         if self._wanted:
@@ -43,11 +43,6 @@ class Page(NoPage):
         elif alone := [key for key, value in given.items() if value not in (None, False)]:
             words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
             raise UserError(f"{words}: options of the page; give --host, too")
-
-    def end(self) -> None:
-        """End it with the run."""
-        if self._child is not None:
-            self._child.end(0.0, _END_S)
 
     def start(self) -> None:
         """Begin to serve, and tell where."""
@@ -65,14 +60,6 @@ class Page(NoPage):
         assert self._door is not None
         cli.serve(self._door, FollowedRun(node=self._node), self._options)
         return 0
-
-    def ended(self) -> str:
-        """Return what to say where the page has ended before the run, once; else ""."""
-        if self._child is None or not self._child.ended:
-            return ""
-        why = self._child.complaint()[-1:] or [f"exit code {self._child.code}"]
-        self._child = None
-        return f"the page has ended: {why[0]}; the run goes on, `pcpc host` shows it again"
 
     def farewell(self, folder: Path) -> None:
         """Tell how the log is shown, where the run had a page."""

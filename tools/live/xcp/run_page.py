@@ -17,17 +17,19 @@ if TYPE_CHECKING:
     from pcpc.tools.live.xcp.serve import Server
 
 _WHERE = re.compile(r"(udp|tcp):(\d{1,5})")
-_LOOK_S, _END_S = 0.05, 2.0
+_LOOK_S = 0.05
 
 
 class Page(NoPage):
     """That of one run, whose leading node is `node`; without --xcp none, which does nothing."""
 
+    ENDED = "the XCP slave has ended: {}; the run goes on, `pcpc xcp` serves it again"
+    FAILS_ONLY = True
+
     def __init__(self, options: argparse.Namespace, node: str) -> None:
         """Listen, so that what is wrong is told before the run begins; UserError."""
         self._node = node
         self._server: Server | None = None
-        self._child: Child | None = None
         if (given := getattr(options, "xcp", None)) is not None:
             if (told := _WHERE.fullmatch(given)) is None:
                 raise UserError(f"--xcp {given}: expected udp:PORT or tcp:PORT")
@@ -53,15 +55,6 @@ class Page(NoPage):
 
     def end(self) -> None:
         """End it with the run."""
-        if self._child is not None:
-            self._child.end(0.0, _END_S)
-        elif self._server is not None:
+        super().end()
+        if self._server is not None:
             self._server.close()
-
-    def ended(self) -> str:
-        """Return what to say where it has failed, once; else ""."""
-        if self._child is None or not self._child.ended or not self._child.code:
-            return ""
-        why = self._child.complaint()[-1:] or [f"exit code {self._child.code}"]
-        self._child = None
-        return f"the XCP slave has ended: {why[0]}; the run goes on, `pcpc xcp` serves it again"
