@@ -206,7 +206,7 @@ def results(
         for one in watched:
             one.take(known.rows(one.timed.names, run, own))
     for one in watched:
-        one.end(_cut(judged, one.last) if cut is None else cut)
+        one.end(ends_early(judged.log, one.last, judged.period_s) if cut is None else cut)
     found = [
         Result(text_of(entry), None, f"the log has no {one}") if isinstance(one, str)
         else _result(one, judged)
@@ -216,11 +216,10 @@ def results(
     return [replace(one, id=i) if i else one for one, i in zip(found, ids, strict=True)]
 
 
-def _cut(judged: Judged, last: int) -> bool:
+def ends_early(log: Log, last: int, period_s: float) -> bool:
     """Return whether a record that ends with cycle `last` ends before its run should have."""
-    log, period_s = judged.log, judged.period_s
     clocked = log.metadata.get(LEADER, {}).get("pacing") not in WITHOUT_CLOCK
-    cycles = int(log.node[LEADER].description.get("cycles", 0))
+    cycles = log.node[LEADER].description.get("cycles", 0)
     return (cycles - 1 - last) * period_s > END_S * clocked
 
 

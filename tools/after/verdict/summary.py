@@ -38,7 +38,7 @@ from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
-from pcpc.tools.after.verdict.requirements import END_S, LEADER, Result
+from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
 
 CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
@@ -128,10 +128,9 @@ def outcome_of(log: logs.Log) -> Outcome:
     if leader is None or log.metadata.get("run", {}).get("discarded", "0") != "0":
         return found
     done = int(leader.cycle[-1]) + 1 if len(leader.cycle) else 0
-    wanted = int(leader.description.get("cycles", 0))
-    period_s = 1e-9 * float(leader.description.get("period_ns", 0))
-    if (wanted - done) * period_s > END_S * (found.pacing not in WITHOUT_CLOCK):
-        found.short = f"{done:,} of {wanted:,} cycles: the log ends before"
+    about = leader.description
+    if ends_early(log, done - 1, 1e-9 * about.get("period_ns", 0)):
+        found.short = f"{done:,} of {about['cycles']:,} cycles: the log ends before"
     return found
 
 
