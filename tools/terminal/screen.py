@@ -93,12 +93,12 @@ def some(texts: Sequence[str], most: int, more: str = "and {} more, see --json")
     return [*texts[:most], *[more.format(len(texts) - most)] * (len(texts) > most)]
 
 
-def shell(command: str, indent: str = "  ") -> list[str]:
+def shell(command: str) -> list[str]:
     r"""Return a shell command as lines to copy, continued with `\`; quoted words stay whole."""
-    room, lines = width() - len(indent) - len(" \\"), [""]
+    room, lines = width() - len("   \\"), [""]
     for word in _WORD.findall(command):
         if lines[-1] and len(lines[-1]) + 1 + len(word) > room:
             lines.append("  " + word)
         else:
             lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
-    return [f"{indent}{line} \\" for line in lines[:-1]] + [f"{indent}{lines[-1]}"]
+    return [f"  {line} \\" for line in lines[:-1]] + [f"  {lines[-1]}"]

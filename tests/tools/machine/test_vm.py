@@ -221,7 +221,7 @@ def test_durations_are_read_in_their_unit() -> None:
 
 def test_qemu_gets_every_port_and_no_word_of_the_command() -> None:
     numbers = {name: 10 + i for i, name in enumerate((*PORTS, "console"))}
-    machine = kernel.Kernel("6.1", "linux-image-6.1", Path("/k"), Path("/i"))
+    machine = kernel.Kernel("6.1", Path("/k"), Path("/i"))
     line = qemu_command("qemu", machine, Size(cpus=3, memory_mb=512), "tcg", numbers)
     for name, number in numbers.items():
         assert f"socket,id={name},fd={number}" in line, f"{name} is not in {line}"

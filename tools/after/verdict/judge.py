@@ -252,7 +252,7 @@ def changes(settings: Sequence[str]) -> str:
 
 
 _PROBED = 1000  # rows
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the disk's fault, not the file's
+_FULL = (*FULL, errno.EROFS, errno.EIO)  # the disk's fault, not the file's
 
 
 def _first_rows(columns: Mapping[str, Any]) -> Columns:
@@ -311,7 +311,7 @@ def guarded(action: Callable[[], Made], output: Path | None = None) -> Made:
             raise
         raise EvaluationError(cause(error)) from None
     except OSError as error:
-        if error.errno in (*_FULL, *FULL) or (output and str(error.filename) == str(output)):
+        if error.errno in _FULL or (output and str(error.filename) == str(output)):
             raise
         raise EvaluationError(cause(error)) from None
     except (Exception, SystemExit) as error:

@@ -90,7 +90,7 @@ class Display:
     @property
     def records(self) -> bool:
         """Whether a recording of it goes on."""
-        return bool((self.actions.recordings.state() or {}).get("going"))
+        return self.actions.recordings.running is not None
 
     def close(self) -> None:
         """End what is being recorded."""

@@ -109,8 +109,8 @@ class Recordings:
     def start(self, source: Source) -> dict[str, Any]:
         """Begin a recording of a running source; UserError."""
         with self._turn:
-            if self._recording is not None and self._recording.going:
-                raise UserError(f"{self._recording.path} is being recorded already")
+            if one := self.running:
+                raise UserError(f"{one.path} is being recorded already")
             self._check_room()
             path = self._new(source.rig, "")
             cycles = [int(node.live.block.control.cycle) for node in source.nodes.values()]
@@ -123,12 +123,17 @@ class Recordings:
     def stop(self) -> dict[str, Any]:
         """End the recording; UserError if there is none."""
         with self._turn:
-            if self._recording is None or not self._recording.going:
+            if (one := self.running) is None:
                 raise UserError("nothing is being recorded")
-            self._recording.end()
-            if self._recording.why:
-                raise UserError(f"{self._recording.path}: {self._recording.why}")
-            return {"file": str(self._recording.path), "cycles": self._recording.cycles}
+            one.end()
+            if one.why:
+                raise UserError(f"{one.path}: {one.why}")
+            return {"file": str(one.path), "cycles": one.cycles}
+
+    @property
+    def running(self) -> Recording | None:
+        """The recording that goes on."""
+        return self._recording if self._recording and self._recording.going else None
 
     def snapshot(self, source: Source, last_s: float) -> dict[str, Any]:
         """Write the newest `last_s` seconds that the host has of a running source; UserError."""

@@ -38,7 +38,6 @@ class Kernel:
     """A kernel in the cache, ready to boot."""
 
     release: str
-    package: str
     image: Path
     initramfs: Path
 
@@ -189,8 +188,7 @@ def _with_initramfs(programs: Programs, folder: Path) -> Kernel:
         new = image.with_suffix(".new")
         new.write_bytes(initramfs.archive(files))
         new.replace(image)
-    package = (folder / "package").read_text().strip()
-    return Kernel(folder.name, package, folder / "kernel", image)
+    return Kernel(folder.name, folder / "kernel", image)
 
 
 def _apt_show(programs: Programs, package: str) -> str:
