@@ -168,25 +168,16 @@ FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 PanelMessage = Panel | Phase | Drop
 Action = Set | Undo | Act | Fault | Handover | Record | Snapshot
 Decoded = TypeVar("Decoded")
-_decoder = msgspec.json.Decoder(Hello | PanelMessage | At | Choose | Action)
-_of_terminal = msgspec.json.Decoder(FromTerminal)
+OF_PAGE = msgspec.json.Decoder(Hello | PanelMessage | At | Choose | Action)
+OF_TERMINAL = msgspec.json.Decoder(FromTerminal)
 
 
 class WrongMessage(ValueError):
     """A message that is none of these, in words."""
 
 
-def read(message: str | bytes) -> Hello | PanelMessage | At | Choose | Action:
-    """Return what a message asks; WrongMessage."""
-    return _decode(_decoder, message)
-
-
-def read_terminal(message: str | bytes) -> FromTerminal:
-    """Return what a terminal's message asks; WrongMessage."""
-    return _decode(_of_terminal, message)
-
-
-def _decode(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
+def read(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
+    """Return what a message of a page or of a terminal asks; WrongMessage."""
     try:
         return decoder.decode(message)
     except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:

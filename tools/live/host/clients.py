@@ -10,10 +10,11 @@ of those that have not told the token yet the first.
 import asyncio
 import json
 import math
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import Any, Protocol
 
+from msgspec.json import Decoder
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pcpc.drivers.errors import UserError
@@ -99,7 +100,7 @@ class Client:
         """Return the kind of client, "" where its first word is no token, or there is no room."""
         try:
             async with self._stranger():
-                word = messages.read(await self._word())
+                word = messages.read(messages.OF_PAGE, await self._word())
         except (messages.WrongMessage, TimeoutError):
             word = None
         if not isinstance(word, messages.Hello) or not guard.is_token(word.token, self._show.token):
@@ -146,7 +147,7 @@ class Client:
         """Answer a terminal, until it leaves."""
         terminal = Terminal(self._show.nodes, self._show.write)
         flood = guard.Flood(terminals.RATE, terminals.BURST)
-        while (word := await self._next(flood, messages.read_terminal)) is not None:
+        while (word := await self._next(flood, messages.OF_TERMINAL)) is not None:
             found = await asyncio.to_thread(terminal.answer, word)
             send = self._socket.send_text if isinstance(found, str) else self._socket.send_bytes
             await self._send_in_time(send(found))  # type: ignore[arg-type]
@@ -155,17 +156,17 @@ class Client:
 
     async def _hear(self) -> None:
         flood = guard.Flood()
-        while (word := await self._next(flood, messages.read)) is not None:
+        while (word := await self._next(flood, messages.OF_PAGE)) is not None:
             await self._carry_out(word)
 
-    async def _next(self, flood: guard.Flood, read: Callable[[str | bytes], Any]) -> Any:
+    async def _next(self, flood: guard.Flood, decoder: Decoder[Any]) -> Any:
         """Return what is asked next; None where the client was cut off."""
         message = await self._word()
         if flood.too_many():
             await self._socket.close(guard.TOO_MANY, "too many messages")
             return None
         try:
-            return read(message)
+            return messages.read(decoder, message)
         except messages.WrongMessage as error:
             await self._socket.close(guard.BAD_MESSAGE, str(error)[:120])
             return None
