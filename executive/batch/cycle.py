@@ -151,8 +151,8 @@ def carry(n: Any, w: Any, block: Any) -> None:
 
 
 @inline
-def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
-    """Step every block at time k T, all runs at once."""
+def step(n: Any, w: Any, values: Any, width: Any, steps: Any, k: Any) -> None:
+    """Step every block at time k T, `width` runs at once: WIDTH lanes of `values`, or one."""
     dt = n.clock.period_ns * 1e-9
     t = k * dt
     w[T_S] = t
@@ -161,8 +161,8 @@ def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
             continue
         carry(n, w, b)
         at = n.blocks.views[b]
-        p, x = part(values, WIDTH * at.p), part(values, WIDTH * at.x)
-        u, y = part(values, WIDTH * at.u), part(values, WIDTH * at.y)
+        p, x = part(values, width * at.p), part(values, width * at.x)
+        u, y = part(values, width * at.u), part(values, width * at.y)
         n.control.stepping = b + 1  # for `executive.nodes.watched`
         call(steps[b], t, dt, p, x, u, y)
     n.control.stepping = 0
@@ -332,7 +332,7 @@ def one_pass(seat: Any, k: Any, other: Any) -> None:
     n.control.passes = k
     supervise(n, w)
     tune(n, w, k)
-    step(n, w, seat.values, seat.steps, k)
+    step(n, w, seat.values, WIDTH, seat.steps, k)
     limit(n, w)
     transmit(n, w, seat.heard_as, other.n, lane_rows(other.values), k)
     keep(n, w, seat, k)

@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, OPTIONS, numba
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, OPTIONS, inline, numba
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, table
-from pcpc.drivers.compiled.stage import Stage, call, part
+from pcpc.drivers.compiled.stage import Stage
 from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.batch import cycle
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.variables import T_S
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
@@ -35,20 +34,29 @@ _OPTIONS = OPTIONS | {"_nrt": False}
 Array = NDArray[np.float64]
 
 
-@numba.njit(**_OPTIONS)
-def _in_lanes(
-    n: Any, values: Any, steps: Any, places: Any, given: Any, wanted: Any, trace: Any, first: Any
-) -> None:
-    """Do the rows of `given` from cycle `first` on, all lanes at once."""
-    w, kept = lane_rows(values), lane_rows(trace)
+@inline
+def _rows(
+    n: Any, w: Any, values: Any, width: Any, steps: Any, places: Any, given: Any, wanted: Any,
+    kept: Any, first: Any,
+) -> None:  # fmt: skip
+    """Do the rows of `given` from cycle `first` on, `width` runs at once."""
     for row in range(given.shape[0]):
         n.control.passes += 1  # for `watched`
         for i in range(places.shape[0]):
             w[places[i]] = given[row, i]
-        cycle.step(n, w, values, steps, first + row)
+        cycle.step(n, w, values, width, steps, first + row)
         cycle.carry(n, w, sh.MAX_BLOCKS)
         for i in range(wanted.shape[0]):
             kept[row * wanted.shape[0] + i] = w[wanted[i]]
+
+
+@numba.njit(**_OPTIONS)
+def _in_lanes(
+    n: Any, values: Any, steps: Any, places: Any, given: Any, wanted: Any, trace: Any, first: Any
+) -> None:
+    """Do the rows in all lanes: `values` and `trace` a LANE each."""
+    w, kept = lane_rows(values), lane_rows(trace)
+    _rows(n, w, values, WIDTH, steps, places, given, wanted, kept, first)
 
 
 @numba.njit(**_OPTIONS)
@@ -56,24 +64,7 @@ def _alone(
     n: Any, values: Any, steps: Any, places: Any, given: Any, wanted: Any, trace: Any, first: Any
 ) -> None:
     """Do the same for one: `values` (rows,), `trace` (rows * wanted,)."""
-    dt = n.clock.period_ns * 1e-9
-    for row in range(given.shape[0]):
-        n.control.passes += 1
-        for i in range(places.shape[0]):
-            values[places[i]] = given[row, i]
-        values[T_S] = t = (first + row) * dt
-        for b in range(n.blocks.n):
-            cycle.carry(n, values, b)
-            at = n.blocks.views[b]
-            n.control.stepping = b + 1
-            call(
-                steps[b], t, dt, part(values, at.p), part(values, at.x), part(values, at.u),
-                part(values, at.y),
-            )  # fmt: skip
-        n.control.stepping = 0
-        cycle.carry(n, values, sh.MAX_BLOCKS)
-        for i in range(wanted.shape[0]):
-            trace[row * wanted.shape[0] + i] = values[wanted[i]]
+    _rows(n, values, values, 1, steps, places, given, wanted, trace, first)
 
 
 class Driven:

@@ -80,25 +80,24 @@ class Group:
             raise NotInLanes("it has an FMU")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
-        self._blocks = [sh.private(describe(p, {}, kept=False)) for p in self.plans.values()]
-        roles: tuple[Role, ...] = rig.roles
-        self.described: dict[Role, NodeDescription] = {
-            role: node_description(block.description)
-            for role, block in zip(roles, self._blocks, strict=True)
+        self._blocks = {
+            role: sh.private(describe(made, {}, kept=False)) for role, made in self.plans.items()
         }
-        top, low = (block.loop for block in self._blocks)
-        for made, loop in zip(self.plans.values(), (top, low), strict=True):
-            install_in_memory(made, loop)
+        self.described: dict[Role, NodeDescription] = {
+            role: node_description(block.description) for role, block in self._blocks.items()
+        }
+        for role, made in self.plans.items():
+            install_in_memory(made, self._blocks[role].loop)
             _check_wires(made)
+        top, low = (block.loop for block in self._blocks.values())
         exchange.meet((top, low))
         reception.receive(low)
         self.seats: dict[Role, cycle.Seat] = {}
-        for (role, made), loop, other in zip(
-            self.plans.items(), (top, low), reversed(list(self.plans.values())), strict=True
-        ):
+        others = reversed(self.plans.values())
+        for (role, made), other in zip(self.plans.items(), others, strict=True):
             names = wanted.get(role, ())
             trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
-            self.seats[role] = _seat(made, loop, other, names, trace)
+            self.seats[role] = _seat(made, self._blocks[role].loop, other, names, trace)
         self._kept = {role: put_back(made.spec, made.table) for role, made in self.plans.items()}
         self._lossy = [  # where the state of a generator of losses stands, of which frame
             (role, int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED, frame.name)
@@ -107,10 +106,10 @@ class Group:
             if seat.n.rx.loss[row].enter > 0.0
         ]
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
-        for made, loop in zip(self.plans.values(), (top, low), strict=True):
-            asks = {RESET_ASKED, STOP_ASKED, DISARMED}
-            requests = {place for _, place, _ in made.schedule} & asks
-            if loop.guard.estop_index >= 0 or loop.guard.stop_row >= 0 or requests:
+        for role, seat in self.seats.items():
+            asks, guard = {RESET_ASKED, STOP_ASKED, DISARMED}, seat.n.guard
+            requests = {place for _, place, _ in self.plans[role].schedule} & asks
+            if guard.estop_index >= 0 or guard.stop_row >= 0 or requests:
                 raise NotInLanes("it may be stopped by a signal, a frame or its schedule")
         if low.guard.mode_index < 0 or low.limits.n > 0:
             raise NotInLanes("its plant is not told of the end, or has limits")

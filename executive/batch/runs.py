@@ -217,10 +217,8 @@ class Runs:
             raise UserError(f"{self.path}: has changed since the first run; begin again")
         return rig
 
-    def _alone(self, case: Case, why: str, refused: str = "") -> Done:
+    def _alone(self, case: Case, why: str) -> Done:
         """Return a run done by itself."""
-        if refused:
-            return Done(None, alone=why, refused=refused)
         try:
             run = VirtualRun(self.rig_of(case), None)
         except RigError as error:
