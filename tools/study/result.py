@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def plain(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return facts as JSON has them; None for what is not a finite number."""
+    return dict(msgspec.json.decode(msgspec.json.encode(facts, enc_hook=methodcaller("tolist"))))
+
+
 class Result:
     """Of a study: a subclass gives its `lines`, its `facts` and its `pictures`."""
 
@@ -35,8 +40,7 @@ class Result:
 
     def json(self) -> dict[str, Any]:
         """Return all as plain values; None for what is not a finite number."""
-        facts = msgspec.json.encode(self.facts(), enc_hook=methodcaller("tolist"))
-        return dict(msgspec.json.decode(facts))
+        return plain(self.facts())
 
     def save(self, folder: str | Path) -> Path:
         """Write the JSON and the pictures into a folder; return it. ImportError."""

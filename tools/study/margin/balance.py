@@ -26,6 +26,7 @@ Step = Callable[[Vector, float], Vector]
 """f(x; g): the next state (n,)."""
 
 PHASES = 64
+TURNS = np.exp(2j * np.pi * (np.arange(PHASES) + 0.5) / PHASES)  # e^{i th_j}
 _CLOSE = 1e-6  # of the residual, relative to the amplitude
 _TRIES = 14
 _H = 1e-4  # of the differences, relative to the amplitude
@@ -44,15 +45,10 @@ class Cycle:
 
     waiting: tuple[int, ...] = ()
 
-    def states(self, phases: int = PHASES) -> Iterator[Vector]:
+    def states(self) -> Iterator[Vector]:
         """Yield the states of (1) at equal phases of a period."""
-        for turn in turns(phases):
+        for turn in TURNS:
             yield self.mean + (self.phi * turn).real
-
-
-def turns(phases: int = PHASES) -> Complex:
-    """Return e^{i th_j}, (P,)."""
-    return np.exp(2j * np.pi * (np.arange(phases) + 0.5) / phases)
 
 
 def first_harmonic(values: Vector) -> Complex:
@@ -60,7 +56,7 @@ def first_harmonic(values: Vector) -> Complex:
 
     The result: (...,), complex.
     """
-    return np.asarray(2.0 / len(values) * np.tensordot(np.conj(turns(len(values))), values, 1))
+    return np.asarray(2.0 / PHASES * np.tensordot(np.conj(TURNS), values, 1))
 
 
 def after_cycle(step: Step, found: Cycle) -> Vector:
@@ -74,7 +70,7 @@ def after_cycle(step: Step, found: Cycle) -> Vector:
     for j in [*range(PHASES), *range(PHASES)]:
         states[j, held] = kept
         kept = new[j] = step(states[j], found.gain)[held]
-    at = np.angle(turns()) % (2.0 * np.pi)
+    at = np.angle(TURNS) % (2.0 * np.pi)
     for i, one in enumerate(held):  # what it is at th was made of th - w
         states[:, one] = np.interp(at - found.omega, at, new[:, i], period=2.0 * np.pi)
     after = np.array([step(x, found.gain) for x in states])

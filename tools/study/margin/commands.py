@@ -1,7 +1,6 @@
 """Commands: margin."""
 
 import argparse
-from pathlib import Path
 
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command, codes
@@ -19,11 +18,18 @@ def margin(add: Add) -> None:
     add(
         "--at",
         type=take.duration,
+        default=0.0,
         dest="at_s",
         metavar="TIME",
         help="hold the reference of this time of the run; default: 0 s",
     )
-    add("--settle", type=take.duration, metavar="TIME", help="time to come to rest; default: 4s")
+    add(
+        "--settle",
+        type=take.duration,
+        default="4s",
+        metavar="TIME",
+        help="time to come to rest; default: %(default)s",
+    )
     add(
         "--method",
         choices=("both", "linearised", "measured"),
@@ -47,7 +53,6 @@ def margin(add: Add) -> None:
     add(
         "-o",
         "--output",
-        type=Path,
         metavar="DIR",
         help="folder for margin.json, bode.png and nyquist.png",
     )

@@ -7,7 +7,7 @@ The order is that of `executive.loop.exchange`, so the sample of delay is the sa
 executive without an input (references) stand still, their outputs held, unless it is in motion.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
@@ -26,27 +26,30 @@ _ORDER: tuple[Role, ...] = ("executive", *PLANTS, "local")
 _KEPT = ("state", "received", "sent", "output")  # kinds of what a cycle begins with
 
 
-@dataclass
-class _Step:
-    """A block's step with its wiring."""
-
-    block: object
-    sources: Places
-    targets: Places
-    views: tuple[slice, slice, slice, slice]
-    held: bool
+_Wires = tuple[Places, Places]  # from where, to where
+_Step = tuple[_Wires, Callable[..., None], list[Vector]]  # of a block: inputs, step, its p, x, u, y
 
 
 class CycleMap:
-    """The tables of all nodes, side by side in `v`; `advance` does a cycle."""
+    """The tables of all nodes, side by side in `v`; `advance` does a cycle.
+
+    `names` and `kinds` in the order of `v`, names of other nodes than the executive as NODE:NAME;
+    `index` of the names; `kept`: the places of what a cycle may take over from the one before.
+    """
 
     def __init__(self, plans: dict[Role, Plan], moving: bool = False) -> None:
         """Take the plans of a rig, `moving` with its references; UserError without a step."""
         self.plans, self._moving = plans, moving
         self.roles = [role for role in _ORDER if role in plans]
-        sizes = [len(plans[role].table.variables) for role in self.roles]
-        self.first = dict(zip(self.roles, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
-        self.v: Vector = np.zeros(sum(sizes))
+        self.first, self.names, kinds = dict[Role, int](), list[str](), list[str]()
+        for role in self.roles:
+            self.first[role], before = len(self.names), "" if role == "executive" else f"{role}:"
+            self.names += [before + name for name in plans[role].names]
+            kinds += [one.kind for one in plans[role].table.variables]
+        self.index = {name: place for place, name in enumerate(self.names)}
+        self.kinds = np.array(kinds)
+        self.kept = np.flatnonzero(np.isin(self.kinds, _KEPT))
+        self.v: Vector = np.zeros(len(kinds))
         self.dt = 1.0 / plans["executive"].rig.config.rate_hz
         self.k = 0
         self._steps = {role: self._steps_of(role) for role in self.roles}
@@ -63,39 +66,16 @@ class CycleMap:
         """Return where a variable of a node stands in `v`."""
         return self.first[role] + self.plans[role].table.index[name]
 
-    @property
-    def names(self) -> list[str]:
-        """Names in the order of `v`, those of other nodes than the executive as NODE:NAME."""
-        return [
-            name if role == "executive" else f"{role}:{name}"
-            for role in self.roles for name in self.plans[role].names
-        ]  # fmt: skip
-
-    def kept(self) -> Places:
-        """Return the places of what a cycle may take over from the one before."""
-        kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
-        return np.flatnonzero([kind in _KEPT for kind in kinds])
-
-    def memories(self, role: Role) -> set[str]:
-        """Return the names of the states of a node's blocks."""
-        return self._of_kind(role, "state")
-
-    def received(self, role: Role) -> set[str]:
-        """Return the names of what a node receives from others."""
-        return self._of_kind(role, "received")
-
-    def _of_kind(self, role: Role, kind: str) -> set[str]:
-        first, variables = self.first[role], self.plans[role].table.variables
-        names = self.names[first : first + len(variables)]
-        return {name for name, one in zip(names, variables, strict=True) if one.kind == kind}
+    def of_kind(self, role: Role, kind: str) -> set[str]:
+        """Return the names of a node's variables of a kind, as state, received."""
+        first = self.first[role]
+        places = range(first, first + len(self.plans[role].names))
+        return {self.names[place] for place in places if self.kinds[place] == kind}
 
     def own(self, flagged: Flags) -> int:
         """Return the first place of those: a block's state before what only follows from one."""
-        kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
-        order = [np.array([kind == own for kind in kinds]) & flagged for own in _KEPT]
-        return next(
-            (int(np.argmax(found)) for found in order if found.any()), int(np.argmax(flagged))
-        )
+        order = [*(flagged & (self.kinds == kind) for kind in _KEPT), flagged]
+        return next(int(np.argmax(found)) for found in order if found.any())
 
     def cut_places(self, loop: Loop) -> list[int]:
         """Return the places behind the cut of a loop: what is sent, and where it is received."""
@@ -110,59 +90,46 @@ class CycleMap:
             self._node(role, 0)
         self.k = 0
 
-    def advance(self, cut: Loop | None = None, given: float = 0.0) -> None:
+    def advance(self, cut: Loop | None = None, given: float = 0.0, added: bool = False) -> None:
         """Do cycle k of the executive, then k + 1 of the nodes below it.
 
-        `cut`: a loop whose commands get lost; `given` comes in their place.
+        `cut`: a loop whose commands get lost, and `given` comes in their place, or is `added`.
         """
         for role in self.roles:
             self._node(role, self.k if role == "executive" else self.k + 1)
             if cut is not None and cut.role == role:
-                self.v[self.cut_places(cut)] = given
+                places = self.cut_places(cut)
+                self.v[places] = self.v[places] + given if added else given
         self.k += 1
-
-    def advance_added(self, loop: Loop, added: float) -> float:
-        """Do a cycle, something added to what a loop sends; return what was sent."""
-        sent = 0.0
-        for role in self.roles:
-            self._node(role, self.k if role == "executive" else self.k + 1)
-            if loop.role == role:
-                self.v[self.cut_places(loop)] += added
-                sent = float(self.v[self.place(role, loop.sent)])
-        self.k += 1
-        return sent
 
     def _node(self, role: Role, k: int) -> None:
         v, t = self.v, k * self.dt
         v[self.first[role] + T_S] = t
-        for one in self._steps[role]:
-            v[one.targets] = v[one.sources]
-            if not one.held:
-                p, x, u, y = one.views
-                one.block(t, self.dt, v[p], v[x], v[u], v[y])  # type: ignore[operator]
+        for (sources, targets), step, views in self._steps[role]:
+            v[targets] = v[sources]
+            step(t, self.dt, *views)
         for sources, targets in (self._sent[role], self._carried[role]):
             v[targets] = v[sources]
 
     def _steps_of(self, role: Role) -> list[_Step]:
-        made, first, found = self.plans[role], self.first[role], []
+        made, first, found = self.plans[role], self.first[role], list[_Step]()
         for b, (spec, views) in enumerate(zip(made.spec.blocks, made.views, strict=True)):
             if spec.name == FALLBACK:
                 continue
             if step_of(spec):
                 what = "is an FMU, of which no step can be repeated; --method measured can do it"
                 raise UserError(f"{spec.where()}: {spec.name} {what}")
-            ranges = (views.parameters, views.states, views.inputs, views.outputs)
-            cut = tuple(slice(first + r.start, first + r.stop) for r in ranges)
-            sources, targets = self._pairs(role, b)
-            held = role == "executive" and not spec.block.inputs and not self._moving
-            found.append(_Step(spec.block.step, sources, targets, cut, held))  # type: ignore[arg-type]
+            if self._moving or role != "executive" or spec.block.inputs:
+                ranges = (views.parameters, views.states, views.inputs, views.outputs)
+                own = [self.v[first + one.start : first + one.stop] for one in ranges]
+                found.append((self._pairs(role, b), spec.block.step, own))
         return found
 
-    def _pairs(self, role: Role, b: int) -> tuple[Places, Places]:
+    def _pairs(self, role: Role, b: int) -> _Wires:
         pairs = np.array(self.plans[role].copies[b], np.int64).reshape(-1, 2) + self.first[role]
         return pairs[:, 0], pairs[:, 1]
 
-    def _carry(self, role: Role) -> tuple[Places, Places]:
+    def _carry(self, role: Role) -> _Wires:
         """Return where sent signals come from and go to."""
         pairs = [
             (self.first[role] + place, self.place(other, f"rx.{name[3:]}"))

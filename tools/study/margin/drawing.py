@@ -36,8 +36,8 @@ def bode(found: Any) -> "Figure":
         top.loglog(one.f_hz, size, **style)
         middle.semilogx(one.f_hz, np.rad2deg(angle), **style)
         low.loglog(one.f_hz, np.abs(1.0 / (1.0 + one.response)), **style)
-    top.axhline(1.0, color=GREY, linewidth=0.7)
-    low.axhline(1.0, color=GREY, linewidth=0.7)
+    for ax in (top, low):
+        ax.axhline(1.0, color=GREY, linewidth=0.7)
     first, last = middle.get_ylim()
     for level in np.arange(-1980.0, 1980.0, 360.0):
         if first <= level <= last:
@@ -47,12 +47,10 @@ def bode(found: Any) -> "Figure":
         for at, colour in ((numbers.gain_margin_hz, VERMILION), (numbers.crossover_hz, GREEN)):
             if np.isfinite(at):
                 ax.axvline(at, color=colour, linewidth=0.8, linestyle=":")
-    top.set_ylabel("|L|")
-    middle.set_ylabel("arg L [deg]")
-    low.set_ylabel("|S| = 1/|1 + L|")
     low.set_xlabel("frequency [Hz]; dotted: where |L| = 1 (green), where L < 0 is real (red)")
     top.legend(fontsize=8, frameon=False)
-    for ax in (top, middle, low):
+    for ax, label in zip(axes, ("|L|", "arg L [deg]", "|S| = 1/|1 + L|"), strict=True):
+        ax.set_ylabel(label)
         _dress(ax)
     return figure
 

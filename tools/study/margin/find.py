@@ -117,10 +117,10 @@ def _margin_of(rig: Rig, question: Question) -> Margin:
         try:
             own = measured.best_measurement(rig, cut, held, about, sizes, question.settle_s)
             visible = visible_margins(own.f_hz, own.response, own.noise, rate)
-            remarks += notes.measured_notes(own, cut, remarks, visible)
+            remarks += notes.measured_notes(own, cut, visible)
         except UserError as error:
             if point.found is None:
-                raise
+                raise UserError("; ".join((str(error), *remarks)), error.code) from None
             own, remarks = None, [*remarks, f"not measured: {error}"]
     responses, found = dict[str, Response](), point.found
     if found is not None:
@@ -172,7 +172,7 @@ def _linear(
     """Return the loop at rest, or in motion where there is none at rest; UserError."""
     rest = operating.at_rest(plans, held, settle_s)
     found = linear.linearise(rest, cut)
-    if found.passes(rest.cycle.received(cut.role)):
+    if found.passes(rest.cycle.of_kind(cut.role, "received")):
         moves = notes.command_rms(rest, cut)
         restless = notes.is_restless(moves, found.command)
         remarks = notes.linear_notes(found, cut, moves)

@@ -8,14 +8,14 @@ all loops closed, differ by what the impulse does. As many cycles as it takes un
 of it; without states there are no poles, and a loop that does not come to rest is refused.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import Loop, OpenLoop
 
 _STEP = 1e-6  # of the impulse, times 1 or the command
 _LEFT = 1e-6  # of the largest value, over the last tenth
@@ -24,16 +24,10 @@ _AGREE = 0.01
 
 
 @dataclass(frozen=True)
-class Impulse:
+class Impulse(OpenLoop):
     """s of (1), (n,), of a loop; it has no poles to be told."""
 
     s: Vector
-    dt: float
-    command: float
-    kinks: list[str] = field(default_factory=list)
-    rounded: dict[str, float] = field(default_factory=dict)
-    idle: list[str] = field(default_factory=list)
-    given: frozenset[str] = frozenset()
 
     def passes(self, received: set[str]) -> bool:
         """Return whether the command acts on what its node receives from others, and on itself."""
@@ -44,14 +38,6 @@ class Impulse:
         turns = -2j * np.pi * self.dt * np.arange(len(self.s))
         found = np.array([np.exp(turns * f) @ self.s for f in f_hz.tolist()])
         return np.asarray(1.0 / found - 1.0)
-
-    def closed(self) -> Complex:
-        """Return no poles."""
-        return np.empty(0, complex)
-
-    def poles(self) -> Complex:
-        """Return no poles."""
-        return np.empty(0, complex)
 
 
 def loop_by_impulse(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impulse:
@@ -66,12 +52,12 @@ def loop_by_impulse(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impul
     if np.abs(one[:n] - ten[:n]).max() > _AGREE * np.abs(one[1:]).max():
         what = "answers an impulse and one ten times larger differently (rounded, or not smooth)"
         raise UserError(f"the loop of {loop.signal} {what}; --method measured can do it")
-    return Impulse(one, cycle.dt, command, given=given)
+    return Impulse(one, dt=cycle.dt, command=command, given=given)
 
 
 def _answer(cycle: CycleMap, loop: Loop, h: float) -> Vector:
     """Return s of (1), to its end; `cycle` is left as it was."""
-    start, first = cycle.v.copy(), cycle.k
+    start, first, sent = cycle.v.copy(), cycle.k, cycle.place(loop.role, loop.sent)
     both = [(start.copy(), first, [h]), (start.copy(), first, [-h])]
     told: list[list[float]] = [[], []]
     n, end = 0, 1000
@@ -79,7 +65,8 @@ def _answer(cycle: CycleMap, loop: Loop, h: float) -> Vector:
         for i, (v, k, pulse) in enumerate(both):
             cycle.v[:], cycle.k = v, k
             for at in range(n, end):
-                told[i].append(cycle.advance_added(loop, pulse[0] if at == 0 else 0.0))
+                cycle.advance(loop, pulse[0] if at == 0 else 0.0, added=True)
+                told[i].append(cycle.v[sent])
             both[i] = (cycle.v.copy(), cycle.k, pulse)
         cycle.v[:], cycle.k = start, first
         s = (np.array(told[0]) - np.array(told[1])) / (2.0 * h)

@@ -8,7 +8,7 @@ as it is, with all that the file took away.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -36,9 +36,8 @@ class _ClosedLoop:
     """A closed loop as a map of the states of its open one, with a gain and grown settings."""
 
     def __init__(self, cycle: CycleMap, cut: Loop, names: list[str], gain: int) -> None:
-        every = {name: place for place, name in enumerate(cycle.names)}
         self.cycle, self.cut = cycle, cut
-        self.places = np.array([every[name] for name in names])
+        self.places = np.array([cycle.index[name] for name in names])
         self.start, self.k = cycle.v.copy(), cycle.k
         self.gain, self.nominal = gain, float(cycle.v[gain])
         self.sent = cycle.place(cut.role, cut.sent)
@@ -51,18 +50,14 @@ class _ClosedLoop:
         return self.cycle.v[self.places].copy()
 
     def point(self, found: balance.Cycle) -> Point:
-        sent = np.array(
-            [row[-1] for row in balance.after_cycle(self._and_sent, self._with_sent(found))]
-        )
+        def and_sent(x: Vector, gain: float) -> Vector:
+            return np.append(self.step(x[:-1], gain), self.cycle.v[self.sent])
+
+        more = replace(found, phi=np.append(found.phi, 0.0), mean=np.append(found.mean, 0.0))
+        sent = balance.after_cycle(and_sent, more)[:, -1]
         size = float(np.abs(balance.first_harmonic(sent)))
         step = size * 2.0 * np.sin(0.5 * found.omega) / np.sqrt(2.0)
         return Point(found.gain, found.omega / (2.0 * np.pi * self.cycle.dt), size, float(step))
-
-    def _and_sent(self, x: Vector, gain: float) -> Vector:
-        return np.append(self.step(x[:-1], gain), self.cycle.v[self.sent])
-
-    def _with_sent(self, found: balance.Cycle) -> balance.Cycle:
-        return replace(found, phi=np.append(found.phi, 0.0), mean=np.append(found.mean, 0.0))
 
     def run(self, x: Vector, gain: float) -> float:
         """Return the step of the command, rms, long after the map began at x."""
@@ -72,7 +67,7 @@ class _ClosedLoop:
         for k in range(rest + look):
             self.cycle.advance()
             sent[k] = self.cycle.v[self.sent]
-        return float(np.sqrt(np.mean(np.diff(sent[rest:]) ** 2)))
+        return _step_rms(sent[rest:])
 
 
 def limit_cycle(
@@ -105,8 +100,9 @@ def limit_cycle(
     if grown is None:
         grown = [one for one in taken if not any(word in one for word in _NO_PART)]
     back = {one: float(own.v[_place(own, one)]) for one in grown}
-    loop = _critical(rest.cycle, cut, gain)
-    closed_loop = _ClosedLoop(rest.cycle, cut, loop.found.states, _place(rest.cycle, gain))
+    place = _place(rest.cycle, gain)
+    loop = _critical(rest.cycle, cut, gain, place)
+    closed_loop = _ClosedLoop(rest.cycle, cut, loop.found.states, place)
     first = _first(closed_loop, loop)
     cycles = _branch(closed_loop, first, back)
     points = [closed_loop.point(one) for one in cycles]
@@ -125,7 +121,7 @@ def limit_cycle(
         gain,
         back,
         loop.factor,
-        loop.f_hz,
+        loop.omega / (2.0 * np.pi * rest.cycle.dt),
         points,
         rows,
         cut.signal,
@@ -156,14 +152,12 @@ class _Critical:
     """The linear loop at the factor at which a pole leaves the unit circle, and its direction."""
 
     factor: float
-    f_hz: float
     found: linear.Linear
     phi: Complex
     omega: float
 
 
-def _critical(cycle: CycleMap, cut: Loop, gain: str) -> _Critical:
-    place = _place(cycle, gain)
+def _critical(cycle: CycleMap, cut: Loop, gain: str, place: int) -> _Critical:
     nominal = float(cycle.v[place])
 
     def of(factor: float) -> linear.Linear:
@@ -191,8 +185,7 @@ def _critical(cycle: CycleMap, cut: Loop, gain: str) -> _Critical:
     omega, phi = float(np.angle(values[i])), vectors[:, i]
     if abs(omega) < 1e-6:
         raise UserError(f"{gain}: the linear loop leaves its point without a swing, at {high:.4g}")
-    phi = phi if omega > 0.0 else phi.conj()
-    return _Critical(high, abs(omega) / (2.0 * np.pi * cycle.dt), found, phi, abs(omega))
+    return _Critical(high, found, phi if omega > 0.0 else phi.conj(), abs(omega))
 
 
 def _first(closed_loop: _ClosedLoop, loop: _Critical) -> balance.Cycle:
@@ -212,10 +205,7 @@ def _branch(
     """Return the branch, once what was taken away has come back."""
     places = {name: _place(closed_loop.cycle, name) for name in wanted}
     began = {name: float(closed_loop.start[place]) for name, place in places.items()}
-    plant = [
-        name.startswith("plant:")
-        for name in (closed_loop.cycle.names[p] for p in closed_loop.places)
-    ]
+    plant = [closed_loop.cycle.names[p].startswith("plant:") for p in closed_loop.places]
     state = int(np.argmax(np.where(plant, np.abs(first.phi), -1.0)))
     amplitude, at = float(abs(first.phi[state])), first
     closed_loop.start[list(places.values())] = list(wanted.values())
@@ -245,11 +235,7 @@ def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
     for above, below in pairwise(points[: onset_index(points) + 1]):
         if above.factor >= factor >= below.factor:
             share = (above.factor - factor) / max(above.factor - below.factor, 1e-12)
-            pairs = zip(
-                (above.f_hz, above.amplitude, above.step_rms),
-                (below.f_hz, below.amplitude, below.step_rms),
-                strict=True,
-            )
+            pairs = zip(astuple(above)[1:], astuple(below)[1:], strict=True)
             return Point(factor, *(float(a ** (1.0 - share) * b**share) for a, b in pairs))
     return None
 
@@ -257,15 +243,18 @@ def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
 def _of_run(rig: Rig, cut: Loop) -> float:
     """Return the step of the command, rms, in a run of the rig; nan where it ends in a fault."""
     try:
-        return float(np.sqrt(np.mean(np.diff(commands(rig, cut)) ** 2)))
+        return _step_rms(commands(rig, cut))
     except UserError:
         return float("nan")
 
 
+def _step_rms(command: Vector) -> float:
+    return float(np.sqrt(np.mean(np.diff(command) ** 2)))
+
+
 def _place(cycle: CycleMap, name: str) -> int:
     """Return where a setting stands; UserError."""
-    every = cycle.names
     for one in (name, *(f"{role}:{name}" for role in cycle.roles)):
-        if one in every:
-            return every.index(one)
+        if one in cycle.index:
+            return cycle.index[one]
     raise UserError(f"{name}: not a number that a step reads; it cannot grow")

@@ -8,7 +8,7 @@ command u. Central differences; of x those are kept that v reaches and u sees, f
 differences are exactly 0: noise, scratch and clocks are none of them. Slopes: `slopes.py`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex, Flags, Vector
 from pcpc.tools.study.margin import impulse, slopes
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import Loop, OpenLoop
 from pcpc.tools.study.margin.operating import Rest
 
 _CHANGES = 0.05  # of a response, from cycle to cycle
@@ -25,24 +25,14 @@ _FEW = 300  # states of a law that are looked at, though the command may not rea
 
 
 @dataclass(frozen=True)
-class Linear:
-    """(1); `states` names x, `kinks` those whose two sides differ, `command` is u at rest.
-
-    `rounded`: the steps of what is rounded inside a block; `idle`: memories of the law that the
-    command reaches or that reach it, but not both; `given`: all that the command reaches.
-    """
+class Linear(OpenLoop):
+    """(1); `states` names x."""
 
     a: Vector
     b: Vector
     c: Vector
     d: float
-    dt: float
     states: list[str]
-    command: float
-    kinks: list[str] = field(default_factory=list)
-    rounded: dict[str, float] = field(default_factory=dict)
-    idle: list[str] = field(default_factory=list)
-    given: frozenset[str] = frozenset()
 
     def response(self, f_hz: Vector) -> Complex:
         """Return L of (2) at the frequencies f, (n,)."""
@@ -53,9 +43,9 @@ class Linear:
         solved = np.linalg.solve(z[:, None, None] * eye - self.a, self.b[None, :, None])
         return np.asarray(-(solved[:, :, 0] @ self.c + self.d))
 
-    def closed(self, gain: float = 1.0) -> Complex:
-        """Return the poles z of the closed loop with its gain times `gain`."""
-        back = gain / (1.0 - gain * self.d)
+    def closed(self) -> Complex:
+        """Return the poles z of the closed loop."""
+        back = 1.0 / (1.0 - self.d)
         return np.linalg.eigvals(self.a + back * np.outer(self.b, self.c)).astype(complex)
 
     def passes(self, received: set[str]) -> bool:
@@ -73,20 +63,19 @@ def linearise(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
     Where the next cycle has another one (a delay line that is looked up by time), its answer to
     an impulse stands for it. UserError where there is neither.
     """
-    first = differences(rest.cycle, loop)
-    names = {name: place for place, name in enumerate(rest.cycle.names)}
-    places = [names[name] for name in first.states] + rest.cycle.cut_places(loop)
-    rest.cycle.v[places] = rest.mean[places]
-    found = differences(rest.cycle, loop)
-    start, k = rest.cycle.v.copy(), rest.cycle.k
-    rest.cycle.advance()
-    second = differences(rest.cycle, loop)
-    rest.cycle.v[:], rest.cycle.k = start, k
+    cycle, first = rest.cycle, differences(rest.cycle, loop)
+    places = [cycle.index[name] for name in first.states] + cycle.cut_places(loop)
+    cycle.v[places] = rest.mean[places]
+    found = differences(cycle, loop)
+    start, k = cycle.v.copy(), cycle.k
+    cycle.advance()
+    second = differences(cycle, loop)
+    cycle.v[:], cycle.k = start, k
     lasts = _lasts(found, second)
     if lasts and found.given == second.given:
         return found
     try:
-        return impulse.loop_by_impulse(rest.cycle, loop, found.given)
+        return impulse.loop_by_impulse(cycle, loop, found.given)
     except UserError:
         if lasts and found.states:
             return found
@@ -103,7 +92,7 @@ def _lasts(first: Linear, second: Linear) -> bool:
 
 def differences(cycle: CycleMap, loop: Loop) -> Linear:
     """Return the open loop at the state of `cycle`, which is left as it was."""
-    kept, start, k = cycle.kept(), cycle.v.copy(), cycle.k
+    kept, start, k = cycle.kept, cycle.v.copy(), cycle.k
     sent = cycle.place(loop.role, loop.source)
     command = float(start[cycle.cut_places(loop)[0]])
 
@@ -117,9 +106,8 @@ def differences(cycle: CycleMap, loop: Loop) -> Linear:
         return np.append(cycle.v[kept], cycle.v[sent])
 
     x = np.append(start[kept], command)
-    every = cycle.names
-    names = [*(every[place] for place in kept), "the command"]
-    memories = cycle.memories(loop.role)
+    names = [*(cycle.names[place] for place in kept), "the command"]
+    memories = cycle.of_kind(loop.role, "state")
     state = np.array([name in memories for name in names[:-1]])
     also = np.flatnonzero(state) if state.sum() <= _FEW else np.empty(0, np.int64)
     found = slopes.slopes(after, x, len(kept), also)
@@ -166,13 +154,13 @@ def _reduced(
         slope[:-1, -1],
         slope[-1, :-1],
         float(slope[-1, -1]),
-        dt,
         at[:-1],
-        command,
-        [at[i] for i in np.flatnonzero(bent)],
-        {name: q for name, q in rounded.items() if name in at},
-        [names[i] for i in idle],
-        frozenset(names[i] for i in np.flatnonzero(given)),
+        dt=dt,
+        command=command,
+        kinks=[at[i] for i in np.flatnonzero(bent)],
+        rounded={name: q for name, q in rounded.items() if name in at},
+        idle=[names[i] for i in idle],
+        given=frozenset(names[i] for i in np.flatnonzero(given)),
     )
 
 

@@ -5,13 +5,16 @@ and codec. All others stay closed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import PLANTS, Role
+from pcpc.tools.study.arrays import Complex
 
 _SHARES = (0.02, 0.05, 0.12, 0.3)
 _HEAD = ("supervisor", "health", "timing", "time", "rx")
@@ -41,6 +44,31 @@ class Loop:
             what = "has no limits to take a share of; give the size to inject with --amplitude"
             raise UserError(f"{self.signal} {what} [{self.unit or '1'}]")
         return [share * half for share in _SHARES]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenLoop:
+    """What a loop is at a point, where `command` is sent; it may have poles that are not known.
+
+    `kinks`: states whose two sides differ; `rounded`: the steps of what is rounded inside a block;
+    `idle`: memories of the law that the command reaches or that reach it, but not both; `given`:
+    all that the command reaches.
+    """
+
+    dt: float
+    command: float
+    kinks: list[str] = field(default_factory=list)
+    rounded: dict[str, float] = field(default_factory=dict)
+    idle: list[str] = field(default_factory=list)
+    given: frozenset[str] = frozenset()
+
+    def poles(self) -> Complex:
+        """Return the poles z of the open loop, of those that are known."""
+        return np.empty(0, complex)
+
+    def closed(self) -> Complex:
+        """Return the poles z of the closed loop, of those that are known."""
+        return np.empty(0, complex)
 
 
 def loops(rig: Rig, plans: dict[Role, Plan]) -> list[Loop]:

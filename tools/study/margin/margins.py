@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.tools.study.arrays import Complex, Places, Vector
+from pcpc.tools.study.result import plain
 
 _NONE = math.inf
 _LEVEL = 1e-2  # in turns, and the slope of log |L|: a constant
@@ -63,11 +64,10 @@ class Margins:
     def json(self) -> dict[str, Any]:
         """Return all numbers; None where not finite."""
         low, high = self.disk_gain
-        found = vars(self) | {
+        return plain(vars(self) | {
             "gain_margin_db": self.gain_margin_db, "disk_gain_low": low, "disk_gain_high": high,
             "disk_phase_deg": self.disk_phase_deg,
-        }  # fmt: skip
-        return {name: value if math.isfinite(value) else None for name, value in found.items()}
+        })  # fmt: skip
 
 
 def margins(f_hz: Vector, response: Complex, rate_hz: float) -> Margins:
@@ -78,29 +78,32 @@ def margins(f_hz: Vector, response: Complex, rate_hz: float) -> Margins:
     f, size, angle = _denser(f_hz, response)
     at, gains = _gains(f, size, angle)
     above, below = gains > 1.0, gains < 1.0
-    up = int(np.argmin(np.where(above, gains, _NONE))) if above.any() else -1
-    down = int(np.argmax(np.where(below, gains, -1.0))) if below.any() else -1
     crossing, phases = _phases(f, size, angle)
-    worst = int(np.argmin(np.abs(phases))) if len(phases) else -1
     delays = np.deg2rad(np.mod(phases, 360.0)) / (2.0 * np.pi * crossing)
-    delay = float(delays.min()) if len(delays) else _NONE
+    delay = float(delays.min(initial=_NONE))
     loop = size * np.exp(1j * angle)
     sensitivity, disk = np.abs(1.0 / (1.0 + loop)), np.abs((1.0 - loop) / (1.0 + loop))
-    peak, widest = int(np.argmax(sensitivity)), int(np.argmax(disk))
+    widest, widest_hz = _least(-disk, disk, f)
     return Margins(
-        float(gains[up]) if up >= 0 else _NONE,
-        float(at[up]) if up >= 0 else math.nan,
-        float(gains[down]) if down >= 0 else 0.0,
-        float(at[down]) if down >= 0 else math.nan,
-        float(phases[worst]) if worst >= 0 else _NONE,
-        float(crossing[worst]) if worst >= 0 else math.nan,
+        *_least(gains[above], gains[above], at[above], _NONE),
+        *_least(-gains[below], gains[below], at[below], 0.0),
+        *_least(np.abs(phases), phases, crossing, _NONE),
         delay,
         delay * rate_hz,
-        float(sensitivity[peak]),
-        float(f[peak]),
-        2.0 / float(disk[widest]),
-        float(f[widest]),
+        *_least(-sensitivity, sensitivity, f),
+        2.0 / widest,
+        widest_hz,
     )
+
+
+def _least(
+    badness: Vector, values: Vector, at: Vector, none: float = math.nan
+) -> tuple[float, float]:
+    """Return the value of the least badness, all (n,), and where; `none` and nan for no value."""
+    if not len(values):
+        return none, math.nan
+    i = int(np.argmin(badness))
+    return float(values[i]), float(at[i])
 
 
 def _denser(f_hz: Vector, response: Complex) -> tuple[Vector, Vector, Vector]:

@@ -54,7 +54,7 @@ def in_motion(plans: dict[Role, Plan], cut: Loop) -> Motion | None:
             break
         if k in looks:
             one = linear.differences(cycle, cut)
-            if one.passes(cycle.received(cut.role)):
+            if one.passes(cycle.of_kind(cut.role, "received")):
                 seen.append((_stability(one, config.rate_hz), k * cycle.dt, one))
     if not seen:
         return None

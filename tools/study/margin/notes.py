@@ -33,9 +33,8 @@ def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
         raise UserError(f"{what}; another --at or --set may leave it room")
     notes = []
     if found.kinks:
-        names = ", ".join(found.kinks[:4]) + (", ..." if len(found.kinks) > 4 else "")
         what = "two slopes meet here (play, friction, a limit), their mean was taken"
-        notes.append(f"not differentiable in {names}: {what}")
+        notes.append(f"not differentiable in {_some(found.kinks, 4)}: {what}")
     if isinstance(found, impulse.Impulse):
         what = "the loop is another map in every cycle (a delay line, a schedule)"
         notes.append(f"{what}: found by {len(found.s)} cycles after an impulse, without poles")
@@ -43,14 +42,17 @@ def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
         what = f"{name} is rounded in the plant or a law, in steps of {step:.3g}"
         notes.append(f"{what}: its slope is that from step to step")
     if found.idle:
-        names = ", ".join(found.idle[:3]) + (", ..." if len(found.idle) > 3 else "")
         what = "a gate, a dead band or a limit keeps them out of the loop at this point"
-        notes.append(f"not in the loop: {names}; {what}")
+        notes.append(f"not in the loop: {_some(found.idle, 3)}; {what}")
     if is_restless(moves, found.command):
         unit = f" {cut.unit}" if cut.unit else ""
         what = f"the command moves by {moves:.2g}{unit} rms (noise, a limit cycle or a drift)"
         notes.append(f"not at rest: {what}; linearised at the mean")
     return notes
+
+
+def _some(names: list[str], most: int) -> str:
+    return ", ".join([*names[:most], *["..."] * (len(names) > most)])
 
 
 def _check_stable(found: Found) -> None:
@@ -68,44 +70,32 @@ def _check_stable(found: Found) -> None:
             raise UserError(f"{what}; {cure}")
 
 
-def measured_notes(
-    own: measured.Measured, cut: loops.Loop, before: list[str], seen: Margins
-) -> list[str]:
-    """Return what has to be said of a measured loop; UserError if it does not answer.
-
-    before   what was said of it so far, for the error
-    """
+def measured_notes(own: measured.Measured, cut: loops.Loop, seen: Margins) -> list[str]:
+    """Return what has to be said of a measured loop; UserError if it does not answer."""
     unit = f" {cut.unit}" if cut.unit else ""
     size = f"{own.amplitude:.3g}{unit}"
     for moves, when in ((own.alone, "by itself"), (own.after, "once moved")):
         begun = moves.rms > max(3.0 * own.alone.rms, 0.05 * own.amplitude) and moves.lasts
         if begun or moves.at_limit > _AT_LIMIT:
             what = f"{when} the command goes on, {_moved(moves, unit)}"
-            cure = "there is no loop that has margins; a lower gain may end it"
-            raise UserError("; ".join((f"{what}; {cure}", *before)))
+            raise UserError(f"{what}; there is no loop that has margins; a lower gain may end it")
     answers = np.abs(own.response) > 1e-12
     if not answers.any() or np.median(own.error) > 1.0:
         what = f"the measured loop does not answer to {size}"
         moved = f"by itself the command moves by {own.alone.rms:.3g}{unit} rms"
         cure = "stuck, unstable, a limit cycle, or noise: inject more with --amplitude"
-        raise UserError("; ".join((f"{what}: {moved}", f"{cure}, or lower the gain", *before)))
+        raise UserError(f"{what}: {moved}; {cure}, or lower the gain")
     peak, lowest = seen.sensitivity_peak, own.f_hz[0]
     if peak > 2.0 and seen.sensitivity_peak_hz < 1.01 * lowest:
-        what = (
-            f"the sensitivity peak, {peak:.3g}, lies at the lowest line, {lowest:.4g} Hz, or below"
-        )
+        what = f"the sensitivity peak, {peak:.3g}, lies at the lowest line, {lowest:.4g} Hz"
         cure = "give a lower --lowest; or no loop passes through the plant"
-        raise UserError("; ".join((f"{what}: {cure}", *before)))
+        raise UserError(f"{what}, or below: {cure}")
     notes, weak = list[str](), own.f_hz[own.error > STRONG]
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
-        cure = "--amplitude sets what is injected"
-        raise UserError(
-            "; ".join(
-                (f"{what}; by itself the command moves {_moved(own.alone, unit)}; {cure}", *before)
-            )
-        )
+        moved = f"by itself the command moves {_moved(own.alone, unit)}"
+        raise UserError(f"{what}; {moved}; --amplitude sets what is injected")
     if own.alone.rms > 0.1 * own.amplitude:
         cause = "a limit cycle, or a disturbance of the plant's" if own.alone.cycles else "noise"
         notes.append(f"measured: by itself the command moves {_moved(own.alone, unit)}: {cause}")
@@ -113,10 +103,9 @@ def measured_notes(
         notes.append(f"{own.clamped} values were clamped: inject less with --amplitude")
     if len(weak):
         what = f"{len(weak)} of {len(own.f_hz)} lines, the lowest at {weak[0]:.4g} Hz"
-        cure = (
-            "a margin that one of them may hide is not measured; --amplitude sets what is injected"
-        )
-        notes.append(f"measured: noise or a nonlinearity hides {what}: {cure}")
+        cure = "is not measured; --amplitude sets what is injected"
+        hides = f"noise or a nonlinearity hides {what}: a margin that one of them may hide {cure}"
+        notes.append(f"measured: {hides}")
     return notes
 
 
@@ -135,8 +124,7 @@ def comparison(
 
     ours, response   of the linear loop, that at the measured lines (m,)
     """
-    notes, better, worse = list[str](), list[str](), list[str]()
-    reasons = list[str]()
+    better, worse = dict[str, str](), list[str]()  # of the better ones, why
     for name, where, what in _PAIRS:
         linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
         if one > _NEAR * linear_one and not own.f_hz[0] <= f <= own.f_hz[-1]:
@@ -145,12 +133,13 @@ def comparison(
         elif one > _NEAR * linear_one:
             at = int(np.argmin(np.abs(np.log(own.f_hz / f))))
             off = abs(own.response[at] / response[at] - 1.0)
-            better.append(what)
-            reasons.append(_reason(off, own.error[at], own.f_hz[at]))
+            better[what] = _reason(off, own.error[at], own.f_hz[at])
         elif one < _WORSE * linear_one:
             worse.append(what)
+    notes = list[str]()
     if better:
-        notes.append(f"measured better than linearised: {', '.join(better)}: {reasons[0]}")
+        why = next(iter(better.values()))
+        notes.append(f"measured better than linearised: {', '.join(better)}: {why}")
     if worse:
         what = "the run has limits, ramps, slow frames and what is not linear at this amplitude"
         notes.append(f"measured worse than linearised: {', '.join(worse)}: {what}; it counts")

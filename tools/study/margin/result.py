@@ -9,7 +9,7 @@ import numpy as np
 
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.margins import Margins
-from pcpc.tools.study.result import Result
+from pcpc.tools.study.result import Result, plain
 from pcpc.tools.terminal.screen import wrapped
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Response:
         parts = {"f_hz": self.f_hz, "real": self.response.real, "imaginary": self.response.imag}
         if self.spread is not None and self.coherence is not None:
             parts |= {"spread": self.spread, "coherence": self.coherence}
-        return {"margins": self.margins.json()} | {k: v.tolist() for k, v in parts.items()}
+        return plain({"margins": self.margins.json(), **parts})
 
 
 @dataclass(frozen=True)

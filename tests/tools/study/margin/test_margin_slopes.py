@@ -98,6 +98,6 @@ def test_the_plant_is_a_cycle_ahead_of_the_law_it_answers(tmp_path: Path) -> Non
         if k < 2:
             cycle.advance()
         else:
-            cycle.advance_added(cut, 0.0)
+            cycle.advance(cut, 0.0, added=True)
         told = [cycle.v[cycle.place(role, "time.t_s")] for role in cycle.roles]
         assert told == pytest.approx([k * T, (k + 1) * T])

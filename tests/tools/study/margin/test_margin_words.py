@@ -12,15 +12,15 @@ GROWS = ["--limit-cycle", "controller.kv_Nms_rad"]
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--linear", "barrel.gap_rad=0"], "--linear is of --limit-cycle: name the growing"),
-        (["--with", "barrel.gap_rad"], "--with is of --limit-cycle"),
-        (["--factors", "1,2"], "--factors is of --limit-cycle"),
-        ([*GROWS, "--at", "1s"], "--at and --limit-cycle: leave one of them out"),
-        ([*GROWS, "--settle", "1s"], "--settle and --limit-cycle"),
-        ([*GROWS, "--amplitude", "1"], "--amplitude and --limit-cycle"),
-        ([*GROWS, "--lowest", "1Hz"], "--lowest and --limit-cycle"),
-        ([*GROWS, "--method", "measured"], "--method and --limit-cycle"),
-        ([*GROWS, "--seed", "2"], "--seed and --limit-cycle"),
+        (["--linear", "barrel.gap_rad=0"], "--linear: is of --limit-cycle; name the growing"),
+        (["--with", "barrel.gap_rad"], "--with: is of --limit-cycle"),
+        (["--factors", "1,2"], "--factors: is of --limit-cycle"),
+        ([*GROWS, "--at", "1s"], "--at: is not of --limit-cycle; leave one of them out"),
+        ([*GROWS, "--settle", "1s"], "--settle: is not of --limit-cycle"),
+        ([*GROWS, "--amplitude", "1"], "--amplitude: is not of --limit-cycle"),
+        ([*GROWS, "--lowest", "1Hz"], "--lowest: is not of --limit-cycle"),
+        ([*GROWS, "--method", "measured"], "--method: is not of --limit-cycle"),
+        ([*GROWS, "--seed", "1"], "--seed: is not of --limit-cycle"),
         (["--seed", "-1"], "seed"),
     ],
 )
@@ -40,5 +40,6 @@ def test_a_file_is_no_folder_to_write_to(
     (tmp_path / "file").touch()
     assert main(["margin", "slew10", "-o", str(tmp_path / name), *more]) == 2
     found = capsys.readouterr()
-    assert found.err == f"{tmp_path / 'file'}: is not a folder; choose another one with -o\n"
+    assert found.err.startswith(f"{tmp_path / name}: ")
+    assert found.err.endswith("; choose another folder with -o\n")
     assert not found.out
