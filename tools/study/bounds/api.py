@@ -5,12 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.after.record import Run
-from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
-from pcpc.tools.study.bounds.bounds import Bounds, of, of_rig
+from pcpc.tools.study.bounds.bounds import Bounds, of
 from pcpc.tools.study.bounds.observed import BoundsError
 
 
@@ -35,14 +33,10 @@ def bounds(
     recomputed bit-identically.
     """
     place = what.path if isinstance(what, Run) else Path(what)
-    a_log = isinstance(what, Run) or what == "latest" or place.suffix == ".mcap"
+    options = argparse.Namespace(
+        controller=controller, set=settings(set), law_as=law, rig=None, law=[], fmu=[], trust=trust
+    )
     try:
-        if a_log or (place.is_dir() and any(place.glob("*.mcap"))):
-            options = argparse.Namespace(
-                controller=controller, set=settings(set), law_as=law,
-                rig=None, law=[], fmu=[], trust=trust,
-            )  # fmt: skip
-            return of(str(place), options)
-        return of_rig(load_rig(find(str(what)), controller, settings(set)), law)
+        return of(str(place), options)
     except NoTheorem as error:
         raise BoundsError(f"{place}: no theorem: {error}") from None

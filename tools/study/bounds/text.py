@@ -5,26 +5,14 @@ from collections.abc import Mapping
 
 from pcpc.plants.lyapunov import Account
 from pcpc.plants.weights import Vector
+from pcpc.tools.study import result
 from pcpc.tools.terminal import screen
 
 
 def plain(name: str, controller: str, account: Account) -> dict[str, object]:
     """Return all figures as plain values; None for what is not finite."""
     proof = account.proof
-    figures = {
-        "largest": account.largest,
-        "looseness": loose(account),
-        "unexplained": account.unexplained,
-        "steps": account.stepping,
-        "inequality_fails": float(account.failing.mean()),
-        "outside": float(account.outside.mean()),
-        "rising_outside": account.rising,
-        "start_within": account.start_within,
-        "dissipated": account.dissipated,
-        "w_max": float(proof.rest.max()),
-        "weights_max": float(proof.weights.max()),
-    }
-    return {
+    found = {
         "rig": name,
         "controller": controller,
         "theorem": proof.theorem,
@@ -32,34 +20,38 @@ def plain(name: str, controller: str, account: Account) -> dict[str, object]:
         "holds": account.holds,
         "verdict": account.verdict,
         "settled_s": account.settled_s,
-        **{key: value if math.isfinite(value) else None for key, value in figures.items()},
-        "bound": {key: _finite(value) for key, value in vars(account.own).items()},
-        "bound_of_constants": {key: _finite(value) for key, value in vars(account.stated).items()},
-        "constants": {
-            key: _finite(value) if isinstance(value, float) else value
-            for key, value in vars(proof.constants).items()
-        },
+        "largest": account.largest,
+        "looseness": loose(account),
+        "unexplained": account.unexplained,
+        "steps": account.stepping,
+        "inequality_fails": account.failing.mean(),
+        "outside": account.outside.mean(),
+        "rising_outside": account.rising,
+        "start_within": account.start_within,
+        "dissipated": account.dissipated,
+        "w_max": proof.rest.max(),
+        "weights_max": proof.weights.max(),
+        "bound": vars(account.own),
+        "bound_of_constants": vars(account.stated),
+        "constants": vars(proof.constants),
         "weights": {
             one.name: {
                 "declared": one.rate,
-                "moves_like": _finite(one.seen(account.period_s)),
-                "apart": _finite(one.apart(account.period_s)),
+                "moves_like": one.seen(account.period_s),
+                "apart": one.apart(account.period_s),
             }
             for one in proof.tuned
         },
         "terms": _sums(account, proof.terms),
         "beyond": _sums(account, proof.beyond),
-        "checks": [vars(check) for check in account.checks()],
-        "assumptions": [vars(one) for one in proof.asked],
+        "checks": account.checks(),
+        "assumptions": proof.asked,
     }
+    return result.plain(found)
 
 
-def _sums(account: Account, terms: Mapping[str, Vector]) -> dict[str, float | None]:
-    return {key: _finite(float(values[:-1] @ account.period_s)) for key, values in terms.items()}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _sums(account: Account, terms: Mapping[str, Vector]) -> dict[str, float]:
+    return {key: float(values[:-1] @ account.period_s) for key, values in terms.items()}
 
 
 def loose(account: Account) -> float:
