@@ -31,10 +31,11 @@ def fresh(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def folder_of(named: str | None, name: str) -> Iterator[Path]:
+def folder_of(named: str | None, name: str, empty: bool = False) -> Iterator[Path]:
     """Make the folder that a user names, else a fresh one; RigError if that cannot be.
 
-    At the end what was made here and is still empty is removed.
+    Nor if it has to be `empty` and is not. At the end what was made here and is still empty is
+    removed.
     """
     check_name(named)
     made = _absent(Path(named or "runs"))
@@ -47,6 +48,8 @@ def folder_of(named: str | None, name: str) -> Iterator[Path]:
             pass
     except OSError as error:
         raise _refused(folder, error) from None
+    if empty and any(folder.iterdir()):
+        raise RigError(f"{folder}: is not empty; choose another folder with -o")
     try:
         yield folder
     finally:

@@ -18,8 +18,7 @@ from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Traces
 from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import TIMING_COLUMNS, Judge
 from pcpc.tools.after.verdict.outcome import changed
@@ -67,16 +66,23 @@ class Bench:
     """Runs of one rig and controller with their judge, for one thread."""
 
     def __init__(
-        self, path: Path, controller: str, settings: Sequence[str], traces: Traces | None = None
-    ) -> None:
+        self, path: Path, controller: str, settings: Sequence[str], traces: Traces | None = None,
+        names: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         """Raise RigError, BusError, EvaluationError for what is wrong with the rig.
 
-        `traces`: memory that the benches of a thread share.
+        `traces`: memory that the benches of a thread share; `names`: what is kept beside what the
+        judge needs.
         """
         self.controller, self.settings = controller, list(settings)
         rig = load_rig(path, controller, settings)
         self.judge = Judge.of(rig)
-        self.runs = Runs(path, controller, settings, asked(rig, self.judge), traces)
+        log = imagined_log(rig, "lockstep")
+        self.judge.check_requirements(log)
+        found = self.judge.needed_columns(log, drawn=False, names=names)
+        asked = {role: found[role][: -len(TIMING_COLUMNS)] for role in rig.roles}
+        wanted = {role: list(dict.fromkeys(columns)) for role, columns in asked.items()}
+        self.runs = Runs(path, controller, settings, wanted, traces)
         self._those: Bound | None = None  # of all logs of the lanes
 
     def rows(self, draws: Sequence[Draw]) -> list[Row]:
@@ -105,14 +111,6 @@ class Bench:
             found.metrics, {one.name: one.margin for one in found.requirements},
             {one.name: one.held for one in found.requirements}, done.alone,
         )  # fmt: skip
-
-
-def asked(rig: Rig, judge: Judge, names: Sequence[str] = ()) -> dict[Role, list[str]]:
-    """Return the variables by node that the judge will look at, and those behind `names`."""
-    log = imagined_log(rig, "lockstep")
-    judge.check_requirements(log)
-    found = judge.needed_columns(log, drawn=False, names=names)
-    return {role: list(dict.fromkeys(found[role][: -len(TIMING_COLUMNS)])) for role in rig.roles}
 
 
 class Engine:

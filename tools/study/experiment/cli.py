@@ -23,6 +23,7 @@ from pcpc.plants.study import Result
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import PoolError
 from pcpc.tools.study.experiment.runs import done
+from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.progress import Progress
 
@@ -130,25 +131,22 @@ def command(options: argparse.Namespace) -> int:
         raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
     need(f"{name}: its figures need", FIGURE)
     parts = chosen(name)
-    with folder_of(options.output, Path(name).stem) as folder:
+    with folder_of(options.output, Path(name).stem, empty=True) as folder:
         return _done_in(folder, name, parts, options)
 
 
 def _done_in(
     folder: Path, name: str, parts: Sequence[ModuleType] | None, options: argparse.Namespace
 ) -> int:
-    if any(folder.iterdir()):
-        raise StudyError(f"{folder}: is not empty; choose another folder with -o")
     progress = Progress(options.quiet)
     try:
-        if parts:
-            code = run_studies(parts, folder, progress, options.jobs)
-        else:
-            experiment = importlib.import_module(without_rigs()[name])
-            code = int(experiment.run(folder, progress, options.jobs))
+        with writing(folder):
+            if parts:
+                code = run_studies(parts, folder, progress, options.jobs)
+            else:
+                experiment = importlib.import_module(without_rigs()[name])
+                code = int(experiment.run(folder, progress, options.jobs))
     except PoolError as error:
         raise PoolError(f"{name}: {error}") from None
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, error.filename or str(folder)) from None
     print(folder / "results.md")
     return code

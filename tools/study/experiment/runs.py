@@ -5,6 +5,7 @@ What lanes cannot do, or refuse, `alone` does anew from the rig's file.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,9 +25,9 @@ from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
 
 if TYPE_CHECKING:
-    from pcpc.executive.batch.runs import Runs
     from pcpc.executive.log.reader import Log
     from pcpc.tools.after.verdict.judge import Judge
+    from pcpc.tools.study.engine import Bench
 
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
 LEAST = 3  # alike runs: lanes cost as much as two alone, however few there are
@@ -175,44 +176,28 @@ def _in_lanes(piece: Piece) -> list[Result | None]:
 
     try:
         bench = _bench(piece.common)
-        seed = bench.runs.rig.config.seed
-        done = bench.runs.done(
-            [Asked(seed if own.seed is None else own.seed, own.numbers) for own in piece.own]
-        )
+        rig = bench.runs.rig
+        seeds = (rig.config.seed if own.seed is None else own.seed for own in piece.own)
+        cases = [Asked(seed, own.numbers) for seed, own in zip(seeds, piece.own, strict=True)]
+        done = bench.runs.done(cases)
     except (RigError, StepError):
         return [None] * len(piece.own)
-    return [
-        bench.result(own, one.log) if one.log else None
-        for own, one in zip(piece.own, done, strict=True)
-    ]
-
-
-@dataclass(frozen=True)
-class _Bench:
-    """Runs and judge of alike cases."""
-
-    runs: "Runs"
-    judge: "Judge"
-    settings: dict[str, float]
-
-    def result(self, own: Own, log: "Log") -> Result | None:
-        try:
-            return _judged(own.case, self.judge, log, self.settings | own.numbers)
-        except RigError:
-            return None
+    found = list[Result | None]()
+    for own, one in zip(piece.own, done, strict=True):
+        found.append(None)
+        if one.log:
+            with suppress(RigError):
+                settings = settings_of(rig) | own.numbers
+                found[-1] = _judged(own.case, bench.judge, one.log, settings)
+    return found
 
 
 @lru_cache(maxsize=1)  # alike cases come one after the other
-def _bench(common: Common) -> _Bench:
-    from pcpc.executive.batch.runs import Runs  # numba
-    from pcpc.tools.after.verdict.judge import Judge
-    from pcpc.tools.study.engine import asked
+def _bench(common: Common) -> "Bench":
+    from pcpc.tools.study.engine import Bench  # numba
 
-    rig = load_rig(common.rig, common.controller, common.settings)
-    judge = Judge.of(rig)
-    wanted = asked(rig, judge, ("executive:time.t_s", *common.traces))
-    runs = Runs(Path(common.rig), common.controller, common.settings, wanted)
-    return _Bench(runs, judge, settings_of(rig))
+    names = ("executive:time.t_s", *common.traces)
+    return Bench(Path(common.rig), common.controller, common.settings, names=names)
 
 
 def alone(case: Case) -> Result:

@@ -2,11 +2,9 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start.folder import folder_of
@@ -27,8 +25,7 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, None, options.set)
     model = Model(rig, [parse_range(option) for option in options.parameter], options.sensor)
     log = logs.read(Path(options.log))
-    _check_empty(options.output)
-    with folder_of(options.output, f"fit-{rig.config.rig}") as folder:
+    with folder_of(options.output, f"fit-{rig.config.rig}", empty=True) as folder:
         return _fit(options, model, log, folder)
 
 
@@ -49,10 +46,3 @@ def _fit(options: argparse.Namespace, model: Model, log: logs.Log, folder: Path)
     if named or nothing or not found.arrived:
         return Exit.NOT_MET
     return Exit.LOSS if found.missing else Exit.OK
-
-
-def _check_empty(given: str | None) -> None:
-    """Raise RigError where something is there already."""
-    folder = Path(given or os.devnull)
-    if given and folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise RigError(f"{folder}: is not empty; choose another folder with -o")

@@ -33,7 +33,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcpc.tools.study.arrays import Array, Flags
-from pcpc.tools.study.fit.noise import own_noise, resolution
+from pcpc.tools.study.fit.noise import Noise, difference_noise, resolution
 from pcpc.tools.study.fit.search import (
     Predict,
     Problem,
@@ -104,7 +104,7 @@ def estimate(
     quantum = resolution(measured, quantum)
     scale = np.where(start != 0.0, np.abs(start), 0.1 * np.minimum(np.ptp(bounds, axis=1), 10.0))
     of = Problem(predict, measured, scale, bounds[:, 0] / scale, bounds[:, 1] / scale)
-    own = own_noise(measured, quantum)
+    own = Noise(difference_noise(measured, quantum), quantum)
     noise = own.noise
     floor, rows = quantum / math.sqrt(12.0), len(measured)
     search = find(of, start / scale, own, say)

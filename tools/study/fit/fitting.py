@@ -81,9 +81,7 @@ class Model:
 
     def predicted(self, points: Array, given: Array, first: int = 0, seed: int = 1) -> Array:
         """Return the model's sensors (m, rows, sensors) for points (m, p)."""
-        settings = [
-            {**self.fixed, **dict(zip(self.names, map(float, p), strict=True))} for p in points
-        ]
+        settings = [self._settings(point) for point in points]
         return self.plant.signals(settings, list(self.sensors.values()), given, first, seed)
 
     def samples(self, point: Array, given: Array, first: int = 0) -> tuple[Array, Array]:
@@ -91,13 +89,15 @@ class Model:
 
         Samples are what it sends without noise, rounded as its sensors and the bus round.
         """
-        settings = {**self.fixed, **dict(zip(self.names, map(float, point), strict=True))}
         sent = [name if name in self.plant.sent else port for name, port in self.sensors.items()]
         names = [*self.sensors.values(), *sent]
-        both = self.plant.signals([settings], names, given, first)[0]
+        both = self.plant.signals([self._settings(point)], names, given, first)[0]
         smooth, raw = both[:, : len(sent)], both[:, len(sent) :]
         columns = [self.plant.rounded(name, c) for name, c in zip(sent, raw.T, strict=True)]
         return smooth, np.stack(columns, axis=1)
+
+    def _settings(self, point: Array) -> dict[str, float]:
+        return self.fixed | dict(zip(self.names, point.tolist(), strict=True))
 
     def _default_names(self) -> list[str]:
         if self.identification.parameters is not None:

@@ -71,8 +71,3 @@ class Noise:
         slow = np.ptp(samples) <= SLOW * self.quantum[j]
         rounding = ROUNDS * self.quantum[j] / math.sqrt(12.0) if slow else 0.0
         return max(HOLDS * float(self.noise[j]), rounding)
-
-
-def own_noise(measured: Array, quantum: Array) -> Noise:
-    """Return the noise of samples (rows, sensors) that come in steps `quantum` (sensors,)."""
-    return Noise(difference_noise(measured, quantum), quantum)
