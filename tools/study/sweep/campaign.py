@@ -60,11 +60,9 @@ class Campaign:
         about = asdict(self) | {"variations": list(self.vary), "title": self.rigs[0].config.title}
         return about | {"origin": origin(self.rigs)}
 
-    def check_unchanged(self, spec: Mapping[str, Any]) -> None:
-        """Raise RigError where rig or code are now other ones than those of `spec`, by the disk."""
-        if changed := differences(spec, {**spec, "origin": replace(self).spec()["origin"]}):
-            what = f"{changed} changed while the campaign ran; rows may be of either"
-            raise RigError(f"{self.rig}: {what}: begin again with another -o")
+    def changed(self, spec: Mapping[str, Any]) -> str:
+        """Return what of rig and code is not as `spec` has it, by the disk; "" of nothing."""
+        return difference(spec["origin"], origin(replace(self).rigs))
 
     @cached_property
     def rigs(self) -> list[Rig]:

@@ -12,13 +12,13 @@ from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.sweep import decision, rerun, shards, store
 from pcpc.tools.study.sweep.campaign import SEARCHES, Shard
-from pcpc.tools.study.sweep.commands import sweep
 from pcpc.tools.study.sweep.report import report
 from pcpc.tools.study.sweep.request import Request
 from pcpc.tools.study.sweep.results import Results
 from pcpc.tools.study.sweep.statements import HOLDS
 from pcpc.tools.study.sweep.summary import COLUMNS, summary
 from pcpc.tools.study.sweep.work import Work
+from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -50,12 +50,11 @@ def command(options: argparse.Namespace) -> int:
         **{name: getattr(options, name) for name in _REQUESTED},
     )
     campaign = request.campaign()
-    shard = request.part()
     with folder_of(options.output, f"sweep-{campaign.rigs[0].config.rig}") as folder:
-        return _run(request.work(campaign, folder), shard, Progress(options.quiet))
+        return _run(request.work(campaign, folder), Progress(options.quiet))
 
 
-def _run(work: Work, shard: Shard, progress: Progress) -> int:
+def _run(work: Work, progress: Progress) -> int:
     folder = work.folder
     try:
         outcome = work.to_end(progress)
@@ -67,7 +66,7 @@ def _run(work: Work, shard: Shard, progress: Progress) -> int:
     finally:
         work.store.close()
     progress.close()
-    if shard.of > 1:
+    if work.shard.of > 1:
         cure = f"when all shards are done: pcpc sweep merge {folder}"
         rows = shards.shard_table(work.store.table).num_rows
         print(f"{work.store.table}: {rows} rows; {cure}")
@@ -76,17 +75,12 @@ def _run(work: Work, shard: Shard, progress: Progress) -> int:
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    """Raise RigError for an option that `merge`, `rerun` or a campaign does not take."""
-    parser = argparse.ArgumentParser()
-    sweep(parser.add_argument)
-    unset = vars(parser.parse_args(["RIG"]))
-    given = {name for name, value in unset.items() if getattr(options, name) != value} - {"words"}
-    kind = options.words[0] if options.words[0] in _TAKES else ""
-    wrong = given - _TAKES[kind] if kind else given & _TAKES["rerun"] - _TAKES["merge"]
-    if wrong:
-        name = f"--{min(wrong).replace('_', '-')}"
-        what = f"pcpc sweep {kind} does not take it" if kind else "is of `pcpc sweep rerun`"
-        raise RigError(f"{name}: {what}")
+    """Raise UserError for an option that `merge`, `rerun` or a campaign does not take."""
+    if (kind := options.words[0]) in _TAKES:
+        wrong = [name for name in vars(options) if name not in _TAKES[kind]]
+        refuse(options, f"pcpc sweep {kind} does not take it", *wrong)
+    else:
+        refuse(options, "is of `pcpc sweep rerun`", "on_bus")
 
 
 def _merge(options: argparse.Namespace) -> int:

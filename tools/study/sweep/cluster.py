@@ -29,7 +29,6 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import AHEAD, Engine, Piece, Pieces, Row
 from pcpc.tools.study.sweep import store
 from pcpc.tools.study.sweep.campaign import Campaign, read
-from pcpc.tools.study.sweep.origin import difference
 from pcpc.tools.terminal.extras import need
 
 TASK = 32  # pieces of WIDTH runs; a second or more of work
@@ -157,6 +156,6 @@ def _engine(campaign: Campaign, folder: Path) -> Engine:
     if not (folder / store.SPEC).exists():
         cure = "give -o a folder on a disk that all of them share"
         raise RigError(f"{folder}: {here} does not see it; {cure}")
-    if differ := difference(campaign.spec()["origin"], read(folder / store.SPEC)["origin"]):
+    if differ := campaign.changed(read(folder / store.SPEC)):
         raise RigError(f"{campaign.rig}: {here} differs from the campaign in {differ}")
     return Engine(Path(campaign.rig), campaign.controllers, campaign.settings, threads=1)

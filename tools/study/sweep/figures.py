@@ -58,28 +58,21 @@ def page_of(results: Results, name: str, found: dict[str, list[Share]]) -> "Figu
     pairs = [results.pairs(name, results.controllers[0], o) for o in results.controllers[1:]]
     drawn = [p for p in pairs if len(p[0])]
     positive = bool(drawn) and all(min(x.min(), y.min()) > 0.0 for x, y in drawn)
-    panels: list[Any] = [lambda ax: distribution(ax, results, name)]
+    panels: list[tuple[Any, ...]] = [(distribution, name)]
     if found:
-        panels.append(lambda ax: bars(ax, results, found))
+        panels.append((bars, found))
     if drawn:
-        panels.append(lambda ax: scatter(ax, results, name, pairs, positive))
+        panels.append((scatter, name, pairs, positive))
     if positive:
-        panels.append(lambda ax: ratios(ax, results, name, pairs))
-    page, axes = _page(len(panels))
-    for ax, draw in zip(axes, panels, strict=False):
-        draw(ax)
+        panels.append((ratios, name, pairs))
+    rows, columns = -(-len(panels) // 2), min(len(panels), 2)
+    page, grid = pages.sheet((WIDTH_IN, HEIGHT_IN * rows), DPI, rows, columns, squeeze=False)
+    for ax in grid.ravel()[len(panels) :]:
+        ax.set_axis_off()
+    for ax, (draw, *about) in zip(grid.ravel(), panels, strict=False):
+        draw(ax, results, *about)
         pages.ruled(ax)
     return page
-
-
-def _page(panels: int) -> tuple["Figure", Sequence["Axes"]]:
-    rows = -(-panels // 2)
-    size_in = WIDTH_IN, HEIGHT_IN * rows
-    page, grid = pages.sheet(size_in, DPI, rows, min(panels, 2), squeeze=False)
-    axes = grid.ravel()
-    for ax in axes[panels:]:
-        ax.set_axis_off()
-    return page, list(axes[:panels])
 
 
 def _scale(*values: Vector) -> str:
@@ -255,17 +248,14 @@ def shares_of(results: Results, name: str) -> dict[str, list[Share]]:
 
 def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
     """Draw first-order shares with their intervals; the variations that count most on top."""
-    largest = {
-        name: max((s.first for own in found.values() for s in own if s.name == name), default=0.0)
-        for name in results.variations
-    }
-    names = sorted(largest, key=lambda name: -largest[name])
+    of = {controller: {share.name: share for share in own} for controller, own in found.items()}
+    names = sorted(
+        results.variations, key=lambda name: -max(own[name].first for own in of.values())
+    )
     kept = names[:MOST_BARS]
     thick = 0.8 / len(found)
-    for i, (controller, own) in enumerate(found.items()):
-        by_name = {share.name: share for share in own}
-        first = np.array([by_name[name].first for name in kept])
-        half = np.array([by_name[name].high - by_name[name].first for name in kept])
+    for i, (controller, own) in enumerate(of.items()):
+        first, high = np.array([(own[name].first, own[name].high) for name in kept]).T
         at = np.arange(len(kept)) + (i - (len(found) - 1) / 2.0) * thick
         ax.barh(
             at,
@@ -274,7 +264,7 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
             label=shown(controller or "runs"),
             color=style_of(results, controller)["color"],
         )
-        ax.errorbar(first, at, xerr=half, fmt="none", ecolor=pages.BLACK, elinewidth=0.8)
+        ax.errorbar(first, at, xerr=high - first, fmt="none", ecolor=pages.BLACK, elinewidth=0.8)
     ax.set_yticks(range(len(kept)), [_short(name) for name in kept])
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.0)

@@ -140,12 +140,10 @@ def _statements(results: Results) -> list[str]:
     """Return the statement of each controller, in words: that of `until`, or a bound of 95 %."""
     if until := results.spec.get("until"):
         return [one.text for one in decision.decisions(results, until)]
-    found = []
-    for controller in results.controllers:
-        begin = f"{controller}: " if controller else ""
-        if results.spec.get("sampling") != "grid":
-            found.append(begin + _bound(*results.failures(controller)))
-    return found
+    if results.spec.get("sampling") == "grid":
+        return []
+    bounds = ((name, _bound(*results.failures(name))) for name in results.controllers)
+    return [f"{name}: {bound}" if name else bound for name, bound in bounds]
 
 
 def _bound(failures: int, runs: int) -> str:

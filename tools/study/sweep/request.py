@@ -74,10 +74,6 @@ class Request:
                     raise RigError(f"--{other}: {what}")
         return asked[0] if asked else None
 
-    def part(self) -> Shard:
-        """Return the shard; RigError."""
-        return Shard() if self.shard is None else Shard.parse(self.shard)
-
     def work(self, campaign: Campaign, folder: Path) -> Work:
         """Return the work on the campaign in a folder; RigError."""
         search = None
@@ -85,5 +81,6 @@ class Request:
             search = Search(campaign, self.of, self.limit)
         elif self.of is not None or self.limit is not None:
             raise RigError("--of and --limit need --worst or --rare")
+        shard = Shard() if self.shard is None else Shard.parse(self.shard)
         about = self.until, self.threads, self.scheduler, search
-        return Work(campaign, self.part(), folder, *about)
+        return Work(campaign, shard, folder, *about)

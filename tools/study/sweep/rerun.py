@@ -16,7 +16,7 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.start.folder import check_name
 from pcpc.tools.study.engine import FAULT
 from pcpc.tools.study.sweep import shards
-from pcpc.tools.study.sweep.campaign import Campaign, differences
+from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results
 
 _RAN = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
@@ -62,9 +62,9 @@ def command(options: argparse.Namespace) -> int:
 def _check_unchanged(results: Results, folder: Path, about: Sequence[str]) -> None:
     """Raise RigError where rig or code are other ones than the campaign's."""
     spec = results.spec
-    settings = tuple(spec["settings"])
-    now = Campaign(spec["rig"], tuple(spec["controllers"]), (), 1, settings=settings).spec()
-    if changed := differences({**spec, "origin": now["origin"]}, spec):
+    controllers, settings = tuple(spec["controllers"]), tuple(spec["settings"])
+    now = Campaign(spec["rig"], controllers, (), 1, settings=settings)
+    if changed := now.changed(spec):
         what = f"{changed} is not what it was in the campaign; as it is now"
         raise RigError(f"{folder}: {what}: {shlex.join(['pcpc', 'simulate', *about])}")
 

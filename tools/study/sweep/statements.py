@@ -30,7 +30,7 @@ reaches 1/alpha below k/n (Robbins); it needs no p1 and gets ever closer:
 `against 0` is the test without failure: 1/alpha is reached after as many failure-free runs as a
 fixed number would have needed, and one failure ends it as not shown.
 
-Wald, Sequential Analysis, 1947, ch. 3 and A.2 to A.4; Ville 1939; Robbins 1970; Clopper and
+Wald, Sequential Analysis, 1947, ch. 3; Ville 1939; Robbins 1970; Clopper and
 Pearson, Biometrika 26, 1934.
 """
 
@@ -145,37 +145,6 @@ class Statement:
 
     def _drift(self, p: float) -> float:
         return (p * self._failed if p else 0.0) + (1.0 - p) * self._clean
-
-    def expected(self, p: float) -> float:
-        """Return the mean number of runs to the end where p is true, by Wald (A.4).
-
-        Neglects how far ln L jumps beyond a boundary; exact for p = 0. `refuted` comes sooner.
-        """
-        if p <= 0.0:
-            return float(self.without_failure)
-        if p >= 1.0:
-            return math.ceil(max(math.log(self.beta) / self._failed, 1.0))
-        if self.p1 == 0.0:  # the first failure ends it
-            return -math.expm1(self.without_failure * math.log1p(-p)) / p
-        up, down, drift = self._accepted, math.log(self.beta), self._drift(p)
-        root = self._root(p)
-        if abs(root) < 1e-6:
-            return -up * down / (p * self._failed**2 + (1.0 - p) * self._clean**2)
-        refused = math.expm1(root * up) / (math.exp(root * up) - math.exp(root * down))
-        return (refused * down + (1.0 - refused) * up) / drift
-
-    def _root(self, p: float) -> float:
-        """Return h other than 0 with E exp(h ln L of a run) = 1; 0 where the mean is 0."""
-        from scipy.optimize import brentq
-
-        def excess(h: float) -> float:
-            return p * math.expm1(h * self._failed) + (1.0 - p) * math.expm1(h * self._clean)
-
-        sign = -1.0 if self._drift(p) > 0.0 else 1.0
-        far = sign * 1e-9
-        while excess(far) < 0.0:
-            far *= 2.0
-        return float(brentq(excess, far / 2.0, far)) if abs(far) > 1e-9 else 0.0
 
     def __str__(self) -> str:
         of = f"({self.requirement})" if self.requirement else ""

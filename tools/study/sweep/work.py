@@ -68,7 +68,9 @@ class Work:
             progress.say(f"{had} rows are there, going on")
         with self._runner(engine) as runner:
             outcome_text = self._run(runner.rows, progress)
-        self.campaign.check_unchanged(self.store.spec)
+        if changed := campaign.changed(self.store.spec):
+            what = f"{changed} changed while the campaign ran; rows may be of either"
+            raise RigError(f"{campaign.rig}: {what}: begin again with another -o")
         if outcome_text:
             (self.folder / "outcome.txt").write_text(outcome_text, encoding="utf-8")
         self.store.complete(outcome_text)
