@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.engine import FAULT, REFUSED, Pieces, Row, pieces
@@ -67,12 +65,7 @@ class Search:
             runs = _ControllerRuns(
                 self, name, rows_of, store, shown, i * APART * self.campaign.draws
             )
-            try:
-                found += self._worst(runs) if self.campaign.sampling == "worst" else _rare(runs)
-            except ImportError as error:
-                cure = pip_install(error.name or "scipy")
-                what = f"--{self.campaign.sampling} needs {error.name}: {cure}"
-                raise UserError(what, Exit.ENVIRONMENT) from None
+            found += self._worst(runs) if self.campaign.sampling == "worst" else _rare(runs)
         again = f"again, with a log: pcpc sweep rerun {store.folder} DRAW CONTROLLER"
         return "\n".join([*found, again])
 

@@ -130,14 +130,10 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     draw(rows, figures / "theorems.png")
     for plant, (rig, controller) in SHOWN.items():
         progress.show(f"theorems: drawing {plant}")
-        _picture(PLANTS / plant / "rigs" / f"{rig}.yaml", controller, figures / f"{plant}.png")
+        account = of_rig(load_rig(PLANTS / plant / "rigs" / f"{rig}.yaml", controller)).account
+        figure.draw(account, f"{rig}, {controller}", figures / f"{plant}.png")
     progress.close()
     return Exit.OK
-
-
-def _picture(path: Path, controller: str, place: Path) -> None:
-
-    figure.draw(of_rig(load_rig(path, controller)).account, f"{path.stem}, {controller}", place)
 
 
 def _percent(value: float) -> str:

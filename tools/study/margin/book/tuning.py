@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.book import tuning
 from pcpc.plants.atb1000.book.tuning import RANGES, Row
 from pcpc.plants.study import markdown
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.experiment.runs import done
+from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
 SETTLE_S = 20.0  # a network that still learns the weight is no loop at rest
@@ -26,7 +25,7 @@ SETTLE_S = 20.0  # a network that still learns the weight is no loop at rest
 
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run all candidates, choose; NOT_MET if a law has none that is allowed."""
-    needs_scipy("tuning")
+    need("tuning needs", "scipy.stats")
     results = done(list(tuning.cases()), progress, jobs)
     asked = [(law, i) for law in RANGES for i in range(tuning.CANDIDATES + 1)]
     progress.say("margins of all candidates")
@@ -43,15 +42,6 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     return Exit.NOT_MET if without else Exit.OK
 
 
-def needs_scipy(name: str) -> None:
-    """Raise UserError if it is not there."""
-    try:
-        import scipy.stats  # noqa: F401
-    except ImportError as error:
-        what = f"{name}: it needs scipy: {pip_install('scipy')} ({error})"
-        raise UserError(what, Exit.ENVIRONMENT) from None
-
-
 def margin_of(asked: tuple[str, int]) -> float:
     """Return the disk margin of a candidate (law, number); 0 of a loop that is not stable."""
     law, number = asked
@@ -62,9 +52,8 @@ def margin(controller: str, settings: Sequence[str] = ()) -> float:
     """Return the disk margin of a controller on the linear barrel; 0 of a loop not stable."""
     from pcpc.tools.study.margin import find  # numba
 
-    linear = yaml.safe_load((tuning.RIGS.with_name("linear.yaml")).read_text(encoding="utf-8"))
-    whole = [*(f"{name}={value!r}" for name, value in linear.items()), *settings]
-    rig = load_rig(tuning.RIGS / "sin0.5.yaml", controller, whole)
+    linear = f"@{tuning.RIGS.with_name('linear.yaml')}"
+    rig = load_rig(tuning.RIGS / "sin0.5.yaml", controller, [linear, *settings])
     method: Any = "measured" if controller in tuning.MEASURED else "linearised"
     about = find.Question(None, 0.0, method, tuning.AMPLITUDE_NM, 1, SETTLE_S)
     try:
