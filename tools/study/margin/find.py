@@ -91,15 +91,12 @@ class Question:
             raise UserError(f"--seed {self.seed}: expected 0 or a whole number above it")
 
 
+@np.errstate(all="ignore")  # what is no number is looked for
 def margin_of(rig: Rig, question: Question) -> Margin:
     """Return what `margin` does, of a rig that was read."""
-    question.check(rig.config.rate_hz)
-    with np.errstate(all="ignore"):  # what is no number is looked for
-        return _margin_of(operating.without_disturbances(rig), question)
-
-
-def _margin_of(rig: Rig, question: Question) -> Margin:
-    plans, rate, method = operating.plans_of(rig), rig.config.rate_hz, question.method
+    question.check(rate := rig.config.rate_hz)
+    rig, method = operating.without_disturbances(rig), question.method
+    plans = operating.plans_of(rig)
     cut, known = loops.choose(rig, plans, question.loop)
     held = operating.reference_values(plans, question.at_s)
     point, own, remarks, sizes = _Point(None), None, list[str](), list[float]()

@@ -207,7 +207,7 @@ def _branch(
     began = {name: float(closed_loop.start[place]) for name, place in places.items()}
     plant = [closed_loop.cycle.names[p].startswith("plant:") for p in closed_loop.places]
     state = int(np.argmax(np.where(plant, np.abs(first.phi), -1.0)))
-    amplitude, at = float(abs(first.phi[state])), first
+    amplitude = float(abs(first.phi[state]))
     closed_loop.start[list(places.values())] = list(wanted.values())
     at = replace(first, waiting=balance.waiting_states(closed_loop.step, first))
     for share in _GROW:
