@@ -68,7 +68,7 @@ def test_a_log_is_compared_and_written_in_other_formats(tmp_path: Path) -> None:
     for other, code in ((a, 0), (b, 1)):
         done = run("diff", a, other, "--json")
         assert done.code == code and holds("log diff", done.out)["equal"] is (code == 0), done
-    for name in ("frames.log", "frames.blf", "frames.asc", "rows.csv"):
+    for name in ("frames.log", "frames.blf", "frames.asc", "rows.csv", "all.mf4"):
         done = run("export", a, "-o", tmp_path / name, "--json")
         assert done.code == 0 and holds("log export", done.out)["file"].endswith(name), done
     made = tmp_path / "made.mcap"

@@ -25,6 +25,7 @@ SWEEP = f"a sweep needs {{0}}: {PIP} '{{0}}"
         ("matplotlib.figure", "log animate log.mcap -o a.gif", "a film needs matplotlib: "),
         ("PIL", "log animate log.mcap -o a.gif", f"a film needs PIL: {PIP} pillow\n"),
         ("pyarrow", "log export log.mcap -o a.parquet", f"Parquet needs pyarrow: {PIP} 'pyarrow>="),
+        ("asammdf", "log export log.mcap -o a.mf4", f"MDF needs asammdf: {PIP} 'asammdf~="),
         ("matplotlib.figure", "report log.mcap", f"a report needs matplotlib: {PIP} 'matplotlib~="),
         ("matplotlib.figure", "bounds hull --plot a.png", "--plot a.png: a picture needs "),
         ("matplotlib.figure", "bus hull --plot a.png", "--plot a.png: a picture needs "),

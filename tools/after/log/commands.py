@@ -54,7 +54,7 @@ def export(add: Add) -> None:
     """Take a log, which part of it, and a file."""
     take.log(add, type=Path)
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
-    add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
+    add("--format", choices=("candump", "blf", "asc", "csv", "parquet", "mf4"),
         help="default: by the suffix of FILE")  # fmt: skip
     add("--topics", nargs="+", metavar="TOPIC",
         help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
@@ -155,7 +155,7 @@ _PARTS = (
     ),
     Command(
         "export",
-        "export frames as candump, BLF, ASC, or variables as CSV, Parquet",
+        "export frames as candump, BLF, ASC, variables as CSV, Parquet, both as MDF 4",
         "pcpc log export latest -o frames.blf",
         export,
         module="after.log.export",
@@ -163,7 +163,7 @@ _PARTS = (
     ),
     Command(
         "import",
-        "make a log of a recording that python-can reads: candump, BLF, ASC",
+        "make a log of a recording that python-can reads: candump, BLF, ASC, MDF 4",
         "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
         import_,
         module="after.log.importer",

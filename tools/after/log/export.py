@@ -6,6 +6,7 @@
     asc       .asc, Vector, channel 1                            nearest us, in the local zone
     csv       variables, a column each, unit in the header       ns; floats round trip
     parquet   the same, unit and meaning in the field metadata   ns
+    mf4       ASAM MDF 4: variables, frames and events           ns
 
 (1) python-can's own reader returns float seconds, which since 1970 resolve 0.24 us.
 
@@ -32,7 +33,8 @@ from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import series
+from pcpc.tools.after.log import mdf, series
+from pcpc.tools.after.log.mdf import Column
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -41,8 +43,10 @@ if TYPE_CHECKING:
     from can import Message
 
 CHANNEL = "vcan0"
-FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".parquet": "parquet"}
+FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".parquet": "parquet",
+           ".mf4": "mf4"}  # fmt: skip
 _OF_FRAMES = ("candump", "blf", "asc")
+_NEEDS = {"parquet": ("Parquet needs", "pyarrow"), "mf4": ("MDF needs", "asammdf")}
 _STEP = 20_000  # frames or rows from one look at the progress to the next
 
 
@@ -53,8 +57,8 @@ def command(options: argparse.Namespace) -> int:
     if form is None:
         known = ", ".join(FORMATS)
         raise LogCommandError(f"{options.output}: no known suffix; use {known} or --format")
-    if form == "parquet":
-        need("Parquet needs", "pyarrow")
+    if form in _NEEDS:
+        need(*_NEEDS[form])
     start_s = series.seconds(options.start, -math.inf, "--start")
     end_s = series.seconds(options.end, math.inf, "--end")
     log = series.read_log(options.log, progress)
@@ -62,13 +66,13 @@ def command(options: argparse.Namespace) -> int:
     window = tuple(t if math.isinf(t) else begin_ns + round(1e9 * t) for t in (start_s, end_s))
     with new_file(options.output, options.force) as path:
         job = _Job(log, path, form, options.topics, window, progress)
-        what = "frames" if form in _OF_FRAMES else "rows"
-        count = _write_frames(job) if form in _OF_FRAMES else _write_table(job)
+        write = _write_frames if form in _OF_FRAMES else _write_table
+        counts = (_write_mf4 if form == "mf4" else write)(job)
     progress.close()
     if options.json:
-        print(json.dumps({"file": str(options.output), "format": form, what: count}))
+        print(json.dumps({"file": str(options.output), "format": form, **counts}))
     else:
-        print(f"{options.output}: {count} {what}")
+        print(f"{options.output}: {', '.join(f'{n} {what}' for what, n in counts.items())}")
     return Exit.LOSS if log.missing else Exit.OK
 
 
@@ -82,12 +86,15 @@ class _Job:
     progress: Progress
 
     def inside(self, time_ns: NDArray[np.int64]) -> Any:
-        """Return which of these times are in the window; LogCommandError for none."""
-        inside = (time_ns >= self.window[0]) & (time_ns < self.window[1])
-        if not inside.any():
-            what = "nothing was recorded there" if len(time_ns) else "nothing was recorded"
-            raise LogCommandError(f"{self.log.path}: {what}; see --topics, --start, --end")
-        return inside
+        """Return which of these times are in the window."""
+        return (time_ns >= self.window[0]) & (time_ns < self.window[1])
+
+    def check(self, count: int) -> None:
+        """Raise LogCommandError if there is nothing to write."""
+        if not count:
+            where = "" if self.window == (-math.inf, math.inf) else " there"
+            what = f"nothing was recorded{where}; see --topics, --start, --end"
+            raise LogCommandError(f"{self.log.path}: {what}")
 
     def chosen(self, known: Collection[str], otherwise: Sequence[str]) -> Sequence[str]:
         """Return the topics that were asked for, without repetition; LogCommandError if unknown."""
@@ -102,21 +109,29 @@ class _Job:
 # Frames
 
 
-def _write_frames(job: _Job) -> int:
+def _write_frames(job: _Job) -> dict[str, int]:
     topics = {logs.topic(name, "can/frames"): name for name in job.log.node}
     chosen = job.chosen(topics, list(topics)[:1])
-    if len(chosen) > 1:
+    frames, wall_ns = _frames(job, [topics[topic] for topic in chosen])
+    job.check(len(frames))
+    write = {"candump": _candump, "asc": _asc, "blf": _blf}[job.format]
+    write(job, list(zip(frames, wall_ns.tolist(), strict=True)))
+    return {"frames": len(frames)}
+
+
+def _frames(job: _Job, nodes: Sequence[str]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the frames of a node by stamp, and their wall times in ns, both (n,); none of none."""
+    if not nodes:
+        return np.empty(0, logs.FRAME), np.empty(0, np.int64)
+    if len(nodes) > 1:
         raise LogCommandError("--topics: two topics hold the same frames; give only one of them")
-    node = topics[chosen[0]]
-    frames, offset_ns = job.log.node[node].frames, series.wall_offset_ns(job.log, node)
+    frames, offset_ns = job.log.node[nodes[0]].frames, series.wall_offset_ns(job.log, nodes[0])
     frames = frames[job.inside(frames["stamp_ns"] + offset_ns)]
     frames = frames[np.argsort(frames["stamp_ns"], kind="stable")]
     if len(bad := frames[frames["dlc"] > frames["data"].shape[1]]):
-        what = f"{chosen[0]}: a frame of {bad[0]['dlc']} bytes"
+        what = f"{logs.topic(nodes[0], 'can/frames')}: a frame of {bad[0]['dlc']} bytes"
         raise LogCommandError(f"{job.log.path}: {what}; the log is damaged, record it again")
-    write = {"candump": _candump, "asc": _asc, "blf": _blf}[job.format]
-    write(job, list(zip(frames, (frames["stamp_ns"] + offset_ns).tolist(), strict=True)))
-    return len(frames)
+    return frames, frames["stamp_ns"] + offset_ns
 
 
 def message(row: Any, timestamp_s: float) -> "Message":
@@ -184,16 +199,22 @@ def _told(job: _Job, frames: Stamped) -> Iterator[tuple[Any, int]]:
 
 # Tables
 
-Column = tuple[str, str, str, NDArray[Any]]  # name, unit, help, values
 
-
-def _write_table(job: _Job) -> int:
+def _write_table(job: _Job) -> dict[str, int]:
     known = series.all_series(job.log)
     topics = list(dict.fromkeys(one.topic for one in known.values()))
     chosen = job.chosen(topics, [topic for topic in topics if topic.endswith("/state")])
     columns = [one for topic in chosen for one in known.values() if one.topic == topic]
     if not columns:
         raise LogCommandError(f"{job.log.path}: no variables recorded; frames are: use .log, .blf")
+    table = _table(job, columns)
+    job.check(len(table[0][3]))
+    (_csv if job.format == "csv" else _parquet)(job, table)
+    return {"rows": len(table[0][3])}
+
+
+def _table(job: _Job, columns: Sequence[series.Series]) -> list[Column]:
+    """Return wall time, cycle and all columns, (rows,) each, at the rows of the first."""
     base, by_cycle = columns[0], series.without_clock(job.log)
     rows = np.flatnonzero(job.inside(base.time_ns))
     table: list[Column] = [
@@ -202,14 +223,48 @@ def _write_table(job: _Job) -> int:
     ]
     paired = {
         topic: series.rows_of(base, next(one for one in columns if one.topic == topic), by_cycle)
-        for topic in chosen
+        for topic in dict.fromkeys(one.topic for one in columns)
     }
     for one in columns:
         at = paired[one.topic][rows]
         values = np.append(one.values, math.nan)[at]  # row -1, of none, is the last
         table.append((one.name, one.unit, one.help, values))
-    (_csv if job.format == "csv" else _parquet)(job, table)
-    return len(rows)
+    return table
+
+
+def _write_mf4(job: _Job) -> dict[str, int]:
+    known = series.all_series(job.log)
+    kinds = ("state", "timing", "can/frames", "events", "tunings")
+    topics = {logs.topic(name, kind): (name, kind) for name in job.log.node for kind in kinds}
+    leader = (next(iter(job.log.node)), "can/frames")
+    usual = [t for t, of in topics.items() if of == leader or of[1] not in kinds[1:3]]
+    chosen = job.chosen(topics, usual)
+    columns = [one for topic in chosen for one in known.values() if one.topic == topic]
+    table = _table(job, columns) if columns else []
+    nodes = [topics[topic][0] for topic in chosen if topics[topic][1] == "can/frames"]
+    entries = sorted(_entries(job, chosen), key=lambda entry: entry[0])
+    content = mdf.Content(series.start_ns(job.log), table, *_frames(job, nodes), entries)
+    counts = {
+        "rows": len(table[0][3]) if table else 0,
+        "frames": len(content.frames),
+        "events": len(entries),
+    }
+    job.check(sum(counts.values()))
+    with job.progress.going_on(f"writing {counts['rows']} rows, {counts['frames']} frames"):
+        content.write(job.path)
+    return counts
+
+
+def _entries(job: _Job, topics: Collection[str]) -> Iterator[mdf.Entry]:
+    """Yield the events and tunings of these topics."""
+    for name, node in job.log.node.items():
+        offset_ns = series.wall_offset_ns(job.log, name)
+        for kind, entries in (("events", node.events), ("tunings", node.tunings)):
+            if (topic := logs.topic(name, kind)) in topics:
+                for entry in entries:
+                    wall_ns = int(entry["stamp_ns"]) + offset_ns
+                    if job.window[0] <= wall_ns < job.window[1]:
+                        yield wall_ns, topic, entry
 
 
 def _csv(job: _Job, table: Sequence[Column]) -> None:

@@ -3,6 +3,7 @@
     candump .log    the digits of the text: us, or ns where it has nine of them
     BLF             since the start of the file, ns or 10 us; the start has ms
     ASC             since the start of the measurement, as many digits as it has; the start has ms
+    MDF 4           since the start of the file, ns; the start has ns
     others          float seconds, to the nearest us once they no longer resolve ns
 
 Data frames are kept, with CAN FD as `logs.FD_FRAME`; error and remote frames are counted.
@@ -30,6 +31,8 @@ from pcpc.drivers.can.wire_layout import LENGTHS, flags_of
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import mdf
+from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -82,7 +85,9 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     import can
 
     if not path.is_file():
-        raise LogCommandError(f"{path}: no such file; give a .log, .blf or .asc file")
+        raise LogCommandError(f"{path}: no such file; give a .log, .blf, .asc or .mf4 file")
+    if ".mf4" in (suffix.lower() for suffix in path.suffixes):
+        need("MDF needs", "asammdf")
     logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
     counted, number = _Counted(channel), 0
     try:
@@ -166,6 +171,8 @@ def _messages(path: Path) -> Iterator[tuple["Message", int]]:
         start_ns, reader.start_timestamp = round(1e3 * reader.start_timestamp) * 10**6, 0.0
     elif isinstance(reader, can.ASCReader):
         start_ns = _asc_start_ns(path)
+    elif isinstance(reader, can.MF4Reader):
+        start_ns, reader._start_timestamp = mdf.start_ns(reader._mdf.header), 0.0
     elif isinstance(reader, can.SqliteReader):  # signals do not reach a query; this does
         calls = iter(range(path.stat().st_size))
         vars(reader)["_conn"].set_progress_handler(lambda: next(calls, None) is None, 1000)

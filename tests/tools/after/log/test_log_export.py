@@ -63,7 +63,7 @@ def test_extended_ids_and_short_frames_stay_what_they_are(suffix: str, tmp_path:
     log = fabricated(frames)
     job = export._Job(log, tmp_path / f"f{suffix}", export.FORMATS[suffix], None,
                       (-np.inf, np.inf), export.Progress(quiet=True))  # fmt: skip
-    assert export._write_frames(job) == 3
+    assert export._write_frames(job) == {"frames": 3}
     read, stamps = messages(job.path)
     found = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in read]
     assert found == [(0x123, True, b""), (0x123, False, b"\0"), (0x1FFFFFFF, True, bytes(range(8)))]

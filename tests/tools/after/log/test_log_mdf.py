@@ -1,0 +1,186 @@
+"""`pcpc log export` and `import` of MDF 4: others read what the log holds, we read theirs."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from asammdf import MDF, Signal
+from logcommand import DBC, barrel_log, run, run_here
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import export, series
+
+ODD = [np.nan, np.inf, -np.inf, -0.0, 5e-324, 0.1]
+EDGES = {"time_ns": 1_760_000_000_999_999_999, "cycle": 2**40}
+
+
+def exported(folder: Path, *words: str | Path) -> Path:
+    """Export a log, of the barrel unless one is named, as MDF."""
+    path = folder / "t.mf4"
+    log = words if words and isinstance(words[0], Path) else (barrel_log(), *words)
+    done = run("export", *log, "-o", path)
+    assert done.code == 0, done
+    return path
+
+
+def odd_log(frames: NDArray[Any]) -> logs.Log:
+    """Return a log of six rows with a variable of odd values, and of these frames."""
+    stamps = 10**6 * np.arange(6)
+    about: Any = {"variables": [["a.odd", "m/s²", "state", "a", 'what is odd: "<&>"']]}
+    node = logs.Node(EDGES["cycle"] + np.arange(6), stamps, {"a.odd": np.array(ODD)}, {}, frames,
+                     [], [], about)  # fmt: skip
+    facts = {"clock_wall_ns": str(EDGES["time_ns"]), "clock_monotonic_ns": "0"}
+    return logs.Log(Path("made.mcap"), {"executive": node}, {}, {"executive": facts}, [])
+
+
+def written(log: logs.Log, path: Path) -> Path:
+    """Write a log that is in memory."""
+    form, window = export.FORMATS[path.suffix], (-np.inf, np.inf)
+    job = export._Job(log, path, form, None, window, export.Progress(quiet=True))
+    (export._write_mf4 if form == "mf4" else export._write_table)(job)
+    return path
+
+
+def same_as_csv(mdf: Path, table: Path) -> int:
+    """Compare all columns and rows bit for bit; return how many there are."""
+    with table.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    with MDF(mdf) as read:
+        names = [name.split(" ", 1) for name in header]
+        assert [c.name for c in read.groups[0].channels][1:] == [name for name, _ in names]
+        for (name, unit), *texts in zip(names, *rows, strict=True):
+            signal = read.get(name, group=0)
+            kind = int if name in EDGES else float
+            assert signal.samples.tobytes() == np.array([kind(t) for t in texts]).tobytes(), name
+            assert series.label(signal.unit) == unit, (name, signal.unit, unit)
+    return len(header) * len(rows)
+
+
+def test_every_variable_is_that_of_the_csv_to_the_bit(tmp_path: Path) -> None:
+    path = exported(tmp_path)
+    assert run("export", barrel_log(), "-o", tmp_path / "t.csv").code == 0
+    assert same_as_csv(path, tmp_path / "t.csv") > 300 * 100
+    log = logs.read(barrel_log()).node["executive"]
+    with MDF(path) as read:
+        signal = read.get("controller.e_rad")
+        help_ = next(v[4] for v in log.description["variables"] if v[0] == signal.name)
+    assert signal.timestamps.tobytes() == ((log.stamp_ns - log.stamp_ns[0]) / 1e9).tobytes()
+    assert signal.comment == help_ and help_, signal
+
+
+def test_values_that_are_no_numbers_stay_what_they_are(tmp_path: Path) -> None:
+    log = odd_log(np.zeros(0, logs.FRAME))
+    path, table = (written(log, tmp_path / f"odd.{kind}") for kind in ("mf4", "csv"))
+    assert same_as_csv(path, table) == 18
+    with MDF(path) as read:
+        assert read.header.abs_time == EDGES["time_ns"], read.header
+        signal = read.get("a.odd")
+    assert signal.samples.tobytes() == np.array(ODD).tobytes(), signal.samples
+    assert (signal.unit, signal.comment) == ("m/s²", 'what is odd: "<&>"'), signal
+
+
+def test_frames_are_those_of_the_candump_export(tmp_path: Path) -> None:
+    path = exported(tmp_path)
+    assert run("export", barrel_log(), "-o", tmp_path / "t.log").code == 0
+    pair = [list(can.LogReader(tmp_path / name)) for name in ("t.log", "t.mf4")]
+    assert len(pair[0]) > 1000, len(pair[0])
+    for ours, theirs in zip(*pair, strict=True):
+        assert theirs.equals(ours, timestamp_delta=1e-6, check_channel=False), (ours, theirs)
+    with MDF(path) as read:
+        (group,) = [g for g in read.groups if g.channel_group.acq_name == "CAN"]
+        source = group.channel_group.acq_source
+        assert source is not None and (source.source_type, source.bus_type) == (2, 2), source
+        assert group.channels[0].name == "Timestamp", group.channels[0]
+        assert read.bus_logging_map["CAN"], "asammdf sees no bus logging"
+
+
+def test_fd_extended_and_remote_frames_stay_what_they_are(tmp_path: Path) -> None:
+    frames = np.zeros(5, logs.FD_FRAME)
+    frames["id"] = 1 << 31 | 0x1FFFFFFF, 0x123, 1 << 30 | 0x321, 0x7FF, 0
+    frames["dlc"], frames["direction"] = (64, 12, 3, 8, 0), (0, 1, 1, 0, 1)
+    frames["flags"] = 4 | 1, 4 | 2, 0, 0, 4
+    frames["data"] = np.arange(64) * (np.arange(64) < frames["dlc"][:, None])
+    frames["data"][2], frames["stamp_ns"] = 0, np.arange(5) * 1_000_001
+    path = written(odd_log(frames), tmp_path / "fd.mf4")
+    for row, read in zip(frames, can.LogReader(path), strict=True):
+        assert read.equals(export.message(row, read.timestamp), check_channel=False), (row, read)
+    with MDF(path) as file:
+        codes = file.get("CAN_DataFrame.DLC").samples.tolist()
+    assert codes == [15, 9, 8, 0], codes
+
+
+def test_events_and_tunings_are_markers(tmp_path: Path) -> None:
+    rig = tmp_path / "run"
+    words = "simulate", "slew10", "-o", rig, "--quiet", "--no-figure", "--set", "duration_s=0.1"
+    assert run_here(*words).code == 0
+    path = exported(tmp_path, rig)
+    told = run("cat", rig, "--topics", "/events", "/tunings", "/plant/events", "/plant/tunings")
+    expected = [json.loads(line) for line in told.out.splitlines()]
+    with MDF(path) as read:
+        found = [(event.sync_base, json.loads(event.comment)) for event in read.events]
+        assert read.events[0].name == "state READY", read.events[0]
+        assert {event.event_type for event in read.events} == {6}
+    assert sorted(round(1e9 * one.pop("time_s")) for one in expected) == [at for at, _ in found]
+    assert sorted(map(json.dumps, expected)) == sorted(json.dumps(one) for _, one in found)
+
+
+@pytest.mark.parametrize("words", [["--topics", "/timing"], ["--topics", "/plant/can/frames"],
+                                   ["--start", "0.1", "--end", "0.15"]])  # fmt: skip
+def test_a_part_holds_nothing_else(words: list[str], tmp_path: Path) -> None:
+    timing = next(iter(logs.read(barrel_log()).node["executive"].timing))
+    with MDF(exported(tmp_path, *words)) as read:
+        names = {channel.name for group in read.groups for channel in group.channels}
+        rows = read.groups[0].channel_group.cycles_nr
+    assert (timing in names) == ("/timing" in words), names
+    assert ("CAN_DataFrame" in names) == ("/timing" not in words), names
+    assert ("time.t_s" in names) == ("--topics" not in words) == (rows == 50), (names, rows)
+
+
+def recorded(path: Path) -> list[can.Message]:
+    """Write a recording as python-can does, in three channel groups; return its data frames."""
+    start_s = 1_760_000_000.25
+    messages = [
+        can.Message(start_s + 1e-3 * i, (0x120, 0x12345)[i % 2], i % 2 == 1, i == 5, i == 6,
+                    data=b"" if i == 5 else bytes([i] * 8), channel=3, is_rx=i % 3 > 0)
+        for i in range(20)
+    ]  # fmt: skip
+    with can.Logger(path) as writer:
+        for message in messages:
+            writer.on_message_received(message)
+    return [m for m in messages if not (m.is_remote_frame or m.is_error_frame)]
+
+
+def test_a_recording_of_python_can_is_imported(tmp_path: Path) -> None:
+    messages = recorded(tmp_path / "theirs.mf4")
+    words = "--dbc", DBC, "-o", tmp_path / "i.mcap"
+    done = run("import", tmp_path / "theirs.mf4", *words)
+    assert done.code == 0 and "left out: 1 error, 1 remote frames" in done.out, done
+    frames = logs.read(tmp_path / "i.mcap").node["executive"].frames
+    assert frames["id"].tolist() == [m.arbitration_id | m.is_extended_id << 31 for m in messages]
+    assert frames["data"].tobytes() == b"".join(bytes(m.data) for m in messages)
+    assert frames["direction"].tolist() == [m.is_rx for m in messages]
+    off = np.abs(frames["stamp_ns"] / 1e9 - [m.timestamp for m in messages]).max()
+    assert off < 2e-6, f"a stamp is off by {off} s"
+
+
+def test_a_missing_asammdf_is_named_with_its_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.mf4").touch()
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    done = run("import", tmp_path / "a.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap")
+    assert done.code == 4 and done.err.startswith("MDF needs asammdf: "), done
+
+
+def test_a_measurement_without_bus_logging_is_refused(tmp_path: Path) -> None:
+    with MDF() as file:
+        file.append(Signal(np.arange(3.0), np.arange(3.0), name="speed"))
+        file.save(tmp_path / "a.mf4")
+    done = run("import", tmp_path / "a.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap")
+    assert done.code == 2 and "no CAN frame" in done.err and done.err.count("\n") == 1, done
