@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_run import KV, Run, going_on
+from live_run import KV, LAM, Run, going_on
 from live_run import pcpc as started
 from processes import RIGS, own_bus, pcpc, until
 from test_xcp_slave import Node as SlaveTable
@@ -123,6 +123,24 @@ def test_a_session_of_pyxcp_is_in_the_log_and_replays(tmp_path: Path) -> None:
         assert_in_log(log.node["executive"], one["rows"], recorded)
     tuned = {one["value"]: one["cycle"] for one in log.node["executive"].tunings}
     assert {value: tuned[value] for value in cycles} == cycles
+    done = pcpc("replay", str(tmp_path / "run" / "log.mcap"), "--json")
+    assert done.code == 0 and all(one["identical"] for one in json.loads(done.out)), done
+
+
+@pytest.mark.deep
+def test_a_thousand_downloads_of_a_session_are_tunings_at_the_cycles_told(tmp_path: Path) -> None:
+    values = [50.0 + i / 8 for i in range(1000)]
+    with served(tmp_path / "run") as slave:
+        known = list(live.find(slave.run.node).variables)
+        places = [8 * known.index(name) for name in (KV, LAM)]
+        words = [sys.executable, MASTER.with_name("xcp_downloads.py"), slave.tcp, places, values]
+        done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+        told = json.loads(done.stdout.splitlines()[-1])
+    tunings = logs.read(tmp_path / "run" / "log.mcap").node["executive"].tunings
+    found = [(one["name"], one["value"], one["cycle"]) for one in tunings]
+    assert found == [*zip([KV, LAM] * 500, values, told, strict=True)], found[:5]
+    assert told == sorted(told), "a later download is in an earlier cycle"
     done = pcpc("replay", str(tmp_path / "run" / "log.mcap"), "--json")
     assert done.code == 0 and all(one["identical"] for one in json.loads(done.out)), done
 
