@@ -1,29 +1,34 @@
 """The A2L file (ASAM MCD-2 MC) of a node: its variables as a calibration tool finds them.
 
-Parameters with a range are CHARACTERISTICs, all else MEASUREMENTs; a name's address is its number
-times 8, see `slave`. A block is a GROUP. All values are doubles, little-endian.
+Parameters are CHARACTERISTICs, all else MEASUREMENTs; a name's address is its number times 8, see
+`slave`. Elements NAME_0, NAME_1, ... of an array have an entry each, and NAME one for all of them.
+A block is a GROUP. All values are doubles, little-endian.
 """
 
 import importlib.metadata
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
+from itertools import count, takewhile
 from typing import Any, NamedTuple
 
 from pcpc.tools.live.xcp.lists import DIVISIONS
-from pcpc.tools.live.xcp.packets import MAX_CTO, MAX_DTO
+from pcpc.tools.live.xcp.packets import MAX_CTO, MAX_DTO, Cmd
 from pcpc.tools.live.xcp.slave import event_name, period
 
-_FAR = 1e300  # limits of a measurement, which has none
-_A2ML = """    /begin A2ML
-      struct Protocol_Layer { uint; uint; uint; uint; uint; uint; uint; uint; uchar; ulong;
+_FAR = 1e300  # where there is no limit
+_OPTIONAL = [one for one in Cmd if one < Cmd.SYNCH]
+_A2ML = (
+    """    /begin A2ML
+      struct Protocol_Layer { uint; uint; uint; uint; uint; uint; uint; uint; uchar; uint;
         enum { "BYTE_ORDER_MSB_LAST" = 0, "BYTE_ORDER_MSB_FIRST" = 1 };
         enum { "ADDRESS_GRANULARITY_BYTE" = 1, "ADDRESS_GRANULARITY_WORD" = 2 };
-        taggedstruct { ("OPTIONAL_CMD" char[100])*; };
+        taggedstruct { ("OPTIONAL_CMD" enum { """
+    + ", ".join(f'"{one.name}" = 0x{one:X}' for one in _OPTIONAL)
+    + """ })*; };
       };
       struct Event { char[101]; char[9]; uint;
         enum { "DAQ" = 1, "STIM" = 2, "DAQ_STIM" = 3 };
-        uchar; uchar; uchar; uchar;
+        uchar; uchar; uchar; uchar; taggedstruct { "EVENT_COUNTER_PRESENT"; };
       };
       struct Daq { enum { "STATIC" = 0, "DYNAMIC" = 1 }; uint; uint; uchar;
         enum { "OPTIMISATION_TYPE_DEFAULT" = 0 };
@@ -35,18 +40,28 @@ _A2ML = """    /begin A2ML
         taggedstruct {
           "PRESCALER_SUPPORTED";
           block "TIMESTAMP_SUPPORTED" struct { uint; enum { "SIZE_DWORD" = 4 };
-            enum { "UNIT_1US" = 3 }; };
+            enum { "UNIT_1US" = 3 }; taggedstruct { "TIMESTAMP_FIXED"; }; };
           (block "EVENT" struct Event)*;
         };
       };
-      struct Ip { uint; uint; taggedunion { "HOST_NAME" char[256]; "ADDRESS" char[16]; }; };
-      block "IF_DATA" taggedunion if_data { "XCP" struct { taggedstruct {
+      taggedstruct Common_Parameters {
         block "PROTOCOL_LAYER" struct Protocol_Layer;
         block "DAQ" struct Daq;
-        block "XCP_ON_UDP_IP" struct Ip;
-        block "XCP_ON_TCP_IP" struct Ip;
-      }; }; };
+      };
+      struct Ip { uint; uint; taggedunion { "HOST_NAME" char[256]; "ADDRESS" char[15]; };
+        taggedstruct { "MAX_BUS_LOAD" ulong; "MAX_BIT_RATE" ulong; };
+        taggedstruct { "PACKET_ALIGNMENT" enum { "PACKET_ALIGNMENT_8" = 0 }; };
+        taggedstruct { ("OPTIONAL_TL_SUBCMD" enum { "GET_SLAVE_ID" = 0xFF })*; };
+      };
+      block "IF_DATA" taggedunion if_data { "XCP" struct {
+        taggedstruct Common_Parameters;
+        taggedstruct {
+          block "XCP_ON_UDP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
+          block "XCP_ON_TCP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
+        };
+      }; };
     /end A2ML"""
+)
 
 
 class A2lVariable(NamedTuple):
@@ -90,19 +105,39 @@ def _lines(
         yield "    /end COMPU_METHOD"
     yield "    /begin RECORD_LAYOUT F64\n      FNC_VALUES 1 FLOAT64_IEEE ROW_DIR DIRECT"
     yield "    /end RECORD_LAYOUT"
-    for number, one in enumerate(variables):
+    entries = list(_entries(variables))
+    for number, size, one in entries:
         unit, at = units[one.unit], f"0x{8 * number:X}"
+        kind, dimension = ("VAL_BLK", f" MATRIX_DIM {size} 1 1") if size > 1 else ("VALUE", "")
         if one.range:
-            low, high = (f"{bound:.17g}" for bound in one.range)
+            low, high = (min(max(bound, -_FAR), _FAR) for bound in one.range)
             yield f"    /begin CHARACTERISTIC {_word(one.name)} {_text(one.help)}"
-            yield f"      VALUE {at} F64 0 {unit} {low} {high}\n    /end CHARACTERISTIC"
+            yield f"      {kind} {at} F64 0 {unit} {low} {high}{dimension}"
+            yield "    /end CHARACTERISTIC"
         else:
             yield f"    /begin MEASUREMENT {_word(one.name)} {_text(one.help)}"
-            yield f"      FLOAT64_IEEE {unit} 0 0 {-_FAR:g} {_FAR:g}\n      ECU_ADDRESS {at}"
-            yield "    /end MEASUREMENT"
-    for block, members in groupby(variables, key=lambda one: one.name.partition(".")[0]):
-        yield from _group(block, list(members))
+            yield f"      FLOAT64_IEEE {unit} 0 0 {-_FAR:g} {_FAR:g}"
+            yield f"      ECU_ADDRESS {at}{dimension}\n    /end MEASUREMENT"
+    blocks: dict[str, list[A2lVariable]] = {}
+    for _, _, one in entries:
+        blocks.setdefault(one.name.partition(".")[0], []).append(one)
+    for block, members in blocks.items():
+        yield from _group(block, members)
     yield "  /end MODULE\n/end PROJECT"
+
+
+def _entries(variables: Sequence[A2lVariable]) -> Iterator[tuple[int, int, A2lVariable]]:
+    """Yield number, size and description of each variable, and of an array before its elements."""
+    names = {one.name for one in variables}
+    for number, one in enumerate(variables):
+        array = one.name.removesuffix("_0")
+        if array not in names:
+            alike = (one._replace(name=f"{array}_{i}") for i in count())
+            pairs = zip(variables[number:], alike, strict=False)
+            size = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+            if size > 1:
+                yield number, size, one._replace(name=array)
+        yield number, 1, one
 
 
 def _group(block: str, members: list[A2lVariable]) -> Iterator[str]:
@@ -120,8 +155,7 @@ def _interface(period_ns: int, transports: Iterable[tuple[str, str, int]]) -> It
     yield "    /begin IF_DATA XCP"
     yield f"      /begin PROTOCOL_LAYER 0x0101 2000 0 0 0 0 0 0 {MAX_CTO} {MAX_DTO}"
     yield "        BYTE_ORDER_MSB_LAST ADDRESS_GRANULARITY_BYTE"
-    for command in ("GET_COMM_MODE_INFO", "GET_ID", "SET_MTA", "UPLOAD", "SHORT_UPLOAD"):
-        yield f'        OPTIONAL_CMD "{command}"'
+    yield from (f"        OPTIONAL_CMD {one.name}" for one in _OPTIONAL)
     yield "      /end PROTOCOL_LAYER"
     yield f"      /begin DAQ DYNAMIC 252 {len(DIVISIONS)} 0 OPTIMISATION_TYPE_DEFAULT"
     yield "        ADDRESS_EXTENSION_FREE IDENTIFICATION_FIELD_TYPE_ABSOLUTE"
