@@ -50,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
     topics = [f"/{name.lstrip('/')}" for name in options.topics or []]
     form = options.format or _usual_format(topics)
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
-    _check(path, form, topics)
+    _check(form, topics)
     printer = Printer(logs.head(path), found, form, zero_ns)
     told = some = False
     for channel, piece in source.stream(path, found, progress):
@@ -96,7 +96,7 @@ def _usual_format(topics: list[str]) -> str:
     return "candump" if kinds == {"frames"} else "csv" if kinds <= {"state", "timing"} else "ndjson"
 
 
-def _check(path: Path, form: str, topics: list[str]) -> None:
+def _check(form: str, topics: list[str]) -> None:
     if form != "ndjson" and len(topics) > 1:
         raise LogCommandError(f"{form} holds one topic; name one, or use --format ndjson")
     if form == "candump" and not topics[0].endswith(_FRAMES):

@@ -84,7 +84,7 @@ def rig_of(
             given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
         data |= {} if whole else {"evaluation": None}
         for entry in _entries(data):
-            if entry.get("law") == fmu.LAW and (file := fmu_file(head, entry, folder, options.fmu)):
+            if entry.get("law") == fmu.LAW and (file := fmu_file(entry, folder, options.fmu)):
                 entry["file"] = str(file)
         place, controller, settings = folder / "rig.yaml", options.controller, options.set
         rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
@@ -128,9 +128,7 @@ def _resolved(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, An
     return data
 
 
-def fmu_file(
-    head: logs.Log, entry: Mapping[str, Any], folder: Path, given: Sequence[str]
-) -> Path | None:
+def fmu_file(entry: Mapping[str, Any], folder: Path, given: Sequence[str]) -> Path | None:
     """Return the file of an FMU that the log's block `entry` was, if it was given; LogError."""
     name = PurePosixPath(str(entry.get("file"))).name
     try:

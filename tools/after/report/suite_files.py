@@ -81,13 +81,12 @@ def as_html(found: Suite, output: Path) -> str:
     about = ("log", "rig, controller", "seed", "versions", "verdict", "exit code", "", "sha256")
     word = "ok" if found.ok else "not ok"
     parts: list[Part] = [
-        Section("All runs of a suite", [_counts(found)]),
         Verdict(word, _against(found), found.ok),
         Section("Requirements", [Table(head, rows, (6,))]),
         Section("Runs", [Table(about, runs, (5,))]),
     ]
-    bodies = [html(part, 1 if number == 0 else 2) for number, part in enumerate(parts)]
-    return page(f"suite: {word}", bodies)
+    title = html(Section("All runs of a suite", [_counts(found)]), 1)
+    return page(f"suite: {word}", [title, *map(html, parts)])
 
 
 def _counts(found: Suite) -> str:
@@ -110,9 +109,8 @@ def as_junit(found: Suite) -> str:
         cases.append(Case(cell.of, name, kind, one.verdict, _words(one, run)))
     cases += [Case("", one, "failure", "not judged", "no run tests it") for one in found.absent]
     runs = [
-        Case(run.of, str(run.path), "", OK, _reasons(run)) if run.ok
-        else Case(run.of, str(run.path), "error", "not ok" if run.verdict == OK else run.verdict,
-                  _reasons(run))
+        Case(run.of, str(run.path), "" if run.ok else "error",
+             "not ok" if run.verdict == OK and not run.ok else run.verdict, _reasons(run))
         for run in found.runs
     ]  # fmt: skip
     return junit_text({"requirements": cases, "runs": runs})

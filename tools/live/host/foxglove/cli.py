@@ -65,7 +65,7 @@ def command(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     _give_way()
-    _say(options, shown, server.port, token)
+    _say(options, server.port, token)
     server.serve(ended)
     return Exit.OK
 
@@ -78,7 +78,7 @@ def _give_way() -> None:
             os.setpriority(os.PRIO_PROCESS, int(thread), min(nice, 19))
 
 
-def _say(options: argparse.Namespace, shown: FollowedRun, port: int, token: str) -> None:
+def _say(options: argparse.Namespace, port: int, token: str) -> None:
     name = options.name[0] if options.name else options.address
     url = f"{'wss' if options.tls_cert else 'ws'}://{guard.place(name, port)}"
     query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/[]")
