@@ -1,9 +1,11 @@
 """Who may import whom, and what the sources never do, checked on their syntax trees.
 
 `drivers` imports nothing of ours; `executive` imports drivers, and of its rooms each only what
-stands below it; laws import blocks, elementary functions, approximators, models and each other; a
-plant imports drivers and the engine, never a law, nor a law a plant; of `tools` each group imports
-only those below it. No module imports itself by way of others.
+stands below it; laws import blocks, elementary functions, approximators and each other; a plant
+imports drivers and the engine, never a law, nor a law a plant. What both know of one system, or of
+a family, is its `equations.py`, which imports neither. Of another system a system imports nothing:
+what two share is of a family, or an actuator. Of `tools` each group imports only those below it.
+No module imports itself by way of others.
 """
 
 import ast
@@ -43,6 +45,9 @@ def _rooms(top: str) -> tuple[str, ...]:
 
 LAWS = [f"plants.{name[7:].split('/laws/')[0].replace('/', '.')}.laws"
         for name in TREES if name.startswith("plants/") and "/laws/" in name]  # fmt: skip
+EQUATIONS = [name.removesuffix(".py").replace("/", ".")
+             for name in TREES if re.fullmatch(r"plants/.+/equations\.py", name)]  # fmt: skip
+SYSTEMS = sorted(path.parent.name for path in (ROOT / "plants").glob("*/rig.yaml"))
 _STEPS = ("drivers.compiled.jit", "drivers.compiled.stage", "drivers.compiled.views")
 _BARE = (_STEPS[0], _STEPS[2], "executive.laws.emath")
 MAY_IMPORT = {
@@ -54,7 +59,6 @@ MAY_IMPORT = {
     "executive/laws/emath.py": ("drivers.compiled.deferred", "drivers.compiled.jit"),
     "executive/laws/emath_types.py": ("drivers.compiled", "executive.laws.emath"),
     "executive/laws/ports.py": ("drivers.compiled.views", "executive.errors"),
-    "executive/laws/models": (*_BARE, "executive.laws.models", "executive.laws.ports"),
     "executive/laws/approximators": (*_BARE, "executive.laws.approximators"),
     "executive/loop": ("drivers", *_rooms("loop")),
     "executive/rig": ("drivers", *_rooms("rig")),
@@ -63,8 +67,10 @@ MAY_IMPORT = {
     "tools": AREAS,
     **{f"tools/{group}": (*AREAS[:3], *(f"tools.{one}" for one in GROUPS[: level + 1]))
        for level, group in enumerate(GROUPS)},
-    **{law.replace(".", "/"): (*_STEPS, "executive.laws", *LAWS)
+    **{law.replace(".", "/"): (*_STEPS, "executive.laws", *LAWS, *EQUATIONS)
        for law in LAWS},
+    **{f"{one.replace('.', '/')}.py": (*_BARE, "executive.laws.ports", *EQUATIONS)
+       for one in EQUATIONS},
 }  # fmt: skip
 INSTALLED = {  # what pyproject.toml declares, by the names that are imported
     "argcomplete", "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy",
@@ -103,12 +109,14 @@ def area_of(name: str) -> str:
 def wrong_imports(name: str, tree: ast.AST) -> list[str]:
     """Return the imports of our own modules that the file's area does not allow."""
     allowed = MAY_IMPORT[area_of(name)]
-    never = tuple(LAWS) if area_of(name) == "plants" else ()
+    never = list(LAWS) if area_of(name) == "plants" else []
+    own = name.split("/")[1]
+    never += [f"plants.{one}" for one in SYSTEMS if name.startswith("plants/") and one != own]
     ours = [(module, line) for module, line in imports(tree) if within(module, (*AREAS, "tests"))]
     return [
         f"{name}:{line}: {module}"
         for module, line in ours
-        if not within(module, allowed) or within(module, never)
+        if not within(module, allowed) or within(module, tuple(never))
     ]
 
 
@@ -140,6 +148,13 @@ def test_every_module_imports_only_in_the_allowed_direction() -> None:
             True,
         ),
         ("plants/atb1000/model.py", "from pcpc.plants.atb1000.laws import pid", False),
+        ("plants/quarter_car/laws/a.py", "from pcpc.plants.quarter_car import equations", True),
+        ("plants/quarter_car/model.py", "from pcpc.plants.quarter_car import equations", True),
+        ("plants/quarter_car/equations.py", "from pcpc.plants.quarter_car import model", False),
+        ("plants/map_chains/laws/a.py", "from pcpc.plants.deadzone_map.laws import a", False),
+        ("plants/map_chains/book/a.py", "from pcpc.plants.deadzone_map import model", False),
+        ("plants/map_chains/model.py", "from pcpc.plants.actuators import gear", True),
+        ("plants/families/a.py", "from pcpc.plants.payload_arm import model", False),
         ("tools/a.py", "from tests import engine", False),
         ("tools/after/a.py", "from pcpc.tools.start import rigs", True),
         ("tools/after/a.py", "def f():\n    from pcpc.tools.run import run", False),
@@ -251,9 +266,8 @@ def test_what_pcpc_new_writes_and_the_shipped_systems_have_one_shape() -> None:
         written = {path.name for path in (ROOT / "tools/make" / folder).iterdir()}
         others = {"__pycache__", "cart"}
         assert written - MORE - others == SHAPE | {f"{rig}.dbc", f"test_{rig}.py"}, folder
-    systems = [path.parent for path in (ROOT / "plants").glob("*/rig.yaml")]
-    shipped = [folder for folder in systems if folder.name != "probe"]  # which measures, no system
-    assert len(shipped) == 10
+    shipped = [ROOT / "plants" / name for name in SYSTEMS if name != "probe"]  # no system: measures
+    assert shipped
     for folder in shipped:
         names = {path.name for path in folder.iterdir()} - {"__pycache__", "__init__.py"}
         assert SHAPE | {f"{folder.name}.dbc"} <= names, folder.name
@@ -399,4 +413,11 @@ def test_prose_fits_its_columns() -> None:
 def test_no_two_test_files_have_one_name() -> None:
     """Else pytest refuses the second, but only where both are collected."""
     names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_no_two_laws_have_one_bare_name() -> None:
+    """Else a rig that names it gets either."""
+    files = [Path(name) for name in TREES if name.startswith("plants/") and "/laws/" in name]
+    names = Counter(file.stem for file in files if file.stem != "__init__")
     assert [name for name, count in names.items() if count > 1] == []

@@ -20,7 +20,7 @@ friction, IEEE Trans. Automatic Control 40 (1995); the scheme is this project's.
 
 from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import expmsq
-from pcpc.executive.laws.models.two_link import solved
+from pcpc.plants.families.two_link.equations import solved
 
 
 @inline

@@ -21,7 +21,7 @@ dry friction in finite freedom dynamics (1988).
 
 from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip, where
-from pcpc.executive.laws.models.two_link import solved
+from pcpc.plants.families.two_link.equations import solved
 
 
 @inline

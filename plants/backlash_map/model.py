@@ -1,7 +1,7 @@
 """The second-order map behind a gap: command in, both states and what acts on them out.
 
     x1(k+1) = x2(k)
-    x2(k+1) = F(x1, x2) + tau(k)            executive/laws/models/second_order_map.py            (1)
+    x2(k+1) = F(x1, x2) + tau(k)            plants/families/maps/equations.py                    (1)
     tau(k)  = play(tau(k-1), u(k))          actuators/backlash.py (2), slope m, gap d- to d+ (2)
 
 A command says itself which step it is for (`ahead`), so that law and plant cannot disagree:
@@ -21,8 +21,8 @@ that of chapter 4.3.
 
 from pcpc.executive.laws.block import Block, Ports, group, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.second_order_map import drift
 from pcpc.plants.actuators.backlash import backlash
+from pcpc.plants.families.maps.equations import drift
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 

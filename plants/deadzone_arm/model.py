@@ -1,6 +1,6 @@
 """The two-link arm with a deadzone in front of each joint: commands in, angles and rates out.
 
-    M(q) v' + Vm(q, v) v = tau,   q' = v         executive/laws/models/two_link.py, horizontal   (1)
+    M(q) v' + Vm(q, v) v = tau,   q' = v         families/two_link/equations.py, horizontal    (1)
     tau_i = D(u_i)                                plants/actuators/deadzone.py, unmeasured (2)
     E = v'M(q)v/2,   E' = v'tau                   for M' - 2 Vm is skew-symmetric            (3)
 
@@ -11,16 +11,15 @@
 So with `delay_samples` 0 the command that was computed from the sample at t - dt acts from t - dt
 on. Classic Runge-Kutta, `substeps` equal steps. Samples, delay and the commands' rounding:
 plants/families/two_link/arm.py. rad, rad/s, N m, kg, m, J; no gravity, friction or disturbance.
-Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; (1) as in executive/laws/models.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; (1) as in families/two_link.
 """
 
-from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
+from pcpc.executive.laws.block import Block, inline, port, stage
 from pcpc.executive.laws.emath import cos
-from pcpc.executive.laws.models.two_link import Links, inertia, motion, solved
 from pcpc.plants.actuators.deadzone import deadzone
 from pcpc.plants.families.two_link import arm as two_link_arm
-from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
-from pcpc.plants.integrate import runge_kutta, scratch
+from pcpc.plants.families.two_link.arm import Inputs, Interface, Motion, States
+from pcpc.plants.families.two_link.equations import Links, inertia, motion, solved
 
 
 class Arm(Links):
@@ -35,14 +34,6 @@ class Arm(Links):
 
 class Parameters(Arm, Interface):
     """These, and what is between them and the law."""
-
-
-class States(Ports):
-    """Motion, and commands on their way."""
-
-    motion = group(Motion, "x_")
-    held = group(Held, "held_")
-    integrator = group(scratch(Motion))
 
 
 class Outputs(two_link_arm.Outputs):
@@ -76,8 +67,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         for j in range(len(y.acting_Nm)):  # (2)
             tau = deadzone(y.acting_Nm[j], p.d_plus_Nm, p.d_minus_Nm, p.m_plus, p.m_minus)
             y.acting_Nm[j] = tau
-        for _ in range(int(p.substeps)):
-            runge_kutta(slope, t, dt / p.substeps, p, y, x.motion, x.integrator)
+        two_link_arm.advance(slope, t, dt, p, x, y)
     two_link_arm.sample(p, x.motion.q_rad, x.motion.rate_rad_s, y)
     y.energy_J = kinetic_energy(p, x.motion)
 

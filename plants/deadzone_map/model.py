@@ -1,7 +1,7 @@
 """The second-order map behind a deadzone: command in, both states out.
 
     x1(k+1) = x2(k)
-    x2(k+1) = F(x1, x2) + tau(k)        executive/laws/models/second_order_map.py                (1)
+    x2(k+1) = F(x1, x2) + tau(k)        plants/families/maps/equations.py                    (1)
     tau(k)  = D(u(k))                   plants/actuators/deadzone.py, slope 1, unmeasured  (2)
 
     call k of `step`:  k = 0  sample of the initial state; nothing else happens
@@ -11,12 +11,12 @@
 At call k the input is the answer to sample k-1, so that (1) with `delay_samples` 0 is the book's
 map. Without units: no rad, no N m. A period is 0.1 s in the book and stands in the reference only.
 A resolution of 0 means none.
-Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in executive/laws/models.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in families/maps.
 """
 
 from pcpc.executive.laws.block import Block, Ports, group, port, stage
-from pcpc.executive.laws.models.second_order_map import drift
 from pcpc.plants.actuators.deadzone import deadzone
+from pcpc.plants.families.maps.equations import drift
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 

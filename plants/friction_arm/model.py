@@ -1,6 +1,6 @@
 """The two-link arm with friction as one block: two torques in, samples and truths out.
 
-    M(q) q'' + Vm(q, q') q' + G(q) + F = tau                     two_link.py                 (1)
+    M(q) q'' + Vm(q, q') q' + G(q) + F = tau                     families/two_link           (1)
     friction_model 0   F = 0
                    1   F = level(|v|) Sgn(v), exponential        sliding.py, stick_slip.py   (2)
                    2   F of LuGre, with viscous a2 v             lugre_implicit.py           (3)
@@ -21,10 +21,10 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 from collections.abc import Mapping
 
 from pcpc.executive.laws.block import Array, Block, Ports, Prepared, group, inline, port, stage
-from pcpc.executive.laws.models.two_link import Links, gravity_torque, motion
 from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
 from pcpc.plants.families.two_link import arm as two_link_arm
 from pcpc.plants.families.two_link.arm import Held, Inputs, Interface
+from pcpc.plants.families.two_link.equations import Links, gravity_torque, motion
 
 SET_VALUED, LUGRE = 1.0, 2.0  # values of friction_model, beside 0
 

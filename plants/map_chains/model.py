@@ -1,7 +1,7 @@
 """Two chains with an input each, behind deadzones or gaps: commands in, all states out.
 
     x1(k+1) = x2(k),  x2(k+1) = x3(k),  x3(k+1) = F + tau(k)      of either chain, a and b,
-                      F: executive/laws/models/map_chain.py, order 2 or 3, coupled by kappa  (1)
+                      F: equations.py, order 2 or 3, coupled by kappa                        (1)
     tau(k) = play(tau(k-1), D(u(k)))       actuators/deadzone.py (2), then backlash.py (2)   (2)
 
 A deadzone of width 0 is none, nor is a gap of width 0 and slope 1: with one of them so, (2) is the
@@ -18,9 +18,9 @@ inputs; order, coupling and widths are chosen.
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.map_chain import chain_drift
 from pcpc.plants.actuators.backlash import backlash
 from pcpc.plants.actuators.deadzone import deadzone
+from pcpc.plants.map_chains.equations import chain_drift
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 

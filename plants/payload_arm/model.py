@@ -1,6 +1,6 @@
 """The two-link arm that is handed a payload: two torques in, samples and truths out.
 
-    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                executive/laws/models/two_link.py   (1)
+    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau          plants/families/two_link/equations.py     (1)
     Fr_i = fv q_i' + fc tanh(q_i'/w)                         smooth: nothing ever sticks     (2)
     m2   = m2_kg + payload_kg while payload_from <= t < payload_to, else m2_kg               (3)
 
@@ -15,11 +15,10 @@ as they were, the momentum jumps. Samples and delay: plants/families/two_link/ar
 N m, kg, m, s; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 """
 
-from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
+from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.plants.families.two_link import arm as two_link_arm
-from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
-from pcpc.plants.integrate import runge_kutta, scratch
+from pcpc.plants.families.two_link.arm import Inputs, Interface, Motion, States
 
 
 class Arm(Ports):
@@ -43,14 +42,6 @@ class Parameters(Arm, Interface):
     """The arm, and what is between it and the law."""
 
 
-class States(Ports):
-    """Motion, and torques on their way."""
-
-    motion = group(Motion, "x_")
-    held = group(Held, "held_")
-    integrator = group(scratch(Motion))
-
-
 class Outputs(two_link_arm.Outputs):
     """Samples, truths and the mass."""
 
@@ -71,8 +62,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     y.outer_mass_kg = p.m2_kg + where(loaded, p.payload_kg, 0.0)  # (3)
     if t > 0.0:
         two_link_arm.receive(p, x.held, u, y)
-        for _ in range(int(p.substeps)):
-            runge_kutta(slope, t, dt / p.substeps, p, y, x.motion, x.integrator)
+        two_link_arm.advance(slope, t, dt, p, x, y)
     two_link_arm.sample(p, x.motion.q_rad, x.motion.rate_rad_s, y)
 
 

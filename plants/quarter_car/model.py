@@ -9,7 +9,7 @@
           max(0, -Kb (x3 + L) - Cb v3)                  for x3 < -L  pushes                  (3)
     Ft  = F - Ff + Fb                                   up on the body                       (4)
     x2' = Ft/ms - g,  x4' = (-Ft + Kt (zr - zu))/mu - g,  x1' = x2,  x3' = v3                (5)
-    x5', x6' and F                                      hydraulic_strut.py                   (6)
+    x5', x6' and F                                      equations.py                         (6)
     x7' = (u - x7)/Tv                                   servovalve                           (7)
 
     strut      0   F = -Ks x3 - Bs v3     spring and damper without preload                  (8)
@@ -42,8 +42,8 @@ from pcpc.executive.laws.block import (
     stage,
 )
 from pcpc.executive.laws.emath import clip, sin, tanh, where
-from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 from pcpc.plants.integrate import runge_kutta, scratch
+from pcpc.plants.quarter_car import equations as hydraulic
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 

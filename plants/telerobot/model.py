@@ -1,6 +1,6 @@
 """The telerobot's arm as one block: two links, friction, a payload that comes and goes.
 
-    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                    two_link.py                 (1)
+    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                    families/two_link           (1)
     Fr_i = fv q_i' + fc tanh(q_i'/0.05)                                                      (2)
     m2 = load_kg for load_from <= t < load_to, else m2_kg; it changes at samples             (3)
     q'' = M^-1 (tau - Vm q' - G - Fr), classic Runge-Kutta, fixed step                       (4)
@@ -17,12 +17,11 @@ q2 relative to link 1; positive torque raises q. Source: Lewis, Campos, Selmic (
 
 from collections.abc import Mapping
 
-from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.block import Block, Prepared, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.two_link import Links
 from pcpc.plants.families.two_link import arm as two_link_arm
-from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
-from pcpc.plants.integrate import runge_kutta, scratch
+from pcpc.plants.families.two_link.arm import Inputs, Interface, Motion, States
+from pcpc.plants.families.two_link.equations import Links
 
 STICTION_RAD_S = 0.05
 
@@ -51,14 +50,6 @@ class Settings(Parameters):
     )
 
 
-class States(Ports):
-    """Motion, and torques on their way."""
-
-    motion = group(Motion, "x_")
-    held = group(Held, "held_")
-    integrator = group(scratch(Motion))
-
-
 class Outputs(two_link_arm.Outputs):
     """Samples, truths and the mass."""
 
@@ -79,8 +70,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     y.mass_kg = where(loaded, p.load_kg, p.m2_kg)  # (3)
     if t > 0.0:
         two_link_arm.receive(p, x.held, u, y)
-        for _ in range(int(p.substeps)):
-            runge_kutta(slope, t, dt / p.substeps, p, y, x.motion, x.integrator)
+        two_link_arm.advance(slope, t, dt, p, x, y)
     two_link_arm.sample(p, x.motion.q_rad, x.motion.rate_rad_s, y)
 
 

@@ -12,7 +12,7 @@ from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.laws.block import Block
 from pcpc.plants.backlash_map.laws import backlash_nn_discrete
 from pcpc.plants.backlash_pendulum.laws import backlash_nn
-from pcpc.plants.families.maps.laws import map_pd
+from pcpc.plants.families.maps.laws import gap_inverse, map_pd
 
 DETERMINISTIC = settings(max_examples=60, derandomize=True, deadline=None)
 MODEL = {"model_time_constant_s": 1.0, "model_gravity_Nm": 24.525}
@@ -136,7 +136,7 @@ def test_a_bad_sample_latches_the_maps_laws_off(block: Block, poison: float) -> 
 
 @compiled()
 def tuned(drive: float, alpha: float, gamma: float, s: Vector, w: Vector) -> None:
-    backlash_nn_discrete.tune(drive, alpha, gamma, s, w)
+    gap_inverse.tune(drive, alpha, gamma, s, w)
 
 
 @pytest.mark.parametrize("alpha", [0.01, 0.15, 0.8])

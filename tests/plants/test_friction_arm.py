@@ -7,7 +7,7 @@ import pytest
 from friction_loop import ARM, LAW, Loop, Vector
 from stepped import Stepped
 
-from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
+from pcpc.plants.families.two_link.equations import gravity_torque, inertia, velocity_torque
 from pcpc.plants.friction_arm import model
 
 A1, A2, M1, M2, G = (ARM[n] for n in ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2"))

@@ -8,9 +8,8 @@ import pytest
 import quarter_car_reference as reference
 from quarter_car_reference import CAR, FOLDER, Loop, T, do_step, views
 
-from pcpc.executive.laws.models import hydraulic_strut
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.quarter_car import model
+from pcpc.plants.quarter_car import equations, model
 from pcpc.plants.quarter_car.book import bode, study
 from pcpc.plants.quarter_car.laws import strut_outer
 
@@ -222,7 +221,7 @@ def test_samples_are_rounded_and_truths_are_not() -> None:
 
 
 def test_the_laws_know_the_strut_as_it_is_built() -> None:
-    known_to_law = {one.name: one.default for one in hydraulic_strut.Dimensions.ports}
+    known_to_law = {one.name: one.default for one in equations.Dimensions.ports}
     for name, value in known_to_law.items():
         assert CAR[name] == value, f"{name}: built {CAR[name]}, known {value}"
     settings = reference.defaults(strut_outer.Settings.ports)
@@ -239,7 +238,7 @@ def test_the_strut_is_sized_by_its_derived_figures() -> None:
     rig = load_rig(FOLDER / "rigs/suspension-8.yaml", "fl")
     (law,) = (b for b in rig.nodes()["executive"].blocks if b.name == "controller")
     weight = 290.0 * 9.81
-    h = hydraulic_strut.hydraulics(CAR, weight)
+    h = equations.hydraulics(CAR, weight)
     assert h["h_supply_Pa"] == pytest.approx(37.93e6, rel=2e-4), f"Pa {h['h_supply_Pa']}"
     assert h["h_volume_m3"] == pytest.approx(6.6225e-4, rel=2e-5), f"V0 {h['h_volume_m3']}"
     assert strut_outer.known_gain(law.settings) == pytest.approx(1.8408e9, rel=3e-5)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from pcpc.executive.laws.block import Block, Nothing, Port, Ports, port, stage
-from pcpc.executive.laws.models import double_pole, playout
-from pcpc.executive.laws.models.soft_sine import soft_sine
+from pcpc.plants.telerobot import equations as double_pole
 from pcpc.plants.telerobot.laws import (
+    playout,
     robot_node,
     telerobot_cancel,
     telerobot_model,
@@ -19,6 +19,7 @@ from pcpc.plants.telerobot.laws import (
 )
 from pcpc.plants.telerobot.laws import telerobot_local as local
 from pcpc.plants.telerobot.laws import telerobot_remote as remote
+from pcpc.plants.telerobot.laws.soft_sine import soft_sine
 
 Vector = NDArray[np.float64]
 H = 1e-3

@@ -24,6 +24,8 @@ neural network for jump functions, and the tuning laws with e-modification.
 
 from typing import Protocol
 
+import numpy as np
+
 from pcpc.drivers.compiled.jit import inline
 from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
@@ -37,6 +39,13 @@ class Network(Protocol):
     phi: Array  # (1 + n + n_jump,)
     w: Array  # (1 + n + n_jump,)
     v: Array  # (n_in, n)
+
+
+def first_layer(seed: float, inputs: int, nodes: int) -> list[float]:
+    """Return V (inputs, nodes) uniform in +-1, row by row, the first that is drawn from `seed`."""
+    draw = np.random.default_rng(int(seed)).uniform
+    drawn: list[float] = draw(-1.0, 1.0, (inputs, nodes)).ravel().tolist()
+    return drawn
 
 
 @inline

@@ -21,9 +21,8 @@ Campos, Selmic (SIAM 2002), chapter 5 (structure; numbers chosen).
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from pcpc.executive.laws.approximators.two_layer import (
+    first_layer,
     hidden,
     jump_pair,
     norm,
@@ -34,7 +33,7 @@ from pcpc.executive.laws.approximators.two_layer import (
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, where
 from pcpc.plants.atb1000.laws import boundary_layer, pd, pd_nn_fast, tracking_network
-from pcpc.plants.atb1000.laws.tracking_network import FADE_S, NORM_SHOWN, first_layer
+from pcpc.plants.atb1000.laws.tracking_network import FADE_S, NORM_SHOWN
 
 INPUTS, NODES, JUMPS = 6, 10, 4
 PHI = 1 + NODES + JUMPS
@@ -172,10 +171,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters as given and both first layers, drawn one after the other."""
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    draw(-1.0, 1.0, (tracking_network.INPUTS, tracking_network.NODES))
-    second = draw(-1.0, 1.0, (INPUTS, NODES)).ravel()
-    return Prepared(settings, first_layer(settings) | {"inner_v": second})
+    outer = tracking_network.INPUTS
+    drawn = first_layer(settings["network_seed"], outer + INPUTS, NODES)
+    cut = outer * NODES
+    return Prepared(settings, {"v": drawn[:cut], "inner_v": drawn[cut:]})
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -23,11 +23,9 @@ chapter 3.
 """
 
 from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
 
 from pcpc.executive.laws.approximators.two_layer import (
+    first_layer,
     hidden,
     jump_pair,
     norm,
@@ -88,15 +86,9 @@ class Outputs(Ports):
     fallback = port("", "1 once the network was latched off and PD is alone")
 
 
-def first_layer(settings: Mapping[str, float]) -> dict[str, Any]:
-    """Return the initial state: V (7, 10) uniform in +-1, everything else 0."""
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    return {"v": draw(-1.0, 1.0, (INPUTS, NODES)).ravel()}
-
-
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
-    """Return the parameters as given and the drawn first layer."""
-    return Prepared(settings, first_layer(settings))
+    """Return the parameters as given and the V (7, 10), drawn uniform in +-1."""
+    return Prepared(settings, {"v": first_layer(settings["network_seed"], INPUTS, NODES)})
 
 
 @inline

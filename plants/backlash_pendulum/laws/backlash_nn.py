@@ -31,9 +31,8 @@ T_V and kappa are the book's; a, Z_M, eps_0, rho and u_max are chosen.
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from pcpc.executive.laws.approximators.two_layer import (
+    first_layer,
     hidden,
     output,
     square_sum,
@@ -121,8 +120,7 @@ class Outputs(Ports):
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters as given and V (6, 10), drawn uniform in +-1."""
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    return Prepared(settings, {"v": draw(-1.0, 1.0, (N_IN, NODES)).ravel().tolist()})
+    return Prepared(settings, {"v": first_layer(settings["network_seed"], N_IN, NODES)})
 
 
 @inline

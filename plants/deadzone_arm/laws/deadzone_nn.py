@@ -34,7 +34,7 @@ import numpy as np
 from pcpc.executive.laws.approximators.two_layer import square_sum_of_rows
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, exp, logistic, sincos, sqrt, where
-from pcpc.executive.laws.models.two_link import inertia
+from pcpc.plants.families.two_link.equations import inertia
 
 JOINTS, MOST_NODES, JUMPS = 2, 40, 2
 COLUMN = MOST_NODES + JUMPS  # room of a joint's output weights

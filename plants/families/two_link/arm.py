@@ -1,17 +1,19 @@
 """What plants that are two-link arms have in common: torques that come late, samples, truths.
 
-    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                executive/laws/models/two_link.py   (1)
+    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau          plants/families/two_link/equations.py     (1)
     Fr_i = fv q_i' + fc tanh(q_i'/w)                         smooth: nothing ever sticks     (2)
 
 A sample is rounded to a multiple of its `..._lsb_...`, half up; so is the torque that acts; 0 does
 not round. rad, rad/s, N m.
 """
 
+from collections.abc import Callable
 from typing import Protocol
 
 from pcpc.executive.laws.block import Array, Ports, group, inline, port
 from pcpc.executive.laws.emath import tanh
-from pcpc.executive.laws.models.two_link import LinksLike, gravity_torque, motion, solved
+from pcpc.plants.families.two_link.equations import LinksLike, gravity_torque, motion, solved
+from pcpc.plants.integrate import runge_kutta, scratch
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
@@ -52,6 +54,14 @@ class Motion(Ports):
     rate_rad_s = port("rad/s", "rate of joint #", shape=2, named="rate_#_rad_s")
 
 
+class States(Ports):
+    """Motion, and torques on their way."""
+
+    motion = group(Motion, "x_")
+    held = group(Held, "held_")
+    integrator = group(scratch(Motion))
+
+
 class Outputs(Ports):
     """Samples and truths."""
 
@@ -84,6 +94,13 @@ def receive(p: Interface, held: Held, u: Inputs, y: Outputs) -> None:
     for j in range(len(u.torque_Nm)):
         due = delayed(u.torque_Nm[j], p.delay_samples, held.torque_Nm[j])
         y.acting_Nm[j] = rounded(due, p.torque_lsb_Nm)
+
+
+@inline
+def advance(f: Callable[..., None], t: float, dt: float, p: Ports, x: States, y: Outputs) -> None:
+    """Integrate over the period in `substeps` steps; `f` as `runge_kutta` wants it."""
+    for _ in range(int(p.substeps)):
+        runge_kutta(f, t, dt / p.substeps, p, y, x.motion, x.integrator)
 
 
 @inline

@@ -37,7 +37,7 @@ from pcpc.executive.laws.approximators.augmented import (
     tune,
     tuning_gain,
 )
-from pcpc.executive.laws.approximators.two_layer import square_sum
+from pcpc.executive.laws.approximators.two_layer import first_layer, square_sum
 from pcpc.executive.laws.block import (
     Array,
     Block,
@@ -154,8 +154,8 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     """Return the parameters as given and V (11, L) uniform in +-1, drawn row by row."""
     nodes = int(settings["nodes"])
     v = np.zeros((INPUTS, NODES_MAX))
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    v[:, :nodes] = draw(-1.0, 1.0, (INPUTS, nodes))
+    layer = first_layer(settings["network_seed"], INPUTS, nodes)
+    v[:, :nodes] = np.reshape(layer, (INPUTS, nodes))
     return Prepared(settings, {"v": v.ravel().tolist()})
 
 

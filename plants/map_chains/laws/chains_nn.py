@@ -1,7 +1,7 @@
 """Neural inversion of two gaps, in front of two chains: a network for each input.
 
     tau_d, r                                        of either chain, chains_pd.py (1) to (3) (1)
-    u(k+1) = clip(-Kb tt + tau_d + g + W's)         backlash_nn_discrete.py (1) to (7)       (2)
+    u(k+1) = clip(-Kb tt + tau_d + g + W's)         gap_inverse.py (1) to (7)                (2)
 
 Each chain has its own network, tuned by its own errors: what one gap does is no function of the
 other's inputs. Without coupling of the chains either is the law of `backlash_nn_discrete.py`.
@@ -11,14 +11,15 @@ Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3, for m inp
 
 from collections.abc import Mapping
 
+from pcpc.executive.laws.approximators.two_layer import first_layer
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.plants.backlash_map.laws import backlash_nn_discrete as single
+from pcpc.plants.families.maps.laws import gap_inverse
 from pcpc.plants.families.maps.laws.map_pd import is_sound
 from pcpc.plants.map_chains.laws import chains_pd
 
 
-class Parameters(chains_pd.Gains, single.Inversion):
+class Parameters(chains_pd.Gains, gap_inverse.Inversion):
     """Those of PD, the inversion's and the networks'."""
 
 
@@ -31,8 +32,8 @@ class Settings(Parameters):
 class States(Ports):
     """Of both chains."""
 
-    a = group(single.States, "a_")
-    b = group(single.States, "b_")
+    a = group(gap_inverse.States, "a_")
+    b = group(gap_inverse.States, "b_")
 
 
 class Chain(chains_pd.Chain):
@@ -48,7 +49,7 @@ class Inputs(Ports):
     b = group(Chain, "b_")
 
 
-class ChainOutputs(chains_pd.ChainOutputs, single.InversionOutputs):
+class ChainOutputs(chains_pd.ChainOutputs, gap_inverse.InversionOutputs):
     """Those of PD, the inversion's and the network's."""
 
 
@@ -62,27 +63,26 @@ class Outputs(Ports):
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters as given and V (6, 10) of both, drawn uniform in +-1."""
-    drawn = {}
-    for i, name in enumerate("ab"):
-        given = {**settings, "network_seed": settings["network_seed"] + i}
-        drawn[f"{name}_v"] = single.prepare(given, rate_hz, seed).states["v"]
-    return Prepared(settings, drawn)
+    seed_a, shape = settings["network_seed"], (gap_inverse.INPUTS, gap_inverse.NODES)
+    layers = {"a_v": first_layer(seed_a, *shape), "b_v": first_layer(seed_a + 1.0, *shape)}
+    return Prepared(settings, layers)
 
 
 @inline
-def step_chain(p: Parameters, u: Chain, other: float, x: single.States, y: ChainOutputs) -> None:
+def step_chain(
+    p: Parameters, u: Chain, other: float, x: gap_inverse.States, y: ChainOutputs
+) -> None:
     """Make a tick of one chain."""
     chains_pd.desired(p, u, other, y)
     going = is_sound(p, x, y)
-    command = single.inverse_command(p, going, u, x, y)
+    command = gap_inverse.inverse_command(p, going, u, x, y)
     y.command = where(going, command, 0.0)
 
 
 @stage
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
-    step_chain(p, u.a, u.b.x3, x.a, y.a)
-    step_chain(p, u.b, u.a.x3, x.b, y.b)
+    chains_pd.step_both(step_chain, p, x, u, y)
     y.ahead = 1.0
 
 

@@ -2,7 +2,7 @@
 
     e3 = x3 - x_d(k),  e2 = x2 - x_d(k-1),  e1 = x1 - x_d(k-2)          x3 the newest        (1)
     r  = e3 + lam e2 + lam_2 e1                                                              (2)
-    tau_d(k) = x_d(k+1) - lam e3 - lam_2 e2 - F + Kv r                  F: map_chain.py (1)  (3)
+    tau_d(k) = x_d(k+1) - lam e3 - lam_2 e2 - F + Kv r                  F: equations.py (1)  (3)
     u(k) = tau_d(k)                                                                          (4)
 
 of either chain, a and b, gives r(k+1) = Kv r(k) - (tau_d(k) - tau(k)) in each. e follows r where
@@ -13,10 +13,12 @@ Beyond |r| = r_max a chain's law is latched off and sends 0: `a_diverged`, `b_di
 units. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3 and 5.3, for n states and m inputs.
 """
 
+from collections.abc import Callable
+
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.map_chain import chain_drift
 from pcpc.plants.families.maps.laws import map_pd
+from pcpc.plants.map_chains.equations import chain_drift
 
 
 class Gains(map_pd.Gains):
@@ -88,11 +90,17 @@ def step_chain(p: Gains, u: Chain, other: float, x: map_pd.States, y: ChainOutpu
     y.command = where(map_pd.is_sound(p, x, y), y.tau_d, 0.0)  # (4)
 
 
+@inline
+def step_both(of_one: Callable[..., None], p: Ports, x: Ports, u: Ports, y: Ports) -> None:
+    """Make a tick of both chains; `of_one` is a law's `step_chain`."""
+    of_one(p, u.a, u.b.x3, x.a, y.a)
+    of_one(p, u.b, u.a.x3, x.b, y.b)
+
+
 @stage
 def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
-    step_chain(p, u.a, u.b.x3, x.a, y.a)
-    step_chain(p, u.b, u.a.x3, x.b, y.b)
+    step_both(step_chain, p, x, u, y)
     y.ahead = 0.0
 
 

@@ -32,9 +32,12 @@ torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pcpc.executive.laws.approximators.two_layer import nodes, square_sum, square_sum_of_rows
+from pcpc.executive.laws.approximators.two_layer import (
+    first_layer,
+    nodes,
+    square_sum,
+    square_sum_of_rows,
+)
 from pcpc.executive.laws.block import (
     Array,
     Block,
@@ -188,10 +191,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters as given, and V1, then V2, uniform in +-1, drawn row by row."""
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    v1 = draw(-1.0, 1.0, (JOINTS, NODES))
-    v2 = settings["v2_size"] * draw(-1.0, 1.0, (INPUTS, NODES))
-    return Prepared(settings, {"v1": v1.ravel().tolist(), "v2": v2.ravel().tolist()})
+    drawn = first_layer(settings["network_seed"], JOINTS + INPUTS, NODES)
+    cut = JOINTS * NODES
+    v2 = [settings["v2_size"] * entry for entry in drawn[cut:]]
+    return Prepared(settings, {"v1": drawn[:cut], "v2": v2})
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

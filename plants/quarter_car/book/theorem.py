@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.executive.laws.models.hydraulic_strut import nominal_gain
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
+from pcpc.plants.quarter_car.equations import nominal_gain
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,

@@ -1,6 +1,6 @@
 """Fuzzy backstepping force control of a liquid strut with a slow servovalve.
 
-    F'  = G (xv - H),  H = -f/G           f: unknown drift; G: known, hydraulic_strut.py     (1)
+    F'  = G (xv - H),  H = -f/G           f: unknown drift; G: known, equations.py           (1)
     Hh  = Th'm(X)                         fuzzy system (8)                                   (2)
     x7d = sat(Hh + (Fd' + k1 ef)/G, xvmax)                wanted spool position              (3)
     u   = sat(x7 + Tv (x7d' + lam e), 3 xvmax),  e = x7d - x7                                (4)
@@ -30,7 +30,7 @@ from collections.abc import Mapping
 
 from pcpc.executive.laws.block import Array, Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.emath import clip, expmsq, sqrt, where
-from pcpc.executive.laws.models import hydraulic_strut as hydraulic
+from pcpc.plants.quarter_car import equations as hydraulic
 from pcpc.plants.quarter_car.laws import strut_outer as outer
 
 SQRT_2 = 1.4142135623730951

@@ -24,7 +24,7 @@ from collections.abc import Mapping
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import exp, where
-from pcpc.executive.laws.models import hydraulic_strut as hydraulic
+from pcpc.plants.quarter_car import equations as hydraulic
 
 
 class Inputs(Ports):
@@ -94,7 +94,7 @@ def known(settings: Mapping[str, float]) -> dict[str, float]:
 
 
 def known_gain(settings: Mapping[str, float]) -> float:
-    """Return G of hydraulic_strut.py at rest, N/(m s)."""
+    """Return G of equations.py at rest, N/(m s)."""
     return hydraulic.nominal_gain(settings, _weight(settings))
 
 

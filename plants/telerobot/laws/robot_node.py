@@ -20,13 +20,12 @@ rad, rad/s, N m. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 8; numbers a
 
 from collections.abc import Mapping
 
-import numpy as np
-
+from pcpc.executive.laws.approximators.two_layer import first_layer
 from pcpc.executive.laws.block import Ports, Prepared, group, inline, port
 from pcpc.executive.laws.emath import clip, floor, where
-from pcpc.executive.laws.models.double_pole import A21, JOINTS, Joints, Sampled, advance, sampled
-from pcpc.executive.laws.models.playout import EMPTY, SLOTS, put, take, tick_of, wire_tick
-from pcpc.executive.laws.models.two_link import gravity_torque, inertia_times, motion, solved
+from pcpc.plants.families.two_link.equations import gravity_torque, inertia_times, motion, solved
+from pcpc.plants.telerobot.equations import A21, JOINTS, Joints, Sampled, advance, sampled
+from pcpc.plants.telerobot.laws.playout import EMPTY, SLOTS, put, take, tick_of, wire_tick
 
 NODES, NET_INPUTS = 20, 1 + 2 * JOINTS
 UNKNOWN, CANCEL, MODEL, ROBUST, NETWORK = 0.0, 1.0, 2.0, 3.0, 4.0  # what comes as `law`
@@ -251,7 +250,6 @@ def send(
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the gains, Ad, Bd and V (5, 20) uniform in +-1, drawn row by row."""
-    draw = np.random.default_rng(int(settings["network_seed"])).uniform
     own = {one.name: settings[one.name] for one in Gains.ports}
-    v = draw(-1.0, 1.0, (NET_INPUTS, NODES)).ravel().tolist()
+    v = first_layer(settings["network_seed"], NET_INPUTS, NODES)
     return Prepared({**own, **sampled(1.0 / rate_hz), "v": v})

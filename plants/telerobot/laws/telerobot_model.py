@@ -7,7 +7,7 @@ chapter 8.
 """
 
 from pcpc.executive.laws.block import Block, inline, stage
-from pcpc.executive.laws.models.double_pole import A21, A22
+from pcpc.plants.telerobot.equations import A21, A22
 from pcpc.plants.telerobot.laws import robot_node
 from pcpc.plants.telerobot.laws.robot_node import Inputs, Outputs, Parameters, States
 

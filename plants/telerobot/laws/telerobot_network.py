@@ -17,7 +17,7 @@ ul = u(t - T), limits and start: robot_node.py. rad, rad/s, N m. Source: Lewis, 
 
 from pcpc.executive.laws.block import Block, inline, stage
 from pcpc.executive.laws.emath import sqrt, tanh
-from pcpc.executive.laws.models.double_pole import A21, A22, JOINTS
+from pcpc.plants.telerobot.equations import A21, A22, JOINTS
 from pcpc.plants.telerobot.laws import robot_node
 from pcpc.plants.telerobot.laws.robot_node import (
     NET_INPUTS,

@@ -27,7 +27,7 @@ from collections.abc import Mapping
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, floor, where
-from pcpc.executive.laws.models.double_pole import (
+from pcpc.plants.telerobot.equations import (
     A21,
     A22,
     JOINTS,
@@ -36,9 +36,9 @@ from pcpc.executive.laws.models.double_pole import (
     advance,
     sampled,
 )
-from pcpc.executive.laws.models.playout import EMPTY, LONGEST, SLOTS, put, take, tick_of, wire_tick
-from pcpc.executive.laws.models.soft_sine import soft_sine
+from pcpc.plants.telerobot.laws.playout import EMPTY, LONGEST, SLOTS, put, take, tick_of, wire_tick
 from pcpc.plants.telerobot.laws.robot_node import CANCEL
+from pcpc.plants.telerobot.laws.soft_sine import soft_sine
 
 HISTORY = 1100  # ticks of z: twice the longest delay, and the offsets
 OFFSET = 40.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcpc.tools.study.fit.book import _identified_network as network
+from pcpc.plants.telerobot.book import identified_network as network
 from pcpc.tools.study.fit.book import _identified_seeds as seeds
 
 

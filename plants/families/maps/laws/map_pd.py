@@ -1,7 +1,7 @@
 """PD with an exact model for the second-order map: what one step of the plant is to be given.
 
     e2 = x2 - x_d(k),  e1 = x1 - x_d(k-1),  r = e2 + lam e1                                  (1)
-    tau_d(k) = x_d(k+1) - lam e2 - F(x1, x2) + Kv r        F: second_order_map.py (1)        (2)
+    tau_d(k) = x_d(k+1) - lam e2 - F(x1, x2) + Kv r        F: equations.py (1)               (2)
     u(k) = tau_d(k)                                                                          (3)
 
 gives r(k+1) = Kv r(k) - (tau_d(k) - tau(k)). The answer to the sample of k is for step k, so that
@@ -12,7 +12,7 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3; lam and Kv are chosen.
 
 from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.second_order_map import drift
+from pcpc.plants.families.maps.equations import drift
 
 
 class Inputs(Ports):

@@ -1,6 +1,6 @@
 """M, Vm and G of the two-link arm over all cycles of a run, for the proofs of its laws.
 
-Equations (1) to (4) of executive/laws/models/two_link.py; q, v (n, 2) rad, rad/s.
+Equations (1) to (4) of equations.py; q, v (n, 2) rad, rad/s.
 """
 
 from dataclasses import dataclass

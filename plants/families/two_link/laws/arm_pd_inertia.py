@@ -2,7 +2,7 @@
 
     e = q_d - q,   r = e' + Lam e                                                            (1)
     u = Kv r                                             wanted acceleration                 (2)
-    tau = Mhat(q) u                                      two_link.py with the masses given   (3)
+    tau = Mhat(q) u                                      equations.py, the masses given      (3)
 
 With Mhat = M the filtered error obeys r' = f - Kv r, f = q_d'' + Lam e' + M^-1 (Vm q' + G + Fr):
 whatever is not compensated stays as about r = f/Kv. Scalar gains serve both joints. rad, rad/s,
@@ -11,7 +11,7 @@ N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapte
 
 from pcpc.executive.laws.block import Array, Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import cos
-from pcpc.executive.laws.models.two_link import inertia, inertia_times
+from pcpc.plants.families.two_link.equations import inertia, inertia_times
 from pcpc.plants.families.two_link.laws import arm_pd
 from pcpc.plants.families.two_link.laws.arm_pd import JOINTS, Inputs, Outputs
 

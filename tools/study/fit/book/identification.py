@@ -10,9 +10,9 @@ Writes results.md and figures/; returns 1 where fewer than 95 of 100 intervals h
 from pathlib import Path
 from typing import Any
 
+from pcpc.plants.telerobot.book import identified_network as of_network
 from pcpc.tools.start.native import native
 from pcpc.tools.start.pool import each
-from pcpc.tools.study.fit.book import _identified_network as of_network
 from pcpc.tools.study.fit.book import _identified_seeds as of_seeds
 from pcpc.tools.study.fit.book import _identified_structure as of_structure
 from pcpc.tools.terminal.progress import Progress

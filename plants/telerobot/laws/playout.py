@@ -1,11 +1,12 @@
 """A play-out buffer: what comes with a tick number is used exactly N ticks after that tick.
 
-    wire tick of k      1 + k mod 4095;  0 means that nothing was sent yet                   (1)
+    wire tick of k      = 1 + k mod 4095;  0 means that nothing was sent yet                 (1)
     entry of tick k     slot k mod 512, put there when its frame comes, if that is not late  (2)
     at tick j           the entry of j - N, once; none there: hold the last one and count it (3)
 
 Latency and jitter of the bus below N ticks disappear in it: the delay is N ticks, whatever a frame
 took. A ring holds 512 entries, EMPTY for none. Times are whole ticks; N = 0 needs no buffer.
+Source: chosen by this project.
 """
 
 from pcpc.drivers.compiled.jit import inline

@@ -1,11 +1,11 @@
 """A chain of two or three delays as a difference equation, the second-order map made longer.
 
     x1(k+1) = x2(k),  x2(k+1) = x3(k),  x3(k+1) = F + tau(k)
-    F = second_order_map.drift(x_first, x3) + kappa o/(1 + x3^2)                             (1)
+    F = drift(x_first, x3) + kappa o/(1 + x3^2),   drift: families/maps/equations.py         (1)
 
 x_first is x2 in a chain of second order, whose x1 acts on nothing, and x1 in one of third order;
 o is the newest state of another chain. With kappa = 0 a chain of second order is the map of
-`second_order_map.py`, bit for bit.
+that family, bit for bit.
 
 Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3 and 5.3, whose plants are
 chains of m inputs and any order; F is chosen, for the book leaves it open.
@@ -13,7 +13,7 @@ chains of m inputs and any order; F is chosen, for the book leaves it open.
 
 from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.second_order_map import drift
+from pcpc.plants.families.maps.equations import drift
 
 
 @inline

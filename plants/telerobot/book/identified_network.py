@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc import plants
-from pcpc.executive.laws.models.double_pole import A21, A22
 from pcpc.plants.study import markdown
+from pcpc.plants.telerobot.equations import A21, A22
 
 Array = NDArray[np.float64]
-RIGS = Path(plants.__file__).resolve().parent / "telerobot" / "rigs"
+RIGS = Path(__file__).resolve().parents[1] / "rigs"
 RIG, SPLIT_S, SETTLED_S = "telerobot-u1", 10.0, 3.0  # U1: an arm that does not change
 KR, KW, GAM, KAP, NODES, NETWORK_SEED = 20.0, 0.5, 100.0, 0.01, 20, 3  # those of the rig
 RIDGE = 1e-8
@@ -97,7 +96,7 @@ def recorded(*settings: str) -> tuple[Array, Array, Array, Array, float, Any]:
 
 
 def _believed_mass(arm: Any, q2_rad: Array) -> Array:
-    """Return Mhat, (ticks, 2, 2), at the angles of joint 2; executive/laws/models/two_link.py."""
+    """Return Mhat, (ticks, 2, 2), at the angles of joint 2, by families/two_link."""
     a1, a2, m1, m2 = arm["a1_m"], arm["a2_m"], arm["m1_kg"], arm["m2_kg"]
     both = m2 * a1 * a2 * np.cos(q2_rad)
     m11 = (m1 + m2) * a1 * a1 + m2 * a2 * a2 + 2.0 * both

@@ -2,7 +2,7 @@
 
     y = A w(t) sin(om t),  w = s^3 (10 - 15 s + 6 s^2),  s = t/rise within 0..1              (1)
 
-0 for t < 0. Chosen by this project for runs that start at rest.
+0 for t < 0. Source: chosen by this project for runs that start at rest.
 """
 
 from pcpc.drivers.compiled.jit import inline
