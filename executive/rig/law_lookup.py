@@ -32,10 +32,6 @@ from pcpc.executive.rig.yamlfile import Document, Keys
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block
 
-_PLANTS = (  # the project's folders; another one beside them is a user's
-    "actuators", "atb1000", "backlash_map", "backlash_pendulum", "deadzone_arm", "deadzone_map",
-    "friction_arm", "map_chains", "payload_arm", "probe", "quarter_car", "telerobot",
-)  # fmt: skip
 _READY = tuple(f"executive/laws/{name}.py" for name in ("references", "profiles", "sequences"))
 _LAWS = "plants/*/laws/*.py", "plants/families/*/laws/*.py"  # of systems, of families of them
 
@@ -117,7 +113,7 @@ def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
 
 def _is_projects(file: Path) -> bool:
     own = (project_name(file) or "").split(".")[1:]
-    return own != [] and (own[0] != "plants" or len(own) == 2 or own[1] in _PLANTS)
+    return own != [] and (own[0] != "plants" or len(own) == 2 or own[1] in shipped_plants())
 
 
 def present_name(law: str) -> str:
@@ -126,7 +122,14 @@ def present_name(law: str) -> str:
     parts = module.split(".")
     if [*parts, ""][OURS[:-1] == parts[0]] == "executive" and parts[-1] in shipped_laws():
         return parts[-1] + colon + name
-    return OURS + law if parts[0] == "plants" and parts[1:2] and parts[1] in _PLANTS else law
+    ours = parts[0] == "plants" and not shipped_plants().isdisjoint(parts[1:2])
+    return OURS + law if ours else law
+
+
+@cache
+def shipped_plants() -> frozenset[str]:
+    """Return the packages of `plants`; a folder there without `__init__.py` is a user's."""
+    return frozenset(file.parent.name for file in PROJECT.glob("plants/*/__init__.py"))
 
 
 @cache
