@@ -23,8 +23,6 @@ V, A, N m, rad, rad/s, s; a positive voltage raises q. K is torque per current a
 speed, which are one number in SI units.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import clip
 from pcpc.plants.actuators.stick_slip import velocity
@@ -70,7 +68,7 @@ class Outputs(Ports):
 
 
 @inline
-def advance(v: float, h: float, p: Any, x: Any) -> None:
+def advance(v: float, h: float, p: Parameters, x: States) -> None:
     """Integrate over `h` s under the voltage `v`: (2'), (3'), (4)."""
     driven = x.current_A + h / p.inductance_H * (v - p.torque_constant_Nm_A * x.speed_rad_s)
     x.current_A = driven / (1.0 + h * p.resistance_ohm / p.inductance_H)
