@@ -21,25 +21,15 @@ from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function
 from pcpc.drivers.compiled.structures import copy, structure
 from pcpc.drivers.errors import BusError
-from pcpc.executive.nodes.player import (
-    CONTROL_WORDS,
-    DOUBLINGS,
-    ERRNO,
-    ERRORS,
-    FINE,
-    MAX_NS,
-    STOP,
-    error_us,
-    note,
-)
+from pcpc.executive.loop.clock import machine_ns
+from pcpc.executive.nodes.player import CONTROL, DOUBLINGS, FINE, error_us, note
 
 _LONGEST_SLEEP_NS = 50_000_000  # between two looks at the stop word
 _READ_AT_ONCE = 64  # frames of a side; then what is due goes first
-_S = 1_000_000_000
 
 GATEWAY = np.dtype(
     [
-        ("control", "<i8", (CONTROL_WORDS,)),
+        ("control", CONTROL),
         ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
         ("timespec", "<i8", (2,)),
         ("sides", "<i8"),
@@ -60,12 +50,6 @@ N = structure(GATEWAY)
 
 
 @loop_function
-def _now(n: Any) -> Any:
-    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
-    return n.timespec[0] * _S + n.timespec[1]
-
-
-@loop_function
 def _read(n: Any, end: Any, s: Any) -> Any:
     """Queue what has come on a side; return False if its bus failed."""
     for _ in range(_READ_AT_ONCE):
@@ -75,7 +59,7 @@ def _read(n: Any, end: Any, s: Any) -> Any:
         elif what == Arrival.FOREIGN:
             n.foreign[s] += 1
         elif what == Arrival.FAILED:
-            n.control[ERRNO] = end.errno
+            n.control.errno = end.errno
             return False
         elif what == Arrival.NOTHING:
             break
@@ -87,9 +71,9 @@ def _hand_over(n: Any, end: Any) -> None:
     """Put the frame that is through on the other side, and note how late that is."""
     copy(end.tx, n.line.frame)
     if not wire.put_frame(end):
-        n.control[ERRORS] += 1
-        n.control[ERRNO] = end.errno
-    late = _now(n) - n.start_ns - ns_of(n.line.per_s, n.line.at)
+        n.control.errors += 1
+        n.control.errno = end.errno
+    late = machine_ns(n) - n.start_ns - ns_of(n.line.per_s, n.line.at)
     note(n, max(late, np.int64(0)))
 
 
@@ -112,7 +96,7 @@ def _go_on(n: Any) -> None:
 @loop_function
 def _sleep(n: Any) -> None:
     """Wait for a frame, or until something is due."""
-    passed = _now(n) - n.start_ns
+    passed = machine_ns(n) - n.start_ns
     due = line.next_due(n.line)
     soonest = passed + _LONGEST_SLEEP_NS
     if due <= tick_at(n.line.per_s, soonest):
@@ -127,15 +111,15 @@ def _sleep(n: Any) -> None:
 def carry(n: Any) -> Any:
     """Carry frames until the stop word; return 0 if a bus failed."""
     if n.start_ns == 0:
-        n.start_ns = _now(n)
+        n.start_ns = machine_ns(n)
     while True:
-        n.until = max(n.until, tick_at(n.line.per_s, _now(n) - n.start_ns))
+        n.until = max(n.until, tick_at(n.line.per_s, machine_ns(n) - n.start_ns))
         _go_on(n)
         for s in range(n.sides):
             if not _read(n, n.side[s], s):
                 return np.int64(0)
         line.close(n.line, n.until)
-        if libc.load_acquire(n.control, STOP) != 0:
+        if libc.load_acquire(n.control, "stop") != 0:
             return np.int64(1)
         _sleep(n)
 
@@ -150,7 +134,7 @@ class Gateway:
         dry = self._block(room, options)  # compiled, loaded, touched
         for s in range(sides):
             wire.prepare(dry.side[s], Medium.MEMORY, -1, -1)
-        dry.control[STOP] = 1
+        dry.control.stop = 1
         carry(dry)
 
     def _block(self, room: int, options: dict[str, Any]) -> Any:
@@ -169,11 +153,11 @@ class Gateway:
     def carry(self) -> None:
         """Carry frames until `stop`; BusError."""
         if not carry(self.n):
-            raise BusError(f"the gateway ends: {os.strerror(int(self.n.control[ERRNO]))}")
+            raise BusError(f"the gateway ends: {os.strerror(int(self.n.control.errno))}")
 
     def stop(self) -> None:
         """Ask `carry`, in another thread, to return."""
-        self.n.control[STOP] = 1
+        self.n.control.stop = 1
 
     @property
     def passed_s(self) -> float:
@@ -184,10 +168,10 @@ class Gateway:
         """Return how late frames were handed over."""
         shares = {"p50": 0.5, "p99": 0.99}
         return {name: error_us(self.n, share) for name, share in shares.items()} | {
-            "max": 1e-3 * int(self.n.control[MAX_NS])
+            "max": 1e-3 * int(self.n.control.max_ns)
         }
 
     @property
     def not_taken(self) -> int:
         """Frames that the other side did not take."""
-        return int(self.n.control[ERRORS])
+        return int(self.n.control.errors)

@@ -23,16 +23,29 @@ from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, WIRE, Arrival, Medium
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.rows import lines_of
 from pcpc.drivers.compiled.structures import copy, structure
+from pcpc.executive.loop.clock import machine_ns
 
 WITHIN_NS = 200_000  # the share of frames with an error up to here is counted exactly
 FINE = 128  # bins to a doubling
 DOUBLINGS = 40  # errors up to 39 hours
 
-STOP = 0  # word of `control` that other threads write; the loop's own are a cache line away
-SENT, ERRORS, ERRNO, WAITED, WITHIN, MAX_NS = 8, 9, 10, 11, 12, 13
-FIRST_DUE, FIRST_SENT, LAST_DUE, LAST_SENT = 14, 15, 16, 17
-CONTROL_WORDS = 24
+CONTROL = lines_of(
+    ("stop",),  # 1: the end is asked for, by another thread
+    (
+        "sent",
+        "errors",
+        "errno",
+        "waited",
+        "within",
+        "max_ns",
+        "first_due",
+        "first_sent",
+        "last_due",
+        "last_sent",
+    ),
+)
 
 _STOP_EVERY_NS = 50_000_000  # the longest sleep between two looks at the stop word
 _QUEUE_POLL_NS = 100_000  # a frame of 8 bytes takes longer at 1 Mbit/s
@@ -42,7 +55,7 @@ _LEAD_NS = 2_000_000  # from the call to the first frame: the loop's thread is a
 
 PLAYER = np.dtype(
     [
-        ("control", "<i8", (CONTROL_WORDS,)),
+        ("control", CONTROL),
         ("timed", "<i8"),  # 0: there are no deadlines, everything goes as fast as the bus takes it
         ("refused", "<i8"),  # the last frame was not taken: the next is tried once
         ("timespec", "<i8", (2,)),
@@ -57,22 +70,16 @@ TIMES = types.Array(types.int64, 1, "C")
 
 
 @loop_function
-def _now(n: Any) -> Any:
-    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
-    return n.timespec[0] * 1_000_000_000 + n.timespec[1]
-
-
-@loop_function
 def _sleep_until(n: Any, deadline: Any) -> Any:
     """Sleep until `deadline`; return False if the stop word was set."""
-    at = _now(n)
-    while at < deadline and libc.load_acquire(n.control, STOP) == 0:
+    at = machine_ns(n)
+    while at < deadline and libc.load_acquire(n.control, "stop") == 0:
         until = min(deadline, at + _STOP_EVERY_NS)
         n.timespec[0] = until // 1_000_000_000
         n.timespec[1] = until % 1_000_000_000
         libc.clock_nanosleep(libc.CLOCK_MONOTONIC, libc.TIMER_ABSTIME, libc.address(n.timespec), 0)
-        at = _now(n)
-    return libc.load_acquire(n.control, STOP) == 0
+        at = machine_ns(n)
+    return libc.load_acquire(n.control, "stop") == 0
 
 
 @loop_function
@@ -82,10 +89,10 @@ def _send(n: Any, frame: Any) -> Any:
     if wire.put_frame(n.wire):
         n.refused = 0
         return True
-    give_up = _now(n) + _QUEUE_PATIENCE_NS
+    give_up = machine_ns(n) + _QUEUE_PATIENCE_NS
     while n.refused == 0 and (n.wire.errno == libc.EAGAIN or n.wire.errno == _ENOBUFS):
-        n.control[WAITED] += 1
-        at = _now(n)
+        n.control.waited += 1
+        at = machine_ns(n)
         if at > give_up or not _sleep_until(n, at + _QUEUE_POLL_NS):
             break
         if wire.put_frame(n.wire):
@@ -97,8 +104,8 @@ def _send(n: Any, frame: Any) -> Any:
 @loop_function
 def note(n: Any, error: Any) -> None:
     """Count one timing error, ns, in `control` and `bins`."""
-    n.control[MAX_NS] = max(n.control[MAX_NS], error)
-    n.control[WITHIN] += error <= WITHIN_NS
+    n.control.max_ns = max(n.control.max_ns, error)
+    n.control.within += error <= WITHIN_NS
     doublings = np.int64(0)
     while error >> doublings >= 2 * FINE and doublings < DOUBLINGS:
         doublings += 1
@@ -116,16 +123,16 @@ def play(n: Any, frames: Any, due: Any, start: Any, lap: Any, laps: Any) -> Any:
             if not _sleep_until(n, deadline if n.timed != 0 else np.int64(0)):
                 return taken
             if not _send(n, frames[i]):
-                n.control[ERRORS] += 1
-                n.control[ERRNO] = n.wire.errno
+                n.control.errors += 1
+                n.control.errno = n.wire.errno
                 continue
-            at = _now(n)
-            if n.control[SENT] == 0:
-                n.control[FIRST_DUE] = deadline
-                n.control[FIRST_SENT] = at
-            n.control[LAST_DUE] = deadline
-            n.control[LAST_SENT] = at
-            n.control[SENT] += 1
+            at = machine_ns(n)
+            if n.control.sent == 0:
+                n.control.first_due = deadline
+                n.control.first_sent = at
+            n.control.last_due = deadline
+            n.control.last_sent = at
+            n.control.sent += 1
             taken += 1
             if n.timed != 0:
                 note(n, max(at - deadline, np.int64(0)))
@@ -184,7 +191,7 @@ class Player:
 
     def soon_ns(self, period_ns: int, phase_ns: int) -> int:
         """Return a time to start that lies `phase_ns` behind a whole period of the clock."""
-        soonest = int(_now(self.n)) + _LEAD_NS - phase_ns
+        soonest = int(machine_ns(self.n)) + _LEAD_NS - phase_ns
         return (soonest // period_ns + 1) * period_ns + phase_ns
 
     def play(self, start_ns: int, laps: int = 1) -> None:
@@ -193,14 +200,14 @@ class Player:
 
     def play_part(self, first: int, end: int) -> None:
         """Play frames first to end - 1, at once, with their distances."""
-        start = int(_now(self.n)) - int(self.due_ns[first])
+        start = int(machine_ns(self.n)) - int(self.due_ns[first])
         play(self.n, self.frames[first:end], self.due_ns[first:end], start, 0, 1)
 
     def stop(self) -> None:
         """Ask the loop, in another thread, to return."""
-        self.n.control[STOP] = 1
+        self.n.control.stop = 1
 
-    def count(self, word: int) -> int:
+    def count(self, word: str) -> int:
         """Return a word of `control`."""
         return int(self.n.control[word])
 
@@ -217,7 +224,7 @@ def error_us(n: Any, share: float) -> float:
     place = int(np.searchsorted(total, share * total[-1]))
     doublings = max(place // FINE - 1, 0)
     upper = (place - FINE * doublings + 1 << doublings) - 1
-    return 1e-3 * min(upper, int(n.control[MAX_NS]))
+    return 1e-3 * min(upper, int(n.control.max_ns))
 
 
 def _block(timed: bool) -> Any:

@@ -197,9 +197,7 @@ class Session:
         player.play(player.soon_ns(period, first % period or period // 2), laps)
 
     def _line(self, player: "Player") -> str:
-        from pcpc.executive.nodes import player as p  # numba
-
-        sent, errors = player.count(p.SENT), player.count(p.ERRORS)
+        sent, errors = player.count("sent"), player.count("errors")
         total = self._total()
         done = f"{sent}" + (f"/{total}" if total else "")
         late = f", late p99 {player.error_us(0.99):.0f} us" if self.options.rate > 0.0 else ""
@@ -234,11 +232,9 @@ class Session:
 
     def _result(self, player: "Player") -> dict[str, Any]:
         """Return what was played and how well; nothing about time where there is no schedule."""
-        from pcpc.executive.nodes import player as p  # numba
-
-        sent, errno = player.count(p.SENT), player.count(p.ERRNO)
-        spent_ns = player.count(p.LAST_SENT) - player.count(p.FIRST_SENT)
-        planned_ns = player.count(p.LAST_DUE) - player.count(p.FIRST_DUE)
+        sent, errno = player.count("sent"), player.count("errno")
+        spent_ns = player.count("last_sent") - player.count("first_sent")
+        planned_ns = player.count("last_due") - player.count("first_due")
         timed = bool(player.n.timed) and sent > 0
         whole = timed and not self.options.step and planned_ns > 0
         return {
@@ -252,12 +248,12 @@ class Session:
             "timing_error_us": {
                 "p50": player.error_us(0.5),
                 "p99": player.error_us(0.99),
-                "max": 1e-3 * player.count(p.MAX_NS),
+                "max": 1e-3 * player.count("max_ns"),
             } if timed else None,
-            "within_200us_percent": 100.0 * player.count(p.WITHIN) / sent if timed else None,
-            "send_errors": player.count(p.ERRORS),
-            "last_send_error": os.strerror(errno) if player.count(p.ERRORS) else None,
-            "queue_full": player.count(p.WAITED),
+            "within_200us_percent": 100.0 * player.count("within") / sent if timed else None,
+            "send_errors": player.count("errors"),
+            "last_send_error": os.strerror(errno) if player.count("errors") else None,
+            "queue_full": player.count("waited"),
             "left_out": self.frames.left_out,
             "missing": self.missing,
             "realtime": self.report.is_realtime,

@@ -18,7 +18,6 @@ from pcpc.drivers.can.line import Condition
 from pcpc.drivers.can.ticks import ns_of, tick_at
 from pcpc.drivers.can.wire_layout import Arrival, Flag
 from pcpc.executive.nodes.gateway import Gateway
-from pcpc.executive.nodes.player import STOP
 
 S = 1_000_000_000
 Make = Callable[..., tuple[Gateway, Any, Any]]
@@ -69,7 +68,7 @@ def there(end: Any) -> list[int]:
 def one_pass(gateway: Gateway, passed_ns: int = 0) -> None:
     """Do one pass, `passed_ns` later."""
     gateway.n.start_ns -= passed_ns
-    gateway.n.control[STOP] = 1
+    gateway.n.control.stop = 1
     gateway.carry()
 
 
