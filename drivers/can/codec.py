@@ -20,6 +20,7 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import compiled, inline
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63
@@ -46,8 +47,8 @@ def length_of(frame: NDArray[np.uint8], row: int, frames: NDArray[Any]) -> np.in
 
     `frame` (bytes,), `frames` (rows,).
     """
-    differs = (np.int64(frame[5]) ^ frames[row].fd_flags) & (Flag.FD | Flag.BRS)
-    return np.int64(frame[4]) if differs == 0 else np.int64(-1)
+    differs = (np.int64(frame[FLAGS]) ^ frames[row].fd_flags) & (Flag.FD | Flag.BRS)
+    return np.int64(frame[LENGTH]) if differs == 0 else np.int64(-1)
 
 
 @inline

@@ -18,6 +18,7 @@ import numpy as np
 from pcpc.drivers.can import line as lines
 from pcpc.drivers.can.line import Condition
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.rows import LENGTH
 
 FLAG = 0x20  # in the id's top byte
 TX_TIMEOUT, STATE, NO_ACK, OFF, RESTARTED = 0x001, 0x004, 0x020, 0x040, 0x100
@@ -34,7 +35,7 @@ def news(line: Any, s: Any, frame: Any) -> Any:
     line.told[s] = state
     for i in range(16):
         frame[i] = 0
-    frame[3], frame[4] = FLAG, 8
+    frame[3], frame[LENGTH] = FLAG, 8
     if state == Condition.OFF:
         frame[0] = OFF
     elif before == Condition.OFF:

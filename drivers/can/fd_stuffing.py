@@ -19,7 +19,7 @@ from pcpc.drivers.can.stuffing import END_BITS, append, append_id
 from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import Numbered
-from pcpc.drivers.compiled.rows import Flag
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH, Flag
 
 _POLYNOMIAL_17, _POLYNOMIAL_21 = 0x1685B, 0x102899
 _SHORT_CRC_BYTES = 16
@@ -38,8 +38,8 @@ class Place(Numbered):
 def _head(frame: Any, raw: Any, code: Any) -> Any:
     """Write SOF to DLC of `frame` (72,); return the number of bits."""
     n = append(raw, append_id(frame, raw), 2, 2)  # FDF, res
-    n = append(raw, n, np.int64((frame[5] & Flag.BRS) != 0), 1)
-    n = append(raw, n, np.int64((frame[5] & Flag.ESI) != 0), 1)
+    n = append(raw, n, np.int64((frame[FLAGS] & Flag.BRS) != 0), 1)
+    n = append(raw, n, np.int64((frame[FLAGS] & Flag.ESI) != 0), 1)
     return append(raw, n, code, 4)
 
 
@@ -64,7 +64,7 @@ def encode_fd(frame: Any, raw: Any, wire: Any, places: Any) -> Any:
     wherever in them the sample points are, at which the rate changes.
     """
     code = np.int64(0)
-    while code < len(_LENGTHS) - 1 and _LENGTHS[code] < frame[4]:
+    while code < len(_LENGTHS) - 1 and _LENGTHS[code] < frame[LENGTH]:
         code += 1
     n = _head(frame, raw, code)
     brs = n - 6
@@ -84,7 +84,7 @@ def encode_fd(frame: Any, raw: Any, wire: Any, places: Any) -> Any:
             run = np.int64(1)
     places[Place.FIXED] = out
     n = _append_check(raw, wire, out, stuffed, 17 if _LENGTHS[code] <= _SHORT_CRC_BYTES else 21)
-    switched = frame[5] & Flag.BRS != 0
+    switched = frame[FLAGS] & Flag.BRS != 0
     places[Place.FAST] = places[Place.BRS] + 1 if switched else np.int64(0)
     places[Place.FAST_END] = n + 1 if switched else np.int64(0)
     return append(wire, n, 0x2FF, END_BITS)  # 1 0 1 1111111

@@ -33,7 +33,7 @@ from pcpc.drivers.can.stuffing import EOF_BITS, INTERMISSION_BITS, RAW_BITS, WIR
 from pcpc.drivers.can.ticks import MOST_TICKS, ticks_of, ticks_per_s
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
-from pcpc.drivers.compiled.rows import FRAME_BYTES, Flag
+from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, Flag
 from pcpc.drivers.compiled.structures import copy, structure
 
 SENDERS, MOST_ROOM = 17, 256
@@ -256,9 +256,9 @@ def _begin(line: Any, begin: Any) -> None:
     if line.busy == 0:
         line.first = begin
     line.begin = begin
-    if line.frame[5] & Flag.FD != 0:
+    if line.frame[FLAGS] & Flag.FD != 0:
         if passive(line, line.sending):
-            line.frame[5] |= Flag.ESI  # (7)
+            line.frame[FLAGS] |= Flag.ESI  # (7)
         line.length = encode_fd(line.frame, line.raw, line.wire, line.places)
     else:
         line.places[Place.FAST] = line.places[Place.FAST_END] = line.places[Place.FIXED] = 0

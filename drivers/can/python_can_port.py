@@ -11,6 +11,7 @@ import can
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.wire_layout import Arrival, Flag, flags_of
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out
@@ -31,10 +32,10 @@ def put(wire: Any) -> bool:
     message = can.Message(
         arbitration_id=word & can_id.ID,
         is_extended_id=bool(word & can_id.EXTENDED),
-        data=frame[8 : 8 + frame[4]],
-        is_fd=bool(frame[5] & Flag.FD),
-        bitrate_switch=bool(frame[5] & Flag.BRS),
-        error_state_indicator=bool(frame[5] & Flag.ESI),
+        data=frame[8 : 8 + frame[LENGTH]],
+        is_fd=bool(frame[FLAGS] & Flag.FD),
+        bitrate_switch=bool(frame[FLAGS] & Flag.BRS),
+        error_state_indicator=bool(frame[FLAGS] & Flag.ESI),
     )
     try:
         _open[wire.fd_tx].send(message, timeout=0.0)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.rows import LENGTH
 
 RAW_BITS = 560  # SOF to CRC: 118 with a 29-bit id; FD to the data: 553
 WIRE_BITS = 736  # with stuff bits and the end: 157 at most; FD: 733
@@ -62,8 +63,8 @@ def encode(frame: Any, raw: Any, wire: Any) -> Any:
     """Write the bits of `frame` (16,) to `wire`, SOF to EOF; return how many. `raw` is scratch."""
     n = append_id(frame, raw)
     n = append(raw, n, 0, 1 if n == SHORT_ID_BITS else 2)  # r0, with a 29-bit id r1 before it
-    n = append(raw, n, np.int64(frame[4]), 4)
-    for i in range(min(np.int64(frame[4]), np.int64(8))):
+    n = append(raw, n, np.int64(frame[LENGTH]), 4)
+    for i in range(min(np.int64(frame[LENGTH]), np.int64(8))):
         n = append(raw, n, np.int64(frame[8 + i]), 8)
     n = append(raw, n, _crc15(raw, n), 15)
     out, run = np.int64(0), np.int64(0)

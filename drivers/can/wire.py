@@ -34,6 +34,7 @@ from pcpc.drivers.can.wire_layout import (
 )
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function, loop_inline
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import copy, structure
 
 END = structure(WIRE)  # the type of what all functions here take
@@ -99,8 +100,8 @@ def _write_packet(frame: Any, packet: Any) -> Any:
     packet[_ID + 3] = frame[1]
     packet[_ID + 4] = frame[0]
     packet[_EXTENDED] = 0xC3 if extended else 0xC2
-    flags = np.int64(frame[5])
-    n = min(np.int64(frame[4]), np.int64(64 if flags & Flag.FD else 8))
+    flags = np.int64(frame[FLAGS])
+    n = min(np.int64(frame[LENGTH]), np.int64(64 if flags & Flag.FD else 8))
     packet[_DLC] = n
     packet[_DATA - 1] = n
     for i in range(n):
@@ -204,7 +205,7 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
     for i in range(4):
         frame[i] = (can_id >> (8 * i)) & 255
     frame[3] |= extended | remote
-    frame[4], frame[5] = data_n, flags
+    frame[LENGTH], frame[FLAGS] = data_n, flags
     for i in range(longest):
         frame[8 + i] = b[data_at + i] if i < data_n else 0
     return True
@@ -228,7 +229,7 @@ else:
 @loop_function
 def blank(frame: Any) -> None:
     """Let what lies behind a frame's data be 0."""
-    for i in range(8 + min(np.int64(frame[4]), np.int64(64)), FRAME_BYTES):
+    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
         frame[i] = 0
 
 
@@ -264,7 +265,7 @@ def _send(wire: Any) -> Any:
     if wire.kind == Medium.PYTHON_CAN:
         return _put_python_can(wire)
     if wire.kind == Medium.SOCKETCAN:
-        n = np.int64(FRAME_BYTES if wire.tx[5] & Flag.FD else CLASSIC_BYTES)
+        n = np.int64(FRAME_BYTES if wire.tx[FLAGS] & Flag.FD else CLASSIC_BYTES)
         at = libc.address(wire.tx)
     elif wire.kind == Medium.UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
@@ -272,12 +273,12 @@ def _send(wire: Any) -> Any:
         wire.errno = NO_SUCH_KIND
         return False
     fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
-    flags = wire.tx[5]
-    wire.tx[5] = flags & (Flag.BRS | Flag.ESI)  # FD says the size
+    flags = wire.tx[FLAGS]
+    wire.tx[FLAGS] = flags & (Flag.BRS | Flag.ESI)  # FD says the size
     sent = libc.send(fd, at, n, libc.MSG_DONTWAIT) == n
     if not sent:
         wire.errno = libc.errno()
-    wire.tx[5] = flags
+    wire.tx[FLAGS] = flags
     return sent
 
 
@@ -332,12 +333,12 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         odd = ERROR_FLAG if wire.remotes != 0 else ERROR_FLAGS
         known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & odd == 0
         if n == FRAME_BYTES:
-            known &= CAN_BE[wire.rx[4]] != 0
+            known &= CAN_BE[wire.rx[LENGTH]] != 0
             blank(wire.rx)
         if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
-        said = wire.rx[5] & (Flag.BRS | Flag.ESI) | Flag.FD
-        wire.rx[5] = said if n == FRAME_BYTES else 0
+        said = wire.rx[FLAGS] & (Flag.BRS | Flag.ESI) | Flag.FD
+        wire.rx[FLAGS] = said if n == FRAME_BYTES else 0
     elif wire.kind == Medium.UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
@@ -356,7 +357,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
             return Arrival.NOTHING
         wire.errno = e
         return Arrival.FAILED
-    return Arrival.FRAME if known and (wire.fd != 0 or wire.rx[5] == 0) else Arrival.FOREIGN
+    return Arrival.FRAME if known and (wire.fd != 0 or wire.rx[FLAGS] == 0) else Arrival.FOREIGN
 
 
 @loop_function

@@ -14,9 +14,10 @@ from pcpc.drivers.compiled.numbered import Numbered
 
 LINE_BYTES = 64  # of a cache line
 
-# struct canfd_frame: id and flags [0:4], length [4], `Flag` [5], data [8:72]; a classic frame is
-# struct can_frame, its first 16 bytes, without a flag
+# struct canfd_frame: id and flags [0:4], [LENGTH], `Flag` [FLAGS], data [HEAD_BYTES:72]; a classic
+# frame is struct can_frame, its first 16 bytes, without a flag
 FRAME_BYTES, CLASSIC_BYTES, HEAD_BYTES = 72, 16, 8
+LENGTH, FLAGS = 4, 5
 
 
 class Flag(Numbered):

@@ -20,7 +20,7 @@ import numpy as np
 from pcpc.drivers.compiled import kinds
 from pcpc.drivers.compiled.deferred import Deferred, is_open
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
-from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, HEAD_BYTES, Flag
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FLAGS, FRAME_BYTES, HEAD_BYTES, Flag
 
 _TYPES = "pcpc.drivers.compiled.structure_types"
 _made: Any = Deferred(_TYPES, "structure")
@@ -44,7 +44,7 @@ def _data_interpreted(frame: Any) -> Any:
 
 
 def _copy_interpreted(target: Any, source: Any) -> None:
-    n = FRAME_BYTES if source[5] & Flag.FD else CLASSIC_BYTES
+    n = FRAME_BYTES if source[FLAGS] & Flag.FD else CLASSIC_BYTES
     target[:n] = source[:n]
 
 

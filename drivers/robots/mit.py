@@ -26,6 +26,7 @@ from pcpc.drivers.canopen.frames import put
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
 from pcpc.drivers.robots.loops import (
@@ -117,7 +118,7 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
     """Take a frame that came; return whose it is."""
     if r.state.boots == 0:
         boot(r, d)
-    can_id, n, data = four_bytes(frame, 0), np.int64(frame[4]), data_of(frame)
+    can_id, n, data = four_bytes(frame, 0), np.int64(frame[LENGTH]), data_of(frame)
     if can_id == REGISTERS:
         if n < 4 or (np.int64(data[0]) | np.int64(data[1]) << np.int64(8)) != d.node:
             return np.int64(Whose.OTHER)

@@ -23,7 +23,7 @@ from pcpc.drivers.can.codec import four_bytes, put_four_bytes
 from pcpc.drivers.canopen.layout import OUTBOX_FRAMES
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.rows import FRAME_BYTES, Flag
+from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, LENGTH, Flag
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
 from pcpc.drivers.robots.loops import (
@@ -61,7 +61,7 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
     """Take a frame (72,) that came; return whose it is."""
     if r.state.boots == 0:
         boot(r, d)
-    word, flags = four_bytes(frame, 0), np.int64(frame[5])
+    word, flags = four_bytes(frame, 0), np.int64(frame[FLAGS])
     can_id = word & ~EXTENDED
     if can_id > 0xFFFF or word & REMOTE != 0 or flags & Flag.FD == 0:
         return np.int64(Whose.OTHER)
@@ -71,7 +71,7 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
         return np.int64(Whose.TWIN if twin else Whose.OTHER)
     r.mistakes[Mistake.NOT_SWITCHED] += r.switches if flags & Flag.BRS == 0 else 0
     c = r.cursor
-    c.at, c.end, c.ok, c.out = 0, min(np.int64(frame[4]), LONGEST), 1, 0
+    c.at, c.end, c.ok, c.out = 0, min(np.int64(frame[LENGTH]), LONGEST), 1, 0
     c.answers = 1 if can_id & ANSWER != 0 and d.n_out < OUTBOX_FRAMES else 0
     c.mode = -1
     while c.ok != 0 and c.at < c.end:

@@ -31,6 +31,7 @@ from pcpc.drivers.canopen.frames import put
 from pcpc.drivers.canopen.motion import toward
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
 from pcpc.drivers.robots.loops import (
@@ -100,7 +101,7 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
         answer(r, d, command)
     elif OWN[command] != 0:
         return np.int64(Whose.TWIN)
-    elif frame[4] < LENGTHS[command]:
+    elif frame[LENGTH] < LENGTHS[command]:
         r.mistakes[Mistake.FRAME_SHORT] += 1
     else:
         obey(r, d, command, data_of(frame))

@@ -11,6 +11,7 @@ import numpy as np
 
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop.injection import acts, is_on, size
 
@@ -24,7 +25,7 @@ def flood(n: Any) -> None:
             data = data_of(frame)
             for i in range(4):
                 frame[i] = (faults.target[f] >> (8 * i)) & 255
-            frame[4], frame[5] = 8, 0
+            frame[LENGTH], frame[FLAGS] = 8, 0
             for i in range(8):
                 data[i] = 0
             for _ in range(np.int64(size(n, f))):

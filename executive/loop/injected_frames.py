@@ -32,6 +32,7 @@ from pcpc.drivers.can.wire import CAN_BE
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
@@ -107,14 +108,14 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
         return hold(n, f)
     if kind == Wrong.CORRUPTION:
         for _ in range(np.int64(size(n, f))):
-            bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[4]), 1))
+            bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[LENGTH]), 1))
             data[bit >> 3] = data[bit >> 3] ^ (1 << (bit & 7))
     elif kind == Wrong.LENGTH:
-        long = frame[5] & Flag.FD != 0
+        long = frame[FLAGS] & Flag.FD != 0
         length = np.int64(min(max(size(n, f), 0.0), 64.0 if long else 8.0))
         while long and CAN_BE[length] == 0:
             length += 1
-        frame[4] = np.uint8(length)
+        frame[LENGTH] = np.uint8(length)
     elif kind == Wrong.ADDRESSING:
         for i in range(data_length(frame)):
             data[i] = faults.waiting[f, 0, 8 + i]
@@ -148,7 +149,7 @@ def hold(n: Any, f: Any) -> Any:
 @loop_inline
 def data_length(frame: Any) -> Any:
     """Return how many bytes of a frame's data count, 8 or more."""
-    return max(np.int64(frame[4]), np.int64(8))
+    return max(np.int64(frame[LENGTH]), np.int64(8))
 
 
 @loop_function

@@ -27,6 +27,7 @@ from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.strangers import blame, word_of
@@ -119,7 +120,7 @@ def compare_greeting(n: Any, word: Any) -> None:
     own = word_of(n.meeting.greeting)
     if n.meeting.greets == 0 or n.passes != 0 or word == own or word | _ROLES != own | _ROLES:
         return
-    differs = n.wire.rx[4] != n.meeting.greeting[4]
+    differs = n.wire.rx[LENGTH] != n.meeting.greeting[LENGTH]
     for i in range(8, 16):
         differs |= n.wire.rx[i] != n.meeting.greeting[i]
     if differs:

@@ -14,6 +14,7 @@ from pcpc.drivers.can import codec
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import machine_ns, stamp, stopping
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
@@ -63,7 +64,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     row = _free_row(n, n.frame_ends, n.frame_taken, n.rings.frame_rows)
     if row < 0:
         return
-    word = codec.four_bytes(frame, 0) | np.int64(frame[4]) << 32 | np.int64(frame[5]) << 56
+    word = codec.four_bytes(frame, 0) | np.int64(frame[LENGTH]) << 32 | np.int64(frame[FLAGS]) << 56
     into, at = n.frame, row * n.rings.frame_words
     into[at + OfFrame.HEADER] = sh.CDR_HEADER
     into[at + OfFrame.STAMP_NS] = stamp(n.clock)
@@ -71,7 +72,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     into[at + OfFrame.ABOUT] = word | received << 40 | state << 48
     into[at + OfFrame.PAYLOAD] = codec.eight_bytes(frame, 8)
     for i in range(1, n.rings.frame_words - OfFrame.PAYLOAD):
-        long = frame[5] & Flag.FD != 0
+        long = frame[FLAGS] & Flag.FD != 0
         into[at + OfFrame.PAYLOAD + i] = codec.eight_bytes(frame, 8 * (i + 1)) if long else 0
     libc.store_release(n.frame_ends, "head", n.frame_ends.head + 1)
 

@@ -9,6 +9,7 @@ from pcpc.drivers.can.wire import blank, put_frame
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
@@ -39,9 +40,9 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     frame = n.wire.tx
     word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
     codec.put_four_bytes(frame, 0, word)
-    frame[4], frame[5] = n.tx.frames[row].dlc, n.tx.frames[row].fd_flags
+    frame[LENGTH], frame[FLAGS] = n.tx.frames[row].dlc, n.tx.frames[row].fd_flags
     data = data_of(frame)
-    if frame[5] != Flag.NONE:
+    if frame[FLAGS] != Flag.NONE:
         blank(frame)
     clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.v)
     e2e.protect(data, row, n.tx.frames, counter)

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from pcpc.drivers.can import can_id, dbc
+from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.executive.loop.shared import GREETING
 from pcpc.executive.rig.carried_files import with_local_imports
 from pcpc.executive.rig.law_lookup import law_source
@@ -33,7 +34,7 @@ def install(loop: Any, rig: Rig, role: Role) -> None:
     word = can_id.word_of(GREETING + ROLES.index(role), True)
     loop.meeting.greets, frame = 1, loop.meeting.greeting
     frame[:4] = list(word.to_bytes(4, "little"))
-    frame[4] = PLANT_BYTES
+    frame[LENGTH] = PLANT_BYTES
     frame[8:16] = list(plant_of(rig))
 
 
