@@ -13,7 +13,7 @@ import numpy as np
 
 from pcpc.drivers.can.codec import put_four_bytes
 from pcpc.drivers.canopen.layout import OUTBOX_FRAMES as OUTBOX
-from pcpc.drivers.canopen.layout import Nmt, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Row
 from pcpc.drivers.compiled.jit import loop_function
 
 EMERGENCY, SDO_ANSWER, HEARTBEAT = 0x080, 0x580, 0x700
@@ -49,5 +49,5 @@ def tell_error(d: Any, code: Any, register: Any) -> None:
         d.value[Row.ERROR_1] = code
         d.value[Row.ERROR_COUNT] = min(d.value[Row.ERROR_COUNT] + 1, HISTORY)
     d.value[Row.ERROR_CODE], d.value[Row.ERROR_REGISTER] = code, register
-    if d.state.nmt != Nmt.STOPPED:
+    if d.state.nmt != Heartbeat.STOPPED:
         put(d, EMERGENCY + d.node, 8, code | register << 16, 0)

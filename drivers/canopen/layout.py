@@ -45,7 +45,7 @@ class Row(Numbered):
     ) = range(OTHERS, OTHERS + 73)  # fmt: skip
 
 
-class Nmt(Numbered):
+class Heartbeat(Numbered):
     """The states of CiA 301, as a heartbeat has them."""
 
     BOOT_UP = 0
@@ -54,13 +54,60 @@ class Nmt(Numbered):
     PRE_OPERATIONAL = 127
 
 
-class Power(Numbered):
-    """The states of CiA 402."""
+class ErrorRegister(Numbered):
+    """Error registers of CiA 301's emergency frame."""
 
-    (
-        NOT_READY, SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON, OPERATION_ENABLED,
-        QUICK_STOP_ACTIVE, FAULT_REACTION_ACTIVE, FAULT,
-    ) = range(8)  # fmt: skip
+    NONE, GENERIC, COMMUNICATION, MOTION = 0, 0x01, 0x11, 0x21
+
+
+class ErrorCode(Numbered):
+    """Its error codes, each with its register."""
+
+    register: ErrorRegister
+
+    def __new__(cls, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> "ErrorCode":
+        """Return a member."""
+        one = int.__new__(cls, code)
+        one._value_, one.register = code, register
+        return one
+
+    NONE = 0, ErrorRegister.NONE
+    SOFTWARE = 0x6100
+    LAW = 0x6200
+    SENSOR = 0x7300
+    BUS = 0x8100, ErrorRegister.COMMUNICATION
+    SILENCE = 0x8130, ErrorRegister.COMMUNICATION
+    BACK_FROM_OFF = 0x8140, ErrorRegister.COMMUNICATION
+    COLLISION = 0x8150, ErrorRegister.COMMUNICATION
+    PROTOCOL = 0x8200, ErrorRegister.COMMUNICATION
+    PDO_SHORT = 0x8210, ErrorRegister.COMMUNICATION
+    FOLLOWING = 0x8611, ErrorRegister.MOTION
+    EXTERNAL = 0x9000
+
+
+class Power(Numbered):
+    """The states of CiA 402, with the bits that a statusword has for each."""
+
+    word: int
+
+    def __new__(cls, word: int) -> "Power":
+        """Return the next member."""
+        one = int.__new__(cls, len(cls.__members__))
+        one._value_, one.word = int(one), word
+        return one
+
+    NOT_READY = 0x00
+    SWITCH_ON_DISABLED = 0x40
+    READY_TO_SWITCH_ON = 0x21
+    SWITCHED_ON = 0x23
+    OPERATION_ENABLED = 0x27
+    QUICK_STOP_ACTIVE = 0x07
+    FAULT_REACTION_ACTIVE = 0x0F
+    FAULT = 0x08
+
+
+POWER_WORDS = np.array([power.word for power in Power], np.int64)
+VOLTAGE, WARNING, REMOTE, REACHED, LIMITED = 1 << 4, 1 << 7, 1 << 9, 1 << 10, 1 << 11  # beside it
 
 
 class Mode(Numbered):

@@ -23,11 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.canopen.layout import Mistake, Mode, Power, Row
+from pcpc.drivers.canopen.layout import ErrorCode, ErrorRegister, Mistake, Mode, Power, Row
 from pcpc.drivers.canopen.network import mode_to_be
 from pcpc.drivers.canopen.power import (
-    FOLLOWING,
-    MOTION,
     fail,
     has_power,
     obey,
@@ -280,7 +278,7 @@ def watch_following(d: Any) -> None:
     if x.behind_since < 0:
         x.behind_since = d.k
     if d.k - x.behind_since >= d.value[Row.FOLLOWING_MS] * 1e-3 * d.rate_hz:
-        fail(d, FOLLOWING, MOTION)
+        fail(d, ErrorCode.FOLLOWING, ErrorRegister.MOTION)
 
 
 @loop_function

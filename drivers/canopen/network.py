@@ -20,7 +20,7 @@ import numpy as np
 
 from pcpc.drivers.canopen.dictionary import is_possible
 from pcpc.drivers.canopen.frames import HEARTBEAT, put, put_heartbeat
-from pcpc.drivers.canopen.layout import Mode, Nmt, Power, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Mode, Power, Row
 from pcpc.drivers.canopen.mapping import PDOS, arrange
 from pcpc.drivers.canopen.objects import SELF_STARTING
 from pcpc.drivers.compiled.jit import loop_function
@@ -35,9 +35,13 @@ def boot(d: Any) -> None:
     x = d.state
     for p in range(2 * PDOS):
         arrange(d, p)
-    x.nmt = Nmt.BOOT_UP
+    x.nmt = Heartbeat.BOOT_UP
     put_heartbeat(d)
-    x.nmt = Nmt.OPERATIONAL if d.value[Row.STARTUP] == SELF_STARTING else Nmt.PRE_OPERATIONAL
+    x.nmt = (
+        Heartbeat.OPERATIONAL
+        if d.value[Row.STARTUP] == SELF_STARTING
+        else Heartbeat.PRE_OPERATIONAL
+    )
     x.heard = x.guarded = 0
     x.segment_row = 0
     x.boots += 1
@@ -64,16 +68,16 @@ def command(d: Any, code: Any) -> None:
     x = d.state
     before = x.nmt
     if code == START:
-        x.nmt = Nmt.OPERATIONAL
+        x.nmt = Heartbeat.OPERATIONAL
     elif code == STOP:
-        x.nmt = Nmt.STOPPED
+        x.nmt = Heartbeat.STOPPED
     elif code == PREPARE:
-        x.nmt = Nmt.PRE_OPERATIONAL
+        x.nmt = Heartbeat.PRE_OPERATIONAL
     elif code == RESET_NODE:
         start_over(d, True)
     elif code == RESET_COMMUNICATION:
         start_over(d, False)
-    if before != Nmt.OPERATIONAL and x.nmt == Nmt.OPERATIONAL:
+    if before != Heartbeat.OPERATIONAL and x.nmt == Heartbeat.OPERATIONAL:
         for t in range(PDOS):
             d.sent_at[t] = d.since_sync[t] = -1
             d.pending[t] = d.owed[t] = d.state.sync_at = 0

@@ -16,7 +16,7 @@ import numpy as np
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen import pdo, sdo
 from pcpc.drivers.canopen.frames import EMERGENCY, HEARTBEAT, SDO_ANSWER
-from pcpc.drivers.canopen.layout import Nmt
+from pcpc.drivers.canopen.layout import ErrorCode, Heartbeat
 from pcpc.drivers.canopen.mapping import PDOS
 from pcpc.drivers.canopen.motion import advance
 from pcpc.drivers.canopen.network import (
@@ -27,9 +27,10 @@ from pcpc.drivers.canopen.network import (
     master_is_silent,
     note_heartbeat,
 )
-from pcpc.drivers.canopen.power import SILENT_MASTER, STOPPED_NODE, has_power, lose_connection
+from pcpc.drivers.canopen.power import has_power, lose_connection
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 
 SYNC, SDO_REQUEST, LAST_NODE = 0x080, 0x600, 127
@@ -49,7 +50,7 @@ def hear(d: Any, frame: Any) -> Any:
     """Take a frame (16,) that came; return whose it is."""
     if d.state.boots == 0:
         boot(d)
-    can_id, dlc, data = four_bytes(frame, 0), np.int64(frame[4]), data_of(frame)
+    can_id, dlc, data = four_bytes(frame, 0), np.int64(frame[LENGTH]), data_of(frame)
     if can_id & REMOTE != 0:
         if can_id != REMOTE | HEARTBEAT + d.node:
             return np.int64(Whose.OTHER)
@@ -64,7 +65,7 @@ def hear(d: Any, frame: Any) -> Any:
         hear_sync(d)
         return np.int64(Whose.ALL)
     if can_id == SDO_REQUEST + d.node:
-        if dlc == 8 and d.state.nmt != Nmt.STOPPED:
+        if dlc == 8 and d.state.nmt != Heartbeat.STOPPED:
             serve(d, data)
         return np.int64(Whose.OURS)
     if is_own(d, can_id):
@@ -94,10 +95,10 @@ def work(d: Any) -> Any:
     if d.state.boots == 0:
         boot(d)
     if master_is_silent(d):
-        lose_connection(d, SILENT_MASTER)
-    is_stopped = 1 if d.state.nmt == Nmt.STOPPED else 0
+        lose_connection(d, ErrorCode.SILENCE)
+    is_stopped = 1 if d.state.nmt == Heartbeat.STOPPED else 0
     if is_stopped != 0 and d.state.stopped_before == 0 and has_power(d.state.power):
-        lose_connection(d, STOPPED_NODE)
+        lose_connection(d, ErrorCode.BUS)
     d.state.stopped_before = is_stopped
     give_up(d)
     return advance(d)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.layout import Mode, Nmt, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Mode, Row
 from pcpc.drivers.compiled.numbered import Numbered
 
 
@@ -234,5 +234,5 @@ def install(d: object, node: int, every: list[Object]) -> None:
             one.index, one.subindex, one.bits, signed, place, one.access, low, high, one.start,
         )  # fmt: skip
         into.value[i] = one.start
-    into.state.nmt = Nmt.BOOT_UP
+    into.state.nmt = Heartbeat.BOOT_UP
     into.sent_at[:] = into.since_sync[:] = -1

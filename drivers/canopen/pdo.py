@@ -17,7 +17,7 @@ import numpy as np
 from pcpc.drivers.can.codec import eight_bytes, four_bytes
 from pcpc.drivers.canopen.dictionary import from_bits, is_possible, low_word, to_bits
 from pcpc.drivers.canopen.frames import put, tell_error
-from pcpc.drivers.canopen.layout import Mistake, Nmt, Row
+from pcpc.drivers.canopen.layout import ErrorCode, Heartbeat, Mistake, Row
 from pcpc.drivers.canopen.mapping import (
     EVENT,
     INHIBIT,
@@ -28,7 +28,6 @@ from pcpc.drivers.canopen.mapping import (
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
-TOO_SHORT = 0x8210
 LAST_SYNC_KIND = 240
 
 
@@ -61,12 +60,12 @@ def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
     """Take a frame if it is a PDO; return whether it is one."""
     for p in range(PDOS):
         if d.map_id[p] == can_id:
-            if d.state.nmt != Nmt.OPERATIONAL:
+            if d.state.nmt != Heartbeat.OPERATIONAL:
                 d.mistakes[Mistake.PDO_EARLY] += 1
                 return True
             if 8 * dlc < bits_of(d, p):
                 d.mistakes[Mistake.PDO_SHORT] += 1
-                tell_error(d, TOO_SHORT, d.value[Row.ERROR_REGISTER])
+                tell_error(d, ErrorCode.PDO_SHORT, d.value[Row.ERROR_REGISTER])
             elif d.value[first_row(p) + KIND] <= LAST_SYNC_KIND:
                 d.pending[p] = 1
                 d.since_sync[p] = max(d.since_sync[p], 0) + 1
@@ -113,7 +112,7 @@ def judge_count(d: Any, p: Any, more: Any) -> None:
 @loop_function
 def hear_sync(d: Any) -> None:
     """Take what waited for a SYNC; let be due what is sent with it."""
-    if d.state.nmt != Nmt.OPERATIONAL:
+    if d.state.nmt != Heartbeat.OPERATIONAL:
         return
     d.state.syncs += 1
     judge_rates(d)
@@ -147,7 +146,7 @@ def is_due(d: Any, t: Any, changed: Any) -> Any:
 @loop_function
 def send_due(d: Any) -> None:
     """Send the PDOs that are due in this cycle."""
-    if d.state.nmt == Nmt.OPERATIONAL:
+    if d.state.nmt == Heartbeat.OPERATIONAL:
         for t in range(PDOS):
             p = PDOS + t
             if d.map_id[p] < 0 or d.map_n[p] == 0:

@@ -31,16 +31,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.canopen.frames import tell_error
-from pcpc.drivers.canopen.layout import Mistake, Mode, Power, Row
+from pcpc.drivers.canopen.layout import (
+    LIMITED,
+    POWER_WORDS,
+    REACHED,
+    REMOTE,
+    VOLTAGE,
+    ErrorRegister,
+    Mistake,
+    Mode,
+    Power,
+    Row,
+)
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
 
 FAULT_RESET, COMMAND_BITS = 0x80, 0x8F
 FIRST_STAYING = 5  # option of the quick stop
-VOLTAGE, WARNING, REMOTE, REACHED, LIMITED = 1 << 4, 1 << 7, 1 << 9, 1 << 10, 1 << 11
 BIT_12, BIT_13 = 1 << 12, 1 << 13
-GENERIC, COMMUNICATION, MOTION = 0x01, 0x11, 0x21  # error registers
-FOLLOWING, SILENT_MASTER, STOPPED_NODE = 0x8611, 0x8130, 0x8100  # error codes
 ABORT_IS_FAULT, ABORT_DISABLES, ABORT_QUICK_STOPS = 1, 2, 3  # of object 0x6007
 
 
@@ -68,7 +76,6 @@ def _next() -> NDArray[np.int64]:
 
 
 NEXT = _next()
-WORDS = np.array([0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08], np.int64)  # by state
 
 
 @loop_inline
@@ -161,7 +168,7 @@ def lose_connection(d: Any, code: Any) -> None:
     """React to a master that is silent or has stopped the node, as object 0x6007 says."""
     x, option = d.state, d.value[Row.ABORT_OPTION]
     if option == ABORT_IS_FAULT:
-        fail(d, code, COMMUNICATION)
+        fail(d, code, ErrorRegister.COMMUNICATION)
     elif option == ABORT_DISABLES and has_power(x.power):
         x.power = np.int64(Power.SWITCH_ON_DISABLED)
     elif option == ABORT_QUICK_STOPS and x.power == Power.OPERATION_ENABLED:
@@ -188,7 +195,7 @@ def tell_status(d: Any) -> None:
     following error.
     """
     x = d.state
-    word = WORDS[x.power] | VOLTAGE | REMOTE
+    word = POWER_WORDS[x.power] | VOLTAGE | REMOTE
     word |= LIMITED if x.limited != 0 else 0
     word |= REACHED if x.reached != 0 else 0
     enabled = x.power == Power.OPERATION_ENABLED

@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.canopen.layout import ErrorCode
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop.shared import GREETING
-
-# error codes and registers of CiA 301's emergency frame
-SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, BACK_FROM_OFF, COLLISION, PROTOCOL, SENSOR = (
-    0x6100, 0x6200, 0x9000, 0x8100, 0x8130, 0x8140, 0x8150, 0x8200, 0x7300
-)  # fmt: skip
-GENERIC, COMMUNICATION = 0x01, 0x11
 
 RAMP = "ramp"
 QUICK = "quick stop"
@@ -27,68 +22,67 @@ DIES = "the node ends; the watchdog of the other one acts"
 class Fault(Numbered):
     """A named fault: what it says, the cycles in which it is noticed, what follows.
 
-    `within` may be a key of the rig; without one, a time of its own is in `why`. `code` and
-    `register` are those of CiA 301's emergency frame.
+    `within` may be a key of the rig; without one, a time of its own is in `why`. `code` is
+    that of CiA 301's emergency frame.
     """
 
     says: str
     within: int | str | None
     reaction: str
     why: str
-    code: int
-    register: int
+    code: ErrorCode
 
     def __new__(
         cls, says: str, within: int | str | None, reaction: str, why: str = "",
-        code: int = SOFTWARE, register: int = GENERIC,
+        code: ErrorCode = ErrorCode.SOFTWARE,
     ) -> "Fault":  # fmt: skip
         """Return the next member."""
         fault = int.__new__(cls, len(cls.__members__))
         fault._value_ = int(fault)
         fault.says, fault.within, fault.reaction, fault.why = says, within, reaction, why
-        fault.code, fault.register = code, register
+        fault.code = code
         return fault
 
     # fmt: off
-    NONE = "none", None, "none", "", 0, 0
+    NONE = "none", None, "none", "", ErrorCode.NONE
     INPUT_MISSING = (
         "no valid input frame for the rig's limit of cycles", "supervisor.fault_after_cycles", RAMP,
-        "", HEARTBEAT, COMMUNICATION)
+        "", ErrorCode.SILENCE)
     COMMAND_NOT_FINITE = (
         "a command was not a finite number", 1, RAMP, "its last value is sent in that cycle")
     PEER_SILENT = (
         "the other node fell silent", None, END, "without a clock, after 5 s",
-        HEARTBEAT, COMMUNICATION)
-    BUS_FAILED = "the bus failed", 1, RAMP, "as told by the system", BUS, COMMUNICATION
+        ErrorCode.SILENCE)
+    BUS_FAILED = "the bus failed", 1, RAMP, "as told by the system", ErrorCode.BUS
     OVERRUN = (
         "cycles ran past their end, more in a row than the rig allows", "overrun.fault_after", RAMP)
     ANOTHER_SENDER = (
         "another sender of one of its frames is on the bus", 3, RAMP, "3 frames in 10 cycles",
-        COLLISION, COMMUNICATION)
+        ErrorCode.COLLISION)
     REPEATED_INPUT = (
         "an awaited frame was repeated again and again: somebody else sends it", 10, RAMP,
-        "10 frames in 100 cycles", PROTOCOL, COMMUNICATION)
+        "10 frames in 100 cycles", ErrorCode.PROTOCOL)
     OUTPUT_NOT_FINITE = "an output was not a finite number", 1, RAMP
     PLANT_NOT_FINITE = "the plant diverged: an output was not a finite number", 1, RAMP
-    STEP_RAISED = "a step ended with an exception", 1, DIES, "", LAW
-    STEP_HANGS = "a step does not return", None, DIES, "after 3 s or 20 periods", LAW
-    EMERGENCY_STOP = "the emergency stop is pressed", 1, QUICK, "", EXTERNAL
-    STOP_FRAME = "a stop frame came", 1, QUICK, "", EXTERNAL
+    STEP_RAISED = "a step ended with an exception", 1, DIES, "", ErrorCode.LAW
+    STEP_HANGS = "a step does not return", None, DIES, "after 3 s or 20 periods", ErrorCode.LAW
+    EMERGENCY_STOP = "the emergency stop is pressed", 1, QUICK, "", ErrorCode.EXTERNAL
+    STOP_FRAME = "a stop frame came", 1, QUICK, "", ErrorCode.EXTERNAL
     NOT_PLAUSIBLE = (
         "received values were not plausible", "supervisor.fault_after_cycles", RAMP,
-        "or the signal's fault_after, in a row", SENSOR)
+        "or the signal's fault_after, in a row", ErrorCode.SENSOR)
     INTRUSION = (
         "a frame comes from two senders", 3, RAMP,
-        "1 or 3 signs, if `supervisor.intrusion` says so", COLLISION, COMMUNICATION)
+        "1 or 3 signs, if `supervisor.intrusion` says so", ErrorCode.COLLISION)
     BUS_OFF = (
         "the CAN controller went bus-off", 1, RAMP, "as told by an error frame",
-        BACK_FROM_OFF, COMMUNICATION)
+        ErrorCode.BACK_FROM_OFF)
     # fmt: on
 
 
 FAULT_NAMES = tuple(fault.says for fault in Fault)
 ERROR_CODES = np.array([float(fault.code) for fault in Fault])
-ERROR_REGISTERS = np.array([float(fault.register) for fault in Fault])
+ERROR_REGISTERS = np.array([float(fault.code.register) for fault in Fault])
 
 
 def reason(description: Mapping[str, Any], control: Any) -> str:

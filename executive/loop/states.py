@@ -35,18 +35,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.drivers.compiled.jit import loop_inline
 from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop.faults import Fault
-
-
-class Heartbeat(Numbered):
-    """What a CANopen heartbeat says."""
-
-    BOOT_UP = 0
-    STOPPED = 4
-    OPERATIONAL = 5
-    PRE_OPERATIONAL = 127
 
 
 class State(Numbered):

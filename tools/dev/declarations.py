@@ -13,9 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.drivers.compiled.numbered import NumberedKind
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.states import Heartbeat, State
+from pcpc.executive.loop.states import State
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/bus-safety.md"

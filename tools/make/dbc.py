@@ -23,10 +23,11 @@ from pathlib import Path
 
 import pcpc.executive.log.signals  # noqa: F401  tables may be signals of a log
 from pcpc.drivers.can import dbc
+from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
-from pcpc.executive.loop.states import Heartbeat, State
+from pcpc.executive.loop.states import State
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import NodeSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role

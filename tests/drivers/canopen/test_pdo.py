@@ -4,7 +4,7 @@ import pytest
 from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
-from pcpc.drivers.canopen.layout import Nmt, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Row
 
 TPDO, RPDO = 0x180 + NODE, 0x200 + NODE
 OFF = 1 << 31
@@ -42,7 +42,7 @@ def test_the_master_commands_all_or_one(code: int, state: int, node: int) -> Non
 
 
 def test_a_drive_that_starts_itself_is_operational() -> None:
-    assert Bench(starts={"1F80": 8}).d.state.nmt == Nmt.OPERATIONAL
+    assert Bench(starts={"1F80": 8}).d.state.nmt == Heartbeat.OPERATIONAL
 
 
 def test_resets_give_the_objects_their_first_values() -> None:

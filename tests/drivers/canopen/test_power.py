@@ -4,7 +4,7 @@ import pytest
 from drives import Bench
 
 from pcpc.drivers.canopen.layout import Power, Row
-from pcpc.drivers.canopen.power import WORDS, next_power
+from pcpc.drivers.canopen.power import next_power
 
 NOT, DISABLED, READY, ON, ENABLED, QUICK, REACTION, FAULT = Power
 MASKS = {NOT: 0x4F, DISABLED: 0x4F, READY: 0x6F, ON: 0x6F, ENABLED: 0x6F, QUICK: 0x6F,
@@ -58,7 +58,7 @@ def test_every_controlword_in_every_state(power: Power, option: int) -> None:
 
 def test_statuswords_tell_all_states_apart() -> None:
     for state, mask in MASKS.items():
-        told = [one for one, other in MASKS.items() if WORDS[state] & other == WORDS[one]]
+        told = [one for one, other in MASKS.items() if state.word & other == one.word]
         assert told == [state], (state, mask)
 
 

@@ -5,7 +5,7 @@ from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
 from pcpc.drivers.canopen import objects
-from pcpc.drivers.canopen.layout import Mistake, Nmt, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Mistake, Row
 
 NAME = "a name of thirty-two bytes, all. "[:32]
 TEXT, NUMBER, HEARTBEAT = (0x1008, 0), (0x1018, 3), (0x1017, 0)
@@ -175,6 +175,6 @@ def test_foreign_frames_and_a_reset_in_a_block_change_nothing_else(bench: Bench)
     begin_down(bench, HEARTBEAT, 2)
     bench.send(0, bytes([130, NODE]))
     bench.cycles(2)
-    assert bench.d.state.nmt == Nmt.PRE_OPERATIONAL
+    assert bench.d.state.nmt == Heartbeat.PRE_OPERATIONAL
     assert told(bench, 0x81, 7, 0) == [], "out of a block it is an abort"
     assert code_of(told(bench, 0xC1 | 5 << 2)[0]) == why.NO_COMMAND

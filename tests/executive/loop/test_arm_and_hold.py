@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from engine import LOST, Bench, both, puppet_rig
 
+from pcpc.drivers.canopen.layout import Power
 from pcpc.executive.batch.group import Group, NotInLanes
-from pcpc.executive.loop import drive
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.requests import Refusal
@@ -145,9 +145,9 @@ def test_as_a_drive_it_is_ready_and_switched_on_on_its_way(made: Made) -> None:
     bench = made(BY_ITSELF)
     bench.executive.post({DISARMED: 1.0})
     bench.run(5)
-    assert bench.executive["supervisor.status_word"] == drive.SWITCHED_ON
+    assert bench.executive["supervisor.status_word"] == Power.SWITCHED_ON.word
     bench.run(20)
-    assert bench.executive["supervisor.status_word"] == drive.READY_TO_SWITCH_ON
+    assert bench.executive["supervisor.status_word"] == Power.READY_TO_SWITCH_ON.word
 
 
 def test_only_an_executive_is_held(made: Made) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from engine import ATB1000, LOST, Bench, both, puppet_rig
 
+from pcpc.drivers.canopen.layout import LIMITED, WARNING, ErrorRegister, Power
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop import drive
-from pcpc.executive.loop.faults import COMMUNICATION, ERROR_CODES, ERROR_REGISTERS, Fault
+from pcpc.executive.loop.faults import ERROR_CODES, ERROR_REGISTERS, Fault
 from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
@@ -85,13 +85,14 @@ def test_the_status_word_goes_through_the_states_of_a_drive(driven: Bench) -> No
     node.post({"supervisor.stop": 1.0})
     go(4)
     short = [word for i, word in enumerate(seen) if i == 0 or word != seen[i - 1]]
-    enabled, held = drive.OPERATION_ENABLED, drive.OPERATION_ENABLED | drive.WARNING
-    limited = drive.LIMIT_ACTIVE
+    enabled, held = Power.OPERATION_ENABLED.word, Power.OPERATION_ENABLED.word | WARNING
+    limited = LIMITED
     assert short == [
-        drive.READY_TO_SWITCH_ON, enabled, held, enabled, held,
-        drive.FAULT_REACTION_ACTIVE, drive.FAULT,
-        drive.SWITCH_ON_DISABLED, drive.READY_TO_SWITCH_ON, drive.SWITCHED_ON, enabled,
-        enabled | limited, drive.QUICK_STOP_ACTIVE | limited, drive.QUICK_STOP_ACTIVE,
+        Power.READY_TO_SWITCH_ON.word, enabled, held, enabled, held,
+        Power.FAULT_REACTION_ACTIVE.word, Power.FAULT.word,
+        Power.SWITCH_ON_DISABLED.word, Power.READY_TO_SWITCH_ON.word, Power.SWITCHED_ON.word,
+        enabled,
+        enabled | limited, Power.QUICK_STOP_ACTIVE.word | limited, Power.QUICK_STOP_ACTIVE.word,
     ], [hex(word) for word in short]  # fmt: skip
     assert driven.plant["rx.STATUS.word"] == seen[-1]
 
@@ -103,7 +104,7 @@ def test_an_emergency_frame_is_sent_once_for_a_fault_and_once_for_its_end(driven
     node["controller.other_Nm"] = np.nan
     driven.run(15)
     fault = Fault.OUTPUT_NOT_FINITE
-    assert emergencies(driven) == [(21, fault.code, fault.register)]
+    assert emergencies(driven) == [(21, fault.code, fault.code.register)]
     assert driven.plant["rx.EMCY.error_code"] == fault.code
     node.post({"supervisor.reset": 1.0})
     driven.run(5)
@@ -118,7 +119,7 @@ def test_before_the_first_input_a_drive_is_not_ready(tmp_path: Path) -> None:
     made = Bench(both(load_rig(drive_rig(tmp_path))))
     made.executive.loop.rx.loss["enter"][:] = 1.0
     made.run(1)
-    assert made.executive["tx.STATUS.word"] == drive.NOT_READY_TO_SWITCH_ON
+    assert made.executive["tx.STATUS.word"] == Power.NOT_READY.word
 
 
 def test_another_frame_of_send_type_Event_is_refused(tmp_path: Path) -> None:
@@ -135,8 +136,10 @@ def test_a_rig_with_a_status_word_runs_alone_not_in_lanes(tmp_path: Path) -> Non
 def test_every_fault_has_an_error_code_of_CiA_301(tmp_path: Path) -> None:
     assert ERROR_CODES[0] == ERROR_REGISTERS[0] == 0.0
     for fault in list(Fault)[1:]:
-        assert 0x1000 <= fault.code <= 0xFFFF and fault.register & 1, fault
-        assert (fault.code >> 8 in (0x81, 0x82)) == (fault.register == COMMUNICATION), fault
+        assert 0x1000 <= fault.code <= 0xFFFF and fault.code.register & 1, fault
+        assert (fault.code >> 8 in (0x81, 0x82)) == (
+            fault.code.register == ErrorRegister.COMMUNICATION
+        ), fault
 
 
 def test_an_emergency_frame_waits_until_the_controller_is_back_on_the_bus(driven: Bench) -> None:
@@ -148,4 +151,4 @@ def test_an_emergency_frame_waits_until_the_controller_is_back_on_the_bus(driven
     assert node["supervisor.fault"] == Fault.BUS_OFF and emergencies(driven) == []
     node.loop.guard.off = 0
     driven.run(3)
-    assert [what[1:] for what in emergencies(driven)] == [(fault.code, fault.register)]
+    assert [what[1:] for what in emergencies(driven)] == [(fault.code, fault.code.register)]

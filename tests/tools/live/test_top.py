@@ -17,7 +17,7 @@ from live_run import ANSWER_S, ERROR, KV, Run, Screen, pcpc
 from processes import ROOT, until
 
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.executive.loop import drive
+from pcpc.drivers.canopen.layout import WARNING, Power
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
 from pcpc.executive.loop.states import STATE_NAMES, State
@@ -161,7 +161,7 @@ def stand() -> Iterator[str]:
 def begin(name: str) -> sh.Shared:
     block = standing.stand(name, HEAD)
     block.control.passes = 1
-    block["snapshot"][0] = drive.OPERATION_ENABLED | drive.WARNING
+    block["snapshot"][0] = Power.OPERATION_ENABLED.word | WARNING
     block.control.state = State.RUN
     return block
 
@@ -194,7 +194,7 @@ def test_frames_are_counted_by_what_the_check_made_of_them(stand: str) -> None:
 def test_a_fault_is_told_in_its_words(stand: str) -> None:
     block = begin(stand)
     block.control.state, block.control.fault = State.FAULT, Fault.BUS_FAILED
-    block["snapshot"][0] = drive.FAULT_REACTION_ACTIVE
+    block["snapshot"][0] = Power.FAULT_REACTION_ACTIVE.word
     meter = Meter({stand: live.find(stand)})
     meter.look()
     page = lines(meter, 80, 24)

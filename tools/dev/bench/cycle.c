@@ -435,23 +435,23 @@ static void begin_ramp(loop *n, int asked)
 static int64_t drive_state(loop *n, int64_t state)
 {
     if (state == STATE_STOP)
-        return DRIVE_SWITCH_ON_DISABLED;
+        return POWER_SWITCH_ON_DISABLED;
     if (state == STATE_FAULT)
-        return n->guard.gain <= 0.0 && settled(n) ? DRIVE_FAULT : DRIVE_FAULT_REACTION_ACTIVE;
+        return n->guard.gain <= 0.0 && settled(n) ? POWER_FAULT : POWER_FAULT_REACTION_ACTIVE;
     if (state == STATE_INIT)
-        return n->control.fault == 0 ? DRIVE_NOT_READY_TO_SWITCH_ON : DRIVE_SWITCH_ON_DISABLED;
+        return n->control.fault == 0 ? POWER_NOT_READY : POWER_SWITCH_ON_DISABLED;
     if (n->guard.pace > 0.0)
-        return DRIVE_QUICK_STOP_ACTIVE;
+        return POWER_QUICK_STOP_ACTIVE;
     if (state == STATE_READY)
-        return DRIVE_READY_TO_SWITCH_ON;
-    return n->guard.gain >= 1.0 ? DRIVE_OPERATION_ENABLED : DRIVE_SWITCHED_ON;
+        return POWER_READY_TO_SWITCH_ON;
+    return n->guard.gain >= 1.0 ? POWER_OPERATION_ENABLED : POWER_SWITCHED_ON;
 }
 
 static void tell_drive(loop *n, int64_t state)
 {
-    int64_t word = drive_state(n, state);
-    word |= state == STATE_HOLD ? DRIVE_WARNING : 0;
-    word |= n->v[V_CLAMPED] != 0.0 ? DRIVE_LIMIT_ACTIVE : 0;
+    int64_t word = POWER_WORDS[drive_state(n, state)];
+    word |= state == STATE_HOLD ? CANOPEN_WARNING : 0;
+    word |= n->v[V_CLAMPED] != 0.0 ? CANOPEN_LIMITED : 0;
     n->v[V_STATUS_WORD] = word;
     n->v[V_ERROR_CODE] = ERROR_CODES[n->guard.faulted];
     n->v[V_ERROR_REGISTER] = ERROR_REGISTERS[n->guard.faulted];

@@ -32,13 +32,13 @@ from pcpc.drivers.can.dbc import Kind, Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE, Arrival, Medium
+from pcpc.drivers.canopen import layout as canopen
 from pcpc.drivers.compiled.jit import i8, loop, types, u1
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws import references
 from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import (
-    drive,
     faults,
     meeting,
     reception,
@@ -79,12 +79,12 @@ PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
     "SH": sh, "V": variables, "E2E": e2e, "WIRE": wire_layout, "TIMING": timing,
-    "STRANGERS": strangers, "RECEPTION": reception, "DRIVE": drive,
+    "STRANGERS": strangers, "RECEPTION": reception, "CANOPEN": canopen,
 }  # fmt: skip
 NUMBERED = (
     FrameState, states.State, states.Condition, faults.Fault, Event, Time, Trigger, Refusal,
     Overrun, LastWord, Medium, Arrival, Protection, Kind, meeting.Part, meeting.Turn,
-    Stage, OfRecord, OfFrame,
+    canopen.Power, Stage, OfRecord, OfFrame,
 )  # fmt: skip
 BLOCKS = {"quintic": references.quintic, "pd": pd.BLOCK, "barrel": model.BLOCK, "idle": Block(idle)}
 
@@ -111,6 +111,7 @@ def loop_header() -> str:
         compiler.array("CRC_16_TABLE", "uint16_t", e2e._CRC_16_TABLE),
         compiler.array("NEXT", "int64_t", states.NEXT),
         compiler.array("NMT", "double", states.HEARTBEATS),
+        compiler.array("POWER_WORDS", "int64_t", canopen.POWER_WORDS),
         compiler.array("ERROR_CODES", "double", faults.ERROR_CODES),
         compiler.array("ERROR_REGISTERS", "double", faults.ERROR_REGISTERS),
         compiler.array("USAGE", "int64_t", np.array([*USAGE.values()])),

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.executive.loop import drive
+from pcpc.drivers.canopen.layout import Power
 from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.live.top.meter import Meter, NodeMeter
 
 _DRIVE = {  # CiA 402
-    drive.NOT_READY_TO_SWITCH_ON: "not ready", drive.SWITCH_ON_DISABLED: "disabled",
-    drive.READY_TO_SWITCH_ON: "ready", drive.SWITCHED_ON: "switched on",
-    drive.OPERATION_ENABLED: "enabled", drive.QUICK_STOP_ACTIVE: "quick stop",
-    drive.FAULT_REACTION_ACTIVE: "fault reaction", drive.FAULT: "fault",
+    Power.NOT_READY.word: "not ready", Power.SWITCH_ON_DISABLED.word: "disabled",
+    Power.READY_TO_SWITCH_ON.word: "ready", Power.SWITCHED_ON.word: "switched on",
+    Power.OPERATION_ENABLED.word: "enabled", Power.QUICK_STOP_ACTIVE.word: "quick stop",
+    Power.FAULT_REACTION_ACTIVE.word: "fault reaction", Power.FAULT.word: "fault",
 }  # fmt: skip
 _OF_THE_DRIVE = 0x6F
 _LEAST = 3  # rows of frames and of parameters, however low the screen is

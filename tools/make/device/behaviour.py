@@ -2,7 +2,7 @@
 
     wrong CRC, twice, jump, gap   as the receiver judged CRC and counter of each frame
     late                          cycles of the plant without a valid frame of every cycle
-    silent                        more than AWAY of them in a row
+    silent                        MAX_DELTA of them in a row, or more: no gap of a counter
     rate                          of SYNC, on a clock: more than RATE_ERROR from the rig's
     restarted                     it greets again after it was operational
 
@@ -21,20 +21,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.can.e2e import MAX_DELTA
 from pcpc.drivers.can.e2e_states import FrameState
+from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.device.below import Below
 from pcpc.tools.make.device.witness import Counts, share
 
-AWAY = 3  # cycles: a gap of the counter up to which a frame still counts, see e2e_states
 LATE_SHARE = 0.01  # of the cycles: a PC without SCHED_FIFO is late in some, and holds
 RATE_ERROR = 0.01  # a quartz is 100 times better
 FEWEST = 50  # frames that tell a rate
 LONGEST = 500  # frames of a stretch, in which a stamp that is a cycle off is a fifth of RATE_ERROR
 SHOWN = 3  # silences by name, of one frame
-OPERATIONAL, GREETINGS = 5, (0, 127)  # of heartbeats: boot-up, pre-operational
+GREETINGS = Heartbeat.BOOT_UP, Heartbeat.PRE_OPERATIONAL
 _WRONG = {
     FrameState.ERROR: "with a wrong CRC or length",
     FrameState.REPEATED: "sent twice: the counter stood still",
@@ -138,7 +139,7 @@ def _lateness(
     edge = np.flatnonzero(np.diff(np.concatenate([[0], without.astype(np.int8), [0]])))
     late, silent = 0, list[str]()
     for first, past in edge.reshape(-1, 2).tolist():
-        if past - first <= AWAY:
+        if past - first < MAX_DELTA:
             late += past - first
             continue
         begin_s, cycles = ran[first] / rig.config.rate_hz, past - first
@@ -195,7 +196,7 @@ def _restarts(rig: Rig, came: Frames) -> Iterator[str]:
     """Yield where the device began anew: it greets after it was operational, or asks again."""
     beats = (came["id"] & 0x780 == 0x700) & (came["id"] < 0x780)
     state = np.where(beats, came["data"][:, 0], 255)
-    running = np.maximum.accumulate(state == OPERATIONAL) if len(came) else state > 0
+    running = np.maximum.accumulate(state == Heartbeat.OPERATIONAL) if len(came) else state > 0
     again = came["cycle"][running & np.isin(state, GREETINGS) & beats]
     if len(again):
         yield f"device: restarted, its heartbeat begins again in {_cycle(rig, int(again[0]))}"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log import reader as logs
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
 from pcpc.executive.rig import messages
@@ -24,7 +25,7 @@ from pcpc.tools.after.replayed import Verdict, compare_frames
 from pcpc.tools.make.device.below import Below
 
 ROLE = "device"
-_ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": 2.0}
+_ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": float(State.RUN)}
 
 
 def is_of_device(head: logs.Log) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
 from pcpc.executive.log.reader import Log
+from pcpc.executive.loop.states import State
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.generate import frames
@@ -122,12 +123,13 @@ class Closed:
     def _cycle(self, role: str, wiring: NodeWiring) -> Iterator[str]:
         """Yield one cycle of a node; a lower one is not mixed in its last cycle."""
         first = role == next(iter(self.nodes))
-        state = "(k == 0U) ? 1.0 : 2.0" if first else "(k < 2U) ? (double)k : 2.0"
+        run, before = State.RUN, State.READY if first else State.INIT
+        early = f"(k < {run - before}U)"
         yield f"static void {role}_cycle(uint32_t k)\n{{"
         loop, number = set(wiring.loop), "float" if self.single[role] else "double"
         values = {
-            "supervisor_state": state,
-            "supervisor_nmt": f"(k < {1 if first else 2}U) ? 127.0 : 5.0",
+            "supervisor_state": f"{early} ? (double)(k + {before}U) : {float(run)}",
+            "supervisor_nmt": f"{early} ? {float(before.heartbeat)} : {float(run.heartbeat)}",
             "supervisor_gain": "1.0",
             "supervisor_saturated": "(clamped != 0U) ? 1.0 : 0.0",
             "health_passes": "(double)k",

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from processes import ROOT
 
+from pcpc.drivers.can.e2e import MAX_DELTA
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.make.device.behaviour import AWAY, LATE_SHARE, Behaviour, behaviour, rate_of
+from pcpc.tools.make.device.behaviour import LATE_SHARE, Behaviour, behaviour, rate_of
 
 RIG = load_rig(ROOT / "plants" / "probe" / "device" / "rig.yaml", resolve=False)
 T_NS, N = 1_000_000, 2000
@@ -74,7 +75,7 @@ def test_a_silence_is_told_with_its_length_and_end() -> None:
 
 def test_single_late_cycles_are_excused_by_a_clock_only() -> None:
     cycles = np.arange(N)
-    late = np.arange(10, 10 + 20 * AWAY, 20)
+    late = np.arange(10, 10 + 20 * (MAX_DELTA - 1), 20)
     own = good(cycles)
     own[1] = own[1][~np.isin(cycles, late)]
     assert len(late) < LATE_SHARE * N
