@@ -33,19 +33,9 @@ DOUBLINGS = 40  # errors up to 39 hours
 
 CONTROL = lines_of(
     ("stop",),  # 1: the end is asked for, by another thread
-    (
-        "sent",
-        "errors",
-        "errno",
-        "waited",
-        "within",
-        "max_ns",
-        "first_due",
-        "first_sent",
-        "last_due",
-        "last_sent",
-    ),
-)
+    ("sent", "errors", "errno", "waited", "within", "max_ns", "first_due", "first_sent",
+     "last_due", "last_sent"),
+)  # fmt: skip
 
 _STOP_EVERY_NS = 50_000_000  # the longest sleep between two looks at the stop word
 _QUEUE_POLL_NS = 100_000  # a frame of 8 bytes takes longer at 1 Mbit/s

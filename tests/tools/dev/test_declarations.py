@@ -1,12 +1,17 @@
 """What the executive declares stands so in every DBC file, in the docs and in a device's C."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
+from pcpc.drivers.can.e2e import MAX_DELTA
+from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.limits import Quick
 from pcpc.executive.loop.states import NEXT, Condition, State
+from pcpc.executive.nodes.install import PATIENCE_S
 from pcpc.tools.dev import declarations
 from pcpc.tools.make.generate import declared
 
@@ -36,9 +41,30 @@ def test_a_changed_table_is_written_anew() -> None:
 def test_the_C_of_a_device_numbers_everything_as_declared() -> None:
     files = declared.files()
     told = dict(re.findall(r"^    (\w+) = (\d+),$", files["supervisor.h"], re.MULTILINE))
-    for kind in (State, Condition, Fault):
+    for kind in (State, Condition, Fault, Quick):
         for one in kind:
             assert told[f"{kind.__name__.upper()}_{one.name}"] == str(int(one))
     rows = re.findall(r"^    \{((?:STATE_\w+(?:, )?)+)\},$", files["supervisor.c"], re.MULTILINE)
     table = [[State[name.removeprefix("STATE_")] for name in row.split(", ")] for row in rows]
     assert table == NEXT.tolist()
+
+
+@pytest.mark.parametrize(
+    "file", ["plants/probe/device/probe.py", "tools/make/template/device/device.py"]
+)
+def test_a_device_that_stands_alone_repeats_what_is_declared(file: str) -> None:
+    its = runpy.run_path(str(declarations.ROOT / file))
+    assert its["NMT"] == {state: state.heartbeat for state in State if state in its["NMT"]}
+    assert (its["READY"], its["RUN"], its["STOPPED"]) == (
+        State.READY, State.RUN, Heartbeat.STOPPED,
+    )  # fmt: skip
+    assert (its["MAX_DELTA"], its["PATIENCE_S"]) == (MAX_DELTA, PATIENCE_S)
+
+
+def test_one_in_C_does_so_too() -> None:
+    text = (declarations.ROOT / "plants/probe/device/probe.c").read_text("utf-8")
+    its = {name: int(number) for name, number in re.findall(r"\b([A-Z_]+) = (\d+)\b", text)}
+    beats = Heartbeat.STOPPED, Heartbeat.OPERATIONAL, Heartbeat.PRE_OPERATIONAL
+    for one in (State.READY, State.RUN, State.STOP, *beats):
+        assert its[one.name] == one
+    assert (its["MAX_DELTA"], its["PATIENCE_MS"]) == (MAX_DELTA, 1000 * PATIENCE_S)

@@ -1,13 +1,17 @@
-"""The supervisor's declarations in C: states and the table between them, faults and their codes."""
+"""The supervisor's declarations in C: states and the table between them, faults, limits."""
 
 from collections.abc import Iterator
 from typing import Any
 
+from pcpc.drivers.canopen.layout import LIMITED, WARNING, Heartbeat, Power
 from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.states import NEXT, Condition, Heartbeat, State
+from pcpc.executive.loop.limits import FINITE, Quick
+from pcpc.executive.loop.states import NEXT, Condition, State
+from pcpc.executive.loop.strangers import REPEATED_CYCLES, REPEATED_FRAMES
+from pcpc.executive.nodes.install import PATIENCE_S
 
-_ABOUT = "/* Declared in executive/loop/states.py and faults.py, written by `pcpc generate c`. */"
+_ABOUT = "/* Declared in executive/ and drivers/ of pcpc, written by `pcpc generate c`. */"
 _HEADER = f"""\
 #ifndef SUPERVISOR_H
 #define SUPERVISOR_H
@@ -17,6 +21,13 @@ _HEADER = f"""\
 {_ABOUT}
 
 %s
+
+#define FINITE {FINITE:g}
+#define PATIENCE_MS {1000 * PATIENCE_S:.0f}u
+#define REPEATED_FRAMES {REPEATED_FRAMES}u /* in so many cycles are a fault */
+#define REPEATED_CYCLES {REPEATED_CYCLES}u
+#define WARNING {WARNING}u /* in a status word, as LIMITED */
+#define LIMITED {LIMITED}u
 
 /* By state and condition: the next state. */
 extern const state_t NEXT[{len(State)}][{len(Condition)}];
@@ -40,7 +51,7 @@ def files() -> dict[str, str]:
     """Return supervisor.h and supervisor.c."""
     kinds = (
         (State, "state_t"), (Condition, "condition_t"), (Heartbeat, "heartbeat_t"),
-        (Fault, "fault_t"),
+        (Fault, "fault_t"), (Quick, "quick_t"), (Power, "power_t"),
     )  # fmt: skip
     enums = "\n\n".join(_enum(kind, name) for kind, name in kinds)
     return {"supervisor.h": _HEADER % enums, "supervisor.c": "\n".join(_tables())}
@@ -48,7 +59,7 @@ def files() -> dict[str, str]:
 
 def _enum(kind: NumberedKind, name: str) -> str:
     every: Any = kind
-    members = [f"    {_name(one)} = {int(one)}," for one in every]
+    members = [f"    {_name(one)} = {getattr(one, 'word', int(one))}," for one in every]
     return "\n".join(["typedef enum {", *members, f"}} {name};"])
 
 
@@ -68,6 +79,6 @@ def _tables() -> Iterator[str]:
         yield f"    {{{words}, {float(state.heartbeat)}}}, /* {state.name} */"
     yield from ("};", "", f"const struct fault_info ERRORS[{len(Fault)}] = {{")
     yield from (
-        f"    {{{fault.code}.0, {fault.register}.0}}, /* {fault.name} */" for fault in Fault
+        f"    {{{fault.code}.0, {fault.code.register}.0}}, /* {fault.name} */" for fault in Fault
     )
     yield from ("};", "")

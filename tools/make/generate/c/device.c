@@ -3,10 +3,6 @@
 #include "rig.h"
 #include "supervisor.h"
 
-enum { NOT_ASKED, ASKED, BEGUN }; /* a quick stop */
-static const double FINITE = 1e300;
-static const uint32_t MOST_REPEATS = 10u, REPEAT_PASSES = 100u;
-
 static struct device {
     device_send send;
     uint32_t cycles;
@@ -118,9 +114,9 @@ static void begin_ramp(void)
 {
     const uint32_t n = RIG_LIMITS;
     d.pace = RIG_RAMP_STEP;
-    if (d.quick != (uint32_t)NOT_ASKED) {
+    if (d.quick != (uint32_t)QUICK_NONE) {
         d.pace = RIG_QUICK_STEP;
-        d.quick = (uint32_t)BEGUN;
+        d.quick = (uint32_t)QUICK_BEGUN;
     }
     for (uint32_t i = 0u; i < n; i++) {
         double way = size_of(command[i].wanted - rig_limits[i].safe);
@@ -135,8 +131,8 @@ static void quick_stop(uint32_t fault)
     if (d.fault == (uint32_t)FAULT_NONE) {
         d.fault = fault;
     }
-    if (d.quick == (uint32_t)NOT_ASKED) {
-        d.quick = (uint32_t)ASKED;
+    if (d.quick == (uint32_t)QUICK_NONE) {
+        d.quick = (uint32_t)QUICK_ASKED;
     }
 }
 
@@ -234,31 +230,31 @@ static void count_missing(void)
 }
 
 /* The word of CiA 402's state. */
-static uint32_t drive_state(void)
+static power_t drive_state(void)
 {
     if (d.state == STATE_STOP) {
-        return 0x40u;
+        return POWER_SWITCH_ON_DISABLED;
     }
     if (d.state == STATE_FAULT) {
-        return ((d.gain <= 0.0) && settled()) ? 0x08u : 0x0Fu;
+        return ((d.gain <= 0.0) && settled()) ? POWER_FAULT : POWER_FAULT_REACTION_ACTIVE;
     }
     if (d.state == STATE_INIT) {
-        return 0u;
+        return POWER_NOT_READY;
     }
     if (d.pace > 0.0) {
-        return 0x07u;
+        return POWER_QUICK_STOP_ACTIVE;
     }
     if (d.state == STATE_READY) {
-        return 0x21u;
+        return POWER_READY_TO_SWITCH_ON;
     }
-    return (d.gain >= 1.0) ? 0x27u : 0x23u;
+    return (d.gain >= 1.0) ? POWER_OPERATION_ENABLED : POWER_SWITCHED_ON;
 }
 
 static void tell(void)
 {
-    uint32_t word = drive_state();
-    word |= (d.state == STATE_HOLD) ? 0x80u : 0u;
-    word |= (rig.supervisor.saturated != 0.0) ? 0x800u : 0u;
+    uint32_t word = (uint32_t)drive_state();
+    word |= (d.state == STATE_HOLD) ? WARNING : 0u;
+    word |= (rig.supervisor.saturated != 0.0) ? LIMITED : 0u;
     rig.supervisor.state = (double)(uint32_t)d.state;
     rig.supervisor.fault = (double)d.fault;
     rig.supervisor.gain = d.gain;
@@ -289,7 +285,7 @@ static void supervise(void)
     if ((before == STATE_READY) && !ramps) {
         d.pace = 0.0;
     }
-    if (ramps && ((d.pace == 0.0) || (d.quick == (uint32_t)ASKED))) {
+    if (ramps && ((d.pace == 0.0) || (d.quick == (uint32_t)QUICK_ASKED))) {
         begin_ramp();
     }
     if (DOES[before].ramps || (asked && !leave)) {
@@ -306,12 +302,12 @@ static void supervise(void)
 
 static void note_repeat(void)
 {
-    if ((d.repeats == 0u) || ((d.passes - d.repeats_since) >= REPEAT_PASSES)) {
+    if ((d.repeats == 0u) || ((d.passes - d.repeats_since) >= REPEATED_CYCLES)) {
         d.repeats_since = d.passes;
         d.repeats = 0u;
     }
     d.repeats += 1u;
-    if ((d.repeats >= MOST_REPEATS) && (d.fault == (uint32_t)FAULT_NONE)) {
+    if ((d.repeats >= REPEATED_FRAMES) && (d.fault == (uint32_t)FAULT_NONE)) {
         d.fault = (uint32_t)FAULT_REPEATED_INPUT;
     }
 }

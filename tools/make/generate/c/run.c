@@ -5,7 +5,6 @@
 #include "supervisor.h"
 
 #define GREET_MS 20u
-#define PATIENCE_MS 5000u
 
 static int32_t hear(uint32_t wait_ms)
 {

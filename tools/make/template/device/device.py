@@ -25,7 +25,7 @@ PERIOD_S, HEARTBEAT_EVERY = 1e-3, 100  # of rig.yaml; in cycles, of the DBC file
 READY, RUN = 1, 2  # CMD.mode
 NMT = {READY: 127, RUN: 5}  # heartbeats
 STOPPED = 4
-GREET_S, PATIENCE_S, MOST_LOST = 0.02, 5.0, 4
+GREET_S, PATIENCE_S, MAX_DELTA = 0.02, 5.0, 4
 STEP_RAD, STEP_AT = 3.0, 100  # the reference of rig.yaml; its cycle
 
 
@@ -121,7 +121,7 @@ class Device:
             counter = int(told["counter"])
             delta = (counter - self.counter) % 16 if self.counter >= 0 else 1
             self.counter = counter
-            if 1 <= delta <= MOST_LOST:
+            if 1 <= delta <= MAX_DELTA:
                 self.encoder_rad, self.fresh = float(told["encoder"]), True
 
     # A run
