@@ -1,6 +1,6 @@
 """Fuzz every reader for a time: `python -m tests.fuzz --minutes 60`.
 
-Of eight cases five are logs, two DBC files and one is a recording (BLF, ASC, candump, CSV, TRC).
+Of eight cases five are logs, two DBC files, one is a recording (BLF, ASC, candump, CSV, TRC, MDF).
 
 A worker tries cases by number in bounded memory; what kills it or holds it up is a finding as well.
 A case is tried again by `--case N`; the file that did it is kept in the folder `--keep`.
@@ -19,7 +19,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 MEMORY_BYTES = 6 << 30  # of address space: numba and numpy map a good part of it
-RECORDINGS = (".blf", ".asc", ".log", ".csv", ".trc")
+RECORDINGS = (".blf", ".asc", ".log", ".csv", ".trc", ".mf4")
 ROOT = Path(__file__).resolve().parents[2]
 
 

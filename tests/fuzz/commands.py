@@ -46,6 +46,7 @@ def lines_of(log: Path, other: Path, out: Path) -> dict[str, list[str]]:
         "blf": ["log", "export", a, "-o", str(out / "o.blf"), *quiet],
         "asc": ["log", "export", a, "-o", str(out / "o.asc"), *quiet],
         "parquet": ["log", "export", a, "-o", str(out / "o.parquet"), *quiet],
+        "mf4": ["log", "export", a, "-o", str(out / "o.mf4"), *quiet],
         "plot": ["log", "plot", a, "-o", str(out / "o.png"), *quiet],
         "plot some": ["log", "plot", a, b, "*.position", "-o", str(out / "p.svg"), *quiet],
         "report": ["report", a, "-o", str(out / "r.html"), *quiet],
@@ -56,7 +57,7 @@ def lines_of(log: Path, other: Path, out: Path) -> dict[str, list[str]]:
 
 FAST = ("info", "info json", "cat", "cat all", "cat frames", "cat frames csv", "cat plant", "diff",
         "diff back", "recover", "csv", "candump", "blf", "asc")  # fmt: skip
-SLOW = ("parquet", "plot", "plot some", "report", "replay", "replay json")
+SLOW = ("parquet", "mf4", "plot", "plot some", "report", "replay", "replay json")
 
 
 def tried(words: list[str], out: Path) -> Finding | None:

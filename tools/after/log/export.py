@@ -243,7 +243,8 @@ def _write_mf4(job: _Job) -> dict[str, int]:
     table = _table(job, columns) if columns else []
     nodes = [topics[topic][0] for topic in chosen if topics[topic][1] == "can/frames"]
     entries = sorted(_entries(job, chosen), key=lambda entry: entry[0])
-    content = mdf.Content(series.start_ns(job.log), table, *_frames(job, nodes), entries)
+    zero_ns = max(0, series.start_ns(job.log))
+    content = mdf.Content(zero_ns, table, *_frames(job, nodes), entries)
     counts = {
         "rows": len(table[0][3]) if table else 0,
         "frames": len(content.frames),

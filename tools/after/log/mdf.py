@@ -10,7 +10,6 @@ Times are s since the log's t = 0, float64; those of markers whole ns. The heade
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC
 from pathlib import Path
 from typing import Any
 
@@ -105,10 +104,3 @@ class Content:
         event = EventBlock(event_type=_MARKER, flags=0, sync_base=since_ns, sync_factor=1e-9)
         event.name, event.comment = entry_text(text), json.dumps({"topic": topic, **text})
         return event
-
-
-def start_ns(header: Any) -> int:
-    """Return the wall time of t = 0 of a file with this header, which may be in the local zone."""
-    start = header.start_time
-    zone_s = 0.0 if start.tzinfo else start.timestamp() - start.replace(tzinfo=UTC).timestamp()
-    return int(header.abs_time) + round(zone_s) * 10**9

@@ -13,13 +13,16 @@ A damaged file can make python-can loop for ever, or unpack without end: it may 
 computing without a frame, unpack to 200 times its size, and hold a frame for each of its bytes.
 """
 
+import gc
 import gzip
 import logging
 import math
+import sys
 import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +34,6 @@ from pcpc.drivers.can.wire_layout import LENGTHS, flags_of
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import mdf
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
@@ -44,6 +46,7 @@ _STEP = 20_000  # frames from one look at the progress to the next
 _ERROR_FRAME = 0x20000000  # in the id of a candump line
 _STALL_S = 10.0
 _UNPACKED, _UNPACKED_PER_BYTE, _FRAMES = 16 << 20, 200, 1000
+_BUS_EVENT, _BUS = 2, ("CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame")  # of MDF
 _BLF_OBJECT, _BLF_CONTAINER, _BLF_ZLIB = 16, 10, 2  # size of a head; a kind; a method
 _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apart
 
@@ -86,7 +89,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
 
     if not path.is_file():
         raise LogCommandError(f"{path}: no such file; give a .log, .blf, .asc or .mf4 file")
-    if ".mf4" in (suffix.lower() for suffix in path.suffixes):
+    if _kind(path) == ".mf4":
         need("MDF needs", "asammdf")
     logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
     counted, number = _Counted(channel), 0
@@ -103,6 +106,8 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     except StalledError:
         what = f"python-can hangs after frame {number}: the file is damaged there"
         raise LogCommandError(f"{path}: {what}; give the whole recording") from None
+    except LogCommandError:
+        raise
     except NotImplementedError as error:  # a reader that needs another package
         raise LogCommandError(f"{path}: {error}", Exit.ENVIRONMENT) from None
     except OSError as error:
@@ -118,6 +123,15 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     return counted.result(path)
 
 
+def _kind(path: Path) -> str:
+    """Return the suffix, of a compressed file that before .gz."""
+    return Path(path.stem if path.suffix == ".gz" else path.name).suffix.lower()
+
+
+def _opened(path: Path) -> Any:
+    return gzip.open(path) if path.suffix == ".gz" else path.open("rb")
+
+
 def _check_unpacked(path: Path) -> None:
     """Raise ValueError for a compressed file that unpacks to more than a recording can hold."""
     most = _UNPACKED + _UNPACKED_PER_BYTE * path.stat().st_size
@@ -127,9 +141,9 @@ def _check_unpacked(path: Path) -> None:
             while data := file.read(1 << 20):
                 if (most := most - len(data)) < 0:
                     raise ValueError("it unpacks to more than 200 times its size")
-    if Path(path.stem if packed else path.name).suffix.lower() != ".blf":
+    if _kind(path) != ".blf":
         return
-    with gzip.open(path) if packed else path.open("rb") as blf:
+    with _opened(path) as blf:
         head = blf.read(8)
         blf.seek(int.from_bytes(head[4:8], "little"))
         while (head := blf.read(_BLF_OBJECT))[:4] == b"LOBJ":
@@ -157,6 +171,9 @@ def _messages(path: Path) -> Iterator[tuple["Message", int]]:
     """Yield messages with their stamps in ns; whatever python-can raises."""
     import can
 
+    if _kind(path) == ".mf4":
+        yield from _mdf_messages(path)
+        return
     reader: Any = can.LogReader(path)
     if isinstance(reader, can.CanutilsLogReader):
         reader.file = lines = _Candump(reader.file)  # type: ignore[assignment]
@@ -171,13 +188,69 @@ def _messages(path: Path) -> Iterator[tuple["Message", int]]:
         start_ns, reader.start_timestamp = round(1e3 * reader.start_timestamp) * 10**6, 0.0
     elif isinstance(reader, can.ASCReader):
         start_ns = _asc_start_ns(path)
-    elif isinstance(reader, can.MF4Reader):
-        start_ns, reader._start_timestamp = mdf.start_ns(reader._mdf.header), 0.0
     elif isinstance(reader, can.SqliteReader):  # signals do not reach a query; this does
         calls = iter(range(path.stat().st_size))
         vars(reader)["_conn"].set_progress_handler(lambda: next(calls, None) is None, 1000)
     for message in reader:
         yield message, start_ns + _to_ns(message.timestamp)
+
+
+class _Damage(logging.Handler):
+    """Makes an error of what asammdf warns about and leaves out, but for attachments."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage().partition("Traceback")[0]
+        if "ttach" not in text:
+            raise ValueError(text)
+
+
+def _mdf_messages(path: Path) -> Iterator[tuple["Message", int]]:
+    """Yield messages of bus logging; ValueError if some are missing, or whatever is raised."""
+    found = declared = 0
+    most = _UNPACKED + _UNPACKED_PER_BYTE * path.stat().st_size
+    with _opened(path) as file, _mdf_reader(file) as reader:
+        version = reader._mdf.version
+        for group in reader._mdf.groups if version >= "4" else ():
+            head = group.channel_group
+            if head.flags & _BUS_EVENT and any(str(c.name) in _BUS for c in group.channels):
+                declared += head.cycles_nr
+                most -= sum(block.original_size or 0 for block in group.data_blocks)
+        if not declared:
+            what = f"MDF {version} without bus logging of CAN; give one with it"
+            raise LogCommandError(f"{path}: {what}")
+        if most < 0:
+            raise ValueError("it unpacks to more than 200 times its size")
+        start_ns, reader._start_timestamp = _mdf_start_ns(reader._mdf.header), 0.0
+        for message in reader:
+            found += 1
+            yield message, start_ns + _to_ns(message.timestamp)
+    if found != declared:
+        raise ValueError(f"{found} of {declared} frames")
+
+
+def _mdf_reader(file: Any) -> Any:
+    """Return python-can's reader; ValueError says in a line why there is none."""
+    import asammdf  # sets up its log
+    import can
+
+    log = logging.getLogger(asammdf.__name__)
+    log.setLevel(logging.WARNING)
+    log.handlers = [_Damage()]
+    try:
+        return can.MF4Reader(file)
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    gc.collect()  # an MDF that was not read prints a traceback as it is deleted
+    sys.unraisablehook = hook
+    raise ValueError(reason)
+
+
+def _mdf_start_ns(header: Any) -> int:
+    """Return the wall time of t = 0, which may be in the local zone."""
+    start = header.start_time
+    zone_s = 0.0 if start.tzinfo else start.timestamp() - start.replace(tzinfo=UTC).timestamp()
+    return int(header.abs_time) + round(zone_s) * 10**9
 
 
 def _asc_start_ns(path: Path) -> int:

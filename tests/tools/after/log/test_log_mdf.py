@@ -1,12 +1,16 @@
 """`pcpc log export` and `import` of MDF 4: others read what the log holds, we read theirs."""
 
 import csv
+import gc
 import json
+import re
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import can
+import canedge
 import numpy as np
 import pytest
 from asammdf import MDF, Signal
@@ -169,6 +173,23 @@ def test_a_recording_of_python_can_is_imported(tmp_path: Path) -> None:
     assert off < 2e-6, f"a stamp is off by {off} s"
 
 
+def test_a_recording_of_a_canedge_that_lost_its_power_is_imported(tmp_path: Path) -> None:
+    sent = [(20 * i, (0x120, 0x12345)[i % 2], i % 2 == 1, i % 3 == 0, bytes(range(i % 9)))
+            for i in range(2500)]  # fmt: skip
+    canedge.write(tmp_path / "ce.mf4", sent)
+    done = run("import", tmp_path / "ce.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap", "--json")
+    assert done.code == 0 and json.loads(done.out)["channels"] == {"1": 2500}, done
+    frames = logs.read(tmp_path / "i.mcap").node["executive"].frames
+    found = [
+        ((int(f["stamp_ns"]) - canedge.START_NS) // 50_000, int(f["id"]) & 0x1FFFFFFF,
+         bool(f["id"] >> 31), not f["direction"], f["data"][: f["dlc"]].tobytes())
+        for f in frames
+    ]  # fmt: skip
+    assert found == sent, next(pair for pair in zip(found, sent, strict=True) if pair[0] != pair[1])
+    leftovers = list(Path(tempfile.gettempdir()).glob("*_ce.mf4"))
+    assert not leftovers, leftovers
+
+
 def test_a_missing_asammdf_is_named_with_its_cure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,9 +199,45 @@ def test_a_missing_asammdf_is_named_with_its_cure(
     assert done.code == 4 and done.err.startswith("MDF needs asammdf: "), done
 
 
-def test_a_measurement_without_bus_logging_is_refused(tmp_path: Path) -> None:
-    with MDF() as file:
+def refused(path: Path) -> str:
+    """Import what cannot be; return the one line that is said."""
+    done = run("import", path, "--dbc", DBC, "-o", path.with_name("i.mcap"))
+    assert done.code == 2 and done.out == "" and done.err.count("\n") == 1, done
+    assert str(path) in done.err and not path.with_name("i.mcap").exists(), done
+    return done.err
+
+
+@pytest.mark.parametrize("version", ["3.30", "4.10"])
+def test_a_measurement_without_bus_logging_is_refused(version: Any, tmp_path: Path) -> None:
+    with MDF(version=version) as file:
         file.append(Signal(np.arange(3.0), np.arange(3.0), name="speed"))
-        file.save(tmp_path / "a.mf4")
-    done = run("import", tmp_path / "a.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap")
-    assert done.code == 2 and "no CAN frame" in done.err and done.err.count("\n") == 1, done
+        saved = file.save(tmp_path / "a.dat")
+    saved.rename(tmp_path / "a.mf4")
+    assert "without bus logging of CAN" in refused(tmp_path / "a.mf4")
+
+
+@pytest.mark.parametrize("kind", ["empty", "foreign", "cut", "half a block", "frames", "link"])
+def test_damage_is_one_line_without_a_traceback(
+    kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = exported(tmp_path)
+    data = bytearray(path.read_bytes())
+    groups = [at.start() for at in re.finditer(b"##CG", data)]
+    block = data.index(b"##DZ")
+    if kind == "frames":  # more are declared than there are
+        data[groups[-1] + 80 : groups[-1] + 88] = (10**6).to_bytes(8, "little")
+    elif kind == "link":
+        data[groups[0] + 24 : groups[0] + 32] = (1 << 40).to_bytes(8, "little")
+    else:
+        data = {"empty": b"", "foreign": b"MDF? no, a text\n" * 99, "cut": data[: len(data) // 2],
+                "half a block": data[: block + 99]}[kind]  # fmt: skip
+    path.write_bytes(data)
+    said = refused(path)
+    gc.collect()
+    assert "damaged after" in said and "Traceback" not in said + "".join(capfd.readouterr()), said
+
+
+def test_what_unpacks_without_end_is_not_unpacked(tmp_path: Path) -> None:
+    frames = np.zeros(4_000_000, logs.FRAME)
+    path = written(odd_log(frames), tmp_path / "bomb.mf4")
+    assert "unpacks to more than 200 times" in refused(path), path.stat().st_size
