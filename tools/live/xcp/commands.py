@@ -37,7 +37,19 @@ def beside(add: Add) -> None:
     )
 
 
+def in_c(add: Add) -> None:
+    """Take the slave of a device in C."""
+    add(
+        "--xcp",
+        nargs="?",
+        const="0x7E0,0x7E1",
+        metavar="ID,ID",
+        help="--device: an XCP slave on CAN, its two ids; default: %(const)s",
+    )
+
+
 BESIDE_RUN = beside
+BESIDE_C = in_c
 COMMANDS = (
     Command(
         "xcp", "a running node as an XCP slave", "pcpc xcp executive --udp 5555", xcp,

@@ -49,6 +49,7 @@ class Err(IntEnum):
     CMD_SYNTAX = 0x21
     OUT_OF_RANGE = 0x22
     WRITE_PROTECTED = 0x23
+    ACCESS_DENIED = 0x24
     ACCESS_LOCKED = 0x25
     MODE_NOT_VALID = 0x27
     SEQUENCE = 0x29

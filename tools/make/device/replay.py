@@ -41,6 +41,8 @@ class DeviceComparison:
         self.below, self.role = Below(rig), rig.config.below[0]  # the node whose record it is
         self.recorded = Assembler([])
         self.replay = Replay(rig, "executive", "lockstep", [])
+        names = [one.name for one in self.replay.plan.table.variables]
+        self._schedule = [(k, names[place], value) for k, place, value in self.replay.plan.schedule]
         heard = [frame for _, frame in self.below.heard]
         self._heard = [frame.can_id for frame in heard]
         self._beats = [frame.can_id for frame in heard if messages.is_heartbeat(frame)]
@@ -75,7 +77,9 @@ class DeviceComparison:
         rows[:, :HEAD] = part.rows[:, :HEAD]
         rows[:, PASSES] = rows[:, K]
         rows[:, HEAD:] = np.array(list(_ASSUMED.values())).view(np.int64)
-        done = self.replay.advance(Slice(rows, samples, []), list(_ASSUMED))
+        first, last = part.rows[0, K], part.rows[-1, K]
+        tunings = [one for one in self._schedule if first <= one[0] <= last]
+        done = self.replay.advance(Slice(rows, samples, tunings), list(_ASSUMED))
         self._ended = len(done.values) < len(rows)
         sent = done.sent[np.isin(done.sent["id"], self._heard)]
         self._computed = np.concatenate((self._computed, sent))

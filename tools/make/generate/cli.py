@@ -28,6 +28,7 @@ from pcpc.tools.make.generate.words import identifier
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
 
 _INTERPRETED = """
 import sys
@@ -49,10 +50,16 @@ def command(options: argparse.Namespace) -> int:
     if options.device and options.single:
         what = "a device's frames are packed in double; leave out --device or --single"
         raise UserError(what)
-    files = device(rig) if options.device else rig_files(rig, in_single=options.single)
+    xcp = getattr(options, "xcp", None)
+    if xcp is not None and not options.device:
+        raise UserError("--xcp is of a device; give --device too")
+    files = device(rig, xcp) if options.device else rig_files(rig, in_single=options.single)
     folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
     if options.output or options.device or not (options.check or options.cost):
         _write_files(files, folder)
+    if xcp is not None:
+        lacking = part_of("live/xcp", "firmware").absent(files)
+        print("\n".join(screen.wrapped(" ".join(lacking), "not in the device: ", "  ")))
     names = [options.controller] if options.controller else list(rig.config.controllers)
     if options.cost:
         given = options.set, options.cycles, options.single, progress

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.rooms import offers
 
 
 def c(add: Add) -> None:
@@ -45,6 +46,8 @@ def c(add: Add) -> None:
         metavar="N",
         help="--check, --cost: number of cycles; default: %(default)s",
     )
+    for more in offers("BESIDE_C"):
+        more(add)
     take.quiet(add, "-q")
 
 

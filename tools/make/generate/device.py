@@ -18,6 +18,7 @@ from pcpc.tools.make.generate import declared, frames, rig_source
 from pcpc.tools.make.generate.long_frames import with_long_frames
 from pcpc.tools.make.generate.rig_source import DeviceWiring
 from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.terminal.rooms import part_of
 
 _FIXED = resources.files("pcpc.tools.make.generate") / "c"
 _SAME = (  # for all rigs
@@ -27,8 +28,11 @@ _SAME = (  # for all rigs
 )  # fmt: skip
 
 
-def device(rig: Rig) -> dict[str, str]:
-    """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
+def device(rig: Rig, xcp: str | None = None) -> dict[str, str]:
+    """Return the files of a rig's device by name; RigError for what a device in C cannot do.
+
+    `xcp`: the two ids of its XCP slave, None: without one.
+    """
     _check(rig)
     # faults on purpose are the executive's, not the device's
     made = plan(rig.changed(faults={}, losses={}), "executive", "lockstep")
@@ -48,6 +52,9 @@ def device(rig: Rig) -> dict[str, str]:
         if taken := sorted(law.keys() & files):
             raise RigError(f"{spec.where()}: {spec.name}: {taken[0]} is another file; rename it")
         files |= law
+    if xcp is not None:
+        places = [(one, wiring.held(i)) for i, one in enumerate(made.table.variables)]
+        files = part_of("live/xcp", "firmware").with_xcp(files, rig, places, xcp)
     return dict(sorted(files.items()))
 
 

@@ -48,6 +48,10 @@ class DeviceWiring(Wiring):
             return f"rig.{group}.{identifier(frame)}.{identifier(signal)}"
         return f"0.0 /* {comment(name)} */"
 
+    def held(self, place: int) -> str:
+        """Return the expression of a variable that a device holds, "" for another one."""
+        return "" if self.at(place).startswith("0.0 ") else self.at(place)
+
 
 _HEADER = Template("""\
 /* The rig $rig: $title. */
