@@ -364,7 +364,7 @@ static uint32_t obey(const uint8_t *c, uint32_t n)
         return ((x.left == 0u) || (c[1] != x.left)) ? ERR_SEQUENCE : take(c, n);
     case CMD_FREE_DAQ:
         return free_daq();
-    case CMD_ALLOC_DAQ:
+    case CMD_ALLOC_DAQ: /* one list, without a packet yet */
         return alloc(LISTED, &daq.odts, number_at(&c[2], 2u) - 1u, 0u);
     case CMD_ALLOC_ODT:
         return alloc(WITH_ODTS, &daq.odts, c[4], XCP_ODTS);
