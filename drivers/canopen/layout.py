@@ -156,7 +156,7 @@ DRIVE = np.dtype(
         ("place_velocity", "<i8"),
         ("place_command", "<i8"),
         ("place_gains", "<i8"),  # three
-        ("place_seen", "<i8"),  # the first of what is seen, see `executive.loop.canopen_drive`
+        ("place_seen", "<i8"),  # the first of what is seen, see `executive.loop.plant_drive`
         ("rate_hz", "<f8"),
         ("rated", "<f8"),  # the command at 100 %
         ("position_scale", "<f8"),  # increments to the unit of the position

@@ -1,6 +1,6 @@
 """The plant's drive, planned: its variables, its frames, its dictionary, installed.
 
-Of CiA 402; what is another dialect's stands in `executive.nodes.planned_robot`.
+What is a robot's dialect's stands in `executive.nodes.planned_robot`.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,10 @@ from pcpc.drivers.canopen import eds_file, objects
 from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.robots.layout import Dialect
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.log.run_counts import DRIVEN
-from pcpc.executive.loop import robot_drive
-from pcpc.executive.loop.canopen_drive import SEEN, hear_drive, speak_drive, work_drive
+from pcpc.executive.loop import plant_drive
 from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.loop.shared import LOOP
 from pcpc.executive.loop.table import Table, Variable
@@ -33,6 +33,40 @@ _SYNC, _ID = 0x080, 0x7FF
 _HIGHEST_GAIN = 1e9
 _NODES, _SCALE = range(1, 128), 1000.0
 CIA402 = "cia402"
+
+
+def _ids(node: int, start: Any) -> set[int]:
+    rows = [i * RPDO_ROWS for i in range(PDOS)] + [FIRST_TPDO + i * TPDO_ROWS for i in range(PDOS)]
+    found = {start[row + COB_ID] & _ID for row in rows}
+    return found | {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
+
+
+def _spoken_ids(node: int, start: Any) -> set[int]:
+    found = {base + node for base in (_SYNC, 0x580, 0x600, 0x700)}
+    cob_ids = [start[FIRST_TPDO + i * TPDO_ROWS + COB_ID] for i in range(PDOS)]
+    return found | {one & _ID for one in cob_ids if not one & objects.NOT_VALID}
+
+
+def _names(node: int, start: Any) -> dict[int, str]:
+    found = {0: "NMT", _SYNC: "SYNC", _SYNC + node: "EMCY", 0x700 + node: "heartbeat"}
+    found |= {0x580 + node: "SDO answer", 0x600 + node: "SDO request"}
+    for i in range(PDOS):
+        for word, row in (("RPDO", i * RPDO_ROWS), ("TPDO", FIRST_TPDO + i * TPDO_ROWS)):
+            found[start[row + COB_ID] & _ID] = f"{word}{i + 1}"
+    return found
+
+
+KINDS = planned_robot.KINDS | {
+    CIA402: planned_robot.Kind(Dialect.NONE, _NODES, (), _SCALE, _ids, _spoken_ids, _names)
+}
+
+
+def starts(rig: Rig, role: Role) -> Any:
+    """Return the drive's settings at the start, of CiA 402 by row, else by name; RigError."""
+    drive = rig.config.drives[role]
+    if drive.profile == CIA402:
+        return [one.start for one in dictionary_of(rig, role)]
+    return {one.name: one.start for one in planned_robot.settings_of(rig, drive)}
 
 
 def drive_of(rig: Rig, role: Role) -> Drive | None:
@@ -81,21 +115,14 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     drive = drive_of(rig, role)
     if drive is None:
         return found
-    if drive.profile != CIA402:
-        own, fd = planned_robot.own_ids(rig, drive), drive.profile in FD_PROFILES
-        for frame in found:
-            if frame.can_id in own and frame.fd >= fd:
-                what = (
-                    f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
-                )
-                raise rig.error(f"{role}.drive.node", what)
-        return found
-    every, node = dictionary_of(rig, role), drive.node
-    rows = [i * RPDO_ROWS + COB_ID for i in range(PDOS)]
-    rows += [FIRST_TPDO + i * TPDO_ROWS + COB_ID for i in range(PDOS)]
-    own = {every[row].start & _ID for row in rows}
-    own |= {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
-    return [frame for frame in found if frame.can_id not in own]
+    own, fd = KINDS[drive.profile].ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
+    if drive.profile == CIA402:
+        return [frame for frame in found if frame.can_id not in own]
+    for frame in found:
+        if frame.can_id in own and frame.fd >= fd:
+            what = f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
+            raise rig.error(f"{role}.drive.node", what)
+    return found
 
 
 def check_senders(rig: Rig, database: dbc.Database) -> None:
@@ -114,14 +141,9 @@ def check_senders(rig: Rig, database: dbc.Database) -> None:
 def _spoken_ids(rig: Rig, role: Role) -> set[int]:
     """Return the ids that a drive sends, and those by which it alone is meant."""
     drive = drive_of(rig, role)
-    if drive is None:
-        return set()
-    if drive.profile != CIA402:
-        return planned_robot.spoken_ids(rig, drive)
-    start = [one.start for one in dictionary_of(rig, role)]
-    found = {base + drive.node for base in (_SYNC, 0x580, 0x600, 0x700)}
-    cob_ids = [start[FIRST_TPDO + i * TPDO_ROWS + COB_ID] for i in range(PDOS)]
-    return found | {one & _ID for one in cob_ids if not one & objects.NOT_VALID}
+    return (
+        set() if drive is None else KINDS[drive.profile].spoken_ids(drive.node, starts(rig, role))
+    )
 
 
 def names(rig: Rig, role: Role) -> dict[str, str]:
@@ -129,15 +151,7 @@ def names(rig: Rig, role: Role) -> dict[str, str]:
     drive = drive_of(rig, role)
     if drive is None:
         return {}
-    if drive.profile != CIA402:
-        found = planned_robot.names(rig, drive)
-    else:
-        node, every = drive.node, dictionary_of(rig, role)
-        found = {0: "NMT", _SYNC: "SYNC", _SYNC + node: "EMCY", 0x700 + node: "heartbeat"}
-        found |= {0x580 + node: "SDO answer", 0x600 + node: "SDO request"}
-        for i in range(PDOS):
-            for word, row in (("RPDO", i * RPDO_ROWS), ("TPDO", FIRST_TPDO + i * TPDO_ROWS)):
-                found[every[row + COB_ID].start & _ID] = f"{word}{i + 1}"
+    found = KINDS[drive.profile].names(drive.node, starts(rig, role))
     known = {message.frame_id for message in database_of(rig).messages}
     shown = {number: name for number, name in found.items() if number not in known}
     return {
@@ -170,13 +184,13 @@ def add_variables(
             name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False
         ))  # fmt: skip
     gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
-    planned_robot.settings_of(rig, drive) if drive.profile != CIA402 else dictionary_of(rig, role)
+    starts(rig, role)
     return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
 
 
 def seen(drive: Drive) -> Sequence[tuple[str, str, str]]:
     """Return what the table shows of a drive: name, unit (or whose), meaning."""
-    return SEEN if drive.profile == CIA402 else robot_drive.SEEN
+    return plant_drive.SEEN if drive.profile == CIA402 else plant_drive.SEEN_ROBOT
 
 
 def _measured(rig: Rig, table: Table, key: str, name: str) -> str:
@@ -214,12 +228,12 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
     d, index = loop.canopen, table.index
     node = structure(LOOP)
     if drive.profile == CIA402:
-        hooks = (hear_drive, work_drive, speak_drive)
+        hooks = plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive
         objects.install(d, drive.node, dictionary_of(rig, role))
         d.position_scale = drive.scale.position or _SCALE
         d.velocity_scale = drive.scale.velocity or _SCALE
     else:
-        hooks = planned_robot.HOOKS
+        hooks = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
         planned_robot.install_robot(loop, rig, drive)
     d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
     d.rate_hz, d.rated = rig.config.rate_hz, drive.rated

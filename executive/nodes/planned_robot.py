@@ -1,47 +1,62 @@
-"""The plant's drive in a robot's dialect, planned: its settings, its ids, its hooks."""
+"""The plant's drive in a robot's dialect, planned: its settings, its ids, its names."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
 from pcpc.drivers.robots.layout import Dialect
-from pcpc.executive.loop.robot_drive import hear_robot, speak_robot, work_robot
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 
-HOOKS = hear_robot, work_robot, speak_robot
+Starts = Mapping[str, float]
 
 
 class Kind(NamedTuple):
-    """A dialect: its number, the highest node, its settings, its scale, and the ids of a node.
+    """A dialect: its number, its nodes, its settings, its scale; of a node and these its ids.
 
-    `first`: the lowest node.
+    `spoken_ids`: those that no other drive on its bus may have; a master's orders may be to many.
+    `names`: what its frames are called, by id.
     """
 
     dialect: Dialect
-    nodes: int
+    nodes: range
     settings: Sequence[settings.Setting]
     scale: float
-    ids: Callable[[int], set[int]]
-    first: int = 0
+    ids: Callable[[int, Starts], set[int]]
+    spoken_ids: Callable[[int, Starts], set[int]]
+    names: Callable[[int, Starts], dict[int, str]]
+
+
+def _odrive_ids(node: int, _: Starts) -> set[int]:
+    return {node << 5 | command for command in range(32)}
+
+
+def _mit_ids(node: int, starts: Starts) -> set[int]:
+    return {node, 0x100 + node, 0x200 + node, 0x300 + node, int(starts["MST_ID"])}
 
 
 KINDS = {
     "odrive": Kind(
-        Dialect.ODRIVE, odrive.NODES - 1, odrive_settings.SETTINGS, 0.5 / math.pi,
-        lambda node: {node << 5 | command for command in range(32)},
+        Dialect.ODRIVE, range(odrive.NODES), odrive_settings.SETTINGS, 0.5 / math.pi,
+        _odrive_ids, _odrive_ids,
+        lambda node, _: {node << 5 | one: one.name.lower() for one in odrive_settings.Command},
     ),
     "mit": Kind(
-        Dialect.MIT, mit.NODES - 1, mit.SETTINGS, 1.0,
-        lambda node: {node, 0x100 + node, 0x200 + node, 0x300 + node, mit.REGISTERS},
+        Dialect.MIT, range(mit.NODES), mit.SETTINGS, 1.0,
+        lambda node, starts: _mit_ids(node, starts) | {mit.REGISTERS}, _mit_ids,
+        lambda node, starts: {
+            node: "MIT", 0x100 + node: "position", 0x200 + node: "velocity",
+            int(starts["MST_ID"]): "feedback", mit.REGISTERS: "register",
+        },
     ),
     "moteus": Kind(
-        Dialect.MOTEUS, moteus.NODES - 1, moteus_registers.SETTINGS, 0.5 / math.pi,
-        lambda node: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
-                      for asks in (0, 1) for whom in (node, moteus.NODES)}
+        Dialect.MOTEUS, range(1, moteus.NODES), moteus_registers.SETTINGS, 0.5 / math.pi,
+        lambda node, _: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
+                         for asks in (0, 1) for whom in (node, moteus.NODES)}
         | {node << 8 | whom for whom in range(128)},
-        first=1,
+        lambda node, _: {node << 8 | whom for whom in range(128)} | {node},
+        lambda node, _: {},
     ),
 }  # fmt: skip
 
@@ -49,8 +64,8 @@ KINDS = {
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
     kind, at = KINDS[drive.profile], rig.config.key_of(drive)
-    if not kind.first <= drive.node <= kind.nodes:
-        what = f"{drive.node} is not one of {kind.first} to {kind.nodes}"
+    if drive.node not in kind.nodes:
+        what = f"{drive.node} is not one of {kind.nodes[0]} to {kind.nodes[-1]}"
         raise rig.error(f"{at}.node", what)
     if drive.eds is not None:
         raise rig.error(f"{at}.eds", f"{drive.profile} has no EDS; leave it out")
@@ -59,33 +74,6 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
         return settings.started(kind.settings, starts)
     except ValueError as error:
         raise rig.error(f"{at}.objects", str(error)) from None
-
-
-def own_ids(rig: Rig, drive: Drive) -> set[int]:
-    """Return the ids that are the drive's."""
-    values = {one.name: one.start for one in settings_of(rig, drive)}
-    master = {int(values["MST_ID"])} if drive.profile == "mit" else set()
-    return KINDS[drive.profile].ids(drive.node) | master
-
-
-def spoken_ids(rig: Rig, drive: Drive) -> set[int]:
-    """Return those that no other drive on its bus may have; a master's orders may be to many."""
-    if drive.profile == "mit":
-        return own_ids(rig, drive) - {mit.REGISTERS}
-    if drive.profile == "moteus":
-        return {drive.node << 8 | whom for whom in range(128)} | {drive.node}
-    return own_ids(rig, drive)
-
-
-def names(rig: Rig, drive: Drive) -> dict[int, str]:
-    """Return what the drive's frames are called, by id."""
-    if drive.profile == "odrive":
-        return {drive.node << 5 | one: one.name.lower() for one in odrive_settings.Command}
-    if drive.profile == "mit":
-        values = {one.name: one.start for one in settings_of(rig, drive)}
-        found = {drive.node: "MIT", 0x100 + drive.node: "position", 0x200 + drive.node: "velocity"}
-        return found | {int(values["MST_ID"]): "feedback", mit.REGISTERS: "register"}
-    return {}
 
 
 def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:

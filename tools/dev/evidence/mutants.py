@@ -106,8 +106,8 @@ ELSEWHERE = {  # modules of the loop without mutants, and why
     "clock": "what late cycles lead to is judged in supervisor, which has mutants",
     "cycle": "the order of its stages alone", "stepping": "calls the blocks",
     "drive": "a word for others; no command depends on it",
-    "canopen_drive": "carries between the loop and drivers.canopen, whose tests name each bit",
-    "robot_drive": "the same for drivers.robots",
+    "plant_drive": "carries between the loop and drivers.canopen, drivers.robots, whose tests name"
+                   " each bit",
     "exchange": "the order of virtual time alone", "over_line": "the order of virtual time alone",
     "rings": "carries to the recorder", "timing": "measures",
     "sending": "what it sends is limited, packed and protected by functions that have mutants",

@@ -1,0 +1,224 @@
+"""The plant's drive, on CANopen or in a robot's dialect: its place in a cycle.
+
+    reception   each frame goes by the drive first; its answer is sent at once
+    before      the blocks are stepped: states and loops, from the last sample to the command
+    after       they were: the new sample, and what the drive sends by itself
+
+What it does stands in `drivers.canopen` and `drivers.robots`. The loop calls these by their
+addresses, so that a rig without a drive need not compile them. SYNC and heartbeats of other nodes
+are also the node's own, where its DBC file has them.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.can import codec
+from pcpc.drivers.can.e2e_states import FrameState
+from pcpc.drivers.canopen import layout as canopen
+from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.motion import measure
+from pcpc.drivers.canopen.node import Whose, hear, speak, work
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.structures import copy
+from pcpc.drivers.robots import layout as robots
+from pcpc.drivers.robots import mit, moteus, odrive
+from pcpc.drivers.robots.layout import Dialect
+from pcpc.drivers.robots.loops import measure as measure_robot
+from pcpc.executive.loop.rings import push_frame
+from pcpc.executive.loop.sending import send_tx
+from pcpc.executive.loop.strangers import note_foreign, word_of
+
+hear_odrive, work_odrive, speak_odrive = odrive.hear, odrive.work, odrive.speak
+hear_mit, work_mit, speak_mit = mit.hear, mit.work, mit.speak
+hear_moteus, work_moteus, speak_moteus = moteus.hear, moteus.work, moteus.speak
+SEEN = (  # what the table shows of one on CANopen: name, unit (or whose), meaning
+    ("controlword", "", "CiA 402: what the master wants"),
+    ("statusword", "", "CiA 402: state of the drive"),
+    ("mode", "", "mode of operation that is active"),
+    ("nmt", "", "CANopen: 127 pre-operational, 5 operational, 4 stopped"),
+    ("error_code", "", "CiA 402: 0 without a fault"),
+    ("target_position", "position", "of the master"),
+    ("target_velocity", "velocity", "of the master"),
+    ("target_torque", "", "of the master, share of what is rated"),
+    ("demand_position", "position", "of the profile, or the target"),
+    ("position", "position", "as the drive tells it, homed"),
+    ("velocity", "velocity", "as the drive tells it"),
+    *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in canopen.Mistake),
+)
+SEEN_ROBOT = (  # and of a robot's
+    ("state", "", "ODrive: 1 idle, 8 closed loop; MIT: 0 off, 1 on, 13 lost; moteus: mode"),
+    ("errors", "", "ODrive: bits of what is wrong; moteus: fault"),
+    ("target_position", "position", "of the master"),
+    ("target_velocity", "velocity", "of the master"),
+    ("target_torque", "", "of the master, as its protocol has it"),
+    ("position", "position", "as the drive tells it"),
+    ("velocity", "velocity", "as the drive tells it"),
+    ("torque", "", "as the drive tells it, in its protocol's unit"),
+    *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in robots.Mistake),
+)
+# the place of each behind the first
+_numbered: Any = Numbered
+Seen = _numbered("Seen", [name.upper() for name, *_ in SEEN], start=0)
+SeenRobot = _numbered("SeenRobot", [name.upper() for name, *_ in SEEN_ROBOT], start=0)
+MISTAKES, MISTAKES_ROBOT = len(SEEN) - len(canopen.Mistake), len(SEEN_ROBOT) - len(robots.Mistake)
+
+
+@loop_function
+def hear_drive(n: Any) -> Any:
+    """Let the drive hear `wire.rx`; return 1 if it is nobody else's, else 0."""
+    d = n.canopen
+    d.k = n.k
+    return taken(n, hear(d, n.wire.rx))
+
+
+@loop_function
+def hear_robot(n: Any) -> Any:
+    """Let a robot's drive hear it."""
+    d, r, at = n.canopen, n.robot, n.canopen.place_gains
+    d.k = n.k
+    if r.dialect == Dialect.ODRIVE:
+        whose = hear_odrive(r, d, n.wire.rx)
+    elif r.dialect == Dialect.MIT:
+        whose = hear_mit(r, d, n.wire.rx)
+    else:
+        whose = hear_moteus(r, d, n.wire.rx)
+    took = taken(n, whose)
+    if took != 0 and r.state.regained != 0:
+        r.state.regained = 0
+        n.v[at], n.v[at + 1] = d.gains.position_per_s, d.gains.velocity
+        n.v[at + 2] = d.gains.integral_per_s
+    return took
+
+
+@loop_function
+def taken(n: Any, whose: Any) -> Any:
+    """Record `wire.rx` and answer; return 1 if it is nobody else's, else 0."""
+    word = word_of(n.wire.rx)
+    awaited = whose == Whose.ALL and codec.frame_of(word, n.rx.frames, n.rx.n) >= 0
+    if whose == Whose.OTHER or awaited:
+        return np.int64(0)
+    if whose == Whose.TWIN:
+        note_foreign(n, word)
+    else:
+        push_frame(n, n.wire.rx, 1, FrameState.OK)
+        n.control.received += 1
+    answer(n)
+    return np.int64(1)
+
+
+@loop_function
+def begin(n: Any) -> None:
+    """Tell the drive cycle and gains."""
+    d, at = n.canopen, n.canopen.place_gains
+    d.k = n.k
+    d.gains.position_per_s, d.gains.velocity = n.v[at], n.v[at + 1]
+    d.gains.integral_per_s = n.v[at + 2]
+
+
+@loop_function
+def work_drive(n: Any) -> Any:
+    """Step the drive: from the last sample to its command."""
+    begin(n)
+    n.v[n.canopen.place_command] = work(n.canopen)
+    answer(n)
+    return np.int64(0)
+
+
+@loop_function
+def work_robot(n: Any) -> Any:
+    """Step a robot's drive."""
+    d, r = n.canopen, n.robot
+    begin(n)
+    if r.dialect == Dialect.ODRIVE:
+        torque = work_odrive(r, d)
+    elif r.dialect == Dialect.MIT:
+        torque = work_mit(r, d)
+    else:
+        torque = work_moteus(r, d)
+    n.v[d.place_command] = d.rated * torque
+    return np.int64(0)
+
+
+@loop_function
+def velocity_at(n: Any, position: Any) -> Any:
+    """Return the velocity of the new sample: measured, or by the difference of positions."""
+    d, velocity = n.canopen, 0.0
+    if d.place_velocity >= 0:
+        velocity = n.v[d.place_velocity]
+    elif n.passes > 0:
+        velocity = (position - d.state.before) * d.rate_hz / (1 + n.clock.behind)
+    d.state.before = position
+    return velocity
+
+
+@loop_function
+def speak_drive(n: Any) -> Any:
+    """Let the drive take the new sample and send what is due; show it."""
+    d, position = n.canopen, n.v[n.canopen.place_position]
+    measure(d, position, velocity_at(n, position))
+    speak(d)
+    send_outbox(n)
+    x, at = d.state, d.place_seen
+    n.v[at + Seen.CONTROLWORD] = d.value[Row.CONTROLWORD]
+    n.v[at + Seen.STATUSWORD] = d.value[Row.STATUSWORD]
+    n.v[at + Seen.MODE] = x.mode
+    n.v[at + Seen.NMT] = x.nmt
+    n.v[at + Seen.ERROR_CODE] = d.value[Row.ERROR_CODE]
+    n.v[at + Seen.TARGET_POSITION] = d.value[Row.TARGET_POSITION] / d.position_scale
+    n.v[at + Seen.TARGET_VELOCITY] = d.value[Row.TARGET_VELOCITY] / d.velocity_scale
+    n.v[at + Seen.TARGET_TORQUE] = d.value[Row.TARGET_TORQUE] * 1e-3
+    n.v[at + Seen.DEMAND_POSITION] = x.demand_position
+    n.v[at + Seen.POSITION] = x.position
+    n.v[at + Seen.VELOCITY] = x.velocity
+    for i in range(len(d.mistakes)):
+        n.v[at + MISTAKES + i] = d.mistakes[i]
+    return np.int64(0)
+
+
+@loop_function
+def speak_robot(n: Any) -> Any:
+    """Do the same for a robot's drive."""
+    d, r, position = n.canopen, n.robot, n.v[n.canopen.place_position]
+    measure_robot(r, position, velocity_at(n, position))
+    if r.dialect == Dialect.ODRIVE:
+        speak_odrive(r, d)
+    elif r.dialect == Dialect.MIT:
+        speak_mit(r, d)
+    else:
+        speak_moteus(r, d)
+    send_outbox(n)
+    x, at = r.state, d.place_seen
+    n.v[at + SeenRobot.STATE] = x.power
+    n.v[at + SeenRobot.ERRORS] = x.errors
+    n.v[at + SeenRobot.TARGET_POSITION] = x.target_position / r.position_scale
+    n.v[at + SeenRobot.TARGET_VELOCITY] = x.target_velocity / r.velocity_scale
+    n.v[at + SeenRobot.TARGET_TORQUE] = x.target_torque
+    n.v[at + SeenRobot.POSITION] = x.position / r.position_scale
+    n.v[at + SeenRobot.VELOCITY] = x.velocity / r.velocity_scale
+    n.v[at + SeenRobot.TORQUE] = x.torque
+    for i in range(len(r.mistakes)):
+        n.v[at + MISTAKES_ROBOT + i] = r.mistakes[i]
+    return np.int64(0)
+
+
+@loop_function
+def answer(n: Any) -> None:
+    """Send what the drive has to say at once; in lockstep, if there is room, behind its node's.
+
+    There whoever waits for a frame of the drive goes on once it is here.
+    """
+    d = n.canopen
+    if d.answers_last == 0 or d.n_out > len(d.outbox) // 2:
+        send_outbox(n)
+
+
+@loop_function
+def send_outbox(n: Any) -> None:
+    """Send what the drive has to say."""
+    d = n.canopen
+    for i in range(d.n_out):
+        copy(n.wire.tx, d.outbox[i])
+        send_tx(n)
+    d.n_out = 0
