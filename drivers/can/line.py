@@ -36,7 +36,7 @@ from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, Flag
 from pcpc.drivers.compiled.structures import copy, structure
 
-SENDERS, MOST_ROOM = 17, 256
+SENDERS, MOST_ROOM = 18, 256
 WARNING_AT, PASSIVE_AT, OFF_AT = 96, 128, 256  # of the higher counter; bus off by that of sending
 RECESSIVE_RUN, RUNS_TO_RECOVER = 11, 128
 SUSPENDED_BITS, DELIMITER_BITS = 8, 8

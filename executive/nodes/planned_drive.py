@@ -41,7 +41,7 @@ def _ids(node: int, start: Any) -> set[int]:
     return found | {0, _SYNC + node, 0x580 + node, 0x600 + node, 0x700 + node}
 
 
-def _spoken_ids(node: int, start: Any) -> set[int]:
+def _ids_of_one(node: int, start: Any) -> set[int]:
     found = {base + node for base in (_SYNC, 0x580, 0x600, 0x700)}
     cob_ids = [start[FIRST_TPDO + i * TPDO_ROWS + COB_ID] for i in range(PDOS)]
     return found | {one & _ID for one in cob_ids if not one & objects.NOT_VALID}
@@ -57,7 +57,7 @@ def _names(node: int, start: Any) -> dict[int, str]:
 
 
 KINDS = planned_robot.KINDS | {
-    CIA402: planned_robot.Kind(Dialect.NONE, _NODES, (), _SCALE, _ids, _spoken_ids, _names)
+    CIA402: planned_robot.Kind(Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
 }
 
 

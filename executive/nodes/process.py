@@ -53,8 +53,8 @@ from pcpc.executive.nodes.plan import (
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.bus_load import check_rate
 from pcpc.executive.rig.buses import check_line, second_bus, side_of, wanted_bus
-from pcpc.executive.rig.messages import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 

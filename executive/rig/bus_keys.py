@@ -2,7 +2,7 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -44,6 +44,27 @@ class Bus(Keyed):
     def data_bit(self) -> float:
         """How many nominal bits one of the data phase lasts; without a rate at 1 Mbit/s."""
         return (self.bits_per_s or 1e6) / self.data_bitrate if self.data_bitrate else 1.0
+
+
+CanId = Annotated[int, Meta(ge=0x001, le=0x1FFFFFFF)]
+
+
+class Xcp(Keyed):
+    """XCP on CAN: ids of the first node, from master to slave and back; 2 more for each next one.
+
+    Above 0x7FF they have 29 bits. `frames`: that a slave may send in CYCLES, lists and answers; it
+    takes a quarter as many commands.
+    """
+
+    can: tuple[CanId, CanId] = (0x7C0, 0x7C1)
+    frames: Annotated[int, Meta(ge=4, le=640)] = 8
+
+    CYCLES: ClassVar[int] = 10
+
+    @property
+    def commands(self) -> int:
+        """How many commands are taken in CYCLES, and are left to answers by lists."""
+        return self.frames // 4
 
 
 class Watchdog(Keyed):

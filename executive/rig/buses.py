@@ -22,7 +22,7 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     beside = any((one.interface, one.channel) == ("auto", None) for one in second)
     count = 1 + (beside or (config.local is not None and config.local.bus is None))
     if config.bus.emulate is not None:  # all its sides, and that between local node and plant
-        count += len(on_line(rig)) - 1
+        count += len(on_line(rig)) - 1 + (config.xcp_on_can is not None)
     return Wanted(*asked, rig=config.rig, roles=roles, count=count)
 
 
@@ -53,6 +53,13 @@ def side_of(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus:
     if rig.config.bus.emulate is not None and role in rig.roles:
         for _ in range(rig.roles.index(role)):
             bus = buses.neighbour_of(bus)
+    return bus
+
+
+def master_side(rig: Rig, bus: buses.Bus) -> buses.Bus:
+    """Return the bus of an XCP master: the last side of an emulated line; where none is `bus`."""
+    for _ in rig.roles if rig.config.bus.emulate is not None else ():
+        bus = buses.neighbour_of(bus)
     return bus
 
 

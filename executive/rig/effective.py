@@ -35,6 +35,8 @@ def data(
             if block.table and not _is_fmu(role, block, config):
                 entry["signal"] = None
                 entry["interpolation"] = entry["interpolation"] or "hold"
+    if config.xcp is None:
+        del whole["xcp"]
     for role in PLANTS:
         if role not in specs:
             del whole[role]

@@ -207,31 +207,6 @@ def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...
     return (frozenset(known - second), *([second] if second else []))
 
 
-def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
-    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
-    fast = rig.config.bus.data_bitrate
-    return max(
-        dbc.bus_load(database, rate_hz, bitrate, n, fast) for n in frames_by_bus(rig, database)
-    )
-
-
-def check_rate(rig: Rig, pacing: str) -> float:
-    """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
-    bitrate = rig.config.bus.bits_per_s
-    if bitrate is None:
-        return 0.0
-    database = database_of(rig)
-    with errors_named(rig):
-        load = bus_load(rig, database, rig.config.rate_hz, bitrate)
-    if load > 1.0 and pacing in ("real", "sync"):
-        raise rig.error(
-            "rate_hz",
-            f"{rig.config.rate_hz:g} Hz loads the bus with {load:.1%} of {bitrate} bit/s; "
-            "lower rate_hz, use pacing lockstep, or --set bus.bitrate=null for no limit",
-        )
-    return load
-
-
 def check_no_drive(rig: Rig, what: str) -> None:
     """Raise RigError, `what` it is, if one of the rig's plants is a drive."""
     for role in rig.config.drives:

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig.bus_keys import Bus, Drive, Watchdog
+from pcpc.executive.rig.bus_keys import Bus, Drive, Watchdog, Xcp
 from pcpc.executive.rig.judged_keys import Duration, Name, Word
 from pcpc.executive.rig.judged_keys import Expected as Expected
 from pcpc.executive.rig.judged_keys import Requirement as Requirement
@@ -39,6 +39,7 @@ EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
 PerSecond = Annotated[float, Meta(ge=0, le=1e9)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+XcpPlace = Annotated[str, Meta(pattern=r"\A(can|(udp|tcp)(:[0-9]{1,5})?)\Z")]
 
 
 class Supervisor(Keyed):
@@ -221,6 +222,7 @@ class Config(Keyed):
     seed: Count = 1
     pacing: Literal["real", "sync", "lockstep"] = "real"
     bus: Bus = Bus()
+    xcp: XcpPlace | Xcp | None = None
     controller: str
     controllers: dict[Name, Law]
     standby: list[Name] = []
@@ -288,6 +290,11 @@ class Config(Keyed):
     def drives(self) -> dict[Role, Drive]:
         """The drives among them."""
         return {role: one.drive for role, one in self.plants.items() if one.drive is not None}
+
+    @property
+    def xcp_on_can(self) -> Xcp | None:
+        """XCP on CAN, where it is asked for."""
+        return Xcp() if self.xcp == "can" else self.xcp if isinstance(self.xcp, Xcp) else None
 
     def key_of(self, drive: Drive) -> str:
         """Return the path of a drive's entry."""

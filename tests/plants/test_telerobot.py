@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pcpc.executive.laws.block import Block
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.virtual import in_memory
-from pcpc.executive.rig.messages import check_rate
+from pcpc.executive.rig.bus_load import check_rate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.telerobot import evaluation, model
 from pcpc.plants.telerobot.laws import telerobot_local, telerobot_remote

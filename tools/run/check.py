@@ -19,9 +19,9 @@ from pcpc.executive.nodes.plan import Plan, check_pacing, cycles_of, plan
 from pcpc.executive.nodes.planned_drive import taken_from_eds
 from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
+from pcpc.executive.rig.bus_load import bus_load, check_rate
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.law_lookup import Use, users_case
-from pcpc.executive.rig.messages import bus_load, check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of

@@ -56,8 +56,9 @@ class Host:
         self, options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...], folder: Path
     ) -> None:
         self.options, self.rig, self.roles, self.folder = options, rig, roles, folder
-        if rig.config.watchdog is not None:
-            need_room("live/watchdog")
+        for room in ("watchdog", "xcp"):
+            if getattr(rig.config, room) is not None:
+                need_room(f"live/{room}")
         self.choice = choose_bus(options.bus, rig, roles)
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
@@ -76,7 +77,8 @@ class Host:
         self.waiting = PeerWait(rig, roles)
         self.leader = "executive" if "executive" in roles else roles[0]
         self.keeps_log = self.leader == "executive"
-        self.page = Pages(options, self._block_name(self.leader))
+        names = {role: self._block_name(role) for role in (self.leader, *roles)}
+        self.page = Pages(options, names, rig, self.bus)
 
     @property
     def blocks(self) -> dict[str, sh.Shared]:

@@ -1,9 +1,13 @@
 """What is served beside a run: by each room that has a run_page.py, as live/host; else nothing."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
+from pcpc.drivers.can.bus import Bus
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.children import Child
 from pcpc.tools.terminal.rooms import parts_called
 
@@ -12,14 +16,14 @@ _END_S = 2.0
 
 
 class NoPage:
-    """The page of a run that has none; what others have in common, a process of its own.
+    """The page of a run that has none; what others have in common, processes of their own.
 
-    ENDED: what to say where it has ended before the run, with the reason as {}. FAILS_ONLY: not
-    where it has come to its end.
+    ENDED: what to say where one has ended before the run, with its {name} and the reason, {why}.
+    FAILS_ONLY: not where it has come to its end.
     """
 
     ENDED, FAILS_ONLY = "", False
-    _child: Child | None = None
+    _children: Sequence[Child] = ()
 
     def __enter__(self) -> "NoPage":
         return self
@@ -37,30 +41,32 @@ class NoPage:
 
     def end(self) -> None:
         """End with the run."""
-        if self._child is not None:
-            self._child.end(0.0, _END_S)
+        for child in self._children:
+            child.end(0.0, _END_S)
 
     def ended(self) -> str:
-        """Return what to say where the page has ended before the run, once; else ""."""
-        child = self._child
-        if child is None or not child.ended or (self.FAILS_ONLY and not child.code):
-            return ""
-        why = child.complaint()[-1:] or [f"exit code {child.code}"]
-        self._child = None
-        return self.ENDED.format(why[0])
+        """Return what to say where one has ended before the run, once; else ""."""
+        for child in self._children:
+            if child.ended and (child.code or not self.FAILS_ONLY):
+                self._children = [one for one in self._children if one is not child]
+                why = child.complaint()[-1:] or [f"exit code {child.code}"]
+                return self.ENDED.format(name=child.name, why=why[0])
+        return ""
 
     def farewell(self, folder: Path) -> None:
         """Tell how the log is shown, where the run had a page."""
 
 
 class Pages(NoPage):
-    """Those of all rooms, as one."""
+    """Those of all rooms, as one. `nodes`: the names of those that start here, the leader first."""
 
-    def __init__(self, options: argparse.Namespace, node: str) -> None:
+    def __init__(
+        self, options: argparse.Namespace, nodes: Mapping[Role, str], rig: Rig, bus: Bus
+    ) -> None:
         self._pages: list[NoPage] = []
         try:
             for room in parts_called("run_page"):
-                self._pages.append(room.Page(options, node))
+                self._pages.append(room.Page(options, nodes, rig, bus))
         except BaseException:
             self.end()
             raise

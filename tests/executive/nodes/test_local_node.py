@@ -11,7 +11,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
-from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.bus_load import bus_load
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.replay import replay
 from pcpc.tools.after.verdict.outcome import Outcome

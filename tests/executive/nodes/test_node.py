@@ -14,7 +14,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Trigger
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
-from pcpc.executive.rig.messages import check_rate
+from pcpc.executive.rig.bus_load import check_rate
 from pcpc.executive.rig.reading import Rig, load_rig
 
 RIGS = sorted((ATB1000 / "rigs").glob("*.yaml"))

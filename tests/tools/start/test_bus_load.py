@@ -11,7 +11,7 @@ from processes import own_bus, pcpc
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.frame_bits import fd_bits
-from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.bus_load import bus_load
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.start.bus import figure, traffic

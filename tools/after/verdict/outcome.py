@@ -17,7 +17,7 @@ from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.plausibility import WHYS
 from pcpc.tools.after.verdict.latest import latest_cycles
 
-_UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
+_UNJUDGED_KEYS = {"seed", "title", "bus", "xcp", "record", "watch", "note", "pacing", "realtime"}
 
 _OF_A_VALUE = (
     Fault.COMMAND_NOT_FINITE,

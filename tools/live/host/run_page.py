@@ -6,12 +6,13 @@ it end before, that is one line, and the run goes on.
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import UserError
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.page import SAID, NoPage
 
@@ -26,13 +27,13 @@ _AS_HOST: dict[str, Any] = {
 
 
 class Page(NoPage):
-    """That of one run, whose leading node is `node`; without --host none, which does nothing."""
+    """That of one run, of its leading node; without --host none, which does nothing."""
 
-    ENDED = "the page has ended: {}; the run goes on, `pcpc host` shows it again"
+    ENDED = "the page has ended: {why}; the run goes on, `pcpc host` shows it again"
 
-    def __init__(self, options: argparse.Namespace, node: str) -> None:
+    def __init__(self, options: argparse.Namespace, nodes: Mapping[Role, str], *_: object) -> None:
         given = {key: getattr(options, key, None) for key in _GIVEN}
-        self._wanted, self._node = bool(getattr(options, "host", False)), node
+        self._wanted, self._node = bool(getattr(options, "host", False)), next(iter(nodes.values()))
         self._door: Door | None = None
         self._options = argparse.Namespace(**_AS_HOST, **given)
         if self._wanted:
@@ -49,7 +50,7 @@ class Page(NoPage):
         if self._door is None:
             return
         print(f"{SAID}{self._door.url}", file=sys.stderr, flush=True)
-        self._child = Child.forked("page", self._serve, ())
+        self._children = [Child.forked("page", self._serve, ())]
         self._door.line.close()
 
     def _serve(self, words: Sequence[str]) -> int:

@@ -12,7 +12,7 @@ from itertools import count, takewhile
 from typing import Any, NamedTuple
 
 from pcpc.tools.live.xcp.lists import DIVISIONS
-from pcpc.tools.live.xcp.packets import MAX_CTO, MAX_DTO, Cmd
+from pcpc.tools.live.xcp.packets import ETHERNET, Cmd, Link
 from pcpc.tools.live.xcp.slave import event_name, period
 
 _FAR = 1e300  # where there is no limit
@@ -24,7 +24,9 @@ _A2ML = (
         enum { "ADDRESS_GRANULARITY_BYTE" = 1, "ADDRESS_GRANULARITY_WORD" = 2 };
         taggedstruct { ("OPTIONAL_CMD" enum { """
     + ", ".join(f'"{one.name}" = 0x{one:X}' for one in _OPTIONAL)
-    + """ })*; };
+    + """ })*;
+          "COMMUNICATION_MODE_SUPPORTED" taggedunion {
+            "BLOCK" taggedstruct { "SLAVE"; "MASTER" struct { uchar; uchar; }; }; }; };
       };
       struct Event { char[101]; char[9]; uint;
         enum { "DAQ" = 1, "STIM" = 2, "DAQ_STIM" = 3 };
@@ -53,11 +55,17 @@ _A2ML = (
         taggedstruct { "PACKET_ALIGNMENT" enum { "PACKET_ALIGNMENT_8" = 0 }; };
         taggedstruct { ("OPTIONAL_TL_SUBCMD" enum { "GET_SLAVE_ID" = 0xFF })*; };
       };
+      struct Can { uint; taggedstruct {
+        "CAN_ID_MASTER" ulong; "CAN_ID_SLAVE" ulong; "BAUDRATE" ulong; "MEASUREMENT_SPLIT_ALLOWED";
+        block "CAN_FD" struct { taggedstruct {
+          "MAX_DLC" uint; "CAN_FD_DATA_TRANSFER_BAUDRATE" ulong; }; };
+      }; };
       block "IF_DATA" taggedunion if_data { "XCP" struct {
         taggedstruct Common_Parameters;
         taggedstruct {
           block "XCP_ON_UDP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
           block "XCP_ON_TCP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
+          block "XCP_ON_CAN" struct { struct Can; taggedstruct Common_Parameters; };
         };
       }; };
     /end A2ML"""
@@ -80,16 +88,23 @@ def version() -> str:
 
 def a2l_text(
     rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[A2lVariable],
-    transports: Iterable[tuple[str, str, int]],
+    transport: Iterable[str], link: Link = ETHERNET,
 ) -> str:  # fmt: skip
-    """Return the file of a node. `transports`: ("UDP" or "TCP", address, port)."""
-    return "\n".join(_lines(rig, node, made_by, period_ns, variables, transports)) + "\n"
+    """Return the file of a node. `transport`: lines that say where it is."""
+    interface = _interface(period_ns, transport, link)
+    return "\n".join(_lines(rig, node, made_by, variables, interface)) + "\n"
+
+
+def ethernet(ports: Iterable[tuple[str, str, int]]) -> Iterator[str]:
+    """Yield the lines of ("UDP" or "TCP", address, port)."""
+    for kind, address, port in ports:
+        yield f'      /begin XCP_ON_{kind}_IP 0x0101 {port} ADDRESS "{address}"'
+        yield f"      /end XCP_ON_{kind}_IP"
 
 
 def _lines(
-    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[A2lVariable],
-    transports: Iterable[tuple[str, str, int]],
-) -> Iterator[str]:  # fmt: skip
+    rig: str, node: str, made_by: str, variables: Sequence[A2lVariable], interface: Iterator[str]
+) -> Iterator[str]:
     units = {unit: f"CM_{i}" for i, unit in enumerate(sorted({one.unit for one in variables}))}
     yield "ASAP2_VERSION 1 71"
     yield f"/begin PROJECT {_word(rig)} {_text(f'rig {rig}')}"
@@ -99,7 +114,7 @@ def _lines(
     yield _A2ML
     yield '    /begin MOD_COMMON ""\n      BYTE_ORDER MSB_LAST\n      ALIGNMENT_FLOAT64_IEEE 8'
     yield "    /end MOD_COMMON"
-    yield from _interface(period_ns, transports)
+    yield from interface
     for unit, name in units.items():
         yield f'    /begin COMPU_METHOD {name} "" IDENTICAL "%15.9" {_text(unit)}'
         yield "    /end COMPU_METHOD"
@@ -151,15 +166,18 @@ def _group(block: str, members: list[A2lVariable]) -> Iterator[str]:
     yield "    /end GROUP"
 
 
-def _interface(period_ns: int, transports: Iterable[tuple[str, str, int]]) -> Iterator[str]:
+def _interface(period_ns: int, transport: Iterable[str], link: Link) -> Iterator[str]:
     yield "    /begin IF_DATA XCP"
-    yield f"      /begin PROTOCOL_LAYER 0x0101 2000 0 0 0 0 0 0 {MAX_CTO} {MAX_DTO}"
+    yield f"      /begin PROTOCOL_LAYER 0x0101 2000 0 0 0 0 0 0 {link.cto} {link.dto}"
     yield "        BYTE_ORDER_MSB_LAST ADDRESS_GRANULARITY_BYTE"
     yield from (f"        OPTIONAL_CMD {one.name}" for one in _OPTIONAL)
+    if most := link.most_in_block:
+        yield f"        COMMUNICATION_MODE_SUPPORTED BLOCK SLAVE MASTER {most} {link.apart}"
     yield "      /end PROTOCOL_LAYER"
     yield f"      /begin DAQ DYNAMIC 252 {len(DIVISIONS)} 0 OPTIMISATION_TYPE_DEFAULT"
     yield "        ADDRESS_EXTENSION_FREE IDENTIFICATION_FIELD_TYPE_ABSOLUTE"
-    yield "        GRANULARITY_ODT_ENTRY_SIZE_DAQ_BYTE 8 OVERLOAD_INDICATION_EVENT"
+    size = min(8, link.dto - 1)
+    yield f"        GRANULARITY_ODT_ENTRY_SIZE_DAQ_BYTE {size} OVERLOAD_INDICATION_EVENT"
     yield "        PRESCALER_SUPPORTED"
     yield "        /begin TIMESTAMP_SUPPORTED 1 SIZE_DWORD UNIT_1US"
     yield "        /end TIMESTAMP_SUPPORTED"
@@ -169,9 +187,7 @@ def _interface(period_ns: int, transports: Iterable[tuple[str, str, int]]) -> It
         yield f'        /begin EVENT "{name}" "{name}" {number} DAQ 255 {count} {unit} 0'
         yield "        /end EVENT"
     yield "      /end DAQ"
-    for kind, address, port in transports:
-        yield f'      /begin XCP_ON_{kind}_IP 0x0101 {port} ADDRESS "{address}"'
-        yield f"      /end XCP_ON_{kind}_IP"
+    yield from transport
     yield "    /end IF_DATA"
 
 

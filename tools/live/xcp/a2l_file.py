@@ -6,7 +6,10 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, version
+from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
+from pcpc.tools.live.xcp.on_can import CanPlace
+from pcpc.tools.live.xcp.packets import ETHERNET
+from pcpc.tools.live.xcp.serve import port_of
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import outfile
 
@@ -23,8 +26,14 @@ def command(options: argparse.Namespace) -> int:
         for one in variables
     ]  # fmt: skip
     name, period_ns = rig.config.rig, rig.config.period_ns
-    ports = [("UDP", options.address, options.udp or 5555)]
-    text = a2l_text(name, options.node, version(), period_ns, described, ports)
+    if can := CanPlace.of(rig, options.node):
+        where, link = can.a2l(), can.link
+    else:
+        kind, _, port = port_of(rig, options.node)
+        if options.udp is not None:
+            kind, port = "UDP", options.udp
+        where, link = ethernet([(kind, options.address, port)]), ETHERNET
+    text = a2l_text(name, options.node, version(), period_ns, described, where, link)
     output = options.output or Path(f"{name}-{options.node}.a2l")
     outfile.write_text(output, text)
     print(f"{output}: {len(described)} variables")

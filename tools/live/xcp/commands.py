@@ -16,6 +16,7 @@ def xcp(add: Add) -> None:
     add("node", nargs="?", metavar="NODE", help="executive, plant, RIG.plant; default: executive")
     _ports(add)
     add("--tcp", type=int, metavar="PORT", help="port of XCP on TCP; 0: any")
+    add("--can", action="store_true", help="XCP on CAN, on the node's bus")
 
 
 def a2l(add: Add) -> None:
@@ -27,13 +28,17 @@ def a2l(add: Add) -> None:
 
 
 def beside(add: Add) -> None:
-    """Take the slave beside a run."""
+    """Take the slaves beside a run: the rig's key `xcp`."""
     add(
         "--xcp",
         nargs="?",
+        action="append",
+        dest="set",
         const="udp:5555",
+        default=[],
+        type="xcp={}".format,
         metavar="udp:PORT",
-        help="serve XCP during the run, also tcp:PORT; default: %(const)s",
+        help="serve XCP during the run, also tcp:PORT, can; default: %(const)s",
     )
 
 

@@ -82,8 +82,7 @@ def _header(rig: Rig, count: int, ids: Sequence[int]) -> Iterator[str]:
     yield f"#define XCP_NODE {json.dumps(f'{name}.executive')}\n#define XCP_RIG {json.dumps(name)}"
     yield f"#define XCP_MASTER 0x{ids[0]:X}u\n#define XCP_SLAVE 0x{ids[1]:X}u"
     yield f"#define XCP_VARIABLES {count}u\n#define XCP_EVENTS {len(DIVISIONS)}u\n"
-    codes = {**Cmd.__members__, "DOWNLOAD_NEXT": 0xEF}
-    yield from (f"#define CMD_{name} 0x{code:02X}u" for name, code in codes.items())
+    yield from (f"#define CMD_{name} 0x{code:02X}u" for name, code in Cmd.__members__.items())
     yield from ("", *(f"#define ERR_{one.name} 0x{one:02X}u" for one in Err), "")
     yield "extern const xcp_variable xcp_table[XCP_VARIABLES];"
     yield from ("extern const xcp_event xcp_events[XCP_EVENTS];", "", "#endif", "")

@@ -12,7 +12,7 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.tools.live.xcp.packets import MAX_DTO, Err, Refused
+from pcpc.tools.live.xcp.packets import ETHERNET, Err, Link, Refused
 
 MOST_ODTS, MOST_ENTRIES = 252, 20_000  # numbers behind are no ODT's; what a session may keep
 STAMP = Struct("<I")  # microseconds of the run, which come round after 71 minutes
@@ -39,8 +39,8 @@ class _List:
 class DaqLists:
     """Those of a session. `columns`: of each variable its place in a row, -1 for none."""
 
-    def __init__(self, columns: Sequence[int]) -> None:
-        self._columns = columns
+    def __init__(self, columns: Sequence[int], link: Link = ETHERNET) -> None:
+        self._columns, self._link = columns, link
         self.lists: list[_List] = []
         self._stage = ""
         self._pointer: tuple[int, int, int] | None = None
@@ -113,7 +113,8 @@ class DaqLists:
         one = self.lists[number]
         if one.places is not None:
             raise Refused(Err.DAQ_ACTIVE)
-        if bit != 0xFF or extension or not 0 < size <= 8 or address % 8 + size > 8:
+        most = min(8 - address % 8, self._link.dto - 1)
+        if bit != 0xFF or extension or not 0 < size <= most:
             raise Refused(Err.OUT_OF_RANGE)
         if address // 8 >= len(self._columns):
             raise Refused(Err.OUT_OF_RANGE)
@@ -138,8 +139,8 @@ class DaqLists:
 
     # Running
 
-    def set_mode(self, mode: int, number: int, event: int, prescaler: int) -> None:
-        """Say when a list is sent; Refused."""
+    def set_mode(self, mode: int, number: int, event: int, prescaler: int, _: int) -> None:
+        """Say when a list is sent; Refused. The last one would be its priority."""
         one = self.of(number)
         if one.places is not None:
             raise Refused(Err.DAQ_ACTIVE)
@@ -155,21 +156,33 @@ class DaqLists:
 
     def start(self, *numbers: int) -> None:
         """Send lists from the next cycle on, all or none; Refused."""
-        for number, places in [(number, self._places(self.of(number))) for number in numbers]:
+        started = {number: self._places(self.of(number)) for number in numbers}
+        asked = sum(
+            len(one.odts) / (DIVISIONS[one.event] * one.prescaler)
+            for number, one in enumerate(self.lists)
+            if number in started or one.places is not None
+        )
+        if asked > self._link.frames:
+            raise Refused(Err.DAQ_CONFIG)
+        for number, places in started.items():
             self.lists[number].places = places
 
     def _places(self, one: _List) -> list[NDArray[np.intp]]:
-        if not one.odts or any(None in entries or not entries for entries in one.odts):
-            raise Refused(Err.DAQ_CONFIG)
+        found = []
         for i, entries in enumerate(one.odts):
-            head = 1 + STAMP.size * (one.stamped and not i)
-            if head + sum(entry[1] for entry in entries if entry) > MAX_DTO:
+            stamp = STAMP.size * (one.stamped and not i)  # which may stand alone
+            if None in entries or not (entries or stamp):
                 raise Refused(Err.DAQ_CONFIG)
-        return [
-            np.concatenate([8 * self._columns[address // 8] + address % 8 + np.arange(size)
-                            for address, size in filter(None, entries)])
-            for entries in one.odts
-        ]  # fmt: skip
+            bytes_of_entries = [
+                address + byte for address, size in filter(None, entries) for byte in range(size)
+            ]
+            places = [8 * self._columns[at // 8] + at % 8 for at in bytes_of_entries]
+            if 1 + stamp + len(places) > self._link.dto:
+                raise Refused(Err.DAQ_CONFIG)
+            found.append(np.array(places, np.intp))
+        if not found:
+            raise Refused(Err.DAQ_CONFIG)
+        return found
 
     def stop(self, number: int) -> None:
         """Send a list no more; Refused."""

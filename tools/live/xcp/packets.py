@@ -1,7 +1,9 @@
 """Words of XCP 1.x (ASAM MCD-1 XCP): command and error codes, packet layouts, little-endian."""
 
+import math
 from enum import IntEnum
 from struct import Struct
+from typing import NamedTuple
 
 
 class Cmd(IntEnum):
@@ -19,6 +21,7 @@ class Cmd(IntEnum):
     SHORT_UPLOAD = 0xF4
     BUILD_CHECKSUM = 0xF3
     DOWNLOAD = 0xF0
+    DOWNLOAD_NEXT = 0xEF
     SHORT_DOWNLOAD = 0xED
     CLEAR_DAQ_LIST = 0xE3
     SET_DAQ_PTR = 0xE2
@@ -59,16 +62,35 @@ class Err(IntEnum):
 
 
 class Refused(Exception):
-    """A command that is answered by an error code."""
+    """A command that is answered by an error code, and `more` bytes."""
 
-    def __init__(self, code: Err) -> None:
+    def __init__(self, code: Err, *more: int) -> None:
         super().__init__(code.name)
-        self.code = code
+        self.packet = bytes([NEGATIVE, code, *more])
+
+
+class Link(NamedTuple):
+    """Bytes of a command and of a DTO, what lists may ask for, and the pace of commands."""
+
+    cto: int = 255
+    dto: int = 1400  # fits into an Ethernet frame
+    frames: float = math.inf  # of lists in a cycle
+    apart: int = 0  # of the packets of a block, in 100 us
+
+    @property
+    def can(self) -> bool:
+        """Whether it is CAN: long data come in blocks, and behind a packet is padding."""
+        return self.cto <= 64
+
+    @property
+    def most_in_block(self) -> int:
+        """How many packets a block of the master has at most; 0: there are none."""
+        return -(-255 // (self.cto - 2)) if self.can else 0
 
 
 POSITIVE, NEGATIVE, EVENT = b"\xff", 0xFE, 0xFD
 EV_SESSION_TERMINATED, EV_DAQ_OVERLOAD, EV_USER = 0x07, 0x02, 0xFE
-MAX_CTO, MAX_DTO = 255, 1400  # bytes; a DTO fits into an Ethernet frame
+ETHERNET = Link()
 CAL_PAG, DAQ = 0x01, 0x04  # resources
 HEAD = Struct("<HH")  # of a message over UDP or TCP: length, counter
 

@@ -1,60 +1,72 @@
-"""`pcpc run --xcp`: the slave of a run's leading node, in a process that no run waits for."""
+"""The XCP slaves of a run, one for each node, in processes that no run waits for."""
 
 import argparse
-import re
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
+from pcpc.drivers.can.bus import Bus
 from pcpc.drivers.compiled import compile_cache
-from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes import live
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.page import NoPage
 
 if TYPE_CHECKING:
     from pcpc.tools.live.xcp.serve import Server
 
-_WHERE = re.compile(r"(udp|tcp):(\d{1,5})")
 _LOOK_S = 0.05
 
 
 class Page(NoPage):
-    """That of one run, whose leading node is `node`; without --xcp none, which does nothing."""
+    """Those of one run; without the rig's key `xcp` none, which does nothing."""
 
-    ENDED = "the XCP slave has ended: {}; the run goes on, `pcpc xcp` serves it again"
+    ENDED = "{name}: the XCP slave has ended: {why}; the run goes on, `pcpc xcp` serves it again"
     FAILS_ONLY = True
 
-    def __init__(self, options: argparse.Namespace, node: str) -> None:
+    def __init__(
+        self, options: argparse.Namespace, nodes: Mapping[Role, str], rig: Rig, bus: Bus
+    ) -> None:
         """Listen, so that what is wrong is told before the run begins; UserError."""
-        self._node = node
-        self._server: Server | None = None
-        if (given := getattr(options, "xcp", None)) is not None:
-            if (told := _WHERE.fullmatch(given)) is None:
-                raise UserError(f"--xcp {given}: expected udp:PORT or tcp:PORT")
+        self._nodes = nodes
+        self._servers: dict[Role, Server] = {}
+        if rig.config.xcp is not None:
             from pcpc.tools.live.xcp import serve  # time
 
-            self._server = serve.Server([(told[1].upper(), "127.0.0.1", int(told[2]))])
+            try:
+                for role in nodes:
+                    self._servers[role] = serve.Server.of_rig(rig, bus, role)
+            except BaseException:
+                self._close()
+                raise
 
     def start(self) -> None:
         """Begin to serve, and tell where."""
-        if self._server is not None:
-            print("\n".join(self._server.addresses), file=sys.stderr, flush=True)
-            self._child = Child.forked("xcp", self._serve, ())
-            self._server.close()
+        for role, server in self._servers.items():
+            said = [f"{role}: {one}" for one in server.addresses]
+            print("\n".join(said), file=sys.stderr, flush=True)
+            child = Child.forked(f"xcp-{role}", partial(self._serve, role), ())
+            self._children = [*self._children, child]
+        self._close()
 
-    def _serve(self, words: Sequence[str]) -> int:
+    def _serve(self, role: Role, words: object) -> int:
         compile_cache.watch.listener = None
-        assert self._server is not None
-        while (found := live.running().get(self._node)) is None:
+        own = self._servers.pop(role)
+        self._close()
+        while (found := live.running().get(self._nodes[role])) is None:
             time.sleep(_LOOK_S)
-        with self._server as server:
+        with own as server:
             server.serve(found)
         return 0
 
+    def _close(self) -> None:
+        for server in self._servers.values():
+            server.close()
+
     def end(self) -> None:
-        """End it with the run."""
+        """End them with the run."""
+        self._close()
         super().end()
-        if self._server is not None:
-            self._server.close()

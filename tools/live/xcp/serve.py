@@ -1,4 +1,4 @@
-"""`pcpc xcp`: a running node as an XCP slave over UDP and TCP, beside its loop.
+"""`pcpc xcp`: a running node as an XCP slave over UDP, TCP or CAN, beside its loop.
 
 What is measured comes out of the recorder's ring, which costs the loop nothing; what is written
 goes through the mailbox and is in the log as a tuning. Each master has a session of its own. One
@@ -8,30 +8,40 @@ that does not read is cut off (TCP) or loses packets, and is told by EV_DAQ_OVER
 import argparse
 import selectors
 import socket
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.can import plain_bus
+from pcpc.drivers.can.bus import Bus, bus_named, parse
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine import claim
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError, level_of
 from pcpc.executive.nodes.tap import Tap
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.buses import master_side, on_line, side_of
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.live.local_nodes import Nodes
-from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, version
+from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
+from pcpc.tools.live.xcp.on_can import BUSY_S, IDLE_S, CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import (
+    ETHERNET,
     EV_DAQ_OVERLOAD,
     EV_SESSION_TERMINATED,
     EVENT,
     HEAD,
-    MAX_CTO,
     Err,
     Refused,
 )  # fmt: skip
 from pcpc.tools.live.xcp.slave import NodeTable, Session
+from pcpc.tools.terminal.option_notes import refuse
 
 PORT = 5555
-BUSY_S, IDLE_S = 0.002, 0.05  # between looks at the ring while lists run, and at the node
 MOST_SESSIONS, MOST_WAITING = 16, 4 << 20  # masters; bytes that one has not read
 Address3 = tuple[str, str, int]  # UDP or TCP, address, port
 
@@ -39,16 +49,39 @@ Address3 = tuple[str, str, int]  # UDP or TCP, address, port
 def command(options: argparse.Namespace) -> int:
     """Serve a node until it ends; return the exit code. LiveError, UserError."""
     live = Nodes().find(options.node or "executive")
+    if options.can:
+        refuse(options, "not with --can", "udp", "tcp")
+        with on_bus(live) as server:
+            return _until_its_end(live, server)
     udp, tcp = options.udp, options.tcp
     if udp is None and tcp is None:
         udp = PORT
     ports = [(kind, options.address, port)
              for kind, port in (("UDP", udp), ("TCP", tcp)) if port is not None]  # fmt: skip
     with Server(ports) as server:
-        print("\n".join(f"{live.name}: {one}" for one in server.addresses), flush=True)
-        server.serve(live)
+        return _until_its_end(live, server)
+
+
+def _until_its_end(live: Live, server: "Server") -> int:
+    print("\n".join(f"{live.name}: {one}" for one in server.addresses), flush=True)
+    server.serve(live)
     print(f"{live.name} has ended")
     return Exit.OK
+
+
+def on_bus(live: Live) -> "Server":
+    """Return the slave of a running node on its bus; RigError, BusError."""
+    about = live.block.description
+    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
+    data |= {"evaluation": None} | ({} if isinstance(data.get("xcp"), dict) else {"xcp": "can"})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rig.yaml"
+        database = path.with_name(Path(data["dbc"]).name)
+        data["dbc"] = database.name
+        database.write_text(about["attachments"][database.name], "utf-8")
+        rig = load_rig(path, text=yamlfile.dump(data), resolve=False)
+        bus = bus_named(*parse(about["metadata"]["bus"]))
+        return Server.of_rig(rig, bus, about["node"])
 
 
 def table_of(live: Live, tap: Tap, a2l: bytes) -> NodeTable:
@@ -88,12 +121,17 @@ class _Master:
         self._counter, self._waiting, self._came = 0, bytearray(), bytearray()
         self.lost = False
 
+    @property
+    def wait_s(self) -> float:
+        """How long there is nothing to do."""
+        return BUSY_S if self.session.daq.running else IDLE_S
+
     def take(self, data: bytes) -> None:
         """Answer what came; ValueError: it is no message."""
         self._came += data
         while len(self._came) >= HEAD.size:
             length, _ = HEAD.unpack_from(self._came)
-            if not 0 < length <= MAX_CTO:
+            if not 0 < length <= ETHERNET.cto:
                 raise ValueError(f"a packet of {length} bytes")
             if len(self._came) < HEAD.size + length:
                 break
@@ -124,16 +162,37 @@ class _Master:
         while self._waiting and (count := self._put(bytes(self._waiting[: 1 << 16]))):
             del self._waiting[:count]
 
+    def end(self) -> None:
+        """Tell it that nothing follows."""
+        self.send([bytes([EVENT, EV_SESSION_TERMINATED])])
+
+
+def port_of(rig: Rig, role: Role) -> Address3:
+    """Return where a node is served on Ethernet: one port higher than the node before it."""
+    kind, _, word = str(rig.config.xcp or "udp").partition(":")
+    port = int(word or PORT)
+    return kind.upper(), "127.0.0.1", port and port + rig.roles.index(role)
+
 
 class Server:
     """Sockets of a node's slave, and its masters by connection or address."""
 
-    def __init__(self, wanted: list[Address3]) -> None:
-        """Listen; UserError."""
-        self._select = selectors.DefaultSelector()
-        self._sockets: list[socket.socket] = []
-        self._masters: dict[Any, _Master] = {}
+    def __init__(
+        self, wanted: Sequence[Address3], can: CanPlace | None = None, bus: Bus | None = None
+    ) -> None:
+        """Listen, or with `can` on `bus`; UserError, BusError."""
+        self._select = selectors.SelectSelector()  # microseconds, where epoll has milliseconds
+        self._sockets: list[Any] = []
+        self._masters: dict[Any, _Master | CanMaster] = {}
         self._ports: list[Address3] = []
+        self._can = can
+        if can is not None and bus is not None:
+            self._sockets = [plain_bus.open_bus(bus, [can.ids[0]])]
+            held = claim.hold(f"xcp/{bus}/{can.ids}")
+            if held is None:
+                self.close()
+                raise UserError(f"{can}: another slave has these ids on {bus}; end it")
+            self._sockets.append(held)
         try:
             for kind, address, port in wanted:
                 self._open(kind, address, port)
@@ -144,11 +203,17 @@ class Server:
         except OverflowError:
             self.close()
             raise UserError(f"{kind} {address}:{port}: no such port") from None
+        self.addresses = [f"XCP over {kind} on {at}:{port}" for kind, at, port in self._ports]
 
-    @property
-    def addresses(self) -> list[str]:
-        """Where it listens, a line each."""
-        return [f"XCP over {kind} on {address}:{port}" for kind, address, port in self._ports]
+    @classmethod
+    def of_rig(cls, rig: Rig, bus: Bus, role: Role) -> "Server":
+        """Listen where a rig with the key `xcp` says; RigError, UserError, BusError."""
+        can = CanPlace.of(rig, role)
+        if can is None:
+            return cls([port_of(rig, role)])
+        made = cls([], can, side_of(rig, bus, role if role in on_line(rig) else "executive"))
+        made.addresses = [f"{can}, on {master_side(rig, bus)}"]
+        return made
 
     def _open(self, kind: str, address: str, port: int) -> None:
         made = socket.socket(type=socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM)
@@ -170,7 +235,7 @@ class Server:
     def __exit__(self, *what: object) -> None:
         for key in [*self._masters]:
             with suppress(ValueError, OSError):
-                self._masters[key].send([bytes([EVENT, EV_SESSION_TERMINATED])])
+                self._masters[key].end()
             self._leave(key)
         self.close()
 
@@ -185,11 +250,15 @@ class Server:
         tap, about = Tap(live), live.block.description
         described = [A2lVariable(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
         rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
-        text = a2l_text(rig, role, version(), live.period_ns, described, self._ports)
+        can, link = self._can, ETHERNET if self._can is None else self._can.link
+        lines = ethernet(self._ports) if can is None else can.a2l()
+        text = a2l_text(rig, role, version(), live.period_ns, described, lines, link)
         self._node = table_of(live, tap, text.encode())
+        if can is not None:
+            self._masters[can] = CanMaster(can, self._sockets[0], Session(self._node, link))
         while live.running:
-            busy = any(one.session.daq.running for one in self._masters.values())
-            for key, _ in self._select.select(BUSY_S if busy else IDLE_S):
+            wait_s = min((one.wait_s for one in self._masters.values()), default=IDLE_S)
+            for key, _ in self._select.select(wait_s):
                 key.data(key.fileobj)
             for key, one in [*self._masters.items()]:
                 self._guarded(key, one.flush)
@@ -209,10 +278,12 @@ class Server:
                 self._guarded(key, one.send, one.session.packets(rows.cycle, rows.values))
 
     def _guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
-        """Do what may end with a master's end."""
+        """Do what may end with a master's end; on CAN OSError goes on."""
         try:
             work(*given)
         except (ValueError, OSError):
+            if key == self._can:
+                raise
             self._leave(key)
 
     def _leave(self, key: Any) -> None:
@@ -232,7 +303,7 @@ class Server:
                 return
             if address not in self._masters:
                 self._admit(address, partial(_sent, end.sendto, address), False)
-            self._guarded(address, self._masters[address].take, data)
+            self._take(address, data)
             if (one := self._masters.get(address)) and not one.session.connected:
                 self._leave(address)
 
@@ -256,7 +327,12 @@ class Server:
         if not data:
             self._leave(end)
         elif end in self._masters:
-            self._guarded(end, self._masters[end].take, data)
+            self._take(end, data)
+
+    def _take(self, key: Any, data: bytes) -> None:
+        one = self._masters[key]
+        assert isinstance(one, _Master), "on CAN they come by `flush`"
+        self._guarded(key, one.take, data)
 
     def _admit(self, key: Any, put: Callable[[bytes], int], stream: bool) -> None:
         """Take a new master; the one that has been there longest without measuring goes."""

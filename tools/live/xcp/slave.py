@@ -2,8 +2,9 @@
 
 Addresses are numbers of names, never memory: extension 0 has the node's variables, number i at
 8 i .. 8 i + 7, a little-endian double; 1 the A2L file, 2 a text that a command tells. Nothing else
-can be read. Written are whole parameters, all of a command between the same two cycles or none;
-the event packet behind the answer, FD FE, has the first cycle with them in 8 bytes.
+can be read. A value that is read in parts is that of its first part. Written are whole parameters,
+all of a command or block between the same two cycles or none; the event packet behind the answer,
+FD FE, has the first cycle with them in 8 bytes, on classic CAN in 6.
 """
 
 import zlib
@@ -18,21 +19,25 @@ from pcpc.tools.live.xcp.lists import DIVISIONS, STAMP, DaqLists
 from pcpc.tools.live.xcp.packets import (
     CAL_PAG,
     DAQ,
+    ETHERNET,
     EV_USER,
     EVENT,
     LAYOUTS,
-    MAX_CTO,
-    MAX_DTO,
-    NEGATIVE,
     POSITIVE,
     Cmd,
     Err,
+    Link,
     Refused,
 )  # fmt: skip
 
 VARIABLES, FILE, TEXT = 0, 1, 2  # address extensions
 CRC_32 = 0x09
 RUNNING_DAQ = 0x40  # of a session's status
+_OF_LISTS = {
+    Cmd.FREE_DAQ: "free", Cmd.ALLOC_DAQ: "alloc", Cmd.ALLOC_ODT: "alloc_odts",
+    Cmd.ALLOC_ODT_ENTRY: "alloc_entries", Cmd.CLEAR_DAQ_LIST: "clear", Cmd.SET_DAQ_PTR: "point",
+    Cmd.WRITE_DAQ: "write", Cmd.SET_DAQ_LIST_MODE: "set_mode",
+}  # fmt: skip
 _UNITS = 10  # of time: 1 ns, 10 ns ... 1 s
 _STAMPS = 0x34  # 4 bytes, of microseconds
 
@@ -60,11 +65,13 @@ class NodeTable:
 class Session:
     """The slave's side of one master."""
 
-    def __init__(self, node: NodeTable) -> None:
-        self._node, self.connected = node, False
-        self.daq = DaqLists(node.columns)
+    def __init__(self, node: NodeTable, link: Link = ETHERNET) -> None:
+        self._node, self._link, self.connected = node, link, False
+        self.daq = DaqLists(node.columns, link)
         self._mta = VARIABLES, 0
         self._text = b""
+        self._seen, self._seen_to = b"", 0  # all values, and where the part that was read ends
+        self._block, self._left = b"", 0  # of DOWNLOAD, and how many bytes are to come
 
     def answers(self, packet: bytes) -> list[bytes]:
         """Return what is answered to a command; nothing as long as nobody is connected."""
@@ -73,7 +80,7 @@ class Session:
         try:
             return self._done(packet)
         except Refused as refused:
-            return [bytes([NEGATIVE, refused.code])]
+            return [refused.packet]
 
     def packets(self, cycle: NDArray[np.int64], values: NDArray[np.float64]) -> list[bytes]:
         """Return what running lists send of recorded cycles (n,), values (n, columns)."""
@@ -84,14 +91,22 @@ class Session:
             command = Cmd(packet[0])
         except ValueError:
             raise Refused(Err.CMD_UNKNOWN) from None
+        if command != Cmd.DOWNLOAD_NEXT:
+            self._left = 0
         body = packet[1:]
-        method = getattr(self, f"_{command.name.lower()}")
+        name = _OF_LISTS.get(command)
+        method = getattr(self.daq, name) if name else getattr(self, f"_{command.name.lower()}")
         if (layout := LAYOUTS.get(command)) is None:
             return list(method(body))
-        if len(body) != layout.size:
-            raise Refused(Err.CMD_SYNTAX)
-        found = method(*layout.unpack(body))
+        found = method(*layout.unpack(self._part(body, 0, layout.size))) or b""
         return [POSITIVE + found] if isinstance(found, bytes) else found
+
+    def _part(self, body: bytes, begin: int, size: int) -> bytes:
+        """Return what is the end of a packet but for the padding of CAN; Refused."""
+        end = begin + size
+        if len(body) < end or (len(body) > end and not self._link.can):
+            raise Refused(Err.CMD_SYNTAX)
+        return body[begin:end]
 
     # The session
 
@@ -100,12 +115,12 @@ class Session:
             raise Refused(Err.OUT_OF_RANGE)
         self.connected, self._mta = True, (VARIABLES, 0)
         self.daq.free()
-        return Struct("<BBBHBB").pack(CAL_PAG | DAQ, 0x80, MAX_CTO, MAX_DTO, 1, 1)
+        mode = 0xC0 if self._link.can else 0x80  # with blocks of the slave
+        return Struct("<BBBHBB").pack(CAL_PAG | DAQ, mode, self._link.cto, self._link.dto, 1, 1)
 
-    def _disconnect(self) -> bytes:
+    def _disconnect(self) -> None:
         self.connected = False
         self.daq.free()
-        return b""
 
     def _get_status(self) -> bytes:
         return Struct("<BBxH").pack(RUNNING_DAQ if self.daq.running else 0, 0, 0)
@@ -114,7 +129,8 @@ class Session:
         raise Refused(Err.CMD_SYNCH)
 
     def _get_comm_mode_info(self) -> bytes:
-        return Struct("<xBxBBBB").pack(0, 0, 0, 0, 0x10)
+        most = self._link.most_in_block
+        return Struct("<xBxBBBB").pack(most > 0, most, self._link.apart, 0, 0x10)
 
     def _get_id(self, kind: int) -> bytes:
         rig = self._node.rig
@@ -133,17 +149,19 @@ class Session:
 
     # Memory
 
-    def _set_mta(self, extension: int, address: int) -> bytes:
+    def _set_mta(self, extension: int, address: int) -> None:
         self._mta = extension, address
-        return b""
 
-    def _upload(self, count: int) -> bytes:
+    def _upload(self, count: int) -> list[bytes]:
         extension, address = self._mta
-        found = self._bytes(extension, address, count, MAX_CTO - 1)
+        size = self._link.cto - 1
+        found = self._bytes(extension, address, count, 255 if self._link.can else size)
         self._mta = extension, address + count
-        return found
+        return [POSITIVE + found[begin : begin + size] for begin in range(0, count, size)]
 
-    def _short_upload(self, count: int, extension: int, address: int) -> bytes:
+    def _short_upload(self, count: int, extension: int, address: int) -> list[bytes]:
+        if count >= self._link.cto:
+            raise Refused(Err.OUT_OF_RANGE)
         self._mta = extension, address
         return self._upload(count)
 
@@ -161,21 +179,38 @@ class Session:
             raise Refused(Err.OUT_OF_RANGE)
         if extension != VARIABLES:
             return (self._node.a2l if extension == FILE else self._text)[address : address + count]
-        _, values = self._node.read()
-        return values.astype("<f8").tobytes()[address : address + count]
+        if address % 8 == 0 or address != self._seen_to:
+            self._seen = self._node.read()[1].astype("<f8").tobytes()
+        self._seen_to = address + count
+        return self._seen[address : address + count]
 
     def _download(self, body: bytes) -> list[bytes]:
-        if not body or len(body) - 1 != body[0]:
+        if not body:
             raise Refused(Err.CMD_SYNTAX)
-        return self._written(body[1:])
+        self._block = b""
+        return self._more(body, body[0])
+
+    def _download_next(self, body: bytes) -> list[bytes]:
+        left, self._left = self._left, 0
+        if not left or body[:1] != bytes([left]):
+            raise Refused(Err.SEQUENCE, left)
+        return self._more(body, left)
+
+    def _more(self, body: bytes, left: int) -> list[bytes]:
+        """Take a part of a block, of which `left` bytes are to come; write all at its end."""
+        part = min(left, self._link.cto - 2) if self._link.can else left
+        self._block += self._part(body, 1, part)
+        self._left = left - part
+        return [] if self._left else self._written(self._block)
 
     def _short_download(self, body: bytes) -> list[bytes]:
         head = Struct("<BxBI")
-        if len(body) < head.size or len(body) - head.size != body[0]:
+        if len(body) < head.size:
             raise Refused(Err.CMD_SYNTAX)
-        _, *mta = head.unpack(body[: head.size])
-        self._mta = mta[0], mta[1]
-        return self._written(body[head.size :])
+        count, extension, address = head.unpack(body[: head.size])
+        data = self._part(body, head.size, count)
+        self._mta = extension, address
+        return self._written(data)
 
     def _written(self, data: bytes) -> list[bytes]:
         (extension, address), names = self._mta, self._node.names
@@ -187,7 +222,7 @@ class Session:
         first = address // 8
         cycle = self._node.write(dict(zip(names[first : first + len(values)], values, strict=True)))
         self._mta = extension, address + len(data)
-        return [POSITIVE, Struct("<BBQ").pack(EVENT, EV_USER, cycle)]
+        return [POSITIVE, Struct("<BBQ").pack(EVENT, EV_USER, cycle)[: self._link.cto]]
 
     # Measurement
 
@@ -195,7 +230,7 @@ class Session:
         return Struct("<BHHBB").pack(0x93, 252, len(DIVISIONS), 0, 0)
 
     def _get_daq_resolution_info(self) -> bytes:
-        return Struct("<BBBBBH").pack(1, 8, 1, 0, _STAMPS, 1)
+        return Struct("<BBBBBH").pack(1, min(8, self._link.dto - 1), 1, 0, _STAMPS, 1)
 
     def _get_daq_event_info(self, event: int) -> bytes:
         if event >= len(DIVISIONS):
@@ -217,51 +252,18 @@ class Session:
         mode = one.mode | one.selected | (0x40 if one.places is not None else 0)
         return Struct("<BxxHBB").pack(mode, one.event, one.prescaler, 0)
 
-    def _free_daq(self) -> bytes:
-        self.daq.free()
-        return b""
-
-    def _alloc_daq(self, count: int) -> bytes:
-        self.daq.alloc(count)
-        return b""
-
-    def _alloc_odt(self, number: int, count: int) -> bytes:
-        self.daq.alloc_odts(number, count)
-        return b""
-
-    def _alloc_odt_entry(self, number: int, odt: int, count: int) -> bytes:
-        self.daq.alloc_entries(number, odt, count)
-        return b""
-
-    def _clear_daq_list(self, number: int) -> bytes:
-        self.daq.clear(number)
-        return b""
-
-    def _set_daq_ptr(self, number: int, odt: int, entry: int) -> bytes:
-        self.daq.point(number, odt, entry)
-        return b""
-
-    def _write_daq(self, bit: int, size: int, extension: int, address: int) -> bytes:
-        self.daq.write(bit, size, extension, address)
-        return b""
-
     def _write_daq_multiple(self, body: bytes) -> list[bytes]:
         element = Struct("<BBIBx")
-        if not body or len(body) - 1 != body[0] * element.size:
+        if not body:
             raise Refused(Err.CMD_SYNTAX)
-        for bit, size, address, extension in element.iter_unpack(body[1:]):
+        data = self._part(body, 1, body[0] * element.size)
+        for bit, size, address, extension in element.iter_unpack(data):
             self.daq.write(bit, size, extension, address)
         return [POSITIVE]
 
     def _read_daq(self) -> bytes:
         address, size = self.daq.read()
         return Struct("<BBBI").pack(0xFF, size, VARIABLES, address)
-
-    def _set_daq_list_mode(
-        self, mode: int, number: int, event: int, prescaler: int, priority: int
-    ) -> bytes:
-        self.daq.set_mode(mode, number, event, prescaler)
-        return b""
 
     def _start_stop_daq_list(self, mode: int, number: int) -> bytes:
         one = self.daq.of(number)
@@ -275,7 +277,7 @@ class Session:
             raise Refused(Err.MODE_NOT_VALID)
         return bytes([self.daq.first(number)])
 
-    def _start_stop_synch(self, mode: int) -> bytes:
+    def _start_stop_synch(self, mode: int) -> None:
         if mode not in (0, 1, 2):
             raise Refused(Err.MODE_NOT_VALID)
         chosen = [i for i, one in enumerate(self.daq.lists) if one.selected or mode == 0]
@@ -285,7 +287,6 @@ class Session:
             if mode != 1:
                 self.daq.stop(i)
             self.daq.lists[i].selected = False
-        return b""
 
 
 def event_name(event: int) -> str:

@@ -22,9 +22,10 @@ from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
-from pcpc.executive.rig.buses import line_options, odd_rates, on_line, side_of
+from pcpc.executive.rig.buses import line_options, master_side, odd_rates, on_line, side_of
 from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.xcp import xcp_ids
 from pcpc.tools.start.bus import line_report
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
@@ -165,17 +166,21 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     Writes `result` to `report`. BusError goes to stderr.
     """
     config, sides = rig.config.bus, [side_of(rig, bus, role) for role in on_line(rig)]
+    names = [f"{side}" for side in sides]
+    if ids := xcp_ids(rig):
+        sides.append(master_side(rig, bus))
+        names.append(f"{sides[-1]}, XCP " + ", ".join(f"0x{down:X}" for down, _ in ids.values()))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     fd = bool(fd_frames(rig)) or has_fd_drive(rig)
     gateway = Gateway(config.queue, fd, len(sides), **line_options(rig))
     try:
         gateway.open(sides)
         os.close(ready)
-        _run(gateway, [str(one) for one in sides], argparse.Namespace(quiet=True, for_s=None))
+        _run(gateway, names, argparse.Namespace(quiet=True, for_s=None))
     except BusError as error:
         print(f"line: {error}", file=sys.stderr)
         return error.code
-    line_report.write(result(gateway, [str(one) for one in sides]), report)
+    line_report.write(result(gateway, names), report)
     return Exit.OK
 
 

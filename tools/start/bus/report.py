@@ -81,7 +81,9 @@ def text_of(rig: Rig, bus: Bus) -> Iterator[str]:
     of_what = f"{bus.name} at {rate_of(setup.bitrate)} ({bus.origin}), {kind}"
     yield from screen.wrapped(of_what, f"{rig.config.rig} at {rig.config.rate_hz:g} Hz, ", "  ")
     yield ""
-    yield from screen.table([_TITLES, *(_cells(row, bus) for row in bus.rows)], right=range(3, 9))
+    last = {row.sent.frame.word: row for row in bus.rows}  # of those of XCP with one id
+    cells = [_cells(row, bus) for row in last.values()]
+    yield from screen.table([_TITLES, *cells], right=range(3, 9))
     yield "us: T period, C transmission, R worst-case response, D needed after"
     yield ""
     yield from screen.rows(_verdicts(bus))

@@ -19,7 +19,9 @@ from dataclasses import dataclass, replace
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.frame_bits import duration_ns
 from pcpc.executive.rig import messages
+from pcpc.executive.rig.bus_keys import Xcp
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.xcp import xcp_frames
 from pcpc.tools.start.bus.drive_frames import own_frames
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
 from pcpc.tools.start.bus.response import responses_ns
@@ -31,13 +33,15 @@ MOST_HZ, MOST_CLASSIC = 20_000, 1_000_000  # of a rig's rate; bit/s of classic C
 class SentFrame:
     """A frame with its sender, and the share of a cycle after which its receiver wants it.
 
-    `phase`: of the sender, as a share of a cycle; None for any.
+    `phase`: of the sender, as a share of a cycle; None for any. `cycles`: not 0 for one that is
+    sent at any time, at most once in so many.
     """
 
     frame: dbc.Frame
     sender: str
     wanted: float = 1.0
     phase: float | None = None
+    cycles: int = 0
 
     @property
     def priority(self) -> tuple[int, bool, int]:
@@ -114,19 +118,23 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
             node = rig.config.plants[role]
             phase = phases[node.node] if kept else None
             found[node.bus is not None].append(SentFrame(frame, node.node, 1.0, phase))
+    for sender, frame in xcp_frames(rig):
+        found[0].append(SentFrame(frame, sender, cycles=Xcp.CYCLES))
     return [sorted(frames, key=lambda entry: entry.priority) for frames in found]
 
 
 def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFrame], Wire]:
     """Return the frames of a bus, by priority, and the bus, as the analysis takes them."""
     cycle_ns = 1e9 / setup.rate_hz
-    in_cycle = sorted(frames, key=lambda entry: messages.sending_order(entry.frame))
+    in_cycle = sorted(
+        frames, key=lambda entry: (not entry.cycles, *messages.sending_order(entry.frame))
+    )
     found = []
     for sent in frames:
         frame = sent.frame
         fast = setup.data_bitrate or setup.bitrate
         takes_ns = duration_ns(frame.bits(setup.all_fd), setup.bitrate, fast)
-        period_ns = math.floor(frame.every_n(setup.rate_hz) * cycle_ns)
+        period_ns = math.floor((sent.cycles or frame.every_n(setup.rate_hz)) * cycle_ns)
         phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
         place = in_cycle.index(sent)
         found.append(
@@ -205,7 +213,7 @@ def _boundary(most: int, yes: Callable[[int], bool]) -> int:
 def warning(rig: Rig, pacing: str) -> str:
     """Return in a line which frame a bus of the rig's own bit rate cannot take in time, or "".
 
-    A load of more than 100 % needs no warning: `messages.check_rate` refuses it.
+    A load of more than 100 % needs no warning: `bus_load.check_rate` refuses it.
     """
     config = rig.config
     if config.bus.bits_per_s is None or pacing == "lockstep":

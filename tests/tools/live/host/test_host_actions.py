@@ -97,7 +97,7 @@ def test_a_server_that_cannot_follow_ends_with_the_error(
         raise ValueError("the ring is torn")
 
     monkeypatch.setattr(Display, "poll", fails)
-    with Page(options, "nobody.executive") as page:
+    with Page(options, {"executive": "nobody.executive"}) as page:
         page.start()
         said = until(page.ended, "the page ends")
     assert said.startswith("the page has ended: ValueError: the ring is torn; the run goes on")

@@ -14,8 +14,7 @@ from mcap_ros2.decoder import DecoderFactory
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
 
-FOXGLOVE = Path(__file__).parents[4] / "tools" / "live" / "host" / "foxglove"
-LAYOUTS = sorted(FOXGLOVE.glob("*.json"))
+LAYOUTS = sorted((Path(__file__).parents[4] / "plants").glob("*/foxglove.json"))
 KEYS = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc.tools.live.xcp.lists import MOST_ENTRIES, MOST_ODTS
-from pcpc.tools.live.xcp.packets import LAYOUTS, MAX_CTO, Cmd, Err, Refused
+from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, Err, Refused
 from pcpc.tools.live.xcp.slave import NodeTable, Session, period
 
 NAMES = ["time.t_s", "controller.e", "controller.kv", "controller.km", "odd"]
@@ -49,7 +49,7 @@ def node() -> Node:
 def session(node: Node) -> Session:
     made = Session(node.table())
     (answer,) = made.answers(b"\xff\x00")
-    assert answer == bytes([0xFF, 0x05, 0x80, MAX_CTO]) + struct.pack("<H", 1400) + b"\x01\x01"
+    assert answer == bytes([0xFF, 0x05, 0x80, ETHERNET.cto]) + struct.pack("<H", 1400) + b"\x01\x01"
     return made
 
 
@@ -77,8 +77,8 @@ def listed(session: Session, *odts: list[tuple[int, int]]) -> None:
     for i, entries in enumerate(odts):
         good(session, Cmd.ALLOC_ODT_ENTRY, 0, i, len(entries))
     for i, entries in enumerate(odts):
-        good(session, Cmd.SET_DAQ_PTR, 0, i, 0)
-        for address, size in entries:
+        for at, (address, size) in enumerate(entries):
+            good(session, Cmd.SET_DAQ_PTR, 0, i, at)
             good(session, Cmd.WRITE_DAQ, 0xFF, size, 0, address)
 
 
@@ -269,7 +269,7 @@ def test_whatever_comes_is_answered_by_one_packet_and_moves_nothing(node: Node) 
         if random.random() < 0.1:
             packet = bytearray(random.bytes(random.integers(1, 40)))
         answers = made.answers(bytes(packet))
-        assert len(answers) <= 2 and all(0 < len(one) <= MAX_CTO for one in answers)
+        assert len(answers) <= 2 and all(0 < len(one) <= ETHERNET.cto for one in answers)
         assert not answers or answers[0][0] in (0xFE, 0xFF)
         if answers and answers[0][0] == 0xFE:
             Err(answers[0][1])

@@ -1,7 +1,8 @@
-"""A calibration session by pyXCP, unchanged: python xcp_master.py PORT udp|tcp ROWS NAMES.
+"""A calibration session by pyXCP, unchanged: python xcp_master.py WHERE LAYER ROWS NAMES.
 
-It uploads the A2L file, finds addresses in it, measures NAMES (JSON) for ROWS cycles, sets a gain
-in the meantime and prints JSON.
+WHERE is a port for the layer udp or tcp, INTERFACE,CHANNEL,PORT,ID,ID for can or canfd. It uploads
+the A2L file, finds addresses in it, measures NAMES (JSON) for ROWS cycles, sets a gain in the
+meantime and prints JSON. On classic CAN it measures halves of doubles, and sets one by a block.
 """
 
 import json
@@ -9,6 +10,7 @@ import re
 import struct
 import sys
 import threading
+from typing import Any
 
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
@@ -21,13 +23,18 @@ GAIN, VALUES = "controller.kv_Nms_rad", (101.0, 102.5, 103.25)
 class Measured(DaqOnlinePolicy):
     """What came, until there are enough rows."""
 
-    def __init__(self, lists: list[DaqList], enough: int) -> None:
+    def __init__(self, lists: list[DaqList], enough: int, halves: bool) -> None:
         super().__init__(lists)
+        self.halves = halves
         self.rows: list[list[object]] = []
         self.enough, self.full = enough, threading.Event()
 
     def on_daq_list(self, number: int, host: int, stamp: int, values: list[float]) -> None:
-        self.rows.append([stamp, [struct.pack("<d", value).hex() for value in values]])
+        if self.halves:
+            data = struct.pack(f"<{len(values)}I", *map(int, values))
+        else:
+            data = struct.pack(f"<{len(values)}d", *values)
+        self.rows.append([stamp, [data[at : at + 8].hex() for at in range(0, len(data), 8)]])
         if len(self.rows) >= self.enough:
             self.full.set()
 
@@ -38,28 +45,51 @@ class Measured(DaqOnlinePolicy):
         """Nothing."""
 
 
-def session(port: int, protocol: str, rows: int, names: list[str]) -> dict[str, object]:
-    ethernet = {"host": "127.0.0.1", "port": port, "protocol": protocol.upper()}
+def application(where: str, layer: str) -> Any:
+    """Return pyXCP's settings, in force."""
+    can = layer.startswith("can")
+    ethernet = {} if can else {"host": "127.0.0.1", "port": int(where), "protocol": layer.upper()}
     app = create_application_from_config({"Transport": {"Eth": ethernet}}, log_level=50)
-    app.transport.layer = "ETH"
+    app.transport.layer, app.transport.timeout = "CAN" if can else "ETH", 20.0
+    if can:
+        bus = app.transport.can
+        bus.interface, bus.channel, port, down, up = where.split(",")
+        bus.can_id_master, bus.can_id_slave = int(down, 16), int(up, 16)
+        bus.fd, bus.max_dlc_required = layer == "canfd", layer == "can"
+        bus.udp_multicast.port = int(port)
     set_application(app)
-    with Master("ETH", config=app) as master:
+    return app
+
+
+def session(where: str, layer: str, rows: int, names: list[str]) -> dict[str, object]:
+    app = application(where, layer)
+    with Master(app.transport.layer, config=app) as master:
         master.connect()
+        master.getCommModeInfo()
         told = master.getDaqInfo()
         a2l = master.fetch(master.getId(4).length).decode()
         places = {name: (kind, int(at, 16)) for kind, name, at in OBJECT.findall(a2l)}
         master.disconnect()
-    entries = [(name, places[name][1], 0, "F64") for name in names]
+    classic = layer == "can"
+    parts = [(0, "U32"), (4, "U32")] if classic else [(0, "F64")]
+    entries = [(f"{n}+{at}", places[n][1] + at, 0, kind) for n in names for at, kind in parts]
     lists = [DaqList("all", 0, False, True, entries, 0, 1)]
-    measured = Measured(lists, rows)
-    with Master("ETH", config=app, policy=measured) as master:
+    measured = Measured(lists, rows, classic)
+    with Master(app.transport.layer, config=app, policy=measured) as master:
         master.connect()
         measured.setup()
         measured.start()
         read = []
         for value in VALUES:
-            master.shortDownload(places[GAIN][1], 0, struct.pack("<d", value))
-            read.append(struct.unpack("<d", master.shortUpload(8, places[GAIN][1]))[0])
+            data = struct.pack("<d", value)
+            if classic:
+                master.setMta(places[GAIN][1])
+                master.download(data[:6], 8)
+                master.downloadNext(data[6:], 2, last=True)
+            else:
+                master.shortDownload(places[GAIN][1], 0, data)
+            master.setMta(places[GAIN][1])
+            read.append(struct.unpack("<d", master.upload(8)[:8])[0])
         assert measured.full.wait(60)
         measured.stop()
         master.disconnect()
@@ -70,5 +100,5 @@ def session(port: int, protocol: str, rows: int, names: list[str]) -> dict[str, 
 
 
 if __name__ == "__main__":
-    port, protocol, rows, names = sys.argv[1:]
-    print(json.dumps(session(int(port), protocol, int(rows), json.loads(names)), default=str))
+    where, layer, rows, names = sys.argv[1:]
+    print(json.dumps(session(where, layer, int(rows), json.loads(names)), default=str))

@@ -15,6 +15,7 @@ import can
 import pytest
 from processes import PCPC, ROOT, own_bus, pcpc, until
 
+from pcpc.drivers.can import plain_bus
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.tools.make.device import slcan
 from pcpc.tools.make.generate.long_frames import with_long_frames
@@ -72,7 +73,7 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return library_of(shutil.copytree(FIXED, tmp_path_factory.mktemp("slcan") / "c"))
 
 
-def long_frames(count: int) -> list[slcan.Frame]:
+def long_frames(count: int) -> list[plain_bus.Frame]:
     draw = random.Random(10)
     found = [one._replace(flags=draw.choice((0, 4, 5))) for one in frames(count)]
     return [
@@ -81,23 +82,23 @@ def long_frames(count: int) -> list[slcan.Frame]:
     ]
 
 
-def frames(count: int) -> list[slcan.Frame]:
+def frames(count: int) -> list[plain_bus.Frame]:
     draw = random.Random(9)
     words = (
         draw.choice((draw.randrange(2**11), 1 << 31 | draw.randrange(2**29))) for _ in range(count)
     )
-    return [slcan.Frame(word, draw.randbytes(draw.randrange(9))) for word in words]
+    return [plain_bus.Frame(word, draw.randbytes(draw.randrange(9))) for word in words]
 
 
 def heard(
     library: Any, line: Any, text: bytes, kind: Any = Frame
-) -> tuple[list[slcan.Frame], bytes]:
+) -> tuple[list[plain_bus.Frame], bytes]:
     """Return the frames of characters that a device takes, and what it answers."""
-    found, said, frame = list[slcan.Frame](), b"", kind()
+    found, said, frame = list[plain_bus.Frame](), b"", kind()
     for byte in text:
         if library.slcan_take(ctypes.byref(line), ctypes.c_char(byte), ctypes.byref(frame)):
             flags = getattr(frame, "flags", Flag.NONE)
-            found.append(slcan.Frame(frame.id, bytes(frame.data[: frame.n]), flags))
+            found.append(plain_bus.Frame(frame.id, bytes(frame.data[: frame.n]), flags))
         said += b"" if line.reply == b"\0" else line.reply
     return found, said
 
@@ -205,7 +206,7 @@ def carry_both_ways(device: int, host: int, bus: str) -> None:
     os.write(device, b"\r\r\rt7011")
     end = slcan.open_bus(bus)
     os.write(device, b"7F\rT1ABCDEF02AA55\r")
-    came = list[slcan.Frame]()
+    came = list[plain_bus.Frame]()
     until(lambda: came.extend(end.frames()) or len(came) >= 1, "a frame on the bus")
     until(lambda: came.extend(end.frames()) or came[-1][1] == b"\xaa\x55", "the other one")
     assert came[-1] == (1 << 31 | 0x1ABCDEF0, b"\xaa\x55", Flag.NONE)

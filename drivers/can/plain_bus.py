@@ -1,0 +1,146 @@
+"""A bus in Python, frame by frame: for programs beside a run, which need no compiled loop."""
+
+import errno
+import select
+import socket
+import sys
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import msgpack
+
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, FRAME_BYTES, LENGTHS, Flag
+from pcpc.drivers.errors import BusError
+
+_SAID = {
+    "timestamp": 0.0, "is_remote_frame": False, "is_error_frame": False, "channel": None,
+    "error_state_indicator": False,
+}  # fmt: skip
+
+
+class Frame(NamedTuple):
+    """A frame: its id as a word of `drivers.can.can_id`, its data, its `Flag`."""
+
+    word: int
+    data: bytes
+    flags: int = Flag.NONE
+
+
+class Udp:
+    """A udp_multicast bus; python-can's datagrams, and none of this program's own."""
+
+    def __init__(self, channel: str) -> None:
+        sender, receiver = buses._open_udp(channel)
+        self._tx, self._rx = socket.socket(fileno=sender), socket.socket(fileno=receiver)
+        self._own = self._tx.getsockname()
+
+    def fileno(self) -> int:
+        """Return what `select` waits for."""
+        return self._rx.fileno()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._tx.close()
+        self._rx.close()
+
+    def put(self, word: int, data: bytes, flags: int = Flag.NONE) -> None:
+        """Send a frame."""
+        self.offer(word, data, flags)
+
+    def offer(self, word: int, data: bytes, flags: int = Flag.NONE) -> bool:
+        """Send a frame; False where that fails."""
+        said = {
+            "arbitration_id": word & can_id.ID,
+            "is_extended_id": bool(word & can_id.EXTENDED),
+            "dlc": len(data),
+            "data": data,
+            "is_fd": bool(flags & Flag.FD),
+            "bitrate_switch": bool(flags & Flag.BRS),
+            **_SAID,
+        }
+        return self._tx.send(msgpack.packb(said)) > 0
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames that are there."""
+        while True:
+            try:
+                text, sender = self._rx.recvfrom(2048, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return
+            if sender != self._own and (frame := _frame_of_datagram(text)) is not None:
+                yield frame
+
+
+def _frame_of_datagram(text: bytes) -> Frame | None:
+    """Return the data frame of a datagram."""
+    try:
+        said = msgpack.unpackb(text)
+        word = can_id.word_of(int(said["arbitration_id"]), bool(said.get("is_extended_id")))
+        data = bytes(said["data"])
+    except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException):
+        return None
+    flags = (Flag.FD | Flag.BRS * bool(said.get("bitrate_switch"))) if said.get("is_fd") else 0
+    other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame"))
+    fits = len(data) in (LENGTHS if flags else LENGTHS[:9])
+    return Frame(word, data, flags) if fits and not other else None
+
+
+class Can:
+    """A SocketCAN bus."""
+
+    def __init__(self, channel: str, receive_ids: list[int] | None) -> None:
+        self._can = socket.socket(fileno=buses._open_socketcan(channel, receive_ids))
+        self._channel, self._most = channel, buses._mtu(channel)
+        if self._most >= FRAME_BYTES:
+            self._can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+
+    def fileno(self) -> int:
+        """Return what `select` waits for."""
+        return self._can.fileno()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._can.close()
+
+    def put(self, word: int, data: bytes, flags: int = Flag.NONE) -> None:
+        """Send a frame; where the queue is full, wait until it is not. BusError: it has no FD."""
+        while not self.offer(word, data, flags):
+            select.select((), (self._can,), ())
+
+    def offer(self, word: int, data: bytes, flags: int = Flag.NONE) -> bool:
+        """Send a frame; False where the queue is full. BusError: it has no FD."""
+        size = FRAME_BYTES if flags & Flag.FD else CLASSIC_BYTES
+        if size > self._most:
+            cure = f"sudo ip link set {self._channel} mtu {FRAME_BYTES}"
+            raise BusError(f"{self._channel}: the interface has no CAN FD; run `{cure}`")
+        head = word.to_bytes(4, sys.byteorder) + bytes((len(data), flags, 0, 0))
+        text = (head + data).ljust(size, b"\0")
+        try:
+            return self._can.send(text) == size
+        except OSError as error:
+            if error.errno != errno.ENOBUFS:
+                raise
+            return False
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames that are there."""
+        while True:
+            try:
+                text = self._can.recv(FRAME_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return
+            word, n = int.from_bytes(text[:4], sys.byteorder), text[4]
+            flags = text[5] | Flag.FD if len(text) == FRAME_BYTES else Flag.NONE
+            if not word & (can_id.REMOTE | can_id.ERROR) and n <= len(text) - 8:
+                yield Frame(word, text[8 : 8 + n], flags)
+
+
+def open_bus(bus: buses.Bus, receive_ids: list[int] | None = None) -> Udp | Can:
+    """Open a bus; BusError. `receive_ids` as `drivers.can.bus.open_bus` has them."""
+    if bus.interface == "udp_multicast":
+        return Udp(bus.channel)
+    if bus.interface == "socketcan":
+        return Can(bus.channel, receive_ids)
+    raise BusError(f"{bus}: expected socketcan or udp_multicast")
