@@ -143,7 +143,7 @@ class Evaluation:
             if source not in self.signals and not variable:
                 names = [*self.signals, *(f"{node}:" for node in NODES)]
                 raise Mistake(f"no signal {source}{did_you_mean(source, names)}", place)
-        each = [name for name, merit in self.merits.items() if _over(merit) == EACH]
+        each = [name for name, merit in self.merits.items() if _window_of(merit) == EACH]
         for part in (part for line in self.notes for part in line if isinstance(part, str)):
             for name in _fields(part, self.place):
                 if name not in self.merits and not name.endswith(tuple(f"_{e}" for e in each)):
@@ -169,9 +169,12 @@ class Evaluation:
                 yield one.source, one.place
 
     def judge(
-        self, log: Log, window_s: tuple[float, float], numbers: Mapping[str, float],
+        self,
+        log: Log,
+        window_s: tuple[float, float],
+        numbers: Mapping[str, float],
         period_s: float,
-    ) -> dict[str, float]:  # fmt: skip
+    ) -> dict[str, float]:
         """Return the figures of a run; {} without a cycle in the window."""
         return self.figures(self.judged(log, window_s, numbers, period_s))
 
@@ -186,9 +189,12 @@ class Evaluation:
         return {name: float(found[name]) for name in merits if not math.isnan(found[name])}
 
     def judged(
-        self, log: Log, window_s: tuple[float, float], numbers: Mapping[str, float],
+        self,
+        log: Log,
+        window_s: tuple[float, float],
+        numbers: Mapping[str, float],
         period_s: float,
-    ) -> Judged:  # fmt: skip
+    ) -> Judged:
         """Return a run with its windows."""
         windows = {WINDOW: window_s, RUN: (-math.inf, math.inf), LATE: (window_s[1], math.inf)}
         for name in further(numbers):
@@ -221,7 +227,7 @@ class Evaluation:
 
     def unknown(self, numbers: Mapping[str, float]) -> Iterator[tuple[str, str]]:
         """Yield the numbers of a rig that nothing here asks for, each with a cure."""
-        asked = {_over(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
+        asked = {_window_of(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
         asked |= {m.needs for m in self.merits.values() if isinstance(m, Merit)} - {""}
         windows = [f"{name}_{end}_s" for name in sorted(asked) for end in ("from", "to")]
         known = [
@@ -237,10 +243,15 @@ class Evaluation:
                 yield name, f" without {begin}"
 
     def draw(
-        self, log: Log, path: Path | None, title: str, metrics: Figures,
-        window_s: tuple[float, float], numbers: Mapping[str, float] | None = None,
+        self,
+        log: Log,
+        path: Path | None,
+        title: str,
+        metrics: Figures,
+        window_s: tuple[float, float],
+        numbers: Mapping[str, float] | None = None,
         violations: Sequence[tuple[float, str]] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write one PNG, 1200 x 1500 pixels.
 
         ImportError without matplotlib, with the cure; Mistake for a line that cannot be drawn.
@@ -295,7 +306,7 @@ def _short(given: object) -> str:
     return textwrap.shorten(repr(given), 60, placeholder=" ...")
 
 
-def _over(merit: object) -> str:
+def _window_of(merit: object) -> str:
     return merit.over if isinstance(merit, Merit) else ""
 
 

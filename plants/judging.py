@@ -22,7 +22,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.reader import NODES, Log
-from pcpc.executive.rig.law_errors import located
+from pcpc.executive.rig.law_errors import located_message
 from pcpc.plants.statistics import Statistic
 
 Vector = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Mistake(RigError):
     """What is wrong in an evaluation, in one line; `place`: of the declaration that says it."""
 
     def __init__(self, what: str, place: Place | None = None) -> None:
-        super().__init__(located(place, what) if place else what)
+        super().__init__(located_message(place, what) if place else what)
         self.placed = place is not None
 
 
@@ -239,11 +239,11 @@ def effective_rig(log: Log) -> dict[str, Any]:
     if log.rig is not None:
         return dict(log.rig)
     texts = [text for file, text in log.attachments.items() if file.endswith("rig-resolved.yaml")]
-    return _parsed(texts[0]) if texts else {}
+    return _parsed_rig(texts[0]) if texts else {}
 
 
 @lru_cache(maxsize=4)  # every metric asks
-def _parsed(rig: str) -> Any:
+def _parsed_rig(rig: str) -> Any:
     return yaml.load(rig, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 

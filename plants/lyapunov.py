@@ -184,19 +184,19 @@ class Account:
     def stepping(self) -> float:
         """The sum of `steps` over what is dissipated; infinite where nothing is."""
         added = float(self.steps @ self.period_s)
-        return added / self.dissipated if self.dissipated > 0.0 else math.inf
+        return added / self.dissipation if self.dissipation > 0.0 else math.inf
 
     @cached_property
     def _flow(self) -> Vector:
         return np.asarray(sum(self.proof.terms.values()) - self.proof.damping)[:-1]
 
     @cached_property
-    def proved(self) -> Vector:
+    def proved_slope(self) -> Vector:
         """The right side of (7), (n - 1,)."""
         return self._flow + self.steps
 
     @cached_property
-    def dissipated(self) -> float:
+    def dissipation(self) -> float:
         """The sum of D over the run."""
         return float(self.proof.damping[:-1] @ self.period_s)
 
@@ -207,20 +207,20 @@ class Account:
 
     @cached_property
     def unexplained(self) -> float:
-        """The largest sum of `slope` - `proved` from the start on, over what is dissipated.
+        """The largest sum of `slope` - `proved_slope` from the start on, over what is dissipated.
 
         Infinite where nothing is. Of a law in continuous time it is the smaller one of what is seen
         at the samples and of its extrapolation to a period of 0.
         """
-        return self._apart(self._flow)
+        return self._share_apart(self._flow)
 
     @cached_property
     def unnamed(self) -> float:
         """As `unexplained`, less what is `beyond` the theorem by a cause that is known."""
-        return self._apart(self._flow + sum(v[:-1] for v in self.proof.beyond.values()))
+        return self._share_apart(self._flow + sum(v[:-1] for v in self.proof.beyond.values()))
 
-    def _apart(self, flow: Vector) -> float:
-        if not self.dissipated > 0.0:
+    def _share_apart(self, flow: Vector) -> float:
+        if not self.dissipation > 0.0:
             return math.inf
         period, known = self.period_s, np.cumsum((self.slope - self.steps) * self.period_s)
         largest = np.abs(known - np.cumsum(flow * period)).max(initial=0.0)
@@ -229,7 +229,7 @@ class Account:
             middle = flow[1:end:2] * (period[0:end:2] + period[1:end:2])
             extrapolated = np.abs(known[1:end:2] - np.cumsum(middle)).max(initial=0.0)
             largest = np.minimum(largest, extrapolated)
-        return float(largest) / self.dissipated
+        return float(largest) / self.dissipation
 
     @cached_property
     def late(self) -> Mask:
@@ -307,9 +307,9 @@ class Account:
                 "V follows its identity",
                 finite and self.unexplained <= self.allowed,
                 f"{100.0 * self.unexplained:.2g} % of the dissipation not explained, "
-                f"{100.0 * self.allowed:.2g} % allowed" + self._named(),
+                f"{100.0 * self.allowed:.2g} % allowed" + self._cause_text(),
             ),
-            *self._bounded(finite),
+            *self._bound_checks(finite),
         ]
 
     def _moves(self) -> Check:
@@ -326,7 +326,7 @@ class Account:
             f"apart by {', '.join(found)}; {100.0 * APART:.0f} % allowed",
         )
 
-    def _bounded(self, finite: bool) -> list[Check]:
+    def _bound_checks(self, finite: bool) -> list[Check]:
         weights = float(self.proof.weights[self.late].max(initial=0.0))
         level, shown = min(self.own.level, self.stated.level), math.isfinite(self.own.level)
         none = "" if shown else "; an infinite bound is none"
@@ -346,7 +346,7 @@ class Account:
             ),
         ]
 
-    def _named(self) -> str:
+    def _cause_text(self) -> str:
         if not self.proof.beyond or self.unexplained <= self.allowed:
             return ""
         causes = "; ".join(self.proof.beyond)

@@ -104,9 +104,13 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
 
 
 def draw_page(
-    judged: Judged, path: Path | None, title: str, text: str, panels: Sequence[Panel],
+    judged: Judged,
+    path: Path | None,
+    title: str,
+    text: str,
+    panels: Sequence[Panel],
     violations: Sequence[tuple[float, str]] = (),
-) -> None:  # fmt: skip
+) -> None:
     """Write one PNG: `panels` above each other, below them how late a paced executive woke.
 
     Without a `path` it is laid out only.
@@ -170,10 +174,14 @@ def mark_tunings(axes: Sequence["Axes"], judged: Judged) -> None:
         for ax in axes:
             ax.axvline(cycle * judged.period_s, color=BLACK, linewidth=0.8, linestyle=":")
         axes[min(1, len(axes) - 1)].annotate(
-            words, (cycle * judged.period_s, 0.04), xycoords=("data", "axes fraction"), fontsize=7,
-            xytext=(3, 0), textcoords="offset points",
+            words,
+            (cycle * judged.period_s, 0.04),
+            xycoords=("data", "axes fraction"),
+            fontsize=7,
+            xytext=(3, 0),
+            textcoords="offset points",
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
-        )  # fmt: skip
+        )
 
 
 def mark_violations(
@@ -188,13 +196,19 @@ def mark_violations(
         words = name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 3]}..."
         right = time_s > end_s / 2.0  # of the middle: the words go left
         axes[0].annotate(
-            f"violated: {words}", (time_s, 1.0), xycoords=("data", "axes fraction"),
-            color=VERMILION, fontsize=7, xytext=(0, 14 + 9 * (len(marked) - 1 - i)), va="bottom",
-            textcoords="offset points", ha="right" if right else "left",
-        )  # fmt: skip
+            f"violated: {words}",
+            (time_s, 1.0),
+            xycoords=("data", "axes fraction"),
+            color=VERMILION,
+            fontsize=7,
+            xytext=(0, 14 + 9 * (len(marked) - 1 - i)),
+            va="bottom",
+            textcoords="offset points",
+            ha="right" if right else "left",
+        )
 
 
-def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
+def thinned_line(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
     """Return about `points` of the line y (n,) over t (n,): the extremes of every piece."""
     size = -(-len(y) // (points // 2))
     if size <= 2:
@@ -218,7 +232,7 @@ def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]
     for run, own in judged.stretches("executive"):
         for pieces, line in zip(found, lines, strict=True):
             y = run.values(line.source, line.place)
-            pieces.append(thinned(run.t_s[own], y[own], points))
+            pieces.append(thinned_line(run.t_s[own], y[own], points))
     return [
         (np.concatenate([t for t, _ in pieces]), np.concatenate([y for _, y in pieces]))
         for pieces in found
@@ -232,7 +246,7 @@ def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style
     look = {"linewidth": 1.1, "linestyle": "-", **style}
     if look["linestyle"] != "-" and _swings(y) > SWINGS:
         look |= {"linestyle": "-", "linewidth": 0.6, "alpha": 0.4}
-    ax.plot(*thinned(t, y), color=colour, label=label, **look)
+    ax.plot(*thinned_line(t, y), color=colour, label=label, **look)
 
 
 def _swings(y: Vector) -> int:
@@ -288,18 +302,23 @@ def draw_lateness(ax: "Axes", judged: Judged) -> None:
 def dress(ax: "Axes", window_s: tuple[float, float]) -> None:
     """Shade the window, give axes their grid, their legend above them."""
     ax.axvspan(*window_s, color=SHADE, linewidth=0, zorder=0)
-    ruled(ax)
+    apply_grid_style(ax)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, frameon=False, fontsize=8,
-            borderaxespad=0.0, handlelength=1.8,
-        )  # fmt: skip
+            loc="lower right",
+            bbox_to_anchor=(1.0, 0.97),
+            ncols=4,
+            frameon=False,
+            fontsize=8,
+            borderaxespad=0.0,
+            handlelength=1.8,
+        )
     else:
         ax.set_yticks([])
         ax.text(0.5, 0.5, "not in this log", transform=ax.transAxes, color=GREY, ha="center")
 
 
-def ruled(ax: "Axes") -> None:
+def apply_grid_style(ax: "Axes") -> None:
     """Give axes their grid, no frame above and beside, and small letters."""
     bare(ax, color="#D0D0D0")
     ax.set_axisbelow(True)

@@ -77,9 +77,7 @@ def area(points: Iterable[Point], role: str, fill: float = 0.2, width: float = 1
     return Shape("area", role, _flat(points), width, fill)
 
 
-def disc(
-    centre: Point, radius: float, role: str, fill: float = 0.2, width: float = 1.5
-) -> Shape:  # fmt: skip
+def disc(centre: Point, radius: float, role: str, fill: float = 0.2, width: float = 1.5) -> Shape:
     """Return a circle, filled."""
     return Shape("disc", role, (*centre, radius), width, fill)
 
@@ -93,7 +91,7 @@ def _flat(points: Iterable[Point]) -> tuple[float, ...]:
     return tuple(value for point in points for value in point)
 
 
-def _within(value: float, low: float, high: float) -> float:
+def _clamp(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)  # NaN stays NaN
 
 
@@ -114,8 +112,9 @@ def link(a: Point, b: Point, wide: float, role: str, fill: float = 0.2) -> Shape
     ends = [(b, angle - math.pi / 2), (a, angle + math.pi / 2)]
     return area(
         [polar(end, 0.5 * wide, start + math.pi * i / 6) for end, start in ends for i in range(7)],
-        role, fill,
-    )  # fmt: skip
+        role,
+        fill,
+    )
 
 
 def spring(a: Point, b: Point, wide: float, role: str, turns: int = 6) -> Shape:
@@ -125,9 +124,12 @@ def spring(a: Point, b: Point, wide: float, role: str, turns: int = 6) -> Shape:
     along = [0.0, 0.1, *(0.1 + 0.8 * (i + 0.5) / (2 * turns) for i in range(2 * turns)), 0.9, 1.0]
     side = [0.0, 0.0, *(wide * (0.5 - i % 2) for i in range(2 * turns)), 0.0, 0.0]
     return line(
-        [(x + s * dx - w * dy / length, y + s * dy + w * dx / length)
-         for s, w in zip(along, side, strict=True)], role,
-    )  # fmt: skip
+        [
+            (x + s * dx - w * dy / length, y + s * dy + w * dx / length)
+            for s, w in zip(along, side, strict=True)
+        ],
+        role,
+    )
 
 
 def arrow(a: Point, b: Point, role: str = "force", head: float = 0.05) -> list[Shape]:
@@ -140,9 +142,9 @@ def arrow(a: Point, b: Point, role: str = "force", head: float = 0.05) -> list[S
 
 def turn(
     centre: Point, radius: float, start: float, by: float, role: str = "force", head: float = 0.05
-) -> list[Shape]:  # fmt: skip
+) -> list[Shape]:
     """Return an arc with a head, at most three quarters of a circle."""
-    by = _within(by, -1.5 * math.pi, 1.5 * math.pi)
+    by = _clamp(by, -1.5 * math.pi, 1.5 * math.pi)
     if abs(by) * radius < 0.25 * head:
         return []
     arc = [polar(centre, radius, start + by * i / _ARC) for i in range(_ARC + 1)]
@@ -169,7 +171,7 @@ def ground(a: Point, b: Point, hatch: float = 0.04) -> list[Shape]:
 
 def slot(
     centre: Point, wide: float, tooth: float, low: float, high: float, span: float
-) -> list[Shape]:  # fmt: skip
+) -> list[Shape]:
     """Return a tooth in a slot: where play is. `span` of the values is `wide`.
 
     The slot goes from `low` to `high`; the tooth is solid where it touches, up to a thousandth.
@@ -183,23 +185,27 @@ def slot(
              (right + jaw, y + h), (right + jaw, y - 2 * h), (left - jaw, y - 2 * h)]  # fmt: skip
     return [
         area(walls, "moving"),
-        area([(at, y - 0.8 * h), (at - 0.04 * wide, y + 2.2 * h), (at + 0.04 * wide, y + 2.2 * h)],
-             "force", 1.0 if touches else 0.15),
-    ]  # fmt: skip
+        area(
+            [(at, y - 0.8 * h), (at - 0.04 * wide, y + 2.2 * h), (at + 0.04 * wide, y + 2.2 * h)],
+            "force",
+            1.0 if touches else 0.15,
+        ),
+    ]
 
 
 def gauge(
     at: Point, high: float, span: float, marks: Sequence[tuple[float, str]], words: str
-) -> list[Shape]:  # fmt: skip
+) -> list[Shape]:
     """Return an upright scale from -span to span with marks (value, role); beyond, at its end."""
     (x, y), w = at, 0.05 * high
     ticks = [(x - w * (0.5 if i % 2 else 1.0), y + 0.125 * high * i) for i in range(-4, 5)]
     scale = [p for tick in ticks for p in ((x, tick[1]), tick, (x, tick[1]))]
     found = [line(scale, "note", 0.8), text((x, y + 0.56 * high), words)]
     for value, role in marks:
-        v = y + 0.5 * high * _within(value / span, -1.0, 1.0)
-        found.append(area(((x, v), (x + 1.6 * w, v + 0.6 * w), (x + 1.6 * w, v - 0.6 * w)), role,
-                          0.9, 1.0))  # fmt: skip
+        v = y + 0.5 * high * _clamp(value / span, -1.0, 1.0)
+        found.append(
+            area(((x, v), (x + 1.6 * w, v + 0.6 * w), (x + 1.6 * w, v - 0.6 * w)), role, 0.9, 1.0)
+        )
     return found
 
 
@@ -214,12 +220,12 @@ class Plane:
 
     def at(self, x: float, y: float) -> Point:
         """Return where (x, y) lies; at the edge if beyond."""
-        x, y = _within(x / self.span_x, -1.0, 1.0), _within(y / self.span_y, -1.0, 1.0)
+        x, y = _clamp(x / self.span_x, -1.0, 1.0), _clamp(y / self.span_y, -1.0, 1.0)
         return self.centre[0] + self.half * x, self.centre[1] + self.half * y
 
     def curve(
         self, points: Iterable[Point], role: str = "body", width: float = 1.5, dash: bool = False
-    ) -> Shape:  # fmt: skip
+    ) -> Shape:
         """Return a line through places of the plane."""
         return line([self.at(*point) for point in points], role, width, dash)
 
@@ -276,11 +282,11 @@ class Scene:
         decimals = _FINE - math.floor(math.log10(self.side))
         far = _FAR * self.side
 
-        def near(value: float) -> float:
+        def rounded_value(value: float) -> float:
             return round(max(-far, min(far, float(value))), decimals)
 
         shapes = [
-            [one.kind, one.role, [near(v) for v in one.xy], one.size, one.style]
+            [one.kind, one.role, [rounded_value(v) for v in one.xy], one.size, one.style]
             for one in self.shapes
         ]
         return {"bounds": list(self.bounds), "note": self.note, "shapes": shapes}

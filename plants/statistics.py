@@ -61,13 +61,13 @@ def _mean(parts: Sequence[tuple[int, float]]) -> float:
     return sum(n / total * mean for n, mean in parts)
 
 
-def _spread(parts: Sequence[tuple[int, float, float]]) -> float:
+def _pooled_deviation(parts: Sequence[tuple[int, float, float]]) -> float:
     """Return the standard deviation from counts, means and variances."""
     total, mean = sum(n for n, _, _ in parts), _mean([(n, m) for n, m, _ in parts])
     return math.sqrt(sum(n / total * (v + (m - mean) ** 2) for n, m, v in parts))
 
 
-def _counted(values: Vector) -> Distribution:
+def _distribution(values: Vector) -> Distribution:
     found = Distribution()
     found.add(values)
     return found
@@ -88,14 +88,17 @@ LOW, HIGH, SUM = _of_finite(np.min, min), _of_finite(np.max, max), _of_finite(np
 COUNT = Statistic(lambda v: float(np.isfinite(v).sum()), len, sum)
 MEAN = Statistic(lambda v: over_finite(v, np.mean), lambda v: (len(v), float(np.mean(v))), _mean)
 STD = Statistic(
-    lambda v: over_finite(v, np.std), lambda v: (len(v), float(np.mean(v)), float(np.var(v))),
-    _spread,
-)  # fmt: skip
-MEDIAN = Statistic(lambda v: over_finite(v, np.median), _counted, _median)
+    lambda v: over_finite(v, np.std),
+    lambda v: (len(v), float(np.mean(v)), float(np.var(v))),
+    _pooled_deviation,
+)
+MEDIAN = Statistic(lambda v: over_finite(v, np.median), _distribution, _median)
 LAST = Statistic(
-    lambda v: float(v[-1]) if len(v) else math.nan, lambda v: v[-1], lambda parts: parts[-1],
+    lambda v: float(v[-1]) if len(v) else math.nan,
+    lambda v: v[-1],
+    lambda parts: parts[-1],
     only_finite=False,
-)  # fmt: skip
+)
 
 
 def correlation(pairs: Vector) -> float:

@@ -160,7 +160,7 @@ class Theorem:
         }
 
 
-def fitted(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
+def fitted_weights(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
     """Return W (k, m) of least |nodes W - wanted|^2/n + ridge |W|^2; nodes (n, k), wanted (n, m).
 
     The ridge keeps weights small that the run does not tell.

@@ -29,7 +29,7 @@ class Weights:
         return abs(self.rate) or 1.0
 
     @property
-    def stored(self) -> Vector:
+    def energy(self) -> Vector:
         """Their part of V. Shape (n,)."""
         return 0.5 * _square(self.lacks) / self.metric
 
@@ -42,8 +42,8 @@ class Weights:
 
         `period_s`: (n - 1,).
         """
-        wanted = self._wanted(period_s)
-        off, far = float(np.linalg.norm(self._moved - wanted)), float(np.linalg.norm(wanted))
+        wanted = self._expected_changes(period_s)
+        off, far = float(np.linalg.norm(self._changes - wanted)), float(np.linalg.norm(wanted))
         return off / far if far != 0.0 else math.inf if off != 0.0 else 0.0
 
     def seen(self, period_s: Vector) -> float:
@@ -51,15 +51,15 @@ class Weights:
 
         `period_s`: (n - 1,).
         """
-        wanted = self._wanted(period_s)
+        wanted = self._expected_changes(period_s)
         square = float(np.sum(wanted * wanted))
-        return self.rate * float(np.sum(self._moved * wanted)) / square if square else math.nan
+        return self.rate * float(np.sum(self._changes * wanted)) / square if square else math.nan
 
     @property
-    def _moved(self) -> Vector:
+    def _changes(self) -> Vector:
         return self.moved[:-1].reshape(len(self.moved) - 1, -1)
 
-    def _wanted(self, period_s: Vector) -> Vector:
+    def _expected_changes(self, period_s: Vector) -> Vector:
         return self.rate * self.driven[:-1].reshape(len(self.moved) - 1, -1) * period_s[:, None]
 
 

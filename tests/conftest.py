@@ -75,10 +75,16 @@ def _copied(name: str, module: str, arguments: Sequence[str], **more: bool) -> C
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("tests of pcpc")
-    group.addoption("--deep", choices=("no", "only", "too"), help="tests that take long; default: "
-                    "no, but too where files are named")  # fmt: skip
-    group.addoption("--write-seconds", action="store_true", help="after a run of all tests: write "
-                    "tests/seconds.csv, which says what is deep")  # fmt: skip
+    group.addoption(
+        "--deep",
+        choices=("no", "only", "too"),
+        help="tests that take long; default: no, but too where files are named",
+    )
+    group.addoption(
+        "--write-seconds",
+        action="store_true",
+        help="after a run of all tests: write tests/seconds.csv, which says what is deep",
+    )
     group.addoption("--changed", metavar="REF", help="only what a change since REF can reach")
 
 

@@ -64,10 +64,15 @@ class Copies:
             listening.bind(self.address)
             listening.listen(16)
             self._server = subprocess.Popen(
-                [sys.executable, __file__, str(listening.fileno())], pass_fds=[listening.fileno()],
-                stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE,  # cannot be sought
-                start_new_session=True, preexec_fn=as_of_a_terminal, env=_BEFORE,
-            )  # fmt: skip
+                [sys.executable, __file__, str(listening.fileno())],
+                pass_fds=[listening.fileno()],
+                stdin=theirs,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,  # cannot be sought
+                start_new_session=True,
+                preexec_fn=as_of_a_terminal,
+                env=_BEFORE,
+            )
         atexit.register(self.end)
 
     def end(self) -> None:
@@ -104,9 +109,13 @@ class Copy:
     """A started script, used as a `subprocess.Popen` is; `files`: stdin, stdout, stderr."""
 
     def __init__(
-        self, address: str, words: Sequence[str], cwd: Path, environment: Mapping[str, str],
+        self,
+        address: str,
+        words: Sequence[str],
+        cwd: Path,
+        environment: Mapping[str, str],
         files: Sequence[int],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.returncode: int | None = None
         self._status = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._status.connect(address)

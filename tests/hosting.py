@@ -61,9 +61,12 @@ def started(
     if before:
         process = subprocess.Popen(
             [*before, sys.executable, "-m", "pcpc.tools.cli", "host", *words],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
             preexec_fn=end_with_the_tests,
-        )  # fmt: skip
+        )
     else:
         process = Heard(["host", *words], environment)
     try:
@@ -154,7 +157,8 @@ class Client:
             if isinstance(found, dict) and "event" in found:
                 self._events.append(found["event"])
             return isinstance(found, dict) and self.last in (
-                found.get("done"), found.get("refused")
-            )  # fmt: skip
+                found.get("done"),
+                found.get("refused"),
+            )
 
         return dict(self._until(answers, f"answer to {message}"))

@@ -24,8 +24,14 @@ def opened(
     said: list[str] = []
     page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: said.append(str(error.stack)))
-    page.on("request", lambda request: said.append(f"asks {request.url}")
-            if not request.url.startswith((f"http://{host.name}/", "data:")) else None)  # fmt: skip
+    page.on(
+        "request",
+        lambda request: (
+            said.append(f"asks {request.url}")
+            if not request.url.startswith((f"http://{host.name}/", "data:"))
+            else None
+        ),
+    )
     page.set_default_timeout(PATIENT_MS)
     page.goto(host.url)
     expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)

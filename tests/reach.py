@@ -40,10 +40,11 @@ def reached(test: Path, changed: set[Path]) -> bool:
     folders = {file.relative_to(ROOT).parts[:2] for file in files}
     plants = {folder for folder in folders if folder[0] == "plants" and len(folder) > 1}
     return any(
-        file in files or (file.suffix != ".py" and file.relative_to(ROOT).parts[:2] in plants)
+        file in files
+        or (file.suffix != ".py" and file.relative_to(ROOT).parts[:2] in plants)
         or (file.suffix != ".py" and file.parent in {one.parent for one in files})
         for file in changed
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -110,9 +111,11 @@ def _modules(name: str) -> tuple[Path, ...]:
     else:
         places = [file.with_suffix("") for file in files_of_tests().get(parts[0], ())]
     return tuple(
-        file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")
+        file
+        for place in places
+        for file in (place.with_suffix(".py"), place / "__init__.py")
         if file.is_file()
-    )  # fmt: skip
+    )
 
 
 @cache

@@ -19,8 +19,8 @@ class Standing:
     """A node without a loop; `end` is what its clients see of the end of a process."""
 
     def __init__(self, name: str, description: Mapping[str, Any]) -> None:
-        self.served = sharing.Served(name, description)
-        self.block: sh.Shared = self.served.block
+        self.served = sharing.ServedMemory(name, description)
+        self.block: sh.NodeMemory = self.served.block
         self.served.open()
         self._over = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -38,7 +38,7 @@ class Standing:
         self.served.close()
 
 
-def stand(name: str, description: Mapping[str, Any]) -> sh.Shared:
+def stand(name: str, description: Mapping[str, Any]) -> sh.NodeMemory:
     """Hand out a new memory under `name`, instead of one that stands there."""
     end(name)
     _standing[name] = Standing(name, description)
@@ -52,7 +52,7 @@ def end(name: str) -> None:
 
 
 @contextmanager
-def granting(*blocks: sh.Shared) -> Iterator[list[tuple[str, dict[str, float]]]]:
+def granting(*blocks: sh.NodeMemory) -> Iterator[list[tuple[str, dict[str, float]]]]:
     """Grant what is asked of these nodes, as their loops do; give node and values of each, in turn.
 
     What was asked stands in their variables from then on.

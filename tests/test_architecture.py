@@ -43,10 +43,16 @@ def _rooms(top: str) -> tuple[str, ...]:
     return ("executive.durations", "executive.errors", *(f"executive.{room}" for room in rooms))
 
 
-LAWS = [f"plants.{name[7:].split('/laws/')[0].replace('/', '.')}.laws"
-        for name in TREES if name.startswith("plants/") and "/laws/" in name]  # fmt: skip
-EQUATIONS = [name.removesuffix(".py").replace("/", ".")
-             for name in TREES if re.fullmatch(r"plants/.+/equations\.py", name)]  # fmt: skip
+LAWS = [
+    f"plants.{name[7:].split('/laws/')[0].replace('/', '.')}.laws"
+    for name in TREES
+    if name.startswith("plants/") and "/laws/" in name
+]
+EQUATIONS = [
+    name.removesuffix(".py").replace("/", ".")
+    for name in TREES
+    if re.fullmatch(r"plants/.+/equations\.py", name)
+]
 SYSTEMS = sorted(path.parent.name for path in (ROOT / "plants").glob("*/rig.yaml"))
 _STEPS = ("drivers.compiled.jit", "drivers.compiled.stage", "drivers.compiled.views")
 _BARE = (_STEPS[0], _STEPS[2], "executive.laws.emath")

@@ -59,7 +59,7 @@ def simulate(request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[..., p
         import pcpc
 
         folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
-        _kept(request).append((str(rig), Path(folder)))
+        _kept_runs(request).append((str(rig), Path(folder)))
         return pcpc.simulate(rig, controller, folder=folder, quiet=True, **options)
 
     return run
@@ -78,7 +78,7 @@ def rig(
         import pcpc
 
         folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
-        _kept(request).append((str(rig), Path(folder)))
+        _kept_runs(request).append((str(rig), Path(folder)))
         with pcpc.running(rig, controller, folder=folder, **options) as live:
             yield live
 
@@ -90,18 +90,18 @@ def bus() -> Iterator[str]:
     """Hold a free bus for as long as the test lasts; its name, as --bus takes it."""
     from pcpc.drivers.can import choice  # time
 
-    held = choice.take_bus(choice.Wanted("auto", None, "", ()))
+    held = choice.take_bus(choice.BusRequest("auto", None, "", ()))
     yield str(held.bus)
     held.release()
 
 
-def _kept(request: pytest.FixtureRequest) -> list[tuple[str, Path]]:
+def _kept_runs(request: pytest.FixtureRequest) -> list[tuple[str, Path]]:
     return request.node.stash.setdefault(_RUNS, [])
 
 
 def _folder(request: pytest.FixtureRequest, tmp_path: Path, rig: str | Path) -> Path:
     """Return the folder of the test's next run."""
-    return tmp_path / f"run-{len(_kept(request)) + 1}-{Path(str(rig)).stem}"
+    return tmp_path / f"run-{len(_kept_runs(request)) + 1}-{Path(str(rig)).stem}"
 
 
 # Reports

@@ -174,8 +174,11 @@ def _command(
     notes = ["", *command.notes.strip().splitlines()] if command.notes else []
     example = [*command.example.splitlines(), *notes]
     lines += ["\n```text", *usage, *own, *([""] if own else []), *example, "```"]
-    shared = {one.option_strings[0]: row[1] for row, one in rows.items()
-              if row in common and one.option_strings}  # fmt: skip
+    shared = {
+        one.option_strings[0]: row[1]
+        for row, one in rows.items()
+        if row in common and one.option_strings
+    }
     also = [f"`{name}`" for name, said in shared.items() if said.partition(":")[0] not in shared]
     lines += ["", *_wrapped(f"{'Also' if own else 'Options:'} {', '.join(also)}.")] if also else []
     codes = [one for one in (command.codes or {}).items() if one[1] and one not in common]
@@ -285,8 +288,9 @@ def _made(node: ast.ClassDef) -> str:
     told = {ast.unparse(one.target): ast.unparse(one.value) if one.value else "" for one in fields}
     texts = [
         name + (f"={'...' if default.startswith('field') else default}" if default else "")
-        for name, default in told.items() if "init=False" not in default and name[0] != "_"
-    ]  # fmt: skip
+        for name, default in told.items()
+        if "init=False" not in default and name[0] != "_"
+    ]
     return f"{node.name}({', '.join(texts)})"
 
 
@@ -317,8 +321,11 @@ def _references() -> list[str]:
             names = ", ".join(name for name, rows in tables.items() if row in rows)
             groups.setdefault(names, []).append(row)
         shared = [row for rows in groups.values() for row in rows]
-        groups |= {name: own for name, rows in tables.items()
-                   if (own := [row for row in rows if row not in shared])}  # fmt: skip
+        groups |= {
+            name: own
+            for name, rows in tables.items()
+            if (own := [row for row in rows if row not in shared])
+        }
         for names, rows in groups.items():
             lines += [f"{module}:{names}", *_columns(rows)]
     return [_REFERENCES, *lines, "```"]

@@ -174,7 +174,7 @@ def listener(bus: Bus) -> socket.socket:
     return heard
 
 
-def know_own(end: Any) -> None:
+def set_own_address(end: Any) -> None:
     """Let the open WIRE record `end` tell its own frames, which come back to it on udp_multicast.
 
     SocketCAN and python-can do not give a sender its own frames.

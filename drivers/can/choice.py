@@ -35,7 +35,7 @@ _RIG_CHARACTERS = 24  # of a longer name a seat bears the beginning and a digest
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BusRequest:
     """What is started: nodes (`roles`) of a rig, on one bus or on several side by side.
 
     `interface` and `channel` are those of the command line or the rig, `auto` and None if they
@@ -64,7 +64,7 @@ class Choice:
         self.claims.clear()
 
 
-def take_bus(wanted: Wanted) -> Choice:
+def take_bus(wanted: BusRequest) -> Choice:
     """Choose and hold a bus; BusError if there is none."""
     try:
         if wanted.interface != "auto" or (wanted.channel and vcan_ready(wanted.channel)):
@@ -75,7 +75,7 @@ def take_bus(wanted: Wanted) -> Choice:
         raise BusError(f"no bus can be claimed: {error.strerror}; name one with --bus") from None
 
 
-def _take_seats(choice: Choice, wanted: Wanted) -> Choice:
+def _take_seats(choice: Choice, wanted: BusRequest) -> Choice:
     """Add the claims of the bus and of a seat for each role, where they are free."""
     if not choice.bus.compiled:
         return choice
@@ -87,10 +87,10 @@ def _take_seats(choice: Choice, wanted: Wanted) -> Choice:
     return choice
 
 
-def _partners_bus(wanted: Wanted) -> Choice | None:
+def _partners_bus(wanted: BusRequest) -> Choice | None:
     """Return the first bus on which this user runs the rig without these roles."""
     seats: dict[str, list[str]] = {}
-    for name in claim.held(f"seat/{os.getuid()}/"):
+    for name in claim.held_names(f"seat/{os.getuid()}/"):
         _, _, bus, rig, role, *rest = [*name.split("/"), "", "", ""]
         if rig == _short_name(wanted.rig) and not any(rest) and _is_ours(name):
             seats.setdefault(bus, []).append(role)
@@ -101,9 +101,9 @@ def _partners_bus(wanted: Wanted) -> Choice | None:
     return None
 
 
-def _free_bus(wanted: Wanted) -> Choice:
+def _free_bus(wanted: BusRequest) -> Choice:
     """Return the first bus that is free, its neighbour too where two are needed."""
-    taken = {name.split("/")[2] for name in claim.held("seat/") if name.count("/") > 3}
+    taken = {name.split("/")[2] for name in claim.held_names("seat/") if name.count("/") > 3}
     note = ""
     for bus, why_not in itertools.chain(_vcans(wanted), _udp_ports(wanted)):
         every = [bus]
@@ -124,7 +124,7 @@ def _free_bus(wanted: Wanted) -> Choice:
     )
 
 
-def _vcans(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
+def _vcans(wanted: BusRequest) -> Iterator[tuple[Bus, str]]:
     """Yield the vcan interfaces in order, as long as there is one or it can be made."""
     if wanted.channel is not None:
         return
@@ -134,7 +134,7 @@ def _vcans(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
         yield Bus("socketcan", f"vcan{number}"), ""
 
 
-def _udp_ports(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
+def _udp_ports(wanted: BusRequest) -> Iterator[tuple[Bus, str]]:
     """Yield the ports of the default group, each with why it is not free or nothing."""
     used = used_ports()
     for port in range(UDP_PORT, UDP_PORT + _PORTS):

@@ -85,7 +85,7 @@ def _add(data: NDArray[np.uint8], at: int, word: np.int64) -> None:
 
 
 @inline
-def _swapped(word: np.int64) -> np.int64:
+def _swapped_word(word: np.int64) -> np.int64:
     """Return the word with its bytes in the other order."""
     pairs = (word & _ODD_BYTES) << np.int64(8) | (word >> np.int64(8)) & _ODD_BYTES
     fours = (pairs & _ODD_PAIRS) << np.int64(16) | (pairs >> np.int64(16)) & _ODD_PAIRS
@@ -121,10 +121,10 @@ def _unscale(raw: np.int64, signal: Any) -> float:
 
 
 @inline
-def _raw_in(data: NDArray[np.uint8], signal: Any) -> np.int64:
+def _raw_word(data: NDArray[np.uint8], signal: Any) -> np.int64:
     """Return the raw word of a signal in `data` (n,), sign-extended."""
     little = eight_bytes(data, signal.byte)
-    word = _swapped(little) if signal.big_endian != 0 else little
+    word = _swapped_word(little) if signal.big_endian != 0 else little
     raw = (word >> signal.shift) & signal.mask
     return np.int64((raw ^ signal.sign) - signal.sign)
 
@@ -141,11 +141,11 @@ def _unpack_layout(
 
     Shapes as in `unpack`.
     """
-    layout = _raw_in(data, signals[frames[frame].selector - 1])
+    layout = _raw_word(data, signals[frames[frame].selector - 1])
     for row in range(frames[frame].first, frames[frame].end):
         signal = signals[row]
         if signal.layout == 0 or signal.layout == layout + 1:
-            values[np.uint64(signal.variable)] = _unscale(_raw_in(data, signal), signal)
+            values[np.uint64(signal.variable)] = _unscale(_raw_word(data, signal), signal)
 
 
 @inline
@@ -166,12 +166,12 @@ def unpack(
         return
     long = frames[frame].dlc > 8
     little = eight_bytes(data, 0)
-    big = _swapped(little)
+    big = _swapped_word(little)
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
         if long:
             little = eight_bytes(data, signal.byte)
-            big = _swapped(little)
+            big = _swapped_word(little)
         word = big if signal.big_endian != 0 else little
         raw = (word >> signal.shift) & signal.mask
         raw = (raw ^ signal.sign) - signal.sign
@@ -236,7 +236,7 @@ def _pack_layout(
             bits, outside = _encoded(values[np.uint64(signal.variable)], signal)
             saturated += outside
             placed = (bits & signal.mask) << signal.shift
-            _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)
+            _add(data, signal.byte, _swapped_word(placed) if signal.big_endian != 0 else placed)
     return saturated
 
 
@@ -276,14 +276,14 @@ def pack(
             saturated += 1
         placed = (bits & signal.mask) << signal.shift
         if long:
-            _add(data, signal.byte, _swapped(placed) if signal.big_endian != 0 else placed)
+            _add(data, signal.byte, _swapped_word(placed) if signal.big_endian != 0 else placed)
         elif signal.big_endian != 0:
             big |= placed
         else:
             little |= placed
     if long:
         return saturated
-    word = little | _swapped(big)
+    word = little | _swapped_word(big)
     put_four_bytes(data, 0, word)
     put_four_bytes(data, 4, word >> np.int64(32))
     return saturated

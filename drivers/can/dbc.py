@@ -365,9 +365,12 @@ def _float_codes(signal: Signal) -> tuple[float, float]:
 
 
 def bus_load(
-    database: Database, rate_hz: float, bitrate: float, names: Collection[str] | None = None,
+    database: Database,
+    rate_hz: float,
+    bitrate: float,
+    names: Collection[str] | None = None,
     data_bitrate: float | None = None,
-) -> float:  # fmt: skip
+) -> float:
     """Return the worst-case load by all frames, or `names`, as a fraction of `bitrate` in bit/s.
 
     DbcError: an FD frame switches its bit rate, and there is no `data_bitrate`.

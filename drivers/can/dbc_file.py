@@ -67,11 +67,11 @@ def text(path: str | Path) -> str:
 
 def load(path: str | Path) -> Database:
     """Read a DBC file strictly; DbcError: path, line and column if known, what is wrong."""
-    return _loaded(path, text(path))
+    return _checked_database(path, text(path))
 
 
 @lru_cache(maxsize=16)  # the nodes of a rig, and a thousand runs of an experiment, share it
-def _loaded(path: str | Path, content: str) -> Database:
+def _checked_database(path: str | Path, content: str) -> Database:
     database = parse(path, content, strict=True)
     seen: dict[object, str] = {}
     for message in database.messages:

@@ -1,9 +1,9 @@
 """What a receiver makes of a frame, states and names without numba; see `drivers.can.e2e`."""
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 
-class FrameState(Numbered):
+class FrameState(NumberedEnum):
     """The states of a received frame; the last three are not judged.
 
     LOST_ON_PURPOSE: a rig lets it be lost. FOREIGN: from another sender of a frame of ours.

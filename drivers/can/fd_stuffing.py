@@ -18,7 +18,7 @@ import numpy as np
 from pcpc.drivers.can.stuffing import END_BITS, append, append_id
 from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH, Flag
 
 _POLYNOMIAL_17, _POLYNOMIAL_21 = 0x1685B, 0x102899
@@ -28,7 +28,7 @@ _GROUP = 4  # bits behind a fixed stuff bit
 FIXED_EVERY = _GROUP + 1
 
 
-class Place(Numbered):
+class Place(NumberedEnum):
     """Bits of a frame: BRS, first of the data phase, first behind it, first fixed stuff bit."""
 
     BRS, FAST, FAST_END, FIXED = range(4)

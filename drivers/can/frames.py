@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.drivers.can.wire_layout import Flag
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 
-class Protection(Numbered):
+class Protection(NumberedEnum):
     """Values of `protected` in a row of frames."""
 
     UNPROTECTED, CRC_8, CRC_16 = range(3)
 
 
-class Kind(Numbered):
+class Kind(NumberedEnum):
     """Values of `kind` in a row of signals.
 
     Integer computed in float64, in int64, integer of 64 bits without sign, IEEE 754 on the wire.

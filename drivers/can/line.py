@@ -32,7 +32,7 @@ from pcpc.drivers.can.fd_stuffing import Place, encode_fd
 from pcpc.drivers.can.stuffing import EOF_BITS, INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
 from pcpc.drivers.can.ticks import MOST_TICKS, ticks_of, ticks_per_s
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, Flag
 from pcpc.drivers.compiled.structures import copy, structure
 
@@ -44,13 +44,13 @@ _PRIME, _FACTOR = 2**31 - 1, 48271  # Park and Miller's generator, as `executive
 _NEVER = 2**62
 
 
-class Outcome(Numbered):
+class Outcome(NumberedEnum):
     """What happens next on a line."""
 
     NOTHING, SENT, ERROR, BUS_OFF, RECOVERED = range(5)
 
 
-class Condition(Numbered):
+class Condition(NumberedEnum):
     """The state of a sender."""
 
     ACTIVE, WARNING, PASSIVE, OFF = range(4)
@@ -111,9 +111,17 @@ N = structure(LINE)
 
 
 def prepare(
-    line: Any, senders: int, room: int = 64, *, bitrate: int = 1, data_bitrate: int | None = None,
-    in_order: bool = False, p: float = 0.0, burst: float = 1.0, seed: int = 1,
-) -> None:  # fmt: skip
+    line: Any,
+    senders: int,
+    room: int = 64,
+    *,
+    bitrate: int = 1,
+    data_bitrate: int | None = None,
+    in_order: bool = False,
+    p: float = 0.0,
+    burst: float = 1.0,
+    seed: int = 1,
+) -> None:
     """Fill the zeroed LINE record `line`; ValueError for wrong `senders` or `room`, or rates (0).
 
     Bit rates in bit/s; without the second one FD frames do not switch theirs.
@@ -263,7 +271,7 @@ def _begin(line: Any, begin: Any) -> None:
     else:
         line.places[Place.FAST] = line.places[Place.FAST_END] = line.places[Place.FIXED] = 0
         line.length = encode(line.frame, line.raw, line.wire)
-    line.hit = _hit(line)
+    line.hit = _flipped_bit(line)
     if _listeners(line) == 0 and (line.hit < 0 or line.hit > _slot(line)):
         line.hit = _slot(line)  # (6)
     line.due = begin + ticks_of(line, line.length if line.hit < 0 else line.hit + 1)
@@ -296,7 +304,7 @@ def _uniform(line: Any) -> Any:
 
 
 @loop_function
-def _hit(line: Any) -> Any:
+def _flipped_bit(line: Any) -> Any:
     """Draw which bit of the frame is flipped, -1 for none."""
     if line.p <= 0.0:
         return np.int64(-1)
@@ -327,7 +335,7 @@ def _succeed(line: Any, s: Any) -> None:
     line.sent[s] += 1
     line.waited = line.at - line.since[s, line.entry]
     line.longest[s] = max(line.longest[s], line.waited)
-    _take_out(line, s, line.entry)
+    _remove_queued(line, s, line.entry)
     end = 1 + EOF_BITS + INTERMISSION_BITS
     _rest(line, line.at + INTERMISSION_BITS * line.bit, end * line.bit)
     if passive(line, s):
@@ -368,7 +376,7 @@ def _fail(line: Any, s: Any) -> Any:
 
 
 @loop_function
-def _take_out(line: Any, s: Any, k: Any) -> None:
+def _remove_queued(line: Any, s: Any, k: Any) -> None:
     """Close the gap that a frame leaves in its queue."""
     line.waiting[s] -= 1
     for i in range(k, line.waiting[s]):

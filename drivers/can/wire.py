@@ -141,7 +141,7 @@ def _value_end(b: Any, at: Any, end: Any) -> Any:
 
 
 @loop_function
-def _unsigned(b: Any, at: Any, stop: Any) -> Any:
+def _uint(b: Any, at: Any, stop: Any) -> Any:
     """Return the msgpack unsigned integer (or bool) in b[at:stop]; -1 if it is something else."""
     tag = np.int64(b[at])
     if tag <= 0x7F:
@@ -176,22 +176,22 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
             return False
         first, fourth = np.int64(b[key]), np.int64(b[key + min(n - 1, np.int64(3))])
         if n == 14 and first == 97:  # arbitration_id
-            can_id = _unsigned(b, value, stop)
+            can_id = _uint(b, value, stop)
         elif n == 4 and first == 100:  # data
             if b[value] != 0xC4:
                 return False
             data_at, data_n = value + 2, np.int64(b[value + 1])
         elif n == 14 and first == 105 and fourth == 101 and b[key + 4] == 120:  # is_extended_id
-            extended = np.int64(0x80 if _unsigned(b, value, stop) == 1 else 0)
+            extended = np.int64(0x80 if _uint(b, value, stop) == 1 else 0)
         elif n == 15 and fourth == 114 and remotes != 0:  # is_remote_frame
-            remote = np.int64(REMOTE_FLAG if _unsigned(b, value, stop) == 1 else 0)
+            remote = np.int64(REMOTE_FLAG if _uint(b, value, stop) == 1 else 0)
         elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101):
-            other |= _unsigned(b, value, stop) != 0  # is_remote_frame, is_error_frame
-        elif n == 5 and _unsigned(b, value, stop) != 0:  # is_fd
+            other |= _uint(b, value, stop) != 0  # is_remote_frame, is_error_frame
+        elif n == 5 and _uint(b, value, stop) != 0:  # is_fd
             flags |= Flag.FD
-        elif n == 14 and first == 98 and _unsigned(b, value, stop) == 1:  # bitrate_switch
+        elif n == 14 and first == 98 and _uint(b, value, stop) == 1:  # bitrate_switch
             flags |= Flag.BRS
-        elif n == 21 and first == 101 and _unsigned(b, value, stop) == 1:  # error_state_indicator
+        elif n == 21 and first == 101 and _uint(b, value, stop) == 1:  # error_state_indicator
             flags |= Flag.ESI
         at = stop
     highest = 0x1FFFFFFF if extended else 0x7FF
@@ -289,7 +289,7 @@ def get_frame(wire: Any, block: Any) -> Any:
     FRAME      a data frame; `wire.source` says who sent it, where that is known
     NOTHING    none came
     FOREIGN    no such frame
-    OWN        on UDP, from this end's own sender, if it knows that one (`drivers.can.bus.know_own`)
+    OWN        on UDP, from this end's own sender, if known (`drivers.can.bus.set_own_address`)
     BUS_ERROR  what the CAN controller had to tell
     FAILED     the bus failed
 

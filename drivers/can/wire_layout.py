@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
 
 __all__ = [
@@ -19,13 +19,13 @@ __all__ = [
 ]
 
 
-class Medium(Numbered):
+class Medium(NumberedEnum):
     """What an end of a bus is on, its `kind`."""
 
     MEMORY, SOCKETCAN, UDP, PYTHON_CAN = range(4)
 
 
-class Arrival(Numbered):
+class Arrival(NumberedEnum):
     """What came, see `drivers.can.wire.get_frame`."""
 
     NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR = range(5)

@@ -47,10 +47,15 @@ def _object(section: str, one: Object) -> str:
     low, high = one.bounds
     limits = {} if one.kind == Kind.TEXT else {"LowLimit": low, "HighLimit": high}
     return _section(
-        section, ParameterName=one.name, ObjectType=f"0x{_VAR:X}",
-        DataType=f"0x{int(one.kind):04X}", **limits, AccessType=access, DefaultValue=start,
+        section,
+        ParameterName=one.name,
+        ObjectType=f"0x{_VAR:X}",
+        DataType=f"0x{int(one.kind):04X}",
+        **limits,
+        AccessType=access,
+        DefaultValue=start,
         PDOMapping=int(bool(one.access & (at.TO_DRIVE | at.FROM_DRIVE))),
-    )  # fmt: skip
+    )
 
 
 def _section(name: str, **entries: object) -> str:

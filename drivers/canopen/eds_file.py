@@ -28,22 +28,24 @@ _SIZES = {int(kind): bits for kind, bits in BITS.items()}
 _REAL_32, _RECORDS = 0x08, (0x08, 0x09)
 _ALSO: dict[int, int] = {0x01: Kind.U8, _REAL_32: Kind.U32}  # truth values; bits of a float
 _NOT_POSSIBLE = (  # within the bounds
-    (Row.QUICK_STOP_OPTION, 3), (Row.QUICK_STOP_OPTION, 4), (Row.HOMING_METHOD, 36),
-)  # fmt: skip
+    (Row.QUICK_STOP_OPTION, 3),
+    (Row.QUICK_STOP_OPTION, 4),
+    (Row.HOMING_METHOD, 36),
+)
 _STATED = (  # what a drive says of itself, though no master can write it
     Row.DEVICE_NAME, Row.HARDWARE, Row.SOFTWARE, Row.VENDOR, Row.PRODUCT, Row.REVISION, Row.SERIAL,
 )  # fmt: skip
 
 
 @dataclass
-class Read:
+class EdsContent:
     """The dictionary, and what of the file the drive does not have: 60B8, 605B=1."""
 
     every: list[Object]
     left_out: list[str] = field(default_factory=list)
 
 
-def read(path: Path, every: Sequence[Object], node: int) -> Read:
+def read(path: Path, every: Sequence[Object], node: int) -> EdsContent:
     """Return what the file makes of a dictionary of the drive `node`.
 
     OSError; ValueError says what is wrong, with the file's section.
@@ -58,7 +60,7 @@ def read(path: Path, every: Sequence[Object], node: int) -> Read:
     told = parser.get("DeviceComissioning", "NodeID", fallback="")
     if told and _number(told, 0, "DeviceComissioning") != node:
         raise ValueError(f"[DeviceComissioning]: NodeID {told}, the rig's node is {node}")
-    found = Read(list(every))
+    found = EdsContent(list(every))
     known = {(one.index, one.subindex): i for i, one in enumerate(every)}
     entries = sorted(_entries(parser), key=lambda one: one[:2])
     if not entries:
@@ -71,7 +73,9 @@ def read(path: Path, every: Sequence[Object], node: int) -> Read:
             if one is None:
                 value = entry.get("parametervalue") or entry.get("defaultvalue")
                 found.left_out.append(f"{found.every[place].key}={value}")
-        elif _OWN[0] <= index <= _OWN[1] and (new := _kept(index, subindex, entry, node, where)):
+        elif _OWN[0] <= index <= _OWN[1] and (
+            new := _passive_object(index, subindex, entry, node, where)
+        ):
             found.every.append(new)
         else:
             found.left_out.append(f"{index:04X}" + (f".{subindex}" if subindex else ""))
@@ -111,27 +115,29 @@ def _ours(one: Object, place: int, entry: dict[str, str], node: int, where: str)
     settable = one.access & at.WRITE and place != Row.ERROR_COUNT
     if not text or not (settable or place in (*_STATED, Row.MODES)):
         return one
-    start = _within(_number(text, node, where), one)
+    start = _signed_value(_number(text, node, where), one)
     if place == Row.MODES:
         return replace(one, start=start & one.start)
     low, high = one.bounds
     if one.access & at.WRITE and place >= at.OTHERS:
         told = [entry.get(key) for key in ("lowlimit", "highlimit")]
         if told[0] and told[1]:
-            ends = [_within(_number(end, node, where), one) for end in told if end]
+            ends = [_signed_value(_number(end, node, where), one) for end in told if end]
             if ends[0] < ends[1]:  # 0 and 0 are no limits
                 low, high = max(low, ends[0]), min(high, ends[1])
     possible = low <= start <= high and (place, start) not in _NOT_POSSIBLE
     return replace(one, start=start, low=low, high=high) if possible else None
 
 
-def _within(value: int, one: Object) -> int:
+def _signed_value(value: int, one: Object) -> int:
     """Return a number that may have been written as the bits of a negative one."""
     whole = 1 << one.bits
     return value - whole if one.signed and whole >> 1 <= value < whole else value
 
 
-def _kept(index: int, subindex: int, entry: dict[str, str], node: int, where: str) -> Object | None:
+def _passive_object(
+    index: int, subindex: int, entry: dict[str, str], node: int, where: str
+) -> Object | None:
     """Return an object without an effect; None of a type that the drive cannot hold."""
     told = _number(entry.get("datatype", ""), node, where)
     kind = int(_ALSO.get(told, told))
@@ -145,7 +151,7 @@ def _kept(index: int, subindex: int, entry: dict[str, str], node: int, where: st
         rights |= at.FROM_DRIVE | (at.TO_DRIVE if rights == RW else 0)
     name = entry.get("parametername", "")
     one = Object(name, index, subindex, Kind(kind), rights)
-    start = 0 if told == _REAL_32 else _within(_number(text, node, where), one)
+    start = 0 if told == _REAL_32 else _signed_value(_number(text, node, where), one)
     low, high = one.bounds
     if not low <= start <= high:
         raise ValueError(f"{where}: {start} does not fit into {one.bits} bits")
@@ -166,7 +172,7 @@ def _number(text: str, node: int, where: str) -> int:
         raise ValueError(f"{where}: expected a number, got '{text[:40]}'") from None
 
 
-def _let_go(found: Read) -> None:
+def _let_go(found: EdsContent) -> None:
     """Let PDOs be not valid that map what the drive does not have, and say which."""
     known = {(one.index, one.subindex): one for one in found.every}
     for p in range(2 * at.PDOS):

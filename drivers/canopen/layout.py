@@ -10,7 +10,7 @@ Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered, Told
+from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
 from pcpc.drivers.compiled.rows import FRAME_BYTES, row_of
 
 MAX_OBJECTS = 1024
@@ -26,7 +26,7 @@ FIRST_TPDO = PDOS * RPDO_ROWS
 OTHERS = FIRST_TPDO + PDOS * TPDO_ROWS
 
 
-class Row(Numbered):
+class Row(NumberedEnum):
     """Rows of the dictionary behind those of the PDOs."""
 
     (
@@ -45,7 +45,7 @@ class Row(Numbered):
     ) = range(OTHERS, OTHERS + 73)  # fmt: skip
 
 
-class Heartbeat(Numbered):
+class Heartbeat(NumberedEnum):
     """The states of CiA 301, as a heartbeat has them."""
 
     BOOT_UP = 0
@@ -54,13 +54,13 @@ class Heartbeat(Numbered):
     PRE_OPERATIONAL = 127
 
 
-class ErrorRegister(Numbered):
+class ErrorRegister(NumberedEnum):
     """Error registers of CiA 301's emergency frame."""
 
     NONE, GENERIC, COMMUNICATION, MOTION = 0, 0x01, 0x11, 0x21
 
 
-class ErrorCode(Numbered):
+class ErrorCode(NumberedEnum):
     """Its error codes, each with its register."""
 
     register: ErrorRegister
@@ -85,7 +85,7 @@ class ErrorCode(Numbered):
     EXTERNAL = 0x9000
 
 
-class Power(Numbered):
+class Power(NumberedEnum):
     """The states of CiA 402, with the bits that a statusword has for each."""
 
     word: int
@@ -110,7 +110,7 @@ POWER_WORDS = np.array([power.word for power in Power], np.int64)
 VOLTAGE, WARNING, REMOTE, REACHED, LIMITED = 1 << 4, 1 << 7, 1 << 9, 1 << 10, 1 << 11  # beside it
 
 
-class Mode(Numbered):
+class Mode(NumberedEnum):
     """Modes of operation, object 0x6060."""
 
     NONE = 0
@@ -122,7 +122,7 @@ class Mode(Numbered):
     CYCLIC_TORQUE = 10
 
 
-class Mistake(Told):
+class Mistake(WordedEnum):
     """What a master does wrong, counted; behind `master.` the name of a variable."""
 
     SDO_ABORTED = "SDO was aborted"

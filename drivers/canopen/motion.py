@@ -26,10 +26,10 @@ import numpy as np
 from pcpc.drivers.canopen.layout import ErrorCode, ErrorRegister, Mistake, Mode, Power, Row
 from pcpc.drivers.canopen.network import mode_to_be
 from pcpc.drivers.canopen.power import (
+    end_ramp,
     fail,
     has_power,
     obey,
-    stopped,
     tell_status,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
@@ -117,9 +117,11 @@ def profile_position(d: Any, dt: Any) -> Any:
     a, slow = position_of(d, Row.ACCELERATION), position_of(d, Row.DECELERATION)
     left = x.target - x.demand_position
     half = 0.5 * slow * dt
-    fastest = min(math.sqrt(half * half + 2.0 * slow * abs(left)) - half,
-                  velocity_of(d, Row.PROFILE_VELOCITY),
-                  velocity_of(d, Row.MAX_PROFILE_VELOCITY))  # fmt: skip
+    fastest = min(
+        math.sqrt(half * half + 2.0 * slow * abs(left)) - half,
+        velocity_of(d, Row.PROFILE_VELOCITY),
+        velocity_of(d, Row.MAX_PROFILE_VELOCITY),
+    )
     if d.value[Row.CONTROLWORD] & HALT != 0:
         fastest = 0.0
     goal = fastest if left > 0.0 else -fastest
@@ -197,7 +199,7 @@ def go_home(d: Any) -> None:
 
 
 @loop_function
-def limited(d: Any, u: Any) -> Any:
+def limited_command(d: Any, u: Any) -> Any:
     """Return a command within the largest torque; note if it was larger."""
     most = d.rated * d.value[Row.MAX_TORQUE] * 1e-3
     if abs(u) > most:
@@ -211,7 +213,7 @@ def follow_velocity(d: Any, wanted: Any, dt: Any) -> Any:
     x, g = d.state, d.gains
     e = wanted - x.velocity
     u = g.velocity * (e + x.integral)
-    held = limited(d, u)
+    held = limited_command(d, u)
     if held == u or u * e < 0.0:
         x.integral += g.integral_per_s * e * dt
     d.value[Row.VELOCITY_DEMAND] = raw_of(wanted, d.velocity_scale)
@@ -228,7 +230,7 @@ def ramp_down(d: Any, option: Any, dt: Any) -> Any:
     x.demand_position = x.position
     u = follow_velocity(d, x.demand_velocity, dt)
     if x.demand_velocity == 0.0:
-        stopped(d)
+        end_ramp(d)
     return u
 
 
@@ -240,7 +242,7 @@ def in_operation(d: Any, dt: Any) -> Any:
     if x.mode == Mode.CYCLIC_TORQUE:
         share = (d.value[Row.TARGET_TORQUE] + d.value[Row.TORQUE_OFFSET]) * 1e-3
         x.demand_position, x.demand_velocity = x.position, x.velocity
-        return limited(d, d.rated * share)
+        return limited_command(d, d.rated * share)
     wanted = 0.0
     if x.mode == Mode.PROFILE_POSITION:
         wanted = profile_position(d, dt)

@@ -29,7 +29,7 @@ from pcpc.drivers.canopen.network import (
 )
 from pcpc.drivers.canopen.power import has_power, lose_connection
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 
@@ -39,7 +39,7 @@ hear_sync, receive_pdo, serve = pdo.hear_sync, pdo.receive, sdo.serve
 send_due, give_up = pdo.send_due, sdo.give_up
 
 
-class Whose(Numbered):
+class Whose(NumberedEnum):
     """Whose a frame is: another node's, the drive's, of all (SYNC), or of a second such drive."""
 
     OTHER, OURS, ALL, TWIN = range(4)

@@ -16,10 +16,10 @@ from typing import Any
 
 from pcpc.drivers.canopen import layout as at
 from pcpc.drivers.canopen.layout import Heartbeat, Mode, Row
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 
-class Kind(Numbered):
+class Kind(NumberedEnum):
     """Data types of CiA 301."""
 
     I8, I16, I32, U8, U16, U32 = range(2, 8)
@@ -157,7 +157,7 @@ _FIRST = {  # of CiA 402: what the PDOs carry at first; all but the first are no
 }  # fmt: skip
 
 
-def _mapped(row: Row) -> int:
+def _mapping_entry(row: Row) -> int:
     """Return a mapping entry: index, subindex and bits of an object."""
     index, subindex, kind = _OTHERS[row][:3]
     return int(index) << 16 | int(subindex) << 8 | BITS[kind]
@@ -179,7 +179,7 @@ def _pdo(received: bool, number: int, node: int) -> Iterator[Object]:
     mapping = index + 0x200
     yield Object(f"{what} mapping", mapping, 0, Kind.U8, RW, len(first), 0, at.MAX_ENTRIES)
     for i in range(at.MAX_ENTRIES):
-        start = _mapped(first[i]) if i < len(first) else 0
+        start = _mapping_entry(first[i]) if i < len(first) else 0
         yield Object(f"{what} entry {i + 1}", mapping, i + 1, Kind.U32, RW, start)
 
 
@@ -195,7 +195,7 @@ def objects(node: int, name: str) -> list[Object]:
     return found
 
 
-def changed(every: list[Object], starts: Mapping[str, int]) -> list[Object]:
+def changed_dictionary(every: list[Object], starts: Mapping[str, int]) -> list[Object]:
     """Return the dictionary with other values at the start, by key; ValueError says what is wrong.
 
     COB-IDs and mappings are taken as they are.

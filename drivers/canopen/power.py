@@ -44,7 +44,7 @@ from pcpc.drivers.canopen.layout import (
     Row,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 FAULT_RESET, COMMAND_BITS = 0x80, 0x8F
 FIRST_STAYING = 5  # option of the quick stop
@@ -52,7 +52,7 @@ BIT_12, BIT_13 = 1 << 12, 1 << 13
 ABORT_IS_FAULT, ABORT_DISABLES, ABORT_QUICK_STOPS = 1, 2, 3  # of object 0x6007
 
 
-class Command(Numbered):
+class Command(NumberedEnum):
     """What a controlword asks for."""
 
     DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = range(5)
@@ -176,7 +176,7 @@ def lose_connection(d: Any, code: Any) -> None:
 
 
 @loop_function
-def stopped(d: Any) -> None:
+def end_ramp(d: Any) -> None:
     """Leave the state of a ramp that has come to its end."""
     x = d.state
     if x.leaves != 0:

@@ -66,8 +66,12 @@ def _source_hash(areas: tuple[str, ...]) -> str:
     digest = hashlib.sha256(importlib.metadata.version("numba").encode())
     digest.update(f"{sys.implementation.cache_tag} {sys.flags.optimize}".encode())
     for folder in areas:
-        files = (os.path.join(at, name) for at, _, names in os.walk(_PROJECT / folder)
-                 for name in names if name.endswith(_INTO_CODE))  # fmt: skip
+        files = (
+            os.path.join(at, name)
+            for at, _, names in os.walk(_PROJECT / folder)
+            for name in names
+            if name.endswith(_INTO_CODE)
+        )
         for file in filter(os.path.isfile, sorted(files)):
             with open(file, "rb") as content:
                 digest.update(os.path.relpath(file, _PROJECT).encode() + content.read())
@@ -88,7 +92,7 @@ def was_compiled(there: str, here: str) -> None:
     _lies_at[os.path.dirname(there)] = os.path.dirname(here)
 
 
-def lies_at(file: str) -> str:
+def present_place(file: str) -> str:
     """Return where a file lies that compiled code names."""
     folder, name = os.path.split(file)
     return os.path.join(_lies_at.get(folder, folder), name)
@@ -142,7 +146,7 @@ def folders() -> list[Path]:
     return [f for f in dict.fromkeys((cache_folder(), temporary_folder())) if not distrust(f)]
 
 
-def shipped() -> list[Path]:
+def shipped_folders() -> list[Path]:
     """Return the folder of code that came with the present sources, if there is one."""
     folder = SHIPPED / os.uname().machine / source_hash()
     return [folder] if folder.is_dir() and not distrust(folder) else []
@@ -173,7 +177,7 @@ def make(folder: Path) -> None:
             raise PermissionError(1, why)
 
 
-def made(name: str) -> Path:
+def writable_folder(name: str) -> Path:
     """Return a folder `name` to write into, in the first one that takes it; OSError."""
     wanted = folders()
     for folder in wanted:
@@ -189,15 +193,15 @@ def made(name: str) -> Path:
 
 def count(since_s: float) -> int:
     """Return how many functions were compiled for the present sources since then (Unix time)."""
-    return sum(_written_s(path) >= since_s for path in _compiled())
+    return sum(_written_s(path) >= since_s for path in _compiled_files())
 
 
 def is_empty() -> bool:
     """Return whether nothing is compiled for the present sources, here or in what was shipped."""
-    return not shipped() and next(_compiled(), None) is None
+    return not shipped_folders() and next(_compiled_files(), None) is None
 
 
-def _compiled() -> Iterator[str]:
+def _compiled_files() -> Iterator[str]:
     """Find the files with functions that were compiled here."""
     for folder in folders():
         for at, _, names in os.walk(folder):

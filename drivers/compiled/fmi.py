@@ -57,7 +57,7 @@ def _untyped(function: Any) -> Any:
     return function
 
 
-def _pointed(kind: Any) -> Any:
+def _load_intrinsic(kind: Any) -> Any:
     """Return an intrinsic: `load(address, i)` of a number of this type."""
 
     @intrinsic
@@ -71,7 +71,7 @@ def _pointed(kind: Any) -> Any:
     return load
 
 
-def _stored(kind: Any) -> Any:
+def _store_intrinsic(kind: Any) -> Any:
     """Return an intrinsic: `store(address, i, value)`."""
 
     @intrinsic
@@ -95,9 +95,15 @@ def _call(builder: Any, address: Any, kinds: list[Any], values: list[Any]) -> An
 @_untyped
 @intrinsic
 def _transfer(
-    typing: Any, version: Any, function: Any, instance: Any, references: Any, n: Any, values: Any,
+    typing: Any,
+    version: Any,
+    function: Any,
+    instance: Any,
+    references: Any,
+    n: Any,
+    values: Any,
     n_values: Any,
-) -> Any:  # fmt: skip
+) -> Any:
     """Call a setter or getter; FMI 3.0's also take the number of values."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -188,8 +194,8 @@ if JIT_OFF:
         {dtype: twin(dtype) for dtype in set(DTYPES)} for twin in (_twin_of_load, _twin_of_store)
     )
 else:
-    _load = {dtype: _pointed(numba.from_dtype(np.dtype(dtype))) for dtype in set(DTYPES)}
-    _store = {dtype: _stored(numba.from_dtype(np.dtype(dtype))) for dtype in set(DTYPES)}
+    _load = {dtype: _load_intrinsic(numba.from_dtype(np.dtype(dtype))) for dtype in set(DTYPES)}
+    _store = {dtype: _store_intrinsic(numba.from_dtype(np.dtype(dtype))) for dtype in set(DTYPES)}
 
 _f64, _f32, _i64, _u64 = (_load[d] for d in (np.float64, np.float32, np.int64, np.uint64))
 _i32, _u32, _i16, _u16 = (_load[d] for d in (np.int32, np.uint32, np.int16, np.uint16))
@@ -265,9 +271,14 @@ def _write(kind: Any, at: Any, i: Any, value: Any) -> None:
 def _exchange(head: Any, row: Any) -> Any:
     """Call the function of a group on its values; return its status."""
     return _transfer(
-        _i64(head, VERSION), _i64(row, FUNCTION), _i64(head, INSTANCE), _i64(row, REFERENCES),
-        _i64(row, N_REFERENCES), _i64(row, VALUES), _i64(row, N_VALUES),
-    )  # fmt: skip
+        _i64(head, VERSION),
+        _i64(row, FUNCTION),
+        _i64(head, INSTANCE),
+        _i64(row, REFERENCES),
+        _i64(row, N_REFERENCES),
+        _i64(row, VALUES),
+        _i64(row, N_VALUES),
+    )
 
 
 @_function(i8(i8, i8, i8))
@@ -352,12 +363,12 @@ step: Any = _step if JIT_OFF else _function(types.void(f8, f8, *[POINTER] * 4))(
 def entry() -> Any:
     """Return what `drivers.compiled.stage.call` takes for the step of an FMU."""
     if LOOP_INTERPRETED:
-        return stepped
+        return step_vectors
     (found,) = step.overloads.values()
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-def stepped(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step_vectors(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     """Step on float64 vectors."""
     if JIT_OFF:
         step(t, dt, p, x, u, y)

@@ -70,7 +70,7 @@ def compiled(
 
     `types_of()`: numba's signature, or the types of the arguments; any of numba's errors.
     """
-    with source.claimed():
+    with source.claim():
         if (found := source.load(key)) is not None:
             return found
         watch = compile_cache.watch

@@ -24,7 +24,7 @@ from typing import Any
 
 from pcpc.drivers.compiled import kinds, ready_code
 from pcpc.drivers.compiled.deferred import open_numba
-from pcpc.drivers.compiled.kinds import Kind, Signature, Unmarked, f8, i8, u1
+from pcpc.drivers.compiled.kinds import Kind, Signature, UnmarkedValue, f8, i8, u1
 
 __all__ = [
     "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "Function", "compiled", "f8", "i8", "inline",
@@ -108,9 +108,13 @@ class Function:
     """
 
     def __init__(
-        self, function: Callable[..., Any], signature: Signature | None = None,
-        for_callers: bool = False, part: bool = False, **options: Any,
-    ) -> None:  # fmt: skip
+        self,
+        function: Callable[..., Any],
+        signature: Signature | None = None,
+        for_callers: bool = False,
+        part: bool = False,
+        **options: Any,
+    ) -> None:
         """`for_callers`, `part`: see `kept_code`, `inner`. Compiles what has a signature."""
         self.py_func, self._signature = function, signature
         self._options, self._for_callers, self._part = options, for_callers, part
@@ -126,7 +130,7 @@ class Function:
         """Call it; what numba raises for arguments that it cannot take."""
         try:
             marks = tuple(map(kinds.mark_of, arguments))
-        except Unmarked:
+        except UnmarkedValue:
             return self.in_numba(*arguments)
         found = self._bound.get(marks)
         if found is None:
@@ -141,9 +145,12 @@ class Function:
         if self._made is None:
             with _one_at_a_time:
                 self._made = open_numba().dispatcher(
-                    self.py_func, self._signature, OPTIONS | self._options, self._for_callers,
+                    self.py_func,
+                    self._signature,
+                    OPTIONS | self._options,
+                    self._for_callers,
                     self._part,
-                )  # fmt: skip
+                )
         return self._made
 
     def compile(self, arguments: tuple[Kind, ...]) -> None:
@@ -158,7 +165,9 @@ class Function:
         marks = tuple(kind.mark for kind in arguments)
         with _one_at_a_time:
             if marks not in self._places:
-                code = self._source.load(self._key(marks)) or self._compiled(marks, (), arguments)
+                code = self._source.load(self._key(marks)) or self._compiled_code(
+                    marks, (), arguments
+                )
                 self._places[marks] = code.address
         return self._places[marks]
 
@@ -170,17 +179,21 @@ class Function:
         return f"{result}({','.join(marks)})"
 
     def _bind(
-        self, marks: tuple[str, ...], arguments: tuple[Any, ...] = (),
+        self,
+        marks: tuple[str, ...],
+        arguments: tuple[Any, ...] = (),
         kinds: tuple[Kind, ...] = (),
-    ) -> Callable[..., Any]:  # fmt: skip
+    ) -> Callable[..., Any]:
         """Return machine code for these arguments, kept or compiled now; else numba's function."""
         with _one_at_a_time:
-            code = self._source.load(self._key(marks)) or self._compiled(marks, arguments, kinds)
+            code = self._source.load(self._key(marks)) or self._compiled_code(
+                marks, arguments, kinds
+            )
             found = code.bound(marks) if code.address else self.in_numba
             self._bound[marks] = found
         return found
 
-    def _compiled(
+    def _compiled_code(
         self, marks: tuple[str, ...], arguments: tuple[Any, ...], kinds: tuple[Kind, ...]
     ) -> ready_code.Code:
         if not self._source.can_be_kept:

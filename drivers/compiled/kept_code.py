@@ -42,7 +42,7 @@ class _Files(caching.CompileResultCacheImpl):
     _locator_classes = [_Place]  # noqa: RUF012  numba's name
 
 
-class _Sealed(caching.IndexDataCacheFile):
+class _SealedFile(caching.IndexDataCacheFile):
     """The index and the code of one function in one folder.
 
     Code says itself what it is of: of two processes that write at once one may take the other's
@@ -62,7 +62,7 @@ class _Sealed(caching.IndexDataCacheFile):
 
     def _load_index(self) -> dict[Any, str]:
         try:
-            version, stamp, overloads = kept_files.unsealed(Path(self._index_path))
+            version, stamp, overloads = kept_files.read_sealed(Path(self._index_path))
         except OSError:
             return {}
         fresh = (version, stamp) == (self._version, self._source_stamp)
@@ -72,7 +72,7 @@ class _Sealed(caching.IndexDataCacheFile):
         self._seal(self._index_path, (self._version, self._source_stamp, overloads))
 
     def _load_data(self, name: str) -> Any:
-        return kept_files.unsealed(Path(self._data_path(name)))
+        return kept_files.read_sealed(Path(self._data_path(name)))
 
     def _save_data(self, name: str, data: Any) -> None:
         self._seal(self._data_path(name), data)
@@ -81,7 +81,7 @@ class _Sealed(caching.IndexDataCacheFile):
         kept_files.write_sealed(Path(path), self._dump(content))
 
 
-class Kept(caching.Cache):
+class CodeCache(caching.Cache):
     """The cache of one function: read from the first folder that has it, kept in the first one.
 
     It is set up when it is asked: that of a helper, whose code lies in that of its callers, never
@@ -106,9 +106,9 @@ class Kept(caching.Cache):
         ):  # it is not this text that was imported
             stamp = f"{stamp} edited since {self._read}"
         self._folders = [folder / where for folder in compile_cache.folders()]
-        self._places = [_Sealed(str(folder), base, stamp) for folder in self._folders]
-        brought = [folder / where for folder in compile_cache.shipped()]
-        self._readable = [*self._places, *(_Sealed(str(one), base, stamp) for one in brought)]
+        self._places = [_SealedFile(str(folder), base, stamp) for folder in self._folders]
+        brought = [folder / where for folder in compile_cache.shipped_folders()]
+        self._readable = [*self._places, *(_SealedFile(str(one), base, stamp) for one in brought)]
         return getattr(self, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
@@ -121,10 +121,10 @@ class Kept(caching.Cache):
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
         if not inner.inside():
-            return self._kept(signature, context) or self._wait(signature, context)
-        return self._kept(signature, context, "inner") if self.keeps_inner else None
+            return self._cached_code(signature, context) or self._wait(signature, context)
+        return self._cached_code(signature, context, "inner") if self.keeps_inner else None
 
-    def _kept(self, signature: Any, context: Any, *kind: str) -> Any:
+    def _cached_code(self, signature: Any, context: Any, *kind: str) -> Any:
         """Return what a folder has; None, and the progress of compiling is told."""
         key = (*self._index_key(signature, context.codegen()), *kind)
         for place in self._readable if self._enabled else ():
@@ -144,7 +144,7 @@ class Kept(caching.Cache):
         self._claim = kept_files.claim(self._folders[0], self._impl.filename_base)
         if self._claim is None:
             return None
-        return self._kept(signature, context)
+        return self._cached_code(signature, context)
 
     def release(self) -> None:
         """Let other processes compile this function."""
@@ -173,19 +173,19 @@ def for_callers(function: Any) -> Any:
 
     Laws and plants share such helpers; those of the loop are part of one function.
     """
-    if isinstance(getattr(function, "_cache", None), Kept):
+    if isinstance(getattr(function, "_cache", None), CodeCache):
         function._cache.keeps_inner = True
     return function
 
 
 def install() -> None:
     """Let numba keep compiled code here, and look for others' extensions only to compile."""
-    dispatcher.FunctionCache = Kept  # type: ignore[attr-defined]
+    dispatcher.FunctionCache = CodeCache  # type: ignore[attr-defined]
     made: Any = dispatcher.Dispatcher
     made._compilation_chain_init_hook = _extend
 
 
 def _extend(function: Any) -> None:
     """Look for extensions of numba before a function's arguments have types, but for ours."""
-    if not isinstance(function._cache, Kept):
+    if not isinstance(function._cache, CodeCache):
         entrypoints.init_all()

@@ -55,7 +55,7 @@ def keep_first(folders: Sequence[Path], keep: Callable[[int], None]) -> None:
     tell(refused, None)
 
 
-def unsealed(path: Path) -> Any:
+def read_sealed(path: Path) -> Any:
     """Return what a file has; OSError."""
     whole = path.read_bytes()
     if hashlib.sha256(whole[_SEAL:]).digest() != whole[:_SEAL]:

@@ -18,7 +18,7 @@ import numpy as np
 _FIRST, _LAST = -(1 << 63), (1 << 63) - 1
 
 
-class Unmarked(Exception):
+class UnmarkedValue(Exception):
     """A value of which numba itself must say what it is."""
 
 
@@ -117,16 +117,16 @@ _marks: dict[np.dtype[Any], str] = {}
 def dtype_mark(dtype: np.dtype[Any]) -> str:
     """Return 12 digits for what lies where in a structured type."""
     if (found := _marks.get(dtype)) is None:
-        text = repr(_laid_out(dtype))
+        text = repr(_record_layout(dtype))
         found = _marks[dtype] = hashlib.sha256(text.encode()).hexdigest()[:12]
     return found
 
 
-def _laid_out(dtype: np.dtype[Any]) -> Any:
+def _record_layout(dtype: np.dtype[Any]) -> Any:
     base, shape = dtype.subdtype or (dtype, ())
     if base.fields is None:
         return base.str, shape
-    inner = [(name, place[1], _laid_out(place[0])) for name, place in base.fields.items()]
+    inner = [(name, place[1], _record_layout(place[0])) for name, place in base.fields.items()]
     return inner, base.itemsize, shape
 
 
@@ -143,16 +143,16 @@ def mark_of(value: Any) -> str:
         return _structures[value.dtype].mark
     if kind is tuple:
         return f"({','.join(map(mark_of, value))})"
-    raise Unmarked
+    raise UnmarkedValue
 
 
 def _of_array(value: Any) -> str:
     flags, dtype = value.flags, value.dtype
     if not flags.aligned or not dtype.isnative or dtype.kind not in "fiuV":
-        raise Unmarked
+        raise UnmarkedValue
     element = dtype.str if dtype.fields is None else dtype_mark(dtype)
     if dtype.subdtype is not None or (dtype.kind == "V" and dtype.fields is None):
-        raise Unmarked
+        raise UnmarkedValue
     order = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
     return f"{'' if flags.writeable else 'r'}a{order}{value.ndim}{element}"
 

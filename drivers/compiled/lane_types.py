@@ -112,7 +112,7 @@ def _instruction(name: str) -> Callable[[Any, Any, Any], Any]:
     return lambda builder, x, y: getattr(builder, name)(x, y)
 
 
-def _compared(how: str, sign: str) -> Callable[[Any, Any, Any], Any]:
+def _comparison(how: str, sign: str) -> Callable[[Any, Any, Any], Any]:
     return lambda builder, x, y: getattr(builder, f"fcmp_{how}")(sign, x, y)
 
 
@@ -120,14 +120,14 @@ for _name, _its in (("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), ("truediv
     for _function in (getattr(operator, _name), getattr(operator, f"i{_name}")):
         _binary(_function, LANE, _instruction(_its))
 for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "==")):
-    _binary(getattr(operator, _name), MASK, _compared("ordered", _sign))
-_binary(operator.ne, MASK, _compared("unordered", "!="))
+    _binary(getattr(operator, _name), MASK, _comparison("ordered", _sign))
+_binary(operator.ne, MASK, _comparison("unordered", "!="))
 _unary(operator.neg, LANE, LANE, lambda context, b, signature, x: b.fneg(x[0]))
 _unary(operator.pos, LANE, LANE, lambda context, b, signature, x: x[0])
 _unary(operator.invert, MASK, MASK, lambda context, b, signature, x: b.not_(x[0]))
 
 
-def called(name: str) -> Callable[..., Any]:
+def intrinsic_lowering(name: str) -> Callable[..., Any]:
     """Return the lowering of an LLVM intrinsic of one double or LANE."""
 
     def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -140,7 +140,7 @@ def called(name: str) -> Callable[..., Any]:
     return lower
 
 
-_unary(abs, LANE, LANE, called("llvm.fabs"))
+_unary(abs, LANE, LANE, intrinsic_lowering("llvm.fabs"))
 
 
 for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_")):

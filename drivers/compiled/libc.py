@@ -32,26 +32,26 @@ SIGNATURES = {  # result, arguments
 }
 
 
-def _compiled(name: str) -> Any:
+def _deferred_function(name: str) -> Any:
     return Deferred("pcpc.drivers.compiled.libc_types", name)
 
 
 if not LOOP_INTERPRETED:
-    clock_nanosleep = _compiled("clock_nanosleep")
-    clock_gettime = _compiled("clock_gettime")
-    getrusage = _compiled("getrusage")
-    memcpy = _compiled("memcpy")
-    poll = _compiled("poll")
-    ppoll = _compiled("ppoll")
-    recv = _compiled("recv")
-    recvfrom = _compiled("recvfrom")
-    send = _compiled("send")
-    sched_yield = _compiled("sched_yield")
-    errno: Any = _compiled("errno")
-    load_acquire: Any = _compiled("load_acquire")
-    store_release: Any = _compiled("store_release")
-    fence_release: Any = _compiled("fence_release")
-    address: Any = _compiled("address")
+    clock_nanosleep = _deferred_function("clock_nanosleep")
+    clock_gettime = _deferred_function("clock_gettime")
+    getrusage = _deferred_function("getrusage")
+    memcpy = _deferred_function("memcpy")
+    poll = _deferred_function("poll")
+    ppoll = _deferred_function("ppoll")
+    recv = _deferred_function("recv")
+    recvfrom = _deferred_function("recvfrom")
+    send = _deferred_function("send")
+    sched_yield = _deferred_function("sched_yield")
+    errno: Any = _deferred_function("errno")
+    load_acquire: Any = _deferred_function("load_acquire")
+    store_release: Any = _deferred_function("store_release")
+    fence_release: Any = _deferred_function("fence_release")
+    address: Any = _deferred_function("address")
 else:
     _LIBC = ctypes.CDLL(None, use_errno=True)
     _CTYPES = {"i4": ctypes.c_int, "i8": ctypes.c_int64}

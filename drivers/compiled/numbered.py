@@ -14,7 +14,7 @@ class NumberedKind(EnumMeta):
     """The class of such classes, by which numba knows them."""
 
 
-class Numbered(IntEnum, metaclass=NumberedKind):
+class NumberedEnum(IntEnum, metaclass=NumberedKind):
     """A declaration: names and their numbers."""
 
     @classmethod
@@ -28,12 +28,12 @@ class Numbered(IntEnum, metaclass=NumberedKind):
         return tuple(name.lower() for name in cls.__members__)
 
 
-class Told(Numbered):
+class WordedEnum(NumberedEnum):
     """Names numbered from 0 on, each with what it says to a reader."""
 
     says: str
 
-    def __new__(cls, says: str) -> "Told":
+    def __new__(cls, says: str) -> "WordedEnum":
         """Return the next member."""
         one = int.__new__(cls, len(cls.__members__))
         one._value_, one.says = int(one), says

@@ -82,7 +82,7 @@ def _in_c(marks: tuple[str, ...]) -> list[Any]:
     return found
 
 
-class _Told(ctypes.Structure):
+class _ExceptionRecord(ctypes.Structure):
     """What compiled code says of an exception that it raises."""
 
     _fields_ = (
@@ -92,7 +92,7 @@ class _Told(ctypes.Structure):
 
 
 def _raise(error: ctypes.c_void_p) -> None:
-    told = _Told.from_address(error.value or 0)
+    told = _ExceptionRecord.from_address(error.value or 0)
     kind, arguments, place = pickle.loads(ctypes.string_at(told.pickled, told.size))
     raised = kind(*arguments or ())
     if place is None:
@@ -124,7 +124,7 @@ class Source:
         """Put what is kept into memory; None if there is nothing, or nothing whole."""
         for path in self._files(key):
             try:
-                text, file, symbol, result, content = kept_files.unsealed(path)
+                text, file, symbol, result, content = kept_files.read_sealed(path)
             except (OSError, ValueError):
                 continue
             if text != self._text(key):
@@ -143,7 +143,7 @@ class Source:
         )
 
     @contextmanager
-    def claimed(self) -> Iterator[None]:
+    def claim(self) -> Iterator[None]:
         """Let one process at a time compile it."""
         held: IO[bytes] | None = None
         if self._folders:
@@ -185,7 +185,7 @@ class Source:
     def _files(self, key: str) -> list[Path]:
         if not self._place:
             return []
-        brought = [one / self._place for one in compile_cache.shipped()]
+        brought = [one / self._place for one in compile_cache.shipped_folders()]
         return [folder / self._name(key) for folder in (*self._folders, *brought)]
 
     def _text(self, key: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 LINE_BYTES = 64  # of a cache line
 
@@ -20,7 +20,7 @@ FRAME_BYTES, CLASSIC_BYTES, HEAD_BYTES = 72, 16, 8
 LENGTH, FLAGS = 4, 5
 
 
-class Flag(Numbered):
+class Flag(NumberedEnum):
     """Bits in a frame, those of Linux: bit rate switch, error state indicator, CAN FD."""
 
     NONE, BRS, ESI, FD = 0, 1, 2, 4

@@ -27,7 +27,7 @@ class Stage:
     def __init__(self, function: Callable[..., None]) -> None:
         self.py_func = function
         self.__doc__, self.__name__ = function.__doc__, function.__name__
-        self.declared = _declared(function)
+        self.declared = _annotated_ports(function)
         self._source = ready_code.Source(function, "stage")
         self._in_memory: dict[str, ready_code.Code] = {}
         self._in_c: Any = None
@@ -79,7 +79,7 @@ def stage(function: Callable[..., None]) -> Any:
     return Stage(function)
 
 
-def _declared(function: Callable[..., None]) -> tuple[Any, ...]:
+def _annotated_ports(function: Callable[..., None]) -> tuple[Any, ...]:
     """Return what the annotations of p, x, u, y name; TypeError says what a step looks like."""
     names = list(inspect.signature(function).parameters)
     where = f"line {function.__code__.co_firstlineno}: the step"

@@ -8,7 +8,7 @@ import numpy as np
 # ruff: isort: off
 from pcpc.drivers.compiled.in_numba import numba, types
 from pcpc.drivers.compiled.kinds import plain
-from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.numbered import NumberedEnum, NumberedKind
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, HEAD_BYTES, Flag
 from pcpc.drivers.compiled.view_types import Cells, Fields, Pointer, data
 from llvmlite import ir  # after ours, which set numba's environment
@@ -90,7 +90,7 @@ class Names(types.Type):
 
 register_model(Names)(models.OpaqueModel)
 typeof_impl.register(NumberedKind)(lambda numbered, context: Names(numbered))
-typeof_impl.register(Numbered)(lambda member, context: types.int64)
+typeof_impl.register(NumberedEnum)(lambda member, context: types.int64)
 
 
 @infer_getattr

@@ -20,7 +20,7 @@ def keep_off(processes: Iterable[int]) -> frozenset[int]:
     Those of the highest priority come first; at least one processor of this program's own stays.
     Return the processors that it uses from now on.
     """
-    own = _own()
+    own = _own_processors()
     rest = set(own)
     for _, processor in sorted(_loops(processes), reverse=True):
         if len(rest - {processor}) > 0:
@@ -33,7 +33,7 @@ def keep_off(processes: Iterable[int]) -> frozenset[int]:
 
 
 @cache
-def _own() -> frozenset[int]:
+def _own_processors() -> frozenset[int]:
     """Return the processors that this program was given."""
     return frozenset(os.sched_getaffinity(0))
 

@@ -69,7 +69,7 @@ def meet(name: str) -> socket.socket | None:
     return line
 
 
-def held(start: str) -> list[str]:
+def held_names(start: str) -> list[str]:
     """Return the names now held by anybody that begin with `start`, in order."""
     try:
         with open("/proc/net/unix", encoding="utf-8", errors="replace") as file:

@@ -27,9 +27,13 @@ def map_over(memory: mmap.mmap, at: int, size: int, descriptor: int, offset: int
         raise ValueError(f"{at}..{at + size} is not inside {len(memory)} bytes")
     begin = ctypes.addressof(ctypes.c_char.from_buffer(memory))
     found = _libc.mmap(
-        begin + at, size, _PROT_READ_AND_WRITE, _MAP_SHARED | _MAP_FIXED | _MAP_POPULATE,
-        descriptor, offset,
-    )  # fmt: skip
+        begin + at,
+        size,
+        _PROT_READ_AND_WRITE,
+        _MAP_SHARED | _MAP_FIXED | _MAP_POPULATE,
+        descriptor,
+        offset,
+    )
     if found == _FAILED:
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))

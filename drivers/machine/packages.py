@@ -15,13 +15,13 @@ _PACKAGES = {"PIL": "pillow", "foxglove": "foxglove-sdk"}  # of modules with oth
 def pip_install(*modules: str) -> str:
     """Return `PYTHON -m pip install PACKAGES` for modules, in the versions asked for."""
     names = dict.fromkeys(module.partition(".")[0] for module in modules)
-    known = dict(_declared())
+    known = dict(_declared_requirements())
     wanted = [_PACKAGES.get(name, name).lower() for name in names]
     return shlex.join([sys.executable or "python3", "-m", "pip", "install",
                        *(known.get(name, name) for name in wanted)])  # fmt: skip
 
 
-def _declared() -> Iterator[tuple[str, str]]:
+def _declared_requirements() -> Iterator[tuple[str, str]]:
     """Yield (name, requirement) of all that the project and its extras ask for."""
     try:
         lines = requires("pcpc") or []

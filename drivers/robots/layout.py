@@ -8,20 +8,20 @@ Where it measures, its gains, its outbox: those of `drivers.canopen.layout.DRIVE
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered, Told
+from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
 from pcpc.drivers.compiled.rows import row_of
 
 MAX_SETTINGS = 64
 CYCLIC = 8  # frames that are sent by themselves, at most
 
 
-class Dialect(Numbered):
+class Dialect(NumberedEnum):
     """Which one it speaks."""
 
     NONE, ODRIVE, MIT, MOTEUS = range(4)
 
 
-class Mistake(Told):
+class Mistake(WordedEnum):
     """What a master does wrong, counted; behind `master.` the name of a variable."""
 
     FRAME_SHORT = "frame was shorter than its command"

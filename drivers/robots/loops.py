@@ -86,7 +86,7 @@ def place_at(r: Any, position: Any) -> None:
 
 
 @loop_inline
-def braked(left: Any, most: Any, slow: Any, dt: Any) -> Any:
+def braking_velocity(left: Any, most: Any, slow: Any, dt: Any) -> Any:
     """Return the velocity from which, slowing down at `slow`, one still stops where `left` ends."""
     half = 0.5 * slow * dt
     fastest = min(math.sqrt(half * half + 2.0 * slow * abs(left)) - half, most)
@@ -94,7 +94,7 @@ def braked(left: Any, most: Any, slow: Any, dt: Any) -> Any:
 
 
 @loop_inline
-def velocity_wanted(r: Any, d: Any, most: Any) -> Any:
+def wanted_velocity(r: Any, d: Any, most: Any) -> Any:
     """Return w_d of (1) for the way's position and velocity."""
     x = r.state
     wanted = x.way_velocity + d.gains.position_per_s * (x.way_position - x.position)

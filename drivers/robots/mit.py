@@ -25,7 +25,7 @@ from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen.frames import put
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
@@ -34,7 +34,7 @@ from pcpc.drivers.robots.loops import (
     number_at,
     start_here,
     torque_for,
-    velocity_wanted,
+    wanted_velocity,
     word_of,
 )
 from pcpc.drivers.robots.settings import Setting
@@ -47,19 +47,19 @@ READ, WRITE, SAVE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
 TICK_S = 50e-6
 
 
-class Power(Numbered):
+class Power(NumberedEnum):
     """What the upper half of the feedback's first byte says."""
 
     OFF, ON, LOST = 0, 1, 13
 
 
-class Mode(Numbered):
+class Mode(NumberedEnum):
     """Register 10."""
 
     MIT, POSITION, VELOCITY, FORCE = 1, 2, 3, 4
 
 
-class Key(Numbered):
+class Key(NumberedEnum):
     """Rows of the settings: registers by name."""
 
     (
@@ -91,7 +91,7 @@ SETTINGS = tuple(
 
 
 @loop_inline
-def coded(x: Any, low: Any, high: Any, bits: Any) -> Any:
+def raw_value(x: Any, low: Any, high: Any, bits: Any) -> Any:
     """Return a value as so many bits."""
     x = min(max(x, low), high)
     return np.int64((x - low) * ((np.int64(1) << np.int64(bits)) - 1) / (high - low))
@@ -260,8 +260,8 @@ def feed_back(r: Any, d: Any) -> None:
     x = r.state
     p, v, t = r.value[Key.P_MAX], r.value[Key.V_MAX], r.value[Key.T_MAX]
     first = d.node & 15 | x.power << np.int64(4)
-    position, velocity = coded(x.position, -p, p, 16), coded(x.velocity, -v, v, 12)
-    torque = coded(x.torque, -t, t, 12)
+    position, velocity = raw_value(x.position, -p, p, 16), raw_value(x.velocity, -v, v, 12)
+    torque = raw_value(x.torque, -t, t, 12)
     low = first | (position >> 8) << 8 | (position & 255) << 16 | (velocity >> 4) << 24
     high = (velocity & 15) << 4 | torque >> 8 | (torque & 255) << 8
     high |= np.int64(r.value[Key.BOARD]) << 16 | np.int64(r.value[Key.ROTOR]) << 24
@@ -292,7 +292,7 @@ def work(r: Any, d: Any) -> Any:
     else:
         x.way_position, x.way_velocity = x.target_position, 0.0
         limit = min(x.most_torque, most)
-        x.torque = torque_for(r, d, velocity_wanted(r, d, x.most_velocity), limit)
+        x.torque = torque_for(r, d, wanted_velocity(r, d, x.most_velocity), limit)
     return x.torque
 
 

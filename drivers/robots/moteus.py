@@ -209,7 +209,7 @@ def take_values(r: Any, d: Any, data: Any, kind: Any, first: Any, count: Any) ->
 
 
 @loop_function
-def scaled(coding: Any, kind: Any, raw: Any) -> Any:
+def scaled_value(coding: Any, kind: Any, raw: Any) -> Any:
     """Return what a value means; the smallest whole number is NaN."""
     if kind == FLOAT or coding == Coding.WHOLE:
         return raw
@@ -226,7 +226,7 @@ def write(r: Any, d: Any, register: Any, kind: Any, raw: Any) -> Any:
     if register == Register.MODE:
         return take_mode(r, raw)
     if register == Register.NEAREST or register == Register.EXACT:
-        place = scaled(Coding.POSITION, kind, raw)
+        place = scaled_value(Coding.POSITION, kind, raw)
         place_at(r, place)
         return 0 if abs(place) < FINITE else WRONG_VALUE
     if register == Register.RECAPTURE:
@@ -237,7 +237,7 @@ def write(r: Any, d: Any, register: Any, kind: Any, raw: Any) -> Any:
     row = ROW[register]
     if row < 0:
         return NO_REGISTER
-    value = scaled(KIND[register], kind, raw)
+    value = scaled_value(KIND[register], kind, raw)
     if abs(value) >= FINITE:
         r.mistakes[Mistake.NOT_FINITE] += 1
         return WRONG_VALUE
@@ -293,7 +293,7 @@ def tell(r: Any, d: Any, kind: Any, first: Any, count: Any) -> None:
 @loop_function
 def say_value(r: Any, d: Any, register: Any, kind: Any) -> None:
     """Write a register's value: cut to the whole, and to what fits."""
-    value, coding = measured(r, d, register), KIND[register]
+    value, coding = register_value(r, d, register), KIND[register]
     if kind == FLOAT:
         word = word_of(value) if value == value else np.int64(0x7FC00000)
     else:
@@ -307,7 +307,7 @@ def say_value(r: Any, d: Any, register: Any, kind: Any) -> None:
 
 
 @loop_function
-def measured(r: Any, d: Any, register: Any) -> Any:
+def register_value(r: Any, d: Any, register: Any) -> Any:
     """Return the value of a register."""
     x, row = r.state, ROW[register]
     if row >= 0:

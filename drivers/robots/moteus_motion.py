@@ -22,7 +22,7 @@ import numpy as np
 from pcpc.drivers.canopen.motion import toward
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.robots.layout import Mistake
-from pcpc.drivers.robots.loops import FINITE, braked, start_here
+from pcpc.drivers.robots.loops import FINITE, braking_velocity, start_here
 from pcpc.drivers.robots.moteus_registers import ACTIVE, COMMANDS, Fault, Key, Mode
 
 
@@ -149,7 +149,7 @@ def advance_way(r: Any, dt: Any) -> None:
     elif not limited and not ramped:
         x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
     elif ramped:
-        goal = w + braked(left, FINITE, a, dt)
+        goal = w + braking_velocity(left, FINITE, a, dt)
         x.way_velocity = toward(before, min(max(goal, -most), most), a * dt)
         by = abs(x.way_velocity - w)
         if (abs(left) <= by * dt and by <= 2.0 * a * dt) or (left == 0.0 and by <= a * dt):

@@ -12,24 +12,24 @@ import math
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.robots.settings import LARGEST, Setting
 
 
-class Mode(Numbered):
+class Mode(NumberedEnum):
     """Register 0x000."""
 
     STOPPED, FAULT, CURRENT, POSITION, TIMEOUT = 0, 1, 9, 10, 11
     ZERO_VELOCITY, STAY_WITHIN, BRAKE = 12, 13, 15
 
 
-class Fault(Numbered):
+class Fault(NumberedEnum):
     """Register 0x00f."""
 
     NONE, OUTSIDE_LIMIT, STOP_POSITION = 0, 39, 45
 
 
-class Coding(Numbered):
+class Coding(NumberedEnum):
     """How a register is coded as a whole number; a WORD is read as int32 only."""
 
     (
@@ -46,7 +46,7 @@ SCALES = np.array([
 ]).reshape(-1)  # fmt: skip
 
 
-class Register(Numbered):
+class Register(NumberedEnum):
     """Those that the drive does something with, or measures."""
 
     MODE, POSITION, VELOCITY, TORQUE, Q_CURRENT, D_CURRENT, ABSOLUTE, POWER = range(8)
@@ -58,7 +58,7 @@ class Register(Numbered):
     MULTIPLEX_ID, NEAREST, EXACT, RECAPTURE = 0x110, 0x130, 0x131, 0x133
 
 
-class Key(Numbered):
+class Key(NumberedEnum):
     """Rows of the settings; behind the last the commands that are obeyed."""
 
     (

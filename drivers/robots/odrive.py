@@ -35,14 +35,14 @@ from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.robots.layout import Mistake
 from pcpc.drivers.robots.loops import (
-    braked,
+    braking_velocity,
     is_number,
     number_at,
     place_at,
     short_at,
     start_here,
     torque_for,
-    velocity_wanted,
+    wanted_velocity,
     word_of,
 )
 from pcpc.drivers.robots.odrive_settings import (
@@ -324,7 +324,7 @@ def follow_trapezoid(r: Any, dt: Any) -> None:
     """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
     x, v = r.state, r.value
     slow, left = v[Key.DECELERATION], x.target_position - x.way_position
-    goal = braked(left, v[Key.TRAJECTORY_VELOCITY], slow, dt)
+    goal = braking_velocity(left, v[Key.TRAJECTORY_VELOCITY], slow, dt)
     grows = abs(goal) > abs(x.way_velocity)
     rate = v[Key.ACCELERATION] if grows else slow
     before = x.way_velocity
@@ -363,7 +363,7 @@ def work(r: Any, d: Any) -> Any:
     elif control == Control.VELOCITY:
         x.torque = torque_for(r, d, min(max(x.way_velocity, -most), most), limit)
     else:
-        x.torque = torque_for(r, d, velocity_wanted(r, d, most), limit)
+        x.torque = torque_for(r, d, wanted_velocity(r, d, most), limit)
     return x.torque
 
 

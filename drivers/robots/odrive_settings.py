@@ -7,14 +7,14 @@ OWN        1 for commands whose data only the drive sends
 
 import numpy as np
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.robots.settings import Setting
 
 _AXIS, _CAN = "axis0.", "axis0.config.can."
 _CONTROL, _TRAJECTORY = "axis0.controller.config.", "axis0.trap_traj.config."
 
 
-class Command(Numbered):
+class Command(NumberedEnum):
     """The lower five bits of an id."""
 
     VERSION, HEARTBEAT, ESTOP, ERROR, READ_OR_WRITE, ANSWER = range(6)
@@ -24,39 +24,39 @@ class Command(Numbered):
     POSITION_GAIN, VELOCITY_GAINS, TORQUES, POWERS = 26, 27, 28, 29
 
 
-class Axis(Numbered):
+class Axis(NumberedEnum):
     """States of the axis."""
 
     IDLE, CLOSED_LOOP = 1, 8
 
 
-class Error(Numbered):
+class Error(NumberedEnum):
     """Bits of what is wrong."""
 
     NONE, BAD_CONFIG, VELOCITY = 0, 1 << 4, 1 << 15
     WATCHDOG, ESTOP = 1 << 24, 1 << 25
 
 
-class Result(Numbered):
+class Result(NumberedEnum):
     """How the last procedure ended."""
 
     SUCCESS, DISARMED, INVALID_STATE = 0, 3, 13
 
 
-class Input(Numbered):
+class Input(NumberedEnum):
     """Input modes."""
 
     INACTIVE, PASSTHROUGH, VELOCITY_RAMP, POSITION_FILTER = 0, 1, 2, 3
     TRAPEZOID, TORQUE_RAMP = 5, 6
 
 
-class Control(Numbered):
+class Control(NumberedEnum):
     """Control modes."""
 
     TORQUE, VELOCITY, POSITION = 1, 2, 3
 
 
-class Key(Numbered):
+class Key(NumberedEnum):
     """Rows of the settings; those of what is sent by itself come first."""
 
     (
@@ -74,11 +74,20 @@ _SENT = (  # by themselves, in the order of their settings
 SENT = np.array(_SENT, np.int64)
 LENGTHS = np.zeros(32, np.int64)  # of commands that carry something
 for _command, _length in {
-    Command.READ_OR_WRITE: 4, Command.STATE: 4, Command.MODE: 8, Command.POSITION: 8,
-    Command.VELOCITY: 8, Command.TORQUE: 4, Command.LIMITS: 8, Command.TRAJECTORY_VELOCITY: 4,
-    Command.TRAJECTORY_ACCELERATION: 8, Command.INERTIA: 4, Command.ABSOLUTE: 4,
-    Command.POSITION_GAIN: 4, Command.VELOCITY_GAINS: 8,
-}.items():  # fmt: skip
+    Command.READ_OR_WRITE: 4,
+    Command.STATE: 4,
+    Command.MODE: 8,
+    Command.POSITION: 8,
+    Command.VELOCITY: 8,
+    Command.TORQUE: 4,
+    Command.LIMITS: 8,
+    Command.TRAJECTORY_VELOCITY: 4,
+    Command.TRAJECTORY_ACCELERATION: 8,
+    Command.INERTIA: 4,
+    Command.ABSOLUTE: 4,
+    Command.POSITION_GAIN: 4,
+    Command.VELOCITY_GAINS: 8,
+}.items():
     LENGTHS[_command] = _length
 OWN = np.zeros(32, np.int64)  # commands that only the drive sends data for
 OWN[[*_SENT, Command.VERSION, Command.ANSWER]] = 1

@@ -20,7 +20,7 @@ class Setting(NamedTuple):
     writable: bool = True
 
 
-def started(every: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
+def changed_settings(every: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
     """Return the settings with other values at the start; ValueError says what is wrong."""
     names = {one.name: i for i, one in enumerate(every)}
     found = list(every)

@@ -192,8 +192,8 @@ def limit(n: Any, w: Any) -> None:
     for i in range(n.limits.n):
         j, own = n.limits.place[i], of_limit(n, i)
         wanted, sent, rate = where(waits, table[i].safe, w[j]), w[own], table[i].rate
-        value = within(wanted, table[i].low, table[i].high)
-        value = within(value, sent - rate, sent + rate)
+        value = clamp(wanted, table[i].low, table[i].high)
+        value = clamp(value, sent - rate, sent + rate)
         clamped = value != wanted
         w[CLAMPED] = where(clamped, 1.0, w[CLAMPED])
         add(n, w, SATURATED, number(clamped))
@@ -201,7 +201,7 @@ def limit(n: Any, w: Any) -> None:
 
 
 @inline
-def within(value: Any, low: Any, high: Any) -> Any:
+def clamp(value: Any, low: Any, high: Any) -> Any:
     """Return min(max(value, low), high) as of a single run: of equals, the first."""
     above = where(value < low, low, value)
     return where(above > high, high, above)

@@ -25,7 +25,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
-from pcpc.executive.nodes.watched import StepError, watched
+from pcpc.executive.nodes.watched import StepError, watched_result
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import Rig
@@ -36,9 +36,17 @@ Array = NDArray[np.float64]
 
 @inline
 def _rows(
-    n: Any, w: Any, values: Any, width: Any, steps: Any, places: Any, given: Any, wanted: Any,
-    kept: Any, first: Any,
-) -> None:  # fmt: skip
+    n: Any,
+    w: Any,
+    values: Any,
+    width: Any,
+    steps: Any,
+    places: Any,
+    given: Any,
+    wanted: Any,
+    kept: Any,
+    first: Any,
+) -> None:
     """Do the rows of `given` from cycle `first` on, `width` runs at once."""
     for row in range(given.shape[0]):
         n.control.passes += 1  # for `watched`
@@ -67,7 +75,7 @@ def _alone(
     _rows(n, values, values, 1, steps, places, given, wanted, trace, first)
 
 
-class Driven:
+class DrivenPlant:
     """The plant of a rig, laid out once; for one thread.
 
     `received`, `sent`: the names of its signals, "FRAME.signal", in the order of the columns;
@@ -98,9 +106,8 @@ class Driven:
             for s in f.signals
         }
         signals = {
-            f"{f.name}.{s.name}": s
-            for f in (*made.rx_frames, *made.tx_frames) for s in f.signals
-        }  # fmt: skip
+            f"{f.name}.{s.name}": s for f in (*made.rx_frames, *made.tx_frames) for s in f.signals
+        }
         self.quantum = {k: 0.0 if s.is_float else abs(s.factor) for k, s in signals.items()}
         self._offset = {k: s.offset for k, s in signals.items()}
         self._index = index
@@ -111,8 +118,9 @@ class Driven:
     @property
     def settings(self) -> dict[str, float]:
         """The settings of the plant's blocks, as BLOCK.NAME."""
-        return {f"{spec.name}.{k}": v for spec in self._specs.values()
-                for k, v in spec.settings.items()}  # fmt: skip
+        return {
+            f"{spec.name}.{k}": v for spec in self._specs.values() for k, v in spec.settings.items()
+        }
 
     def port(self, name: str) -> Any:
         """Return the port of a setting BLOCK.NAME. RigError for none, with a proposal."""
@@ -125,9 +133,13 @@ class Driven:
         return ports[setting]
 
     def signals(
-        self, points: Sequence[Mapping[str, float]], names: Sequence[str], given: Array,
-        first: int = 0, seed: int = 1,
-    ) -> Array:  # fmt: skip
+        self,
+        points: Sequence[Mapping[str, float]],
+        names: Sequence[str],
+        given: Array,
+        first: int = 0,
+        seed: int = 1,
+    ) -> Array:
         """Return the signals (points, rows, names) under the commands `given` (rows, received).
 
         `points`: settings BLOCK.NAME beside the rig's; `names`: FRAME.signal of what is sent, or
@@ -140,9 +152,11 @@ class Driven:
         for start in range(0, len(points), WIDTH):
             some = points[start : start + WIDTH]
             columns = [self._values(point, seed) for point in some]
-            made = None if self._differ or len(some) == 1 else self._lanes(
-                columns, wanted, given, first
-            )  # fmt: skip
+            made = (
+                None
+                if self._differ or len(some) == 1
+                else self._lanes(columns, wanted, given, first)
+            )
             if made is None:
                 made = np.stack([self._one(c, wanted, given, first) for c in columns])
             found[start : start + len(some)] = made
@@ -206,7 +220,7 @@ class Driven:
         trace = table(len(given) * len(wanted))
         about = loop, values, steps, self._places, given, wanted, trace, first
         try:
-            self._watched(lambda: _in_lanes(*about))
+            self._call_watched(lambda: _in_lanes(*about))
         except LanesDiffer:
             self._differ = True
             return None
@@ -216,12 +230,12 @@ class Driven:
     def _one(self, values: Array, wanted: Any, given: Array, first: int) -> Array:
         trace, loop = np.zeros(len(given) * len(wanted)), self._block.loop
         about = loop, values, self._single, self._places, given, wanted, trace, first
-        self._watched(lambda: _alone(*about))
+        self._call_watched(lambda: _alone(*about))
         return trace.reshape(len(given), len(wanted))
 
-    def _watched(self, do: Any) -> None:
+    def _call_watched(self, do: Any) -> None:
         try:
-            watched(do, [self._block.loop])
+            watched_result(do, [self._block.loop])
         except StepError:
             names = list(self._specs)
             at = int(self._block.loop.control.stepping) - 1

@@ -36,8 +36,8 @@ from pcpc.executive.loop.variables import (
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
-from pcpc.executive.nodes.planned_controllers import put_back
-from pcpc.executive.nodes.watched import StepError, watched
+from pcpc.executive.nodes.planned_controllers import standby_copies
+from pcpc.executive.nodes.watched import StepError, watched_result
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -98,7 +98,9 @@ class Group:
             names = wanted.get(role, ())
             trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
             self.seats[role] = _seat(made, self._blocks[role].loop, other, names, trace)
-        self._kept = {role: put_back(made.spec, made.table) for role, made in self.plans.items()}
+        self._kept = {
+            role: standby_copies(made.spec, made.table) for role, made in self.plans.items()
+        }
         self._lossy = [  # where the state of a generator of losses stands, of which frame
             (role, int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED, frame.name)
             for role, seat in self.seats.items()
@@ -145,10 +147,10 @@ class Group:
         top, low = self.seats["executive"], self.seats["plant"]
         for first in range(0, self.cycles, PIECE):
             try:
-                differ = watched(partial(self._piece, first), (top.n, low.n))
+                differ = watched_result(partial(self._piece, first), (top.n, low.n))
             except StepError:
                 for role, seat in self.seats.items():
-                    if what := hung(self.described[role], seat.n.control):
+                    if what := hanging_step(self.described[role], seat.n.control):
                         raise StepError(what) from None
                 return np.ones(WIDTH, np.bool_)
             if differ:
@@ -179,7 +181,7 @@ class Group:
         return False
 
 
-def hung(description: Mapping[str, Any], control: Any) -> str:
+def hanging_step(description: Mapping[str, Any], control: Any) -> str:
     """Return which step of a node does not return; "" for none."""
     if control.fault != Fault.STEP_HANGS:
         return ""
@@ -210,7 +212,7 @@ def _trace(traces: Traces, role: Role, rows: int) -> NDArray[np.float64]:
 
 def _seat(
     made: Plan, loop: Any, other: Plan, wanted: Sequence[str], trace: NDArray[np.float64]
-) -> cycle.Seat:  # fmt: skip
+) -> cycle.Seat:
     for signal in (signal for frame in made.tx_frames for signal in frame.signals):
         if not signal.is_float and max(map(abs, signal.codes)) >= _WHOLE:
             raise NotInLanes(f"signal {signal.name} has codes beyond 2^53")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.drivers.errors import UserError
-from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
+from pcpc.executive.batch.group import Group, NotInLanes, Traces, hanging_step
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Columns
@@ -44,12 +44,14 @@ class Case:
 
     def words(self) -> list[str]:
         """Return the case as `--set` options."""
-        return [*(f"{name}={value!r}" for name, value in self.settings.items()),
-                f"seed={self.seed}"]  # fmt: skip
+        return [
+            *(f"{name}={value!r}" for name, value in self.settings.items()),
+            f"seed={self.seed}",
+        ]
 
 
 @dataclass(frozen=True)
-class Done:
+class RunResult:
     """A run: its log with the wanted columns, or all; `fault` in words, "" without.
 
     `alone`: why it was not done in lanes, "" if it was. `refused`: why it was not done at all.
@@ -65,9 +67,13 @@ class Runs:
     """Runs of one rig and controller, for one thread."""
 
     def __init__(
-        self, path: Path, controller: str | None, settings: Sequence[str],
-        wanted: Mapping[Role, Sequence[str]], traces: Traces | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        path: Path,
+        controller: str | None,
+        settings: Sequence[str],
+        wanted: Mapping[Role, Sequence[str]],
+        traces: Traces | None = None,
+    ) -> None:
         """Lay the rig out once. Raises RigError, BusError.
 
         `settings`: as `--set`, of all runs; `wanted`: the variables that are kept, by node;
@@ -88,14 +94,14 @@ class Runs:
         except NotInLanes as error:
             self.group, self.why = None, str(error)
 
-    def done(self, cases: Sequence[Case]) -> list[Done]:
+    def done(self, cases: Sequence[Case]) -> list[RunResult]:
         """Return at most WIDTH runs, in the order of `cases`. ValueError: too many cases."""
         if len(cases) > WIDTH:
             raise ValueError(f"{len(cases)} cases; a group holds {WIDTH}")
         why = self.why or self._why_alone(cases)
         if why or (group := self.group) is None:
             return [self._alone(case, why) for case in cases]
-        found: dict[int, Done] = {}
+        found: dict[int, RunResult] = {}
         left = [dict(enumerate(cases))]
         while left:
             some = left.pop()
@@ -104,21 +110,22 @@ class Runs:
                 continue
             refused = self._fill(group, list(some.values()))
             found |= {
-                i: Done(None, refused=why) for i, why in zip(some, refused, strict=True) if why
+                i: RunResult(None, refused=why) for i, why in zip(some, refused, strict=True) if why
             }
             able = {i: case for i, case in some.items() if i not in found}
             try:
                 odd = group.run()
             except LanesDiffer:
-                left += _parted(able)
+                left += _case_parts(able)
                 continue
             traces = group.columns()
             for lane, (i, case) in enumerate(some.items()):
                 if i in able:
                     found[i] = (
-                        self._alone(case, _ODD) if odd[lane]
-                        else Done(self._log(group, case, lane, traces))
-                    )  # fmt: skip
+                        self._alone(case, _ODD)
+                        if odd[lane]
+                        else RunResult(self._log(group, case, lane, traces))
+                    )
         return [found[i] for i in range(len(cases))]
 
     def _places(self, group: Group, role: Role, spec: BlockSpec) -> Mapping[str, int]:
@@ -178,11 +185,15 @@ class Runs:
             }
             timing = set(about["timing_columns"])
             nodes[str(role)] = logs.Node(
-                self._cycles[:rows], self._stamps_ns[:rows],
+                self._cycles[:rows],
+                self._stamps_ns[:rows],
                 Columns(about["state_columns"], columns.__getitem__),
                 {name: one for name, one in columns.items() if name in timing},
-                np.empty(0, logs.FRAME), [], [], about,
-            )  # fmt: skip
+                np.empty(0, logs.FRAME),
+                [],
+                [],
+                about,
+            )
         metadata = {str(role): METADATA for role in group.plans}
         return logs.Log(Path(), nodes, {}, metadata, [], rig=self._data(case))
 
@@ -217,25 +228,25 @@ class Runs:
             raise UserError(f"{self.path}: has changed since the first run; begin again")
         return rig
 
-    def _alone(self, case: Case, why: str) -> Done:
+    def _alone(self, case: Case, why: str) -> RunResult:
         """Return a run done by itself."""
         try:
             run = VirtualRun(self.rig_of(case), None)
         except RigError as error:
-            return Done(None, alone=why, refused=str(error))
+            return RunResult(None, alone=why, refused=str(error))
         try:
             for _ in run.advance():
                 pass
         except StepError:  # one that raises is a fault of this run; one that hangs goes on hanging
             for block in run.blocks:
-                if what := hung(block.description, block.control):
+                if what := hanging_step(block.description, block.control):
                     raise StepError(what) from None
         codes = [int(block.control.fault) for block in run.blocks]
         fault = next((FAULT_NAMES[code] for code in codes if code), "")
-        return Done(run.memory.log(), fault, why)
+        return RunResult(run.memory.log(), fault, why)
 
 
-def _parted(cases: dict[int, Case]) -> list[dict[int, Case]]:
+def _case_parts(cases: dict[int, Case]) -> list[dict[int, Case]]:
     """Return the cases in parts: by the setting with the fewest values, else in halves."""
     names = {name for case in cases.values() for name in case.settings}
     values = {name: {case.settings.get(name) for case in cases.values()} for name in names}

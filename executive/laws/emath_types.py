@@ -10,7 +10,7 @@ from numba.core.base import BaseContext
 from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import lower_builtin, type_callable
-from pcpc.drivers.compiled.lane_types import LANE, Lane, Mask, called
+from pcpc.drivers.compiled.lane_types import LANE, Lane, Mask, intrinsic_lowering
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.laws.emath import ROUND, pow2, sqrt, where
 # ruff: isort: on
@@ -78,4 +78,4 @@ def _lower_pow2(
 def _lower_sqrt(
     context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
 ) -> ir.Value:
-    return called("llvm.sqrt")(context, builder, signature, args)
+    return intrinsic_lowering("llvm.sqrt")(context, builder, signature, args)

@@ -75,7 +75,7 @@ def block(
     """Return the block behind the last of `laws`; `owners` (held,): the law of each of `held`."""
     numbers = ", ".join(f"{j} {law}" for j, law in enumerate(laws))
     last = float(len(laws) - 1)
-    parameters = _declared(
+    parameters = _port_class(
         "Parameters",
         {
             "to": port("", f"who is in charge: {numbers}", 0.0, 0.0, last),
@@ -90,13 +90,13 @@ def block(
             "step": port("", "y_o - y_n (1)", shape=len(outputs)),
         },
     )
-    inputs = _declared("Inputs", _ports(input_ports(outputs, laws, held)))
+    inputs = _port_class("Inputs", _ports(input_ports(outputs, laws, held)))
     before = [Port(f"out_{i}", one.unit, one.name) for i, one in enumerate(outputs)]
-    ends = _declared("Outputs", _ports([*before, *output_ports(laws, held)]))
+    ends = _port_class("Outputs", _ports([*before, *output_ports(laws, held)]))
     return Block(_step(parameters, states, inputs, ends, outputs, owners))
 
 
-def _declared(name: str, ports: dict[str, Any]) -> Any:
+def _port_class(name: str, ports: dict[str, Any]) -> Any:
     return type(name, (Ports,), {"__doc__": f"{name} of a hand-over.", **ports})
 
 

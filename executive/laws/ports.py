@@ -61,7 +61,7 @@ class Port:
 
 
 @dataclass(frozen=True)
-class _Declared:
+class _PortDeclaration:
     """What `port` returns until the class is complete."""
 
     about: Port
@@ -98,7 +98,7 @@ def port(
     one = None if several else default
     assert not isinstance(one, Sequence)
     about = Port("", unit, help, one, low, high, size, recorded, adapts)
-    return _Declared(about, extents, named, defaults)
+    return _PortDeclaration(about, extents, named, defaults)
 
 
 def group(ports: type[_T], prefix: str = "", recorded: bool = True) -> _T:
@@ -114,7 +114,7 @@ def required(ports: type[_T]) -> type[_T]:
     bare = {
         name: replace(what, about=replace(what.about, default=None), defaults=())
         for name, what in ports._declared.items()
-        if isinstance(what, _Declared)
+        if isinstance(what, _PortDeclaration)
     }
     return cast("type[_T]", type(ports.__name__, (Ports,), {"__doc__": ports.__doc__, **bare}))
 
@@ -139,16 +139,16 @@ class Ports:
     layout: ClassVar[Layout] = Layout("Ports", ())
     size: ClassVar[int] = 0
     ports: ClassVar[tuple[Port, ...]] = ()  # in the order of memory
-    _declared: ClassVar[dict[str, _Declared | _Group]] = {}
+    _declared: ClassVar[dict[str, _PortDeclaration | _Group]] = {}
 
     def __init_subclass__(cls) -> None:
         """Lay out the ports of the bases, then those of the class itself."""
-        declared: dict[str, _Declared | _Group] = {}
+        declared: dict[str, _PortDeclaration | _Group] = {}
         for base in cls.__bases__:
             for name, what in getattr(base, "_declared", {}).items():
                 _add(cls, declared, name, what)
         for name, what in list(vars(cls).items()):
-            if isinstance(what, _Declared | _Group):
+            if isinstance(what, _PortDeclaration | _Group):
                 _add(cls, declared, name, what)
         cls._declared = declared
         fields: list[Field] = []
@@ -215,7 +215,7 @@ def _add(cls: type, declared: dict[str, Any], name: str, what: Any) -> None:
     declared[name] = what
 
 
-def _elements(name: str, what: _Declared) -> list[Port]:
+def _elements(name: str, what: _PortDeclaration) -> list[Port]:
     """Return the table's ports: those with names of their own one by one."""
     about = replace(what.about, name=name)
     if not what.named:
@@ -236,13 +236,13 @@ def _elements(name: str, what: _Declared) -> list[Port]:
 class _Access:
     """How an instance reads and sets one port."""
 
-    def __init__(self, name: str, place: int, size: int, what: _Declared | _Group) -> None:
+    def __init__(self, name: str, place: int, size: int, what: _PortDeclaration | _Group) -> None:
         self.name, self.place, self.past, self.what = name, place, place + size, what
 
     def __get__(self, view: Any, cls: type) -> Any:
         if view is None:
             return self
-        if isinstance(self.what, _Declared) and not self.what.shape:
+        if isinstance(self.what, _PortDeclaration) and not self.what.shape:
             return view._values[self.place]
         part = view._values[self.place : self.past]
         if isinstance(self.what, _Group):

@@ -84,13 +84,16 @@ class Sequence(Ports):
     start_s = port("s", "start of the first segment", 0.0, 0.0, NEVER_S)
     repeat = port("", "1: behind the last segment the first begins again", 0.0, 0.0, 1.0)
     to = port(_UNIT, "end of segment #", 0.0, -_LARGE, _LARGE, shape=SEGMENTS, named="to_#")
-    over_s = port(
-        "s", "duration of segment #", 0.0, 0.0, 1e6, shape=SEGMENTS, named="over_#_s"
-    )  # fmt: skip
+    over_s = port("s", "duration of segment #", 0.0, 0.0, 1e6, shape=SEGMENTS, named="over_#_s")
     shape = port(
-        "", "of segment #: 0 hold, 1 step, 2 line, 3 quintic", 0.0, 0.0, QUINTIC, shape=SEGMENTS,
+        "",
+        "of segment #: 0 hold, 1 step, 2 line, 3 quintic",
+        0.0,
+        0.0,
+        QUINTIC,
+        shape=SEGMENTS,
         named="shape_#",
-    )  # fmt: skip
+    )
 
 
 @inline

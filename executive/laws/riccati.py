@@ -32,7 +32,7 @@ def diagonal(entries: Sequence[float]) -> Matrix:
     return [[one if i == j else 0.0 for j in range(len(entries))] for i, one in enumerate(entries)]
 
 
-def turned(a: Matrix) -> Matrix:
+def transpose(a: Matrix) -> Matrix:
     """Return the transpose. Shape (m, n) of an (n, m)."""
     return [list(column) for column in zip(*a, strict=True)]
 
@@ -62,7 +62,7 @@ def _dot(a: Sequence[float], b: Sequence[float]) -> float:
     return total
 
 
-def solved(a: Matrix, b: Matrix) -> Matrix:
+def solution(a: Matrix, b: Matrix) -> Matrix:
     """Return a^-1 b by elimination with the largest pivot. ValueError: `a` is singular.
 
     `a` is (n, n), `b` (n, m).
@@ -82,7 +82,7 @@ def solved(a: Matrix, b: Matrix) -> Matrix:
     return [row[n:] for row in rows]
 
 
-def sampled(f: Matrix, g: Matrix, period_s: float) -> tuple[Matrix, Matrix]:
+def sampled_system(f: Matrix, g: Matrix, period_s: float) -> tuple[Matrix, Matrix]:
     """Return A (n, n) and B (n, m) of (1) for x' = F x + G u."""
     n, m = len(f), len(g[0])
     both = [[*p, *q] for p, q in zip(f, g, strict=True)] + [[0.0] * (n + m) for _ in range(m)]
@@ -101,11 +101,11 @@ def sampled(f: Matrix, g: Matrix, period_s: float) -> tuple[Matrix, Matrix]:
 
 def riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
     """Return X of (2). ValueError if the doubling (5) does not settle. All (n, n)."""
-    g, h = times(b, solved(r, turned(b))), q
+    g, h = times(b, solution(r, transpose(b))), q
     for _ in range(PASSES):
         w = plus(eye(len(a)), times(g, h))
-        wa, wg = solved(w, a), solved(w, g)
-        a, g, grown = times(a, wa), plus(g, times(a, wg, turned(a))), times(turned(a), h, wa)
+        wa, wg = solution(w, a), solution(w, g)
+        a, g, grown = times(a, wa), plus(g, times(a, wg, transpose(a))), times(transpose(a), h, wa)
         h = plus(h, grown)
         largest = max(abs(value) for row in h for value in row)
         if not largest < LARGEST:
@@ -113,7 +113,7 @@ def riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
         if max(abs(value) for row in grown for value in row) <= CLOSE * largest:
             return [
                 [0.5 * (x + y) for x, y in zip(*rows, strict=True)]
-                for rows in zip(h, turned(h), strict=True)
+                for rows in zip(h, transpose(h), strict=True)
             ]
     raise ValueError("the Riccati equation has no stabilising solution; change the weights")
 
@@ -121,12 +121,12 @@ def riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
 def regulator(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
     """Return K (m, n) of (3)."""
     x = riccati(a, b, q, r)
-    bx = times(turned(b), x)
-    return solved(plus(r, times(bx, b)), times(bx, a))
+    bx = times(transpose(b), x)
+    return solution(plus(r, times(bx, b)), times(bx, a))
 
 
 def filter_gain(a: Matrix, c: Matrix, q: Matrix, n: Matrix) -> Matrix:
     """Return L (n, p) of (4): for the measured state, before the step to the next sample."""
-    x = riccati(turned(a), turned(c), q, n)
+    x = riccati(transpose(a), transpose(c), q, n)
     cx = times(c, x)
-    return turned(solved(plus(n, times(cx, turned(c))), cx))
+    return transpose(solution(plus(n, times(cx, transpose(c))), cx))

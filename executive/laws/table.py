@@ -34,10 +34,10 @@ class Row(Ports):
 
 def unit_of(name: str) -> str:
     """Return the unit that the end of a name says, "" for none: N m of `load_Nm`."""
-    return _UNITS.get(_split(name)[1], "")
+    return _UNITS.get(_stem_and_unit(name)[1], "")
 
 
-def _split(name: str) -> tuple[str, str]:
+def _stem_and_unit(name: str) -> tuple[str, str]:
     """Return a name's stem and its ending of `_UNITS`."""
     ends = [end for end in _UNITS if name.endswith(f"_{end}")]
     end = max(ends, key=len, default="")
@@ -46,7 +46,7 @@ def _split(name: str) -> tuple[str, str]:
 
 def derivative(name: str, unit: str, order: int) -> tuple[str, str]:
     """Return name and unit of the first or second derivative: `q_d_rate_rad_s`, rad/s."""
-    stem, end = _split(name)
+    stem, end = _stem_and_unit(name)
     word, per = ("rate", "s") if order == 1 else ("acc", "s2")
     if end.endswith("_s"):
         end, per = end[:-2], "s2" if order == 1 else "s3"

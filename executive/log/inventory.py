@@ -96,13 +96,13 @@ class Inventory:
             for name, count in sorted(self.left_out.items())
         ]
         if "run" in metadata:
-            return found + self._against(_numbers(metadata["run"]), metadata)
+            return found + self._count_differences(_numbers(metadata["run"]), metadata)
         notes = metadata.get("recovered")
         if notes is None and closed:
             return [*found, "the recorder's counts (metadata run): whether all is there is unknown"]
         return found + [text for key, text in (notes or {}).items() if key.startswith("missing ")]
 
-    def _against(self, run: Mapping[str, int], metadata: Collection[str]) -> list[str]:
+    def _count_differences(self, run: Mapping[str, int], metadata: Collection[str]) -> list[str]:
         """Return how the messages differ from the counts of the recorder."""
         columns: dict[str, int] = {}  # and frames: messages expected by topic
         entries: list[str] = []

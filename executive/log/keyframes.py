@@ -59,7 +59,7 @@ class Keyframe:
 class Keyframes:
     """Those that a node publishes, as entries of a log."""
 
-    def __init__(self, block: sh.Shared) -> None:
+    def __init__(self, block: sh.NodeMemory) -> None:
         about = node_description(block.description)
         self._block, self._seen = block, 0
         self._bytes = about["keyframe_bytes"] if about.get("keyframe_passes") else 0
@@ -70,11 +70,11 @@ class Keyframes:
 
         One that was overwritten since the last look is missed.
         """
-        if (frame := self.published()) is None:
+        if (frame := self.newest()) is None:
             return None
-        return frame.stamp_ns, frame.cycle, _packed(frame.passes, self._layout, frame.state)
+        return frame.stamp_ns, frame.cycle, _packed_state(frame.passes, self._layout, frame.state)
 
-    def published(self) -> Keyframe | None:
+    def newest(self) -> Keyframe | None:
         """Return the newest one as `look` does."""
         for _ in range(_TRIES if self._bytes else 0):
             seq = int(self._block["keyframe_seq"][0])
@@ -89,15 +89,19 @@ class Keyframes:
         return None
 
 
-def _packed(passes: int, layout: str, state: bytes) -> dict[str, Any]:
+def _packed_state(passes: int, layout: str, state: bytes) -> dict[str, Any]:
     text = base64.b64encode(zstandard.compress(state)).decode()
     return {"passes": passes, "layout": layout, "crc": zlib.crc32(state), "state": text}
 
 
 def newest(
-    head: logs.Log, role: str, before: int, layout: str, why_not: Callable[[bytes], str],
+    head: logs.Log,
+    role: str,
+    before: int,
+    layout: str,
+    why_not: Callable[[bytes], str],
     notes: list[str],
-) -> Keyframe | None:  # fmt: skip
+) -> Keyframe | None:
     """Return the newest keyframe of a node behind a cycle earlier than `before`; None without.
 
     `layout`: of this node's here. `why_not` says why a state is none, or "". `notes` gets what was

@@ -60,7 +60,7 @@ class Columns(Mapping[str, Vector]):
         return name in self._names
 
 
-def _cut(columns: Mapping[str, Vector], begin: int, end: int) -> Columns:
+def _column_slice(columns: Mapping[str, Vector], begin: int, end: int) -> Columns:
     return Columns(list(columns), lambda name: columns[name][begin:end])
 
 
@@ -144,17 +144,17 @@ class LongLog(Log):
         )
         found = {}
         for name, node in self.node.items():
-            a, b = (first, past) if name == leader else self._beside(name, *ends)
+            a, b = (first, past) if name == leader else self._neighbour_rows(name, *ends)
             found[name] = replace(
                 node,
                 cycle=np.array(node.cycle[a:b]),
                 stamp_ns=np.array(node.stamp_ns[a:b]),
-                columns=_cut(node.columns, a, b),
-                timing=_cut(node.timing, a, b),
+                columns=_column_slice(node.columns, a, b),
+                timing=_column_slice(node.timing, a, b),
             )
         return Log(self.path, found, self.attachments, self.metadata, self.missing)
 
-    def _beside(
+    def _neighbour_rows(
         self, name: str, cycles: tuple[int, int], stamps: tuple[int, int]
     ) -> tuple[int, int]:
         """Return the rows of another node that may belong to cycles of the leader."""
@@ -197,7 +197,7 @@ def read(
         longest = max((sum(len(node.cycle) for node in own) for own in kept.values()), default=0)
         if not tables and longest > short:
             one = {name: [max(own, key=lambda n: len(n.cycle))] for name, own in kept.items()}
-            first = _joined(path, one, about, entries, piece, notes)
+            first = _joined_log(path, one, about, entries, piece, notes)
             names = wanted(first)
             tables = {name: [_table(path, names.get(name, ()))] for name in kept}
             for name, parts in kept.items():
@@ -206,8 +206,8 @@ def read(
             columns = {name: (list(n.columns), list(n.timing)) for name, n in first.node.items()}
             kept.clear()
     if not tables:
-        return _joined(path, kept, about, entries, piece, notes)
-    return _mapped(path, tables, columns, about, entries, piece, notes, part)
+        return _joined_log(path, kept, about, entries, piece, notes)
+    return _mapped_log(path, tables, columns, about, entries, piece, notes, part)
 
 
 def sidecar(log: Path, node: str) -> Path:
@@ -247,7 +247,7 @@ def whole_run(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = P
     return LongLog(log.path, nodes, *about, log.files, tables=tables, part_cycles=part)
 
 
-def _joined(
+def _joined_log(
     path: Path,
     kept: Mapping[str, list[Node]],
     about: Mapping[str, NodeDescription],
@@ -260,7 +260,7 @@ def _joined(
     return Log(path, nodes, last.attachments, last.metadata, notes)
 
 
-def _mapped(
+def _mapped_log(
     path: Path,
     tables: dict[str, list[Table]],
     columns: Mapping[str, tuple[Sequence[str], Sequence[str]]],

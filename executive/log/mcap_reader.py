@@ -224,7 +224,7 @@ def _walk_data(
                 place = end
                 continue
             try:
-                yield from _split(content, found)
+                yield from _chunk_pieces(content, found)
             except UNREADABLE as error:
                 found.add_note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
         elif opcode == Opcode.ATTACHMENT:
@@ -337,7 +337,7 @@ def _describe(found: Scan, opcode: int, body: bytes) -> None:
         found.channels[channel.id] = channel
 
 
-def _split(data: bytes, found: Scan) -> Iterator[Piece]:
+def _chunk_pieces(data: bytes, found: Scan) -> Iterator[Piece]:
     """Yield a chunk's messages; neighbours of one channel and size come as one piece."""
     place = 0
     while place < len(data):

@@ -49,7 +49,7 @@ class _Index(MessageIndex):
         stream.finish_record()
 
 
-class _Written:
+class _WrittenRecords:
     """Records that are written already."""
 
     def __init__(self, data: bytes) -> None:
@@ -76,10 +76,10 @@ class _ChunkIndices:
         index.write(builder)
         self._file.write(builder.end())
 
-    def __iter__(self) -> Iterator[_Written]:
+    def __iter__(self) -> Iterator[_WrittenRecords]:
         self._file.seek(0)
         while data := self._file.read(1 << 16):
-            yield _Written(data)
+            yield _WrittenRecords(data)
         self._file.close()
 
 
@@ -183,7 +183,7 @@ def message_records(
 
 
 @dataclass
-class Recovered:
+class Recovery:
     """What was written anew: messages by topic, and what is missing, in words."""
 
     messages: dict[str, int]
@@ -236,7 +236,7 @@ class _Copy:
         self.messages[self.found.channels[number].topic] += len(piece)
 
 
-def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found: None) -> Recovered:
+def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found: None) -> Recovery:
     """Write what is readable of a damaged log to `out`, which is then a whole one.
 
     `watch` is told how far it is. Raises LogError; RecordError if `out` cannot be written.
@@ -257,7 +257,7 @@ def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found:
 
 def _write_copy(
     name: str, pieces: Iterable[Piece], found: Scan, out: Path, watch: Callable[[Scan], None]
-) -> Recovered:
+) -> Recovery:
     writer = BulkWriter(out)
     with writer.file:
         writer.start(profile="ros2")
@@ -273,4 +273,4 @@ def _write_copy(
         writer.flush()
         writer.add_metadata("recovered", {"from": name} | notes)
         writer.finish()
-    return Recovered(copy.messages, found.missing)
+    return Recovery(copy.messages, found.missing)

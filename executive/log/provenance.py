@@ -45,9 +45,13 @@ def of_rig(rig: Path) -> dict[str, str]:
     environment["GIT_OPTIONAL_LOCKS"] = "0"
     try:
         done = subprocess.run(
-            command, capture_output=True, stdin=subprocess.DEVNULL, check=True,
-            timeout=_PATIENCE_S, env=environment,
-        )  # fmt: skip
+            command,
+            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            check=True,
+            timeout=_PATIENCE_S,
+            env=environment,
+        )
     except (OSError, subprocess.SubprocessError):
         return {}
     text = _commit(os.fsdecode(done.stdout).split("\0"), file.relative_to(root).as_posix())

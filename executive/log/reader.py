@@ -200,7 +200,7 @@ def variables(found: Scan, name: str) -> list[Variable]:
         if found_field:
             short, dotted, unit = _field(*found_field.groups())
             given = known.get(short, "absent")
-            about = _parsed(given, {"name": dotted or short, "unit": unit}, "", [])
+            about = _json_value(given, {"name": dotted or short, "unit": unit}, "", [])
             name, unit = about.get("name", dotted or short), about.get("unit", "")
             listed.append(Variable(short, str(name), str(unit)))
     return listed
@@ -235,7 +235,7 @@ def _descriptions(
         if name not in metadata and f"{name}.json" not in attachments:
             continue
         text = attachments.get(f"{name}.json", "absent")
-        given = _parsed(text, {}, f"{name}: its description", notes)
+        given = _json_value(text, {}, f"{name}: its description", notes)
         about, wrong = log_checks.description(given)
         if name not in metadata and {"metadata", "rig", "period_ns"} <= about.keys():
             facts = about["metadata"] | {key: about[key] for key in ("rig", "period_ns")}
@@ -267,7 +267,7 @@ def _node(
         columns = {key: values[kept] for key, values in columns.items()}
         timing = {key: values[timing_kept] for key, values in timing.items()}
     wall_ns, monotonic_ns = (
-        _parsed(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
+        _json_value(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
         for key in ("clock_wall_ns", "clock_monotonic_ns")
     )
     frames = _frames(found, name, notes, frame_type(about))
@@ -352,7 +352,7 @@ def _texts(found: Scan, name: str) -> list[bytes]:
     return [row[MESSAGE_HEAD:].tobytes() for piece in found.pieces_of(name) for row in piece]
 
 
-def _parsed(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
+def _json_value(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
     """Return the JSON value; `otherwise`, and a note, if it is damaged or of another kind."""
     try:
         value = log_checks.parse_json(text)

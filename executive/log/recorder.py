@@ -29,7 +29,7 @@ from pcpc.executive.log.snapshot import Sink, SnapshotRing
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
-from pcpc.executive.loop.shared import RINGS, Shared, SharedError
+from pcpc.executive.loop.shared import RINGS, NodeMemory, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
@@ -38,7 +38,7 @@ POLL_S = 0.02
 class _Node:
     """One attached block: its channels and what was counted."""
 
-    def __init__(self, block: Shared, writer: BulkWriter) -> None:
+    def __init__(self, block: NodeMemory, writer: BulkWriter) -> None:
         about = node_description(block.description)
         self.block, self.about, self.name = block, about, about["node"]
         self.channels = Channels(about, writer)
@@ -97,7 +97,7 @@ class _Node:
         return full
 
 
-def _rows_taken(block: Shared, ring: str) -> int:
+def _rows_taken(block: NodeMemory, ring: str) -> int:
     """Return how many rows of a ring are taken already; a word that cannot be true counts as none.
 
     From here on the recorder's own count holds: any client may write into that word.
@@ -118,7 +118,7 @@ class Recorder:
     def __init__(
         self,
         path: Path,
-        blocks: Sequence[Shared],
+        blocks: Sequence[NodeMemory],
         late: Sequence[str] = (),
         judged: Wanted | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
@@ -134,7 +134,7 @@ class Recorder:
         self.started_s = 1e-9 * int(blocks[0].description["metadata"]["clock_wall_ns"])
         self._writing(lambda: self._open(blocks))
 
-    def _open(self, blocks: Sequence[Shared]) -> None:
+    def _open(self, blocks: Sequence[NodeMemory]) -> None:
         self.writer = BulkWriter(self.path)
         self.writer.start(profile="ros2")
         self.sink = Sink(self.writer)
@@ -160,7 +160,7 @@ class Recorder:
                 code_of(error),
             ) from None
 
-    def _add(self, block: Shared) -> None:
+    def _add(self, block: NodeMemory) -> None:
         """Take up a node; write what explains its messages first."""
         self._set_clock(block.description["metadata"])
         about = node_description(block.description)
@@ -185,7 +185,7 @@ class Recorder:
                     self._add(block)
                     self.late.remove(name)
 
-    def _in_this_run(self, block: Shared) -> bool:
+    def _in_this_run(self, block: NodeMemory) -> bool:
         """Return whether the node of `block`, which has ended, ran when the first had started."""
         put, rows = int(block.ends("record").head), block["record_values"]
         names = block.description["timing_columns"]

@@ -13,13 +13,13 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.names import find_variable, unknown_name
 from pcpc.executive.rig.tables import MOST_VALUES, Numbers, table_reader
-from pcpc.executive.rig.yamlfile import shown
+from pcpc.executive.rig.yamlfile import display_path
 
 
 @table_reader(".mcap")
 def signals(file: Path, names: Sequence[str]) -> Numbers:
     """Return what a log recorded of variables of one node; RigError."""
-    where = shown(file)
+    where = display_path(file)
     log = logs.read(file)
     if log.missing:
         cure = "name a complete log, or a CSV file with the part to use"

@@ -44,7 +44,7 @@ class Alarm:
 class Alarms:
     """The alarms of one node, of which `block` is the memory."""
 
-    def __init__(self, block: sh.Shared) -> None:
+    def __init__(self, block: sh.NodeMemory) -> None:
         about = block.description
         self._block, self._node = block, str(about["node"])
         self._period_ns = int(about["period_ns"])

@@ -13,16 +13,16 @@ from typing import Any
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 
-class Time(Numbered):
+class Time(NumberedEnum):
     """What time it is, see above."""
 
     REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)
 
 
-class Trigger(Numbered):
+class Trigger(NumberedEnum):
     """What starts a cycle."""
 
     CLOCKED, ON_FRAMES = range(2)

@@ -38,7 +38,7 @@ from pcpc.executive.loop.limits import settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
 from pcpc.executive.loop.sending import LastWord, announce, request_first_sample, transmit
-from pcpc.executive.loop.stalls import own_up, stalled, stand_still
+from pcpc.executive.loop.stalls import pass_stalled_period, skip_stalled_periods, stalled
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.stepping import limit, step
 from pcpc.executive.loop.strangers import listen, refused
@@ -53,9 +53,9 @@ def one_pass(n: Any, steps: Any) -> Any:
     set_time(n)
     wait(n)
     if stalled(n):
-        stand_still(n)
+        pass_stalled_period(n)
         return n.k < n.guard.cycles or not settled(n.limits)
-    own_up(n)
+    skip_stalled_periods(n)
     receive(n)
     if refused(n):
         return False

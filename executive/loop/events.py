@@ -1,11 +1,11 @@
 """The kinds of events in a node's ring: number, word in a log, what each is about."""
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 VARIABLE, FRAME = "variable", "frame"  # whose place or id the argument is
 
 
-class Event(Numbered):
+class Event(NumberedEnum):
     """A kind of event: number, word in a log, what it is about."""
 
     says: str

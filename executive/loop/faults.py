@@ -10,7 +10,7 @@ import numpy as np
 
 from pcpc.drivers.can import can_id
 from pcpc.drivers.canopen.layout import ErrorCode
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.loop.shared import GREETING
 
 RAMP = "ramp"
@@ -19,7 +19,7 @@ END = "the node ends with its safe values"
 DIES = "the node ends; the watchdog of the other one acts"
 
 
-class Fault(Numbered):
+class Fault(NumberedEnum):
     """A named fault: what it says, the cycles in which it is noticed, what follows.
 
     `within` may be a key of the rig; without one, a time of its own is in `why`. `code` is
@@ -33,9 +33,13 @@ class Fault(Numbered):
     code: ErrorCode
 
     def __new__(
-        cls, says: str, within: int | str | None, reaction: str, why: str = "",
+        cls,
+        says: str,
+        within: int | str | None,
+        reaction: str,
+        why: str = "",
         code: ErrorCode = ErrorCode.SOFTWARE,
-    ) -> "Fault":  # fmt: skip
+    ) -> "Fault":
         """Return the next member."""
         fault = int.__new__(cls, len(cls.__members__))
         fault._value_ = int(fault)

@@ -31,7 +31,7 @@ from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.drivers.can.wire import CAN_BE
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
@@ -41,20 +41,20 @@ from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.strangers import note_repeat, word_of
 
 
-class Wrong(Numbered):
+class Wrong(NumberedEnum):
     """What a fault does to a frame."""
 
     LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE = range(7)
     ADDRESSING, LENGTH, COUNTER, CHECKSUM, PAYLOAD, FORGERY = range(7, 13)
 
 
-class How(Numbered):
+class FrameChange(NumberedEnum):
     """What a counter, a checksum or data become."""
 
     VALUE, FREEZE, RANDOM, OFFSET = range(4)
 
 
-KINDS, HOWS = Wrong.words(), How.words()
+KINDS, HOWS = Wrong.words(), FrameChange.words()
 GONE, CHANGED, AND_ANOTHER = 1, 2, 4  # what faults did to a frame
 EXCUSED_CYCLES = 20  # after a fault a frame that does not fit the counter is its consequence
 
@@ -172,13 +172,13 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
         faults.first[f] = crc if kind == Wrong.CHECKSUM else counter
     if kind == Wrong.CHECKSUM:
         span = 65536.0 if frames[row].protected == Protection.CRC_16 else 256.0
-        e2e.put_crc(data, row, frames, altered(n, f, how, crc, span))
+        e2e.put_crc(data, row, frames, substitute(n, f, how, crc, span))
         return
     if kind == Wrong.COUNTER and is_on(n, f):
-        faults.kept[f] = altered(n, f, how, counter, 256.0) - counter
+        faults.kept[f] = substitute(n, f, how, counter, 256.0) - counter
     if kind == Wrong.COUNTER:
         counter += np.int64(faults.kept[f])
-    elif kind == Wrong.PAYLOAD and how == How.FREEZE:
+    elif kind == Wrong.PAYLOAD and how == FrameChange.FREEZE:
         for i in range(data_length(n.wire.rx)):
             data[i] = faults.waiting[f, 0, 8 + i]
     else:
@@ -187,14 +187,14 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
 
 
 @loop_function
-def altered(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
+def substitute(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
     """Return a counter or checksum in the place of the true one; a drawn one is below `span`."""
-    if how == How.FREEZE:
+    if how == FrameChange.FREEZE:
         return n.faults.first[f]
-    if how == How.RANDOM:
+    if how == FrameChange.RANDOM:
         return np.int64(span * uniform(n, f))
     wanted = np.int64(size(n, f))
-    return true + wanted if how == How.OFFSET else wanted
+    return true + wanted if how == FrameChange.OFFSET else wanted
 
 
 @loop_function

@@ -29,13 +29,13 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
 
 
-class Wrong(Numbered):
+class Wrong(NumberedEnum):
     """What a fault makes of a value."""
 
     VALUE, BIAS, GAIN, DRIFT, STUCK, DROPOUT, NOISE, RANDOM, QUANTISE, DELAY = range(10)
@@ -89,14 +89,14 @@ def wrong(n: Any, f: Any, x: Any) -> Any:
         if kind != Wrong.STUCK:
             faults.kept[f] = x
         return x
-    value = changed(n, f, x, a, cycles)
+    value = injected_value(n, f, x, a, cycles)
     if kind == Wrong.RATE:
         faults.kept[f] = value
     return value
 
 
 @loop_function
-def changed(n: Any, f: Any, x: Any, a: Any, cycles: Any) -> Any:
+def injected_value(n: Any, f: Any, x: Any, a: Any, cycles: Any) -> Any:
     """Return (1) to (14)."""
     faults, period_s = n.faults, n.clock.period_ns * 1e-9
     kind, kept = faults.kind[f], faults.kept[f]

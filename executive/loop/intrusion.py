@@ -22,7 +22,7 @@ import numpy as np
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -34,7 +34,7 @@ HINTS, HINT_TURNS = 3, 10
 EVENT_CYCLES = 100  # a frame is told at most this often
 
 
-class Reaction(Numbered):
+class Reaction(NumberedEnum):
     """What follows."""
 
     COUNT, HOLD, FAULT = range(3)

@@ -62,8 +62,9 @@ OF_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "canopen": dict.fromkeys(KEPT_OF_DRIVE, ())
 }
 OF_ROBOT: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "robot": dict.fromkeys(KEPT_OF_ROBOT, ()), "canopen": {"state": ()},
-}  # fmt: skip
+    "robot": dict.fromkeys(KEPT_OF_ROBOT, ()),
+    "canopen": {"state": ()},
+}
 _LARGEST = 1 << 62  # cycles, ns, counts
 
 

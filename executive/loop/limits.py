@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import bits_of, push_event
@@ -26,7 +26,7 @@ from pcpc.executive.loop.variables import CLAMPED, STATE
 FINITE = 1e300  # from here on, and as NaN, a value counts as not finite
 
 
-class Quick(Numbered):
+class Quick(NumberedEnum):
     """A quick stop, whose ramp is another one."""
 
     NONE, ASKED, BEGUN = range(3)

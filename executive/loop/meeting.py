@@ -26,7 +26,7 @@ from pcpc.drivers.can import codec
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.faults import Fault
@@ -35,13 +35,13 @@ from pcpc.executive.loop.strangers import blame, word_of
 _ROLES = 0x1F  # its bits that say whose it is
 
 
-class Part(Numbered):
+class Part(NumberedEnum):
     """The part of a received frame: of heartbeats; of frames of a sample, by that of its node."""
 
     NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)
 
 
-class Turn(Numbered):
+class Turn(NumberedEnum):
     """What to do with a frame."""
 
     TAKE, LEAVE, HELD_FIRST = range(3)

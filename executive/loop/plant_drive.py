@@ -20,7 +20,7 @@ from pcpc.drivers.canopen.layout import Row
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import Whose, hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.robots import layout as robots
 from pcpc.drivers.robots import mit, moteus, odrive
@@ -59,7 +59,7 @@ SEEN_ROBOT = (  # and of a robot's
     *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in robots.Mistake),
 )
 # the place of each behind the first
-_numbered: Any = Numbered
+_numbered: Any = NumberedEnum
 Seen = _numbered("Seen", [name.upper() for name, *_ in SEEN], start=0)
 SeenRobot = _numbered("SeenRobot", [name.upper() for name, *_ in SEEN_ROBOT], start=0)
 MISTAKES, MISTAKES_ROBOT = len(SEEN) - len(canopen.Mistake), len(SEEN_ROBOT) - len(robots.Mistake)

@@ -15,7 +15,7 @@ Until each of its limited signals has been taken once, a frame is not the input 
 from typing import Any
 
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import Told
+from pcpc.drivers.compiled.numbered import WordedEnum
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE
@@ -24,7 +24,7 @@ from pcpc.executive.loop.rings import bits_of, push_event
 EVENT_CYCLES = 100  # a signal is told at most this often
 
 
-class Why(Told):
+class Implausibility(WordedEnum):
     """What is wrong with a value."""
 
     GOOD = ""
@@ -34,7 +34,7 @@ class Why(Told):
     STILL = "standing still"
 
 
-WHYS = [why.says for why in Why]
+WHYS = [why.says for why in Implausibility]
 
 
 @loop_function
@@ -46,7 +46,7 @@ def take_plausible(n: Any, row: Any) -> Any:
             j = these.place[i]
             x = n.v[j]
             why = judged(n, i, x)
-            if why == Why.GOOD:
+            if why == Implausibility.GOOD:
                 these.taken[i], these.taken_at[i], these.in_a_row[i] = x, n.k, 0
             else:
                 n.v[j] = these.taken[i]
@@ -62,13 +62,17 @@ def judged(n: Any, i: Any, x: Any) -> Any:
     if x != these.came[i]:
         these.came[i], these.came_at[i] = x, n.k
     if not abs(x) < FINITE:
-        return Why.NO_NUMBER
+        return Implausibility.NO_NUMBER
     if x < bounds.low or x > bounds.high:
-        return Why.OUTSIDE
+        return Implausibility.OUTSIDE
     periods = max(n.k - these.taken_at[i], 1)
     if these.taken_at[i] >= 0 and abs(x - these.taken[i]) > bounds.rate * periods:
-        return Why.TOO_FAST
-    return Why.STILL if n.k - these.came_at[i] > these.still_cycles[i] else Why.GOOD
+        return Implausibility.TOO_FAST
+    return (
+        Implausibility.STILL
+        if n.k - these.came_at[i] > these.still_cycles[i]
+        else Implausibility.GOOD
+    )
 
 
 @loop_function

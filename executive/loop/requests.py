@@ -4,7 +4,7 @@ In `mail`: the number of the request, how many of the slots it takes, a Lock. In
 number of the request that was answered, the cycle, a Refusal and the slot that is its reason.
 """
 
-from pcpc.drivers.compiled.numbered import Numbered, Told
+from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
 from pcpc.drivers.compiled.rows import lines_of
 
 SLOTS = 64  # variables of a request
@@ -12,13 +12,13 @@ MAIL = lines_of(("request", "count"), ("lock",))
 ANSWER = lines_of(("request", "cycle", "refusal", "entry"))
 
 
-class Lock(Numbered):
+class Lock(NumberedEnum):
     """What clients may not do; any other number locks all."""
 
     NONE, TUNE, ALL = range(3)
 
 
-class Refusal(Told):
+class Refusal(WordedEnum):
     """Why a request is refused."""
 
     ACCEPTED = ""

@@ -11,25 +11,25 @@ The classes have the columns of rows as clients take them, int64 (n, columns).
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import lines_of, row_of
 
 ENDS = lines_of(("head",), ("dropped",))  # rows put and dropped
 
 
-class OfRecord(Numbered):
+class OfRecord(NumberedEnum):
     """The columns before the states."""
 
     CYCLE, STAMP_NS, HEADER = range(3)
 
 
-class OfFrame(Numbered):
+class OfFrame(NumberedEnum):
     """The columns of a frame; the header is that of CDR."""
 
     HEADER, STAMP_NS, CYCLE, ABOUT, PAYLOAD = range(5)  # and further words of the payload
 
 
-class OfEvent(Numbered):
+class OfEvent(NumberedEnum):
     """The columns of an event."""
 
     STAMP_NS, CYCLE, CODE, ARGUMENT, BITS = range(5)

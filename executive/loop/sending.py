@@ -8,7 +8,7 @@ from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.wire import blank, put_frame
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop import shared as sh
@@ -20,7 +20,7 @@ from pcpc.executive.loop.states import HEARTBEATS
 from pcpc.executive.loop.variables import CLAMPED, ERROR_CODE, NMT, STATE
 
 
-class LastWord(Numbered):
+class LastWord(NumberedEnum):
     """What is sent at the end."""
 
     HEARTBEAT, ALL_FRAMES = range(2)

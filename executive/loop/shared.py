@@ -275,7 +275,7 @@ class Client:
     mailbox: int
 
 
-class Shared:
+class NodeMemory:
     """A node's memory: its fields by name; what is not writable here cannot be written.
 
     The node's own process has all of them and `loop`, the LOOP record; a client has PUBLISHED and
@@ -365,21 +365,21 @@ def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
     return {name: record[name][0] for name in names}
 
 
-def private(description: Mapping[str, Any]) -> Shared:
+def private(description: Mapping[str, Any]) -> NodeMemory:
     """Return a node's memory of which only this process knows: virtual time, replay."""
     memory = blank()
-    full = completed("", description)
-    return Shared("", full, fields(memory, LOOP), np.recarray(1, LOOP, memory)[0])
+    full = full_description("", description)
+    return NodeMemory("", full, fields(memory, LOOP), np.recarray(1, LOOP, memory)[0])
 
 
-def completed(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
+def full_description(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a node says about itself, with its name and the size of a row."""
     columns = RECORD_HEAD + len(description["state_columns"]) + 1
     columns += len(description["timing_columns"])
     return dict(description) | {"name": name, "record_columns": columns}
 
 
-def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
+def snapshot(block: NodeMemory, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
     """Return a consistent copy of all variables; the old `into` when the writer never paused.
 
     Both (variables,). Raises SharedError if there is no old copy either.

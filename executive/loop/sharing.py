@@ -34,7 +34,7 @@ from pcpc.executive.loop.shared import (
     MAILBOX_BYTES,
     PAGE_BYTES,
     PUBLISHED_BYTES,
-    Shared,
+    NodeMemory,
     SharedError,
 )
 
@@ -91,7 +91,7 @@ def _claim(path: str) -> tuple[str, socket.socket]:
 
 def _others(path: str, own: str = "") -> Iterator[claim.Holder]:
     """Yield who of this user holds `path`, or had to take it with a suffix, but `own`."""
-    for name in claim.held(path):
+    for name in claim.held_names(path):
         if name != own and (name == path or name.startswith(f"{path}~")):
             who = _ours(name)
             if who is not None:
@@ -123,28 +123,28 @@ def is_locked(name: str) -> bool:
     return any(_others(_path("lock", name)))
 
 
-def running() -> Iterator[Shared]:
+def running() -> Iterator[NodeMemory]:
     """Yield the nodes of this user that hand out their memory."""
-    for path in claim.held(_path("node", "")):
+    for path in claim.held_names(_path("node", "")):
         with contextlib.suppress(SharedError):
             yield _attach(path)
 
 
 def other_users() -> list[str]:
     """Return the numbers of other users that have nodes here."""
-    users = {name.split("/")[1] for name in claim.held("node/")}
+    users = {name.split("/")[1] for name in claim.held_names("node/")}
     return sorted(users - {str(os.geteuid())})
 
 
 # The node's side
 
 
-class Served:
+class ServedMemory:
     """A node's memory, and from `open` on the socket at which clients get it."""
 
     def __init__(self, name: str, description: Mapping[str, Any]) -> None:
         """Map everything into this process. SharedError if there is no memory for it."""
-        full = sh.completed(name, description)
+        full = sh.full_description(name, description)
         body = json.dumps(full).encode()
         self._head = -(-(_HEAD.size + len(body)) // PAGE_BYTES) * PAGE_BYTES
         self._files: list[int] = []
@@ -165,7 +165,7 @@ class Served:
             size = (self._head + LOOP.itemsize) >> 20
             raise SharedError(f"{name}: {size} MiB of shared memory: {error.strerror}") from None
         loop = np.recarray(1, LOOP, memory)[0]
-        self.block = Shared(name, full, sh.fields(memory, LOOP), loop)
+        self.block = NodeMemory(name, full, sh.fields(memory, LOOP), loop)
 
     def _file(self, size: int) -> int:
         """Make a memory file of `size` zeroed bytes that are really there."""
@@ -270,20 +270,20 @@ def _peer(client: socket.socket) -> claim.Holder:
 # The client's side
 
 
-def attach(name: str, word: bytes = b"") -> Shared:
+def attach(name: str, word: bytes = b"") -> NodeMemory:
     """Map the memory of the running node `name`, tell it `word`; SharedError if there is none."""
     path = _path("node", name)
     try:
         return _attach(path, word)
     except SharedError as error:
         failure = error
-    for other in claim.held(f"{path}~"):  # where another user has the name
+    for other in claim.held_names(f"{path}~"):  # where another user has the name
         with contextlib.suppress(SharedError):
             return _attach(other, word)
     raise failure
 
 
-def _attach(path: str, word: bytes = b"") -> Shared:
+def _attach(path: str, word: bytes = b"") -> NodeMemory:
     name = path.split("/", 2)[2]
     line = claim.meet(path)
     if line is None:
@@ -299,7 +299,7 @@ def _attach(path: str, word: bytes = b"") -> Shared:
         line.setblocking(False)
         if word:
             line.send(word)
-        return _mapped(name, line, files[0], files[1])
+        return _mapped_memory(name, line, files[0], files[1])
     except (OSError, SharedError) as error:
         for descriptor in (*files, line.detach()):
             os.close(descriptor)
@@ -308,7 +308,7 @@ def _attach(path: str, word: bytes = b"") -> Shared:
         raise SharedError(f"{name}: does not share its memory: {error}") from None
 
 
-def _mapped(name: str, line: socket.socket, published: int, mailbox: int) -> Shared:
+def _mapped_memory(name: str, line: socket.socket, published: int, mailbox: int) -> NodeMemory:
     """Return the block of both files; of `published` no descriptor is kept."""
     for descriptor, least in ((published, PUBLISHED_BYTES), (mailbox, MAILBOX_BYTES)):
         seals = fcntl.fcntl(descriptor, fcntl.F_GET_SEALS)
@@ -320,12 +320,12 @@ def _mapped(name: str, line: socket.socket, published: int, mailbox: int) -> Sha
         mmap.mmap(published, PUBLISHED_BYTES, prot=mmap.PROT_READ, offset=offset), sh.PUBLISHED
     ) | sh.fields(mmap.mmap(mailbox, MAILBOX_BYTES), sh.MAILBOX)
     os.close(published)
-    return Shared(description["name"], description, arrays, client=sh.Client(line, mailbox))
+    return NodeMemory(description["name"], description, arrays, client=sh.Client(line, mailbox))
 
 
 def check(description: Any) -> None:
     """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
-    about = sh.completed(description["name"], description)
+    about = sh.full_description(description["name"], description)
     if about["record_columns"] != description["record_columns"]:
         raise ValueError("its rows have another size")
     if not RECORD_HEAD < about["record_columns"] <= sh.RECORD_RING_WORDS:

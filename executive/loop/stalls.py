@@ -25,7 +25,7 @@ def stalled(n: Any) -> Any:
 
 
 @loop_function
-def stand_still(n: Any) -> None:
+def pass_stalled_period(n: Any) -> None:
     """Let a period pass in a stall on purpose: what comes is not worked on, nothing is sent."""
     if not paced(n):
         receive(n)
@@ -48,7 +48,7 @@ def forget(n: Any) -> None:
 
 
 @loop_inline
-def own_up(n: Any) -> None:
+def skip_stalled_periods(n: Any) -> None:
     """After a stall on purpose, have skipped its periods."""
     if n.faults.stalled > 0:
         n.clock.behind = n.faults.stalled

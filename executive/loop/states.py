@@ -37,11 +37,11 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.drivers.compiled.jit import loop_inline
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.loop.faults import Fault
 
 
-class State(Numbered):
+class State(NumberedEnum):
     """A state: runs, expects, ramps, sends, heartbeat."""
 
     runs: int
@@ -68,7 +68,7 @@ class State(Numbered):
     STOP = 0, 1, 1, 1, Heartbeat.STOPPED
 
 
-class Condition(Numbered):
+class Condition(NumberedEnum):
     """What leads from one state to the next: the columns of the table."""
 
     NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED, RESET, DISARMED = range(8)

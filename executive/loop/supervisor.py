@@ -26,7 +26,7 @@ import numpy as np
 
 from pcpc.drivers.can import e2e
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.loop import on_wire
 from pcpc.executive.loop.clock import Trigger, stopping
 from pcpc.executive.loop.drive import tell_drive
@@ -48,7 +48,7 @@ from pcpc.executive.loop.variables import (
 )
 
 
-class Overrun(Numbered):
+class Overrun(NumberedEnum):
     """What follows from cycles that ran past their end."""
 
     SKIP, FAULT_AFTER, FALL_BACK = range(3)

@@ -18,9 +18,13 @@ Vector = NDArray[np.float64]
 Step = Callable[[float, float, Vector, Vector, Vector, Vector], None]
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 _KIND = ctypes.CFUNCTYPE(  # numba's own convention: status, place of the result, of an exception
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_double,
+    ctypes.c_int32,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_double,
+    ctypes.c_double,
     *[_DOUBLES] * 4,
-)  # fmt: skip
+)
 _DONE = 0
 
 
@@ -34,7 +38,7 @@ class External:
         self.declared, self._step = declared, step
         self._sizes = [ports.size for ports in declared]
         self._views: list[Vector] = []
-        self._kept = _KIND(self._called)
+        self._kept = _KIND(self._callback)
 
     @property
     def entry(self) -> Any:
@@ -43,7 +47,7 @@ class External:
             return self._step
         return ctypes.cast(self._kept, ctypes.c_void_p).value
 
-    def _called(self, _result: Any, _error: Any, t: float, dt: float, *pointers: Any) -> int:
+    def _callback(self, _result: Any, _error: Any, t: float, dt: float, *pointers: Any) -> int:
         if not self._views:  # the table does not move
             self._views = [
                 np.ctypeslib.as_array(pointer, (size,)) if size else np.empty(0)

@@ -26,8 +26,11 @@ def start_helper(rig: str) -> None:
     silent = subprocess.DEVNULL
     helper = subprocess.Popen(
         [sys.executable, "-P", "-m", _MODULE, rig, str(os.getpid())],
-        stdin=silent, stdout=silent, stderr=silent, start_new_session=True,
-    )  # fmt: skip
+        stdin=silent,
+        stdout=silent,
+        stderr=silent,
+        start_new_session=True,
+    )
     compile_cache.watch.helper = helper.pid
 
 

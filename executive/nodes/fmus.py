@@ -88,8 +88,8 @@ class Instance:
         self._step = step_of(spec)
         self.model = self._step.model
         self._kept: list[Any] = []  # arrays that the loop reads
-        folder = unpacked(self._step.file, self.model.sha256)
-        self._fmu = self._loaded(folder)
+        folder = unpacked_folder(self._step.file, self.model.sha256)
+        self._fmu = self._fmpy_instance(folder)
         self._three = self.model.fmi != "2.0"
         try:
             self._instantiate()
@@ -116,17 +116,19 @@ class Instance:
         k = int(self.head[fmi.STEPS]) - 1
         what = did[int(self.head[fmi.FAILED])]
         answer = _STATUS[status] if status < len(_STATUS) else f"status {status}"
-        return self._said(f"{self.name}: {what} in cycle {k} returned {answer}")
+        return self._message(f"{self.name}: {what} in cycle {k} returned {answer}")
 
-    def _said(self, what: str) -> str:
+    def _message(self, what: str) -> str:
         return one_line(f"{what}: {'; '.join(self.words)}" if self.words else what)
 
     def _error(self, what: str, error: Exception) -> RigError:
         told = str(error)
         own = "" if self.words and "Failed to instantiate" in told else f": {told}"
-        return RigError(self._said(f"{self._where}: {self.name}: {self.model.name}: {what}{own}"))
+        return RigError(
+            self._message(f"{self._where}: {self.name}: {self.model.name}: {what}{own}")
+        )
 
-    def _loaded(self, folder: Path) -> Any:
+    def _fmpy_instance(self, folder: Path) -> Any:
         """Return FMPy's object for the library."""
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
@@ -135,9 +137,11 @@ class Instance:
         here = os.getcwd()
         try:
             return kind(
-                guid=self.model.token, modelIdentifier=self.model.identifier,
-                unzipDirectory=str(folder), instanceName=self.name,
-            )  # fmt: skip
+                guid=self.model.token,
+                modelIdentifier=self.model.identifier,
+                unzipDirectory=str(folder),
+                instanceName=self.name,
+            )
         except Exception as error:
             os.chdir(here)
             raise self._error("its library cannot be loaded", error) from None
@@ -206,9 +210,10 @@ class Instance:
 
         for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
             own = [
-                (place, one) for place, one in enumerate(variables)
+                (place, one)
+                for place, one in enumerate(variables)
                 if _method(one.kind, self._three) == kind
-            ]  # fmt: skip
+            ]
             code = _KINDS[kind] if self._three or kind != "Boolean" else fmi.BOOL32
             last = [float(f"{settings.get(one.name, 0.0):.12g}") for _, one in own]
             references = [one.reference for _, one in own if one.element == 0]
@@ -290,14 +295,14 @@ def _end(fmu: Any, sha256: str, key: int) -> None:
     _said.pop(key, None)
 
 
-def unpacked(file: Path, sha256: str) -> Path:
+def unpacked_folder(file: Path, sha256: str) -> Path:
     """Return the folder of an unpacked FMU; RigError."""
     from fmpy import extract
 
     for kept in compile_cache.folders():
         if (kept / _FOLDER / sha256 / "modelDescription.xml").is_file():
             return kept / _FOLDER / sha256
-    folder = compile_cache.made(_FOLDER)
+    folder = compile_cache.writable_folder(_FOLDER)
     draft = tempfile.mkdtemp(prefix="draft-", dir=folder)
     try:
         extract(file, draft)

@@ -148,7 +148,7 @@ class Gateway:
         for bus, end in zip(sides, self.n.side, strict=False):
             end.fd = self._fd
             buses.open_bus(bus, None, end)
-            buses.know_own(end)
+            buses.set_own_address(end)
 
     def carry(self) -> None:
         """Carry frames until `stop`; BusError."""

@@ -11,7 +11,7 @@ from pcpc.executive.nodes.planned_faults import STALL
 
 
 @dataclass(frozen=True)
-class Injected:
+class InjectedFault:
     """A fault as it stands in a running node."""
 
     name: str
@@ -23,43 +23,47 @@ class Injected:
     share: float
 
 
-def faults_of(nodes: Sequence[Live]) -> list[Injected]:
+def faults_of(nodes: Sequence[Live]) -> list[InjectedFault]:
     """Return the faults that these nodes have."""
     found = []
     for live in nodes:
         values, role = live.read(), live.name.rpartition(".")[2]
-        for name, about in _known(live).items():
+        for name, about in _fault_descriptions(live).items():
             left, value, share = (values[f"fault.{name}.{x}"] for x in ("left", "value", "share"))
             unit = live.variables[f"fault.{name}.value"].unit
             what = f"{about['kind']} of {about['of']}"
-            found.append(Injected(name, role, what, left, value, unit, share))
+            found.append(InjectedFault(name, role, what, left, value, unit, share))
     return found
 
 
-def _known(live: Live) -> Mapping[str, Mapping[str, str]]:
+def _fault_descriptions(live: Live) -> Mapping[str, Mapping[str, str]]:
     """Return the faults of a node, as `nodes.planned_faults` describes them."""
     known: Mapping[str, Mapping[str, str]] = live.block.description.get("faults", {})
     return known
 
 
 def inject(
-    nodes: Sequence[Live], name: str, for_s: float | None = None, value: float | None = None,
-    share: float | None = None, end: bool = False,
-) -> Mapping[str, int]:  # fmt: skip
+    nodes: Sequence[Live],
+    name: str,
+    for_s: float | None = None,
+    value: float | None = None,
+    share: float | None = None,
+    end: bool = False,
+) -> Mapping[str, int]:
     """Begin a fault in every node that has it, or `end` it; return the cycle in each.
 
     `for_s` None: until it is ended. UserError for a fault that the rig does not name, a stall where
     no clock runs, or what the node refuses.
     """
-    having = [live for live in nodes if name in _known(live)]
+    having = [live for live in nodes if name in _fault_descriptions(live)]
     if not having:
-        known = [one for live in nodes for one in _known(live)]
+        known = [one for live in nodes for one in _fault_descriptions(live)]
         cure = did_you_mean(name, known) if known else "; the rig file has no faults"
         raise UserError(f"{name}: no such fault{cure}")
     cycles = {}
     for live in having:
         clocked = live.block.description["metadata"]["pacing"] in ("real", "sync")
-        if _known(live)[name]["kind"] == STALL and not clocked:
+        if _fault_descriptions(live)[name]["kind"] == STALL and not clocked:
             what = "without a clock it has no effect; give it a time in the rig file"
             raise UserError(f"{name}: a stall on demand needs pacing real or sync: {what}")
         left = FOR_EVER if for_s is None else float(round(for_s * 1e9 / live.period_ns))

@@ -69,7 +69,7 @@ class Values(Mapping[str, float]):
         return self._values
 
     def __getitem__(self, name: str) -> float:
-        return float(self._values[self._places[known(name, self._places)]])
+        return float(self._values[self._places[known_name(name, self._places)]])
 
     def __contains__(self, name: object) -> bool:
         return name in self._places
@@ -84,7 +84,7 @@ class Values(Mapping[str, float]):
 class Live:
     """A running node. What it reads is a cycle old at the most; LiveError where it has ended."""
 
-    def __init__(self, block: sh.Shared) -> None:
+    def __init__(self, block: sh.NodeMemory) -> None:
         about = block.description
         self.block, self.name, self.period_ns = block, block.name, int(about["period_ns"])
         self.variables = {
@@ -172,7 +172,7 @@ class Live:
                     raise LiveError(f"{word}: matches no variable; `pcpc list` shows all")
                 chosen |= dict.fromkeys(found)
             else:
-                chosen[known(word, self.variables)] = None
+                chosen[known_name(word, self.variables)] = None
         return list(chosen)
 
     def rows(
@@ -243,7 +243,7 @@ class Live:
         if len(changes) > SLOTS:
             raise LiveError(f"{len(changes)} values; at most {SLOTS} apply at once")
         for name, value in changes.items():
-            one = self.variables[known(name, self.variables)]
+            one = self.variables[known_name(name, self.variables)]
             if one.range is None:
                 what = f"{one.kind}, written by {one.writer} every cycle"
                 raise LiveError(f"{name}: {what}; only parameters can be set")
@@ -254,7 +254,7 @@ class Live:
         return [self._places[name] for name in changes]
 
 
-def known(name: str, names: Collection[str]) -> str:
+def known_name(name: str, names: Collection[str]) -> str:
     """Return the name of a variable; LiveError with the likeliest one if it is not in `names`."""
     if name not in names:
         raise LiveError(f"{name}: no such variable{did_you_mean(name, names)}")

@@ -29,7 +29,7 @@ class LiveError(UserError):
     """A node, or what is asked of it, cannot be had; ENVIRONMENT: it is not there."""
 
 
-def level_of(block: sh.Shared) -> str:
+def level_of(block: sh.NodeMemory) -> str:
     """Return what is locked, one of LEVELS; a word that is none of them locks all."""
     word = int(block.mail.lock)
     return LEVELS[word] if 0 <= word < len(LEVELS) else LEVELS[-1]
@@ -38,7 +38,7 @@ def level_of(block: sh.Shared) -> str:
 class Mailbox:
     """That of a node; LiveError where it has ended."""
 
-    def __init__(self, block: sh.Shared) -> None:
+    def __init__(self, block: sh.NodeMemory) -> None:
         self._block = block
 
     def post(self, places: Mapping[str, int], values: Sequence[float]) -> int:
@@ -55,14 +55,14 @@ class Mailbox:
             if not block.control.passes:
                 what = "no cycle yet; it waits for the other node"
                 raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
-            self._acknowledged(int(mail.request))  # of a client that died waiting
+            self._acknowledged_cycle(int(mail.request))  # of a client that died waiting
             block["mail_index"][: len(places)] = [*places.values()]
             block["mail_value"][: len(places)] = values
             mail.count = len(places)
             _release()
             request = _next(int(mail.request))
             mail.request = request
-            cycle = self._acknowledged(request)
+            cycle = self._acknowledged_cycle(request)
             refusal, entry = int(answer.refusal), int(answer.entry)
             if refusal != Refusal.ACCEPTED:
                 name = dict(enumerate(places)).get(entry, block.name)  # if another wrote meanwhile
@@ -133,7 +133,7 @@ class Mailbox:
         finally:
             os.close(descriptor)
 
-    def _acknowledged(self, request: int) -> int:
+    def _acknowledged_cycle(self, request: int) -> int:
         """Wait for the node's acknowledgement; return its cycle, or withdraw: LiveError."""
         deadline_s = time.monotonic() + PATIENCE_S
         answer = self._block.answer
@@ -147,7 +147,7 @@ class Mailbox:
         return int(answer.cycle)
 
 
-def pause(block: sh.Shared, seconds: float) -> None:
+def pause(block: sh.NodeMemory, seconds: float) -> None:
     """Sleep, but not beyond the end of the node's process."""
     client = block.client
     select.select([] if client is None else [client.line], [], [], seconds)

@@ -71,7 +71,7 @@ def hand_over(live: Live, controller: str) -> int:
     if int(now[IN_CHARGE]) == names.index(controller):
         raise LiveError(f"{live.name}: {controller} is already in charge")
     if now[f"handover.usable_{controller}"] == 0.0:
-        raise LiveError(_refused(live, controller), Exit.NOT_MET)
+        raise LiveError(_refusal(live, controller), Exit.NOT_MET)
     wanted = float(names.index(controller))
     if now[TO] == wanted:  # asked before and refused; only a change is a request
         live.tune({TO: now[IN_CHARGE]})
@@ -79,11 +79,11 @@ def hand_over(live: Live, controller: str) -> int:
     found = live.wait_until(lambda now: now.cycle >= cycle, _WITHIN_S, "the cycle of a hand-over")
     if found[IN_CHARGE] != wanted and found[TO] == wanted:
         live.tune({TO: found[IN_CHARGE]})
-        raise LiveError(_refused(live, controller), Exit.NOT_MET)
+        raise LiveError(_refusal(live, controller), Exit.NOT_MET)
     return cycle
 
 
-def _refused(live: Live, controller: str) -> str:
+def _refusal(live: Live, controller: str) -> str:
     stays = in_charge(live, live.read())
     what = f"{controller} cannot take over: one of its outputs is not finite"
     return f"{live.name}: {what}; {stays} stays in charge"

@@ -57,7 +57,7 @@ class Plan:
     tx_frames: list[dbc.Frame] = field(default_factory=list)
     values: dict[int, float] = field(default_factory=dict)
     schedule: list[tuple[int, int, float]] = field(default_factory=list)
-    faults: list[planned_faults.Planned] = field(default_factory=list)
+    faults: list[planned_faults.PlannedFault] = field(default_factory=list)
     noted: list[int] = field(default_factory=list)
     read: Reads = field(default_factory=dict)  # by `prepare`
     limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
@@ -262,7 +262,7 @@ def _wire_frames(made: Plan) -> None:
     """Resolve `transmit` to the last copies; check `limits` and `safe`."""
     section, table = made.role, made.table
     sent = {v.name[3:]: v for v in table.variables if v.kind == "sent"}
-    copies = planned_controllers.put_back(made.spec, table)
+    copies = planned_controllers.standby_copies(made.spec, table)
     for name, source in made.spec.transmit.items():
         place = made.rig.where(f"{section}.transmit.{name}")
         if name not in sent:
@@ -380,7 +380,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         },
         "blocks": [spec.name for spec in made.spec.blocks],
         "laws": list(standby.laws(rig.config)) if standby.IN_CHARGE in table.index else [],
-        "faults": planned_faults.described(made.faults),
+        "faults": planned_faults.fault_descriptions(made.faults),
         "frames": planned_drive.names(made.rig, made.role)
         | {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),
@@ -390,7 +390,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         "external": list(made.external),
         "metadata": metadata,
         **({"data_bytes": made.data_bytes} if made.fd else {}),
-        **planned_keyframes.described(made),
+        **planned_keyframes.keyframe_description(made),
     }
 
 

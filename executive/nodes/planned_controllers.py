@@ -27,7 +27,7 @@ def complete(rig: Rig, role: Role) -> NodeSpec:
     if role != "executive" or len(names) == 1:
         return spec
     blocks = _by_law(rig, spec)
-    held = list(_held(blocks))
+    held = list(_adapting_values(blocks))
     outputs = _outputs(rig, spec, blocks)
     block = handover.block(
         names, outputs, [port for _, _, port in held], [owner for owner, _, _ in held]
@@ -36,9 +36,8 @@ def complete(rig: Rig, role: Role) -> NodeSpec:
     if config.to > len(names) - 1:
         raise rig.error("handover.to", f"{config.to:g}; expected 0 to {len(names) - 1}")
     sources = [
-        f"{names[j if one.has[j] else 0]}.{one.name}"
-        for j in range(len(names)) for one in outputs
-    ] + [f"{_prefix(names, owner)}.{name}" for owner, name, _ in held]  # fmt: skip
+        f"{names[j if one.has[j] else 0]}.{one.name}" for j in range(len(names)) for one in outputs
+    ] + [f"{_prefix(names, owner)}.{name}" for owner, name, _ in held]
     inputs = dict(zip((port.name for port in block.inputs), sources, strict=True))
     settings = {"to": config.to, "over_s": config.over_s}
     made = BlockSpec(BLOCK, block, settings, inputs, {"": rig.where("standby")})
@@ -57,7 +56,7 @@ def _prefix(names: tuple[str, ...], law: int) -> str:
     return names[law] if law else _OWN
 
 
-def _held(blocks: list[Block]) -> Iterator[tuple[int, str, Port]]:
+def _adapting_values(blocks: list[Block]) -> Iterator[tuple[int, str, Port]]:
     """Yield law, name and port of each value that adapts."""
     for owner, block in enumerate(blocks):
         for port in block.states:
@@ -129,18 +128,21 @@ def _of_handover(rig: Rig, table: Table, spec: BlockSpec) -> Views:
     )
 
 
-def put_back(spec: NodeSpec, table: Table) -> list[tuple[int, int]]:
+def standby_copies(spec: NodeSpec, table: Table) -> list[tuple[int, int]]:
     """Return the copies that keep what a law on standby adapts: from `kept`, to its state."""
     states = [
-        source for made in spec.blocks if made.name == BLOCK
-        for name, source in made.inputs.items() if name.startswith("adapted_")
-    ]  # fmt: skip
+        source
+        for made in spec.blocks
+        if made.name == BLOCK
+        for name, source in made.inputs.items()
+        if name.startswith("adapted_")
+    ]
     return [(table.index[f"{BLOCK}.kept_{i}"], table.index[name]) for i, name in enumerate(states)]
 
 
 def beginning(spec: NodeSpec, table: Table, values: Mapping[int, float]) -> dict[int, float]:
     """Return what the hand-over begins with: states that are kept, and who is in charge."""
-    found = {kept: values[state] for kept, state in put_back(spec, table)}
+    found = {kept: values[state] for kept, state in standby_copies(spec, table)}
     if TO in table.index:
         to = values[table.index[TO]]
         found |= {table.index[IN_CHARGE]: to, table.index[f"{BLOCK}.asked"]: to}

@@ -89,17 +89,19 @@ def dictionary_of(rig: Rig, role: Role = "plant") -> list[objects.Object]:
         if raw != int(raw):
             raise rig.error(f"{at}.objects", f"{key}: {raw:g} is not a whole number")
     try:
-        return objects.changed(every, {str(key): int(raw) for key, raw in drive.objects.items()})
+        return objects.changed_dictionary(
+            every, {str(key): int(raw) for key, raw in drive.objects.items()}
+        )
     except ValueError as error:
         raise rig.error(f"{at}.objects", str(error)) from None
 
 
-def taken_from_eds(rig: Rig, role: Role = "plant") -> eds_file.Read:
+def taken_from_eds(rig: Rig, role: Role = "plant") -> eds_file.EdsContent:
     """Return a drive's own objects with what its EDS makes of them; RigError."""
     drive, at = rig.config.drives[role], f"{role}.drive"
     every = objects.objects(drive.node, rig.config.rig)
     if drive.eds is None or drive.profile != CIA402:
-        return eds_file.Read(every)
+        return eds_file.EdsContent(every)
     file = rig.document.file((role, "drive", "eds"), drive.eds)
     try:
         return eds_file.read(file, every, drive.node)
@@ -166,34 +168,35 @@ def add_variables(
     drive = drive_of(rig, role)
     if drive is None:
         return {}
-    position = _measured(rig, table, f"{role}.drive.position", drive.position)
+    position = _measured_unit(rig, table, f"{role}.drive.position", drive.position)
     velocity = f"{position}/s"
     if drive.velocity is not None:
-        velocity = _measured(rig, table, f"{role}.drive.velocity", drive.velocity)
+        velocity = _measured_unit(rig, table, f"{role}.drive.velocity", drive.velocity)
     command = _unit_of_command(rig, role, blocks)
     units = {"position": position, "velocity": velocity, "": ""}
-    for name, unit, help in seen(drive):
+    for name, unit, help in shown_variables(drive):
         table.add(Variable(f"drive.{name}", units[unit], "output", "drive", help))
     table.add(Variable(COMMAND, command, "output", "drive", "what moves the plant"))
     own = (f"({command})/({velocity})", "velocity loop")
     for name, (unit, help) in zip(
-        GAINS, (("1/s", "position loop"), own, ("1/s", "integral of the velocity loop")),
+        GAINS,
+        (("1/s", "position loop"), own, ("1/s", "integral of the velocity loop")),
         strict=True,
-    ):  # fmt: skip
-        table.add(Variable(
-            name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False
-        ))  # fmt: skip
+    ):
+        table.add(
+            Variable(name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False)
+        )
     gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
     starts(rig, role)
     return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
 
 
-def seen(drive: Drive) -> Sequence[tuple[str, str, str]]:
+def shown_variables(drive: Drive) -> Sequence[tuple[str, str, str]]:
     """Return what the table shows of a drive: name, unit (or whose), meaning."""
     return plant_drive.SEEN if drive.profile == CIA402 else plant_drive.SEEN_ROBOT
 
 
-def _measured(rig: Rig, table: Table, key: str, name: str) -> str:
+def _measured_unit(rig: Rig, table: Table, key: str, name: str) -> str:
     """Return the unit of a variable that the drive measures."""
     if name not in table.index:
         readable = [v.name for v in table.variables if v.kind in ("output", "state")]
@@ -206,9 +209,11 @@ def _unit_of_command(rig: Rig, role: Role, blocks: Sequence[BlockSpec]) -> str:
     """Return the unit of the inputs that take the drive's command."""
     units = {
         port.unit
-        for spec in blocks for port in spec.block.inputs for name in port.names()
+        for spec in blocks
+        for port in spec.block.inputs
+        for name in port.names()
         if spec.inputs.get(name) == COMMAND
-    }  # fmt: skip
+    }
     if len(units) == 1:
         return units.pop()
     what = f"no block of the plant takes {COMMAND}; wire an input of one to it, as torque_Nm"
@@ -240,7 +245,7 @@ def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
     d.answers_last = loop.meeting.ordered
     d.place_position, d.place_command = index[drive.position], index[COMMAND]
     d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
-    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{seen(drive)[0][0]}"]
+    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{shown_variables(drive)[0][0]}"]
     loop.rx.role["awaited"] = 0
     if loop.clock.trigger == Trigger.CLOCKED:
         loop.rx.role["starts"] = 0

@@ -8,7 +8,7 @@ from typing import Any
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.wire_layout import LENGTHS
-from pcpc.drivers.compiled.numbered import Numbered
+from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import injected_frames, injected_values, losses
@@ -36,14 +36,14 @@ ANY = (-math.inf, math.inf)
 HOWS = {"counter": injected_frames.HOWS, "checksum": injected_frames.HOWS, "payload": ("freeze",)}
 
 
-class Group(Numbered):
+class Group(NumberedEnum):
     """Where a fault acts."""
 
     VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL = range(5)
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedFault:
     """A fault as a node has it: the place of `fault.NAME.left`, and what it acts on there."""
 
     name: str
@@ -62,7 +62,7 @@ class Planned:
 
 def add_faults(
     rig: Rig, role: Role, pacing: str, table: Table, views: list[Views], rx: list[dbc.Frame]
-) -> list[Planned]:
+) -> list[PlannedFault]:
     """Add the variables of the faults that act in a node, those of values first. RigError."""
     found = [
         (name, fault, *place)
@@ -76,33 +76,39 @@ def add_faults(
     for name, fault, group, seam, target, other in found:
         unit = table.variables[target].unit if group == Group.VALUES else ""
         help = f"{fault.kind} of {fault.at or fault.frame or fault.node}"
-        place = table.add(_variable(name, "left", "", f"{help}: cycles for which it is on",
-                                    0.0, FOR_EVER, True))  # fmt: skip
+        place = table.add(
+            _variable(name, "left", "", f"{help}: cycles for which it is on", 0.0, FOR_EVER, True)
+        )
         span = _range_of(rig, fault)
         table.add(_variable(name, "value", unit, f"{help}: how large it is", *span))
         table.add(_variable(name, "share", "", f"{help}: in how many of all chances", 1e-9, 1.0))
         table.add(_variable(name, "burst", "", f"{help}: in a row, on average", 1.0, 1e9))
-        planned.append(Planned(name, fault, place, group, seam, target, other))
+        planned.append(PlannedFault(name, fault, place, group, seam, target, other))
     return planned
 
 
 def _variable(
-    name: str, what: str, unit: str, help: str, low: float = float("-inf"),
-    high: float = float("inf"), recorded: bool = False,
-) -> Variable:  # fmt: skip
+    name: str,
+    what: str,
+    unit: str,
+    help: str,
+    low: float = float("-inf"),
+    high: float = float("inf"),
+    recorded: bool = False,
+) -> Variable:
     return Variable(
         f"fault.{name}.{what}", unit, "parameter", "rig", help, low, high, recorded=recorded
     )
 
 
-def values_of(planned: Planned) -> Iterator[tuple[int, float]]:
+def values_of(planned: PlannedFault) -> Iterator[tuple[int, float]]:
     """Yield places and first values of a fault's variables."""
     fault = planned.fault
     size = GIVEN.get(fault.kind, 0.0) if fault.value is None else fault.value
     yield from enumerate((0.0, size, fault.share, fault.burst), planned.place)
 
 
-def moments_of(rig: Rig, role: Role, planned: Planned) -> Iterator[tuple[int, int, float]]:
+def moments_of(rig: Rig, role: Role, planned: PlannedFault) -> Iterator[tuple[int, int, float]]:
     """Yield cycle, place and value of the tunings by which a fault begins.
 
     What acts on frames, or instead of a cycle, is set in the cycle before; of a stall of the node
@@ -132,7 +138,7 @@ def _cycles(duration: str | None, rate_hz: float) -> int | None:
     return None if duration is None else round(1e-9 * duration_ns(duration, zero=True) * rate_hz)
 
 
-def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> None:
+def install_faults(rig: Rig, role: Role, planned: list[PlannedFault], loop: Any) -> None:
     """Write a node's faults into its LOOP record."""
     faults = loop.faults
     rows = [one for one in planned if one.group in (Group.VALUES, Group.FRAMES, Group.FLOODS)]
@@ -162,9 +168,15 @@ def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> N
 
 
 def _places(
-    rig: Rig, role: Role, pacing: str, name: str, fault: Fault, table: Table, views: list[Views],
+    rig: Rig,
+    role: Role,
+    pacing: str,
+    name: str,
+    fault: Fault,
+    table: Table,
+    views: list[Views],
     rx: list[dbc.Frame],
-) -> Iterator[tuple[Group, int, int, int]]:  # fmt: skip
+) -> Iterator[tuple[Group, int, int, int]]:
     """Yield group, seam, target, other of a fault in this node; nothing if it acts elsewhere."""
     key = f"faults.{name}"
     _check(rig, key, fault)
@@ -255,7 +267,7 @@ def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
         raise rig.error(f"{key}.from", f"{fault.from_} is after {end}")
 
 
-def described(planned: list[Planned]) -> dict[str, dict[str, Any]]:
+def fault_descriptions(planned: list[PlannedFault]) -> dict[str, dict[str, Any]]:
     """Return what clients and summaries need to know of each fault of a node."""
     return {
         one.name: {

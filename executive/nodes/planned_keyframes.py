@@ -16,7 +16,7 @@ _MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
 
 
-class Planned(Protocol):
+class KeyframePlan(Protocol):
     """What is used of a plan, see `executive.nodes.plan`."""
 
     rig: Rig
@@ -28,7 +28,7 @@ class Planned(Protocol):
     values: dict[int, float]
 
 
-def passes_of(made: Planned) -> int:
+def passes_of(made: KeyframePlan) -> int:
     """Return the passes between two keyframes, 0 for none: not all state is the table's then."""
     config = made.rig.config
     elsewhere = made.external or any(hasattr(one.block.step, "model") for one in made.spec.blocks)
@@ -37,7 +37,7 @@ def passes_of(made: Planned) -> int:
     return max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
 
 
-def held_by(made: Planned) -> list[layout.Span]:
+def held_spans(made: KeyframePlan) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
     drive = planned_drive.drive_of(made.rig, made.role)
     more = layout.NO_DRIVE
@@ -46,9 +46,9 @@ def held_by(made: Planned) -> list[layout.Span]:
     return layout.spans(len(made.table.variables), bool(made.faults), more)
 
 
-def described(made: Planned) -> NodeDescription:
+def keyframe_description(made: KeyframePlan) -> NodeDescription:
     """Return what the description of the node says of them."""
-    held = held_by(made)
+    held = held_spans(made)
     return {
         "keyframe_passes": passes_of(made),
         "keyframe_bytes": layout.size_of(held),
@@ -56,9 +56,9 @@ def described(made: Planned) -> NodeDescription:
     }
 
 
-def why_none(made: Planned, state: bytes) -> str:
+def why_none(made: KeyframePlan, state: bytes) -> str:
     """Return what no run has in the state of a keyframe, in words; "" if it can be one."""
-    if what := layout.impossible(held_by(made), state):
+    if what := layout.impossible(held_spans(made), state):
         return what
     values = np.frombuffer(state, "<f8", len(made.table.variables))
     for i, (one, value) in enumerate(zip(made.table.variables, values, strict=True)):
@@ -69,9 +69,9 @@ def why_none(made: Planned, state: bytes) -> str:
     return ""
 
 
-def differences(made: Planned, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
+def differences(made: KeyframePlan, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
     """Yield name and both values where two states of a node differ, what was measured aside."""
-    held, variables = held_by(made), made.table.variables
+    held, variables = held_spans(made), made.table.variables
     both = zip(layout.fields(held, one), layout.fields(held, other), strict=True)
     for (record, name, old), (_, _, new) in both:
         if name in (_MEASURED if record == "control" else ()) or old.tobytes() == new.tobytes():
@@ -83,13 +83,13 @@ def differences(made: Planned, one: bytes, other: bytes) -> Iterator[tuple[str, 
                 yield variables[i].name, float(old[i]), float(new[i])
 
 
-def install(made: Planned, loop: Any) -> None:
+def install(made: KeyframePlan, loop: Any) -> None:
     """Tell the loop of the node which bytes to copy, and when."""
-    layout.install(loop, held_by(made), passes_of(made))
+    layout.install(loop, held_spans(made), passes_of(made))
 
 
-def restore(made: Planned, loop: Any, passes: int, cycle: int, state: bytes) -> None:
+def restore(made: KeyframePlan, loop: Any, passes: int, cycle: int, state: bytes) -> None:
     """Let a node, as it was installed, stand behind a cycle, the last of so many passes and one."""
-    layout.restore(loop, held_by(made), state)
+    layout.restore(loop, held_spans(made), state)
     loop.k, loop.passes = cycle + 1, passes + 1
     loop.keep.next = passes + loop.keep.every if loop.keep.every else -1

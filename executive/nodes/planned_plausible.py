@@ -15,7 +15,7 @@ from pcpc.executive.rig.schema import Plausible
 COUNT = "health.implausible."  # and the signal
 
 
-def limited(rig: Rig, role: Role) -> Mapping[str, Plausible]:
+def signal_limits(rig: Rig, role: Role) -> Mapping[str, Plausible]:
     """Return the limits of the signals that a node receives."""
     return rig.config.sections[role].plausible
 
@@ -23,7 +23,7 @@ def limited(rig: Rig, role: Role) -> Mapping[str, Plausible]:
 def add_counts(rig: Rig, role: Role, table: Table) -> None:
     """Add the counter of each limited signal; RigError for limits that make no sense."""
     received = {v.name[3:]: v for v in table.variables if v.kind == "received"}
-    for name, limit in limited(rig, role).items():
+    for name, limit in signal_limits(rig, role).items():
         key = f"{role}.plausible.{name}"
         if name not in received:
             what = f"{rig.config.sections[role].node} receives no signal {name}"
@@ -39,7 +39,7 @@ def add_counts(rig: Rig, role: Role, table: Table) -> None:
             raise rig.error(f"{key}.rate_per_s", what)
         help = f"values of {name} that were not taken"
         table.add(Variable(COUNT + name, "", "health", "loop", help))
-    if len(limited(rig, role)) > sh.MAX_LIMITS:
+    if len(signal_limits(rig, role)) > sh.MAX_LIMITS:
         raise rig.error(f"{role}.plausible", f"one node holds {sh.MAX_LIMITS} limits")
 
 
@@ -49,7 +49,7 @@ def install_plausible(
     """Write the limits of received signals into the LOOP record."""
     these, default = loop.plausible, rig.config.supervisor.fault_after_cycles
     rows = {frame.name: row for row, frame in enumerate(frames)}
-    for i, (name, limit) in enumerate(limited(rig, role).items()):
+    for i, (name, limit) in enumerate(signal_limits(rig, role).items()):
         rate = math.inf if limit.rate_per_s is None else limit.rate_per_s / rig.config.rate_hz
         these.row[i] = rows[name.partition(".")[0]]
         these.place[i], these.count_place[i] = table.index[f"rx.{name}"], table.index[COUNT + name]
@@ -57,4 +57,4 @@ def install_plausible(
         these.fault_after[i] = limit.fault_after or default
         these.bounds[i] = limit.low, limit.high, rate
         these.taken_at[i], these.came[i] = -1, math.nan
-    these.n = len(limited(rig, role))
+    these.n = len(signal_limits(rig, role))

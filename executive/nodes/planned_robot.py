@@ -71,7 +71,7 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
         raise rig.error(f"{at}.eds", f"{drive.profile} has no EDS; leave it out")
     try:
         starts = {str(key): float(value) for key, value in drive.objects.items()}
-        return settings.started(kind.settings, starts)
+        return settings.changed_settings(kind.settings, starts)
     except ValueError as error:
         raise rig.error(f"{at}.objects", str(error)) from None
 

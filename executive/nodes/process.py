@@ -51,7 +51,7 @@ from pcpc.executive.nodes.plan import (
     describe,
     plan,
 )
-from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
+from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_error
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.bus_load import check_rate
 from pcpc.executive.rig.buses import check_line, second_bus, side_of, wanted_bus
@@ -139,7 +139,7 @@ class Process:
         about["initial"], about["file"] = self._parameters(), str(self.rig.path.resolve())
         if lacking := carried_files.missing_warning(about["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
-        served = sharing.Served(name, about)
+        served = sharing.ServedMemory(name, about)
         block = served.block
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         opened_ns = time.monotonic_ns()  # from here on it hears the others
@@ -176,7 +176,7 @@ class Process:
         return Exit.SAFETY_STOP if block.control.fault else Exit.OK
 
     def _watch(
-        self, call: Callable[[], Any], loop: Any, served: sharing.Served | None = None
+        self, call: Callable[[], Any], loop: Any, served: sharing.ServedMemory | None = None
     ) -> None:
         """Let `call` step `loop` to its end, in a thread; hear signals, serve clients. StepError.
 
@@ -198,9 +198,9 @@ class Process:
                         self._hangs(loop, served)
         work.join()
         if work.error is not None:
-            raise failed(work.error, [loop]) from work.error
+            raise loop_error(work.error, [loop]) from work.error
 
-    def _hangs(self, loop: Any, served: sharing.Served | None) -> NoReturn:
+    def _hangs(self, loop: Any, served: sharing.ServedMemory | None) -> NoReturn:
         """End the process, whose loop stands in a step; its host reads the fault in the block."""
         loop.control.fault = Fault.STEP_HANGS
         if served is None:
@@ -212,7 +212,7 @@ class Process:
         os._exit(Exit.SAFETY_STOP)
 
     def _waits_for(
-        self, served: sharing.Served | None, over: socket.socket, until_s: float
+        self, served: sharing.ServedMemory | None, over: socket.socket, until_s: float
     ) -> bool:
         """Serve clients until a signal, `until_s` or the loop's end; return whether that came."""
         while True:
@@ -224,7 +224,7 @@ class Process:
             if not ready or over in ready or self.signals in ready:
                 return over in ready
 
-    def _linger(self, served: sharing.Served, for_host: bool = True) -> None:
+    def _linger(self, served: sharing.ServedMemory, for_host: bool = True) -> None:
         """Serve clients of a node that has ended, while its host is there or may come.
 
         Without `for_host` only until they have it.
@@ -240,7 +240,7 @@ class Process:
             if self._asked_to_end() and not (for_host and served.has_host()):
                 return
 
-    def _was_taken(self, served: sharing.Served) -> bool:
+    def _was_taken(self, served: sharing.ServedMemory) -> bool:
         """Return whether whoever needs this node has it: a recorder, its host, or both."""
         if sharing.LEAVE in served.told:
             return True
@@ -260,7 +260,7 @@ class Process:
         found = [i for i in sorted(given) if table.variables[i].kind == "parameter"]
         return {table.variables[i].name: given[i] for i in found}
 
-    def _loop(self, block: sh.Shared, opened_ns: int) -> None:
+    def _loop(self, block: sh.NodeMemory, opened_ns: int) -> None:
         """Do the real-time settings, the self-test, then the compiled loop.
 
         `opened_ns`: since when the bus is heard.
@@ -319,7 +319,7 @@ def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
     buses.open_bus(own, None if is_drive else ids, end)
     if made.below and below is not None:
         buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
-    buses.know_own(end)
+    buses.set_own_address(end)
 
 
 def warm_up_memory(made: Plan) -> Any:

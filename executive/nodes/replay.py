@@ -49,7 +49,7 @@ from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
-from pcpc.executive.nodes.watched import watched
+from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.buses import virtual_pacing
 from pcpc.executive.rig.messages import is_heartbeat
 from pcpc.executive.rig.reading import Rig
@@ -76,7 +76,7 @@ class Slice:
 
 
 @dataclass(frozen=True)
-class Computed:
+class Recomputation:
     """The same cycles recomputed, fewer if the node stopped; `values` (cycles, variables) bits."""
 
     values: NDArray[np.int64]
@@ -267,10 +267,12 @@ class Replay:
         self._clocks = [name for name in measured if name in recorded]
         self._given = [
             f"{one.name}.{name}"
-            for one in made.spec.blocks if one.name in external
+            for one in made.spec.blocks
+            if one.name in external
             for port in (*one.block.outputs, *(one.block.states if step_of(one) else ()))
-            if port.recorded for name in port.names()
-        ]  # fmt: skip
+            if port.recorded
+            for name in port.names()
+        ]
         places = [self._index[name] for name in (*self._clocks, *self._given)]
         self._places = np.array(places, np.int64)
         self._gain = np.array([loop.guard.gain])  # of the cycle before the next slice
@@ -285,7 +287,7 @@ class Replay:
         self._gain = np.array([loop.v[GAIN]])
         self._clocked = np.array([loop.v[self._places[: len(self._clocks)]]])
 
-    def advance(self, part: Slice, names: Sequence[str]) -> Computed:
+    def advance(self, part: Slice, names: Sequence[str]) -> Recomputation:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
         wire = part.frames["e2e"] < e2e_states.INJECTED  # others are put in their place again
         received = part.frames[(part.frames["direction"] == 1) & wire]
@@ -310,18 +312,18 @@ class Replay:
         times = np.array([t[0] for t in tunings], np.int64)
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
-        both = self._clocked_before(part, names), self._written(part, names)
+        both = self._clocked_before(part, names), self._written_values(part, names)
         clocked = np.ascontiguousarray(np.hstack(both))
         heard = np.ascontiguousarray(received["cycle"]).astype(np.int64)
         loop, places = self.block.loop, self._places
-        watched(
+        watched_result(
             lambda: recompute(
                 loop, self.steps, rows, raw, heard, times, tuned, values, places, clocked
             ),
             [loop],
         )
-        self._taken("event")
-        return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
+        self._new_rows("event")
+        return Recomputation(self._new_rows("record")[:, self._columns], self.sent(self._frames()))
 
     def repeat_clocks(self, part: Slice, names: Sequence[str], done: int) -> None:
         """Let the last `done` rows, and the counters, hold what was measured in those of `part`.
@@ -357,7 +359,7 @@ class Replay:
         self._clocked = clocked[-1:]
         return np.ascontiguousarray(clocked[:-1])
 
-    def _written(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
+    def _written_values(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
         """Return what blocks that were stepped from outside wrote in each cycle of `part`."""
         columns = [HEAD + names.index(name) for name in self._given]
         return part.rows[:, columns].view(np.float64)
@@ -387,10 +389,10 @@ class Replay:
         loop.control.sent += len(said)
 
     def _frames(self) -> NDArray[Any]:
-        rows = np.ascontiguousarray(self._taken("frame")[:, 1:])
+        rows = np.ascontiguousarray(self._new_rows("frame")[:, 1:])
         return rows.view(logs.frame_type(self.block.description))[:, 0]
 
-    def _taken(self, ring: str) -> NDArray[np.int64]:
+    def _new_rows(self, ring: str) -> NDArray[np.int64]:
         """Take what the loop put into a ring."""
         rows, taken_word = self.block[ring], self.block[f"{ring}_taken"]
         put, taken = int(self.block.ends(ring).head), int(taken_word[0])

@@ -8,15 +8,18 @@ from numpy.typing import NDArray
 from pcpc.executive.loop import shared as sh
 
 
-def put(block: sh.Shared, ring: str) -> int:
+def put(block: sh.NodeMemory, ring: str) -> int:
     """Return how many rows the node has put into a ring so far."""
     return int(block.ends(ring).head)
 
 
 def rows_of(
-    block: sh.Shared, ring: str, since: int, columns: Sequence[int] | None = None,
+    block: sh.NodeMemory,
+    ring: str,
+    since: int,
+    columns: Sequence[int] | None = None,
     most: int | None = None,
-) -> tuple[NDArray[np.int64], int]:  # fmt: skip
+) -> tuple[NDArray[np.int64], int]:
     """Return rows from number `since` on, (n, columns), and the number of the first.
 
     It is greater than `since` where older ones were overwritten. At most `most`. Only rows that

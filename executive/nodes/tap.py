@@ -21,7 +21,7 @@ from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord, frame_words
-from pcpc.executive.nodes.live import Live, known
+from pcpc.executive.nodes.live import Live, known_name
 from pcpc.executive.nodes.rings import put
 
 
@@ -44,7 +44,7 @@ class Rows:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return a variable's values; LiveError if no row has it."""
-        return self.values[:, self.places[known(name, self.places)]]
+        return self.values[:, self.places[known_name(name, self.places)]]
 
 
 class Tap:

@@ -28,7 +28,7 @@ from pcpc.executive.nodes import fmus, planned_keyframes
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
-from pcpc.executive.nodes.watched import watched
+from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.buses import check_line, line_options, on_line, virtual_pacing
 from pcpc.executive.rig.reading import Rig
 
@@ -41,7 +41,7 @@ class Memory:
     `rig`: that of nodes whose descriptions do not have its text.
     """
 
-    def __init__(self, blocks: list[sh.Shared], rig: Rig | None = None) -> None:
+    def __init__(self, blocks: list[sh.NodeMemory], rig: Rig | None = None) -> None:
         self._blocks, self._rig = blocks, rig
         self._rows: list[list[NDArray[np.int64]]] = [[] for _ in blocks]
 
@@ -82,9 +82,13 @@ class VirtualRun:
     _controller: External | None = None
 
     def __init__(
-        self, rig: Rig, log: Path | None, judged: Wanted | None = None,
-        controller: External | None = None, check: Callable[[Plan], None] = lambda made: None,
-    ) -> None:  # fmt: skip
+        self,
+        rig: Rig,
+        log: Path | None,
+        judged: Wanted | None = None,
+        controller: External | None = None,
+        check: Callable[[Plan], None] = lambda made: None,
+    ) -> None:
         """`log` None keeps the records in memory (`memory.log()`). `judged`: of the recorder.
 
         `controller`: its step, in the place of the rig's own; it may take any time. `check` may
@@ -109,7 +113,7 @@ class VirtualRun:
                 "rate_hz": repr(rig.config.rate_hz),
             }
         )
-        blocks: list[sh.Shared] = []
+        blocks: list[sh.NodeMemory] = []
         for p in made:
             block = sh.private(describe(p, metadata, kept=log is not None))
             install_in_memory(p, block.loop)
@@ -118,9 +122,13 @@ class VirtualRun:
         self._begin(rig, made, blocks, log, judged)
 
     def _begin(
-        self, rig: Rig, plans: list[Plan], blocks: list[sh.Shared], log: Path | None,
+        self,
+        rig: Rig,
+        plans: list[Plan],
+        blocks: list[sh.NodeMemory],
+        log: Path | None,
         judged: Wanted | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the nodes, as they stand in `blocks`, and open the log."""
         self.plans, self.blocks = plans, blocks
         self.steps = tuple(p.steps for p in plans)
@@ -131,24 +139,26 @@ class VirtualRun:
         self._stopped = False
         every = [planned_keyframes.passes_of(made) or CYCLES_BETWEEN_DRAINS for made in plans]
         self._at_once = min(CYCLES_BETWEEN_DRAINS, *every)  # none is missed
-        self.recorder = None if log is None else Recorder(
-            log, blocks, judged=judged, clock=lambda: 0
-        )  # fmt: skip
+        self.recorder = (
+            None if log is None else Recorder(log, blocks, judged=judged, clock=lambda: 0)
+        )
 
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
         loops = tuple(block.loop for block in self.blocks)
         run, more = run_over_line(len(loops)) if self.over else run_of(len(loops)), 1
         while more:
-            more = self._watched(lambda: run(loops, self.steps, *self.over, self._at_once), loops)
+            more = self._call_watched(
+                lambda: run(loops, self.steps, *self.over, self._at_once), loops
+            )
             (self.recorder or self.memory).drain()
             yield int(self.blocks[0].loop.passes)
 
-    def _watched(self, call: Callable[[], int], loops: Sequence[Any]) -> int:
+    def _call_watched(self, call: Callable[[], int], loops: Sequence[Any]) -> int:
         """Do the call; a step that hangs is named, but in Python nobody knows what hangs."""
         if self._controller is not None:
             return call()
-        return int(watched(call, loops, lambda: self._stopped))
+        return int(watched_result(call, loops, lambda: self._stopped))
 
     def stop(self) -> None:
         """Ask the executive to end, and the others by it."""

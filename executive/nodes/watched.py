@@ -78,7 +78,7 @@ class Watch:
         return inside[0] if inside and self._looks * POLL_S >= limit_s else None
 
 
-def watched(
+def watched_result(
     call: Callable[[], Any], loops: Sequence[Any], hurry: Callable[[], bool] = lambda: False
 ) -> Any:
     """Return what `call` returns, from a thread; StepError, with the node's fault set."""
@@ -92,11 +92,11 @@ def watched(
             raise StepError
         work.join(POLL_S)
     if work.error is not None:
-        raise failed(work.error, loops) from work.error
+        raise loop_error(work.error, loops) from work.error
     return work.result
 
 
-def failed(error: BaseException, loops: Sequence[Any]) -> BaseException:
+def loop_error(error: BaseException, loops: Sequence[Any]) -> BaseException:
     """Return what to raise for an exception out of the loop: of a step, StepError with its line."""
     inside = [n for n in loops if n.control.stepping]
     if not inside or not isinstance(error, Exception):

@@ -19,7 +19,7 @@ from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.yamlfile import shown
+from pcpc.executive.rig.yamlfile import display_path
 
 _SWITCH_VALUES = 4  # a setting between whole numbers this close together chooses among cases
 
@@ -56,14 +56,14 @@ def _check_times(rig: Rig) -> None:
 
 def _is_left_from_a_base(rig: Rig, path: str) -> bool:
     """Return whether a value is of a base whose `duration_s` the rig's own file replaces."""
-    own = shown(rig.path)
+    own = display_path(rig.path)
     return _file_of(rig, "duration_s") == own != _file_of(rig, path)
 
 
 def _file_of(rig: Rig, path: str) -> str:
     """Return the file that gives a value; of one given with --set, the rig's own."""
     place = rig.where(path)
-    return shown(rig.path) if place.startswith("--set ") else place.rsplit(":", 2)[0]
+    return display_path(rig.path) if place.startswith("--set ") else place.rsplit(":", 2)[0]
 
 
 def _check_watch(made: Plan) -> None:
@@ -110,15 +110,15 @@ def _matters(rig: Rig, block: Block, settings: dict[str, float], name: str) -> b
     port = next(port for port in block.settings if name in port.names())
     value = settings[name]
     others = (value + 1.0, value - 1.0, 1.5 * value, 0.5 * value, port.low, port.high)
-    usual = _prepared(rig, block, settings)
+    usual = _preparation(rig, block, settings)
     return any(
-        _prepared(rig, block, {**settings, name: other}) != usual
+        _preparation(rig, block, {**settings, name: other}) != usual
         for other in others
         if other != value and port.low <= other <= port.high and np.isfinite(other)
     )
 
 
-def _prepared(rig: Rig, block: Block, settings: dict[str, float]) -> Any:
+def _preparation(rig: Rig, block: Block, settings: dict[str, float]) -> Any:
     """Return what `prepare` makes of settings; None where it refuses them."""
     assert block.prepare is not None, "asked of blocks that prepare"
     try:

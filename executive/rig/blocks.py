@@ -44,7 +44,7 @@ class BlockSpec:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _RawBlock:
     """A block before its unit is known and its settings are."""
 
     name: str
@@ -87,7 +87,7 @@ def law_keys(config: Config, section: str, name: str) -> Keys:
 def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]:
     """Return the blocks of a node, with laws imported and settings complete; RigError."""
     specs: list[BlockSpec] = []
-    found: list[_Found] = []
+    found: list[_RawBlock] = []
     shared = _shared_parameters(document, section, config.sections[section])
     unused = dict(shared)
     for name, entry in entries(config, section):
@@ -104,7 +104,7 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
         else:
             block = law_block(document, keys, str(law.law), use)
         inputs = {**entry.inputs, **law.inputs}
-        found.append(_Found(name, keys, entry, law, block, text, inputs))
+        found.append(_RawBlock(name, keys, entry, law, block, text, inputs))
     for one in found:
         name, keys, entry, law = one.name, one.keys, one.entry, one.law
         unit = entry.unit if law is entry else None

@@ -3,7 +3,7 @@
 from typing import Any
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can.choice import Wanted
+from pcpc.drivers.can.choice import BusRequest
 from pcpc.drivers.can.ticks import MOST_TICKS, ticks_per_s
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.rig.messages import fd_frames, has_fd_drive
@@ -13,7 +13,7 @@ from pcpc.executive.rig.roles import Role
 OVER_LINE = "line"  # the pacing of a plan
 
 
-def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
+def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> BusRequest:
     """Return what `can.choice` needs to know; `named` is a --bus option, before the rig's."""
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
@@ -23,7 +23,7 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     count = 1 + (beside or (config.local is not None and config.local.bus is None))
     if config.bus.emulate is not None:  # all its sides, and that between local node and plant
         count += len(on_line(rig)) - 1 + (config.xcp_on_can is not None)
-    return Wanted(*asked, rig=config.rig, roles=roles, count=count)
+    return BusRequest(*asked, rig=config.rig, roles=roles, count=count)
 
 
 def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:

@@ -94,12 +94,12 @@ def is_ordinary(file: Path) -> bool:
 
 def _inside() -> tuple[str, ...]:
     """Return how the paths begin that are not outside."""
-    folders = [*_installed(), str(cache_folder()), os.environ.get("NUMBA_CACHE_DIR", "")]
+    folders = [*_installed_folders(), str(cache_folder()), os.environ.get("NUMBA_CACHE_DIR", "")]
     return tuple(os.path.join(os.path.normpath(folder), "") for folder in folders if folder)
 
 
 @lru_cache
-def _installed() -> list[str]:
+def _installed_folders() -> list[str]:
     paths = sysconfig.get_paths()
     folders = [paths[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")]
     folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM]

@@ -206,8 +206,9 @@ def _ids(config: Config) -> Problems:
         limits = config.expect.get(controller, {}).items()
         entries += [
             (("expect", controller, name, "id"), one.id)
-            for name, one in limits if isinstance(one, Expected)
-        ]  # fmt: skip
+            for name, one in limits
+            if isinstance(one, Expected)
+        ]
         known: dict[str, str] = {}
         for keys, one in entries:
             if one is None:

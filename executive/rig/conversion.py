@@ -70,7 +70,7 @@ def _message(message: str, data: Any) -> str:
     expected = re.sub(r"matching regex '(.*)'\Z", r"of the form \1", expected)
     expected = expected.replace("\\\\A", "").replace("\\\\Z", "")
     kinds = re.sub(r"`([a-z |]+)`", lambda found: _in_words(found[1]), expected)
-    got = f"text {_cut(repr(data))}" if isinstance(data, str) else _short(data)
+    got = f"text {_shortened_line(repr(data))}" if isinstance(data, str) else _short(data)
     return f"{kinds[:1].lower()}{kinds[1:]}, got {got}"
 
 
@@ -81,8 +81,8 @@ def _in_words(kinds: str) -> str:
 def _short(data: Any) -> str:
     text = yamlfile.dump([data]).strip().removeprefix("- ") if data != {} else "{}"
     line = " ".join(text.strip("[]").split()) if not isinstance(data, list) else str(data)
-    return _cut(line)
+    return _shortened_line(line)
 
 
-def _cut(line: str) -> str:
+def _shortened_line(line: str) -> str:
     return line if len(line) <= 40 else f"{line[:37]}..."

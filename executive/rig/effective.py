@@ -25,7 +25,7 @@ def data(
     """Return a rig's data with all values of its blocks."""
     whole: dict[str, Any] = msgspec.to_builtins(config)
     for keys in file_keys(whole):
-        value_at(whole, keys[:-1])[keys[-1]] = rebased(document, keys, value_at(whole, keys))
+        value_at(whole, keys[:-1])[keys[-1]] = rebased_path(document, keys, value_at(whole, keys))
     for role, blocks in specs.items():
         for block in blocks:
             entry = value_at(whole, law_keys(config, role, block.name))
@@ -74,7 +74,7 @@ def file_keys(whole: Mapping[str, Any]) -> list[Keys]:
     return [key for key in keys if value_at(whole, key) is not None]
 
 
-def rebased(document: Document, keys: Keys, text: str) -> str:
+def rebased_path(document: Document, keys: Keys, text: str) -> str:
     """Return a file or law as the rig file's own folder names it."""
     is_code = keys[-1] == "law" or keys[0] == "evaluation"
     name, colon, attribute = text.partition(":") if keys[-1] == "law" else (text, "", "")

@@ -170,9 +170,13 @@ def comparison(a: Value, sign: str, b: Value) -> Condition:
         return Comparison(left.text, float(x) / factor, float(y) / factor, shown)
 
     return Condition(
-        text, a.names | b.names, margin, said, lambda: comparison(a, opposite, b),
+        text,
+        a.names | b.names,
+        margin,
+        said,
+        lambda: comparison(a, opposite, b),
         (sign, a, b, left, right, shown),
-    )  # fmt: skip
+    )
 
 
 class _Reader:
@@ -340,9 +344,13 @@ def _junction(found: list[Condition], word: str) -> Condition:
     text = f" {word} ".join(one.text for one in found)
     names = frozenset[str]().union(*(one.names for one in found))
     return Condition(
-        text, names, margin, said, lambda: _junction([one.inverse() for one in found], other),
+        text,
+        names,
+        margin,
+        said,
+        lambda: _junction([one.inverse() for one in found], other),
         (word, *found),
-    )  # fmt: skip
+    )
 
 
 def _rate(rows: Rows, found: Any) -> Vector:

@@ -25,7 +25,7 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.fmu_model import INPUT, PARAMETER, START, Model, Variable
 from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import Entry
-from pcpc.executive.rig.yamlfile import Document, Keys, Place, shown
+from pcpc.executive.rig.yamlfile import Document, Keys, Place, display_path
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block
@@ -132,7 +132,7 @@ def _model_of_log(file: Path) -> Model:
     try:
         return msgspec.json.decode(file.read_bytes(), type=Model)
     except (OSError, msgspec.DecodeError) as error:
-        raise RigError(f"{shown(file)}: no description of an FMU: {error}") from None
+        raise RigError(f"{display_path(file)}: no description of an FMU: {error}") from None
 
 
 # ---------------------------------------------------------------------------- the FMU's own text
@@ -141,7 +141,7 @@ def _model_of_log(file: Path) -> Model:
 def read_description(file: Path) -> Model:
     """Return what an FMU's description says; RigError in a line for what cannot be used."""
     found = _read(file)
-    where, simulated = shown(file), found.coSimulation
+    where, simulated = display_path(file), found.coSimulation
     if simulated is None:
         kinds = {
             "model exchange": found.modelExchange,
@@ -171,8 +171,8 @@ def _read(file: Path) -> Any:
         from fmpy import platform, platform_tuple
         from fmpy.model_description import read_model_description
     except ImportError:
-        raise RigError(f"{shown(file)}: {needs()}") from None
-    where = shown(file)
+        raise RigError(f"{display_path(file)}: {needs()}") from None
+    where = display_path(file)
     try:
         with zipfile.ZipFile(file) as archive:
             inside = archive.namelist()

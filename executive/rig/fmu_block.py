@@ -47,7 +47,11 @@ class FmuStep(Stage):
     ) -> None:
         self.model, self.file, self.declared = model, file, declared
         self.wired, self.tunable = wired, tunable
-        self.py_func, self.__name__, self.__doc__ = fmi.stepped, model.name, fmi.stepped.__doc__
+        self.py_func, self.__name__, self.__doc__ = (
+            fmi.step_vectors,
+            model.name,
+            fmi.step_vectors.__doc__,
+        )
 
     @property
     def entry(self) -> Any:
@@ -61,7 +65,7 @@ class FmuStep(Stage):
 
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
         """Step on float64 vectors."""
-        fmi.stepped(t, dt, p, x, u, y)
+        fmi.step_vectors(t, dt, p, x, u, y)
 
 
 def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from pcpc.drivers.compiled.compile_cache import lies_at
+from pcpc.drivers.compiled.compile_cache import present_place
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.yamlfile import shown
+from pcpc.executive.rig.yamlfile import display_path
 
 _LIBRARIES = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
 _PROJECT = Path(__file__).resolve().parents[2]
@@ -43,10 +43,13 @@ _MAKES = re.compile(r"(zeros|ones|full|empty|array|asarray|copy|arange|linspace|
 def cause(error: BaseException) -> str:
     """Return `file:line: what, in source` for an error of a law's module, `prepare` or step."""
     if isinstance(error, SyntaxError) and error.filename:
-        return f"{shown(Path(error.filename))}:{error.lineno}: {type(error).__name__}: {error.msg}"
+        place = f"{display_path(Path(error.filename))}:{error.lineno}"
+        return f"{place}: {type(error).__name__}: {error.msg}"
     if is_numba_error(error):
-        return located(_compile_place(error), f"cannot be compiled: {_compile_reason(error)}")
-    return located(users_place(error.__traceback__), error_text(error))
+        return located_message(
+            _compile_place(error), f"cannot be compiled: {_compile_reason(error)}"
+        )
+    return located_message(users_place(error.__traceback__), error_text(error))
 
 
 def error_text(error: BaseException) -> str:
@@ -78,18 +81,18 @@ def is_numba_error(error: BaseException) -> bool:
     )
 
 
-def located(where: tuple[str, int] | None, what: str) -> str:
+def located_message(where: tuple[str, int] | None, what: str) -> str:
     """Return `file:line: what, in source`."""
     if where is None:
         return what
     file, line = where
-    source = _cut(linecache.getline(file, line).strip())
-    return f"{shown(Path(file))}:{line}: {what}{f', in `{source}`' if source else ''}"
+    source = _shortened_line(linecache.getline(file, line).strip())
+    return f"{display_path(Path(file))}:{line}: {what}{f', in `{source}`' if source else ''}"
 
 
 def users_place(frames: TracebackType | None) -> tuple[str, int] | None:
     """Return file and line of the innermost frame that is the user's; else the innermost one."""
-    found = [(lies_at(f.filename), f.lineno or 0) for f in traceback.extract_tb(frames)]
+    found = [(present_place(f.filename), f.lineno or 0) for f in traceback.extract_tb(frames)]
     ours = [frame for frame in found if is_users(frame[0])]
     both = ours or found
     return both[-1] if both else None
@@ -103,7 +106,7 @@ def is_users(file: str) -> bool:
     return path not in _OWN and not any(path.is_relative_to(folder) for folder in _LIBRARIES)
 
 
-def _cut(text: str) -> str:
+def _shortened_line(text: str) -> str:
     return text if len(text) <= _LINE else f"{text[: _LINE - 3]}..."
 
 
@@ -138,4 +141,4 @@ def _compile_reason(error: BaseException) -> str:
     reason = re.sub(r", defined at .*", "", reason).removesuffix(". Raised from None").rstrip(". ")
     if "<class 'function'>" in reason:
         reason = f"{reason.partition(':')[0]} is plain Python; put @inline above its def"
-    return _cut(reason[:1].lower() + reason[1:] if reason[1:2].islower() else reason)
+    return _shortened_line(reason[:1].lower() + reason[1:] if reason[1:2].islower() else reason)

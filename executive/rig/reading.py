@@ -152,7 +152,7 @@ class Rig:
             file, opened = law_source(self.document, keys, law)
             add_reads(found, opened)
             if file is not None:
-                text = effective.rebased(self.document, keys, law).partition(":")[0]
+                text = effective.rebased_path(self.document, keys, law).partition(":")[0]
                 laws.setdefault(file, set()).add(text)
                 add_reads(found, {one: set() for one in with_local_imports(file)})
         judges = with_local_imports(Path(self.evaluation.file)) if self.evaluation else []
@@ -174,10 +174,10 @@ class Rig:
         Paths are relative to the rig file's folder: `load_rig(rig.path, text=...)` reads it back
         with equal values. Imports the laws.
         """
-        return self._resolved
+        return self._resolved_yaml
 
     @cached_property
-    def _resolved(self) -> str:
+    def _resolved_yaml(self) -> str:
         return yamlfile.dump(self._effective)
 
 

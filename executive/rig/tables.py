@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.schema import Entry
-from pcpc.executive.rig.yamlfile import Document, Keys, shown
+from pcpc.executive.rig.yamlfile import Document, Keys, display_path
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block
@@ -54,11 +54,11 @@ _readers: dict[str, Reader] = {}
 def table_reader(ending: str) -> Callable[[Reader], Reader]:
     """Return what makes a function the reader of files with this ending; RigError from it."""
 
-    def taken(reader: Reader) -> Reader:
+    def registered_reader(reader: Reader) -> Reader:
         _readers[ending] = reader
         return reader
 
-    return taken
+    return registered_reader
 
 
 def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
@@ -81,7 +81,7 @@ def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, st
         found = _COLUMN.fullmatch(text)
         if found is None or found[1] in columns:
             what = "named twice" if found else "expected a name such as q_d_rad or load [N m]"
-            raise RigError(f"{shown(file)}: column '{text[:60]}': {what}")
+            raise RigError(f"{display_path(file)}: column '{text[:60]}': {what}")
         columns[found[1]] = table.unit_of(found[1]) if found[2] is None else found[2].strip()
     linear = entry.interpolation == "linear"
     block = table.block(numbers.times_s, numbers.values, columns, linear, entry.repeat)
@@ -90,7 +90,7 @@ def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, st
 
 def _read_csv(file: Path) -> Numbers:
     """Return what a CSV holds; RigError."""
-    where, header, rows = shown(file), list[str](), list[list[float]]()
+    where, header, rows = display_path(file), list[str](), list[list[float]]()
     for number, text in _lines(file):
         at, cells = f"{where}:{number}", _cells(text)
         if not header:
@@ -121,9 +121,9 @@ def _lines(file: Path) -> Iterator[tuple[int, str]]:
                 if text := line.partition("#")[0].strip():
                     yield number, text
     except UnicodeDecodeError:
-        raise RigError(f"{shown(file)}: not text; give a CSV file") from None
+        raise RigError(f"{display_path(file)}: not text; give a CSV file") from None
     except OSError as error:
-        raise RigError(f"{shown(file)}: {error.strerror}") from None
+        raise RigError(f"{display_path(file)}: {error.strerror}") from None
 
 
 def _cells(text: str) -> list[str]:

@@ -29,8 +29,8 @@ import numpy as np
 import pcpc
 from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads, sha256
-from pcpc.executive.rig.law_errors import cause, is_users, located, users_place
-from pcpc.executive.rig.yamlfile import shown
+from pcpc.executive.rig.law_errors import cause, is_users, located_message, users_place
+from pcpc.executive.rig.yamlfile import display_path
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block, Port
@@ -89,7 +89,7 @@ def trial_problem(case: Case) -> str:
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
     folder = str(Path(pcpc.__file__).resolve().parents[1])
     path = os.pathsep.join(filter(None, [folder, os.environ.get("PYTHONPATH")]))
-    where = shown(Path(case.file))
+    where = display_path(Path(case.file))
     limit_s = IMPORT_S + PREPARE_S + 2.0 * max(STEP_S, STEP_PERIODS / case.rate_hz)
     try:
         child = subprocess.run(
@@ -155,7 +155,7 @@ def _note_pass(record: str, case: Case, sources: list[str]) -> None:
             else source: sha256(Path(source))
             for source in sources
         }
-        place = compile_cache.made(_records())
+        place = compile_cache.writable_folder(_records())
         draft = place / f"{record}.{os.getpid()}"
         draft.write_text(json.dumps(found), encoding="utf-8")
         draft.replace(place / record)
@@ -278,9 +278,9 @@ def _problem(case: Case, begin: Any) -> str:
     try:
         _try(case, begin)
     except IndexOutside as error:
-        return located(users_place(error.__traceback__), str(error))
+        return located_message(users_place(error.__traceback__), str(error))
     except (EndlessPart, ProcessExit) as error:
-        return located(users_place(error.__traceback__), str(error))
+        return located_message(users_place(error.__traceback__), str(error))
     except UnusableBlock as error:
         return str(error)
     except (Exception, SystemExit) as error:
@@ -297,7 +297,7 @@ def _try(case: Case, begin: Any) -> None:
         with _time_limit(IMPORT_S):
             block = getattr(module_of(case.module, Path(case.file)), case.name, None)
     except (Exception, SystemExit, EndlessPart, ProcessExit) as error:
-        here = located(users_place(error.__traceback__), str(error))
+        here = located_message(users_place(error.__traceback__), str(error))
         what = here if isinstance(error, EndlessPart | ProcessExit) else cause(error)
         raise UnusableBlock(
             f"{case.module or Path(case.file).name} cannot be imported: {what}"
@@ -309,7 +309,7 @@ def _try(case: Case, begin: Any) -> None:
         check_size(block)
         parameters, states = _prepare(block, case)
     except ValueError as error:
-        raise UnusableBlock(f"{shown(Path(case.file))}: {error}") from error
+        raise UnusableBlock(f"{display_path(Path(case.file))}: {error}") from error
     begin("step")
     views = [_view([value for _, value in values]) for values in (parameters, states)]
     _steps(block, views, case.rate_hz)

@@ -60,7 +60,7 @@ class Unit:
 def unit(text: str) -> Unit:
     """Return the unit that a text names."""
     try:
-        factor, powers, rest = _parsed(text.strip()[:_LONGEST])
+        factor, powers, rest = _parsed_unit(text.strip()[:_LONGEST])
     except ValueError:
         rest = text
     if rest or len(text) > _LONGEST:
@@ -68,7 +68,7 @@ def unit(text: str) -> Unit:
     return Unit(text, factor, powers)
 
 
-def _parsed(text: str) -> tuple[Fraction, Powers, str]:
+def _parsed_unit(text: str) -> tuple[Fraction, Powers, str]:
     """Return factor, powers, and what stands behind a closing bracket; ValueError."""
     factor, way = Fraction(1), Fraction(1)
     powers: Powers = ()
@@ -83,7 +83,7 @@ def _parsed(text: str) -> tuple[Fraction, Powers, str]:
             way = Fraction(-1)
             continue
         if found["sign"] == "(":
-            own, part, text = _parsed(text)
+            own, part, text = _parsed_unit(text)
         else:
             own, part = _part(found["prefix"], found["symbol"])
             way *= Fraction((found["power"] or "1").lstrip("^"))

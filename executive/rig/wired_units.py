@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ORDERS = {"value": 0, "rate": 1, "acc": 2}  # outputs, and which derivative each is
 
 
-class Wired(Protocol):
+class WiredBlock(Protocol):
     """A block with what it is wired to."""
 
     @property
@@ -38,20 +38,24 @@ def is_free(block: "Block") -> bool:
 
 
 def in_its_unit(
-    document: Document, keys: Keys, name: str, block: "Block", given: str | None,
-    others: Sequence[Wired],
-) -> "Block":  # fmt: skip
+    document: Document,
+    keys: Keys,
+    name: str,
+    block: "Block",
+    given: str | None,
+    others: Sequence[WiredBlock],
+) -> "Block":
     """Return the block `name` in the unit that is `given`, or that the `others` have; RigError."""
     if not is_free(block):
         if given is not None:
             what = "only references of any unit take it, as law: profiles:step"
             raise document.error((*keys, "unit"), what)
         return block
-    unit = _fed(document, keys, name, others) if given is None else given.strip()
-    return block.with_units(lambda text: _derived(text, unit))
+    unit = _fed_unit(document, keys, name, others) if given is None else given.strip()
+    return block.with_units(lambda text: _derived_unit(text, unit))
 
 
-def _fed(document: Document, keys: Keys, name: str, others: Sequence[Wired]) -> str:
+def _fed_unit(document: Document, keys: Keys, name: str, others: Sequence[WiredBlock]) -> str:
     """Return the unit of what the block's value feeds, or its derivatives."""
     for output, order in ORDERS.items():
         for other in others:
@@ -59,7 +63,7 @@ def _fed(document: Document, keys: Keys, name: str, others: Sequence[Wired]) -> 
             for target, source in other.inputs.items():
                 if source != f"{name}.{output}" or target not in ports:
                     continue
-                unit = _integrated(ports[target], order)
+                unit = _integrated_unit(ports[target], order)
                 if unit is None:
                     what = f"{source} feeds {other.name}.{target}, whose unit "
                     kind = "a rate" if order == 1 else "an acceleration"
@@ -70,22 +74,22 @@ def _fed(document: Document, keys: Keys, name: str, others: Sequence[Wired]) -> 
     raise document.error(keys, f'{what}, or give `unit: m` (`unit: ""`: a plain number)')
 
 
-def _derived(text: str, unit: str) -> str:
+def _derived_unit(text: str, unit: str) -> str:
     """Return "?", "?/s" or "?/s2" with `unit` in the place of the ?; other texts as they are."""
     head, mark, per = text.partition("?")
     if not mark or not per:
         return unit if mark else text
-    base, power = _parted(unit)
+    base, power = _base_and_power(unit)
     return head + _per(base, power + int(per.removeprefix("/s") or 1))
 
 
-def _integrated(unit: str, order: int) -> str | None:
+def _integrated_unit(unit: str, order: int) -> str | None:
     """Return the unit whose derivative of this order is `unit`; None if there is none."""
-    base, power = _parted(unit)
+    base, power = _base_and_power(unit)
     return _per(base, power - order) if power >= order else None
 
 
-def _parted(unit: str) -> tuple[str, int]:
+def _base_and_power(unit: str) -> tuple[str, int]:
     """Return a unit without the seconds that it is divided by last, and their power: m, 2."""
     found = re.fullmatch(r"(.+)/s(\d?)", unit)
     return (found[1], int(found[2] or 1)) if found else (unit, 0)

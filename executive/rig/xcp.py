@@ -66,8 +66,19 @@ def xcp_frames(rig: Rig) -> Iterator[tuple[str, Frame]]:
         rows = [(MASTER, f"{node} XCP command {i + 1}", down) for i in range(keys.commands)]
         rows += [(node, f"{node} XCP {i + 1}", up) for i in range(keys.frames)]
         for sender, name, number in rows:
-            yield sender, Frame(
-                name, number, number > 0x7FF, 64 if flags else 8,
-                1e3 * Xcp.CYCLES / rig.config.rate_hz, False, (0, 0, 0), (0, 0, 0), (), "",
-                flags=flags,
-            )  # fmt: skip
+            yield (
+                sender,
+                Frame(
+                    name,
+                    number,
+                    number > 0x7FF,
+                    64 if flags else 8,
+                    1e3 * Xcp.CYCLES / rig.config.rate_hz,
+                    False,
+                    (0, 0, 0),
+                    (0, 0, 0),
+                    (),
+                    "",
+                    flags=flags,
+                ),
+            )

@@ -54,7 +54,7 @@ class Place:
     option: str = ""
 
     def __str__(self) -> str:
-        return self.option or f"{shown(self.file)}:{self.line}:{self.column}"
+        return self.option or f"{display_path(self.file)}:{self.line}:{self.column}"
 
     @property
     def folder(self) -> Path:
@@ -106,7 +106,7 @@ class Document:
                 return file
         except (OSError, ValueError) as error:  # a loop of links, a name too long
             raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
-        raise self.error(keys, f"no such file: {shown(file)}{cure}")
+        raise self.error(keys, f"no such file: {display_path(file)}{cure}")
 
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""
@@ -204,16 +204,16 @@ def dotted_path(keys: Keys) -> str:
     return "".join(parts).removeprefix(".")
 
 
-def shown(file: Path) -> str:
+def display_path(file: Path) -> str:
     """Return the path of `file` as messages show it: relative below the working directory."""
     try:
-        return _below(file, os.getcwd())
+        return _path_below(file, os.getcwd())
     except OSError:  # it is gone
         return str(file)
 
 
 @lru_cache(maxsize=64)  # every value of a rig has a place
-def _below(file: Path, folder: str) -> str:
+def _path_below(file: Path, folder: str) -> str:
     return str(file.relative_to(folder) if file.is_relative_to(folder) else file)
 
 
@@ -275,7 +275,7 @@ def _read_file(
     """Return the tree of `file` merged over its bases; `above` are the files that build on it."""
     at = f"{named_at}: base: " if named_at else ""
     if file in above:
-        chain = " -> ".join(shown(f) for f in (*above[above.index(file) :], file))
+        chain = " -> ".join(display_path(f) for f in (*above[above.index(file) :], file))
         raise RigError(f"{at}the files build on each other: {chain}")
     if text is None:
         try:
@@ -285,7 +285,7 @@ def _read_file(
         except (OSError, ValueError) as error:
             why = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
             why = "no such file" if isinstance(error, FileNotFoundError) else why
-            raise RigError(f"{at}{shown(file)}: {why}") from None
+            raise RigError(f"{at}{display_path(file)}: {why}") from None
     sources[file] = text
     parsed = _parse(file, text)
     base = parsed.value.get("base")
@@ -336,22 +336,22 @@ def _parse(file: Path, text: str) -> _Node:
 def _tree(node: yaml.Node, file: Path, place: Place | None = None) -> _Node:
     """Return our tree of PyYAML's; `place`, else the node's own position, is where it stands."""
     if isinstance(node, yaml.MappingNode):
-        return _Node(_pairs(node, file, place), place or _at(node, file))
+        return _Node(_pairs(node, file, place), place or _place(node, file))
     if isinstance(node, yaml.SequenceNode):
-        return _Node([_tree(item, file, place) for item in node.value], place or _at(node, file))
+        return _Node([_tree(item, file, place) for item in node.value], place or _place(node, file))
     assert isinstance(node, yaml.ScalarNode), "YAML has three kinds of nodes"
     if node.style:  # quoted, or a block
-        return _Node(node.value, place or _at(node, file))
+        return _Node(node.value, place or _place(node, file))
     try:
-        return _Node(parse_scalar(node.value), place or _at(node, file))
+        return _Node(parse_scalar(node.value), place or _place(node, file))
     except ValueError as error:
-        raise RigError(f"{place or _at(node, file)}: {error}") from None
+        raise RigError(f"{place or _place(node, file)}: {error}") from None
 
 
 def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> dict[str, _Node]:
     pairs: dict[str, _Node] = {}
     for key_node, value_node in node.value:
-        place, key = option or _at(key_node, file), key_node.value
+        place, key = option or _place(key_node, file), key_node.value
         if not isinstance(key, str) or not key:
             raise RigError(f"{place}: expected text as the key")
         if key == "<<" and not key_node.style:
@@ -363,7 +363,7 @@ def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> dict[str
     return pairs
 
 
-def _at(node: yaml.Node, file: Path) -> Place:
+def _place(node: yaml.Node, file: Path) -> Place:
     return Place(file, node.start_mark.line + 1, node.start_mark.column + 1)
 
 

@@ -90,7 +90,7 @@ def frequency_roots(mass_ratio: float, count: int) -> Vector:
     if not 0.0 <= mass_ratio < np.inf:
         raise ValueError(f"mass ratio of tip and tube is {mass_ratio}; expected a number >= 0")
 
-    def scaled(b: float) -> float:
+    def scaled_characteristic(b: float) -> float:
         return float(
             1.0 / np.cosh(b) + np.cos(b) + mass_ratio * b * (np.cos(b) * np.tanh(b) - np.sin(b))
         )
@@ -99,8 +99,8 @@ def frequency_roots(mass_ratio: float, count: int) -> Vector:
     low = _SCAN_STEP
     while len(roots) < count:
         high = low + _SCAN_STEP
-        if scaled(low) * scaled(high) <= 0.0:
-            roots.append(_bisect(scaled, low, high))
+        if scaled_characteristic(low) * scaled_characteristic(high) <= 0.0:
+            roots.append(_bisect(scaled_characteristic, low, high))
         low = high
     return np.array(roots)
 

@@ -33,27 +33,29 @@ HUB = (0.0, 0.0)
 FULL_NM, FULL_RAD = 30.0, 6e-3  # of torque arrow and error gauge
 
 
-def turned(points: list[Point], angle: float) -> list[Point]:
+def turned_points(points: list[Point], angle: float) -> list[Point]:
     """Return points turned about the hub."""
     c, s = math.cos(angle), math.sin(angle)
     return [(c * x - s * y, s * x + c * y) for x, y in points]
 
 
-def bent(now: Now, p: Settings) -> list[Point]:
+def bent_axis(now: Now, p: Settings) -> list[Point]:
     """Return the true axis (1)."""
     beam = modal_data(Tube(*(float(p[field.name]) for field in fields(Tube))))
     x = np.linspace(0.0, long := float(p["length_m"]), 13)
     f, _, _ = mode_shapes(beam.roots, long, x)
     y = BENDING * (beam.tip / f[:, -1] * [now["q1"], now["q2"], now["q3"]]) @ f
-    return turned(list(zip(x.tolist(), y.tolist(), strict=True)), now["theta"])
+    return turned_points(list(zip(x.tolist(), y.tolist(), strict=True)), now["theta"])
 
 
 def scene(now: Now, p: Settings) -> Scene:
     """Return what is seen."""
     theta, pitch, long = now["theta"], now["pitch"], p["length_m"]
-    hull = turned([(-0.75, -0.05), (-0.6, -0.3), (0.35, -0.3), (0.5, -0.16), (0.12, -0.1)], pitch)
-    (motor,) = turned([(-0.42, -0.1)], pitch)
-    tube = [*turned([(0.0, -0.035), (long, -0.02), (long, 0.02), (0.0, 0.035)], theta)]
+    hull = turned_points(
+        [(-0.75, -0.05), (-0.6, -0.3), (0.35, -0.3), (0.5, -0.16), (0.12, -0.1)], pitch
+    )
+    (motor,) = turned_points([(-0.42, -0.1)], pitch)
+    tube = [*turned_points([(0.0, -0.035), (long, -0.02), (long, 0.02), (0.0, 0.035)], theta)]
     muzzle = now["slope"] - now["droop"] * math.cos(now["q_d"]) / math.cos(theta)
     wind_up = now["motor"] / p["gear_ratio"] - (theta - pitch)
     off = theta - now["q_d"]
@@ -70,7 +72,7 @@ def scene(now: Now, p: Settings) -> Scene:
         line([HUB, polar(HUB, 1.3 * long, now["q_d"])], "reference", 1.2, dash=True),
         disc(HUB, 0.1, "moving", 0.3),
         turn(HUB, 0.15, theta + 0.8, now["torque"] / FULL_NM * 1.5),
-        line(bent(now, p), "magnified", 2.0),
+        line(bent_axis(now, p), "magnified", 2.0),
         slot((1.05, -0.42), 0.5, wind_up, -0.5 * p["gap_rad"], 0.5 * p["gap_rad"],
              4.0 * p["gap_rad"] or 1e-3),
         text((1.05, -0.57), f"play {1e3 * p['gap_rad']:g} mrad"),

@@ -46,7 +46,7 @@ def gear_ratio(run: Run) -> float:
     return run.numbers.get("gear_ratio", run.setting("gear_ratio"))
 
 
-def settled(after_s: float) -> str:
+def settling_text(after_s: float) -> str:
     """Return what the title says of the settling time."""
     if math.isnan(after_s):
         return ""
@@ -113,7 +113,7 @@ EVALUATION = Evaluation(
         ),
         (
             "muzzle at rest {muzzle_rest_mrad:.3g} mrad",
-            lambda metrics: settled(metrics.get("settle_2mrad_s", math.nan)),
+            lambda metrics: settling_text(metrics.get("settle_2mrad_s", math.nan)),
             "vibration {vibration_mrad:.3g}, mode 1 {vibration1_mrad:.3g} mrad",
         ),
     ),

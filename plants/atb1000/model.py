@@ -209,15 +209,15 @@ def hull_parameters(settings: Mapping[str, float], half_step_s: float) -> dict[s
         "hull_sines": float(omega.size),
         "heave_cos_m": settings["hull_lever_m"] * cos(lead),
         "heave_sin_m": settings["hull_lever_m"] * sin(lead),
-        "hull_amplitude_rad": _padded(amplitude),
-        "hull_omega_rad_s": _padded(omega),
-        "hull_phase_rad": _padded(phase),
-        "hull_turn_cos": _padded([cos(w * half_step_s) for w in omega]),
-        "hull_turn_sin": _padded([sin(w * half_step_s) for w in omega]),
+        "hull_amplitude_rad": _padded_values(amplitude),
+        "hull_omega_rad_s": _padded_values(omega),
+        "hull_phase_rad": _padded_values(phase),
+        "hull_turn_cos": _padded_values([cos(w * half_step_s) for w in omega]),
+        "hull_turn_sin": _padded_values([sin(w * half_step_s) for w in omega]),
     }
 
 
-def _padded(values: Iterable[float]) -> list[float]:
+def _padded_values(values: Iterable[float]) -> list[float]:
     known = [float(value) for value in values]
     return known + [0.0] * (HULL_COMPONENTS - len(known))
 

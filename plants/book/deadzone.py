@@ -58,7 +58,7 @@ def proof(
         theorem="theorem of chapter 4.3",
         error_is=f"|r|{words[0]} after the step",
         t_s=run.t_s,
-        v=0.5 * inner(r, r) + weights.stored,
+        v=0.5 * inner(r, r) + weights.energy,
         tuned=(weights,),
         damping=0.5 * inner(r, r)
         - (1.0 - gam) * kv * inner(r, after)

@@ -20,9 +20,14 @@ def case_maker(study: str, prefix: str = "") -> Callable[..., Case]:
     rigs = Path(study).resolve().parents[1] / "rigs"
 
     def case(
-        group: str, rig: str, controller: str, label: str, *settings: str,
-        traces: Key = (), window_s: tuple[float, float] | None = None,
-    ) -> Case:  # fmt: skip
+        group: str,
+        rig: str,
+        controller: str,
+        label: str,
+        *settings: str,
+        traces: Key = (),
+        window_s: tuple[float, float] | None = None,
+    ) -> Case:
         file = str(rigs / f"{prefix}{rig}.yaml")
         return Case(group, file, controller, label, settings, window_s, traces)
 
@@ -39,7 +44,7 @@ def expected_figures(study: str) -> Expected:
     return lambda table, *row: known.get((table, " ".join(map(str, row))), ())
 
 
-def beside(found: Sequence[str], expected: Sequence[str]) -> list[str]:
+def bracketed_cells(found: Sequence[str], expected: Sequence[str]) -> list[str]:
     """Return cells, in brackets what was expected where anything was."""
     pairs = zip_longest(found, expected[: len(found)], fillvalue="")
     return [f"{cell} ({other})" if other else cell for cell, other in pairs]
@@ -56,12 +61,12 @@ def by_case(results: Iterable[Result], group: str) -> dict[tuple[str, str, str],
     return {(rig_name(r), r.case.controller, r.case.label): r for r in own}
 
 
-def by_run(results: Iterable[Result], group: str) -> dict[tuple[str, str], Result]:
+def results_by_run(results: Iterable[Result], group: str) -> dict[tuple[str, str], Result]:
     """Return the results of a group by (controller, label)."""
     return {(r.case.controller, r.case.label): r for r in of_group(results, group)}
 
 
-def labelled(results: Iterable[Result], group: str, label: str) -> list[Result]:
+def results_of_label(results: Iterable[Result], group: str, label: str) -> list[Result]:
     """Return the results of a group that have this label."""
     return [result for result in of_group(results, group) if result.case.label == label]
 

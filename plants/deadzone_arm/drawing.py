@@ -29,7 +29,9 @@ def scene(now: Now, p: Settings) -> Scene:
         moving(now, p, FULL_NM, p["m2_kg"]),
         [plane.frame("command", f"torque {j}") for j, plane in enumerate(planes, 1)],
         [plane.curve(deadzone(p)) for plane in planes],
-        [disc(plane.at(now[f"command_{j}"], now[f"torque_{j}"]), 0.06, "force", 1.0)
-         for j, plane in enumerate(planes, 1)],
+        [
+            disc(plane.at(now[f"command_{j}"], now[f"torque_{j}"]), 0.06, "force", 1.0)
+            for j, plane in enumerate(planes, 1)
+        ],
         note=f"axes, 270 deg of arrow: {FULL_NM:g} N m",
-    )  # fmt: skip
+    )

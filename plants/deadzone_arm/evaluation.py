@@ -27,7 +27,7 @@ def error(run: Run, joint: int) -> Vector:
     return run[f"executive:reference_{joint}.q_d_rad"] - q
 
 
-def past(run: Run, joint: int) -> Vector:
+def excess(run: Run, joint: int) -> Vector:
     """Return q_i - q_d,i. Shape (n,)."""
     return -error(run, joint)
 
@@ -42,7 +42,7 @@ def size(run: Run, *names: str) -> Vector:
     return np.hypot(*(run.get(f"executive:controller.{name}") for name in names))
 
 
-def settled(metrics: Figures, joint: int) -> str:
+def settling_text(metrics: Figures, joint: int) -> str:
     """Return what the title says of a joint's settling."""
     after_s = metrics.get(f"settle_{joint}_s", math.nan)
     if math.isnan(after_s):
@@ -72,7 +72,7 @@ EVALUATION = Evaluation(
         **{f"command_rms_{j}_Nm": Rms(COMMAND.format(j)) for j in JOINTS},
         **{f"command_step_rms_{j}_Nm": Rms(each(command_step, j)) for j in JOINTS},
         **{f"settle_{j}_s": settling(f"error_{j}_rad", SETTLED_RAD, needs=STEP) for j in JOINTS},
-        **{f"overshoot_{j}_rad": Highest(each(past, j), RUN, needs=STEP) for j in JOINTS},
+        **{f"overshoot_{j}_rad": Highest(each(excess, j), RUN, needs=STEP) for j in JOINTS},
         "r_max_rad_s": Peak(lambda run: size(run, "r_1_rad_s", "r_2_rad_s"), RUN),
         "norm_max": Peak(lambda run: size(run, "norm_wi", "norm_w"), RUN),
         "diverged": Highest("executive:controller.diverged", RUN),
@@ -96,6 +96,10 @@ EVALUATION = Evaluation(
     ),
     notes=(
         [f"joint {j}: {{error_rms_{j}_rad:.2g}} rad rms" for j in JOINTS],
-        [lambda metrics: settled(metrics, 1), lambda metrics: settled(metrics, 2), diverged],
+        [
+            lambda metrics: settling_text(metrics, 1),
+            lambda metrics: settling_text(metrics, 2),
+            diverged,
+        ],
     ),
 )

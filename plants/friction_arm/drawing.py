@@ -32,7 +32,9 @@ def scene(now: Now, p: Settings) -> Scene:
         moving(now, p, FULL_NM, p["m2_kg"]),
         turn(shoulder, 0.4, start[0], by[0], "ground", 0.1),
         turn(elbow, 0.36, start[1], by[1], "ground", 0.1),
-        [disc(at, 0.05, "magnified", fill) for at, fill in zip((shoulder, elbow), sticks,
-                                                                 strict=True)],
+        [
+            disc(at, 0.05, "magnified", fill)
+            for at, fill in zip((shoulder, elbow), sticks, strict=True)
+        ],
         note=f"270 deg of arrow: {FULL_NM:g} N m; grey: friction; red: joint sticks",
-    )  # fmt: skip
+    )

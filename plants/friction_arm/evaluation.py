@@ -27,7 +27,7 @@ def size(run: Run, joint: int) -> Vector:
     return np.abs(error(run, joint))
 
 
-def past(run: Run, joint: int) -> Vector:
+def excess(run: Run, joint: int) -> Vector:
     """Return q_j - q_d,j. Shape (n,)."""
     return -error(run, joint)
 
@@ -53,7 +53,7 @@ EVALUATION = Evaluation(
         **{f"early_error_abs_mean_{j}_rad": Mean(each(size, j), "early") for j in JOINTS},
         **{f"error_rms_{j}_rad": Rms(f"error_{j}_rad") for j in JOINTS},
         **{f"error_max_{j}_rad": Peak(f"error_{j}_rad") for j in JOINTS},
-        **{f"overshoot_{j}_rad": Highest(each(past, j), RUN) for j in JOINTS},
+        **{f"overshoot_{j}_rad": Highest(each(excess, j), RUN) for j in JOINTS},
         "torque_peak_Nm": Peak(torque_size, RUN),
         "torque_variation_Nm_s": torque_variation,
     },

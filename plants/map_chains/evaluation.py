@@ -13,7 +13,7 @@ import numpy as np
 from pcpc.plants.evaluation import *
 
 
-def of(chain: str) -> str:
+def output_group(chain: str) -> str:
     """Return the name of the law's output group of a chain."""
     return f"executive:controller.{chain}_"
 
@@ -25,7 +25,7 @@ def error(chain: str) -> Callable[[Run], Vector]:
 
 def jump(chain: str) -> Callable[[Run], Vector]:
     """Return what computes (2). Its values: (n,)."""
-    return lambda run: np.abs(run.step(run[f"{of(chain)}command"]))
+    return lambda run: np.abs(run.step(run[f"{output_group(chain)}command"]))
 
 
 def state(chain: str, colour: str) -> Panel:
@@ -45,7 +45,7 @@ def inputs(chain: str, colour: str) -> Panel:
     return Panel(
         f"input of {chain}",
         (
-            Line(f"{of(chain)}command", "command", GREY, 0.7),
+            Line(f"{output_group(chain)}command", "command", GREY, 0.7),
             Line(f"plant:chains.{chain}_tau", "behind deadzone or gap", colour, 0.9),
         ),
         4.0,
@@ -64,14 +64,14 @@ EVALUATION = Evaluation(
         "error_b_rms": Rms("error_b"),
         "error_a_max": Peak("error_a"),
         "error_b_max": Peak("error_b"),
-        "a_d_plus": Last(f"{of('a')}d_plus", RUN),
-        "a_d_minus": Last(f"{of('a')}d_minus", RUN),
-        "b_d_plus": Last(f"{of('b')}d_plus", RUN),
-        "b_d_minus": Last(f"{of('b')}d_minus", RUN),
+        "a_d_plus": Last(f"{output_group('a')}d_plus", RUN),
+        "a_d_minus": Last(f"{output_group('a')}d_minus", RUN),
+        "b_d_plus": Last(f"{output_group('b')}d_plus", RUN),
+        "b_d_minus": Last(f"{output_group('b')}d_minus", RUN),
         "jump_a_median": Median("jump_a", RUN),
         "jump_b_median": Median("jump_b", RUN),
-        "a_diverged": Highest(f"{of('a')}diverged", RUN),
-        "b_diverged": Highest(f"{of('b')}diverged", RUN),
+        "a_diverged": Highest(f"{output_group('a')}diverged", RUN),
+        "b_diverged": Highest(f"{output_group('b')}diverged", RUN),
     },
     panels=(
         state("a", BLUE),

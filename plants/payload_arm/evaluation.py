@@ -30,14 +30,14 @@ def critic_size(run: Run) -> Vector:
     return np.hypot(*(run.get(f"executive:controller.critic_{j}") for j in JOINTS))
 
 
-def up_to(size: float, name: str, label: str) -> list[Line]:
+def lines_up_to(size: float, name: str, label: str) -> list[Line]:
     """Return lines of both joints without the larger values of a start from 1 rad away."""
 
-    def cut(run: Run, joint: int) -> Vector:
+    def small_values(run: Run, joint: int) -> Vector:
         values = run[name.format(joint)]
         return np.where(np.abs(values) <= size, values, np.nan)
 
-    return [Line(each(cut, j), label.format(j), COLOURS[j]) for j in JOINTS]
+    return [Line(each(small_values, j), label.format(j), COLOURS[j]) for j in JOINTS]
 
 
 def learns(run: Run) -> bool:
@@ -56,8 +56,8 @@ EVALUATION = Evaluation(
     },
     panels=(
         angles(1.0),
-        Panel("error, to 0.2 rad", up_to(0.2, "error_{}_rad", "error {}"), 6.0),
-        Panel("torque, to 100 N m", up_to(100.0, "plant:arm.acting_{}_Nm", "torque {}")),
+        Panel("error, to 0.2 rad", lines_up_to(0.2, "error_{}_rad", "error {}"), 6.0),
+        Panel("torque, to 100 N m", lines_up_to(100.0, "plant:arm.acting_{}_Nm", "torque {}")),
         Panel("m2 [kg]", (Line("plant:arm.outer_mass_kg", "mass at the end", GREY),), 2.0),
         Panel(
             "acceleration\n[rad/s2]",

@@ -73,11 +73,11 @@ def hydraulic(run: Run) -> bool:
 def of_strut(source: str) -> Signal:
     """Return what the controller knows of a hydraulic strut, NaN of another one."""
 
-    def told(run: Run) -> Vector:
+    def hydraulic_values(run: Run) -> Vector:
         values = run.get(source)
         return values if hydraulic(run) else np.full_like(values, math.nan)
 
-    return told
+    return hydraulic_values
 
 
 def learns(run: Run) -> bool:
@@ -85,7 +85,7 @@ def learns(run: Run) -> bool:
     return hydraulic(run) and run.has("executive:controller.wanted_spool_m")
 
 
-def scaled(scale: float, source: str, label: str, colour: str, width: float = 0.9) -> Line:
+def scaled_line(scale: float, source: str, label: str, colour: str, width: float = 0.9) -> Line:
     """Return a line in another unit than the log's."""
     return Line(lambda run: scale * run.get(source), label, colour, width)
 
@@ -121,17 +121,17 @@ EVALUATION = Evaluation(
         Panel(
             "force [kN]",
             (
-                scaled(1e-3, "plant:car.strut_N", "strut", VERMILION),
-                scaled(1e-3, DESIRED, "desired", BLUE),
-                scaled(1e-3, "plant:car.bump_N", "bump stops", GREY, 0.8),
+                scaled_line(1e-3, "plant:car.strut_N", "strut", VERMILION),
+                scaled_line(1e-3, DESIRED, "desired", BLUE),
+                scaled_line(1e-3, "plant:car.bump_N", "bump stops", GREY, 0.8),
             ),
             6.0,
         ),
         Panel(
             "valve [mm]",
             (
-                scaled(1e3, "executive:controller.wanted_spool_m", "wanted", SKY, 2.2),
-                scaled(1e3, "plant:car.spool_m", "spool", VERMILION),
+                scaled_line(1e3, "executive:controller.wanted_spool_m", "wanted", SKY, 2.2),
+                scaled_line(1e3, "plant:car.spool_m", "spool", VERMILION),
             ),
             4.0,
             when=hydraulic,
@@ -139,8 +139,8 @@ EVALUATION = Evaluation(
         Panel(
             "pressure [MPa]",
             (
-                scaled(1e-6, "plant:car.p1_Pa", "bore side", BLUE),
-                scaled(1e-6, "plant:car.p2_Pa", "rod side", GREEN, 0.8),
+                scaled_line(1e-6, "plant:car.p1_Pa", "bore side", BLUE),
+                scaled_line(1e-6, "plant:car.p2_Pa", "rod side", GREEN, 0.8),
             ),
             4.0,
             when=hydraulic,
@@ -148,8 +148,8 @@ EVALUATION = Evaluation(
         Panel(
             "fuzzy [mm]",
             (
-                scaled(1e3, "executive:controller.drift_m", "drift", BLUE, 0.8),
-                scaled(1e3, "executive:controller.norm_theta_m", "norm of all rules", PURPLE),
+                scaled_line(1e3, "executive:controller.drift_m", "drift", BLUE, 0.8),
+                scaled_line(1e3, "executive:controller.norm_theta_m", "norm of all rules", PURPLE),
             ),
             4.0,
             when=learns,

@@ -72,9 +72,11 @@ def test_every_curve_is_seen_and_said(
         assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
     with opened(browser, barrel, size, ALL_DRAWN, scheme) as page:
         shot(page, f"curves-{scheme}-{size['width']}")
-        page.evaluate("pcpc.laid([{kind: 'time', names: ["
-                      "...pcpc.variables.values()].filter((v) => v.plot).slice(0, 8)"
-                      ".map((v) => v.name)}])")  # fmt: skip
+        page.evaluate(
+            "pcpc.laid([{kind: 'time', names: ["
+            "...pcpc.variables.values()].filter((v) => v.plot).slice(0, 8)"
+            ".map((v) => v.name)}])"
+        )
         back, *curves = page.evaluate(COLOURS)
         least = min(contrast(back, one) for one in curves)
         assert len({*curves}) == 8 and least >= 3.0, f"{least:.2f} of {curves} on {back}"
@@ -122,8 +124,12 @@ def test_two_axes_have_their_zeros_at_one_height(browser: Browser, barrel: Host)
     names, units = ("controller.e_rad", "plant:barrel.gear_torque_Nm"), ["rad", "N m"]
     with opened(browser, barrel, LAPTOP, ALL_DRAWN) as page:
         take(page, *names)
-        for first, second in (([-1.0, 3.0], [-40.0, 2.0]), ([0.1, 0.2], [-9.0, -1.0]),
-                              ([0.0, 0.0], [4.0, 9.0]), ([-1e-9, 1e-9], [0.0, 1e6])):  # fmt: skip
+        for first, second in (
+            ([-1.0, 3.0], [-40.0, 2.0]),
+            ([0.1, 0.2], [-9.0, -1.0]),
+            ([0.0, 0.0], [4.0, 9.0]),
+            ([-1e-9, 1e-9], [0.0, 1e6]),
+        ):
             page.evaluate(PUT, [first, second])
             page.wait_for_timeout(100)
             a, b = page.evaluate(ZEROS, units)

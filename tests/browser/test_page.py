@@ -119,8 +119,9 @@ def test_a_gain_changes_the_plant_and_stands_in_the_log(
     def error() -> float:
         """Return the rms of the error over some seconds."""
         values, end = [], run.cycle + 400
-        run.wait_until(lambda now: (values.append(now["controller.e_rad"]), run.cycle >= end)[1],
-                       within_s=60)  # fmt: skip
+        run.wait_until(
+            lambda now: (values.append(now["controller.e_rad"]), run.cycle >= end)[1], within_s=60
+        )
         return float(np.sqrt(np.mean(np.square(values))))
 
     with opened(browser, host) as page:
@@ -215,9 +216,11 @@ def test_of_two_runs_one_is_chosen_and_stays_after_a_reload(
 
     asks = "!document.getElementById('chooser').hidden"
     with (
-        begin() as one, begin() as two,
-        hosting(tmp_path, "sin1.0", "--write") as host, opened(browser, host, ready=asks) as page,
-    ):  # fmt: skip
+        begin() as one,
+        begin() as two,
+        hosting(tmp_path, "sin1.0", "--write") as host,
+        opened(browser, host, ready=asks) as page,
+    ):
         names = [live._nodes["plant"].name.rpartition(".")[0] for live in (one, two)]
         expect(page.locator("#chooser-title")).to_have_text("2 runs are in progress; choose one")
         row = page.locator("#chooser tr", has_text=names[1])

@@ -105,10 +105,11 @@ def test_each_control_has_a_name_and_is_reached_with_its_focus_in_sight(
     assert page.locator("[data-walked]").count() == count > 30
     tree = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
     focusable = [
-        one for one in tree
+        one
+        for one in tree
         if any(each["name"] == "focusable" for each in one.get("properties", []))
         and one["role"]["value"] not in ("RootWebArea", "list")
-    ]  # fmt: skip
+    ]
     assert len(focusable) >= count
     assert not [one for one in focusable if not one["name"]["value"]]
 

@@ -49,10 +49,12 @@ def blocks_of(page: Path) -> list[Block]:
     return [
         Block(
             f"{name}:{text.count(chr(10), 0, found.start('language')) + 1}",
-            found["language"], found["text"], found["reason"],
+            found["language"],
+            found["text"],
+            found["reason"],
         )
         for found in _FENCE.finditer(text)
-    ]  # fmt: skip
+    ]
 
 
 @dataclass
@@ -87,12 +89,16 @@ class Reader:
         environment = os.environ | {
             "PATH": f"{copies().bin_folder()}:{Path(sys.executable).parent}:{os.environ['PATH']}",
             "COLUMNS": "80",
-        }  # fmt: skip
+        }
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block.text + "\npwd\n"], cwd=self.folder,
-            env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            ["bash", "-euo", "pipefail", "-c", block.text + "\npwd\n"],
+            cwd=self.folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
             check=False,
-        )  # fmt: skip
+        )
         self.printed = done.stdout
         assert done.returncode == 0, f"{block.where}: ended with {done.returncode}\n{done.stdout}"
         *_, last = done.stdout.splitlines()

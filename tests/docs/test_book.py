@@ -41,7 +41,7 @@ def test_the_commands_of_the_exercises_are_accepted(page: Path) -> None:
     text = page.read_text("utf-8")
     commands = COMMAND.findall(text.replace("\n   ", " "))
     for command in commands:
-        options = cli.parsed(shlex.split(command)[1:])
+        options = cli.parsed_options(shlex.split(command)[1:])
         if hasattr(options, "rig"):
             load_rig(find(options.rig), options.controller, options.set)
     assert commands and text.count("\n1. ") == text.count("\n3. ") == 1 and "\n4. " not in text
@@ -54,7 +54,7 @@ def test_the_appendices_commands_are_accepted_and_name_the_laws_linked() -> None
     lines = [line for block in blocks_of(page) for line in block.text.splitlines()]
     commands = [*COMMAND.findall(text), *lines]
     for command in commands:
-        options = cli.parsed(shlex.split(command)[1:])
+        options = cli.parsed_options(shlex.split(command)[1:])
         if hasattr(options, "rig"):
             load_rig(find(options.rig), options.controller, options.set)
     laws = {line.split()[3] for line in lines if "--" not in line}

@@ -92,9 +92,14 @@ class Runner:
         """Run a script as a step is run; return what it printed."""
         done = subprocess.run(
             ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],
-            cwd=folder or self.repo, env=self.environment | more, text=True, check=False,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+            cwd=folder or self.repo,
+            env=self.environment | more,
+            text=True,
+            check=False,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+        )
         assert done.returncode == 0, f"{script}\nended with {done.returncode}\n{done.stdout}"
         return done.stdout
 
@@ -136,8 +141,11 @@ def test_the_requirement_names_the_wheel(wheel: Path) -> None:
 def test_the_comment_names_the_rig_the_metric_and_the_first_cycle(runner: Runner) -> None:
     comment = (runner.home / "comment.md").read_text()
     assert comment.startswith("### pcpc compare: 1 changed\n"), comment
-    assert re.search(r"^\| motor, pid \| from cycle 1\d\d \(0\.1\d\d s\) on, first controller\.",
-                     comment, re.MULTILINE), comment  # fmt: skip
+    assert re.search(
+        r"^\| motor, pid \| from cycle 1\d\d \(0\.1\d\d s\) on, first controller\.",
+        comment,
+        re.MULTILINE,
+    ), comment
     assert re.search(r"^\|  \|  \| \w+ \| \S+ \| \S+ \| [+-]\S+ % \|$", comment, re.MULTILINE)
     assert "controllers.pid.parameters.kp_V_rad 30 -> 31" in comment, comment
     words = (runner.home / "words").read_text().split("\n")
@@ -180,8 +188,8 @@ def test_the_packages_are_those_of_make_vcan_tools() -> None:
 
 def test_the_step_on_vcan0_is_a_command_line() -> None:
     words = shlex.split(STEPS[ON_VCAN]["run"].replace("$RIG", "motor"))
-    options = cli.parsed(words[1:])
-    inner = cli.parsed(options.rest[1:])
+    options = cli.parsed_options(words[1:])
+    inner = cli.parsed_options(options.rest[1:])
     assert (words[0], options.rest[0], options.timeout) == ("pcpc", "pcpc", 1200.0)
     assert (inner.command, inner.bus, inner.pacing, inner.output) == (
         "run", "vcan0", "lockstep", "runs/vcan0",

@@ -119,9 +119,10 @@ def test_a_wheel_takes_the_code_of_other_machines_if_it_is_of_the_same_sources(
     assert found == {"pass.nbc": "code", "a.nbi": "code"}
     assert not (tmp_path / "new/pcpc/__init__.py").exists()
     for places, why in [
-        ([], "brings no compiled code"), (["x86_64/0a/a.nbi"], "name another machine's"),
+        ([], "brings no compiled code"),
+        (["x86_64/0a/a.nbi"], "name another machine's"),
         (["aarch64/0a/a.nbi", "riscv64/0b/a.nbi"], "is of other sources"),
-    ]:  # fmt: skip
+    ]:
         with pytest.raises(SystemExit, match=why):
             release.add_code(wheel(*places), own, tmp_path / "none")
     assert not (tmp_path / "none").exists()

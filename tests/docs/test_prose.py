@@ -131,8 +131,12 @@ def semicolons(text: str) -> int:
 
 def patterns(text: str) -> list[str]:
     """Return sentences of the kinds that must not be, each behind what is wrong with it."""
-    return [f"{what}: {one}" for one in sentences(text)
-            for what, (pattern, _) in PATTERNS.items() if re.search(pattern, one)]  # fmt: skip
+    return [
+        f"{what}: {one}"
+        for one in sentences(text)
+        for what, (pattern, _) in PATTERNS.items()
+        if re.search(pattern, one)
+    ]
 
 
 def seen_before(text: str) -> list[str]:

@@ -65,8 +65,19 @@ def test_the_summary_of_a_run_and_its_requirements(tmp_path: Path) -> None:
 
 
 def test_the_summary_of_real_processes(tmp_path: Path) -> None:
-    done = pcpc("run", "slew10", "--pacing", "lockstep", "--set", "duration_s=0.2", "--no-figure",
-                "--quiet", "--json", "-o", str(tmp_path / "a"))  # fmt: skip
+    done = pcpc(
+        "run",
+        "slew10",
+        "--pacing",
+        "lockstep",
+        "--set",
+        "duration_s=0.2",
+        "--no-figure",
+        "--quiet",
+        "--json",
+        "-o",
+        str(tmp_path / "a"),
+    )
     assert holds("run", done.out)["pacing"] == "lockstep", done
 
 

@@ -79,8 +79,16 @@ def test_a_log_is_compared_and_written_in_other_formats(tmp_path: Path) -> None:
 
 def test_a_replay_and_a_difference_without_end(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(INFINITE)
-    done = run_here("simulate", tmp_path / "rig.yaml", "-o", tmp_path / "a", "--quiet",
-                    "--no-figure", "--set", "controller.target=10")  # fmt: skip
+    done = run_here(
+        "simulate",
+        tmp_path / "rig.yaml",
+        "-o",
+        tmp_path / "a",
+        "--quiet",
+        "--no-figure",
+        "--set",
+        "controller.target=10",
+    )
     assert done.code == 0, done
     done = run_here("replay", tmp_path / "a", "--json", "--quiet")
     assert all(one["identical"] for one in holds("replay", done.out)), done

@@ -35,8 +35,9 @@ def test_a_signal_without_bounds_has_words_for_them(tmp_path: Path) -> None:
     (tmp_path / "probe.dbc").write_text(f"{text}\nSIG_VALTYPE_ 288 position : 1;\n")
     (tmp_path / "rig.yaml").write_text(f"base: {PROBE / 'rig.yaml'}\ndbc: probe.dbc\n")
     done = told(0, "check", tmp_path / "rig.yaml", "--json")
-    (frame,) = (one for one in holds("check", done.out)["nodes"]["plant"]["sends"]
-                if one["name"] == "FB")  # fmt: skip
+    (frame,) = (
+        one for one in holds("check", done.out)["nodes"]["plant"]["sends"] if one["name"] == "FB"
+    )
     assert frame["scales"][0]["range"] == ["-inf", "inf"], frame
 
 

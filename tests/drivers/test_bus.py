@@ -283,7 +283,7 @@ def test_a_bus_text_is_split_as_written(text: str, interface: str, channel: str 
 
 
 def test_auto_is_a_bus_that_opens() -> None:
-    taken = choice.take_bus(choice.Wanted("auto", None, "test", ()))
+    taken = choice.take_bus(choice.BusRequest("auto", None, "test", ()))
     chosen, end = taken.bus, new_wire()
     bus.open_bus(chosen, [], end)
     taken.release()

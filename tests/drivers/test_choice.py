@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from pcpc.drivers.can import bus, choice
-from pcpc.drivers.can.choice import Choice, Wanted
+from pcpc.drivers.can.choice import BusRequest, Choice
 from pcpc.drivers.machine import claim
 
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = ("executive", "plant")
 TAKE = """
 import sys
-from pcpc.drivers.can.choice import Wanted, take_bus
+from pcpc.drivers.can.choice import BusRequest, take_bus
 sys.stdin.read(1)
-taken = take_bus(Wanted("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
+taken = take_bus(BusRequest("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
 print(taken.bus, flush=True)
 sys.stdin.read()
 """
@@ -41,7 +41,7 @@ def rig(name: str = "rig") -> str:
 
 
 def auto(name: str, *roles: str, two: bool = False) -> Choice:
-    return choice.take_bus(Wanted("auto", None, name, roles, 1 + two))
+    return choice.take_bus(BusRequest("auto", None, name, roles, 1 + two))
 
 
 def port(one: Choice) -> int:
@@ -84,7 +84,7 @@ def test_three_nodes_meet_and_have_the_bus_beside_theirs(taken: list[Choice]) ->
 
 
 def test_a_node_on_a_named_bus_is_found_and_other_rigs_are_not_joined(taken: list[Choice]) -> None:
-    named = Wanted("udp_multicast", f"{GROUP}:{47000 + os.getpid() % 1000}", rig(), ("plant",))
+    named = BusRequest("udp_multicast", f"{GROUP}:{47000 + os.getpid() % 1000}", rig(), ("plant",))
     taken.append(choice.take_bus(named))
     taken.append(auto(rig("other"), "executive"))
     taken.append(auto(rig(), "executive"))
@@ -114,7 +114,7 @@ def test_a_port_of_another_program_is_left_to_it_and_named(taken: list[Choice]) 
 def test_a_named_bus_is_taken_as_named_and_shared(taken: list[Choice]) -> None:
     for name in ("one", "two"):
         default = f"{bus.UDP_GROUP}:{bus.UDP_PORT}"
-        taken.append(choice.take_bus(Wanted("udp_multicast", default, rig(name), BOTH)))
+        taken.append(choice.take_bus(BusRequest("udp_multicast", default, rig(name), BOTH)))
     taken.append(auto(rig(), *BOTH))
     assert [str(one.bus) for one in taken[:2]] == [f"udp_multicast:{bus.UDP_GROUP}"] * 2
     taken[0].release()  # the second is there still
@@ -135,11 +135,14 @@ def test_a_seat_with_a_strange_name_harms_nobody(taken: list[Choice]) -> None:
 def test_starts_in_the_same_instant_all_find_a_bus(roles: tuple[str, ...]) -> None:
     starts = [
         subprocess.Popen(
-            [sys.executable, "-c", TAKE, rig("at-once"), role], cwd=ROOT, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, "-c", TAKE, rig("at-once"), role],
+            cwd=ROOT,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
         )
         for role in roles
-    ]  # fmt: skip
+    ]
     for one in starts:
         assert one.stdin is not None
         one.stdin.write("!")

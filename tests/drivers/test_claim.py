@@ -35,9 +35,12 @@ def own_name(text: str) -> str:
 
 def start(script: str, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", script, *words], cwd=ROOT, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-c", script, *words],
+        cwd=ROOT,
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
 
 
 @pytest.mark.parametrize("text", ["short", "long" * 60, "é" * 90], ids=["short", "long", "wide"])
@@ -69,11 +72,11 @@ def test_of_two_processes_that_ask_at_once_exactly_one_gets_each_name() -> None:
 def test_what_is_held_is_listed_by_its_beginning() -> None:
     names = [own_name("list/b"), own_name("list/a b"), own_name("other")]
     claims = [claim.hold(name) for name in names]
-    found = claim.held(own_name("list/"))
+    found = claim.held_names(own_name("list/"))
     for one in claims:
         assert one is not None
         one.close()
-    assert found == sorted(names[:2]) and claim.held(own_name("")) == [], f"{found}"
+    assert found == sorted(names[:2]) and claim.held_names(own_name("")) == [], f"{found}"
 
 
 def test_turns_follow_each_other() -> None:

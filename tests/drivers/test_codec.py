@@ -410,7 +410,10 @@ def test_compiled_and_interpreted_codec_give_the_same_bits() -> None:
     code = "from tests.drivers import test_codec as t; print(t.JIT_OFF, t.digest_of_frames(510))"
     other = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code],
-        capture_output=True, text=True, cwd=ROOT, env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+    )
     expected = f"True {digest_of_frames(510)}"
     assert other.stdout.strip() == expected, f"{other.stdout} {other.stderr[-500:]} not {expected}"

@@ -142,8 +142,10 @@ def test_every_flip_of_three_bits_is_an_error_with_a_crc_of_16() -> None:
     for bit, data in enumerate(singles):
         data[bit // 8] ^= 1 << bit % 8
     zero = int(e2e.right_crc(good, row, TABLE.frames) ^ e2e.crc_of(good, row, TABLE.frames))
-    found = [int(e2e.right_crc(data, row, TABLE.frames) ^ e2e.crc_of(data, row, TABLE.frames))
-             for data in singles]  # fmt: skip
+    found = [
+        int(e2e.right_crc(data, row, TABLE.frames) ^ e2e.crc_of(data, row, TABLE.frames))
+        for data in singles
+    ]
     assert zero == 0 and all(a ^ b ^ c for a, b, c in combinations(found, 3))
 
 

@@ -149,16 +149,21 @@ def test_two_processes_do_not_compile_the_same_function(tmp_path: Path) -> None:
     main = "print(law.root(1.0), watch.done)"
     (tmp_path / "law.py").write_text(LAW)
     environment = os.environ | {
-        "PYTHONPATH": f"{ROOT}:{tmp_path}", "XDG_CACHE_HOME": str(tmp_path / "cache"),
-    }  # fmt: skip
+        "PYTHONPATH": f"{ROOT}:{tmp_path}",
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }
     words = [sys.executable, "-c", f"{MAIN}input(); {main}"]
     both = [
         subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tmp_path,
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
             env=environment,
         )
         for _ in range(2)
-    ]  # fmt: skip
+    ]
     for process in both:
         assert process.stdin
         process.stdin.write("\n")

@@ -45,9 +45,12 @@ class Machine:
             "XDG_CACHE_HOME": str(self.cache), "TMPDIR": str(self.temporary),
         }  # fmt: skip
         done = subprocess.run(
-            [*before, sys.executable, "-c", MAIN, str(self.shipped.parent)], cwd=self.folder,
-            env=environment, capture_output=True, text=True,
-        )  # fmt: skip
+            [*before, sys.executable, "-c", MAIN, str(self.shipped.parent)],
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+        )
         assert done.returncode == 0, done.stderr
         right, compiled = done.stdout.split()
         assert right == "True", done.stdout
@@ -262,9 +265,13 @@ def test_what_an_import_makes_of_the_environment_is_in_the_key(tmp_path: Path) -
         mine = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
         values = {"GAIN": "2", "OFFSET": "10", "ENTRY": "100"} | constants
         done = subprocess.run(
-            [sys.executable, "-c", main], check=True, capture_output=True, text=True, cwd=tmp_path,
+            [sys.executable, "-c", main],
+            check=True,
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
             env=os.environ | mine | values,
-        )  # fmt: skip
+        )
         return done.stdout.split()
 
     assert said() == ["112.0", "2"]
@@ -348,9 +355,14 @@ def test_a_law_that_stands_alone_is_compiled_once_wherever_it_lies(tmp_path: Pat
     assert told.startswith(f"{tmp_path}/two/law.py:7: ") and "`raise ValueError" in told, told
 
 
-@pytest.mark.parametrize("line", [
-    "import beside_law", "FOLDER = __file__", "TABLE = open('table.txt').read()",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import beside_law",
+        "FOLDER = __file__",
+        "TABLE = open('table.txt').read()",
+    ],
+)
 def test_a_law_that_depends_on_its_folder_is_compiled_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:

@@ -373,9 +373,12 @@ def test_interpreted_it_gives_the_same_events() -> None:
     code = "from test_line import drawn; print(drawn(1, 3e-3, 2.0, 200)[0])"
     paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[2])])
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
         env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths},
-    )  # fmt: skip
+    )
     found = drawn(1, 3e-3, 2.0, 200)[0]
     assert done.stdout.strip() == str(found) and len(found) > 250
 

@@ -279,9 +279,12 @@ def test_interpreted_it_gives_the_same_events() -> None:
     code = "from test_line_fd import drawn; print(drawn(1e-3, 60))"
     paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[2])])
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
         env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths},
-    )  # fmt: skip
+    )
     found = drawn(1e-3, 60)
     assert done.stdout.strip() == str(found)
     assert {what for what, *_ in found} == {Outcome.SENT, Outcome.ERROR}

@@ -84,9 +84,12 @@ def said(folder: Path, main: str, **more: str) -> str:
     (folder / "law.py").write_text(LAW)
     mine = {"PYTHONPATH": f"{ROOT}:{folder}", "XDG_CACHE_HOME": str(folder / "cache")} | more
     done = subprocess.run(
-        [sys.executable, "-c", main], capture_output=True, text=True, cwd=folder,
+        [sys.executable, "-c", main],
+        capture_output=True,
+        text=True,
+        cwd=folder,
         env=os.environ | mine,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -169,9 +172,15 @@ def test_a_mark_is_one_type_of_numba() -> None:
         by_type.setdefault(kind, set()).add(mark)
     assert all(len(found) == 1 for found in (*by_mark.values(), *by_type.values())), by_mark
     for kind, value in (
-        (f8, 1.0), (i8, 1), (VIEW, table[0]), (f8[:, ::1], table), (f8[::1, :], table.T),
-        (f8[:, :], table[:, ::2]), (inner, record), (types.UniTuple(inner, 2), (record, record)),
-    ):  # fmt: skip
+        (f8, 1.0),
+        (i8, 1),
+        (VIEW, table[0]),
+        (f8[:, ::1], table),
+        (f8[::1, :], table.T),
+        (f8[:, :], table[:, ::2]),
+        (inner, record),
+        (types.UniTuple(inner, 2), (record, record)),
+    ):
         assert kind.mark == kinds.mark_of(value)
         assert kind.in_numba() == numba.typeof(value), kind.mark
 
@@ -181,5 +190,5 @@ def test_a_mark_is_one_type_of_numba() -> None:
     np.zeros(1, [("never", "<f8"), ("named", "<f8")]).view(np.recarray)[0],
 ])  # fmt: skip
 def test_other_values_have_no_mark(value: Any) -> None:
-    with pytest.raises(kinds.Unmarked):
+    with pytest.raises(kinds.UnmarkedValue):
         kinds.mark_of(value)

@@ -150,9 +150,11 @@ def test_a_node_that_wants_them_takes_remote_frames_too() -> None:
         end.fd_rx, end.own[:] = ours.fileno(), -1
         for wanted, arrival in ((0, Arrival.FOREIGN), (1, Arrival.FRAME)):
             end.remotes = wanted
-            theirs.send(pack_message(can.Message(
-                arbitration_id=0x705, is_extended_id=False, is_remote_frame=True
-            )))  # fmt: skip
+            theirs.send(
+                pack_message(
+                    can.Message(arbitration_id=0x705, is_extended_id=False, is_remote_frame=True)
+                )
+            )
             assert wire.get_frame(end, False) == arrival
         assert bytes(end.rx[:5]) == (0x705 | 1 << 30).to_bytes(4, "little") + b"\0"
         theirs.send(pack_message(can.Message(arbitration_id=1, is_error_frame=True)))

@@ -44,7 +44,7 @@ def name() -> Iterator[str]:
 
 
 @pytest.fixture
-def block(name: str) -> shared.Shared:
+def block(name: str) -> shared.NodeMemory:
     """Return an executive's block."""
     return block_of(name)
 

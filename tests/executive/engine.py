@@ -234,7 +234,7 @@ class Node:
 class Bench:
     """Executive (in `block`, if given) and plant, and the bus between them."""
 
-    def __init__(self, plans: tuple[Plan, Plan], block: sh.Shared | None = None) -> None:
+    def __init__(self, plans: tuple[Plan, Plan], block: sh.NodeMemory | None = None) -> None:
         self.executive = Node(plans[0], None if block is None else block.loop)
         self.plant = Node(plans[1])
         self.frames = self.executive.frames | self.plant.frames

@@ -76,9 +76,11 @@ def motors(folder: Path, count: int, second: int = 0, more: str = "") -> Path:
         frames += _SECOND.format(i)
         keys += _KEYS.format(129, 1, 0)
     receivers = ",".join(["PLANT", *(f"PLANT_{i}" for i in names)])
-    dbc = dbc.replace('BO_ 1793 HB_EXEC: 1 EXEC\n SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" PLANT',
-                      'BO_ 1793 HB_EXEC: 1 EXEC\n SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" '
-                      + (receivers if not second else ",".join(["PLANT", *first])))  # fmt: skip
+    dbc = dbc.replace(
+        'BO_ 1793 HB_EXEC: 1 EXEC\n SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" PLANT',
+        'BO_ 1793 HB_EXEC: 1 EXEC\n SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" '
+        + (receivers if not second else ",".join(["PLANT", *first])),
+    )
     nodes = " ".join(["BU_: EXEC PLANT", *(f"PLANT_{i}" for i in names)])
     dbc = dbc.replace("BU_: EXEC PLANT", nodes)
     dbc = dbc.replace("\nCM_ ", f"{frames}\nCM_ ", 1).replace("\nVAL_ ", f"{keys}\nVAL_ ", 1)

@@ -32,7 +32,9 @@ def absent(node: logs.Node) -> int:
     return int(node.cycle[-1] - node.cycle[0]) + 1 - len(node.cycle)
 
 
-def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES) -> shared.Shared:
+def block_of(
+    name: str, node: str = "executive", states: Sequence[str] = STATES
+) -> shared.NodeMemory:
     """Make a block as a node does, of `states` and two timing columns."""
     variables = [
         [n, "rad/s", "state", "blocks", f"meaning of {n} # [1]\nin two lines"] for n in states
@@ -59,7 +61,7 @@ def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES)
     return standing.stand(name, description)
 
 
-def put(block: shared.Shared, ring: str, row: Sequence[int]) -> None:
+def put(block: shared.NodeMemory, ring: str, row: Sequence[int]) -> None:
     """Append a row as the loop does: drop and count it when the ring is full."""
     ends, rows = block.ends(ring), block[ring]
     if ends.head - block[f"{ring}_taken"][0] == len(rows):
@@ -76,7 +78,7 @@ def values_of(cycle: int, count: int) -> np.ndarray:
     return values
 
 
-def put_cycle(block: shared.Shared, cycle: int, frames: int = 2) -> None:
+def put_cycle(block: shared.NodeMemory, cycle: int, frames: int = 2) -> None:
     """Append one cycle's record and frames."""
     stamp = MONOTONIC_NS + cycle * PERIOD_NS
     states = len(block.description["state_columns"])
@@ -88,13 +90,13 @@ def put_cycle(block: shared.Shared, cycle: int, frames: int = 2) -> None:
         put(block, "frame", [header, stamp + i, cycle, word, 0x0807060504030201 + cycle])
 
 
-def put_event(block: shared.Shared, cycle: int, code: int, argument: int, value: float) -> None:
+def put_event(block: shared.NodeMemory, cycle: int, code: int, argument: int, value: float) -> None:
     """Append one event."""
     bits = int(np.float64(value).view(np.int64))
     put(block, "event", [MONOTONIC_NS + cycle * PERIOD_NS, cycle, code, argument, bits])
 
 
-def record(path: Path, block: shared.Shared, cycles: range) -> None:
+def record(path: Path, block: shared.NodeMemory, cycles: range) -> None:
     """Record cycles in one go, drained every 100."""
     log = Recorder(path, [block])
     for cycle in cycles:

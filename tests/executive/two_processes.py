@@ -40,7 +40,7 @@ class Whole:
     events: dict[str, NDArray[np.int64]]
 
 
-def whole(blocks: Mapping[str, sh.Shared], log: Log) -> Whole:
+def whole(blocks: Mapping[str, sh.NodeMemory], log: Log) -> Whole:
     """Return what the rings of a short run still hold beside its records."""
     rings: list[dict[str, NDArray[np.int64]]] = []
     for ring in ("frame", "event"):
@@ -80,7 +80,7 @@ def lockstep(rig: Rig, bus_name: str) -> Whole:
     metadata = {"pacing": "lockstep"}
     blocks = {}
     for role, made in plans.items():
-        served = sharing.Served(role, describe(made, metadata))
+        served = sharing.ServedMemory(role, describe(made, metadata))
         blocks[role] = served.block
         served.close()
 

@@ -27,8 +27,15 @@ TIMES = ("0s", "5ms", "20ms", "1ms", "999999999min", "-1ms", "")
 KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share", "burst",
         "from", "for", "every", "times", "x")  # fmt: skip
 NUMBERS = st.floats() | st.integers(-(2**63), 2**64) | st.sampled_from([0, 1, -0.0, 5e-324, 1e300])
-ANY = (st.none() | st.booleans() | NUMBERS | st.text(max_size=5) | st.just([]) | st.just({})
-       | st.sampled_from((*VALUES, *IN_FRAMES, *PLACES, *FRAMES, *TIMES)))  # fmt: skip
+ANY = (
+    st.none()
+    | st.booleans()
+    | NUMBERS
+    | st.text(max_size=5)
+    | st.just([])
+    | st.just({})
+    | st.sampled_from((*VALUES, *IN_FRAMES, *PLACES, *FRAMES, *TIMES))
+)
 
 
 @st.composite
@@ -80,8 +87,11 @@ def test_any_entry_of_faults_is_run_or_refused_in_a_line(faults: dict[str, Any])
 @LOOK
 @given(
     st.lists(st.tuples(WORD, st.floats()), max_size=SLOTS),
-    WORD | st.none(), WORD, WORD, st.integers(0, 1),
-)  # fmt: skip
+    WORD | st.none(),
+    WORD,
+    WORD,
+    st.integers(0, 1),
+)
 def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     entries: list[tuple[int, float]], count: int | None, lock: int, request: int, node: int
 ) -> None:

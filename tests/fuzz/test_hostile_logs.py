@@ -147,10 +147,11 @@ def test_metadata_that_is_no_number_is_told(
     notes = [
         Metadata(name=m.name, metadata=m.metadata | {"clock_wall_ns": wrong, "period_ns": wrong})
         if m.name == "executive"
-        else Metadata(name=m.name, metadata=dict.fromkeys(m.metadata, wrong)) if m.name == "run"
+        else Metadata(name=m.name, metadata=dict.fromkeys(m.metadata, wrong))
+        if m.name == "run"
         else m
         for m in parts.metadata
-    ]  # fmt: skip
+    ]
     changed(true_log, log := tmp_path / "log.mcap", metadata=notes)
     assert "executive: period_ns is impossible" in logs.read(log).missing
     every_command(log, true_log, out)

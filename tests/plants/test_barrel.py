@@ -199,9 +199,13 @@ def test_shot_pushes_hub_and_muzzle_up_by_the_stated_impulse() -> None:
 def test_shot_on_a_moving_hull_is_integrated_to_fourth_order() -> None:
     def end(integrator_hz: float) -> Vector:
         plant = Plant(
-            integrator_hz=integrator_hz, hull_motion=1.0,
-            fire=1.0, fire_hub_start_s=0.004, fire_muzzle_start_s=0.007, **LOSSLESS,
-        )  # fmt: skip
+            integrator_hz=integrator_hz,
+            hull_motion=1.0,
+            fire=1.0,
+            fire_hub_start_s=0.004,
+            fire_muzzle_start_s=0.007,
+            **LOSSLESS,
+        )
         for _ in range(31):
             plant.step(plant.states.held_Nm)
         state: Vector = plant.x[:8].copy()

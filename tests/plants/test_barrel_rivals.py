@@ -264,7 +264,7 @@ def lqg_settings() -> dict[str, float]:
 
 @pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 4000.0])
 def test_regulator_and_filter_are_stable_at_every_rate(rate_hz: float) -> None:
-    a, b, k, gain = (np.array(m) for m in lqg.designed(lqg_settings(), rate_hz))
+    a, b, k, gain = (np.array(m) for m in lqg.lqg_matrices(lqg_settings(), rate_hz))
     ac, bc = np.zeros((6, 6)), np.eye(6)[:, 5:]
     ac[:5, :5], ac[:5, 5:] = a[:5, :5], b[:5]
     assert abs(np.linalg.eigvals(ac - bc @ k)).max() < 1.0 - 1e-4
@@ -274,12 +274,13 @@ def test_regulator_and_filter_are_stable_at_every_rate(rate_hz: float) -> None:
 
 def test_the_filter_finds_the_state_and_the_disturbance_of_its_own_model() -> None:
     law, s = Law("lqg"), lqg_settings()
-    a, b, _, _ = (np.array(m) for m in lqg.designed(s, 1000.0))
+    a, b, _, _ = (np.array(m) for m in lqg.lqg_matrices(s, 1000.0))
     x, v = np.array([0.01, 0.1, 1e-3, 0.0, 0.0, -3.0]), 0.0
     for _ in range(3000):
         strain = (x[2] - s["gravity_mode"]) * s["strain_ue_per_mode"]
-        law.step(encoder_rad=x[0], hub_rate_rad_s=x[1], motor_speed_rad_s=60.0 * x[1],
-                 strain_ue=strain)  # fmt: skip
+        law.step(
+            encoder_rad=x[0], hub_rate_rad_s=x[1], motor_speed_rad_s=60.0 * x[1], strain_ue=strain
+        )
         x, v = a @ x + b[:, 0] * v, 60.0 * law["motor_torque_Nm"]
     assert abs(x[0]) < 1e-6, f"{x[0]} rad from the target"
     assert abs(law["compensated_Nm"] + 3.0) < 1e-4, law["compensated_Nm"]

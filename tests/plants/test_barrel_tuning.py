@@ -30,7 +30,7 @@ def test_the_table_holds_the_candidates_of_the_rule() -> None:
 
 
 def test_what_is_marked_in_the_table_is_the_choice() -> None:
-    assert [one.chosen for one in tuning.marked(FOUND)] == [one.chosen for one in FOUND]
+    assert [one.chosen for one in tuning.marked_rows(FOUND)] == [one.chosen for one in FOUND]
     assert sorted(one.law for one in FOUND if one.chosen) == sorted(RANGES), "one of each law"
     for law in RANGES:
         best = tuning.choice(FOUND, law)
@@ -67,9 +67,10 @@ def test_a_run_of_the_table_comes_again() -> None:
     assert best is not None
     i = tuning.SCENARIOS.index("slew10")
     own = [
-        case for case in tuning.cases(["pd_adaptive"])
+        case
+        for case in tuning.cases(["pd_adaptive"])
         if case.label == str(best.number) and Path(case.rig).stem == "slew10"
-    ]  # fmt: skip
+    ]
     mean = sum(alone(case).metric(tuning.RMS) for case in own) / len(own)
     assert len(own) == len(tuning.SEEDS) and f"{mean:.4g}" == f"{best.rms[i]:.4g}", (mean, best)
 

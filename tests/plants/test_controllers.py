@@ -135,9 +135,14 @@ def test_torque_acts_against_the_error_and_the_twist(
 @pytest.mark.parametrize("name", LAWS)
 def test_nothing_to_do_is_no_torque(name: str) -> None:
     moving = inputs(
-        q_d_rad=0.5, q_d_rate_rad_s=0.25, encoder_rad=0.25, hull_pitch_rad=0.25,
-        hub_rate_rad_s=0.25, hull_rate_rad_s=0.125, motor_speed_rad_s=7.5,
-    )  # fmt: skip
+        q_d_rad=0.5,
+        q_d_rate_rad_s=0.25,
+        encoder_rad=0.25,
+        hull_pitch_rad=0.25,
+        hub_rate_rad_s=0.25,
+        hull_rate_rad_s=0.125,
+        motor_speed_rad_s=7.5,
+    )
     assert Law(LAWS[name]).step(moving) == [0.0, 0.0, 0.0, 0.0]
 
 
@@ -148,9 +153,11 @@ def test_shaft_damping_is_nothing_while_the_gear_is_rigid(
     name: str, hub: float, hull: float, km: float
 ) -> None:
     rigid = inputs(
-        q_d_rad=1e-3, hub_rate_rad_s=hub, hull_rate_rad_s=hull,
+        q_d_rad=1e-3,
+        hub_rate_rad_s=hub,
+        hull_rate_rad_s=hull,
         motor_speed_rad_s=64.0 * (hub - hull),
-    )  # fmt: skip
+    )
     damped, free = (
         Law(LAWS[name], gear_ratio=64.0, km_Nms_rad=gain).step(rigid)[0] for gain in (km, 0.0)
     )

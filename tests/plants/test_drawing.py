@@ -288,7 +288,7 @@ def test_the_readmes_figure_shows_what_the_drawing_makes_of_its_run(plant: str) 
     assert "](figures/drawing.png)" in (folder / "README.md").read_text()
     with Image.open(folder / "figures" / "drawing.png") as picture:
         told = picture.text[drawings.KEY]
-    assert told == drawings.named(drawings.moments(of(plant))), "pcpc experiment drawings"
+    assert told == drawings.scene_hash(drawings.moments(of(plant))), "pcpc experiment drawings"
 
 
 # What is wrong is told in a line

@@ -17,7 +17,7 @@ from pcpc.executive.log.reader import FRAME, Log, Node
 from pcpc.plants.atb1000 import ports
 from pcpc.plants.atb1000.evaluation import EVALUATION
 from pcpc.plants.judging import paired_rows
-from pcpc.plants.pages import thinned
+from pcpc.plants.pages import thinned_line
 
 Array = NDArray[Any]
 metrics, figure = EVALUATION.judge, EVALUATION.draw
@@ -107,9 +107,11 @@ def test_errors_of_sines_have_their_rms_and_peak() -> None:
     log = run(error=sine(4e-3, 5.0), bending=sine(-3e-3, 5.0))
     close(
         metrics(log, (0.0, 1.0), {}, PERIOD_S),
-        hub_error_rms_mrad=4.0 / math.sqrt(2.0), hub_error_max_mrad=4.0,
-        muzzle_error_rms_mrad=7.0 / math.sqrt(2.0), muzzle_error_max_mrad=7.0,
-    )  # fmt: skip
+        hub_error_rms_mrad=4.0 / math.sqrt(2.0),
+        hub_error_max_mrad=4.0,
+        muzzle_error_rms_mrad=7.0 / math.sqrt(2.0),
+        muzzle_error_max_mrad=7.0,
+    )
 
 
 def test_droop_is_taken_at_the_desired_angle_not_at_the_present_one() -> None:
@@ -146,8 +148,12 @@ def test_muzzle_at_rest_is_the_mean_size_of_its_error() -> None:
 def test_settling_counts_from_its_start_to_one_period_after_the_last_sample_outside() -> None:
     numbers = {"settle_from_s": 0.2, "settle_to_s": 0.7}
     for outside, expected in (
-        ((250, 320), 0.121), ((100, 199), 0.0), ((200,), 0.001), ((699,), math.inf), ((700,), 0.0),
-    ):  # fmt: skip
+        ((250, 320), 0.121),
+        ((100, 199), 0.0),
+        ((200,), 0.001),
+        ((699,), math.inf),
+        ((700,), 0.0),
+    ):
         found = metrics(run(error=pulse(*outside)), ALL, numbers, PERIOD_S)
         assert found["settle_2mrad_s"] == pytest.approx(expected), f"{outside}: {found}"
     just = metrics(run(error=pulse(300, size=1.999e-3)), ALL, numbers, PERIOD_S)
@@ -159,8 +165,9 @@ def test_vibration_is_the_deviation_of_the_slope_about_its_mean() -> None:
     numbers = {"vibration_from_s": 0.1, "vibration_to_s": 0.6}
     close(
         metrics(log, ALL, numbers, PERIOD_S),
-        vibration_mrad=2.0 / math.sqrt(2.0), vibration1_mrad=1.5 / math.sqrt(2.0),
-    )  # fmt: skip
+        vibration_mrad=2.0 / math.sqrt(2.0),
+        vibration1_mrad=1.5 / math.sqrt(2.0),
+    )
 
 
 def test_metrics_that_were_not_asked_for_are_absent() -> None:
@@ -178,8 +185,11 @@ def test_window_holds_its_left_end_and_not_its_right(first: int, length: int, ra
     period_s = 1.0 / rate
     window = (first * period_s, (first + length) * period_s)
     for cycle, expected in (
-        (first - 1, 0.0), (first, 3.0), (first + length - 1, 3.0), (first + length, 0.0),
-    ):  # fmt: skip
+        (first - 1, 0.0),
+        (first, 3.0),
+        (first + length - 1, 3.0),
+        (first + length, 0.0),
+    ):
         found = metrics(run(error=pulse(cycle)), window, {}, period_s)
         assert found["hub_error_max_mrad"] == pytest.approx(expected), f"cycle {cycle} of {window}"
 
@@ -300,7 +310,7 @@ def test_thinned_line_keeps_every_peak_and_its_time(spike: int, size: float) -> 
     t = np.arange(16_000.0)
     y = np.sin(0.01 * t)
     y[spike] = size
-    thin_t, thin_y = thinned(t, y, 1000)
+    thin_t, thin_y = thinned_line(t, y, 1000)
     assert len(thin_t) <= 1016, len(thin_t)
     assert thin_y[thin_t == spike] == [size], f"{spike}: {thin_y.min()}..{thin_y.max()}"
     assert np.array_equal(thin_y, y[thin_t.astype(int)]) and np.all(np.diff(thin_t) > 0)
@@ -310,7 +320,7 @@ def test_thinned_line_keeps_gaps_and_peaks_beside_them() -> None:
     y = np.ones(10_000)
     y[4005], y[6005] = -7.0, 7.0
     y[4010:6000] = y[4000:4005] = y[6010:6015] = math.nan
-    thin_t, thin_y = thinned(np.arange(10_000.0), y, 1000)
+    thin_t, thin_y = thinned_line(np.arange(10_000.0), y, 1000)
     assert np.isnan(thin_y[(thin_t >= 4020) & (thin_t < 5980)]).all()
     assert np.isfinite(thin_y[(thin_t < 3980) | (thin_t > 6020)]).all()
     assert (np.nanmin(thin_y), np.nanmax(thin_y)) == (-7.0, 7.0)

@@ -61,9 +61,11 @@ def test_the_local_nodes_variables_are_its_own() -> None:
 def test_a_node_that_fell_silent_tells_nothing() -> None:
     whole = log()
     local = replace(
-        whole.node["local"], cycle=np.arange(100), stamp_ns=np.arange(100) * PERIOD_NS,
+        whole.node["local"],
+        cycle=np.arange(100),
+        stamp_ns=np.arange(100) * PERIOD_NS,
         columns={"local.k": np.arange(100.0)},
-    )  # fmt: skip
+    )
     found = Run(replace(whole, node=whole.node | {"local": local}), 1e-3).get("local:local.k")
     assert np.array_equal(found[:100], np.arange(100.0)) and np.isnan(found[102:]).all(), found
 
@@ -114,5 +116,6 @@ def test_a_merit_is_taken_over_the_windows_that_the_rig_has() -> None:
 def test_numbers_that_nothing_asks_for_are_named() -> None:
     given = {"bound": 1.0, "any_from_s": 0.0, "any_to_s": 0.1, "bond": 1.0, "lost_to_s": 0.1}
     assert dict(EVALUATION.unknown(given)) == {
-        "bond": "; did you mean bound?", "lost_to_s": " without lost_from_s",
-    }  # fmt: skip
+        "bond": "; did you mean bound?",
+        "lost_to_s": " without lost_from_s",
+    }

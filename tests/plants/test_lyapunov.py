@@ -156,11 +156,11 @@ def test_the_steps_of_the_tuning_are_part_of_the_identity() -> None:
     """At the samples 12 % are missing; with the steps, extrapolated to a period of 0, 3 %."""
     account = toy(0.02, 2.0 * GAMMA)
     groups = [replace(one, rate=2.0 * GAMMA) for one in account.proof.tuned]
-    v = 0.5 * account.proof.error**2 + sum(one.stored for one in groups)
+    v = 0.5 * account.proof.error**2 + sum(one.energy for one in groups)
     known = replace(account, proof=replace(account.proof, tuned=groups, v=v))
     bare = replace(known, proof=replace(known.proof, tuned=()))
-    missing = np.abs(np.cumsum((bare.slope - bare.proved) * bare.period_s)).max()
-    assert missing / bare.dissipated > 0.1
+    missing = np.abs(np.cumsum((bare.slope - bare.proved_slope) * bare.period_s)).max()
+    assert missing / bare.dissipation > 0.1
     assert known.unexplained < 0.04 < known.stepping < 0.06, (known.unexplained, known.stepping)
 
 

@@ -70,8 +70,11 @@ def test_chains_of_second_order_are_the_map_behind_its_deadzone_bit_for_bit() ->
 
 def test_chains_of_second_order_are_the_map_behind_its_gap_bit_for_bit() -> None:
     gaps, steps = (0.2, 0.1), 400
-    given = {f"{c}_{n}": v for c, g in zip("ab", gaps, strict=True)
-             for n, v in (("gap", g), ("slope", 0.5))}  # fmt: skip
+    given = {
+        f"{c}_{n}": v
+        for c, g in zip("ab", gaps, strict=True)
+        for n, v in (("gap", g), ("slope", 0.5))
+    }
     both = Stepped(model.BLOCK, {**SINGLE, **given}, 1e-3)
     law = Stepped(chains_nn.BLOCK, {"network_seed": 3.0, "r_max": 1e3}, 1e-3)
     found, u = np.zeros((2, steps, 4)), (0.0, 0.0)
@@ -160,8 +163,11 @@ def test_the_coupled_rig_of_third_order_runs_as_matrices_do() -> None:
     log = run("two-deadzones", "fuzzy")[0]
     states, law = log.node["plant"].columns, log.node["executive"].columns
     names = ("a_d_plus", "a_d_minus", "b_d_plus", "b_d_minus")
-    found = [states["chains.a_x3"], states["chains.b_x3"],
-             *(law[f"controller.{name}"] for name in names)]  # fmt: skip
+    found = [
+        states["chains.a_x3"],
+        states["chains.b_x3"],
+        *(law[f"controller.{name}"] for name in names),
+    ]
     worst = [
         float(np.abs(one[:300] - other).max())
         for one, other in zip(found, plain(300, (0.1, 0.3)).T, strict=True)

@@ -149,9 +149,12 @@ def test_bump_stops_push_and_never_pull() -> None:
     run = Run()
     for side in (1.0, -1.0):
         for depth, speed, force in (
-            (0.01, 0.0, -6000.0), (0.01, 1.0, -9000.0), (0.01, -1.0, -3000.0),
-            (0.01, -3.0, 0.0), (-0.01, 5.0, 0.0),
-        ):  # fmt: skip
+            (0.01, 0.0, -6000.0),
+            (0.01, 1.0, -9000.0),
+            (0.01, -1.0, -3000.0),
+            (0.01, -3.0, 0.0),
+            (-0.01, 5.0, 0.0),
+        ):
             car = run.x.car
             car.x1_m, car.x2_m_s = 0.0, side * speed
             car.x3_m, car.x4_m_s = side * (0.1 + depth), 0.0
@@ -206,8 +209,13 @@ def test_a_command_acts_as_many_samples_late_as_set() -> None:
 
 
 def test_samples_are_rounded_and_truths_are_not() -> None:
-    run = Run(rate_lsb_m_s=1e-3, extension_lsb_m=1e-5, pressure_lsb_Pa=2e3, spool_lsb_m=1e-7,
-              kick_m_s=0.05039)  # fmt: skip
+    run = Run(
+        rate_lsb_m_s=1e-3,
+        extension_lsb_m=1e-5,
+        pressure_lsb_Pa=2e3,
+        spool_lsb_m=1e-7,
+        kick_m_s=0.05039,
+    )
     car, y = run.x.car, run.y
     car.x3_m, car.x4_m_s, car.x7_m = 0.0123456, -0.3333, 1.23456e-4
     car.x5_Pa, car.x6_Pa = 1.2345678e7, 2.3456789e7

@@ -27,9 +27,13 @@ def made_up(factors: Mapping[str, float]) -> list[Result]:
 def test_all_laws_run_on_the_same_plants_with_the_same_noise() -> None:
     for group, laws in (("nominal", rivals.LAWS), ("plants", rivals.ON_PLANTS)):
         settings = {
-            law: [(c.rig, c.label, c.settings) for c in CASES
-                  if c.group == group and c.controller == law] for law in laws
-        }  # fmt: skip
+            law: [
+                (c.rig, c.label, c.settings)
+                for c in CASES
+                if c.group == group and c.controller == law
+            ]
+            for law in laws
+        }
         assert all(some == settings["pd"] and some for some in settings.values())
     assert len({c.settings for c in CASES if c.group == "plants" and "hull" not in c.rig}) == 6
     tuned = {f"seed={seed}" for seed in (11, 12)}

@@ -40,8 +40,11 @@ def test_every_rig_can_be_run_and_every_kind_goes_in_lanes() -> None:
     some = [c for c in CASES if c.controller == "pd" and c.label in ("0", "1", "2")]
     for case in some:
         load_rig(case.rig, case.controller, case.settings)
-    sizes = {case.group: len(piece.own) for piece in runs.pieces(some, least=1)
-             for case in (piece.own[0].case,)}  # fmt: skip
+    sizes = {
+        case.group: len(piece.own)
+        for piece in runs.pieces(some, least=1)
+        for case in (piece.own[0].case,)
+    }
     assert sizes == dict.fromkeys((study.NONE, study.ALL, *study.PARTS), 3)
 
 
@@ -69,8 +72,12 @@ def test_costs_are_of_the_same_barrel_and_intervals_hold_the_median() -> None:
 
 
 def test_a_run_that_ended_early_counts_as_lost(tmp_path: Path) -> None:
-    lost = [Result(r.case, diverged=True) if r.case.controller == "lqg" and
-            r.case.group == study.ALL and r.case.label == "7" else r for r in RESULTS]  # fmt: skip
+    lost = [
+        Result(r.case, diverged=True)
+        if r.case.controller == "lqg" and r.case.group == study.ALL and r.case.label == "7"
+        else r
+        for r in RESULTS
+    ]
     assert np.isinf(study.costs(lost, "lqg", study.ALL)).tolist() == [i == 7 for i in range(200)]
     (row,) = [line for line in study.report(lost).splitlines() if line.startswith("| lqg")]
     assert row.split(" | ")[3:6] == ["3.000 (3.000 to 3.000)", "3.00", "inf"], row

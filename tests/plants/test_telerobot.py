@@ -221,8 +221,14 @@ class Reference:
 def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None:
     """Three nodes without a wire, payload from 0.25 s, T = 0.05 s."""
     n, reference, law = 50, Reference(50, network), 4.0 if network else 2.0
-    arm = Arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5, load_kg=2.5, load_from_s=0.25, load_to_s=9.0,
-              start_1_rad=-math.pi / 2)  # fmt: skip
+    arm = Arm(
+        viscous_Nms_rad=2.0,
+        coulomb_Nm=1.5,
+        load_kg=2.5,
+        load_from_s=0.25,
+        load_to_s=9.0,
+        start_1_rad=-math.pi / 2,
+    )
     x, y, torque = arm.x, arm.y, arm.u.torque_Nm
     settings = {"kv_per_s": 10.0, "lam_per_s": 5.0, "local_law": law, "predictor": 1.0}
     far = prepared(telerobot_remote.BLOCK, **settings, delay_s=n * H, u_lsb_rad_s2=0.0)

@@ -279,8 +279,13 @@ def test_a_law_that_the_rig_names_has_the_bits_of_the_one_that_comes_with_u(numb
     by_name, by_number = Law(NAMED[number], **ARM), Law(local, **ARM)
     rng = np.random.default_rng(4)
     for k in range(60):
-        seen = dict(zip(("q_1_rad", "q_2_rad", "rate_1_rad_s", "rate_2_rad_s"),
-                        rng.uniform(-1.0, 1.0, 4), strict=True))  # fmt: skip
+        seen = dict(
+            zip(
+                ("q_1_rad", "q_2_rad", "rate_1_rad_s", "rate_2_rad_s"),
+                rng.uniform(-1.0, 1.0, 4),
+                strict=True,
+            )
+        )
         seen |= {"u_1_rad_s2": rng.normal(), "u_2_rad_s2": rng.normal(), "delay": 5.0}
         seen |= {"tick": playout.wire_tick(float(k)), "law": number}
         ours, theirs = by_name.step(k, **seen), by_number.step(k, **seen)

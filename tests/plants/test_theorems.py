@@ -16,7 +16,7 @@ from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
 from pcpc.plants.theorem import Cycles
 from pcpc.tools.study.bounds import observed
-from pcpc.tools.study.bounds.book._retuned import retuned
+from pcpc.tools.study.bounds.book._retuned import retuned_rig
 from pcpc.tools.study.bounds.bounds import of_rig, theorem_of
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
@@ -39,7 +39,7 @@ class Case:
         theorem = theorem_of(rig)
         with np.errstate(over="ignore", invalid="ignore"):
             some = replace(theorem, rates=only or theorem.rates)
-            return of_rig(retuned(rig, some, factor)).account
+            return of_rig(retuned_rig(rig, some, factor)).account
 
     @property
     def rates(self) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ def in_this_process(patch: pytest.MonkeyPatch) -> list[Side]:
         found = run_here(*words, *more)
         return subprocess.CompletedProcess([], found.code, found.out, found.err)
 
-    patch.setattr(runs, "simulated", simulated)
+    patch.setattr(runs, "simulation", simulated)
     return done
 
 

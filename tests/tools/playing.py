@@ -48,9 +48,13 @@ class Playing:
     def __init__(self, path: Path, bus: str, *words: str) -> None:
         self.listener = Listener(bus)
         self.process = subprocess.Popen(
-            [program(), "play", str(path), "--bus", bus, "--json", *words], cwd=ROOT, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            [program(), "play", str(path), "--bus", bus, "--json", *words],
+            cwd=ROOT,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
 
     @property
     def heard(self) -> list[Sent]:

@@ -62,7 +62,7 @@ def blocks_left(bus: str) -> list[str]:
     """Return what is left of the nodes on a bus: claims, and files in /dev/shm."""
     mine = sh.block_name("", bus, "")[1:-1]
     files = [path.name for path in Path("/dev/shm").iterdir() if "pcpc" in path.name]
-    claims = [*claim.held("lock/"), *claim.held("node/")]
+    claims = [*claim.held_names("lock/"), *claim.held_names("node/")]
     return [name for name in (*files, *claims) if mine in name]
 
 
@@ -94,9 +94,12 @@ class Running:
     """
 
     def __init__(
-        self, *words: str, cwd: Path = ROOT, environment: Mapping[str, str] | None = None,
+        self,
+        *words: str,
+        cwd: Path = ROOT,
+        environment: Mapping[str, str] | None = None,
         before: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.words = [*before, PCPC, *words]
         self._out: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  as long as the command
         self._err: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
@@ -105,9 +108,15 @@ class Running:
         surroundings = os.environ | dict(environment or {})
         if before:
             self.process = subprocess.Popen(
-                self.words, stdin=files[0], stdout=files[1], stderr=files[2], cwd=cwd,
-                env=surroundings, start_new_session=True, preexec_fn=end_with_the_tests,
-            )  # fmt: skip
+                self.words,
+                stdin=files[0],
+                stdout=files[1],
+                stderr=files[2],
+                cwd=cwd,
+                env=surroundings,
+                start_new_session=True,
+                preexec_fn=end_with_the_tests,
+            )
         else:
             self.process = Copy(copies().address, self.words, cwd, surroundings, files)
         os.close(files[0])
@@ -152,11 +161,11 @@ class Running:
         assert self.process.poll() is None, f"ended too early:\n{self}"
         return False
 
-    def block(self, rig: str, bus: str, role: str) -> sh.Shared:
+    def block(self, rig: str, bus: str, role: str) -> sh.NodeMemory:
         """Wait for the shared block of one of the command's nodes."""
         pid, name = self.pid(role), sh.block_name(rig, bus, role)
 
-        def attached() -> sh.Shared | None:
+        def attached() -> sh.NodeMemory | None:
             self.over()
             with suppress(sh.SharedError):
                 block = sharing.attach(name)
@@ -165,7 +174,7 @@ class Running:
 
         return until(attached, f"the block of {role} {pid}\n{self}")
 
-    def in_the_middle(self, rig: str, bus: str) -> sh.Shared:
+    def in_the_middle(self, rig: str, bus: str) -> sh.NodeMemory:
         """Wait until all run and a part of the executive's records is in the recorder's hands."""
         for role in ("executive", "plant", "recorder"):
             self.pid(role)
@@ -198,9 +207,11 @@ class Running:
 
 
 def pcpc(
-    *words: str, cwd: Path = ROOT, environment: Mapping[str, str] | None = None,
+    *words: str,
+    cwd: Path = ROOT,
+    environment: Mapping[str, str] | None = None,
     before: Sequence[str] = (),
-) -> Done:  # fmt: skip
+) -> Done:
     """Run a command to its end."""
     with Running(*words, cwd=cwd, environment=environment, before=before) as running:
         return running.done()

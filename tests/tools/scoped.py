@@ -26,7 +26,9 @@ WORDS = ("scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "3ms", "--post",
 CAPTURED = [*range(73, 81)]  # the second step and the cycles around it
 
 
-def stepping(name: str, jump: int = 0, first: int = 0) -> tuple[sh.Shared, Callable[[float], None]]:
+def stepping(
+    name: str, jump: int = 0, first: int = 0
+) -> tuple[sh.NodeMemory, Callable[[float], None]]:
     """Stand it up with 50 rows; return its memory, and what puts 50 more instead of a wait.
 
     With the second 50 the ring goes on by `jump` rows more, so that it may come round. `first`:

@@ -173,7 +173,7 @@ def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None
     pytester.makepyfile(
         "from pcpc.drivers.can import choice\n"
         "def test_it(bus):\n"
-        "    other = choice.take_bus(choice.Wanted('auto', None, '', ()))\n"
+        "    other = choice.take_bus(choice.BusRequest('auto', None, '', ()))\n"
         "    assert ':' in bus and str(other.bus) != bus\n"
         "    other.release()\n"
     )

@@ -32,7 +32,7 @@ from live import (
     heard,
     python_can,
     until,
-)  # fmt: skip
+)
 
 ONE_SECOND = ("duration_s=1.0",)
 # An emulated processor is 50 times slower, and on a busy host it stalls for 0.1 s and more: 40 ms a

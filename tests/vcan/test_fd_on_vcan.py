@@ -66,11 +66,14 @@ def test_python_can_and_we_read_each_other(flags: int) -> None:
             assert said == (bool(flags & Flag.BRS), bool(flags & Flag.ESI), data)
             theirs.send(
                 can.Message(
-                    arbitration_id=0x55, is_extended_id=False, data=data, is_fd=True,
+                    arbitration_id=0x55,
+                    is_extended_id=False,
+                    data=data,
+                    is_fd=True,
                     bitrate_switch=bool(flags & Flag.BRS),
                     error_state_indicator=bool(flags & Flag.ESI),
                 )
-            )  # fmt: skip
+            )
             assert taken(ours) == (flags, data)
     os.close(ours.fd_rx)
 
@@ -104,8 +107,9 @@ def test_a_rig_runs_on_it_and_is_replayed(tmp_path: Path) -> None:
     with candump_into(dump):
         done = subprocess.run(
             [PCPC, "run", str(rig), "--bus", f"socketcan:{CHANNEL}", *usual],
-            capture_output=True, text=True,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+        )
     assert done.returncode == 0, done.stderr
     replayed = subprocess.run([PCPC, "replay", str(folder), "--quiet"], capture_output=True)
     assert replayed.returncode == 0, replayed.stderr
@@ -126,6 +130,7 @@ def test_an_interface_without_it_is_named() -> None:
     finally:
         subprocess.run(
             "ip link set vcan0 down; ip link set vcan0 mtu 72; ip link set vcan0 up",
-            shell=True, check=True,
-        )  # fmt: skip
+            shell=True,
+            check=True,
+        )
     until(lambda: bus.vcan_ready(CHANNEL), "vcan0 is up again")

@@ -20,9 +20,10 @@ WAIT_S = 20.0  # only waited for when a frame is lost
 def drawn(draw: random.Random) -> can.Message:
     extended = draw.random() < 0.5
     return can.Message(
-        arbitration_id=draw.getrandbits(29 if extended else 11), is_extended_id=extended,
+        arbitration_id=draw.getrandbits(29 if extended else 11),
+        is_extended_id=extended,
         data=bytes(draw.choices([0x00, 0xFF, 0x0F, draw.getrandbits(8)], k=draw.randrange(9))),
-    )  # fmt: skip
+    )
 
 
 def bits_of(message: can.Message) -> int:

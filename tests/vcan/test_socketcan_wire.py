@@ -182,8 +182,9 @@ def test_auto_is_vcan0() -> None:
 
 def test_an_error_frame_is_heard_as_one(open_can: Open, python_can: can.BusABC) -> None:
     ours = open_can([0x123])
-    python_can.send(can.Message(arbitration_id=0x040, is_error_frame=True, is_extended_id=False,
-                                data=bytes(8)))  # fmt: skip
+    python_can.send(
+        can.Message(arbitration_id=0x040, is_error_frame=True, is_extended_id=False, data=bytes(8))
+    )
     assert receive(ours) == Arrival.BUS_ERROR
     assert int.from_bytes(ours.rx[:4].tobytes(), "little") == 0x2000_0040
     assert receive(ours) == Arrival.NOTHING

@@ -11,11 +11,21 @@ def replay(add: Add) -> None:
         add, "node to recompute; device: its frames, by the rig's law; default: all", "device"
     )
     take.moment(add, "show this cycle only, as `pcpc step` does")
-    add("--from", dest="since", type=float, metavar="S",
-        help="first time that is compared, s of the run")  # fmt: skip
+    add(
+        "--from",
+        dest="since",
+        type=float,
+        metavar="S",
+        help="first time that is compared, s of the run",
+    )
     add("--to", dest="until", type=float, metavar="S", help="last time that is compared, s")
-    add("--show", action="append", default=[], metavar="NAME",
-        help="print this variable as CSV, a row a cycle; * is any text")  # fmt: skip
+    add(
+        "--show",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="print this variable as CSV, a row a cycle; * is any text",
+    )
     add("--controller", metavar="NAME", help="use another controller of the log's rig")
     take.settings(add, "recompute with a change, in open loop: recorded frames stay")
     take.code_of_laws(add)

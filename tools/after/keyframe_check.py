@@ -43,7 +43,7 @@ class KeyframeCheck:
 
     def look(self) -> None:
         """Compare the state that the node has published since the last look, if it has."""
-        if self.every and (found := self._own.published()) is not None:
+        if self.every and (found := self._own.newest()) is not None:
             self._recomputed[found.passes] = found.state
             self._compare(found.passes)
             for passes in list(self._recomputed)[:-_KEPT]:

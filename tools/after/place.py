@@ -23,7 +23,7 @@ def progress(quiet: bool | None) -> Progress:
 
 
 @contextmanager
-def log_in(folder: str | Path | None, rig: Rig) -> Iterator[tuple[Path, Any]]:
+def log_place(folder: str | Path | None, rig: Rig) -> Iterator[tuple[Path, Any]]:
     """Yield the log's place in `folder`; without one, in a temporary one, and what keeps that."""
     if folder is None:
         keep = tempfile.TemporaryDirectory(prefix="pcpc-")
@@ -33,7 +33,7 @@ def log_in(folder: str | Path | None, rig: Rig) -> Iterator[tuple[Path, Any]]:
             yield place / LOG, None
 
 
-def finished(log: Path, rig: Rig, outcome: Outcome, keep: Any) -> Run:
+def finished_run(log: Path, rig: Rig, outcome: Outcome, keep: Any) -> Run:
     """Return the run; in a folder of the user's its summary is written too."""
     run = Run(log, rig, outcome, keep)
     if keep is None:

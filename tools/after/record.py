@@ -88,9 +88,14 @@ class Run:
     """
 
     def __init__(
-        self, path: Path, rig: Rig | None = None, outcome: Outcome | None = None,
-        keep: Any = None, *, trust: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        path: Path,
+        rig: Rig | None = None,
+        outcome: Outcome | None = None,
+        keep: Any = None,
+        *,
+        trust: bool = False,
+    ) -> None:
         self.path = path
         self._rig_given, self._outcome, self._keep = rig, outcome, keep
         self._options = argparse.Namespace(trust=trust, law=[], rig=None)
@@ -122,8 +127,9 @@ class Run:
         """The names of all variables, those of other nodes as `NODE:NAME`."""
         return [
             name if node == "executive" else f"{node}{_NODE}{name}"
-            for node, one in self.log.node.items() for name in (*one.columns, *one.timing)
-        ]  # fmt: skip
+            for node, one in self.log.node.items()
+            for name in (*one.columns, *one.timing)
+        ]
 
     @cached_property
     def _records(self) -> Any:
@@ -195,18 +201,19 @@ class Run:
         """States, faults, tunings, skipped periods of all nodes, by cycle; each with its node."""
         found = [
             {"node": name, **event}
-            for name, node in self.log.node.items() for event in (*node.events, *node.tunings)
-        ]  # fmt: skip
+            for name, node in self.log.node.items()
+            for event in (*node.events, *node.tunings)
+        ]
         return sorted(found, key=lambda event: int(event.get("cycle", 0)))
 
     def _signal(self, name: str) -> Vector | None:
         """Return a signal of the rig's evaluation; None if it has no such one."""
-        if name not in self._judged.signals:
+        if name not in self._judged_run.signals:
             return None
-        return np.asarray(self._judged.run()[name])
+        return np.asarray(self._judged_run.run()[name])
 
     @cached_property
-    def _judged(self) -> Judged:
+    def _judged_run(self) -> Judged:
         """The run with what the rig says of its evaluation, if that can be had."""
         try:
             return self._judge.judged(self.log)
@@ -228,19 +235,19 @@ class Run:
         return Judge.of(self.rig)
 
     @cached_property
-    def _bound(self) -> summaries.Summary | None:
-        return None if self._outcome is not None else summary_file.beside(self.path)
+    def _bound_summary(self) -> summaries.Summary | None:
+        return None if self._outcome is not None else summary_file.summary_beside(self.path)
 
     @property
     def judged_at_its_end(self) -> bool:
         """Whether the verdict is the run's own; a log alone lacks the run's settings."""
-        return self._outcome is not None or self._bound is not None
+        return self._outcome is not None or self._bound_summary is not None
 
     @cached_property
     def result(self) -> summaries.Summary:
         """The result of the run; judged again if there is no summary of this log."""
-        if self._bound is not None:
-            return self._bound
+        if self._bound_summary is not None:
+            return self._bound_summary
         outcome = self._outcome or summaries.outcome_of(self.log)
         return summaries.summarise(self.rig, self.log, outcome, self._judge)
 
@@ -271,7 +278,7 @@ class Run:
         words = {key.removesuffix("_"): value for key, value in entry.items()}
         try:
             asked = msgspec.convert(words, Requirement)
-            (found,) = results([asked], self._judged)
+            (found,) = results([asked], self._judged_run)
         except (msgspec.ValidationError, RequirementError) as error:
             raise UserError(f"require: {error}") from None
         if not found.held:
@@ -343,9 +350,11 @@ class Run:
         from pcpc.tools.after.replay import replay  # time
 
         options = argparse.Namespace(
-            **vars(self._options), node="all", controller=changes.pop("controller", None),
+            **vars(self._options),
+            node="all",
+            controller=changes.pop("controller", None),
             set=settings(changes.pop("set", {})),
-        )  # fmt: skip
+        )
         if changes:
             raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")
         return replay(self.path, options, Progress(quiet=True))

@@ -84,9 +84,12 @@ def _step(options: argparse.Namespace) -> int:
 
 
 def replay(
-    path: Path, options: argparse.Namespace, progress: Progress,
-    span: tuple[int, int] = (0, ALL), words: Sequence[str] = (),
-) -> list[Verdict]:  # fmt: skip
+    path: Path,
+    options: argparse.Namespace,
+    progress: Progress,
+    span: tuple[int, int] = (0, ALL),
+    words: Sequence[str] = (),
+) -> list[Verdict]:
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError.
 
     `span`: first and last cycle. `words`: variables that are printed there, see `Values`.
@@ -103,7 +106,7 @@ def replay(
         values.begin([node for node in nodes if isinstance(node, Comparison)])
     whole = (first, last) == (0, ALL)
     since_ns = 0 if whole else min(node.since_ns for node in nodes)
-    for _ in recomputed(path, nodes, last == ALL, since_ns):
+    for _ in recomputed_pieces(path, nodes, last == ALL, since_ns):
         done = min(node.verdict.cycles for node in nodes)
         progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
     for node in () if whole else nodes:
@@ -117,9 +120,10 @@ def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
     `how`: of `Comparison`. A device is recomputed as a whole.
     """
     nodes: list[Any] = [
-        Comparison(head, rig, role, **how) for role in logs.NODES
+        Comparison(head, rig, role, **how)
+        for role in logs.NODES
         if role in head.node and node in (role, "all")
-    ]  # fmt: skip
+    ]
     whole = not how.get("seek") and how.get("last", ALL) == ALL
     if node in ("device", "all") and whole and is_installed(_DEVICE):
         device = part_of(_DEVICE, "replay")
@@ -131,7 +135,7 @@ def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
     return nodes
 
 
-def recomputed(
+def recomputed_pieces(
     path: Path, nodes: Sequence[Any], whole: bool = False, since_ns: int = 0
 ) -> Iterator[logs.Log]:
     """Recompute the nodes; yield the log's pieces, until all have come to their last cycles.
@@ -156,10 +160,16 @@ class Comparison:
     """
 
     def __init__(
-        self, head: logs.Log, rig: Rig, role: Any, last: int = ALL,
-        metadata: dict[str, str] | None = None, each: Callable[[], None] = lambda: None,
-        seek: int = 0, changed: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        head: logs.Log,
+        rig: Rig,
+        role: Any,
+        last: int = ALL,
+        metadata: dict[str, str] | None = None,
+        each: Callable[[], None] = lambda: None,
+        seek: int = 0,
+        changed: bool = False,
+    ) -> None:
         """`seek`: begin behind the newest keyframe before this cycle, if there is one.
 
         `changed`: the rig is not the log's as it was; its keyframes are not compared.
@@ -188,7 +198,7 @@ class Comparison:
         self._ours = [ours.index(name) for name in self.both]
         self.path = head.path
         self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
-        self.verdict.dropped = _dropped(head, role)
+        self.verdict.dropped = _dropped_count(head, role)
         self.verdict.from_record = [
             f"{name}: as recorded, the FMU {model.name} (sha256 {model.sha256[:16]}) was not run; "
             "--fmu FILE runs it"
@@ -292,7 +302,7 @@ def pacing_of(head: logs.Log, role: str) -> str:
     return about.get("branch_pacing", about.get("pacing", "lockstep"))
 
 
-def _dropped(head: logs.Log, role: str) -> int:
+def _dropped_count(head: logs.Log, role: str) -> int:
     """Return how many frames and events of a node found no room in the recorder's memory."""
     run = head.metadata.get("run", {})
     return sum(int(run.get(f"dropped.{role}.{ring}", 0)) for ring in ("frame", "event"))
@@ -337,9 +347,12 @@ def _gap(rows: NDArray[np.int64], before: int) -> str:
 
 
 def _compare(
-    verdict: Verdict, names: Sequence[str], cycle: NDArray[np.int64],
-    recorded: NDArray[np.int64], computed: NDArray[np.int64],
-) -> None:  # fmt: skip
+    verdict: Verdict,
+    names: Sequence[str],
+    cycle: NDArray[np.int64],
+    recorded: NDArray[np.int64],
+    computed: NDArray[np.int64],
+) -> None:
     """Note every variable whose bits differ; both are (cycles, variables)."""
     if np.array_equal(recorded, computed):
         return

@@ -119,16 +119,16 @@ def report(verdict: Verdict, changed: bool) -> list[str]:
     state = verdict.state
     if changed:
         state = "no difference" if verdict.agrees else "changed, in open loop"
-    told = screen.wrapped(
+    told = screen.wrapped_lines(
         f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} "
     )
     for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
         if line:
-            told += screen.wrapped(line, "  ")
+            told += screen.wrapped_lines(line, "  ")
     first = verdict.first()
     if first is None:
         return told
-    told += screen.wrapped(
+    told += screen.wrapped_lines(
         f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
         f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
         + ("" if first.ulp is None else f", {first.ulp} ULP"),

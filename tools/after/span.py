@@ -58,7 +58,7 @@ def variables_of(replay: Replay) -> list[Any]:
     return [one for one in replay.plan.table.variables if one.name not in measured]
 
 
-def chosen(known: dict[str, str], words: Sequence[str]) -> set[str]:
+def chosen_variables(known: dict[str, str], words: Sequence[str]) -> set[str]:
     """Return which of the variables, name -> kind, names and patterns choose; UserError.
 
     Without any: all but parameters.
@@ -84,7 +84,9 @@ class Values:
     def begin(self, nodes: Sequence[Any]) -> None:
         """Find which of the nodes has the variables, print the heads; UserError."""
         known = {n.role: {v.name: v.kind for v in variables_of(n.replay)} for n in nodes}
-        names = chosen({k: v for one in known.values() for k, v in one.items()}, self._words)
+        names = chosen_variables(
+            {k: v for one in known.values() for k, v in one.items()}, self._words
+        )
         having = [node for node in nodes if names & known[node.role].keys()]
         if len(having) > 1:
             roles = " and ".join(node.role for node in having)

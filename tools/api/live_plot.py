@@ -17,8 +17,18 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
-from pcpc.plants.pages import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, ruled, sheet
-from pcpc.tools.after.log.drawing import decimated, shown
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    apply_grid_style,
+    sheet,
+)
+from pcpc.tools.after.log.drawing import decimated, plain_text
 from pcpc.tools.after.log.series import label
 from pcpc.tools.after.record import Figure, UnknownName
 from pcpc.tools.live.history import History
@@ -49,7 +59,9 @@ class LivePlot:
         if not window_s > 0.0:
             raise UserError(f"window_s={window_s:g}: expected more than 0")
         self._past = {
-            key: History(max(round(1e9 * window_s / node.period_ns), 2), len(self._of(key)))
+            key: History(
+                max(round(1e9 * window_s / node.period_ns), 2), len(self._variables_of(key))
+            )
             for key, node in nodes.items()
         }
         units = {name: node.variables[variable].unit for name, node, variable in asked}
@@ -63,16 +75,16 @@ class LivePlot:
             own = [name for name, text in units.items() if text == unit]
             self._lines |= {
                 name: ax.plot(
-                    [], [], color=COLOURS[i % len(COLOURS)], linewidth=1.1, label=shown(name)
+                    [], [], color=COLOURS[i % len(COLOURS)], linewidth=1.1, label=plain_text(name)
                 )[0]
                 for i, name in enumerate(own)
             }
             ax.set_ylabel(label(unit))
-            ruled(ax)
+            apply_grid_style(ax)
             ax.legend(loc="upper left", framealpha=0.8, edgecolor="none", fontsize=8)
         self._axes[-1].set_xlabel("time [s]")
 
-    def _of(self, key: int) -> list[str]:
+    def _variables_of(self, key: int) -> list[str]:
         return [variable for _, node, variable in self._variables if id(node) == key]
 
     def look(self) -> None:
@@ -80,7 +92,7 @@ class LivePlot:
         for key, tap in self._taps.items():
             rows = tap.rows()
             if len(rows):
-                places = [rows.places[variable] for variable in self._of(key)]
+                places = [rows.places[variable] for variable in self._variables_of(key)]
                 self._past[key].add(rows.cycle, rows.stamp_ns, rows.values[:, places])
 
     def picture(self) -> Figure:
@@ -89,7 +101,7 @@ class LivePlot:
         for name, node, variable in self._variables:
             past = self._past[id(node)]
             t_s = np.asarray(past.cycle * (1e-9 * node.period_ns), np.float64)
-            values = past.values[:, self._of(id(node)).index(variable)]
+            values = past.values[:, self._variables_of(id(node)).index(variable)]
             last_s = float(t_s[-1]) if len(t_s) else 0.0
             within = t_s > last_s - self._window_s  # more of them come where cycles were skipped
             self._lines[name].set_data(*decimated(t_s[within], values[within], _PIXELS))

@@ -13,9 +13,9 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.watched import Work
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.place import finished, log_in, progress
+from pcpc.tools.after.place import finished_run, log_place, progress
 from pcpc.tools.after.record import Run, UnknownName
-from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.run.simulate import Simulation
 from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
@@ -92,7 +92,9 @@ class Loop:
     ) -> None:
         self._progress, self._folder = progress(quiet), folder
         self._rig = load_rig(find(str(rig)), controller, words)
-        self._outcome = Outcome("virtual", "memory", changed=[*changed(words), "controller=Python"])
+        self._outcome = Outcome(
+            "virtual", "memory", changed=[*changed_settings(words), "controller=Python"]
+        )
         if self._rig.config.standby:
             raise self._rig.error("standby", "nobody can take over from a controller in Python")
         spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
@@ -111,12 +113,12 @@ class Loop:
         if self._begun:
             raise UserError("a loop runs once; make another one with pcpc.loop")
         self._begun = True
-        with log_in(self._folder, self._rig) as (log, keep):
+        with log_place(self._folder, self._rig) as (log, keep):
             try:
                 yield from self._samples_into(log)
             finally:
                 if log.is_file() and log.stat().st_size:
-                    self._run = finished(log, self._rig, self._outcome, keep)
+                    self._run = finished_run(log, self._rig, self._outcome, keep)
 
     def _samples_into(self, log: Path) -> Iterator[Sample]:
         """Run the rig in a thread, which waits for the command to each sample."""

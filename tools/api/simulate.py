@@ -6,9 +6,9 @@ from typing import Any
 
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log.recorded import log_of
-from pcpc.tools.after.place import finished, log_in, progress
+from pcpc.tools.after.place import finished_run, log_place, progress
 from pcpc.tools.after.record import Run
-from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.run.simulate import Simulation
 from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
@@ -41,15 +41,15 @@ def simulate(
     """
     words, shown = settings(set, seed, standby), progress(quiet)
     loaded = load_rig(find(str(rig)), controller, words)
-    outcome = Outcome("virtual", "memory", changed=changed(words))
-    with log_in(folder, loaded) as (log, keep):
+    outcome = Outcome("virtual", "memory", changed=changed_settings(words))
+    with log_place(folder, loaded) as (log, keep):
         simulation = Simulation(loaded, log, {}, outcome)
         try:
             simulation.to_end(shown)
         except KeyboardInterrupt:
             simulation.interrupt()
             raise
-        return finished(log, loaded, outcome, keep)
+        return finished_run(log, loaded, outcome, keep)
 
 
 def open(log: str | Path, *, trust: bool = False) -> Run:  # as `pcpc.open`

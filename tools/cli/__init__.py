@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _carry_out(words: Sequence[str]) -> int:
-    options = parsed(words)
+    options = parsed_options(words)
     command = COMMANDS[options.command]
     options.begin_ns = _BEGIN_NS
     _allow_open_files()
@@ -69,7 +69,7 @@ def _allow_open_files() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (_OPEN_FILES, hard))
 
 
-def parsed(words: Sequence[str]) -> argparse.Namespace:
+def parsed_options(words: Sequence[str]) -> argparse.Namespace:
     """Return the options of a command line; UserError, SystemExit."""
     if not words:
         what = "no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"

@@ -20,7 +20,7 @@ TITLES = {  # of the groups, which are the folders of tools/, in the order of us
 }
 
 
-def _found() -> dict[str, tuple[Command, ...]]:
+def _commands_by_group() -> dict[str, tuple[Command, ...]]:
     """Return the commands by group; parts that another room offers stand behind a command's own."""
     modules = {room: part_of(room, "commands") for room in rooms_with("commands") if room != "cli"}
     more: dict[str, list[Command]] = {}
@@ -35,7 +35,7 @@ def _found() -> dict[str, tuple[Command, ...]]:
     return {group: tuple(commands) for group, commands in groups.items() if commands}
 
 
-GROUPS = _found()
+GROUPS = _commands_by_group()
 COMMANDS = {command.name: command for group in GROUPS.values() for command in group}
 _WORDS = """\
 RIG is a name (pcpc rigs), a file, a folder with rig.yaml, or the name of a

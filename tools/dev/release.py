@@ -61,7 +61,7 @@ def run(words: Sequence[str | Path], cwd: Path, **environment_too: str) -> str:
     return done.stdout
 
 
-def built(root: Path, folder: Path, others: Sequence[Path] = ()) -> tuple[Path, Path]:
+def built_files(root: Path, folder: Path, others: Sequence[Path] = ()) -> tuple[Path, Path]:
     """Return sdist and wheel of the version that git has, the wheel with compiled code.
 
     `others`: wheels of the same version with the code of other machines.
@@ -132,7 +132,7 @@ def environment_of(wheel: Path, folder: Path) -> Path:
     return folder / "bin"
 
 
-def tried(wheel: Path, folder: Path) -> None:
+def try_wheel(wheel: Path, folder: Path) -> None:
     """Use a wheel as a stranger does, in an environment of its own."""
     own = environment_of(wheel, folder / "environment")
     nothing = str(folder / "nothing")
@@ -154,8 +154,8 @@ def main() -> None:
         sys.exit("\n".join([*found, "release: commit, or remove this with `make clean`"]))
     with TemporaryDirectory() as place:
         folder = Path(place)
-        made = built(ROOT, folder, others)
-        tried(made[1], folder)
+        made = built_files(ROOT, folder, others)
+        try_wheel(made[1], folder)
         (ROOT / "dist").mkdir(exist_ok=True)
         for file in made:
             print("release:", copy(file, ROOT / "dist"))

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.injection import FOR_EVER
-from pcpc.executive.nodes.injecting import Injected, faults_of, inject
+from pcpc.executive.nodes.injecting import InjectedFault, faults_of, inject
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.terminal import screen
@@ -45,7 +45,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _show(faults: list[Injected], as_json: bool) -> None:
+def _show(faults: list[InjectedFault], as_json: bool) -> None:
     if as_json:
         print(json.dumps([asdict(one) for one in faults]))
     elif not faults:

@@ -91,13 +91,17 @@ class Trigger:
         while self._fills_one(newest) and self._open is not None:
             if newest < self._open[0] + self.post:
                 break
-            yield self._cut(self._open[0] + self.post)
+            yield self._complete_burst(self._open[0] + self.post)
         first = (self._open[0] if self._open else newest - self.post * self.auto) - self.pre
         self._held = self._held[self._held[:, OfRecord.CYCLE] >= max(first, self._begin or 0)]
 
     def rest(self) -> Burst | None:
         """Return the burst that the end of the node, or of the patience, has cut short."""
-        return None if self._open is None else self._cut(int(self._held[-1, OfRecord.CYCLE]))
+        return (
+            None
+            if self._open is None
+            else self._complete_burst(int(self._held[-1, OfRecord.CYCLE]))
+        )
 
     def _fills_one(self, newest: int) -> bool:
         """Return whether a burst is being filled; begin one where there is a trigger."""
@@ -109,7 +113,7 @@ class Trigger:
                 self._open = newest - self.post, False
         return self._open is not None
 
-    def _cut(self, last: int) -> Burst:
+    def _complete_burst(self, last: int) -> Burst:
         assert self._open is not None and self._oldest is not None, "a burst is being filled"
         (cycle, found), self._open = self._open, None
         held, first = self._held[:, OfRecord.CYCLE], cycle - self.pre
@@ -191,7 +195,7 @@ class Scope:
         entry = {"event": "no trigger"}
         if burst.found:
             entry = {"event": "trigger", "name": self.options.trigger}
-        log.happened(stamp, burst.cycle, entry | {"value": 0.0})
+        log.write_event(stamp, burst.cycle, entry | {"value": 0.0})
         first, last = (int(burst.rows[i, OfRecord.CYCLE]) for i in (0, -1))
         self.bursts.append(
             {

@@ -22,7 +22,7 @@ import numpy as np
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.ring_layout import OfEvent
-from pcpc.executive.nodes.live import Live, known
+from pcpc.executive.nodes.live import Live, known_name
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.live.remote.nodes import nodes_of
@@ -118,7 +118,7 @@ def _save(options: argparse.Namespace) -> None:
         about = f"{' '.join(one.help.split())}; {low:.9g}..{high:.9g} {one.unit}".rstrip()
         about += f"; rig {given[name]:.9g}" if values[name] != given[name] else ""
         about += "" if name in settings else "; computed by its law: only `load` takes it"
-        lines += ["", *screen.wrapped(about, "# "), f"{name}: {values[name]!r}"]
+        lines += ["", *screen.wrapped_lines(about, "# "), f"{name}: {values[name]!r}"]
     with new_file(options.file, options.force) as path:
         path.write_text("\n".join([*lines, *([] if chosen else ["{}"])]) + "\n", "utf-8")
     changed = sum(values[name] != given[name] for name in chosen)
@@ -165,7 +165,7 @@ def _changes(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, flo
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise UserError(f"{place}: {name}: expected a number, got {value!r}")
         try:
-            live.check({known(name, live.variables): float(value)})
+            live.check({known_name(name, live.variables): float(value)})
         except LiveError as error:
             raise UserError(f"{place}: {error}") from None
         yield name, float(value)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.alarms import Alarms
-from pcpc.executive.nodes.live import Live, Variable, known
+from pcpc.executive.nodes.live import Live, Variable, known_name
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.terminal import screen
@@ -84,7 +84,7 @@ def _columns(chosen: Sequence[tuple[Live, str]], globs: bool) -> list[_Column]:
     for live, word in chosen:
         role = live.name.rpartition(".")[2]
         at = "" if len(nodes) == 1 else f"{role if roles.count(role) == 1 else live.name}:"
-        for name in live.select([word]) if globs else [known(word, live.variables)]:
+        for name in live.select([word]) if globs else [known_name(word, live.variables)]:
             found[f"{at}{name}"] = _Column(f"{at}{name}", live, name)
     return [*found.values()]
 
@@ -204,14 +204,16 @@ class _Screen:
             found = {one.label: _json(values[one.label]) for one in self._columns}
             print(json.dumps({"cycle": cycle} | found), flush=True)
         elif self._in_place:
-            self._rewrite([f"{self._columns[0].live.name}, cycle {cycle}", *self._named(values)])
+            self._rewrite(
+                [f"{self._columns[0].live.name}, cycle {cycle}", *self._named_lines(values)]
+            )
         elif self._fits:
             row = {name: f"{value:.9g}" for name, value in values.items()}
             print(self._row(str(cycle), row), flush=True)
         else:
             print(
                 f"cycle {cycle}",
-                *(f"  {line}" for line in self._named(values)),
+                *(f"  {line}" for line in self._named_lines(values)),
                 sep="\n",
                 flush=True,
             )
@@ -220,7 +222,7 @@ class _Screen:
         padded = (f"  {cells[name]:>{size}}" for name, size in self._sizes.items())
         return f"{cycle:>{_CYCLE}}{''.join(padded)}"
 
-    def _named(self, values: Mapping[str, float]) -> list[str]:
+    def _named_lines(self, values: Mapping[str, float]) -> list[str]:
         """Return a line for each variable: its name, its value, its unit."""
         broad = max(len(one.label) for one in self._columns)
         return [f"{one.label:{broad}} = {one.shown(values[one.label])}" for one in self._columns]

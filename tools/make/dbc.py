@@ -116,7 +116,7 @@ def command(options: argparse.Namespace) -> int:
     dbc.parse(target, text, strict=True)
     with new_file(target, force=False, cure="-o FILE writes another one") as unfinished:
         unfinished.write_text(text, encoding="utf-8")
-    print(f"{yamlfile.shown(target)}: {len(frames)} frames")
+    print(f"{yamlfile.display_path(target)}: {len(frames)} frames")
     print(
         "\n".join(
             screen.table(

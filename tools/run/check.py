@@ -81,7 +81,7 @@ def _try_laws(rig: Rig) -> list[str]:
         if problem := trial.trial_problem(case):
             raise rig.document.error(at, problem)
         for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
-            where = law_errors.located((case.file, line), f"{name} in a step")
+            where = law_errors.located_message((case.file, line), f"{name} in a step")
             found += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
     return list(dict.fromkeys(found))
 
@@ -113,7 +113,7 @@ def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
         "cycles": cycles_of(rig),
         "nodes": {made.role: _node(made) for made in plans},
         "bus": _bus(rig),
-        "warnings": [line for made in plans for line in (*_unwired(made), *_narrow(made))],
+        "warnings": [line for made in plans for line in (*_unwired_lines(made), *_narrow(made))],
     }
 
 
@@ -193,7 +193,7 @@ def _bus(rig: Rig) -> dict[str, Any]:
     }
 
 
-def _unwired(made: Plan) -> Iterator[str]:
+def _unwired_lines(made: Plan) -> Iterator[str]:
     """Yield a line for each frame with signals that are sent but wired to nothing."""
     place = made.rig.where(f"{made.role}.transmit")
     for frame in made.tx_frames:
@@ -240,7 +240,7 @@ def show(report: dict[str, Any]) -> None:
 def _say(text: str, indent: str = "    ") -> None:
     """Print a line, wrapped where it does not fit."""
     blanks = text[: len(text) - len(text.lstrip())]
-    print("\n".join(screen.wrapped(text.lstrip(), blanks, blanks + indent)))
+    print("\n".join(screen.wrapped_lines(text.lstrip(), blanks, blanks + indent)))
 
 
 def _show_node(role: str, node: dict[str, Any]) -> None:

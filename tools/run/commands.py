@@ -17,11 +17,11 @@ def check(add: Add) -> None:
 def simulate(add: Add) -> None:
     """Take a rig, without what has no effect in virtual time."""
     take.rig(add)
-    add("--bus", "--pacing", action=_Refused, help=argparse.SUPPRESS)
+    add("--bus", "--pacing", action=_RefusedOption, help=argparse.SUPPRESS)
     take.run_folder(add)
 
 
-class _Refused(argparse.Action):
+class _RefusedOption(argparse.Action):
     """An option of the other commands that would have no effect here."""
 
     def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:

@@ -14,7 +14,7 @@ from pcpc.executive.nodes.planned_robot import settings_of
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools.after.verdict.masters import told
+from pcpc.tools.after.verdict.masters import counter_lines
 from pcpc.tools.start.folder import LOG, run_folder
 
 EDS, SETTINGS = "drive.eds", "drive-settings.json"
@@ -69,5 +69,5 @@ def of_the_master(node: Live | None) -> list[str]:
     if node is None:
         return []
     with suppress(LiveError):
-        return told(node.read(), {name: one.help for name, one in node.variables.items()})
+        return counter_lines(node.read(), {name: one.help for name, one in node.variables.items()})
     return []

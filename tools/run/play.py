@@ -86,7 +86,7 @@ def _take_bus(options: argparse.Namespace, log: logs.Log) -> choice.Choice:
     """Return the bus, held; with --as and no bus named, that of the node opposite."""
     rig = next((facts["rig"] for facts in log.metadata.values() if "rig" in facts), "")
     roles = () if options.role is None or not rig else (options.role,)
-    return choice.take_bus(choice.Wanted(*buses.parse(options.bus), rig=rig, roles=roles))
+    return choice.take_bus(choice.BusRequest(*buses.parse(options.bus), rig=rig, roles=roles))
 
 
 @dataclass

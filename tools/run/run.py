@@ -27,7 +27,7 @@ from pcpc.executive.nodes import process
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
+from pcpc.tools.after.verdict.outcome import Outcome, changed_settings, follows
 from pcpc.tools.run.child_words import child_arguments, chosen_plants, was_told_to_end
 from pcpc.tools.run.drive_folder import folder_of_drive, of_the_master
 from pcpc.tools.start import pace
@@ -66,7 +66,7 @@ class Host:
         self.outcome = Outcome(
             self.pacing,
             str(self.bus),
-            changed=changed(options.set),
+            changed=changed_settings(options.set),
             strict=options.judge,
             begin_ns=options.begin_ns,
         )
@@ -81,7 +81,7 @@ class Host:
         self.page = Pages(options, names, rig, self.bus)
 
     @property
-    def blocks(self) -> dict[str, sh.Shared]:
+    def blocks(self) -> dict[str, sh.NodeMemory]:
         """The memory of each of our own nodes that has appeared."""
         return {role: node.block for role, node in self.nodes.items()}
 
@@ -133,7 +133,7 @@ class Host:
             return process.main(words)
 
         process.load_code()
-        return Child.forked(role, main, arguments)
+        return Child.fork(role, main, arguments)
 
     def _watchdog(self, ready: int) -> int:
         serve = part_of("live/watchdog", "serve").serve  # here, because it compiles
@@ -236,7 +236,7 @@ class Host:
         names = [self._block_name(role) for role in roles]
         log = str(self.folder / LOG)
         words = [log, *names, "--judged", json.dumps(judged)]
-        self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
+        self.children["recorder"] = Child.fork("recorder", recorder.main, words, survives=True)
 
     def _under_way(self) -> bool:
         node = self.nodes.get(self.leader)
@@ -344,10 +344,10 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
     with run_folder(options.output, rig) as folder:
         host = Host(options, rig, roles, folder)
         with host.page:
-            return _recorded(host, folder, options)
+            return _run_and_conclude(host, folder, options)
 
 
-def _recorded(host: Host, folder: Path, options: argparse.Namespace) -> int:
+def _run_and_conclude(host: Host, folder: Path, options: argparse.Namespace) -> int:
     """Run a rig whose log is kept here, and sum up; return the exit code."""
     code = host.run()
     from pcpc.tools.after.verdict.conclude import conclude  # time

@@ -14,7 +14,7 @@ from pcpc.executive.rig.buses import on_line
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
-from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
@@ -62,7 +62,9 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, options.controller, options.set)
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
-    outcome = Outcome("virtual", "memory", changed=changed(options.set), strict=options.judge)
+    outcome = Outcome(
+        "virtual", "memory", changed=changed_settings(options.set), strict=options.judge
+    )
     with run_folder(options.output, rig) as folder:
         simulation = Simulation(rig, folder / LOG, judged, outcome)
         if simulation.lacking:

@@ -28,7 +28,7 @@ Kinds = Counter[tuple[int, int, int]]  # frames by id word, length and `Flag`
 _ID, _LENGTH, _RECEIVED, _STATE, _FLAGS = 0xFFFFFFFF, 32, 40, 48, 56  # in a word of a frame
 
 
-class Counted:
+class FrameCounts:
     """Frames of a node's ring, (n, FRAME_WORDS), by kind."""
 
     def __init__(self, rows: NDArray[np.int64]) -> None:

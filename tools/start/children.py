@@ -28,12 +28,14 @@ _libc = ctypes.CDLL(None)
 class Child:
     """A process of the run; its stderr is kept for `complaint`."""
 
-    def __init__(self, name: str, process: "subprocess.Popen[bytes] | Forked", stderr: Any) -> None:
+    def __init__(
+        self, name: str, process: "subprocess.Popen[bytes] | ForkedProcess", stderr: Any
+    ) -> None:
         self.name, self.process, self._stderr = name, process, stderr
         self.asked = False  # to end, by this process
 
     @classmethod
-    def forked(
+    def fork(
         cls,
         name: str,
         main: Callable[[Sequence[str]], int],
@@ -46,13 +48,15 @@ class Child:
         `survives`: it lives on when this process dies, and holds nothing that this one has open.
         """
         stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
-        return cls(name, Forked(name, lambda: main(arguments), stderr.fileno(), survives), stderr)
+        return cls(
+            name, ForkedProcess(name, lambda: main(arguments), stderr.fileno(), survives), stderr
+        )
 
     @classmethod
     def serving(cls, name: str, main: Callable[[int], int]) -> "Child":
         """Call `main(ready)` in a copy of this process; return once it closes `ready`, or ends."""
         ready, told = os.pipe()
-        child = cls.forked(name, lambda _: main(told), ())
+        child = cls.fork(name, lambda _: main(told), ())
         os.close(told)
         os.read(ready, 1)  # nothing comes but the end, when the other side is closed
         os.close(ready)
@@ -111,7 +115,7 @@ class Child:
             self.process.send_signal(number)
 
 
-class Forked:
+class ForkedProcess:
     """A copy of this process, used as a `subprocess.Popen` is."""
 
     def __init__(self, name: str, call: Callable[[], int], stderr: int, survives: bool) -> None:

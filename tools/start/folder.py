@@ -26,7 +26,7 @@ def fresh(name: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise _refused(folder, error) from None
+            raise _refusal(folder, error) from None
     raise AssertionError("there is always another name")
 
 
@@ -47,7 +47,7 @@ def folder_of(named: str | None, name: str, empty: bool = False) -> Iterator[Pat
         with tempfile.TemporaryFile(dir=folder):  # whether anything can be written there
             pass
     except OSError as error:
-        raise _refused(folder, error) from None
+        raise _refusal(folder, error) from None
     if empty and any(folder.iterdir()):
         raise RigError(f"{folder}: is not empty; choose another folder with -o")
     try:
@@ -87,7 +87,7 @@ def _remove_empty(made: list[Path]) -> None:
             path.rmdir()
 
 
-def _refused(folder: Path, error: OSError) -> Exception:
+def _refusal(folder: Path, error: OSError) -> Exception:
     if error.errno in FULL:
         return OSError(error.errno, error.strerror, str(folder))
     return RigError(f"{folder}: {error.strerror}; choose another folder with -o")
@@ -113,7 +113,7 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
                 what = "holds a log already" if folder.is_dir() else "is not a folder"
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:
-            raise _refused(folder, error) from None
+            raise _refusal(folder, error) from None
     try:
         yield folder
     finally:

@@ -90,7 +90,7 @@ def _round(rate_hz: float) -> float:
     return math.floor(rate_hz / unit) * unit
 
 
-def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:
+def silence(blocks: Mapping[str, sh.NodeMemory], rig: Rig) -> str:
     """Return what a fault for missing frames is about in time, and the cure if the machine stood.
 
     "" where no node has this fault.
@@ -110,7 +110,7 @@ def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:
     )
 
 
-def _longest_pause_ns(block: sh.Shared) -> int:
+def _longest_pause_ns(block: sh.NodeMemory) -> int:
     """Return the longest time between two of the newest cycles of a node."""
     put, rows = int(block.ends("record").head), block["record"]
     newest = np.arange(max(0, put - len(rows)), put) % len(rows)

@@ -21,7 +21,7 @@ class PeerWait:
         self.given_up_s = 0.0  # how long it was when it was too long
         self._ready_ns = 0
 
-    def too_long(self, blocks: Mapping[str, sh.Shared], under_way: bool) -> bool:
+    def too_long(self, blocks: Mapping[str, sh.NodeMemory], under_way: bool) -> bool:
         """Return whether the nodes, all ready, have waited for longer than they should."""
         ready = [block for block in blocks.values() if block.control.ready]
         if len(ready) < len(self.roles) or under_way:

@@ -61,12 +61,12 @@ def find(text: str) -> str:
     known = list(shipped_rigs())
     found = [rig for rig in known if text in rig.names]
     if len(found) == 1:
-        return yamlfile.shown(found[0].path)
+        return yamlfile.display_path(found[0].path)
     if found:
         choice = " or ".join(f"{rig.plant}/{rig.name}" for rig in found)
         raise RigError(f"{text}: {len(found)} rigs have this name; choose {choice}")
     if running := _running(text):
-        return yamlfile.shown(running)
+        return yamlfile.display_path(running)
     names = [name for rig in known for name in sorted(rig.names, key=len)]
     if path.suffix in _SUFFIXES:
         there = any(path.stem in rig.names for rig in known)
@@ -79,7 +79,7 @@ def find(text: str) -> str:
 def shell_name(file: str | Path) -> str:
     """Return what a shell takes for a rig file: the name of a shipped one, else the path."""
     own = (rig.name for rig in shipped_rigs() if rig.path == Path(file))
-    return shlex.quote(next(own, yamlfile.shown(Path(file))))
+    return shlex.quote(next(own, yamlfile.display_path(Path(file))))
 
 
 def _running(text: str) -> Path | None:
@@ -104,7 +104,7 @@ def command(options: argparse.Namespace) -> int:
         text = " ".join(words)
         names = [name for rig in known for name in (rig.plant, rig.name)]
         raise RigError(f"{text}: no such rig{did_you_mean(text, names)}")
-    listed = [_about(rig) for rig in chosen]
+    listed = [_rig_facts(rig) for rig in chosen]
     if options.json:
         print(json.dumps(listed, indent=2))
     else:
@@ -117,7 +117,7 @@ def data_of(file: str | Path) -> dict[str, Any]:
     return dict(yamlfile.load(Path(file)).data)
 
 
-def _about(rig: ShippedRig) -> dict[str, Any]:
+def _rig_facts(rig: ShippedRig) -> dict[str, Any]:
     data = data_of(rig.path)
     return {
         "plant": rig.plant, "name": rig.name, "title": data.get("title", ""),
@@ -132,6 +132,6 @@ def _lines(listed: list[dict[str, Any]]) -> Iterator[str]:
         own = [rig for rig in listed if rig["plant"] == plant]
         rates = " and ".join(dict.fromkeys(f"{rig['rate_hz']:g} Hz" for rig in own))
         laws = ", ".join(dict.fromkeys(law for rig in own for law in rig["controllers"]))
-        yield from screen.wrapped(f"{rates}; controllers {laws}", f"{plant}: ", "  ")
+        yield from screen.wrapped_lines(f"{rates}; controllers {laws}", f"{plant}: ", "  ")
         rows = [(f"  {rig['name']}", f"{rig['duration_s']:g} s", rig["title"]) for rig in own]
         yield from screen.table(rows, right=(1,))

@@ -24,7 +24,7 @@ def _text(name: str, value: Any) -> str:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, str):
-        return _quoted(value)
+        return _quoted_text(value)
     if value is None or isinstance(value, bool | int):
         return json.dumps(value)
     if isinstance(value, float):
@@ -41,11 +41,11 @@ def _text(name: str, value: Any) -> str:
 
 def _key(text: str) -> str:
     """Return a key; YAML wants a mark before one of more than 1024 letters."""
-    quoted = _quoted(text)
+    quoted = _quoted_text(text)
     return f"? {quoted} " if len(quoted) > _SIMPLE_LETTERS else quoted
 
 
-def _quoted(text: str) -> str:
+def _quoted_text(text: str) -> str:
     """Return a text in YAML's double quotes, in printable ASCII."""
     plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
     return f'"{"".join(plain)}"'

@@ -16,12 +16,12 @@ from typing import Any
 
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Traces
-from pcpc.executive.batch.runs import Case, Done, Runs
+from pcpc.executive.batch.runs import Case, RunResult, Runs
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import TIMING_COLUMNS, Judge
-from pcpc.tools.after.verdict.outcome import changed
+from pcpc.tools.after.verdict.outcome import changed_settings
 from pcpc.tools.after.verdict.requirements import Bound
 
 AHEAD = 2  # pieces in flight for each thread
@@ -66,9 +66,13 @@ class Bench:
     """Runs of one rig and controller with their judge, for one thread."""
 
     def __init__(
-        self, path: Path, controller: str, settings: Sequence[str], traces: Traces | None = None,
+        self,
+        path: Path,
+        controller: str,
+        settings: Sequence[str],
+        traces: Traces | None = None,
         names: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Raise RigError, BusError, EvaluationError for what is wrong with the rig.
 
         `traces`: memory that the benches of a thread share; `names`: what is kept beside what the
@@ -90,7 +94,7 @@ class Bench:
         done = self.runs.done([Case(draw.seed, draw.values) for draw in draws])
         return [self._row(draw, one) for draw, one in zip(draws, done, strict=True)]
 
-    def _row(self, draw: Draw, done: Done) -> Row:
+    def _row(self, draw: Draw, done: RunResult) -> Row:
         about = draw.number, self.controller, draw.seed, dict(draw.values)
         if done.log is None:
             return Row(*about, REFUSED, False, done.refused, alone=done.alone)
@@ -99,7 +103,7 @@ class Bench:
             if self._those is None and not done.alone:
                 self._those = self.judge.check_requirements(done.log)
             those = None if done.alone else self._those
-            found = self.judge.judge(done.log, changed(words), done.fault, those)
+            found = self.judge.judge(done.log, changed_settings(words), done.fault, those)
         except RigError as error:
             return Row(*about, FAULT if done.fault else RAN, False, str(error), alone=done.alone)
         failed = [*([done.fault] if done.fault else []), *found.failed]
@@ -107,19 +111,27 @@ class Bench:
         left += ["nothing was judged"] * (not found.judged and not left)
         ok = False if failed else None if left else True
         return Row(
-            *about, FAULT if done.fault else RAN, ok, next(iter([*failed, *left]), ""),
-            found.metrics, {one.name: one.margin for one in found.requirements},
-            {one.name: one.held for one in found.requirements}, done.alone,
-        )  # fmt: skip
+            *about,
+            FAULT if done.fault else RAN,
+            ok,
+            next(iter([*failed, *left]), ""),
+            found.metrics,
+            {one.name: one.margin for one in found.requirements},
+            {one.name: one.held for one in found.requirements},
+            done.alone,
+        )
 
 
 class Engine:
     """The runs of a campaign on `threads` threads of this process."""
 
     def __init__(
-        self, path: Path, controllers: Sequence[str], settings: Sequence[str] = (),
+        self,
+        path: Path,
+        controllers: Sequence[str],
+        settings: Sequence[str] = (),
         threads: int | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Raise RigError, BusError for what is wrong with the rig; it is compiled here, once.
 
         `threads`: by default two more than there are processors, since a run is an eighth Python:
@@ -172,9 +184,10 @@ class Engine:
 
 
 def pieces(
-    numbered: Iterable[tuple[int, Any]], controllers: Sequence[str],
+    numbered: Iterable[tuple[int, Any]],
+    controllers: Sequence[str],
     draw: Callable[[str, int, Any], Draw],
-) -> Iterator[Piece]:  # fmt: skip
+) -> Iterator[Piece]:
     """Yield numbered points in pieces of WIDTH, each for every controller, as draws."""
     left = iter(numbered)
     while some := list(itertools.islice(left, WIDTH)):

@@ -107,7 +107,7 @@ def run_folder(add: Add) -> None:
 def _file(option: str) -> Callable[[str], str]:
     """Return what refuses a file that is not there, whether or not the log needs it."""
 
-    def there(text: str) -> str:
+    def existing_file(text: str) -> str:
         try:
             if Path(text).is_file():
                 return text
@@ -115,7 +115,7 @@ def _file(option: str) -> Callable[[str], str]:
             pass
         raise UserError(f"{option} {text}: no such file")
 
-    return there
+    return existing_file
 
 
 def node(add: Add, help: str = "only this node; default: all", *more: str) -> None:

@@ -79,7 +79,7 @@ class Command:
         def add(*names: str, **about: Any) -> argparse.Action:
             kind = str(about.get("metavar", "")).partition(".")[0]
             if kind in PLACES and "nargs" not in about:
-                about["type"] = _named(names[0], PLACES[kind], about.get("type", str))
+                about["type"] = _nonempty_kind(names[0], PLACES[kind], about.get("type", str))
             action = parser.add_argument(*names, **about)
             attach(self.name, action)
             return action
@@ -96,18 +96,18 @@ class Command:
         return "\n".join([*lines, *self.notes.splitlines(), tail])
 
 
-def _named(option: str, expected: str, kind: Callable[[str], Any]) -> Callable[[str], Any]:
+def _nonempty_kind(option: str, expected: str, kind: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return `kind` that refuses an empty name, as that of a variable that is not set; UserError.
 
     `Path` would make of it the folder in which one is.
     """
 
-    def named(text: str) -> Any:
+    def nonempty_value(text: str) -> Any:
         if not text:
             raise UserError(f"{option} '': expected {expected}")
         return kind(text)
 
-    return named
+    return nonempty_value
 
 
 def exit_codes(codes: Mapping[Exit, str] | None = None) -> str:

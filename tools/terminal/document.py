@@ -69,7 +69,7 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Labelled:
+class LabelledTexts:
     """Texts by what they say something of; on a terminal behind labels of this `width`."""
 
     texts: Mapping[str, str | Sequence[str]]
@@ -104,7 +104,7 @@ class Section:
     folded: bool = False
 
 
-Part = Line | Note | Block | Table | Bullets | Labelled | Picture | Verdict | Section | None
+Part = Line | Note | Block | Table | Bullets | LabelledTexts | Picture | Verdict | Section | None
 
 
 # As HTML
@@ -125,7 +125,7 @@ def html(part: Part, level: int = 2) -> str:
         case Table(head, rows, right):
             cells = [[*map(_inline, row)] for row in rows]
             return tags.table([*map(_inline, head)], cells, right) if cells else ""
-        case Labelled(texts):
+        case LabelledTexts(texts):
             rows = [(label, line) for label, own in texts.items() for line in _each(own)]
             return html(Table(("", ""), rows))
         case Bullets(lines):
@@ -170,9 +170,10 @@ def markdown(part: Part, level: int = 3) -> str:
             rule = ["---:" if i in right else "---" for i in range(len(head))]
             lines = [[*map(_plain, head)], rule, *([*map(_plain, row)] for row in rows)]
             return "".join(f"| {' | '.join(row)} |\n" for row in lines) if rows else ""
-        case Labelled(texts):
-            return markdown(Bullets([(Strong(k), ": ", "; ".join(_each(v)))
-                                     for k, v in texts.items()]))  # fmt: skip
+        case LabelledTexts(texts):
+            return markdown(
+                Bullets([(Strong(k), ": ", "; ".join(_each(v))) for k, v in texts.items()])
+            )
         case Bullets(lines):
             return "".join(f"- {_plain(line)}\n" for line in lines)
         case Picture(_, shows, file):
@@ -204,7 +205,7 @@ def terminal(part: Part) -> list[str]:
             return []
         case Section(title, parts):
             body = [line for one in parts for line in terminal(one)]
-            return body and [*screen.wrapped(title, rest="  "), *body, ""]
+            return body and [*screen.wrapped_lines(title, rest="  "), *body, ""]
         case Table(_, []):
             return []
         case Table(head, rows, right):
@@ -212,27 +213,27 @@ def terminal(part: Part) -> list[str]:
             broad = sum(max(map(len, column)) + 2 for column in zip(*cells, strict=True))
             if broad <= screen.width():
                 return screen.table(cells, [*right])
-            return [line for row in cells[1:] for line in _listed(cells[0], row)]
-        case Labelled(texts, width, indent):
+            return [line for row in cells[1:] for line in _row_lines(cells[0], row)]
+        case LabelledTexts(texts, width, indent):
             return [
                 line
                 for label, own in texts.items()
                 for number, text in enumerate(_each(own))
-                for line in screen.wrapped(text, f"{indent}{'' if number else label:{width}}")
+                for line in screen.wrapped_lines(text, f"{indent}{'' if number else label:{width}}")
             ]
         case Bullets(lines):
-            return [one for line in lines for one in screen.wrapped(_bare(line), "  ")]
+            return [one for line in lines for one in screen.wrapped_lines(_bare(line), "  ")]
         case Verdict(word, reasons):
             return [f"verdict: {word}", *terminal(Bullets(reasons))]
         case Block():
             return part.splitlines()
         case _:
-            return screen.wrapped(_bare(part), rest="  ")
+            return screen.wrapped_lines(_bare(part), rest="  ")
 
 
-def _listed(head: Sequence[str], row: Sequence[str]) -> list[str]:
+def _row_lines(head: Sequence[str], row: Sequence[str]) -> list[str]:
     told = (f"{what} {cell}" for what, cell in zip(head[1:], row[1:], strict=True) if cell)
-    return [row[0], *screen.wrapped(", ".join(told), "  ")]
+    return [row[0], *screen.wrapped_lines(", ".join(told), "  ")]
 
 
 def _bare(value: Line) -> str:

@@ -123,16 +123,16 @@ class Compiling:
         return f"compiling for this machine, once: {done}{of_all} {what}, {spent:.0f} s"
 
 
-def node_line(block: sh.Shared, total: str) -> str:
+def node_line(block: sh.NodeMemory, total: str) -> str:
     """Return state, cycle, rate and the rig's watched variable of a running node, in one line."""
     control = block.control
     state = block.description["state_names"][int(control.state)]
     done, late = int(control.cycle) + 1, int(control.late)
     rate = _rate_hz(block)
-    return f"{state:5} cycle {done}{total}  {rate:.0f} Hz{_watched(block)}  late {late}"
+    return f"{state:5} cycle {done}{total}  {rate:.0f} Hz{_watched_text(block)}  late {late}"
 
 
-def _watched(block: sh.Shared) -> str:
+def _watched_text(block: sh.NodeMemory) -> str:
     name = block.description["watch"]
     names = [v[0] for v in block.description["variables"]]
     if name not in names:
@@ -144,7 +144,7 @@ def _watched(block: sh.Shared) -> str:
     return f"  {name} {value:+.6f}"
 
 
-def _rate_hz(block: sh.Shared) -> float:
+def _rate_hz(block: sh.NodeMemory) -> float:
     """Return the mean rate over the newest thousand records."""
     ends, rows = block.ends("record"), block["record"]
     put = int(ends.head)

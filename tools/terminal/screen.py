@@ -56,7 +56,7 @@ def width() -> int:
     return max(shutil.get_terminal_size().columns, _NARROWEST)
 
 
-def wrapped(text: str, first: str = "", rest: str | None = None) -> list[str]:
+def wrapped_lines(text: str, first: str = "", rest: str | None = None) -> list[str]:
     """Return `text` as lines behind `first`, the following ones behind `rest` or as many blanks.
 
     A word that is longer than the line is cut.
@@ -72,7 +72,7 @@ def rows(pairs: Iterable[tuple[str, str]]) -> list[str]:
     """Return labelled texts, the texts below each other."""
     known = list(pairs)
     broad = max((len(label) for label, _ in known), default=0)
-    return [line for label, text in known for line in wrapped(text, f"{label:{broad}}  ")]
+    return [line for label, text in known for line in wrapped_lines(text, f"{label:{broad}}  ")]
 
 
 def table(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
@@ -84,7 +84,7 @@ def table(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str
             f"{text:>{size}}  " if i in right else f"{text:{size}}  "
             for i, (text, size) in enumerate(zip(cells, sizes, strict=False))
         )
-        found += wrapped(last, "".join(padded))
+        found += wrapped_lines(last, "".join(padded))
     return found
 
 

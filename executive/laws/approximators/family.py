@@ -85,7 +85,7 @@ class Approximator(ABC):
         """Return dV from jac'W E."""
         return back
 
-    def _checked(self, x: ArrayLike) -> Array:
+    def _checked_input(self, x: ArrayLike) -> Array:
         point = np.asarray(x, float)
         if point.shape != (self.inputs,):
             raise ValueError(f"input of shape {point.shape}: expected ({self.inputs},)")
@@ -118,10 +118,10 @@ class TwoLayer(Approximator):
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return s (L+1,) and s' (L+1, L)."""
-        return _smooth(self.kind, self._checked(x), self._v)
+        return _smooth(self.kind, self._checked_input(x), self._v)
 
     def _inner(self, x: ArrayLike, back: Array) -> Array:
-        return np.outer(np.concatenate(([1.0], self._checked(x))), back)
+        return np.outer(np.concatenate(([1.0], self._checked_input(x))), back)
 
     def hebbian(
         self,
@@ -138,7 +138,7 @@ class TwoLayer(Approximator):
             warnings.warn(growth, stacklevel=2)
         s, _ = self.hidden(x)
         e = np.asarray(error, float)
-        backprop.tune_hebbian(f, g, leak, limit, e, self._checked(x), s, self._w, self._v)
+        backprop.tune_hebbian(f, g, leak, limit, e, self._checked_input(x), s, self._w, self._v)
 
 
 class Augmented(Approximator):
@@ -161,14 +161,14 @@ class Augmented(Approximator):
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return [s; phi] (nodes,) and [s'; 0] (nodes, L): V_2 is fixed."""
-        point = self._checked(x)
+        point = self._checked_input(x)
         s, jac = _smooth(LOGISTIC, point, self._v)
         phi = np.zeros(self.count)
         jumps.jump_nodes(self.jump, float(point[0]) - self.c, self.count, phi, 0)
         return np.concatenate((s, phi)), np.vstack((jac, np.zeros((self.count, jac.shape[1]))))
 
     def _inner(self, x: ArrayLike, back: Array) -> Array:
-        return np.outer(np.concatenate(([1.0], self._checked(x))), back)
+        return np.outer(np.concatenate(([1.0], self._checked_input(x))), back)
 
 
 class Rvfl(Approximator):
@@ -182,7 +182,7 @@ class Rvfl(Approximator):
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (L+1,)."""
-        s, _ = _smooth(LOGISTIC, self._checked(x), self.first_layer)
+        s, _ = _smooth(LOGISTIC, self._checked_input(x), self.first_layer)
         return s, np.zeros((self.nodes, 0))
 
 
@@ -197,7 +197,7 @@ class Rbf(Approximator):
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (nodes,)."""
         phi, factors = np.zeros(self.nodes), np.zeros(int(self._counts.sum()))
-        point = self._checked(x)
+        point = self._checked_input(x)
         rbf.grid(point, self._low, self._d, self._counts, factors, phi)
         return phi, np.zeros((self.nodes, 0))
 
@@ -217,7 +217,7 @@ class Cmac(Approximator):
         """Return index and value of the nodes that x touches, each of shape (order^n,)."""
         size = self.order**self.inputs
         index, value, work = np.zeros(size), np.zeros(size), np.zeros(self.order)
-        point = self._checked(x)
+        point = self._checked_input(x)
         cmac.touched(self.order, point, self._low, self._d, self._counts, index, value, work)
         return index, value
 
@@ -247,7 +247,7 @@ class FuzzyTriangle(Approximator):
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (rules,)."""
         phi, member = np.zeros(self.nodes), np.zeros(len(self._centres))
-        fuzzy.triangles(self._checked(x), self._counts, self._centres, member)
+        fuzzy.triangles(self._checked_input(x), self._counts, self._centres, member)
         fuzzy.by_product(member, self._rules, phi)
         return phi, np.zeros((self.nodes, 0))
 
@@ -270,7 +270,7 @@ class Fuzzy(Approximator):
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (rules,) and d phi/d[a; b], D of ln mu_l less its mean, times phi_l."""
-        point = self._checked(x)
+        point = self._checked_input(x)
         a, b = self._v[: self._sets], self._v[self._sets :]
         phi = np.zeros(self.nodes)
         fuzzy.by_logarithm(point, self._rules, a, b, phi)

@@ -102,8 +102,9 @@ def report(results: Sequence[Result], margins: Mapping[str, float]) -> str:
         f"Nominal barrel, muzzle error rms in mrad, geometric mean of noise seeds {SEEDS[0]} to "
         f"{SEEDS[-1]};\nlargest step of the command, rms in N m, over the scenarios without fire, "
         "step and bang; disk margin.\n",
-        _nominal(rms, step, margins), _best(rms),
-    ]  # fmt: skip
+        _nominal(rms, step, margins),
+        _best(rms),
+    ]
     on_plants = Table(results, "plants", RMS)
     count = len(on_plants[CORE[0], "pd"])
     parts += [
@@ -158,9 +159,11 @@ def frictions(results: Sequence[Result]) -> Array:
     """Return the friction of each random plant relative to nominal, (plants,)."""
     found = {
         r.case.label: float(text.partition("=")[2]) / NOMINAL["coulomb_Nm"]
-        for r in results if r.case.group == "plants"
-        for text in r.case.settings if text.startswith("barrel.coulomb_Nm=")
-    }  # fmt: skip
+        for r in results
+        if r.case.group == "plants"
+        for text in r.case.settings
+        if text.startswith("barrel.coulomb_Nm=")
+    }
     return np.array(list(found.values()))
 
 

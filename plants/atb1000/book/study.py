@@ -42,16 +42,16 @@ TRACES = (
 )  # fmt: skip
 
 
-def scaled(**factors: float) -> tuple[str, ...]:
+def scaled_settings(**factors: float) -> tuple[str, ...]:
     """Return settings: nominal plant values times factors."""
     return tuple(f"barrel.{name}={NOMINAL[name] * factor!r}" for name, factor in factors.items())
 
 
 VARIATIONS: dict[str, tuple[str, ...]] = {
-    "friction x2": scaled(**dict.fromkeys(FRICTION, 2.0)),
-    "muzzle mass +50 %": scaled(tip_mass_kg=1.5),
-    "backlash x3": scaled(gap_rad=3.0),
-    "all three": scaled(**dict.fromkeys(FRICTION, 2.0), tip_mass_kg=1.5, gap_rad=3.0),
+    "friction x2": scaled_settings(**dict.fromkeys(FRICTION, 2.0)),
+    "muzzle mass +50 %": scaled_settings(tip_mass_kg=1.5),
+    "backlash x3": scaled_settings(gap_rad=3.0),
+    "all three": scaled_settings(**dict.fromkeys(FRICTION, 2.0), tip_mass_kg=1.5, gap_rad=3.0),
     "static Stribeck": ("barrel.friction_model=1.0",),
 }
 ABLATIONS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -97,12 +97,20 @@ def random_plant(rng: np.random.Generator) -> tuple[str, ...]:
     low = (-1, 0.7, -1, 0.7, 0.5, 0.8, -1, 0.85, 0.5, 0.5)
     high = (1, 1.5, 1, 1.3, 2, 1.2, 2, 1.15, 2, 2)
     u = [float(rng.uniform(a, b)) for a, b in zip(low, high, strict=True)]
-    return scaled(
-        **dict.fromkeys(FRICTION, 2.0 ** u[0]), tip_mass_kg=u[1], gap_rad=3.0 ** u[2],
-        ks_Nm_rad=u[3], cs_Nms_rad=u[4], hub_inertia_kg_m2=u[5], unbalance_Nm=u[6],
+    return scaled_settings(
+        **dict.fromkeys(FRICTION, 2.0 ** u[0]),
+        tip_mass_kg=u[1],
+        gap_rad=3.0 ** u[2],
+        ks_Nm_rad=u[3],
+        cs_Nms_rad=u[4],
+        hub_inertia_kg_m2=u[5],
+        unbalance_Nm=u[6],
         young_Pa=u[7],
-        zeta1=u[8], zeta2=u[8], zeta3=u[8], mesh_loss=u[9],
-    )  # fmt: skip
+        zeta1=u[8],
+        zeta2=u[8],
+        zeta3=u[8],
+        mesh_loss=u[9],
+    )
 
 
 def monte_carlo() -> Iterator[Case]:
@@ -177,7 +185,7 @@ def _grid(results: Sequence[Result], group: str, title: str, labels: Sequence[st
     return f"{title}\n\n" + markdown((group, "scenario", *VARIED), rows)
 
 
-def _spread(values: Sequence[float]) -> str:
+def _percentiles(values: Sequence[float]) -> str:
     points = np.percentile(values, (0, 50, 95, 100))
     return " / ".join(f"{p:.3g}" for p in points)
 
@@ -190,7 +198,9 @@ def _seeds(results: Sequence[Result]) -> str:
         for c in ("pd", "pd_nn_fast", "nn_backstepping"):
             own = [_rms(found[scenario, c, str(seed)]) for seed in range(1, seeds + 1)]
             base = [_rms(found[scenario, "pd", str(seed)]) for seed in range(1, seeds + 1)]
-            row.append(f"{_spread(own)} ({max(a / b for a, b in zip(own, base, strict=True)):.3f})")
+            row.append(
+                f"{_percentiles(own)} ({max(a / b for a, b in zip(own, base, strict=True)):.3f})"
+            )
         rows.append(row)
     text = "Noise seeds, nominal plant: rms mrad min / median / p95 / max (worst ratio to pd)\n\n"
     return text + markdown(("scenario", "seeds", "pd", "pd_nn_fast", "nn_backstepping"), rows)
@@ -206,7 +216,7 @@ def _draws(results: Sequence[Result]) -> str:
             ratio = [a / b for a, b in zip(own, base, strict=True)]
             diverged = sum(not np.isfinite(a) for a in own)
             rows.append(
-                [scenario, c, _spread(own), f"{np.median(ratio):.3f} (worst {max(ratio):.3f})",
+                [scenario, c, _percentiles(own), f"{np.median(ratio):.3f} (worst {max(ratio):.3f})",
                  *(str(sum(times * a <= b for a, b in zip(own, base, strict=True)))
                    for times in (1.0, 2.3, 5.0)), str(diverged)]
             )  # fmt: skip

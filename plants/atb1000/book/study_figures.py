@@ -45,8 +45,16 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
             mine = [r for r in own if r.case.controller == name]
             better = np.sort([base[r.case.label] / _rms(r) for r in mine])
             left = np.arange(len(better), 0, -1)  # of so many plants it is at least this
-            ax.plot(better, left, ".-", drawstyle="steps-pre", color=COLOURS[name], label=name,
-                    linewidth=1.0, markersize=5)  # fmt: skip
+            ax.plot(
+                better,
+                left,
+                ".-",
+                drawstyle="steps-pre",
+                color=COLOURS[name],
+                label=name,
+                linewidth=1.0,
+                markersize=5,
+            )
         for times in TIMES:
             ax.axvline(times, color="k", linestyle=":", linewidth=0.8)
         ax.set_xscale("log")

@@ -43,14 +43,22 @@ Vector = NDArray[np.float64]
 def random_world(rng: np.random.Generator) -> tuple[str, ...]:
     """Return settings of a rougher world: all phases, signs of bias, sizes within a factor."""
     turn = 2.0 * np.pi
-    values = {f"{name}_gyro_bias_rad_s": rng.uniform(-1.5e-3, 1.5e-3) for name in
-              ("hub", "muzzle", "hull")}  # fmt: skip
+    values = {
+        f"{name}_gyro_bias_rad_s": rng.uniform(-1.5e-3, 1.5e-3)
+        for name in ("hub", "muzzle", "hull")
+    }
     for name in ("encoder_once", "encoder_twice", "cogging", "ripple"):
         values[f"{name}_phase_rad"] = rng.uniform(0.0, turn)
     for name in ("encoder_once_rad", "encoder_twice_rad", "cogging_Nm", "ripple"):
         values[name] = NOMINAL[name] * rng.uniform(0.5, 1.5)
-    for name in ("gyro_walk_rad_s_rts", "bearing_J_K", "bearing_W_K", "hull_inertia_kg_m2",
-                 "hull_spring_Nm_rad", "hull_damper_Nms_rad"):  # fmt: skip
+    for name in (
+        "gyro_walk_rad_s_rts",
+        "bearing_J_K",
+        "bearing_W_K",
+        "hull_inertia_kg_m2",
+        "hull_spring_Nm_rad",
+        "hull_damper_Nms_rad",
+    ):
         values[name] = NOMINAL[name] * 2.0 ** rng.uniform(-1.0, 1.0)
     for name in NOMINAL:
         if name.endswith("_age_s"):

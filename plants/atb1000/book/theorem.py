@@ -25,7 +25,7 @@ from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
-    fitted,
+    fitted_weights,
     inner,
     linearised,
     logistic,
@@ -64,7 +64,7 @@ def prove(run: Cycles) -> Proof:
     f = m_r_rate + asked  # less u_F, which is the run's as well
     v_ideal = v[0]
     known = np.concatenate((with_threshold(logistic(x @ v_ideal)), phi[:, 1 + NODES :]), axis=1)
-    w_ideal = fitted(known[:-1], f[:-1, None])[:, 0]
+    w_ideal = fitted_weights(known[:-1], f[:-1, None])[:, 0]
     w_lacks, v_lacks = w_ideal - w, v_ideal - v
     flat, slope, turned = linearised(phi, v, x, v_lacks)
     cancelled = inner(w_lacks, flat) + inner(w[:, 1 : 1 + NODES], turned)
@@ -95,7 +95,7 @@ def prove(run: Cycles) -> Proof:
         theorem="Theorem 3.2.2, for a rigid hub",
         error_is="|r| [rad/s]",
         t_s=run.t_s,
-        v=0.5 * m * r**2 + sum(one.stored for one in weights),
+        v=0.5 * m * r**2 + sum(one.energy for one in weights),
         tuned=weights,
         damping=kv * r**2 + kz * (norm + z_bound) * r**2,
         terms={

@@ -129,7 +129,7 @@ def rows(results: Sequence[Result], margins: Mapping[tuple[str, int], float]) ->
         seen = tuple(rms.mean(axis=1).tolist())
         gains, margin = candidates(law)[number], margins[law, number]
         found.append(Row(law, number, gains, seen, score, max(steps), margin))
-    return marked(found)
+    return marked_rows(found)
 
 
 def _rms(result: Result) -> float:
@@ -142,7 +142,7 @@ def choice(found: Sequence[Row], law: str) -> Row | None:
     return min(allowed, key=lambda row: row.score, default=None)
 
 
-def marked(found: Sequence[Row]) -> list[Row]:
+def marked_rows(found: Sequence[Row]) -> list[Row]:
     """Return rows of which those that are chosen say so."""
     best = [choice(found, law) for law in RANGES]
     keys = {(row.law, row.number) for row in best if row is not None}

@@ -32,8 +32,8 @@ from pcpc.executive.laws.riccati import (
     eye,
     filter_gain,
     regulator,
-    sampled,
-    solved,
+    sampled_system,
+    solution,
 )
 from pcpc.plants.atb1000.laws import pd
 
@@ -180,16 +180,16 @@ def continuous(s: Mapping[str, float]) -> tuple[Matrix, Matrix]:
     c, w, z = s["coupling"], s["clamped_rad_s"], s["clamped_damping"]
     mass = [[s["inertia_kg_m2"], c], [c, 1.0]]
     forces = [[0.0, 0.0, 0.0, 0.0, 1.0, -1.0], [0.0, 0.0, -w * w, -2.0 * z * w, 0.0, 0.0]]
-    hub, mode = solved(mass, forces)
+    hub, mode = solution(mass, forces)
     lag = [0.0] * 4 + [-1.0 / s["motor_lag_s"], 0.0]
     f = [[0.0, 1.0] + [0.0] * 4, hub, [0.0] * 3 + [1.0, 0.0, 0.0], mode, lag, [0.0] * N]
     return f, [[0.0]] * 4 + [[1.0 / s["motor_lag_s"]], [0.0]]
 
 
-def designed(s: Mapping[str, float], rate_hz: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def lqg_matrices(s: Mapping[str, float], rate_hz: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return A (6, 6), B (6, 1) of x_f, K (1, 6) and L (6, 3). ValueError: no solution."""
     f, g = continuous(s)
-    a, b = sampled(f, g, 1.0 / rate_hz)
+    a, b = sampled_system(f, g, 1.0 / rate_hz)
     ac = [[*a[i][:5], b[i][0]] for i in range(5)] + [[0.0] * N]  # x_c: v for d
     bc = [[0.0]] * 5 + [[1.0]]
     weights = (ANGLE_RAD**-2, s["rate_weight_rad_s"] ** -2)
@@ -206,7 +206,7 @@ def designed(s: Mapping[str, float], rate_hz: float) -> tuple[Matrix, Matrix, Ma
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters and the gains for a rate in Hz. ValueError: there are none."""
-    a, b, k, gain = designed(settings, rate_hz)
+    a, b, k, gain = lqg_matrices(settings, rate_hz)
     flat = {"a": a, "b": b, "k": k, "l": gain}
     direct = {one.name: settings[one.name] for one in (*pd.Gains.ports, *Sensor.ports)}
     return Prepared(direct | {name: [v for row in m for v in row] for name, m in flat.items()})

@@ -11,12 +11,12 @@ import numpy as np
 
 from pcpc.plants.backlash_map.book.study_figures import draw_laws, draw_steps
 from pcpc.plants.book.tables import (
-    beside,
+    bracketed_cells,
     case_maker,
     expected_figures,
-    labelled,
     labels,
     least_to_largest,
+    results_of_label,
     rig_name,
 )
 from pcpc.plants.study import Case, Result, markdown, of_group
@@ -122,9 +122,11 @@ def _main(results: Sequence[Result]) -> str:
     rows = []
     for result in of_group(results, "main"):
         other = known("main", rig_name(result), result.case.controller)
-        rows.append([result.case.label, *beside(_spans([result]), other)])
+        rows.append([result.case.label, *bracketed_cells(_spans([result]), other)])
     for group, title in MANY.items():
-        rows.append([title, *beside(_spans(of_group(results, group)), known("many", group))])
+        rows.append(
+            [title, *bracketed_cells(_spans(of_group(results, group)), known("many", group))]
+        )
     head = ("law", "rms 1-5 s", "max 1-5 s", "rms 10-20 s", "max 10-20 s", "last abs(e) > 0.05")
     return (
         "e = x2 - x_d; in brackets an independent implementation without a bus; a single run of a "
@@ -151,7 +153,7 @@ def _seeds(results: Sequence[Result]) -> str:
 def _late(results: Sequence[Result]) -> str:
     rows = []
     for label in labels(results, "late"):
-        runs = labelled(results, "late", label)
+        runs = results_of_label(results, "late", label)
         cut = sum(result.metric("diverged") > 0.5 for result in runs)
         names = ("early_error_rms", "error_rms", "error_max", "settled_s")
         values = [span(runs, name, 2 if name == "settled_s" else 3) for name in names]
@@ -168,7 +170,7 @@ def _late(results: Sequence[Result]) -> str:
 def _coarse(results: Sequence[Result]) -> str:
     rows = []
     for lsb, there in (("1e-4", "fine"), ("1e-3", "0.019-0.029, largest 0.28-0.43")):
-        runs = labelled(results, "coarse", lsb)
+        runs = results_of_label(results, "coarse", lsb)
         rows.append([lsb, span(runs, "error_rms"), span(runs, "error_max"), there])
     head = ("quantum of x, tau, u", "rms 10-20 s", "max 10-20 s", "independent")
     return "Coarse sensors and commands, seeds 0 to 4.\n\n" + markdown(head, rows)
@@ -177,7 +179,7 @@ def _coarse(results: Sequence[Result]) -> str:
 def _signs(results: Sequence[Result]) -> str:
     rows = []
     for label, (_, there) in SIGNS.items():
-        (run,) = labelled(results, "signs", label)
+        (run,) = results_of_label(results, "signs", label)
         names = ("error_rms", "error_max", "diverged")
         rows.append([label, *(figure(run.metric(name), 3) for name in names), there])
     head = ("nn", "rms 10-20 s", "max 10-20 s", "latched off", "independent")

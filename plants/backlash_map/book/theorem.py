@@ -21,7 +21,7 @@ from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
-    fitted,
+    fitted_weights,
     inner,
     never,
     positive,
@@ -51,7 +51,7 @@ def prove(run: Cycles) -> Proof:
     s = run.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
     w = run.array(f"{STATE}w", NODES + JUMPS)
     wanted = run.after(tau_d) - m * (foretold - kb * tt) + cr * run.after(r)
-    ideal = fitted(s[:-1], wanted[:-1, None] / m)[:, 0]
+    ideal = fitted_weights(s[:-1], wanted[:-1, None] / m)[:, 0]
     lacks, square = ideal - w, inner(s, s)
     rest = after - m * inner(lacks, s)
     forgets = gam * np.maximum(1.0, np.abs(1.0 - alpha * square))
@@ -76,7 +76,7 @@ def prove(run: Cycles) -> Proof:
         theorem="theorem of chapter 5.3",
         error_is="|tt + c_r r| after the step",
         t_s=run.t_s,
-        v=0.5 * sg**2 + m * weights.stored,
+        v=0.5 * sg**2 + m * weights.energy,
         tuned=(weights,),
         damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,
         terms={"sg+ w, prediction and gap": after * rest, "forgetting of the weights": leak},

@@ -11,12 +11,12 @@ import numpy as np
 
 from pcpc.plants.backlash_pendulum.book.study_figures import draw_attribution, draw_cases
 from pcpc.plants.book.tables import (
-    beside,
+    bracketed_cells,
     case_maker,
     expected_figures,
-    labelled,
     labels,
     least_to_largest,
+    results_of_label,
     rig_name,
 )
 from pcpc.plants.study import Case, Result, markdown, of_group
@@ -74,7 +74,7 @@ def late(samples: int) -> str:
     return f"pendulum.delay_samples={float(samples)}"
 
 
-def seeded(seed: int) -> str:
+def seed_setting(seed: int) -> str:
     """Return the setting that draws a first layer."""
     return f"controller.network_seed={float(seed)}"
 
@@ -89,7 +89,7 @@ def cases() -> Iterator[Case]:
             yield _case("varied", MAIN, "nn", label, *settings, repeat(i))
     for samples in range(4):
         for seed in range(SEEDS):
-            drawn = (late(samples), seeded(seed))
+            drawn = (late(samples), seed_setting(seed))
             yield _case("seeds", MAIN, "nn", str(samples), *drawn)
             minute = ("duration_s=60.0", *drawn)
             yield _case("minute", MAIN, "nn", str(samples), *minute, window_s=(2.0, 60.0))
@@ -119,11 +119,11 @@ def layers() -> Iterator[Case]:
         fixed = (f"controller.layer_Nm={width}", "controller.layer_ratio=1e30")
         for samples in (0, 1):
             for seed in range(SEEDS):
-                drawn = (late(samples), seeded(seed))
+                drawn = (late(samples), seed_setting(seed))
                 yield _case("layer", MAIN, "nn", f"fixed {width}, {samples}", *fixed, *drawn)
     for ratio in (0.15, 0.20, 0.25, 0.40):
         for seed in range(SEEDS):
-            drawn = (late(3), seeded(seed))
+            drawn = (late(3), seed_setting(seed))
             steep = f"controller.layer_ratio={ratio}"
             yield _case("layer", MAIN, "nn", f"rho = {ratio:.2f}, 3", steep, *drawn)
 
@@ -141,7 +141,7 @@ def span(results: Sequence[Result], name: str, digits: int = 1) -> str:
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
     return "\n".join(
-        (_main(results), _varied(results), _seeds(results), _attribution(results),
+        (_main(results), _variation_table(results), _seeds(results), _attribution(results),
          _layers(results), _models(results))
     )  # fmt: skip
 
@@ -155,7 +155,7 @@ def _main(results: Sequence[Result]) -> str:
     for result in of_group(results, "main"):
         rig, law = rig_name(result), result.case.controller
         cells = [f"{in_mrad(result, name):.{digits}f}" for name, digits in figures]
-        pairs = beside(cells, known("main", rig, law))
+        pairs = bracketed_cells(cells, known("main", rig, law))
         rest = [f"{result.metric('settled_s'):.2f}", f"{result.metric('command_max_Nm'):.1f}"]
         rows.append([rig, law, *pairs, *rest])
     head = ("rig", "law", "rms e1", "max e1", "rms e2", "rms tt", "rms e1 0.5-2 s",
@@ -166,10 +166,10 @@ def _main(results: Sequence[Result]) -> str:
     )
 
 
-def _varied(results: Sequence[Result]) -> str:
+def _variation_table(results: Sequence[Result]) -> str:
     rows = []
     for label in (*VARIED, "coarse sensors"):
-        found = labelled(results, "varied" if label in VARIED else "coarse", label)
+        found = results_of_label(results, "varied" if label in VARIED else "coarse", label)
         rms, largest = known("varied", label)
         pair = (span(found, "error_rms_rad"), rms, span(found, "error_max_rad"), largest)
         rows.append([label, *pair])
@@ -183,7 +183,9 @@ def _varied(results: Sequence[Result]) -> str:
 def _seeds(results: Sequence[Result]) -> str:
     rows = []
     for samples in range(4):
-        runs, minutes = (labelled(results, group, str(samples)) for group in ("seeds", "minute"))
+        runs, minutes = (
+            results_of_label(results, group, str(samples)) for group in ("seeds", "minute")
+        )
         values = [in_mrad(result, "error_rms_rad") for result in runs]
         settled = [result.metric("settled_s") for result in runs]
         rows.append([
@@ -201,8 +203,8 @@ def _seeds(results: Sequence[Result]) -> str:
 def _attribution(results: Sequence[Result]) -> str:
     rows = []
     for label in ATTRIBUTION:
-        now = labelled(results, "attribution", f"{label} 0")
-        later = labelled(results, "attribution", f"{label} 3")
+        now = results_of_label(results, "attribution", f"{label} 0")
+        later = results_of_label(results, "attribution", f"{label} 3")
         tt = span(now, "torque_error_rms_Nm", 2)
         (there,) = known("attribution", label) or ("",)
         rows.append([label, span(now, "error_rms_rad"), there, tt, span(later, "error_rms_rad")])
@@ -213,7 +215,7 @@ def _attribution(results: Sequence[Result]) -> str:
 def _layers(results: Sequence[Result]) -> str:
     rows = []
     for label in labels(results, "layer"):
-        runs = labelled(results, "layer", label)
+        runs = results_of_label(results, "layer", label)
         cut = sum(result.metric("diverged") > 0.5 for result in runs)
         width, samples = label.rsplit(", ", 1)
         rows.append([
@@ -231,7 +233,8 @@ def _models(results: Sequence[Result]) -> str:
     for label in MODELS:
         kinds = ("pd 0", "robust 0", "nn 0", "nn 1")
         values = [
-            span(labelled(results, "model", f"{label} {kind}"), "error_rms_rad") for kind in kinds
+            span(results_of_label(results, "model", f"{label} {kind}"), "error_rms_rad")
+            for kind in kinds
         ]
         rows.append([label, *values])
     filters = span(of_group(results, "filter"), "error_rms_rad")
@@ -247,5 +250,7 @@ def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the three cases beside each other, and where the gain comes from."""
     main = {r.case.label: r for r in of_group(results, "main")}
     draw_cases([main[f"{MAIN} {law}"] for law in LAWS], folder / "backlash-pendulum.png")
-    gains = {label: labelled(results, "attribution", f"{label} 0")[0] for label in ATTRIBUTION}
+    gains = {
+        label: results_of_label(results, "attribution", f"{label} 0")[0] for label in ATTRIBUTION
+    }
     draw_attribution(gains, folder / "backlash-pendulum-gain.png")

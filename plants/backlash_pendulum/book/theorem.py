@@ -26,7 +26,7 @@ from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
-    fitted,
+    fitted_weights,
     inner,
     linearised,
     logistic,
@@ -66,7 +66,7 @@ def prove(run: Cycles) -> Proof:
     s = with_threshold(logistic(np.einsum("nij,ni->nj", v, x)))
     v_ideal, target = v[0], taken - lags
     known = with_threshold(logistic(x @ v_ideal))
-    w_ideal = fitted(known[:-1], target[:-1, None])[:, 0]
+    w_ideal = fitted_weights(known[:-1], target[:-1, None])[:, 0]
     w_lacks, v_lacks = w_ideal - w, v_ideal - v
     flat, slope, turned = linearised(s, v, x, v_lacks)
     rest = y - target + inner(w_lacks, flat) + inner(w[:, 1:], turned)
@@ -93,7 +93,7 @@ def prove(run: Cycles) -> Proof:
         theorem="theorem of chapter 5.2",
         error_is="|tt| [N m]",
         t_s=run.t_s,
-        v=0.5 * (r**2 + tt**2) + sum(one.stored for one in weights),
+        v=0.5 * (r**2 + tt**2) + sum(one.energy for one in weights),
         tuned=weights,
         damping=kv * r**2 + r * tt + kb * tt**2 + robust * tt,
         terms={

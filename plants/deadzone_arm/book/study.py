@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.book.tables import beside, case_maker, expected_figures, rig_name
+from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, rig_name
 from pcpc.plants.deadzone_arm.book.study_figures import draw_beside, draw_seeds
 from pcpc.plants.study import Case, Result, markdown, of_group
 
@@ -95,7 +95,7 @@ def values(drawn: Sequence[Result]) -> np.ndarray:
     return np.array([[result.metric(name) for name in COLUMNS] for result in drawn])
 
 
-def shown(four: Sequence[float]) -> str:
+def error_cells(four: Sequence[float]) -> str:
     """Return the four errors: two joints, two windows."""
     return "{:.4f} {:.4f} \\| {:.4f} {:.4f}".format(*four)
 
@@ -121,7 +121,7 @@ def single_table(single: Runs) -> str:
     rows = [
         [
             f"{label}, {scenario}",
-            shown(values(drawn)[0]),
+            error_cells(values(drawn)[0]),
             *(known("single", label, scenario) or ("",)),
         ]
         for (label, scenario), drawn in single.items()
@@ -160,13 +160,13 @@ def seeds_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
         overshoot = [run.metric("overshoot_1_rad") for run in runs]
         over = f"{np.median(overshoot):.2f}, {max(overshoot):.2f}" if scenario == "step" else ""
         cells = (
-            shown(np.median(found, axis=0)),
-            shown(np.percentile(found, 90, axis=0)),
+            error_cells(np.median(found, axis=0)),
+            error_cells(np.percentile(found, 90, axis=0)),
             f"{np.mean((times > 1).all(axis=1)):.2f}",
             f"{np.mean((times >= 5).all(axis=1)):.2f}",
         )
         ended = str(sum(run.metric("diverged") > 0.5 for run in runs))
-        known_cells = beside(cells, known("seeds", label, scenario))
+        known_cells = bracketed_cells(cells, known("seeds", label, scenario))
         rows.append([f"{label}, {scenario}", *known_cells, over, ended])
     head = ("20 seeds (expected)", "median", "90th percentile", "better than PD", "5 times better",
             "overshoot: median, worst", "ended by the guard")  # fmt: skip

@@ -25,7 +25,7 @@ from pcpc.plants.theorem import (
     Cycles,
     Theorem,
     acting,
-    fitted,
+    fitted_weights,
     inner,
     logistic,
     never,
@@ -98,17 +98,20 @@ def prove(run: Cycles) -> Proof:
     keep = np.r_[:nodes, ROOM : ROOM + JUMPS]
     wi = run.used(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
     b = run.array(f"{state}b", JOINTS, ROOM)[:, :, :nodes]
-    first = [run.used(f"{state}{name}", JOINTS, ROOM)[0, :, :nodes] for name in
-             ("v", "v0", "vi", "v0i")]  # fmt: skip
+    first = [
+        run.used(f"{state}{name}", JOINTS, ROOM)[0, :, :nodes] for name in ("v", "v0", "vi", "v0i")
+    ]
 
     s = np.stack([compensator(run, first[2][j], first[3][j], w_d[:, j]) for j in range(JOINTS)], 1)
     w_ideal, wi_ideal = np.empty((JOINTS, nodes)), np.empty((JOINTS, nodes + JUMPS))
     eps, spread, most = np.zeros(JOINTS), 0.0, 0.0
     for j in range(JOINTS):
         v, v0, vi, v0i = (values[j] for values in first)
-        w_ideal[j] = fitted(logistic(u[:, j, None] * v + v0), deadzone(run, u[:, j])[:, None])[:, 0]
+        w_ideal[j] = fitted_weights(
+            logistic(u[:, j, None] * v + v0), deadzone(run, u[:, j])[:, None]
+        )[:, 0]
         missing = inverse(run, w_d[:, j]) - w_d[:, j]
-        wi_ideal[j] = fitted(s[:, j], missing[:, None])[:, 0]
+        wi_ideal[j] = fitted_weights(s[:, j], missing[:, None])[:, 0]
         nets = (v, v0, w_ideal[j], vi, v0i, wi_ideal[j])
         eps[j] = largest_eps(run, u[:, j], w_d[:, j], nets)
         spread = max(spread, float(np.linalg.norm(v)))
@@ -135,7 +138,7 @@ def prove(run: Cycles) -> Proof:
         theorem="theorem of chapter 4.2",
         error_is="|r| [rad/s]",
         t_s=run.t_s,
-        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r) + sum(one.stored for one in weights),
+        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r) + sum(one.energy for one in weights),
         tuned=weights,
         damping=kv * error**2,
         terms={

@@ -7,7 +7,7 @@ where the run does not diverge.
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.tables import beside, by_case, case_maker, expected_figures
+from pcpc.plants.book.tables import bracketed_cells, by_case, case_maker, expected_figures
 from pcpc.plants.deadzone_map.book.study_figures import draw_beside
 from pcpc.plants.study import Case, Result, markdown
 
@@ -41,7 +41,7 @@ def cases() -> Iterator[Case]:
                 yield _case(name, rig, law, str(value), f"controller.{name}={value}")
 
 
-def shown(result: Result) -> str:
+def result_text(result: Result) -> str:
     """Return rms, largest error; widths."""
     if result.metric("diverged") > 0.5:
         return "diverges"
@@ -68,15 +68,17 @@ def _models(results: Sequence[Result], group: str) -> str:
     found, rows = by_case(results, group), []
     for rig in RIG_NAMES:
         for controller in CONTROLLERS:
-            cells = [shown(found[rig, controller, label]) for label in MODELS]
-            rows.append([f"{controller}, {rig}", *beside(cells, known(group, rig, controller))])
+            cells = [result_text(found[rig, controller, label]) for label in MODELS]
+            rows.append(
+                [f"{controller}, {rig}", *bracketed_cells(cells, known(group, rig, controller))]
+            )
     return markdown(("", *MODELS), rows)
 
 
 def _rates(results: Sequence[Result], name: str, law: str, values: Sequence[float]) -> str:
     found = by_case(results, name)
     rows = [
-        [str(value), *(shown(found[rig, law, str(value)]) for rig in RIG_NAMES[1:])]
+        [str(value), *(result_text(found[rig, law, str(value)]) for rig in RIG_NAMES[1:])]
         for value in values
     ]
     return markdown((name, "d = 0.1", "d = 0.3"), rows)

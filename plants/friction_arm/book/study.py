@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.book.tables import beside, case_maker, expected_figures
+from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures
 from pcpc.plants.friction_arm.book.study_figures import draw_all
 from pcpc.plants.study import Case, Result, markdown, of_group, statistic
 
@@ -46,7 +46,7 @@ TRACES = (
 )  # fmt: skip
 
 
-def _seeded(
+def _seed_cases(
     group: str, rig: str, controller: str, label: str, seeds: Sequence[int], *settings: str
 ) -> Iterator[Case]:
     for seed in seeds:
@@ -59,43 +59,50 @@ def cases() -> Iterator[Case]:
     for rig in "abcde":
         yield _case(rig, rig, "pd", "pd")
         for controller in NETWORKS:
-            yield from _seeded(rig, rig, controller, controller, SEEDS)
+            yield from _seed_cases(rig, rig, controller, controller, SEEDS)
     for controller in ("nn_standard", "nn_step"):
-        yield from _seeded("kz", "a", controller, controller, SEEDS, "controller.kz=0.0")
+        yield from _seed_cases("kz", "a", controller, controller, SEEDS, "controller.kz=0.0")
     kv = ("controller.kv_1_Nms_rad=23.0", "controller.kv_2_Nms_rad=23.0")
     yield _case("stiff pd", "a", "pd", "Kv 23", *kv)
     yield from _gains_and_nodes()
-    yield from _sampled()
+    yield from _sampling_cases()
     for rig in "abcd":
         for controller in DRAWN:
             yield _case("drawn", rig, controller, controller, traces=TRACES)
     for controller in ("nn_step", "nn_ramp", "nn_project", "nn_const"):
-        yield _case("zoom", "a", controller, controller, "duration_s=2.9", traces=TRACES,
-                    window_s=(0.0, 2.9))  # fmt: skip
+        yield _case(
+            "zoom",
+            "a",
+            controller,
+            controller,
+            "duration_s=2.9",
+            traces=TRACES,
+            window_s=(0.0, 2.9),
+        )
 
 
 def _gains_and_nodes() -> Iterator[Case]:
     for controller, labels in GAINS_OF.items():
         for label in labels:
-            yield from _seeded("gains", "a", controller, label, SEEDS, *GAINS[label])
+            yield from _seed_cases("gains", "a", controller, label, SEEDS, *GAINS[label])
         for nodes in NODES:
             setting = f"controller.nodes={nodes}.0"
-            yield from _seeded("nodes", "a", controller, str(nodes), SEEDS, setting)
+            yield from _seed_cases("nodes", "a", controller, str(nodes), SEEDS, setting)
 
 
-def _sampled() -> Iterator[Case]:
+def _sampling_cases() -> Iterator[Case]:
     for controller in ("nn_standard", "nn_step", "nn_ramp"):
         for rate in RATES_HZ:
             setting = f"rate_hz={rate}.0"
-            yield from _seeded("rates", "a", controller, str(rate), FEW_SEEDS, setting)
+            yield from _seed_cases("rates", "a", controller, str(rate), FEW_SEEDS, setting)
     for controller in ("nn_standard", "nn_step", "nn_ramp", "nn_project"):
         for label, settings in QUANTA.items():
-            yield from _seeded("quanta", "a", controller, label, FEW_SEEDS, *settings)
+            yield from _seed_cases("quanta", "a", controller, label, FEW_SEEDS, *settings)
     for delay in DELAYS:
         setting = f"arm.delay_samples={delay}.0"
-        yield from _seeded("delays", "a", "nn_step", str(delay), FEW_SEEDS, setting)
+        yield from _seed_cases("delays", "a", "nn_step", str(delay), FEW_SEEDS, setting)
     for step in STEPS_S:
-        yield from _seeded("steps", "a", "nn_standard", step, range(1, 4), f"arm.step_s={step}")
+        yield from _seed_cases("steps", "a", "nn_standard", step, range(1, 4), f"arm.step_s={step}")
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
@@ -160,7 +167,7 @@ def report(results: Sequence[Result]) -> str:
     stiff = of_group(results, "stiff pd")
     parts.append(
         "PD with the damping that the robust term adds, Kv = 23, case A: "
-        f"{beside([_pair(stiff, LATE)], known('stiff pd', 'pd'))[0]}\n"
+        f"{bracketed_cells([_pair(stiff, LATE)], known('stiff pd', 'pd'))[0]}\n"
     )
     parts += [_tunings(results), _rates(results), _quanta(results), _delays(results)]
     return "\n".join(parts)
@@ -177,7 +184,7 @@ def _regulation(results: Sequence[Result], group: str) -> str:
             _peak(runs),
             _variation(runs),
         )
-        rows.append([controller, *beside(cells, known(group, controller))])
+        rows.append([controller, *bracketed_cells(cells, known(group, controller))])
     head = ("", "4 to 5 s", "9 to 10 s", "worst seed, 9 to 10 s", "overshoot", "peak", "variation")
     return markdown(head, rows)
 
@@ -190,7 +197,7 @@ def _tracking(results: Sequence[Result]) -> str:
             _pair(runs, "error_max_{}_rad"),
             _variation(runs),
         )
-        rows.append([controller, *beside(cells, known("c", controller))])
+        rows.append([controller, *bracketed_cells(cells, known("c", controller))])
     return markdown(("", "rms, 10 to 20 s", "largest, 10 to 20 s", "variation"), rows)
 
 
@@ -208,7 +215,7 @@ def _tunings(results: Sequence[Result]) -> str:
                 _peak(runs),
             )
             other = known(group, controller, label)
-            rows.append([label, controller, *beside(cells, other)])
+            rows.append([label, controller, *bracketed_cells(cells, other)])
         parts.append(
             f"{title}\n\n" + markdown(("", "law", "4 to 5 s", "9 to 10 s", "peak torque"), rows)
         )
@@ -228,7 +235,7 @@ def _rates(results: Sequence[Result]) -> str:
             _overshoot(step),
         )
         gain = statistic(step, "tuning_gain_median_Nms_rad", np.median)
-        rows.append([rate, *beside(cells, known("rates", rate)), f"{gain:.3g}"])
+        rows.append([rate, *bracketed_cells(cells, known("rates", rate)), f"{gain:.3g}"])
     head = ("Hz", "nn_standard, 9 to 10 s", "nn_step, 9 to 10 s", "nn_step variation",
             "nn_ramp variation", "nn_step overshoot 1", "nn_step median T G")  # fmt: skip
     return "Sampling rate, case A, medians over 5 seeds; Kv is 20\n\n" + markdown(head, rows)
@@ -242,7 +249,9 @@ def _quanta(results: Sequence[Result]) -> str:
             _pair(runs, LATE, np.max),
             _variation(runs),
         )
-        rows.append([label, controller, *beside(cells, known("quanta", controller, label))])
+        rows.append(
+            [label, controller, *bracketed_cells(cells, known("quanta", controller, label))]
+        )
     head = ("quantum", "law", "9 to 10 s", "worst of 5 seeds", "variation")
     return "Quantisation, case A\n\n" + markdown(head, rows)
 
@@ -250,7 +259,7 @@ def _quanta(results: Sequence[Result]) -> str:
 def _delays(results: Sequence[Result]) -> str:
     rows = []
     for (_, label), runs in _runs(results, "delays").items():
-        other = beside([_overshoot(runs)], known("delays", label))
+        other = bracketed_cells([_overshoot(runs)], known("delays", label))
         rows.append([label, _pair(runs, LATE), *other])
     text = "Delay of the torque in samples, case A, nn_step, medians over 5 seeds\n\n"
     text += markdown(("samples", "9 to 10 s", "overshoot 1"), rows)

@@ -61,8 +61,15 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
         span = max(0.2, *(_late_error(r, j) for r in results if r.case.controller != "pd"))
         error.set_ylim(-1.15 * span, 1.15 * span)
         if (pd := _late_error(results[0], j)) > 1.15 * span:
-            error.text(0.99, 0.94, f"pd out of view: {pd:.2f} rad", color=COLOURS["pd"], ha="right",
-                       fontsize=8, transform=error.transAxes)  # fmt: skip
+            error.text(
+                0.99,
+                0.94,
+                f"pd out of view: {pd:.2f} rad",
+                color=COLOURS["pd"],
+                ha="right",
+                fontsize=8,
+                transform=error.transAxes,
+            )
         angle.set_title(f"joint {j}", fontsize=10)
         torque.set_title("pd, nn_standard, nn_ramp", fontsize=8, color=GREY)
     name_rows(axes, ("angle [rad]", "error [rad], detail", "torque [N m]"), "time [s]")

@@ -22,13 +22,13 @@ import math
 
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, drawn, motion, times
+from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, drawn_states, motion, times
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
     acting,
-    fitted,
+    fitted_weights,
     inner,
     linearised,
     logistic,
@@ -96,8 +96,9 @@ def projection(run: Cycles, w2: Vector, driven: Vector, rate: float) -> Vector:
     return added
 
 
-def tuning_drives(run: Cycles, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
-           ) -> list[Vector]:  # fmt: skip
+def tuning_drives(
+    run: Cycles, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
+) -> list[Vector]:
     """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi.
 
     `used` and the results: (n, L + 1, 2), (n, 11, L), (n, 4, 2); `nodes`: (n, L + 1), (n, L),
@@ -143,7 +144,7 @@ def prove(run: Cycles) -> Proof:
     f = frictionless(links, one) + friction
 
     v_ideal = v[0]
-    both = fitted(np.concatenate((with_threshold(logistic(x @ v_ideal)), phi), axis=1), f)
+    both = fitted_weights(np.concatenate((with_threshold(logistic(x @ v_ideal)), phi), axis=1), f)
     w1_lacks, w2_lacks, v_lacks = both[: nodes + 1] - w1, both[nodes + 1 :] - w2, v_ideal - v
     learned = read_out(w1, s) + read_out(w2, phi)
     flat, slope, turned = linearised(s, v, x, v_lacks)
@@ -173,7 +174,7 @@ def prove(run: Cycles) -> Proof:
     acts = run.after(run.columns("plant:arm.acting_{}_Nm"))
     leak = sum(inner(a, b) for a, b in zip(lacks, used, strict=True))
 
-    far = drawn(one)
+    far = drawn_states(one)
     far_x = network_input(far)
     known = np.concatenate(
         (with_threshold(logistic(far_x @ v_ideal)), jump_nodes(run, far.v)), axis=1
@@ -186,7 +187,7 @@ def prove(run: Cycles) -> Proof:
         theorem="Theorem 3.2.2",
         error_is="|r| [rad/s]",
         t_s=run.t_s,
-        v=lyapunov + sum(one.stored for one in weights),
+        v=lyapunov + sum(one.energy for one in weights),
         tuned=weights,
         damping=np.sum(r * kv * r, axis=1) + kz * (norm + z_bound) * error**2,
         terms={

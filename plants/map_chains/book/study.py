@@ -40,15 +40,21 @@ def cases() -> Iterator[Case]:
                     more = (known,) if law in ("pd_exact", "pd_slow", "nn") else ()
                     traces = TRACES if order == "3" and kappa == 0.05 else ()
                     yield _case(
-                        "main", rig, law, f"{order}, {kappa}", *settings,
-                        f"chains.coupling={kappa}", *more, traces=traces,
-                    )  # fmt: skip
+                        "main",
+                        rig,
+                        law,
+                        f"{order}, {kappa}",
+                        *settings,
+                        f"chains.coupling={kappa}",
+                        *more,
+                        traces=traces,
+                    )
             yield _case("late", rig, law, law, "chains.delay_samples=1.0")
     for seed in SEEDS:
         yield _case("seeds", GAPS, "nn", str(seed), f"controller.network_seed={float(seed)}")
 
 
-def shown(result: Result) -> str:
+def result_text(result: Result) -> str:
     """Return rms of chain a and of chain b."""
     if max(result.metric("a_diverged"), result.metric("b_diverged")) > 0.5:
         return "diverges"
@@ -62,8 +68,8 @@ def report(results: Sequence[Result]) -> str:
         for law in laws:
             for order in "23":
                 found = [main[rig, law, f"{order}, {kappa}"] for kappa in COUPLINGS]
-                rows.append([f"{rig}, {law}", order, *map(shown, found)])
-    late = {r.case.label: shown(r) for r in of_group(results, "late")}
+                rows.append([f"{rig}, {law}", order, *map(result_text, found)])
+    late = {r.case.label: result_text(r) for r in of_group(results, "late")}
     return "\n".join(
         (
             "Error rms of chain a, of chain b; a column for each coupling of the plant.\n",

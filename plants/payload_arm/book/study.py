@@ -7,7 +7,7 @@ figure is one run. In brackets what an independent implementation gave, where it
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.tables import beside, case_maker, expected_figures, labelled
+from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, results_of_label
 from pcpc.plants.payload_arm.book.study_figures import draw_beside, draw_long, draw_parts
 from pcpc.plants.study import Case, Result, markdown, of_group
 
@@ -81,8 +81,9 @@ def cases() -> Iterator[Case]:
         yield _case("seeds", "on", "critic", str(seed), f"controller.network_seed={seed}.0")
     for label, (rig, *settings) in LONG.items():
         long, window_s = f"duration_s={LONG_S}", (LONG_S - 10.0, LONG_S)
-        yield _case("long", rig, "critic", label, long, *settings, traces=NETWORK_TRACES,
-                    window_s=window_s)  # fmt: skip
+        yield _case(
+            "long", rig, "critic", label, long, *settings, traces=NETWORK_TRACES, window_s=window_s
+        )
 
 
 def pair(result: Result, metric: str) -> str:
@@ -96,13 +97,13 @@ def table(title: str, results: Sequence[Result], first: Sequence[list[str]] = ()
     for result in results:
         other = known(result.case.group, result.case.label)
         cells = [pair(result, name) for name in COLUMNS]
-        rows.append([result.case.label, *beside(cells, other)])
+        rows.append([result.case.label, *bracketed_cells(cells, other)])
     return f"{title}\n\n" + markdown(("", *HEADS), [*first, *rows])
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    (four,) = labelled(results, "main", "4 PD + critic, payload")
+    (four,) = results_of_label(results, "main", "4 PD + critic, payload")
     norms = [
         [name, f"{four.metric(key):.3g}", *known("norms", name)] for key, name in NORMS.items()
     ]

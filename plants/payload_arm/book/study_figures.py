@@ -62,9 +62,11 @@ def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
 def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
     """Draw the rms errors of each combination of parts before, under and after the payload."""
     figure, axes = sheet((12.0, 5.0), 120, 1, 3, sharex=True, sharey=True)
-    windows = (("early_error_rms", "3 to 5 s, before the payload"),
-               ("payload_error_rms", "5 to 7 s, with the payload"),
-               ("error_rms", "8 to 10 s, after it"))  # fmt: skip
+    windows = (
+        ("early_error_rms", "3 to 5 s, before the payload"),
+        ("payload_error_rms", "5 to 7 s, with the payload"),
+        ("error_rms", "8 to 10 s, after it"),
+    )
     labels = list(shown)[::-1]
     whole = labels.index(next(label for label in labels if label.startswith("all:")))
     for ax, (metric, title) in zip(axes, windows, strict=True):

@@ -22,13 +22,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, accelerated, drawn, motion
+from pcpc.plants.families.two_link.book.theory import (
+    Motion,
+    TwoLinks,
+    acceleration,
+    drawn_states,
+    motion,
+)
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
     acting,
-    fitted,
+    fitted_weights,
     inner,
     logistic,
     positive,
@@ -54,7 +60,7 @@ def network_input(one: Motion) -> Vector:
 
 def unknown_part(run: Cycles, links: TwoLinks, one: Motion) -> Vector:
     """Return q_d'' + Lam e' + M^-1 (Vm q' + G + Fr) (n, 2), rad/s2: f for Mhat = M."""
-    slowed = accelerated(run, links, one.q, one.v, run.setting(WIDTH))
+    slowed = acceleration(run, links, one.q, one.v, run.setting(WIDTH))
     return one.forward[0] - slowed
 
 
@@ -84,7 +90,7 @@ def prove(run: Cycles) -> Proof:
     links = replace(plain, m2=run.after(run.column("plant:arm.outer_mass_kg")))
     one = motion(run, np.array([lam, lam]))
     r, acts = one.r, run.after(run.columns("plant:arm.acting_{}_Nm"))
-    moved = accelerated(run, links, one.q, one.v, run.setting(WIDTH), acts)
+    moved = acceleration(run, links, one.q, one.v, run.setting(WIDTH), acts)
     r_rate = one.forward[0] - moved
 
     w1 = run.used(f"{STATE}w1", NODES, 2)
@@ -95,7 +101,7 @@ def prove(run: Cycles) -> Proof:
     robust = run.columns("executive:controller.robust_{}_rad_s2")
     learned = run.columns("executive:controller.learned_{}_rad_s2")
     f = r_rate + kv * r + learned + robust
-    ideal = fitted(s2, f)
+    ideal = fitted_weights(s2, f)
     lacks, rest = ideal - w2, f - s2 @ ideal
 
     drive = s2[:, :, None] * sc[:, None, :] - kap2 * w2
@@ -106,7 +112,7 @@ def prove(run: Cycles) -> Proof:
     unhelped = np.maximum(size(rest) - kz, 0.0)
     sway = size(sc - r)
     k, mu = damping(run, back)
-    at = drawn(one)
+    at = drawn_states(one)
     eps = size(unknown_part(run, plain, at) - logistic(network_input(at) @ v2) @ ideal).max()
     payload = size(f - unknown_part(run, plain, one)).max()
     c0 = max(float(eps + payload) - kz, 0.0)
@@ -116,7 +122,7 @@ def prove(run: Cycles) -> Proof:
         theorem="Theorem 7.3.1",
         error_is="|r| [rad/s]",
         t_s=run.t_s,
-        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2) + weights.stored,
+        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2) + weights.energy,
         tuned=(weights,),
         damping=kv * error**2
         - beta * inner(critic, r)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.book.tables import beside, case_maker, expected_figures, labels, rig_name
+from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, labels, rig_name
 from pcpc.plants.quarter_car.book import bode
 from pcpc.plants.quarter_car.book.study_figures import ROADS, draw_all
 from pcpc.plants.study import Case, Result, markdown, of_group
@@ -125,7 +125,7 @@ def report(results: Sequence[Result]) -> str:
     ordered = sorted(of_group(results, "table"), key=lambda r: [*STRUTS].index(r.case.label))
     for result in ordered:
         label, road = result.case.label, _road(result)
-        rows.append([label, road, *beside(_row(result), known("table", label, road))])
+        rows.append([label, road, *bracketed_cells(_row(result), known("table", label, road))])
     head = ("strut", "rad/s", "v_rms m/s", "v_max m/s", "a_rms m/s2", "extension m", "ef_rms N",
             "spool mm")  # fmt: skip
     text = (
@@ -133,7 +133,7 @@ def report(results: Sequence[Result]) -> str:
         "brackets the figures of an independent implementation of the same equations.\n\n"
     )
     text += markdown(head, rows)
-    parts = (_preloaded, _kick, _robust, _pid_delay, _long, _causes, _steps)
+    parts = (_preload_table, _kick, _robust, _pid_delay, _long, _causes, _steps)
     return "\n".join([text, *(part(results) for part in parts), _bode()])
 
 
@@ -141,10 +141,10 @@ def _road(result: Result) -> str:
     return rig_name(result).rpartition("-")[2]
 
 
-def _preloaded(results: Sequence[Result]) -> str:
+def _preload_table(results: Sequence[Result]) -> str:
     own = of_group(results, "preloaded")
     found = [_speed(r.metric("speed_rms_m_s")) for r in own]
-    cells = beside(found, ["".join(known("preloaded", _road(r))) for r in own])
+    cells = bracketed_cells(found, ["".join(known("preloaded", _road(r))) for r in own])
     title = (
         "Passive, preloaded so that it rests at mid stroke, stops on: v_rms (computed with g = 0)"
     )
@@ -160,7 +160,7 @@ def _kick(results: Sequence[Result]) -> str:
             _number(result.metric("oscillation_rad_s")),
         )
         name = result.case.controller
-        rows.append([name, *beside(cells, known("kick", name))])
+        rows.append([name, *bracketed_cells(cells, known("kick", name))])
     head = ("", "v_rms m/s", "spool mm", "oscillation rad/s")
     return "Flat road, body kicked with 0.05 m/s, 3 to 6 s\n\n" + markdown(head, rows)
 
@@ -176,7 +176,7 @@ def _robust(results: Sequence[Result]) -> str:
         rows = []
         for label in labels(own, group):
             values = [_speed(r.metric("speed_rms_m_s")) for r in own if r.case.label == label]
-            rows.append([label, *beside(values, known(group, label))])
+            rows.append([label, *bracketed_cells(values, known(group, label))])
         parts.append(f"{title}\n\n" + markdown(("", *(f"{w} rad/s" for w in ROADS)), rows))
     return "\n".join(parts)
 
@@ -184,7 +184,7 @@ def _robust(results: Sequence[Result]) -> str:
 def _pid_delay(results: Sequence[Result]) -> str:
     own = of_group(results, "pid delay")
     found = [f"{r.metric('acceleration_rms_m_s2'):.2f}" for r in own]
-    cells = beside(found, [known("pid delay", r.case.label)[0] for r in own])
+    cells = bracketed_cells(found, [known("pid delay", r.case.label)[0] for r in own])
     head = [f"{r.case.label} samples" for r in own]
     return "pid at 8 rad/s, command late: a_rms\n\n" + markdown(head, [cells])
 
@@ -192,7 +192,7 @@ def _pid_delay(results: Sequence[Result]) -> str:
 def _long(results: Sequence[Result]) -> str:
     (run,) = of_group(results, "long")
     values = [f"{1e3 * run.metric(name):.2f}" for name in ("theta_norm_max_m", "theta_max_m")]
-    norm, largest = beside(values, known("long", run.case.label))
+    norm, largest = bracketed_cells(values, known("long", run.case.label))
     return f"fl, 30 s at 58 rad/s: norm of Th at most {norm} mm, largest entry {largest} mm\n"
 
 
@@ -204,7 +204,9 @@ def _causes(results: Sequence[Result]) -> str:
             f"{result.metric('force_correlation'):.2f}",
             _speed(result.metric("speed_rms_m_s")),
         )
-        rows.append([result.case.label, *beside(cells, known("causes", result.case.label))])
+        rows.append(
+            [result.case.label, *bracketed_cells(cells, known("causes", result.case.label))]
+        )
     head = ("", "ef_rms N", "correlation of F with Fd", "v_rms m/s")
     title = "Why the strut does not follow Fd at 150 rad/s; faster: tf 0.5 ms, lam 400/s, k1 200/s"
     return f"{title}\n\n" + markdown(head, rows)
@@ -228,6 +230,6 @@ def _bode() -> str:
         at, height = bode.peak(law, 40.0, 90.0, car, gains)
         cells = [*(f"{value:.2f}" for value in found), f"{height:.1f} at {at:.1f}"]
         peak = " at ".join(known("peak", law))
-        rows.append([law, *beside(cells, [*known("bode", law), peak])])
+        rows.append([law, *bracketed_cells(cells, [*known("bode", law), peak])])
     head = ("dB re 1/s2", *(f"{v:g}" for v in BODE_RAD_S), "peak")
     return "Linear: road to body acceleration\n\n" + markdown(head, rows)

@@ -56,8 +56,15 @@ Close = Mapping[tuple[str, int], Mapping[str, Any]]
 def _motion(runs: Runs, close: Close, path: Path) -> None:
     """Draw body speed and strut travel of passive, PID and fuzzy backstepping on every road."""
     rows = len(SHOWN)
-    figure, axes = sheet((12.0, 10.0), 110, 2 * rows, len(ROADS), sharex="col", sharey="row",
-                        height_ratios=(4, 2) * rows)  # fmt: skip
+    figure, axes = sheet(
+        (12.0, 10.0),
+        110,
+        2 * rows,
+        len(ROADS),
+        sharex="col",
+        sharey="row",
+        height_ratios=(4, 2) * rows,
+    )
     for i, label in enumerate(SHOWN):
         for j, road in enumerate(ROADS):
             x, (speed, travel) = close[label, road], axes[2 * i : 2 * i + 2, j]
@@ -106,9 +113,13 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
     name_rows(axes, ("force [kN]", "spool [mm]") * 2, "time [s]")
     for ax in axes[::2, 0]:
         ax.legend(
-            frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 1.08),
+            frameon=False,
+            fontsize=8,
+            ncols=2,
+            loc="lower right",
+            bbox_to_anchor=(1.03, 1.08),
             borderaxespad=0.0,
-        )  # fmt: skip
+        )
     _finish(
         figure, axes, "Force loop: PID above, fuzzy backstepping below; one scale a column", path
     )
@@ -172,9 +183,12 @@ def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path)
     at = float(bode.response_db("passive", np.array([w0]), car, gains)[0])
     ax.plot([w0], [at], "o", color=GREEN, zorder=5)
     ax.annotate(
-        f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does", (w0, at), (9.0, 54.0),
-        fontsize=9, arrowprops={"arrowstyle": "-", "color": GREY},
-    )  # fmt: skip
+        f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does",
+        (w0, at),
+        (9.0, 54.0),
+        fontsize=9,
+        arrowprops={"arrowstyle": "-", "color": GREY},
+    )
     for road in ROADS:
         ax.axvline(road, color=GREY, linewidth=0.7, linestyle="-.")
         ax.text(road * 1.03, 63.5, f"{road}", color=GREY, fontsize=8)

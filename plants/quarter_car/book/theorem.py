@@ -25,7 +25,7 @@ from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
     Theorem,
-    fitted,
+    fitted_weights,
     inner,
     never,
     positive,
@@ -125,7 +125,7 @@ def prove(run: Cycles) -> Proof:
 
     theta = run.used("executive:controller.theta", RULES)
     m = memberships(x3, v3, p1 - p2)
-    ideal = fitted(m, (-drift / gain)[:, None], RIDGE)[:, 0]
+    ideal = fitted_weights(m, (-drift / gain)[:, None], RIDGE)[:, 0]
     lacks = ideal - theta
     rest = ef_rate + k1 * ef - known * (e + inner(lacks, m))
     drive = m * (known * ef)[:, None] - kap * np.abs(known * ef)[:, None] * theta
@@ -143,7 +143,7 @@ def prove(run: Cycles) -> Proof:
         theorem="Theorem 6.3.1",
         error_is="|ef| [N]",
         t_s=run.t_s,
-        v=0.5 * ef**2 + weights.stored,
+        v=0.5 * ef**2 + weights.energy,
         tuned=(weights,),
         damping=k1 * ef**2,
         terms={
@@ -184,7 +184,7 @@ def prove(run: Cycles) -> Proof:
     )
 
 
-def declared(settings: Mapping[str, float]) -> float:
+def declared_rate(settings: Mapping[str, float]) -> float:
     """Return Gam as (7) of the law has it, of what the rig gives, m2/N2."""
     weight_N = settings["mass_kg"] * settings["gravity_m_s2"]
     return float((settings["adaptation_rad_s"] / nominal_gain(settings, weight_N)) ** 2)
@@ -194,6 +194,6 @@ STATES = ("controller.theta_*",)
 RATES = ("gam_m2_N2",)
 THEOREMS = {
     "strut_backstepping": Theorem(
-        prove, STATES, RATES, derived={"gam_m2_N2": ("adaptation_rad_s", declared)}
+        prove, STATES, RATES, derived={"gam_m2_N2": ("adaptation_rad_s", declared_rate)}
     )
 }

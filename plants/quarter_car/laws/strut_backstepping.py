@@ -169,7 +169,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     """Return the parameters, with the tuning rate (7)."""
     own = {one.name: settings[one.name] for one in Own.ports}
     root = settings["adaptation_rad_s"] / outer.known_gain(settings)
-    return Prepared({**outer.known(settings), **own, "gam_m2_N2": root * root})
+    return Prepared({**outer.known_parameters(settings), **own, "gam_m2_N2": root * root})
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

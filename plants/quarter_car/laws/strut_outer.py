@@ -86,7 +86,7 @@ def _weight(settings: Mapping[str, float]) -> float:
     return settings["mass_kg"] * settings["gravity_m_s2"]
 
 
-def known(settings: Mapping[str, float]) -> dict[str, float]:
+def known_parameters(settings: Mapping[str, float]) -> dict[str, float]:
     """Return Parameters by name."""
     gains = {one.name: settings[one.name] for one in Gains.ports}
     weight = _weight(settings)
@@ -100,7 +100,7 @@ def known_gain(settings: Mapping[str, float]) -> float:
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters."""
-    return Prepared(known(settings))
+    return Prepared(known_parameters(settings))
 
 
 @inline

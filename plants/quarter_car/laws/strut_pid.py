@@ -71,7 +71,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         "kd_ms_N": settings["derivative_s"] * kp,
     }
     own = {one.name: settings[one.name] for one in Own.ports}
-    return Prepared({**outer.known(settings), **own, **gains})
+    return Prepared({**outer.known_parameters(settings), **own, **gains})
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -70,10 +70,16 @@ class Network:
                 float(np.linalg.norm(held)),
             ))  # fmt: skip
         best = _least_squares(ph[begin:cut], f[begin:cut])
-        found.append(Identified(
-            "least squares, same nodes", np.nan, np.nan, _share(ph[begin:cut] @ best, f[begin:cut]),
-            _share(ph[cut:] @ best, f[cut:]), float(np.linalg.norm(best)),
-        ))  # fmt: skip
+        found.append(
+            Identified(
+                "least squares, same nodes",
+                np.nan,
+                np.nan,
+                _share(ph[begin:cut] @ best, f[begin:cut]),
+                _share(ph[cut:] @ best, f[cut:]),
+                float(np.linalg.norm(best)),
+            )
+        )
         return found
 
 

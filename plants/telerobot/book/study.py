@@ -7,7 +7,13 @@ implementation of the same equations gave.
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.tables import beside, by_case, by_run, case_maker, expected_figures
+from pcpc.plants.book.tables import (
+    bracketed_cells,
+    by_case,
+    case_maker,
+    expected_figures,
+    results_by_run,
+)
 from pcpc.plants.study import Case, Result, markdown, of_group
 from pcpc.plants.telerobot.book.study_figures import draw_all
 
@@ -77,7 +83,7 @@ def _lossy(echo: int, frames: Sequence[str]) -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the default scenario, and errors over delay, wrong delay and bursts."""
-    draw_all(results, by_run(results, "losses"), BURSTS, folder)
+    draw_all(results, results_by_run(results, "losses"), BURSTS, folder)
 
 
 def pair(result: Result, part: str = "") -> str:
@@ -97,27 +103,27 @@ def report(results: Sequence[Result]) -> str:
             "came to 20 rad/s and the robot's node stopped the arm.\n",
             _scenarios(results),
             _delays(results),
-            _changed(results),
+            _change_tables(results),
             _losses(results),
         )
     )
 
 
 def _scenarios(results: Sequence[Result]) -> str:
-    runs, rows = by_run(results, "scenarios"), []
+    runs, rows = results_by_run(results, "scenarios"), []
     for controller in CONTROLLERS:
         u0, u1, u2 = (runs[controller, rig] for rig in ("u0", "u1", "u2"))
         cells = (pair(u0), pair(u1), pair(u2, "before_"), pair(u2, "load_"), pair(u2))
-        rows.append([controller, *beside(cells, known("scenarios", controller))])
+        rows.append([controller, *bracketed_cells(cells, known("scenarios", controller))])
     head = ("", "U0, 15 to 20 s", "U1, 15 to 20 s", "U2, 5 to 10 s", "U2, 10 to 15 s",
             "U2, 15 to 20 s")  # fmt: skip
     return "Scenarios, T = 0.2 s\n\n" + markdown(head, rows)
 
 
 def _delays(results: Sequence[Result]) -> str:
-    runs, limits = by_run(results, "delays"), by_case(results, "limit")
+    runs, limits = results_by_run(results, "delays"), by_case(results, "limit")
     rows = [
-        [d, *beside([pair(runs[c, d]) for c in DELAYED], known("delays", d))]
+        [d, *bracketed_cells([pair(runs[c, d]) for c in DELAYED], known("delays", d))]
         for d in map(str, DELAYS_S)
     ]
     limit = [
@@ -132,7 +138,7 @@ def _delays(results: Sequence[Result]) -> str:
     )
 
 
-def _changed(results: Sequence[Result]) -> str:
+def _change_tables(results: Sequence[Result]) -> str:
     text = "rnn, U2, 15 to 20 s\n\n" + _errors(results, "changed", "changed")
     text += "\nz looked up too early by so many ms, twice the error of the one-way delay\n\n"
     text += _errors(results, "offsets", "ms")
@@ -149,19 +155,20 @@ def _changed(results: Sequence[Result]) -> str:
 def _errors(results: Sequence[Result], group: str, head: str) -> str:
     """Return a row a run of a group."""
     rows = [
-        [r.case.label, *beside([pair(r)], known(group, r.case.label))]
+        [r.case.label, *bracketed_cells([pair(r)], known(group, r.case.label))]
         for r in of_group(results, group)
     ]
     return markdown((head, "rms error"), rows)
 
 
 def _losses(results: Sequence[Result]) -> str:
-    runs, rows = by_run(results, "losses"), []
+    runs, rows = results_by_run(results, "losses"), []
     for frames in ("U", "TELL_Q", "+".join(UPLINK)):
         for share, burst in LOSSES:
             by_echo, by_delay = (runs["rnn", f"{frames} {share} {burst} {e}"] for e in (1, 0))
-            cells = beside([_or_end(by_echo), _or_end(by_delay)],
-                           known("losses", frames, share, burst))  # fmt: skip
+            cells = bracketed_cells(
+                [_or_end(by_echo), _or_end(by_delay)], known("losses", frames, share, burst)
+            )
             held = by_echo.metrics
             rows.append([frames, f"{share:.0%}", str(burst), *cells,
                          f"{held['held_u']:.0f} / {held['held_x']:.0f}"])  # fmt: skip

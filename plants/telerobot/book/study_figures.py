@@ -47,8 +47,14 @@ def _errors(results: Sequence[Result], path: Path) -> None:
             ax.axvspan(*load_s, color="#ECEFF3", linewidth=0, zorder=0)
             ax.grid(alpha=0.3)
             ax.set_xlim(0.0, 20.0)
-        detail.annotate("payload", (13.4, 0.04), xycoords=("data", "axes fraction"), ha="center",
-                        fontsize=8, color=GREY)  # fmt: skip
+        detail.annotate(
+            "payload",
+            (13.4, 0.04),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            fontsize=8,
+            color=GREY,
+        )
     name_rows(axes, ("angle [rad]", "error [rad]", "error [rad]"), "time [s]")
     legend_below(figure, axes[0, 0], 6)
     figure.suptitle("Telerobot, T = 0.2 s each way, friction, payload from 10 to 15 s", fontsize=11)

@@ -15,14 +15,14 @@ without payload, and the payload's part of the run. rad, rad/s. Source: Lewis, C
 
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import TwoLinks, accelerated
+from pcpc.plants.families.two_link.book.theory import TwoLinks, acceleration
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
     Theorem,
     acting,
-    fitted,
+    fitted_weights,
     inner,
     positive,
     rates_positive,
@@ -82,8 +82,8 @@ def prove(run: Cycles) -> Proof:
     robust = (kr + kw * norm)[:, None] * st
     learned = read_out(w, ph)
     drive = np.linalg.solve(known.inertia(q), asked[:, :, None])[:, :, 0] + learned + robust
-    f = accelerated(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
-    ideal = fitted(ph, f)
+    f = acceleration(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
+    ideal = fitted_weights(ph, f)
     lacks, rest = ideal - w, f - ph @ ideal
     drive = ph[:, :, None] * st[:, None, :] - kap * w
     moved = run.moved(f"{SERVO}w", NODES, 2)
@@ -93,9 +93,9 @@ def prove(run: Cycles) -> Proof:
     error = np.sqrt(np.einsum("nji,ik,njk->n", spread, P, spread))
     draw = np.random.default_rng(0)
     at, moving = states_drawn(q, draw), states_drawn(rate, draw)
-    falls = accelerated(run, plain, at, moving, WIDTH_RAD_S)
+    falls = acceleration(run, plain, at, moving, WIDTH_RAD_S)
     eps = size(falls - hidden_nodes(first, at, moving) @ ideal).max()
-    payload = size(f - accelerated(run, plain, q, rate, WIDTH_RAD_S)).max()
+    payload = size(f - acceleration(run, plain, q, rate, WIDTH_RAD_S)).max()
     scale = float(np.sqrt(P[1, 1]))
     wrong = float(np.abs(known.inertia(q) - links.inertia(q)).max())
     missed = float(run.column(f"{SERVO}held_u")[-1])
@@ -103,7 +103,7 @@ def prove(run: Cycles) -> Proof:
         theorem="Theorem 8.3.1",
         error_is="sqrt(x~'P x~) of the identifier",
         t_s=run.t_s,
-        v=0.5 * error**2 + weights.stored,
+        v=0.5 * error**2 + weights.energy,
         tuned=(weights,),
         damping=0.5 * np.einsum("nji,ik,njk->n", spread, Q, spread)
         + (kr + kw * norm) * size(st) ** 2,

@@ -43,7 +43,7 @@ class Bench:
     said: list[Said] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        every = objects.changed(objects.objects(NODE, "bench"), self.starts)
+        every = objects.changed_dictionary(objects.objects(NODE, "bench"), self.starts)
         self.objects = every
         self.d: Any = np.zeros(1, layout.DRIVE).view(np.recarray)[0]
         objects.install(self.d, NODE, every)

@@ -154,8 +154,9 @@ def drives(folder: Path, count: int, more: str = "") -> Path:
     if count == 1:
         law = law.replace(", shape=1", "").replace("[i]", "").replace("[0]", "")
     (folder / "master.py").write_text(law)
-    rig = _RIG.format(template=_TEMPLATE, n=count, inputs=", ".join(inputs), sent=sent,
-                      objects=first)  # fmt: skip
+    rig = _RIG.format(
+        template=_TEMPLATE, n=count, inputs=", ".join(inputs), sent=sent, objects=first
+    )
     path = folder / "drives.yaml"
     path.write_text(rig + plants + more)
     return path

@@ -41,11 +41,14 @@ def test_no_frame_on_the_line_is_later_than_its_bound(tmp_path: Path) -> None:
     assert in_memory(at_600).node["executive"].columns["supervisor.missing_cycles"].max() > 0.0
 
 
-@pytest.mark.parametrize(("rig", "own"), [
-    ("cia402", {"TPDO1 5": 1, "heartbeat 5": 100}),
-    ("odrive", {"heartbeat 0": 100, "encoder 0": 10}),
-    ("mit", {"feedback 1": 1}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rig", "own"),
+    [
+        ("cia402", {"TPDO1 5": 1, "heartbeat 5": 100}),
+        ("odrive", {"heartbeat 0": 100, "encoder 0": 10}),
+        ("mit", {"feedback 1": 1}),
+    ],
+)
 def test_a_drive_s_own_frames_are_counted(
     rig: str, own: dict[str, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -63,6 +66,7 @@ def test_a_log_names_them_but_for_those_of_the_dbc_file() -> None:
     assert names[0x705] == "heartbeat 5" and names[0x585] == "SDO answer 5" and names[0] == "NMT"
     assert names[0x485] == "TPDO4" and names[0x185] == "TPDO1 5"
     for rig, number, name in (("odrive", 0xC2, "estop 6"), ("mit", 0x101, "position 1")):
-        names = logs.frame_names(in_memory(load_rig(ROBOTS / f"{rig}.yaml",
-                                                    settings=["duration_s=0.01"])))  # fmt: skip
+        names = logs.frame_names(
+            in_memory(load_rig(ROBOTS / f"{rig}.yaml", settings=["duration_s=0.01"]))
+        )
         assert names[number] == name, names

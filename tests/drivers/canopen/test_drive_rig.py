@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from processes import pcpc
 
-from pcpc.executive.batch.driven import Driven
+from pcpc.executive.batch.driven import DrivenPlant
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
@@ -83,7 +83,7 @@ def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
     with pytest.raises(NotInLanes, match=r"its plant is a drive|nothing is compiled"):
         Group(load_rig(MASTERED), {})
     with pytest.raises(RigError, match="the drive moves this plant"):
-        Driven(load_rig(MASTERED))
+        DrivenPlant(load_rig(MASTERED))
 
 
 REFUSED = {

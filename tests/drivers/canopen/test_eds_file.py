@@ -69,7 +69,7 @@ DefaultValue=9
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> eds_file.Read:
+def read(tmp_path: Path) -> eds_file.EdsContent:
     (tmp_path / "real.dcf").write_text(FILE)
     return eds_file.read(tmp_path / "real.dcf", EVERY, NODE)
 
@@ -90,7 +90,7 @@ def test_what_the_drive_writes_it_reads_back(tmp_path: Path) -> None:
     assert bounds == [(one.key, one.start, one.bounds, one.text, one.access) for one in EVERY]
 
 
-def test_objects_of_ours_begin_with_its_values_within_its_bounds(read: eds_file.Read) -> None:
+def test_objects_of_ours_begin_with_its_values_within_its_bounds(read: eds_file.EdsContent) -> None:
     of = {one.key: one for one in read.every}
     assert (of["1017"].start, of["1018.1"].start) == (250, 0x1234)
     assert (of["6085"].start, of["6085"].bounds) == (8, (1, 0x1000))
@@ -99,14 +99,14 @@ def test_objects_of_ours_begin_with_its_values_within_its_bounds(read: eds_file.
     assert of["605B"].start == EVERY[Row.SHUTDOWN_OPTION].start
 
 
-def test_what_the_drive_does_not_have_is_told(read: eds_file.Read) -> None:
+def test_what_the_drive_does_not_have_is_told(read: eds_file.EdsContent) -> None:
     told = [*(f"1003.{i}" for i in range(5, 11)), "2004", "605B=7", "60B0", "60B9", "1A01"]
     assert sorted(read.left_out) == sorted(told)
     row = layout.FIRST_TPDO + layout.TPDO_ROWS + layout.COB_ID
     assert read.every[row].start >> 31 == 1, "a PDO that maps what is not there is not valid"
 
 
-def test_a_manufacturers_objects_are_kept_without_an_effect(read: eds_file.Read) -> None:
+def test_a_manufacturers_objects_are_kept_without_an_effect(read: eds_file.EdsContent) -> None:
     bench = bench_of(read.every)
     assert bench.read(0x2001) == 0xFFFF_FFF9 and bench.write(0x2001, 0, 70_000, 4) == 0
     assert bench.read(0x2001) == 70_000
@@ -115,12 +115,14 @@ def test_a_manufacturers_objects_are_kept_without_an_effect(read: eds_file.Read)
     assert bench.read(0x60B9) == bench.read(0x2004) == -0x0602_0000
     bench.write(0x1600, 1, 0, 4)
     for index, subindex, value, size in (
-        (0x1A02, 0, 0, 1), (0x1A02, 1, 0x2001_0020, 4), (0x1A02, 0, 1, 1),
-    ):  # fmt: skip
+        (0x1A02, 0, 0, 1),
+        (0x1A02, 1, 0x2001_0020, 4),
+        (0x1A02, 0, 1, 1),
+    ):
         assert bench.write(index, subindex, value, size) == 0, "it can be mapped"
 
 
-def test_a_reset_brings_back_the_files_values(read: eds_file.Read) -> None:
+def test_a_reset_brings_back_the_files_values(read: eds_file.EdsContent) -> None:
     bench = bench_of(read.every)
     assert bench.write(0x1017, 0, 9, 2) == bench.write(0x2001, 0, 9, 4) == 0
     bench.send(0, bytes([129, NODE]))
@@ -128,7 +130,7 @@ def test_a_reset_brings_back_the_files_values(read: eds_file.Read) -> None:
 
 
 def test_its_own_eds_then_has_the_manufacturers_objects(
-    read: eds_file.Read, tmp_path: Path
+    read: eds_file.EdsContent, tmp_path: Path
 ) -> None:
     (tmp_path / "drive.eds").write_text(eds.text(read.every))
     theirs = canopen.import_od(str(tmp_path / "drive.eds"), NODE)
@@ -157,16 +159,22 @@ def test_a_wrong_file_is_named_with_its_section(content: bytes, said: str, tmp_p
     (tmp_path / "real.eds").write_bytes(content)
     drive = {"plant.drive.eds": str(tmp_path / "real.eds")}
     with pytest.raises(RigError) as error:
-        plan(load_rig(HERE / "mastered.yaml", settings=[f"{k}={v}" for k, v in drive.items()]),
-             "plant", "real")  # fmt: skip
+        plan(
+            load_rig(HERE / "mastered.yaml", settings=[f"{k}={v}" for k, v in drive.items()]),
+            "plant",
+            "real",
+        )
     text = str(error.value)
     assert said in text and "real.eds" in text and text.count("\n") == 0
 
 
 def test_no_file_is_wrong_input(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="no such file: absent"):
-        plan(load_rig(HERE / "mastered.yaml", settings=["plant.drive.eds=absent.eds"]),
-             "plant", "real")  # fmt: skip
+        plan(
+            load_rig(HERE / "mastered.yaml", settings=["plant.drive.eds=absent.eds"]),
+            "plant",
+            "real",
+        )
 
 
 def test_a_log_carries_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,8 +12,9 @@ from processes import Running, own_bus, pcpc, until
 
 RIG = Path(__file__).parents[3] / "tools/make/template/drive_cia402.yaml"
 FROM_NODES = [  # udp_multicast gives a sender its own frames, which the package takes for others'
-    {"can_id": 0x080, "can_mask": 0x080}, {"can_id": 0x700, "can_mask": 0x780},
-]  # fmt: skip
+    {"can_id": 0x080, "can_mask": 0x080},
+    {"can_id": 0x700, "can_mask": 0x780},
+]
 
 
 @contextmanager
@@ -49,8 +50,10 @@ def in_blocks(node: BaseNode402) -> None:
     """Read and write by block transfer, each with a CRC and without."""
     for crc in (True, False):
         for index, subindex, data in (
-            (0x1008, 0, b"motor-drive"), (0x100A, 0, b"pcpc"), (0x1018, 3, b"\0\0\1\0"),
-        ):  # fmt: skip
+            (0x1008, 0, b"motor-drive"),
+            (0x100A, 0, b"pcpc"),
+            (0x1018, 3, b"\0\0\1\0"),
+        ):
             given = {"block_transfer": True, "request_crc_support": crc}
             with node.sdo.open(index, subindex, "rb", **given) as stream:
                 assert stream.read() == data

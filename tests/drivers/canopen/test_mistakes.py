@@ -121,9 +121,13 @@ def test_only_a_command_that_changes_nothing_and_is_no_wish_to_stay_is_ignored(
         assert is_ignored(power, word, 2) == expected, word
 
 
-@pytest.mark.parametrize(("option", "word", "end"), [
-    ("605B", 0x06, Power.READY_TO_SWITCH_ON), ("605C", 0x07, Power.SWITCHED_ON),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("option", "word", "end"),
+    [
+        ("605B", 0x06, Power.READY_TO_SWITCH_ON),
+        ("605C", 0x07, Power.SWITCHED_ON),
+    ],
+)
 def test_a_drive_slows_down_before_it_leaves_operation(option: str, word: int, end: Power) -> None:
     bench = Bench(starts={option: 1}).enabled(9)
     bench[Row.TARGET_VELOCITY] = 2000
@@ -147,11 +151,19 @@ def test_it_goes_on_if_it_is_wanted_again_on_the_ramp() -> None:
     assert bench.d.state.power == Power.OPERATION_ENABLED and abs(bench.w - 2.0) < 0.02
 
 
-@pytest.mark.parametrize(("period_us", "told"), [
-    (1000, []),
-    (5000, ["master: SYNC was off by half of the period 0x1006, and more than a cycle: 100 x "
-            "(drive.master.sync_off)"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("period_us", "told"),
+    [
+        (1000, []),
+        (
+            5000,
+            [
+                "master: SYNC was off by half of the period 0x1006, and more than a cycle: 100 x "
+                "(drive.master.sync_off)"
+            ],
+        ),
+    ],
+)
 def test_the_verdict_of_a_master_in_our_executive(
     period_us: int, told: list[str], tmp_path: Path
 ) -> None:

@@ -56,7 +56,7 @@ class Bench:
         self.dialect, dialect, known, self.hears = self.kind
         self.r: Any = np.zeros(1, ROBOT).view(np.recarray)[0]
         self.d: Any = np.zeros(1, DRIVE).view(np.recarray)[0]
-        every = settings.started(known, starts or {})
+        every = settings.changed_settings(known, starts or {})
         settings.install(self.r, dialect, every)
         self.r.position_scale = self.r.velocity_scale = 1.0
         self.d.node, self.d.rate_hz, self.d.rated = NODE, RATE_HZ, 1.0

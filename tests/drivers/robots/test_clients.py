@@ -149,9 +149,12 @@ async def with_moteus(name: str) -> None:
         query._extra = {moteus.Register.REGISTER_MAP_VERSION: moteus.INT32}
         state = await client.query(query_override=query)
         assert state.values[moteus.Register.REGISTER_MAP_VERSION] == 5
-        await asyncio.wait_for(client.set_position_wait_complete(
-            position=0.5, velocity_limit=2.0, accel_limit=20.0, watchdog_timeout=1.0
-        ), 30.0)  # fmt: skip
+        await asyncio.wait_for(
+            client.set_position_wait_complete(
+                position=0.5, velocity_limit=2.0, accel_limit=20.0, watchdog_timeout=1.0
+            ),
+            30.0,
+        )
         await until_of(client, moteus.Register.POSITION, 0.5, 0.02, position=math.nan)
         await until_of(client, moteus.Register.VELOCITY, 1.0, 0.1, position=math.nan, velocity=1.0)
         await asyncio.sleep(0.3)

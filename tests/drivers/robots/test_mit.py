@@ -34,10 +34,12 @@ def test_commands_of_the_client_are_decoded_to_its_resolution(client: DaMiaoMoto
         bench.send(NODE, client.encode_cmd_msg(p, v, t, kp, kd))
         x = bench.x
         for found, wanted, low, high, bits in (
-            (x.target_position, p, -12.5, 12.5, 16), (x.target_velocity, v, -30.0, 30.0, 12),
-            (x.target_torque, t, -10.0, 10.0, 12), (x.stiffness, kp, 0.0, 500.0, 12),
+            (x.target_position, p, -12.5, 12.5, 16),
+            (x.target_velocity, v, -30.0, 30.0, 12),
+            (x.target_torque, t, -10.0, 10.0, 12),
+            (x.stiffness, kp, 0.0, 500.0, 12),
             (x.damping, kd, 0.0, 5.0, 12),
-        ):  # fmt: skip
+        ):
             wanted = min(max(wanted, low), high)
             assert 0.0 <= wanted - found + 1e-9 <= (high - low) / (2**bits - 1) + 2e-9
 
@@ -163,10 +165,15 @@ def test_what_a_master_does_wrong_is_counted(can_id: int, data: bytes, kind: str
 def test_whose_a_frame_is() -> None:
     bench = Bench(MASTER)
     for can_id, whose in (
-        (NODE, Whose.OURS), (0x100 + NODE, Whose.OURS), (0x300 + NODE, Whose.OURS),
-        (0x400 + NODE, Whose.OTHER), (0x15, Whose.TWIN), (NODE + 1, Whose.OTHER),
-        (NODE | 1 << 31, Whose.OTHER), (NODE | 1 << 30, Whose.OTHER),
-    ):  # fmt: skip
+        (NODE, Whose.OURS),
+        (0x100 + NODE, Whose.OURS),
+        (0x300 + NODE, Whose.OURS),
+        (0x400 + NODE, Whose.OTHER),
+        (0x15, Whose.TWIN),
+        (NODE + 1, Whose.OTHER),
+        (NODE | 1 << 31, Whose.OTHER),
+        (NODE | 1 << 30, Whose.OTHER),
+    ):
         bench.send(can_id, bytes(8))
         assert bench.whose == whose, hex(can_id)
     bench.send(0x7FF, bytes([NODE + 1, 0, 0x33, 7, 0, 0, 0, 0]))

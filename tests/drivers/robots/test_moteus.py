@@ -205,12 +205,19 @@ def test_a_frame_that_ends_too_early_is_counted(data: str) -> None:
 def test_whose_a_frame_is() -> None:
     bench, stop = MoteusBench(), CLIENT.make_stop().data
     for can_id, whose in (
-        (NODE, Whose.OURS), (0x8000 | NODE, Whose.OURS), (1 << 31 | 0x8500 | NODE, Whose.OURS),
-        (0x807F, Whose.OURS), (NODE + 1, Whose.OTHER), (0x80 | NODE, Whose.OTHER),
-        (1 << 31 | 1 << 16 | NODE, Whose.OTHER), (1 << 30 | NODE, Whose.OTHER),
-        (NODE << 8, Whose.TWIN), (NODE << 8 | 1, Whose.TWIN), (NODE << 8 | NODE, Whose.OURS),
+        (NODE, Whose.OURS),
+        (0x8000 | NODE, Whose.OURS),
+        (1 << 31 | 0x8500 | NODE, Whose.OURS),
+        (0x807F, Whose.OURS),
+        (NODE + 1, Whose.OTHER),
+        (0x80 | NODE, Whose.OTHER),
+        (1 << 31 | 1 << 16 | NODE, Whose.OTHER),
+        (1 << 30 | NODE, Whose.OTHER),
+        (NODE << 8, Whose.TWIN),
+        (NODE << 8 | 1, Whose.TWIN),
+        (NODE << 8 | NODE, Whose.OURS),
         (0x8000 | NODE << 8, Whose.OTHER),
-    ):  # fmt: skip
+    ):
         bench.send(can_id, stop)
         assert bench.whose == whose, hex(can_id)
     bench.flags = 0
@@ -255,9 +262,9 @@ def test_scales_and_limits_of_a_command() -> None:
     assert bench.cycles(1).u == pytest.approx(0.1 * 50.0)
     bench.do(CLIENT.make_position(position=0.1, kp_scale=0.0, kd_scale=0.5, velocity=3.0))
     assert bench.cycles(1).u == pytest.approx(3.0)
-    bench.do(CLIENT.make_position(
-        position=0.1, kp_scale=0.0, kd_scale=0.0, feedforward_torque=-4.0
-    ))  # fmt: skip
+    bench.do(
+        CLIENT.make_position(position=0.1, kp_scale=0.0, kd_scale=0.0, feedforward_torque=-4.0)
+    )
     assert bench.cycles(1).u == -4.0
     bench.do(CLIENT.make_position(position=9.0, maximum_torque=7.0))
     assert bench.cycles(1).u == 7.0
@@ -320,8 +327,9 @@ def test_a_target_that_moves_is_met_with_its_velocity() -> None:
         k += 1
     assert bench.x.way_position == pytest.approx(1.0 + 0.5e-3 * k, abs=3e-3)
     assert bench.x.way_velocity == 0.5 and k < 2500
-    bench.do(CLIENT.make_position(position=math.nan, velocity=-9.0, velocity_limit=2.0,
-                                  accel_limit=4.0))  # fmt: skip
+    bench.do(
+        CLIENT.make_position(position=math.nan, velocity=-9.0, velocity_limit=2.0, accel_limit=4.0)
+    )
     assert bench.cycles(625).x.way_velocity == pytest.approx(-2.0, abs=4e-3)
     assert bench.cycles(10).x.way_velocity == -2.0 and bench.x.arrived == 1
 
@@ -329,9 +337,7 @@ def test_a_target_that_moves_is_met_with_its_velocity() -> None:
 def test_a_stop_position_ends_the_way() -> None:
     for velocity, position in ((2.0, 0.5), (2.0, -0.5), (-2.0, 0.5)):
         bench = MoteusBench(FREE)
-        bench.do(CLIENT.make_position(
-            position=math.nan, velocity=velocity, stop_position=position
-        ))  # fmt: skip
+        bench.do(CLIENT.make_position(position=math.nan, velocity=velocity, stop_position=position))
         assert bench.cycles(240).x.arrived == 1 and abs(bench.x.way_position) < 0.5
         assert bench.cycles(20).x.way_position == pytest.approx(position)
         assert bench.cycles(2000).q == pytest.approx(position, abs=1e-2)
@@ -513,4 +519,4 @@ def test_a_wrong_setting_is_named() -> None:
         ({"servo.timeout_mode": 1.5}, "1.5 is not a whole number from 0 to 15"),
     ):
         with pytest.raises(ValueError, match=said):
-            settings.started(moteus_registers.SETTINGS, starts)
+            settings.changed_settings(moteus_registers.SETTINGS, starts)

@@ -27,8 +27,11 @@ def decoded(name: str, data: bytes) -> dict[str, float]:
 
 def test_commands_have_the_ids_of_the_clients_file() -> None:
     names = {one.frame_id & 31: one.name for one in DBC.messages if one.frame_id >> 5 == NODE}
-    assert {name.partition("_")[2]: GETS[name.partition("_")[2]] for i, name in names.items()
-            if name.partition("_")[2] in GETS} == GETS  # fmt: skip
+    assert {
+        name.partition("_")[2]: GETS[name.partition("_")[2]]
+        for i, name in names.items()
+        if name.partition("_")[2] in GETS
+    } == GETS
     assert set(Command) <= set(names), set(Command) - set(names)
     lengths = {one.frame_id & 31: one.length for one in DBC.messages if one.frame_id >> 5 == NODE}
     assert all(odrive_settings.LENGTHS[one] <= lengths[one] for one in Command)
@@ -304,4 +307,4 @@ def test_a_wrong_setting_is_named() -> None:
         ({"vbus_voltage": math.nan}, "nan is not a number"),
     ):
         with pytest.raises(ValueError, match=said):
-            settings.started(odrive_settings.SETTINGS, starts)
+            settings.changed_settings(odrive_settings.SETTINGS, starts)

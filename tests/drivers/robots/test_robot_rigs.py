@@ -121,9 +121,14 @@ def test_the_bus_of_a_drive_of_can_fd_takes_its_frames(tmp_path: Path) -> None:
 
 
 def test_a_frame_of_can_fd_with_an_id_of_the_drive_is_named(tmp_path: Path) -> None:
-    text = (HERE / "moteus.dbc").read_text().replace(
-        'BA_ "VFrameFormat" BO_ 256', 'BA_ "VFrameFormat" BO_ 1793 14;\nBA_ "VFrameFormat" BO_ 256'
-    )  # fmt: skip
+    text = (
+        (HERE / "moteus.dbc")
+        .read_text()
+        .replace(
+            'BA_ "VFrameFormat" BO_ 256',
+            'BA_ "VFrameFormat" BO_ 1793 14;\nBA_ "VFrameFormat" BO_ 256',
+        )
+    )
     (tmp_path / "fd.dbc").write_text(text)
     rig = load_rig(HERE / "moteus.yaml", settings=[f"dbc={tmp_path / 'fd.dbc'}"])
     with pytest.raises(RigError, match="1 has the id of HB_EXEC, 0x701; choose another"):

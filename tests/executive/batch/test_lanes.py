@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.log.reader import Log
-from pcpc.executive.nodes.planned_controllers import put_back
+from pcpc.executive.nodes.planned_controllers import standby_copies
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
@@ -250,11 +250,11 @@ def test_a_hand_over_in_lanes_has_the_bits_of_single_runs() -> None:
     values = [moved(group, lane) for lane in range(WIDTH)]
     made = group.plans["executive"]
     for lane, own in enumerate(values):
-        for kept, _ in put_back(made.spec, made.table):
+        for kept, _ in standby_copies(made.spec, made.table):
             own["executive"].pop(kept, None)
         for role, one in own.items():
             group.put(lane, role, one)
-        for kept, state in put_back(made.spec, made.table):
+        for kept, state in standby_copies(made.spec, made.table):
             own["executive"][kept] = own["executive"].get(state, made.values[state])
     assert not group.run().any()
     for lane in (0, WIDTH - 1):

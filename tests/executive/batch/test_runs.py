@@ -86,8 +86,11 @@ def test_a_step_that_does_not_return_ends_the_campaign_with_its_name(tmp_path: P
     )
     words = [sys.executable, "-m", "pcpc.tools.cli", "sweep", str(rig), "--draws", "9", "--quiet"]
     done = subprocess.run(
-        [*words, "-o", str(tmp_path / "out")], capture_output=True, text=True, timeout=240.0,
+        [*words, "-o", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        timeout=240.0,
         check=False,
-    )  # fmt: skip
+    )
     assert (done.returncode, done.stdout) == (5, ""), str(done)
     assert done.stderr.endswith("the step of controller does not return\n"), done.stderr

@@ -176,9 +176,10 @@ def executive(controller: str, *settings: str) -> Node:
 def test_who_only_stands_by_changes_no_bit() -> None:
     alone, beside = executive("pd_nn"), executive("pd_nn", "standby=[pid, pd_nn_fast]")
     changed = [
-        name for name, values in alone.columns.items()
+        name
+        for name, values in alone.columns.items()
         if not np.array_equal(bits(values), bits(beside.columns[name]))
-    ]  # fmt: skip
+    ]
     assert len(alone.cycle) == 600 and not changed, changed
 
 

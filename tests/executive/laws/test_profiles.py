@@ -36,8 +36,12 @@ CASES: dict[str, tuple[dict[str, float], list[float]]] = {
 }
 
 
-def at(name: str, times: Table | list[float], given: Mapping[str, float] | None = None,
-       step: Callable[..., None] | None = None) -> Table:  # fmt: skip
+def at(
+    name: str,
+    times: Table | list[float],
+    given: Mapping[str, float] | None = None,
+    step: Callable[..., None] | None = None,
+) -> Table:
     """Return value, rate and acceleration at these times, (n, 3)."""
     block: Block = getattr(profiles, name)
     values = CASES[name][0] if given is None else given

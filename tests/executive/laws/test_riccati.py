@@ -10,10 +10,10 @@ from pcpc.executive.laws.riccati import (
     filter_gain,
     regulator,
     riccati,
-    sampled,
-    solved,
+    sampled_system,
+    solution,
     times,
-    turned,
+    transpose,
 )
 
 
@@ -38,9 +38,9 @@ def test_it_solves_the_riccati_equation_and_stabilises(seed: int) -> None:
 
 def test_the_filter_is_the_regulator_of_the_turned_system() -> None:
     a, b, q, r = (one.tolist() for one in system(5, 4, 2))
-    gain = filter_gain(turned(a), turned(b), q, r)
-    ahead = np.array(turned(regulator(a, b, q, r)))  # A L = K'
-    assert np.abs(np.array(times(turned(a), gain)) - ahead).max() < 1e-12
+    gain = filter_gain(transpose(a), transpose(b), q, r)
+    ahead = np.array(transpose(regulator(a, b, q, r)))  # A L = K'
+    assert np.abs(np.array(times(transpose(a), gain)) - ahead).max() < 1e-12
 
 
 def test_the_scalar_equation_has_its_closed_form() -> None:
@@ -54,7 +54,7 @@ def test_the_scalar_equation_has_its_closed_form() -> None:
 def test_sampling_is_the_matrix_exponential(seed: int) -> None:
     rng = np.random.default_rng(seed)
     f, g, period = rng.normal(0.0, 30.0, (4, 4)), rng.normal(0.0, 1.0, (4, 2)), 0.02
-    a, b = (np.array(one) for one in sampled(f.tolist(), g.tolist(), period))
+    a, b = (np.array(one) for one in sampled_system(f.tolist(), g.tolist(), period))
     whole = linalg.expm(np.block([[f, g], [np.zeros((2, 6))]]) * period)
     assert np.abs(a - whole[:4, :4]).max() < 1e-12 * np.abs(whole).max()
     assert np.abs(b - whole[:4, 4:]).max() < 1e-12 * np.abs(whole).max()
@@ -64,5 +64,5 @@ def test_what_has_no_solution_is_refused() -> None:
     with pytest.raises(ValueError, match="stabilising"):
         riccati([[1.5]], [[0.0]], [[1.0]], [[1.0]])
     with pytest.raises(ValueError, match="singular"):
-        solved([[1.0, 2.0], [2.0, 4.0]], eye(2))
+        solution([[1.0, 2.0], [2.0, 4.0]], eye(2))
     assert diagonal([1.0, 2.0]) == [[1.0, 0.0], [0.0, 2.0]]

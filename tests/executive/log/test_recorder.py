@@ -31,7 +31,9 @@ from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.ring_layout import RECORD_HEAD
 
 
-def test_state_payload_is_the_ring_row_byte_for_byte(block: shared.Shared, tmp_path: Path) -> None:
+def test_state_payload_is_the_ring_row_byte_for_byte(
+    block: shared.NodeMemory, tmp_path: Path
+) -> None:
     record(tmp_path / "log.mcap", block, range(200))
     rows = block["record"][:200].view(np.uint8)
     begin, states = 8 * RECORD_HEAD, 8 * len(STATES)
@@ -44,7 +46,7 @@ def test_state_payload_is_the_ring_row_byte_for_byte(block: shared.Shared, tmp_p
 
 
 def test_ros2_decoder_reads_every_field_of_every_message(
-    block: shared.Shared, tmp_path: Path
+    block: shared.NodeMemory, tmp_path: Path
 ) -> None:
     record(tmp_path / "log.mcap", block, range(120))
     fields = field_names(STATES)
@@ -79,7 +81,7 @@ def test_field_names_are_valid_and_unique() -> None:
 
 
 def test_log_gives_back_columns_by_dotted_name_and_explains_itself(
-    block: shared.Shared, tmp_path: Path
+    block: shared.NodeMemory, tmp_path: Path
 ) -> None:
     record(tmp_path / "log.mcap", block, range(300))
     log = logs.read(tmp_path / "log.mcap")
@@ -99,7 +101,7 @@ def test_log_gives_back_columns_by_dotted_name_and_explains_itself(
 
 
 def test_events_and_tunings_keep_name_cycle_and_exact_value(
-    block: shared.Shared, tmp_path: Path
+    block: shared.NodeMemory, tmp_path: Path
 ) -> None:
     log = Recorder(tmp_path / "log.mcap", [block])
     put_event(block, 3, Event.TUNING, 1, 0.1 + 0.2)
@@ -121,7 +123,7 @@ def test_events_and_tunings_keep_name_cycle_and_exact_value(
     ], f"{got}"
 
 
-def test_ring_that_wraps_around_loses_nothing(block: shared.Shared, tmp_path: Path) -> None:
+def test_ring_that_wraps_around_loses_nothing(block: shared.NodeMemory, tmp_path: Path) -> None:
     for ring in ("record", "frame"):  # as after seven rounds, shortly before the end of the eighth
         block.ends(ring).head = 8 * len(block[ring]) - 130
         block[f"{ring}_taken"][0] = 8 * len(block[ring]) - 130
@@ -155,7 +157,9 @@ def test_overflow_is_counted_exactly_and_seen_in_the_sequence(name: str, tmp_pat
     assert read.node["executive"].cycle[-2:].tolist() == [rows - 1, rows + 44]
 
 
-def test_cycle_survives_the_32_bits_of_the_sequence(block: shared.Shared, tmp_path: Path) -> None:
+def test_cycle_survives_the_32_bits_of_the_sequence(
+    block: shared.NodeMemory, tmp_path: Path
+) -> None:
     log = Recorder(tmp_path / "log.mcap", [block])
     for cycle in range(2**32 - 3, 2**32 + 3):
         put_cycle(block, cycle)

@@ -42,7 +42,7 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 def test_process_records_until_the_nodes_are_done_also_a_late_plant(
-    block: shared.Shared, name: str, tmp_path: Path
+    block: shared.NodeMemory, name: str, tmp_path: Path
 ) -> None:
     process = start(tmp_path / "log.mcap", name, f"{name}-plant")
     process.send_signal(signal.SIGINT)  # the terminal's Ctrl-C must not end it
@@ -64,7 +64,7 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
     """A run may be over when it comes: with the executive its host lets the plant go."""
     description = dict(block_of(name).description)
     standing.end_all()
-    executive, plant = (sharing.Served(n, description) for n in (name, f"{name}-plant"))
+    executive, plant = (sharing.ServedMemory(n, description) for n in (name, f"{name}-plant"))
     for served in (executive, plant):
         served.open()
         request.addfinalizer(served.close)
@@ -87,7 +87,9 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
     assert process.wait(20.0) == 0
 
 
-def test_process_ends_in_order_on_sigterm(block: shared.Shared, name: str, tmp_path: Path) -> None:
+def test_process_ends_in_order_on_sigterm(
+    block: shared.NodeMemory, name: str, tmp_path: Path
+) -> None:
     process = start(tmp_path / "log.mcap", name)
     for cycle in range(200):
         put_cycle(block, cycle)
@@ -113,8 +115,11 @@ def test_process_takes_what_is_there_and_ends_when_its_node_was_killed(
 ) -> None:
     node = subprocess.Popen(
         [sys.executable, "-c", NODE.format(tests=TESTS, name=name)],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=PROJECT,
-    )  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=PROJECT,
+    )
     assert node.stdout is not None and node.stdout.readline() == "stands\n"
     process = start(tmp_path / "log.mcap", name)
     node.kill()
@@ -151,7 +156,7 @@ def test_late_node_that_an_earlier_run_is_leaving_is_not_recorded(
 
 @pytest.mark.parametrize("garbage", [-1, 10**9, -(2**63), 2**63 - 1])
 def test_what_others_write_into_the_taken_words_costs_no_record(
-    block: shared.Shared, tmp_path: Path, garbage: int
+    block: shared.NodeMemory, tmp_path: Path, garbage: int
 ) -> None:
     for ring in shared.RINGS:
         block[f"{ring}_taken"][0] = garbage
@@ -194,7 +199,7 @@ def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
 
 
 def test_what_cannot_be_written_is_one_clear_line(
-    block: shared.Shared, name: str, tmp_path: Path
+    block: shared.NodeMemory, name: str, tmp_path: Path
 ) -> None:
     block.control.done = 1
     for path, why, expected in (

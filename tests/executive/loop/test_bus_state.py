@@ -97,10 +97,10 @@ def test_a_rough_line_takes_a_node_off_and_a_reset_lets_it_go_on(tmp_path: Path)
         f"base: {PROBE}\nduration_s: 2.0\n"
         "bus: {emulate: 1M, bit_error_rate: 2.0e-5, error_burst: 60, queue: 8}\n"
         "supervisor: {on_fault: wait, hold_cycles: 100000, fault_after_cycles: 100000}\n"
-        "schedule: [" + ", ".join(
-            f"{{at_s: {t / 10}, set: {{supervisor.reset: 1}}}}" for t in range(1, 19)
-        ) + "]\n"
-    )  # fmt: skip
+        "schedule: ["
+        + ", ".join(f"{{at_s: {t / 10}, set: {{supervisor.reset: 1}}}}" for t in range(1, 19))
+        + "]\n"
+    )
     run = simulate(load_rig(path), tmp_path / "log.mcap")
     control = run.blocks[0].control
     offs, restarts = int(control.bus_offs), int(control.bus_restarts)

@@ -26,8 +26,9 @@ def outcome(rig: Path) -> tuple[dict[str, bytes], dict[str, int]]:
         pass
     states = {
         f"{role} {name}": values.tobytes()
-        for role, node in run.memory.log().node.items() for name, values in node.columns.items()
-    }  # fmt: skip
+        for role, node in run.memory.log().node.items()
+        for name, values in node.columns.items()
+    }
     controls: list[Any] = [block.control for block in run.blocks]
     counts = {f"{i} {key}": int(one[key]) for i, one in enumerate(controls) for key in COUNTS}
     return states, counts

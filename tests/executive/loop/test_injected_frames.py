@@ -75,8 +75,12 @@ def test_a_blocked_channel_holds_then_faults_and_frames_are_in_the_log(tmp_path:
     true, taken, put = come(run(tmp_path, "kind: loss, frame: FB"), "FB")
     assert list(taken["cycle"]) == list(range(FROM, TO)) and not len(put)
     assert not set(range(FROM, TO)) & set(true["cycle"])
-    log = run(tmp_path, "kind: loss, frame: FB", "supervisor.hold_cycles=2",
-              "supervisor.fault_after_cycles=3")  # fmt: skip
+    log = run(
+        tmp_path,
+        "kind: loss, frame: FB",
+        "supervisor.hold_cycles=2",
+        "supervisor.fault_after_cycles=3",
+    )
     state = log.node["executive"].columns["supervisor.state"]
     assert [int(x) for x in state[FROM - 1 : FROM + 3]] == [2, 3, 3, 4]
 
@@ -163,10 +167,11 @@ def test_counters_and_checksums(kind: str, found: list[str], crc_bits: int, tmp_
     _, _, put = come(run(tmp_path, f"kind: {kind}, frame: FB", crc_bits=crc_bits), "FB")
     assert states(put) == found
     fits = [
-        crc8(int(put["id"][0]), row, 7) == row[7] if crc_bits == 8
+        crc8(int(put["id"][0]), row, 7) == row[7]
+        if crc_bits == 8
         else crc16(bytes(row[2:]) + bytes([FB & 255, FB >> 8])) == int.from_bytes(row[:2], "little")
         for row in data(put)
-    ]  # fmt: skip
+    ]
     assert set(fits) == {not kind.startswith("checksum")}, "the CRC fits what it protects"
     if kind.startswith("payload"):
         changed = np.flatnonzero((data(put) != data(put)[0]).any(axis=0))

@@ -318,8 +318,14 @@ def test_which_injected_faults_are_an_intrusion(kind: str, cycles: int, noticed:
 
 def test_a_clean_run_and_one_with_losses_have_no_sign_of_it() -> None:
     rig = rig_with("fault", "losses: {FB_A: {share: 0.2}, CMD: {share: 0.1, burst: 2}}\n")
-    log = in_memory(load_rig(rig.path, None, ["duration_s=3", "supervisor.fault_after_cycles=99"],
-                             text=rig.document.sources[rig.path]))  # fmt: skip
+    log = in_memory(
+        load_rig(
+            rig.path,
+            None,
+            ["duration_s=3", "supervisor.fault_after_cycles=99"],
+            text=rig.document.sources[rig.path],
+        )
+    )
     for node in log.node.values():
         assert node.timing["health.intrusions"][-1] == 0
         assert node.columns["supervisor.fault"].max() == 0

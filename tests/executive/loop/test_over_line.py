@@ -35,10 +35,13 @@ def logged(rig: Rig, path: Path) -> tuple[logs.Log, Any]:
 def delays(log: logs.Log, can_id: int, sender: str, receiver: str) -> set[int]:
     """Return by how many cycles frames of an id are received behind the cycle that sent them."""
     sent, heard = (
-        {frame["data"].tobytes(): int(frame["cycle"])
-         for frame in log.node[name].frames if frame["id"] == can_id and frame["direction"] == way}
+        {
+            frame["data"].tobytes(): int(frame["cycle"])
+            for frame in log.node[name].frames
+            if frame["id"] == can_id and frame["direction"] == way
+        }
         for name, way in ((sender, 0), (receiver, 1))
-    )  # fmt: skip
+    )
     assert len(set(heard) & set(sent)) > 100
     return {heard[data] - sent[data] for data in heard if data in sent and 5 < sent[data] < 190}
 
@@ -126,9 +129,11 @@ def test_the_run_is_recomputed_from_its_log(
 
 def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(tmp_path: Path) -> None:
     rig = probe(
-        "bus.emulate=1M", "bus.bit_error_rate=1.0", "supervisor.hold_cycles=2",
+        "bus.emulate=1M",
+        "bus.bit_error_rate=1.0",
+        "supervisor.hold_cycles=2",
         "supervisor.fault_after_cycles=5",
-    )  # fmt: skip
+    )
     log, line = logged(rig, tmp_path / "log.mcap")
     assert line.times_off.sum() >= 1
     assert line.sent.sum() == 0

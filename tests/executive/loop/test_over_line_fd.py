@@ -99,9 +99,11 @@ def test_bit_errors_put_the_sender_off_and_esi_into_its_frames(tmp_path: Path) -
     rough = ("bus.bit_error_rate=1.5e-3", "bus.error_burst=4", "supervisor.hold_cycles=100")
     log, _ = logged(rig_of(tmp_path, *rough, "supervisor.fault_after_cycles=200"), tmp_path / "b")
     flags = {
-        int(frame["flags"]) for node in log.node.values() for frame in node.frames
+        int(frame["flags"])
+        for node in log.node.values()
+        for frame in node.frames
         if frame["direction"] == 1 and frame["id"] in (CMD, FB)
-    }  # fmt: skip
+    }
     assert flags == {Flag.FD | Flag.BRS, Flag.FD | Flag.BRS | Flag.ESI}
 
 

@@ -162,7 +162,9 @@ def test_percentiles_of_the_table_are_numpys_to_an_eighth() -> None:
         assert np.allclose(shown[:3], expected, rtol=1e-12), (shown, expected)
         exact = 1e-3 * np.percentile(values, (50, 99, 99.9))
         assert (shown[3:] >= 0.99 * exact).all() and (shown[3:] <= 1.14 * exact).all(), (
-            shown[3:], exact)  # fmt: skip
+            shown[3:],
+            exact,
+        )
 
 
 def test_the_latest_cycles_are_kept_whole() -> None:

@@ -126,7 +126,7 @@ def test_a_frame_is_no_input_until_its_limited_signals_were_taken_once(node: Nod
         ("rate_per_s: 2", "kind: bias, value: 0.1"),
         ("rate_per_s: 2", "kind: noise, value: 0.1"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_sensor_is_held_off_in_the_cycle_in_which_it_is_wrong(
     limits: str, kind: str
 ) -> None:
@@ -159,8 +159,11 @@ def test_the_fault_is_recorded_told_and_replayed_to_the_bit(tmp_path: Path) -> N
     options = argparse.Namespace(controller=None, set=[], node="all")
     seen = list(replay(path, options, Progress(quiet=True)))
     assert len(seen) == 2 and all(one.identical for one in seen), seen
-    told = [event for event in logs.read(path).node["executive"].events
-            if event["event"] == "implausible"]  # fmt: skip
+    told = [
+        event
+        for event in logs.read(path).node["executive"].events
+        if event["event"] == "implausible"
+    ]
     assert [one["name"] for one in told] == [f"rx.{ENCODER}"] and told[0]["cycle"] == 100
 
 

@@ -48,7 +48,7 @@ def plans() -> tuple[Plan, Plan]:
 
 
 @pytest.fixture
-def block(plans: tuple[Plan, Plan]) -> sh.Shared:
+def block(plans: tuple[Plan, Plan]) -> sh.NodeMemory:
     """Return an executive's memory."""
     return sh.private(describe(plans[0], {}))
 
@@ -146,7 +146,7 @@ def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Pl
 
 
 @contextmanager
-def writer(burst: int) -> Iterator[sh.Shared]:
+def writer(burst: int) -> Iterator[sh.NodeMemory]:
     """Attach to a process that publishes 1, 2, 3, ... in all variables; end it afterwards.
 
     It writes the largest table, of which a reader takes the begin: most likely to be torn.
@@ -154,9 +154,12 @@ def writer(burst: int) -> Iterator[sh.Shared]:
     name, here = f"test-shared.{os.getpid()}", Path(__file__).parent
     path = os.pathsep.join(map(str, (ROOT, here.parent, here.parents[1])))
     process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, name, str(burst)], stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path},
-    )  # fmt: skip
+        [sys.executable, "-c", WRITER, name, str(burst)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
+    )
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
     try:
         yield sharing.attach(name)
@@ -191,7 +194,7 @@ def test_a_writer_that_never_pauses_cannot_make_a_reader_take_a_torn_copy() -> N
 
 
 def test_a_writer_killed_in_mid_write_is_noticed_and_the_next_one_repairs_it(
-    block: sh.Shared, plans: tuple[Plan, Plan]
+    block: sh.NodeMemory, plans: tuple[Plan, Plan]
 ) -> None:
     block["seq"][0] = 7
     block["snapshot"][:] = np.arange(len(block["snapshot"]))
@@ -203,7 +206,7 @@ def test_a_writer_killed_in_mid_write_is_noticed_and_the_next_one_repairs_it(
 
 
 def test_the_snapshot_holds_the_table_as_it_was_sent(
-    block: sh.Shared, plans: tuple[Plan, Plan]
+    block: sh.NodeMemory, plans: tuple[Plan, Plan]
 ) -> None:
     bench = Bench(plans, block)
     bench.run(5)

@@ -38,7 +38,7 @@ def name() -> Iterator[str]:
 
 
 @pytest.fixture
-def block(name: str) -> sh.Shared:
+def block(name: str) -> sh.NodeMemory:
     return standing.stand(name, HEAD)
 
 
@@ -54,13 +54,13 @@ def files_of(name: str) -> tuple[socket.socket, int, int]:
 # ---------------------------------------------------------------------------------------- in hands
 
 
-def test_a_search_for_nodes_passes_over_what_is_none(block: sh.Shared, name: str) -> None:
+def test_a_search_for_nodes_passes_over_what_is_none(block: sh.NodeMemory, name: str) -> None:
     assert name in [one.name for one in sharing.running()], "it hands out its memory"
     assert "period_ns" not in block.description, "a node says its period"
     assert name not in live.running()
 
 
-def test_a_client_finds_description_and_fields_by_name(block: sh.Shared, name: str) -> None:
+def test_a_client_finds_description_and_fields_by_name(block: sh.NodeMemory, name: str) -> None:
     other = sharing.attach(name)
     assert other.description == block.description and other.name == name
     block["record"][3, 2], other.mail.count = 77, 5
@@ -75,7 +75,7 @@ def test_the_fields_of_a_client_lie_where_the_loop_has_them() -> None:
             assert fields[field][:2] == (dtype, begin + at), field
 
 
-def test_nobody_can_map_for_writing_what_a_node_publishes(block: sh.Shared, name: str) -> None:
+def test_nobody_can_map_for_writing_what_a_node_publishes(block: sh.NodeMemory, name: str) -> None:
     line, published, mailbox = files_of(name)
     size = os.fstat(published).st_size
     again = os.open(f"/proc/self/fd/{published}", os.O_RDWR)
@@ -95,7 +95,9 @@ def test_nobody_can_map_for_writing_what_a_node_publishes(block: sh.Shared, name
     line.close()
 
 
-def test_nobody_can_shorten_lengthen_or_seal_a_nodes_memory(block: sh.Shared, name: str) -> None:
+def test_nobody_can_shorten_lengthen_or_seal_a_nodes_memory(
+    block: sh.NodeMemory, name: str
+) -> None:
     line, *files = files_of(name)
     for descriptor in files:
         size = os.fstat(descriptor).st_size
@@ -111,7 +113,7 @@ def test_nobody_can_shorten_lengthen_or_seal_a_nodes_memory(block: sh.Shared, na
 
 
 def test_who_has_mapped_a_node_goes_on_reading_after_its_end_and_notices_it(
-    block: sh.Shared, name: str
+    block: sh.NodeMemory, name: str
 ) -> None:
     other = sharing.attach(name)
     block["record"][3, 2] = 77
@@ -120,11 +122,11 @@ def test_who_has_mapped_a_node_goes_on_reading_after_its_end_and_notices_it(
     assert not other.alive() and int(other["record"][3, 2]) == 77
     with pytest.raises(sh.SharedError, match=f"^{name}: no such node is running here$"):
         sharing.attach(name)
-    assert not [left for left in claim.held("node/") if name in left]
+    assert not [left for left in claim.held_names("node/") if name in left]
 
 
 def test_a_node_that_stands_still_answers_nobody_and_nobody_waits_for_ever(name: str) -> None:
-    served = sharing.Served(name, HEAD)
+    served = sharing.ServedMemory(name, HEAD)
     served.open()
     try:
         with pytest.raises(sh.SharedError, match="does not share its memory: timed out"):
@@ -134,10 +136,10 @@ def test_a_node_that_stands_still_answers_nobody_and_nobody_waits_for_ever(name:
 
 
 def test_more_clients_than_a_node_takes_are_told_so(
-    block: sh.Shared, name: str, monkeypatch: pytest.MonkeyPatch
+    block: sh.NodeMemory, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sharing, "_MOST_CLIENTS", 20)  # both ends' descriptors are this process's
-    clients: list[sh.Shared] = []
+    clients: list[sh.NodeMemory] = []
     with pytest.raises(sh.SharedError, match="takes no more clients"):
         while len(clients) < 21:
             clients.append(sharing.attach(name))
@@ -196,7 +198,7 @@ def published(about: object, length: int | None = None, magic: bytes = sharing.M
     return memory(sh.PAGE_BYTES + sh.PUBLISHED_BYTES, head + body)
 
 
-GOOD = sh.completed("x", HEAD)
+GOOD = sh.full_description("x", HEAD)
 NONSENSE: dict[str, Callable[[], tuple[int, ...]]] = {
     "no files": lambda: (),
     "one file": lambda: (published(GOOD),),
@@ -252,8 +254,11 @@ sys.stdin.read()
 def test_a_node_that_runs_is_refused_with_its_pid_and_free_when_it_is_killed(name: str) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", HOLDER, name],
-        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as holder:  # fmt: skip
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as holder:
         assert holder.stdout is not None and holder.stdout.readline() == "locked\n"
         assert sharing.is_locked(name)
         with pytest.raises(
@@ -310,8 +315,10 @@ def test_a_name_that_another_user_squats_is_no_obstacle(name: str, how: str) -> 
     names = [f"pcpc/{sharing._path(kind, name)}" for kind in ("lock", "node")]
     with subprocess.Popen(
         [sys.executable, "-c", SQUATTER, how, *names],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as squatter:  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as squatter:
         assert squatter.stdout is not None and squatter.stdout.readline() == "squats\n"
         with pytest.raises(sh.SharedError, match="no such node is running here"):
             sharing.attach(name)
@@ -343,7 +350,7 @@ except ConnectionResetError:
 """
 
 
-def test_another_user_gets_nothing_of_a_node(block: sh.Shared, name: str) -> None:
+def test_another_user_gets_nothing_of_a_node(block: sh.NodeMemory, name: str) -> None:
     if os.geteuid() != 0:
         return  # only root can be two users
     path = f"pcpc/{sharing._path('node', name)}"

@@ -84,7 +84,7 @@ def test_on_udp_an_end_knows_its_own_frames_and_tells_senders_apart(
     open_udp: Callable[[], Any],
 ) -> None:
     a, b, c = open_udp(), open_udp(), open_udp()
-    buses.know_own(a)
+    buses.set_own_address(a)
     for sender in (a, b, c, b):
         sender.tx[:] = 0
         assert wire.put_frame(sender)

@@ -26,7 +26,7 @@ Make = Callable[..., tuple[Gateway, Any, Any]]
 def an_end(bus: buses.Bus) -> Any:
     end: Any = np.zeros(1, wire_layout.WIRE).view(np.recarray)[0]
     buses.open_bus(bus, None, end)
-    buses.know_own(end)
+    buses.set_own_address(end)
     return end
 
 

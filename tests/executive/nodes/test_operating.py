@@ -25,14 +25,14 @@ ABOUT = {
 
 
 @pytest.fixture
-def block() -> Iterator[sh.Shared]:
+def block() -> Iterator[sh.NodeMemory]:
     """Return what a node writes, whose name is in its description."""
     name = f"operated.{os.getpid()}.executive"
     yield standing.stand(name, ABOUT)
     standing.end_all()
 
 
-def saying(block: sh.Shared, **values: float) -> Live:
+def saying(block: sh.NodeMemory, **values: float) -> Live:
     """Return the node as its clients see it, with values by the ends of their names, else 0."""
     ends = [name.rpartition(".")[2] for name in NAMES]
     block["snapshot"][:] = [values.get(end, 0.0) for end in ends]
@@ -48,7 +48,7 @@ def saying(block: sh.Shared, **values: float) -> Live:
     ],
 )
 def test_who_cannot_be_armed_says_why(
-    block: sh.Shared, state: int, disarmed: float, says: str, code: Exit
+    block: sh.NodeMemory, state: int, disarmed: float, says: str, code: Exit
 ) -> None:
     node = saying(block, state=state, disarmed=disarmed)
     block.control.fault = 1
@@ -58,14 +58,14 @@ def test_who_cannot_be_armed_says_why(
     assert node.block.mail.request == 0, "something was asked all the same"
 
 
-def test_who_is_disarmed_is_not_held_again(block: sh.Shared) -> None:
+def test_who_is_disarmed_is_not_held_again(block: sh.NodeMemory) -> None:
     node = saying(block, state=State.READY, disarmed=1.0)
     with pytest.raises(LiveError, match="already open"):
         operating.hold(node)
     assert node.block.mail.request == 0
 
 
-def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
+def test_a_law_that_says_no_number_is_not_asked_for(block: sh.NodeMemory) -> None:
     node = saying(block, state=State.RUN, usable_pd=1.0)
     with pytest.raises(LiveError) as refused:
         operating.hand_over(node, "pid")
@@ -74,7 +74,7 @@ def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
     assert node.block.mail.request == 0
 
 
-def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared) -> None:
+def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.NodeMemory) -> None:
     node = saying(block, state=State.RUN, usable_pd=1.0, usable_pid=1.0)
     with standing.granting(block) as granted, pytest.raises(LiveError) as refused:
         operating.hand_over(node, "pid")  # whose outputs are no numbers from the next cycle on
@@ -82,7 +82,7 @@ def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared)
     assert [values for _, values in granted] == [{"handover.to": 1.0}, {"handover.to": 0.0}]
 
 
-def test_a_wish_of_before_is_taken_back_to_be_asked_again(block: sh.Shared) -> None:
+def test_a_wish_of_before_is_taken_back_to_be_asked_again(block: sh.NodeMemory) -> None:
     node = saying(block, state=State.RUN, usable_pd=1.0, usable_pid=1.0, to=1.0)
     with standing.granting(block) as granted, pytest.raises(LiveError):
         operating.hand_over(node, "pid")

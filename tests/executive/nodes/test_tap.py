@@ -12,17 +12,17 @@ from pcpc.executive.nodes.tap import Tap
 
 
 @pytest.fixture
-def block() -> sh.Shared:
+def block() -> sh.NodeMemory:
     return block_of("bench.tap.executive", states=["time.t_s", *STATES])
 
 
-def forget(block: sh.Shared) -> None:
+def forget(block: sh.NodeMemory) -> None:
     """Take all rows, as the recorder does."""
     for ring in sh.RINGS:
         block[f"{ring}_taken"][0] = block.ends(ring).head
 
 
-def test_a_tap_gives_what_was_put_since_the_last_look(block: sh.Shared) -> None:
+def test_a_tap_gives_what_was_put_since_the_last_look(block: sh.NodeMemory) -> None:
     put_cycle(block, 1)
     tap = Tap(Live(block))
     assert len(tap.rows()) == 0 and len(tap.frames()) == 0
@@ -66,7 +66,7 @@ def test_rows_that_are_overwritten_while_they_are_copied_are_left_out(
         forget(block)
     put, looks = rings.put, []
 
-    def later(block: sh.Shared, ring: str) -> int:
+    def later(block: sh.NodeMemory, ring: str) -> int:
         """Let the node go on between the first look at the end of the ring and the second."""
         looks.append(ring)
         if len(looks) == 2:
@@ -84,7 +84,7 @@ def test_rows_that_are_overwritten_while_they_are_copied_are_left_out(
     assert tap.missed["record"] == 21
 
 
-def test_a_tap_of_some_variables_has_only_these(block: sh.Shared) -> None:
+def test_a_tap_of_some_variables_has_only_these(block: sh.NodeMemory) -> None:
     every, some = Tap(Live(block)), Tap(Live(block), names=["timing.work_us", STATES[1]])
     for cycle in range(5):
         put_cycle(block, cycle)
@@ -96,7 +96,7 @@ def test_a_tap_of_some_variables_has_only_these(block: sh.Shared) -> None:
         part[STATES[0]]
 
 
-def test_a_node_that_nobody_records_is_stuck(block: sh.Shared) -> None:
+def test_a_node_that_nobody_records_is_stuck(block: sh.NodeMemory) -> None:
     tap = Tap(Live(block))
     assert not tap.stuck
     for cycle in range(len(block["record"]) + 1):

@@ -50,8 +50,11 @@ MUZZLE_RMS_MRAD = {
 }
 CONTROLLERS = ("pd", "pd_star", "pid")
 ONLY_HERE = {"rough"}  # whose world nobody else has implemented; test_rough.py derives its parts
-CASES = [(rig, law, rms) for rig, row in MUZZLE_RMS_MRAD.items()
-         for law, rms in zip(CONTROLLERS, row, strict=True)]  # fmt: skip
+CASES = [
+    (rig, law, rms)
+    for rig, row in MUZZLE_RMS_MRAD.items()
+    for law, rms in zip(CONTROLLERS, row, strict=True)
+]
 
 
 @pytest.fixture(scope="module")

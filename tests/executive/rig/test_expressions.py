@@ -113,8 +113,12 @@ def test_a_bare_number_has_the_unit_of_its_neighbour() -> None:
 
 def test_products_have_the_unit_of_both() -> None:
     assert margins("a.k * a.rate_rad_s < 3 N m", rows(a_k=[1.0], a_rate_rad_s=[2.0]))[0] == 1.0
-    assert margins("a.tau_Nm * a.rate_rad_s < 3 N m rad/s",
-                   rows(a_tau_Nm=[1.0], a_rate_rad_s=[2.0]))[0] == 1.0  # fmt: skip
+    assert (
+        margins("a.tau_Nm * a.rate_rad_s < 3 N m rad/s", rows(a_tau_Nm=[1.0], a_rate_rad_s=[2.0]))[
+            0
+        ]
+        == 1.0
+    )
 
 
 def test_a_rate_is_the_change_a_second_between_recorded_cycles() -> None:

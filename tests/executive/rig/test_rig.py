@@ -75,8 +75,10 @@ def test_a_setting_comes_from_the_last_that_gives_it(write: Write) -> None:
     ]
     assert [spec.settings["gap_rad"] for spec in gaps] == [0.002, 0.003, 0.05]
     assert [spec.where("parameters.gap_rad") for spec in gaps] == [
-        "parameters.yaml:3:3", "small.yaml:30:20", "--set barrel.gap_rad=0.05",
-    ]  # fmt: skip
+        "parameters.yaml:3:3",
+        "small.yaml:30:20",
+        "--set barrel.gap_rad=0.05",
+    ]
 
 
 def test_blocks_and_paths_know_their_place(write: Write) -> None:
@@ -158,8 +160,10 @@ def test_reading_a_rig_imports_nothing_of_laws_until_one_is_needed(write: Write)
     done = subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": project, "HOME": ".", "XDG_CACHE_HOME": str(user_cache())},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.stdout.split() == ["False", "True"], done.stdout + done.stderr
 
 
@@ -199,9 +203,15 @@ def effective(rig: Rig) -> Any:
     controller=st.sampled_from(["pd", "nn"]),
 )
 def test_resolved_text_loads_to_equal_values(
-    write: Write, title: str, rate_hz: float, gain: float, gap: float, seed: int,
-    channel: str | int | None, controller: str,
-) -> None:  # fmt: skip
+    write: Write,
+    title: str,
+    rate_hz: float,
+    gain: float,
+    gap: float,
+    seed: int,
+    channel: str | int | None,
+    controller: str,
+) -> None:
     path = write()
     options = [f"rate_hz={rate_hz!r}", f"barrel.gap_rad={gap!r}", f"seed={seed}"]
     options += [f"controller.kv_Nms_rad={gain!r}"] if controller == "pd" else []

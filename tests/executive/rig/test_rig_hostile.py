@@ -148,10 +148,15 @@ def test_a_rig_that_is_no_file_is_refused_at_once(
     Path("utf16").write_bytes(BASE.encode("utf-16"))
     Path("huge").write_bytes(b"#" * (yamlfile.MOST_BYTES + 1))
     for name, said in {
-        "loop": "a loop of links", "fifo": "is no regular file", ".": "Is a directory",
-        "/dev/zero": "is no regular file", "a" * 300: "File name too long", "a\0b": "no name",
-        "utf16": "not UTF-8", "huge": "more than 1 MiB",
-    }.items():  # fmt: skip
+        "loop": "a loop of links",
+        "fifo": "is no regular file",
+        ".": "Is a directory",
+        "/dev/zero": "is no regular file",
+        "a" * 300: "File name too long",
+        "a\0b": "no name",
+        "utf16": "not UTF-8",
+        "huge": "more than 1 MiB",
+    }.items():
         with pytest.raises(RigError, match=said):
             load_rig(name)
         Path("own.yaml").write_text(yamlfile.dump({"base": name}))

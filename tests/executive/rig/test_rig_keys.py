@@ -109,19 +109,26 @@ def span(kind: inspect.IntType | inspect.FloatType) -> str:
 
 def cell(first: str, allowed: str) -> str:
     """Return the words for values and default."""
-    return f"{allowed}, {first}" if first == "required" else (
-        allowed if first == "none" else f"{allowed} ({first})"
-    )  # fmt: skip
+    return (
+        f"{allowed}, {first}"
+        if first == "required"
+        else (allowed if first == "none" else f"{allowed} ({first})")
+    )
 
 
 def test_the_document_tells_every_key_with_its_default_and_values() -> None:
     page = (ROOT / "docs/rig.md").read_text(encoding="utf-8")
     tables = [part.partition("\n\n")[0] for part in page.split(HEAD)[1:]]
-    told = [(key, allowed) for table in tables for keys, allowed in ROW.findall(table + "\n")
-            for key in re.findall(r"`([^`]+)`", keys)]  # fmt: skip
+    told = [
+        (key, allowed)
+        for table in tables
+        for keys, allowed in ROW.findall(table + "\n")
+        for key in re.findall(r"`([^`]+)`", keys)
+    ]
     wanted = [(key, cell(first, allowed)) for key, first, allowed in rows(schema.Config)]
-    missing = [f"| `{key}` | {allowed} | ... |" for key, allowed in wanted
-               if (key, allowed) not in told]  # fmt: skip
+    missing = [
+        f"| `{key}` | {allowed} | ... |" for key, allowed in wanted if (key, allowed) not in told
+    ]
     assert not missing, "\n".join(["not in docs/rig.md:", *missing])
     extra = [row for row in told if row not in wanted]
     assert not extra, f"in docs/rig.md, but no keys: {extra}"

@@ -88,10 +88,10 @@ def test_units_are_those_of_the_inputs(tmp_path: Path, number: int) -> None:
 )  # fmt: skip
 def test_each_derivative_leads_back_to_the_unit(units: tuple[str, ...]) -> None:
     for order, mark in enumerate(("?", "?/s", "?/s2")):
-        assert wired_units._derived(mark, units[0]) == units[order]
-        assert wired_units._integrated(units[order], order) == units[0]
-    assert wired_units._derived("Hz", units[0]) == "Hz"
-    assert wired_units._integrated("N m", 1) is None is wired_units._integrated("m/s", 2)
+        assert wired_units._derived_unit(mark, units[0]) == units[order]
+        assert wired_units._integrated_unit(units[order], order) == units[0]
+    assert wired_units._derived_unit("Hz", units[0]) == "Hz"
+    assert wired_units._integrated_unit("N m", 1) is None is wired_units._integrated_unit("m/s", 2)
 
 
 def test_a_rate_alone_tells_the_unit_and_so_does_the_rig(tmp_path: Path) -> None:

@@ -184,10 +184,13 @@ def test_did_you_mean_looks_past_the_unit() -> None:
 
 
 SCALARS = (
-    st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1)
-    | st.floats(allow_nan=False) | st.text(st.characters(codec="utf-8"), max_size=20)
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63 - 1)
+    | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8"), max_size=20)
     | st.sampled_from(["1e-3", "yes", "010", ".5", "<<", "=", "~", "0x1", "1_0", " a", "a: b", "#"])
-)  # fmt: skip
+)
 KEYS = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(
     lambda key: key != "base"
 )
@@ -236,8 +239,9 @@ def tree(node: Any) -> Any:
     if isinstance(node.value, str):
         content = node.value
     else:
-        content = [[tree(n) for n in (pair if isinstance(pair, tuple) else [pair])]
-                   for pair in node.value]  # fmt: skip
+        content = [
+            [tree(n) for n in (pair if isinstance(pair, tuple) else [pair])] for pair in node.value
+        ]
     style = getattr(node, "style", None) or None
     return node.id, node.start_mark.line, node.start_mark.column, style, content
 

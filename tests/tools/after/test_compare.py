@@ -63,9 +63,13 @@ def test_the_same_run_again_is_equal_to_the_bit(folder: Path) -> None:
 
 def test_a_changed_gain_is_named_with_cycle_signal_and_metrics(folder: Path) -> None:
     pair = pairs(folder / "old/gain", folder / "new/gain", code=1)["slew10/pd"]
-    first, old, new = pair["first"], *(
-        logs.read(folder / side / "gain" / LOG).node["executive"].columns for side in ("old", "new")
-    )  # fmt: skip
+    first, old, new = (
+        pair["first"],
+        *(
+            logs.read(folder / side / "gain" / LOG).node["executive"].columns
+            for side in ("old", "new")
+        ),
+    )
     name = first["name"]
     assert name == "controller.motor_torque_Nm", "the law comes before the frame it goes into"
     assert first["cycle"] == int(np.flatnonzero(old[name] != new[name])[0])

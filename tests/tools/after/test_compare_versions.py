@@ -95,8 +95,9 @@ def test_a_changed_gain_names_rig_metrics_and_first_cycle_and_runs_nothing_else(
     edit(repo / MOTOR, "gain: 4.0", "gain: 4.5")
     found = pairs(code=1)
     assert {name: pair["state"] for name, pair in found.items()} == {
-        "calm/proportional": "unchanged", "motor/proportional": "changed",
-    }  # fmt: skip
+        "calm/proportional": "unchanged",
+        "motor/proportional": "changed",
+    }
     motor = found["motor/proportional"]
     assert motor["first"]["name"] == "controller.command" and motor["first"]["cycle"] == 0
     gain = "controllers.proportional.parameters.gain"
@@ -414,7 +415,8 @@ def test_what_is_installed_from_the_working_tree_comes_from_the_other_version(
     monkeypatch.delenv("PYTHONPATH", raising=False)
     trees = (Tree(tmp_path, []), Tree(repo, []))
     assert [python_path(tree, trees[1]) for tree in trees] == [
-        str(tmp_path / "src"), str(repo / "src"),
-    ]  # fmt: skip
+        str(tmp_path / "src"),
+        str(repo / "src"),
+    ]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(repo / "lib"), "/opt/lib")))
     assert python_path(trees[0], trees[1]) == f"{tmp_path / 'src'}{os.pathsep}/opt/lib"

@@ -62,8 +62,9 @@ def test_a_gain_a_billionth_off_is_found_in_the_first_cycles(engaged: Path) -> N
     assert first["cycle"] < 10, first
     assert 0 < first["ulp"] < 1e8, first
     assert {d["name"] for d in nodes["executive"]["differences"]} >= {
-        "controller.tau_Nm", "tx.CMD.motor_torque",
-    }  # fmt: skip
+        "controller.tau_Nm",
+        "tx.CMD.motor_torque",
+    }
     assert "reference.q_d_rad" not in {d["name"] for d in nodes["executive"]["differences"]}
 
 
@@ -80,10 +81,22 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
 ) -> None:
     bus, log = own_bus(), tmp_path / "r" / "log.mcap"
     with Running(
-        "run", str(RIGS / "engage.yaml"), "--bus", bus, "--pacing", pacing, "--no-figure",
-        "--set", "duration_s=60.0", "--quiet", "-o", str(log.parent),
-        "--set", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]", *PATIENT,
-    ) as run:  # fmt: skip
+        "run",
+        str(RIGS / "engage.yaml"),
+        "--bus",
+        bus,
+        "--pacing",
+        pacing,
+        "--no-figure",
+        "--set",
+        "duration_s=60.0",
+        "--quiet",
+        "-o",
+        str(log.parent),
+        "--set",
+        "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]",
+        *PATIENT,
+    ) as run:
         block = run.in_the_middle("engage", bus)
         changes = ("controller.kv_Nms_rad=117", "controller.lam_per_s=15")
         tuned = pcpc("set", *changes, "--node", block.name)
@@ -102,9 +115,17 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
 def test_the_fault_after_the_death_of_the_plant_is_recomputed(tmp_path: Path) -> None:
     bus, log = own_bus(), tmp_path / "r" / "log.mcap"
     with Running(
-        "run", str(RIGS / "slew10.yaml"), "--bus", bus, "--no-figure", "--quiet", "-o",
-        str(log.parent), "--set", "supervisor.fault_after_cycles=300",  # a stall is no death
-    ) as run:  # fmt: skip
+        "run",
+        str(RIGS / "slew10.yaml"),
+        "--bus",
+        bus,
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(log.parent),
+        "--set",
+        "supervisor.fault_after_cycles=300",  # a stall is no death
+    ) as run:
         run.in_the_middle("slew10", bus)
         os.kill(run.pid("plant"), signal.SIGKILL)
         assert run.done().code == 5
@@ -164,8 +185,9 @@ def here(log: Path) -> list[replaying.Verdict]:
 def test_a_cut_log_is_compared_as_far_as_it_goes_and_never_called_different(
     tmp_path: Path,
 ) -> None:
-    tunings = ", ".join(f"{{at_s: {0.1 * i}, set: {{controller.gain: {1 + i}}}}}"
-                        for i in range(1, 24))  # fmt: skip
+    tunings = ", ".join(
+        f"{{at_s: {0.1 * i}, set: {{controller.gain: {1 + i}}}}}" for i in range(1, 24)
+    )
     log, cut = tmp_path / "log.mcap", tmp_path / "cut.mcap"
     probe = load_rig(
         RIGS.parents[1] / "probe/rig.yaml", None, ("duration_s=2.3", f"schedule=[{tunings}]")

@@ -68,8 +68,20 @@ def paced(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run by the clock with a fault on purpose and tunings."""
     place = tmp_path_factory.mktemp("paced")
     (place / "own.yaml").write_text(OWN)
-    done = pcpc("run", str(place / "own.yaml"), "--pacing", "real", "--bus", own_bus(), "--quiet",
-                "--set", "duration_s=0.5", "--no-figure", "-o", str(place / "run"))  # fmt: skip
+    done = pcpc(
+        "run",
+        str(place / "own.yaml"),
+        "--pacing",
+        "real",
+        "--bus",
+        own_bus(),
+        "--quiet",
+        "--set",
+        "duration_s=0.5",
+        "--no-figure",
+        "-o",
+        str(place / "run"),
+    )
     assert (place / "run" / "summary.json").is_file(), done
     return place / "run"
 
@@ -78,7 +90,7 @@ def paced(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_verdict_metrics_and_requirements_are_those_of_the_summary(folder: Path) -> None:
-    page, summary = page_of(folder), summary_file.beside(folder / "log.mcap")
+    page, summary = page_of(folder), summary_file.summary_beside(folder / "log.mcap")
     assert summary is not None
     assert f"Verdict: {summary.verdict}" in page.text
     assert summary.verdict == "expectation not met"
@@ -108,8 +120,14 @@ def test_a_log_alone_is_judged_anew_to_the_same_figures(folder: Path, tmp_path: 
 
 def test_a_summary_that_is_none_is_no_summary(folder: Path, tmp_path: Path) -> None:
     shutil.copy(folder / "log.mcap", tmp_path / "log.mcap")
-    for text in (b"", b"[]", b'{"verdict": 5}', b"\xff", b"[" * 100_000,
-                 b'{"verdict": "ok", "metrics": {"a": {}}}'):  # fmt: skip
+    for text in (
+        b"",
+        b"[]",
+        b'{"verdict": 5}',
+        b"\xff",
+        b"[" * 100_000,
+        b'{"verdict": "ok", "metrics": {"a": {}}}',
+    ):
         (tmp_path / "summary.json").write_bytes(text)
         found = gathered(tmp_path / "log.mcap", tmp_path)
         assert found.summary is not None and not found.at_end, text[:40]
@@ -306,8 +324,9 @@ def test_wrong_input_is_one_line(
 
 
 def test_the_run_says_how_to_get_it_and_python_writes_it(folder: Path, tmp_path: Path) -> None:
-    done = run_here("simulate", "slew10", "-o", tmp_path / "a b", "--no-figure",
-                    "--set", "duration_s=0.02")  # fmt: skip
+    done = run_here(
+        "simulate", "slew10", "-o", tmp_path / "a b", "--no-figure", "--set", "duration_s=0.02"
+    )
     told = f"pcpc report '{tmp_path / 'a b'}'".replace(" ", "")  # folded where the path is long
     assert told in "".join(done.out.split()), done
     assert run_here("report", folder, "--quiet").out == f"{folder / 'report.html'}\n"

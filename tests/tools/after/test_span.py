@@ -19,7 +19,7 @@ from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import Comparison, recomputed
+from pcpc.tools.after.replay import Comparison, recomputed_pieces
 
 SHORT = ("duration_s=0.45", "record.keyframe=100ms")
 PLAN = plan(load_rig(RIGS / "engage.yaml"), "executive", "lockstep")
@@ -38,11 +38,13 @@ def replay(log: Path, *words: str) -> tuple[int, dict[str, dict[str, Any]]]:
 
 
 def rewritten(
-    path: Path, change: Callable[[dict[str, Any], bytearray], dict[str, Any]],
-    patch: pytest.MonkeyPatch, which: Sequence[int] = (299,),
-) -> Path:  # fmt: skip
+    path: Path,
+    change: Callable[[dict[str, Any], bytearray], dict[str, Any]],
+    patch: pytest.MonkeyPatch,
+    which: Sequence[int] = (299,),
+) -> Path:
     """Return a log whose executive's keyframes of cycles `which` `change` has made."""
-    true = keyframes._packed
+    true = keyframes._packed_state
 
     def packed(passes: int, layout: str, state: bytes) -> dict[str, Any]:
         if passes not in which or layout != LAYOUT:
@@ -52,12 +54,12 @@ def rewritten(
         return true(passes, layout, bytes(other)) | told
 
     with patch.context() as here:
-        here.setattr(keyframes, "_packed", packed)
+        here.setattr(keyframes, "_packed_state", packed)
         simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
     return path
 
 
-LAYOUT = planned_keyframes.described(PLAN)["keyframe_layout"]
+LAYOUT = planned_keyframes.keyframe_description(PLAN)["keyframe_layout"]
 
 
 def test_all_keyframes_are_held_against_what_is_recomputed(log: Path) -> None:
@@ -204,7 +206,7 @@ def test_seeks_anywhere_agree_with_the_log(log: Path) -> None:
     read = logs.read(log)
     for cycle in map(int, draws.integers(0, 450, 12)):
         nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in rig.roles]
-        for _ in recomputed(log, nodes, since_ns=min(node.since_ns for node in nodes)):
+        for _ in recomputed_pieces(log, nodes, since_ns=min(node.since_ns for node in nodes)):
             pass
         for node in nodes:
             node.require_end()

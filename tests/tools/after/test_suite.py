@@ -84,8 +84,12 @@ def test_what_does_not_hold_is_told(
     made(tmp_path / "a", require, limit, *words)
     assert suite(tmp_path).code == 1
     found = cases(tmp_path)
-    told = {key: word for key in ("R-1", "R-2") for name, word in found.items()
-            if name.startswith(key) and word}  # fmt: skip
+    told = {
+        key: word
+        for key in ("R-1", "R-2")
+        for name, word in found.items()
+        if name.startswith(key) and word
+    }
     assert told == verdicts, found
 
 
@@ -106,8 +110,9 @@ def test_a_requirement_that_was_deleted_is_not_judged_any_more(tmp_path: Path) -
     made(tmp_path / "b", "{id: R-9, never: abs(controller.e_rad) > 1000}")
     done = suite(tmp_path)
     assert done.code == 1 and "a later run of this rig does not test it any more" in done.out
-    done = run_here("report", "--suite", tmp_path / "b", "-o", tmp_path / "s.html",
-                    "--need", "R-9,R-1")  # fmt: skip
+    done = run_here(
+        "report", "--suite", tmp_path / "b", "-o", tmp_path / "s.html", "--need", "R-9,R-1"
+    )
     assert done.code == 1 and "R-1: not judged: no run tests it" in done.out
 
 

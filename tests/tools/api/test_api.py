@@ -80,14 +80,14 @@ def test_a_name_is_known_with_and_without_its_node(run: pcpc.Run) -> None:
         found = [series.choose(known, [n], "", [run.log]) for n in (name, f"{node}:{name}")]
         assert found[0] == found[1] != [], found
         assert signals(run.path, [name]).columns == signals(run.path, [f"{node}:{name}"]).columns
-        judged = run._judged.run()
+        judged = run._judged_run.run()
         assert judged[name].tobytes() == judged[f"{node}:{name}"].tobytes()
     assert run["time.t_s"].tobytes() == run["executive:time.t_s"].tobytes(), "of both nodes"
     for refused in (
         lambda: run.require(always="controller.encoder_rad < 1"),
         lambda: series.choose([], ["controller.encoder_rad"], "", [run.log]),
         lambda: signals(run.path, ["controller.encoder_rad"]),
-        lambda: run._judged.run()["controller.encoder_rad"],
+        lambda: run._judged_run.run()["controller.encoder_rad"],
         lambda: run.figure("controller.encoder_rad"),
     ):
         with pytest.raises(pcpc.Error, match=AN_INPUT):
@@ -172,12 +172,16 @@ def test_importing_it_does_not_load_the_compiler() -> None:
 
 @given(
     st.recursive(
-        st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.text()
+        st.none()
+        | st.booleans()
+        | st.integers(-(2**63), 2**63 - 1)
+        | st.text()
         | st.floats(allow_nan=False),
-        lambda inner: st.lists(inner, max_size=3)
-        | st.dictionaries(st.text(min_size=1), inner, max_size=3),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.text(min_size=1), inner, max_size=3)
+        ),
     )
-)  # fmt: skip
+)
 @example({"\x1f" * 110: {"a": 1.0}})  # a key of more letters than YAML looks for its colon
 def test_a_value_from_python_arrives_in_the_rig(value: object) -> None:
     text = settings({"name": value})[0].removeprefix("name=")
@@ -232,9 +236,10 @@ def test_a_gain_set_live_stands_in_the_log_at_the_cycle_that_was_told() -> None:
 def test_a_block_that_raises_leaves_nothing_behind() -> None:
     bus = own_bus()
     with (
-        left_behind() as pids, pytest.raises(ZeroDivisionError),
+        left_behind() as pids,
+        pytest.raises(ZeroDivisionError),
         pcpc.running("slew10", pacing="real", set=LONG, bus=bus) as live,
-    ):  # fmt: skip
+    ):
         pids += family(live)
         raise ZeroDivisionError
 

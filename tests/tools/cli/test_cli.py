@@ -61,7 +61,7 @@ def examples(text: str) -> Iterator[list[str]]:
 def check(words: list[str]) -> str:
     """Return what is wrong with a command line; nothing is carried out."""
     try:
-        options = cli.parsed(words)
+        options = cli.parsed_options(words)
     except SystemExit:
         return "it does not parse"
     if words[0] == "vm":
@@ -123,8 +123,9 @@ def test_an_empty_name_of_a_file_or_folder_is_refused_by_every_command(capsys: S
         out, err = capsys.readouterr()
         said = re.escape(ahead[0] if ahead else str(action.dest))
         assert re.fullmatch(rf"{said} '': expected a (file|folder|log|path)\n|.*'': .*\n", err), (
-            given, err,
-        )  # fmt: skip
+            given,
+            err,
+        )
         assert out == "", given
     assert count > 30 and set(Path().iterdir()) == written, count
 
@@ -358,12 +359,15 @@ def test_every_command_that_takes_a_log_takes_a_run_folder(
 ) -> None:
     name = str(user_folder / "runs/first")
     for words in (
-        ["replay", name, "--quiet"], ["play", name, "--duration", "0.001", "--bus", "nosuch"],
-        ["log", "info", name], ["log", "diff", name, name], ["log", "cat", name, "--quiet"],
+        ["replay", name, "--quiet"],
+        ["play", name, "--duration", "0.001", "--bus", "nosuch"],
+        ["log", "info", name],
+        ["log", "diff", name, name],
+        ["log", "cat", name, "--quiet"],
         ["log", "export", name, "-o", str(tmp_path / "a.csv")],
         ["log", "recover", name, "-o", str(tmp_path / "b.mcap")],
         ["log", "plot", name, "time.t_s", "-o", str(tmp_path / "a.png")],
-    ):  # fmt: skip
+    ):
         code = main(words)
         err = capsys.readouterr().err
         assert "no such file" not in err and "folder" not in err, f"{words}: {err}"

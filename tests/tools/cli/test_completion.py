@@ -29,9 +29,14 @@ def asked(line: str, folder: Path, **environment: str) -> tuple[list[str], str]:
         "COMP_POINT": str(len(line.encode())), "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
     }  # fmt: skip
     done = subprocess.run(
-        ["bash", "-c", f'exec "{PCPC}" 8>&{write}'], cwd=folder, pass_fds=[write], text=True,
-        stdin=subprocess.DEVNULL, capture_output=True, env=os.environ | about | environment,
-    )  # fmt: skip
+        ["bash", "-c", f'exec "{PCPC}" 8>&{write}'],
+        cwd=folder,
+        pass_fds=[write],
+        text=True,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env=os.environ | about | environment,
+    )
     os.close(write)
     with os.fdopen(read) as words:
         return [word.strip() for word in words.read().split(SEPARATOR) if word], done.stderr

@@ -55,9 +55,12 @@ def test_it_has_a_session_of_its_own_and_ends_by_signals(tmp_path: Path) -> None
 def test_what_killed_tests_had_started_ends(tmp_path: Path) -> None:
     path = os.pathsep.join(map(str, (TESTS, TESTS / "tools", ROOT)))
     tests = subprocess.run(
-        [sys.executable, "-c", KILLED, PROBE, own_bus(), str(tmp_path)], capture_output=True,
-        text=True, env=os.environ | {"PYTHONPATH": path}, cwd=ROOT,
-    )  # fmt: skip
+        [sys.executable, "-c", KILLED, PROBE, own_bus(), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
+        cwd=ROOT,
+    )
     pids = [*map(int, tests.stdout.split())]
     assert tests.returncode == -signal.SIGKILL and len(pids) >= 5, tests
     until(lambda: not any(map(alive, pids)), f"{pids} end", within_s=30.0)

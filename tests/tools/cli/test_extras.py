@@ -41,9 +41,13 @@ SWEEP = f"a sweep needs {{0}}: {PIP} '{{0}}"
     ],
 )  # fmt: skip
 def test_it_is_named_first(
-    module: str, words: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    words: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("log.mcap").touch()  # no log at all, which would be said next
     monkeypatch.setitem(sys.modules, module, None)

@@ -119,9 +119,12 @@ def in_copy(copy: Path, commands: list[tuple[str, ...]], folder: Path) -> dict[s
     assert len(modules) > 150, len(modules)
     asked = json.dumps({"commands": commands, "modules": modules})
     done = subprocess.run(
-        [sys.executable, "-P", "-c", _IN_THE_COPY, asked], cwd=folder, capture_output=True,
-        text=True, env=os.environ | {"PYTHONPATH": str(copy), "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+        [sys.executable, "-P", "-c", _IN_THE_COPY, asked],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(copy), "NUMBA_DISABLE_JIT": "1"},
+    )
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout))
 
@@ -159,12 +162,21 @@ def test_a_room_can_be_taken_out(room: Room, copy: Path, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.folder)
 def test_nothing_else_imports_a_room_not_in_a_function_either(room: Room) -> None:
-    gone = tuple(f"tools.{name.removesuffix('.py').replace('/', '.')}"
-                 for name in (room.folder, *room.goes_with))  # fmt: skip
-    left = {name: tree for name, tree in TREES.items()
-            if not within(name.removesuffix(".py").replace("/", "."), gone)}  # fmt: skip
-    users = [f"{name}:{line}" for name, tree in left.items() for module, line in imports(tree)
-             if within(module, gone)]  # fmt: skip
+    gone = tuple(
+        f"tools.{name.removesuffix('.py').replace('/', '.')}"
+        for name in (room.folder, *room.goes_with)
+    )
+    left = {
+        name: tree
+        for name, tree in TREES.items()
+        if not within(name.removesuffix(".py").replace("/", "."), gone)
+    }
+    users = [
+        f"{name}:{line}"
+        for name, tree in left.items()
+        for module, line in imports(tree)
+        if within(module, gone)
+    ]
     assert len(left) < len(TREES) and not users, users
 
 

@@ -189,10 +189,22 @@ def test_run_without_the_right_to_real_time_warns_and_goes_on(tmp_path: Path) ->
     """Without FIFO a busy machine may hold cycles: a patient rig at 50 Hz has no other verdict."""
     before = [*(NO_PRIVILEGE if os.geteuid() == 0 else ()), "prlimit", "--rtprio=0:0"]
     done = pcpc(
-        "run", str(SLEW10), "--bus", own_bus(), "--json", "--quiet", "--no-figure",
-        "-o", str(tmp_path / "run"), "--set", "duration_s=0.5", "--set", "rate_hz=50", *PATIENT,
+        "run",
+        str(SLEW10),
+        "--bus",
+        own_bus(),
+        "--json",
+        "--quiet",
+        "--no-figure",
+        "-o",
+        str(tmp_path / "run"),
+        "--set",
+        "duration_s=0.5",
+        "--set",
+        "rate_hz=50",
+        *PATIENT,
         before=before,
-    )  # fmt: skip
+    )
     assert done.code == 0 and done.summary["realtime"] is False, str(done)
     (warning,) = done.err.splitlines()
     said = "plant and executive: not hard real time: SCHED_FIFO refused"

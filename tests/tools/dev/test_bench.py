@@ -64,8 +64,11 @@ def test_a_law_by_hand_gives_the_bits_of_python_and_of_its_generated_c(
 ) -> None:
     case, c = recorded(name), generated.c_library()
     drives = in_python(case), in_c(case, c), in_c(case, c, f"{name}_by_hand")
-    kept = [port.recorded or port.name in ("w", "v") for port in case.block.states
-            for _ in range(port.size)]  # fmt: skip
+    kept = [
+        port.recorded or port.name in ("w", "v")
+        for port in case.block.states
+        for _ in range(port.size)
+    ]
     shown = np.array([True] * len(case.outputs()) + kept)  # C by hand has its scratch on the stack
     ours, own, hand = (trace(case, drive) for drive in drives)
     assert not differing(ours, own) and not differing(ours[:, shown], hand[:, shown])

@@ -158,7 +158,7 @@ def test_the_virtual_run_gives_its_ratios_at_matched_accuracy() -> None:
     exact = simulate.by_scipy(s, "DOP853", simulate.REFERENCE)
     own = np.abs(simulate.own_muzzle(s) - exact).max()
     assert np.ptp(exact) > 1e-3 and own < 1e-9, f"{own:.1e} rad from the reference"
-    for method, tolerance in simulate.matched(s):
+    for method, tolerance in simulate.matched_methods(s):
         error = np.abs(simulate.by_scipy(s, method, tolerance) - exact).max()
         assert error <= own, f"{method} at {tolerance:.0e}: {error:.1e}, the plant {own:.1e} rad"
     found = medians(simulate.measure(QUIET, rounds=1))
@@ -168,7 +168,7 @@ def test_the_virtual_run_gives_its_ratios_at_matched_accuracy() -> None:
 def test_the_recorder_gives_its_ratios() -> None:
     found = medians([recorder.throughput(QUIET, rounds=1)])
     assert found["throughput", "mcap.Writer.add_message"] > 1.0, f"{found}"
-    late_us, work_us = recorder.one_run(recorder.Unrecorded, seconds=0.4)
+    late_us, work_us = recorder.one_run(recorder.UnrecordedHost, seconds=0.4)
     assert 0.0 < late_us < 1e6 and 0.0 < work_us < 1e6, f"{late_us}, {work_us} us"
 
 
@@ -181,14 +181,14 @@ def test_two_processes_with_the_loop_in_c_close_it() -> None:
 @pytest.mark.parametrize(
     "held, ok",
     [
-        (rate.Held(1000, 900.0, 0, 0, 0), True),
-        (rate.Held(1000, 1100.0, 0, 0, 0), False),
-        (rate.Held(1000, 900.0, 1, 0, 0), False),
-        (rate.Held(1000, 900.0, 0, 1, 0), False),
-        (rate.Held(1000, 900.0, 0, 0, 1), False),
+        (rate.RateResult(1000, 900.0, 0, 0, 0), True),
+        (rate.RateResult(1000, 1100.0, 0, 0, 0), False),
+        (rate.RateResult(1000, 900.0, 1, 0, 0), False),
+        (rate.RateResult(1000, 900.0, 0, 1, 0), False),
+        (rate.RateResult(1000, 900.0, 0, 0, 1), False),
     ],
 )
-def test_a_rate_is_held_in_time_and_without_loss_only(held: rate.Held, ok: bool) -> None:
+def test_a_rate_is_held_in_time_and_without_loss_only(held: rate.RateResult, ok: bool) -> None:
     assert held.ok is ok, f"{held}"
 
 

@@ -55,9 +55,7 @@ def test_the_C_of_a_device_numbers_everything_as_declared() -> None:
 def test_a_device_that_stands_alone_repeats_what_is_declared(file: str) -> None:
     its = runpy.run_path(str(declarations.ROOT / file))
     assert its["NMT"] == {state: state.heartbeat for state in State if state in its["NMT"]}
-    assert (its["READY"], its["RUN"], its["STOPPED"]) == (
-        State.READY, State.RUN, Heartbeat.STOPPED,
-    )  # fmt: skip
+    assert (its["READY"], its["RUN"], its["STOPPED"]) == (State.READY, State.RUN, Heartbeat.STOPPED)
     assert (its["MAX_DELTA"], its["PATIENCE_S"]) == (MAX_DELTA, PATIENCE_S)
 
 

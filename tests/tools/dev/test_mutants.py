@@ -18,7 +18,7 @@ EVERY = 20
 @np.errstate(all="ignore")
 def test_mutants_are_noticed() -> None:
     """One of twenty, of those that can be noticed; in all episodes if few do not show it."""
-    every, _ = mutants.prepared(compiled=False)
+    every, _ = mutants.mutants_and_compares(compiled=False)
     chosen = [one for one in every if not mutants.reason(one)][::EVERY]
     left = [one for one in chosen if not mutants.is_noticed(one, compiled=False)]
     left = [one for one in left if not mutants.is_noticed(one)]
@@ -30,12 +30,12 @@ def test_mutants_are_noticed() -> None:
     ["supervisor", "receiver", "sender", "codec", "senders", "values", "reception", "tunings"],
 )
 def test_the_code_itself_is_as_expected(name: str) -> None:
-    _, compares = mutants.prepared(compiled=False)
+    _, compares = mutants.mutants_and_compares(compiled=False)
     assert not compares[name](0), name
 
 
 def test_every_function_has_mutants_and_each_is_one_change_at_its_line() -> None:
-    every, _ = mutants.prepared(compiled=False)
+    every, _ = mutants.mutants_and_compares(compiled=False)
     assert len(every) > 500 and {one.function for one in every} == {
         name for names in mutants.TARGETS.values() for name in names
     }
@@ -47,15 +47,16 @@ def test_every_function_has_mutants_and_each_is_one_change_at_its_line() -> None
 def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, second, third, *_ = mutants.prepared(compiled=False)[0]
+    first, second, third, *_ = mutants.mutants_and_compares(compiled=False)[0]
     monkeypatch.setattr(mutants, "score", lambda: ([first, second, third], [second, third], []))
     monkeypatch.setattr(mutants, "reason", lambda one: "so it is" if one is third else "")
     told = mutants.results()
     assert (told["mutants"], told["noticed"], told["left"]) == (3, 1, [str(second)])
     assert told["argued"] == {"so it is": 1} and told["idle"] == [*mutants.ARGUED]
     assert [*cli.failures({"mutants": told})] == [
-        f"nobody notices {second}", *(f"a reason of no mutant: {one}" for one in mutants.ARGUED)
-    ]  # fmt: skip
+        f"nobody notices {second}",
+        *(f"a reason of no mutant: {one}" for one in mutants.ARGUED),
+    ]
 
 
 def test_modules_without_a_mutant_have_a_reason_or_are_not_as_stated(
@@ -85,8 +86,8 @@ def test_code_that_is_broken_itself_is_told_and_not_met(
 ) -> None:
     """The loop takes every request; the others are as they were."""
     monkeypatch.setattr(tuning, "judge_request", _accepts_all)
-    afresh = mutants.prepared.__wrapped__
-    monkeypatch.setattr(mutants, "prepared", lambda compiled: afresh(False))
+    afresh = mutants.mutants_and_compares.__wrapped__
+    monkeypatch.setattr(mutants, "mutants_and_compares", lambda compiled: afresh(False))
     options = argparse.Namespace(parts=["mutants"], output=str(tmp_path / "e"), quiet=True)
     assert cli.command(options) == Exit.NOT_MET
     told = capsys.readouterr().out.splitlines()

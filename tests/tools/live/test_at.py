@@ -82,9 +82,12 @@ def test_a_host_that_dies_is_a_line(run: Run, tmp_path: Path) -> None:
         environment = os.environ | {"PCPC_TOKEN": other.token}
         words = ["watch", ERROR, "--at", other.name]
         watcher = subprocess.Popen(
-            [*pcpc("--version").args[:1], *words], env=environment, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            [*pcpc("--version").args[:1], *words],
+            env=environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         assert watcher.stdout is not None
         watcher.stdout.readline()
         other.process.kill()
@@ -107,8 +110,9 @@ def test_what_is_set_there_holds_here_from_the_cycle_that_is_told(
     assert code == 0 and told["values"] == {KV: 121.0, LAM: 13.125}, err
     assert (node[KV], node[LAM]) == (121.0, 13.125)
     rows, _ = node.rows("event", 0)
-    tuned = [(int(row[1]), float(row[4:].view(float)[0])) for row in rows
-             if row[2] == Event.TUNING][-2:]  # fmt: skip
+    tuned = [
+        (int(row[1]), float(row[4:].view(float)[0])) for row in rows if row[2] == Event.TUNING
+    ][-2:]
     assert tuned == [(told["cycle"], 121.0), (told["cycle"], 13.125)]
     assert there(capsys, host, "save", str(file))[0] == 0
     undone = there(capsys, host, "undo")

@@ -45,7 +45,7 @@ class Odd:
         facts = dict.fromkeys(("bus", "controller", "rate_hz"), "b")
         facts |= dict.fromkeys(("clock_wall_ns", "clock_monotonic_ns"), "1")
         about = describe(made, facts | {"pacing": "real"})
-        self.about = sh.completed("probe.b.executive", json.loads(json.dumps(about)))
+        self.about = sh.full_description("probe.b.executive", json.loads(json.dumps(about)))
         self.block = sh.private(about)
         control = self.block.control
         control.ready, control.passes, control.cycle, control.state = 1, 9, 9, 2

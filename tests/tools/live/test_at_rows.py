@@ -66,7 +66,7 @@ def test_many_rows_come_in_several_answers_and_none_is_missing(
 class Between(Link):
     """A line on whose other end the ring comes round behind the first rows that were sent."""
 
-    def __init__(self, host: Host, block: sh.Shared) -> None:
+    def __init__(self, host: Host, block: sh.NodeMemory) -> None:
         super().__init__(Namespace(at=host.name, token_file=None, ca=None, plain=False))
         self._block, self.first = block, True
 

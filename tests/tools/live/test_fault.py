@@ -67,8 +67,9 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
         "noise", "late", "turn", "bias", "heavy", "bits", "delay", "low", "forged"
     }  # fmt: skip
     bus = own_bus()
-    done = pcpc("run", str(rig), "--pacing", "lockstep", "--bus", bus, *short,
-                str(tmp_path / "bus"))  # fmt: skip
+    done = pcpc(
+        "run", str(rig), "--pacing", "lockstep", "--bus", bus, *short, str(tmp_path / "bus")
+    )
     assert done.code == 0, str(done)
     done = pcpc("log", "diff", str(tmp_path / "virtual"), str(tmp_path / "bus"))
     assert done.code == 0, str(done)
@@ -80,8 +81,19 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
 def test_a_paced_run_with_faults_is_replayed_bit_by_bit(rig: Path, tmp_path: Path) -> None:
     for pacing in ("real", "sync"):
         folder = tmp_path / pacing
-        pcpc("run", str(rig), "--pacing", pacing, "--bus", own_bus(), "--set", "duration_s=0.3",
-             "--quiet", "-o", str(folder))  # fmt: skip
+        pcpc(
+            "run",
+            str(rig),
+            "--pacing",
+            pacing,
+            "--bus",
+            own_bus(),
+            "--set",
+            "duration_s=0.3",
+            "--quiet",
+            "-o",
+            str(folder),
+        )
         done = pcpc("replay", str(folder))
         assert done.code == 0 and done.out.count("bit-identical") == 2, str(done)
 
@@ -111,8 +123,20 @@ def test_a_fault_is_begun_and_ended_while_the_rig_runs(calm: Path) -> None:
 def test_the_command_lists_begins_and_ends_them(calm: Path, tmp_path: Path) -> None:
     bus = own_bus()
     lasts = "--set", "duration_s=120", "--set", "supervisor.fault_after_cycles=10000"
-    with Running("run", str(calm), "--pacing", "real", "--bus", bus, *lasts, "--set", "rig=faulty",
-                 "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
+    with Running(
+        "run",
+        str(calm),
+        "--pacing",
+        "real",
+        "--bus",
+        bus,
+        *lasts,
+        "--set",
+        "rig=faulty",
+        "--quiet",
+        "-o",
+        str(tmp_path / "run"),
+    ) as run:
         run.in_the_middle("faulty", bus)
         name = run.block("faulty", bus, "plant").name
         done = pcpc("fault", "--node", name)

@@ -150,8 +150,9 @@ def test_what_is_captured_of_a_run_in_lockstep_is_what_its_log_holds(
     def full() -> bool:
         return any(
             block.ends(ring).head - block[f"{ring}_taken"][0] == len(block[ring])
-            for block in blocks for ring in sh.RINGS
-        )  # fmt: skip
+            for block in blocks
+            for ring in sh.RINGS
+        )
 
     until(lambda: full() or running.over(), "it waits for the recorder")
     node, file = sh.block_name("hull", bus, "executive"), tmp_path / "burst.mcap"
@@ -283,8 +284,12 @@ def test_what_is_captured_of_a_paced_run_is_what_its_log_holds(
     first, second = (one["cycle"] for one in found)
     assert first in rising, (first, rising)
     assert second == next(k for k in rising if k > found[0]["last"]), (found, rising)
-    every = [int(k) for one in found for k in node.cycle
-             if max(one["first"], one["cycle"] - 20) <= k <= one["cycle"] + 40]  # fmt: skip
+    every = [
+        int(k)
+        for one in found
+        for k in node.cycle
+        if max(one["first"], one["cycle"] - 20) <= k <= one["cycle"] + 40
+    ]
     assert captured.node["executive"].cycle.tolist() == every
     assert main(["log", "cat", str(file), "--topics", "/state", "--quiet"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 1 + sum(one["rows"] for one in found)

@@ -75,9 +75,12 @@ def test_a_run_goes_on_after_a_reset_and_ends_with_a_stop_also_when_locked(
 
 
 def test_a_run_is_called_by_its_rigs_name_its_own_or_its_rigs_file(
-    live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    live: pcpc.Live,
+    rig: Path,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     run = find("executive", NAME).run
     for word in (NAME, run, str(rig), ".", "rig.yaml"):

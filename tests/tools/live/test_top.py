@@ -88,9 +88,13 @@ def test_a_terminal_is_given_back_as_it_was(run: Run) -> None:
     before = termios.tcgetattr(theirs)
     environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
     top = subprocess.Popen(
-        [program(), "top", "--node", run.node, "--every", "100ms"], cwd=ROOT, stdin=theirs,
-        stdout=theirs, stderr=subprocess.PIPE, env=environment | {"TERM": "xterm"},
-    )  # fmt: skip
+        [program(), "top", "--node", run.node, "--every", "100ms"],
+        cwd=ROOT,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=subprocess.PIPE,
+        env=environment | {"TERM": "xterm"},
+    )
     seen = b""
 
     def until_seen(text: bytes) -> None:
@@ -158,7 +162,7 @@ def stand() -> Iterator[str]:
     standing.end_all()
 
 
-def begin(name: str) -> sh.Shared:
+def begin(name: str) -> sh.NodeMemory:
     block = standing.stand(name, HEAD)
     block.control.passes = 1
     block["snapshot"][0] = Power.OPERATION_ENABLED.word | WARNING

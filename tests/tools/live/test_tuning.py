@@ -100,7 +100,7 @@ def test_a_lock_forbids_tunings_until_it_is_lifted(run: Run, capsys: Screen, lev
     assert said(capsys, run, "set", f"{KV}={before}")[0] == 0
 
 
-def ask(block: sh.Shared, places: list[int], values: list[float]) -> int:
+def ask(block: sh.NodeMemory, places: list[int], values: list[float]) -> int:
     """Post a request without any check, as a program of somebody else may; return the answer."""
     block["mail_index"][: len(places)], block["mail_value"][: len(values)] = places, values
     block.mail.count = len(places)

@@ -254,7 +254,7 @@ HEAD: dict[str, object] = {
 
 
 @pytest.fixture
-def stand() -> Iterator[Callable[[str], sh.Shared]]:
+def stand() -> Iterator[Callable[[str], sh.NodeMemory]]:
     """Return a maker of nodes that only hand out their memory."""
     yield lambda name: standing.stand(name, HEAD)
     standing.end_all()
@@ -262,7 +262,7 @@ def stand() -> Iterator[Callable[[str], sh.Shared]]:
 
 @pytest.mark.parametrize("called", ["", "executive", "{rig}", "{rig}.executive", "{rig}.plant"])
 def test_a_node_is_called_by_role_by_rig_or_in_full(
-    called: str, stand: Callable[[str], sh.Shared], monkeypatch: pytest.MonkeyPatch
+    called: str, stand: Callable[[str], sh.NodeMemory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = f"lab{os.getpid()}"
     monkeypatch.setitem(HEAD, "rig", rig)
@@ -277,7 +277,7 @@ def test_a_node_is_called_by_role_by_rig_or_in_full(
 
 
 def test_a_role_that_several_nodes_have_is_refused_with_their_names(
-    run: Run, capsys: Screen, stand: Callable[[str], sh.Shared], monkeypatch: pytest.MonkeyPatch
+    run: Run, capsys: Screen, stand: Callable[[str], sh.NodeMemory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = f"twin.{os.getpid()}.executive"
     alone(run, monkeypatch, beside=name)
@@ -289,7 +289,7 @@ def test_a_role_that_several_nodes_have_is_refused_with_their_names(
     assert name in err and run.node in err and "--node" in err, err
 
 
-def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.Shared]) -> None:
+def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.NodeMemory]) -> None:
     name = f"dead.{os.getpid()}.plant"
     stand(name).control.done = 1
     for what in ("is leaving", "has left"):
@@ -300,7 +300,7 @@ def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.Shared]) -> 
 
 
 def test_a_node_that_takes_no_tunings_keeps_none_of_them(
-    stand: Callable[[str], sh.Shared],
+    stand: Callable[[str], sh.NodeMemory],
 ) -> None:
     name = f"stuck.{os.getpid()}.executive"
     block = stand(name)
@@ -311,7 +311,7 @@ def test_a_node_that_takes_no_tunings_keeps_none_of_them(
 
 
 def test_a_node_that_dies_meanwhile_is_told_to_have_ended(
-    stand: Callable[[str], sh.Shared],
+    stand: Callable[[str], sh.NodeMemory],
 ) -> None:
     name = f"dying.{os.getpid()}.executive"
     stand(name).control.passes = 1

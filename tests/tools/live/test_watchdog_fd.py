@@ -22,12 +22,17 @@ from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 CMD, FB = 0xA0, 0x120
 STOP = (
     ('"EveryCycle","Cyclic"', '"EveryCycle","Cyclic","Event"'),
-    ("BO_ 1793 HB", "BO_ 15 ESTOP: 12 Vector__XXX\n"
-     ' SG_ pressed : 0|1@1+ (1,0) [0|1] "" EXEC,PLANT\n\nBO_ 1793 HB'),
-    ('BA_ "GenMsgSendType" BO_ 1793 1;',
-     'BA_ "GenMsgSendType" BO_ 15 2;\nBA_ "VFrameFormat" BO_ 15 14;\n'
-     'BA_ "GenMsgSendType" BO_ 1793 1;'),
-)  # fmt: skip
+    (
+        "BO_ 1793 HB",
+        "BO_ 15 ESTOP: 12 Vector__XXX\n"
+        ' SG_ pressed : 0|1@1+ (1,0) [0|1] "" EXEC,PLANT\n\nBO_ 1793 HB',
+    ),
+    (
+        'BA_ "GenMsgSendType" BO_ 1793 1;',
+        'BA_ "GenMsgSendType" BO_ 15 2;\nBA_ "VFrameFormat" BO_ 15 14;\n'
+        'BA_ "GenMsgSendType" BO_ 1793 1;',
+    ),
+)
 PATIENT = "hold_cycles: 1000000, fault_after_cycles: 1000000, quick_stop_s: 0.02"
 LINES = (
     f"supervisor: {{{PATIENT}, stop_frame: ESTOP}}",

@@ -109,7 +109,7 @@ def test_the_memory_of_a_node_is_tried_and_let_go() -> None:
     for _ in range(2):
         row = doctor.node_memory_row()
         assert row.state == "ok" and "MiB, sealed" in row.found, row
-    assert not [name for name in claim.held("node/") if "doctor" in name]
+    assert not [name for name in claim.held_names("node/") if "doctor" in name]
 
 
 def test_an_empty_cache_is_cold_and_one_with_code_is_warm(

@@ -209,8 +209,9 @@ def test_json_holds_every_loop_round_and_count() -> None:
     assert executive["cycles"] + executive["missed"] == 1000
     for name, found in data["ratio"].items():
         for figure in jitter_figures.COMPARED:
-            own, other = ([one["loops"][n][figure] for one in data["per_round"]]
-                          for n in (PCPC, name))  # fmt: skip
+            own, other = (
+                [one["loops"][n][figure] for one in data["per_round"]] for n in (PCPC, name)
+            )
             assert found[figure]["rounds"] == [a / b for a, b in zip(own, other, strict=True)]
 
 

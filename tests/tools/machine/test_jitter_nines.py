@@ -97,7 +97,7 @@ def path(**changed: Any) -> dict[str, Any]:
     refused, held = (np.isin(np.arange(6), given[name]) for name in ("refused", "held"))
     return nines.whole_path(
         cycle, late, wakes, commands, syncs, refused, held, PERIOD_US, given["periods"]
-    )  # fmt: skip
+    )
 
 
 def test_the_three_ways_are_between_the_events_that_they_name() -> None:

@@ -121,9 +121,13 @@ def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
     bus = own_bus()
     words = [program(), "jitter", "-D", "100s", "--bus", bus]
     with subprocess.Popen(
-        words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        words,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         start_new_session=True,
-    ) as process:  # fmt: skip
+    ) as process:
         block = until(lambda: _block(bus) or process.poll(), "the executive's block")
         until(lambda: block.control.passes > 50 or process.poll(), "fifty cycles")
         process.send_signal(signal.SIGINT)
@@ -134,7 +138,7 @@ def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
     assert blocks_left(bus) == []
 
 
-def _block(bus: str) -> sh.Shared | None:
+def _block(bus: str) -> sh.NodeMemory | None:
     with contextlib.suppress(sh.SharedError):
         return sharing.attach(sh.block_name("probe", bus, "executive"))
     return None

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcpc.tools.cli import main, parsed
+from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.machine import vm
 from pcpc.tools.machine.vm import accelerator, initramfs, kernel, programs, unpack
 from pcpc.tools.machine.vm.job import Job, quote, script
@@ -215,7 +215,7 @@ def test_a_folder_that_the_guest_does_not_share_is_refused(
 
 def test_durations_are_read_in_their_unit() -> None:
     texts = ("500ms", "90s", "1.5min", "2h")
-    read = [parsed(["vm", "--timeout", text, "--", "true"]).timeout for text in texts]
+    read = [parsed_options(["vm", "--timeout", text, "--", "true"]).timeout for text in texts]
     assert read == [0.5, 90.0, 90.0, 7200.0], f"read {read}"
 
 
@@ -229,13 +229,13 @@ def test_qemu_gets_every_port_and_no_word_of_the_command() -> None:
 
 
 def test_a_proof_of_kvm_is_forgotten_when_the_host_reboots(tmp_path: Path) -> None:
-    assert accelerator.proven(tmp_path) is None
+    assert accelerator.proven_accelerator(tmp_path) is None
     accelerator.remember(tmp_path, "tcg")
-    assert accelerator.proven(tmp_path) == "tcg"
+    assert accelerator.proven_accelerator(tmp_path) == "tcg"
     assert accelerator.choice("auto", tmp_path) == "tcg"
     assert accelerator.choice("kvm", tmp_path) == "kvm"
     (tmp_path / "accelerator").write_text("another-boot tcg\n")
-    assert accelerator.proven(tmp_path) is None
+    assert accelerator.proven_accelerator(tmp_path) is None
 
 
 def test_a_socket_pair_half_closed_still_gives_what_was_sent() -> None:

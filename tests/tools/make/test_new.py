@@ -173,16 +173,19 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
     lockstep = (*bus, "--pacing", "lockstep")
     patient = ("--set", "supervisor.fault_after_cycles=1000")  # a machine may stand still for 0.1 s
     for way, words in {
-        "virtual": ("simulate", *quiet), "real": ("run", *quiet, *bus, *patient),
+        "virtual": ("simulate", *quiet),
+        "real": ("run", *quiet, *bus, *patient),
         "lockstep": ("run", *quiet, *lockstep),
-    }.items():  # fmt: skip
+    }.items():
         done = undisturbed(*words, folder=tmp_path / way)
         assert done.code == 0 and judged in done.out, f"{way}: {done}"
     with Running("plant", str(new_rig), *lockstep) as plant:
         done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))
         assert (done.code, plant.done().code) == (0, 0), f"{done}\n{plant}"
-    states = [logs.payloads(tmp_path / way / "log.mcap", "/state")
-              for way in ("virtual", "lockstep", "two")]  # fmt: skip
+    states = [
+        logs.payloads(tmp_path / way / "log.mcap", "/state")
+        for way in ("virtual", "lockstep", "two")
+    ]
     assert len(states[0]) == CYCLES[template.rig] and states[0] == states[1] == states[2]
     again = pcpc("replay", str(tmp_path / "real"), "--quiet")
     assert again.code == 0, str(again)

@@ -36,8 +36,9 @@ def states(path: Path) -> dict[str, bytes]:
     log = logs.read(path)
     return {
         f"{role} {name}": values.tobytes()
-        for role, node in log.node.items() for name, values in node.columns.items()
-    }  # fmt: skip
+        for role, node in log.node.items()
+        for name, values in node.columns.items()
+    }
 
 
 def simulated(rig: Path, folder: Path, *settings: str) -> Path:
@@ -189,7 +190,7 @@ def test_the_load_of_its_log_is_that_of_both_bit_rates(run: tuple[Path, Path]) -
     found = {int(row["id"], 16): row for row in info["frames"] if int(row["id"], 16) in KINDS}
     for number, (nominal, data) in most.items():
         assert found[number]["bits"] == counts[number] * (nominal + data), hex(number)
-    counted = bus_load.Counted(ring_rows(node.frames))
+    counted = bus_load.FrameCounts(ring_rows(node.frames))
     wanted = sum(counts[number] * (a + b / 5) for number, (a, b) in most.items())
     beats = (node.frames["id"] == 0x702).sum()
     assert bus_load.bits(counted.seen, 0.2) == pytest.approx(wanted + 65 * beats)

@@ -56,8 +56,9 @@ def test_the_schedule_is_in_the_order_of_the_rig_file(capsys: Screen) -> None:
     assert [entry["block"] for entry in nodes["plant"]["schedule"]] == ["barrel"]
 
 
-@pytest.mark.parametrize(("setting", "law"), [("standby=[pid]", "pid"),
-                                               ("overrun.fallback=pd_star", "pd")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("setting", "law"), [("standby=[pid]", "pid"), ("overrun.fallback=pd_star", "pd")]
+)
 def test_who_may_take_over_is_a_block_with_its_law(setting: str, law: str, capsys: Screen) -> None:
     words = ("--controller", "pd_fast", "--set", setting)
     schedule = report(capsys, HULL, *words)["nodes"]["executive"]["schedule"]
@@ -163,9 +164,10 @@ def test_what_has_other_bits_elsewhere_is_a_warning_with_its_line(
     law = tmp_path / "motor" / "laws/pid.py"
     text = law.read_text("utf-8")
     law.write_text(
-        text.replace("y.e_rad = u.q_d_rad - u.encoder_rad", "y.e_rad = math.sin(u.q_d_rad)")
-        .replace("from pcpc", "import math\nfrom pcpc", 1)
-    )  # fmt: skip
+        text.replace(
+            "y.e_rad = u.q_d_rad - u.encoder_rad", "y.e_rad = math.sin(u.q_d_rad)"
+        ).replace("from pcpc", "import math\nfrom pcpc", 1)
+    )
     (warning,) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
     assert "pid.py:70: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
     assert "not the same on every machine" in warning, warning

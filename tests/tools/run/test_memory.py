@@ -34,7 +34,7 @@ def states(folder: Path) -> list[list[bytes]]:
     return [logs.payloads(folder / "log.mcap", topic) for topic in STATES]
 
 
-def nonsense(block: sh.Shared, random: np.random.Generator) -> None:
+def nonsense(block: sh.NodeMemory, random: np.random.Generator) -> None:
     """Write random words into the mailbox of a node, and what comes closer to a request."""
     for name in ("mail_index", "mail_value", "mail"):
         words = words_of(block[name]).view(np.uint8)
@@ -93,9 +93,16 @@ def test_garbage_in_all_that_clients_write_neither_ends_a_node_nor_hangs_it(
 def test_a_run_of_one_cycle_is_in_the_log(tmp_path: Path) -> None:
     bus = own_bus()
     done = pcpc(
-        "run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, *USUAL, "--set",
+        "run",
+        SLEW10,
+        "-o",
+        str(tmp_path / "run"),
+        "--bus",
+        bus,
+        *USUAL,
+        "--set",
         "duration_s=0.001",
-    )  # fmt: skip
+    )
     assert done.code in (0, 1), str(done)
     assert [len(topic) for topic in states(tmp_path / "run")] == [1, 2], str(done)
     assert blocks_left(bus) == [], blocks_left(bus)
@@ -115,8 +122,9 @@ def test_nothing_is_left_when_everything_is_killed(tmp_path: Path) -> None:
         assert cycles > 50 and int(block.ends("record").head) > 50, "read after its death"
         assert not block.alive()
     assert blocks_left(bus) == [], blocks_left(bus)
-    again = pcpc(*words[:3], str(tmp_path / "again"), *words[4:], *PATIENT, "--set",
-                 "duration_s=0.2")  # fmt: skip
+    again = pcpc(
+        *words[:3], str(tmp_path / "again"), *words[4:], *PATIENT, "--set", "duration_s=0.2"
+    )
     assert again.code in (0, 1, 3), str(again)
 
 
@@ -129,9 +137,17 @@ def test_a_read_only_dev_shm_does_not_matter(tmp_path: Path) -> None:
     works = subprocess.run([*READ_ONLY, "sh", "-c", "! touch /dev/shm/x"], capture_output=True)
     before = READ_ONLY if works.returncode == 0 else []  # as root only; else nothing is to be seen
     done = pcpc(
-        "run", SLEW10, "-o", str(tmp_path / "run"), "--bus", own_bus(), *USUAL, "--set",
-        "duration_s=0.2", before=before,
-    )  # fmt: skip
+        "run",
+        SLEW10,
+        "-o",
+        str(tmp_path / "run"),
+        "--bus",
+        own_bus(),
+        *USUAL,
+        "--set",
+        "duration_s=0.2",
+        before=before,
+    )
     assert done.code in (0, 1), str(done)
     assert len(states(tmp_path / "run")[0]) == 200, str(done)
 

@@ -15,31 +15,45 @@ from pcpc.executive.rig.reading import load_rig
 PROBE = Path(__file__).resolve().parents[3] / "plants" / "probe"
 STATUS = 0x130
 DBC = (
-    ("BO_ 1793 HB", """BO_ 304 STATUS: 8 PLANT
+    (
+        "BO_ 1793 HB",
+        """BO_ 304 STATUS: 8 PLANT
  SG_ which M : 4|2@1+ (1,0) [0|3] "" EXEC
  SG_ always : 8|16@1- (0.001,0) [-32|32] "" EXEC
  SG_ first m0 : 24|32@1- (1e-06,0) [-2000|2000] "" EXEC
  SG_ second m1 : 31|16@0- (0.001,0) [-32|32] "" EXEC
 
-BO_ 1793 HB"""),
-    ('BA_ "GenMsgCycleTime" BO_ 1793 100;', 'BA_ "GenMsgCycleTime" BO_ 304 1;\n'
-     'BA_ "GenMsgSendType" BO_ 304 0;\nBA_ "GenMsgCycleTime" BO_ 1793 100;'),
-)  # fmt: skip
+BO_ 1793 HB""",
+    ),
+    (
+        'BA_ "GenMsgCycleTime" BO_ 1793 100;',
+        'BA_ "GenMsgCycleTime" BO_ 304 1;\n'
+        'BA_ "GenMsgSendType" BO_ 304 0;\nBA_ "GenMsgCycleTime" BO_ 1793 100;',
+    ),
+)
 MODEL = (
-    ('    position = port("", "the sample", low=-2000.0, high=2000.0)\n',
-     '    position = port("", "the sample", low=-2000.0, high=2000.0)\n'
-     '    which = port("", "layout in turn")\n    twice = port("", "the sample, doubled")\n'),
-    ("    y.position = x.x\n", "    y.position = x.x\n"
-     "    y.which = y.which + 1.0 if y.which < 2.0 else 0.0\n"
-     "    y.twice = 2.0 * x.x\n"),
-)  # fmt: skip
+    (
+        '    position = port("", "the sample", low=-2000.0, high=2000.0)\n',
+        '    position = port("", "the sample", low=-2000.0, high=2000.0)\n'
+        '    which = port("", "layout in turn")\n    twice = port("", "the sample, doubled")\n',
+    ),
+    (
+        "    y.position = x.x\n",
+        "    y.position = x.x\n"
+        "    y.which = y.which + 1.0 if y.which < 2.0 else 0.0\n"
+        "    y.twice = 2.0 * x.x\n",
+    ),
+)
 RIG = (
-    ("    FB.position: lag.position\n", "    FB.position: lag.position\n"
-     "    STATUS.which: lag.which\n    STATUS.always: lag.position\n"
-     "    STATUS.first: lag.twice\n    STATUS.second: lag.twice\n"),
+    (
+        "    FB.position: lag.position\n",
+        "    FB.position: lag.position\n"
+        "    STATUS.which: lag.which\n    STATUS.always: lag.position\n"
+        "    STATUS.first: lag.twice\n    STATUS.second: lag.twice\n",
+    ),
     ("position: rx.FB.position", "position: rx.STATUS.second"),
     ("duration_s: 10.0", "duration_s: 0.5"),
-)  # fmt: skip
+)
 STATES_OF = ("rx.STATUS.which", "rx.STATUS.always", "rx.STATUS.first", "rx.STATUS.second")
 
 
@@ -81,8 +95,10 @@ def test_a_signal_keeps_its_value_in_frames_of_other_layouts(log: Path, rig: Pat
         assert isinstance(decoded, dict)
         decoded |= {"which": 2.0, "first": now[2]} if unknown else {}
         assert not unknown or not any(data[3:])
-        now = [float(decoded.get(name.rsplit(".")[2], old))
-               for name, old in zip(STATES_OF, now, strict=True)]  # fmt: skip
+        now = [
+            float(decoded.get(name.rsplit(".")[2], old))
+            for name, old in zip(STATES_OF, now, strict=True)
+        ]
         expected.append(now)
     assert layouts == {0, 1, 2} and len(rows) > 450
     last = found[-len(expected) :]
@@ -124,8 +140,9 @@ def test_imported_frames_are_decoded_with_what_came_before(
 
 
 def test_lanes_say_that_they_cannot(rig: Path, tmp_path: Path) -> None:
-    done = pcpc("sweep", str(rig), "--vary", "lag.tau_s=0.1:0.2", "--draws", "2",
-                "-o", str(tmp_path / "s"))  # fmt: skip
+    done = pcpc(
+        "sweep", str(rig), "--vary", "lag.tau_s=0.1:0.2", "--draws", "2", "-o", str(tmp_path / "s")
+    )
     assert done.code == 0, str(done)
     assert "frame STATUS is multiplexed" in done.out + done.err, str(done)
 

@@ -20,7 +20,7 @@ from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import PEER
-from pcpc.tools.cli import main, parsed
+from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.dev.bench import play as bench
 from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.terminal.progress import Progress
@@ -49,7 +49,7 @@ def frames(log: logs.Log) -> play_frames.Frames:
 
 
 def options(*words: str) -> argparse.Namespace:
-    return parsed(["play", *words])
+    return parsed_options(["play", *words])
 
 
 def chosen(frames: play_frames.Frames, *words: str) -> play_frames.Frames:

@@ -24,9 +24,10 @@ RIGS_OF_EACH_KIND = ("firetrack", "hull")  # all others: tests/executive/nodes/t
 SHORT = "duration_s=1.2"  # steps begin at 0.5 s, the gun fires at 1 s
 LONG = "duration_s=3600"
 TOPICS = [
-    f"{node}/{kind}" for kind in ("state", "can/frames", "events", "tunings")
+    f"{node}/{kind}"
+    for kind in ("state", "can/frames", "events", "tunings")
     for node in ("", "/plant")
-]  # fmt: skip
+]
 PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")
 ALERT = ("supervisor.fault_after_cycles=300", "supervisor.ramp_s=0.01")
 INPUT_MISSING = "no valid input frame for the rig's limit of cycles"
@@ -136,9 +137,14 @@ def test_two_terminals_give_the_bytes_of_one(order: tuple[str, str], tmp_path: P
 def test_settings_take_effect(tmp_path: Path) -> None:
     usual = in_virtual_time(SLEW10, tmp_path / "usual", [SHORT])
     for i, setting in enumerate(
-        ("seed=2", "controller.kv_Nms_rad=120.0", "barrel.tip_mass_kg=0.2", "rate_hz=500",
-         "duration_s=0.8")
-    ):  # fmt: skip
+        (
+            "seed=2",
+            "controller.kv_Nms_rad=120.0",
+            "barrel.tip_mass_kg=0.2",
+            "rate_hz=500",
+            "duration_s=0.8",
+        )
+    ):
         changed = in_virtual_time(SLEW10, tmp_path / str(i), [SHORT, setting])
         assert first_difference(changed, usual), f"{setting} changes nothing"
 
@@ -181,11 +187,27 @@ def test_settings_are_in_the_log_and_hold_on_the_bus(
 def test_real_run_leaves_log_summary_and_figure(tmp_path: Path) -> None:
     bus, folder = own_bus(), tmp_path / "run"
     done = pcpc(
-        "run", SLEW10, "-o", str(folder), "--bus", bus, "--json", "--quiet",
-        "--set", "duration_s=1.2", "--set", "evaluation.window_s=[0.2, 1.2]",
-        "--set", "evaluation.rest_from_s=0.3", "--set", "evaluation.rest_to_s=0.5",
-        "--set", PATIENT[0], "--set", PATIENT[1],
-    )  # fmt: skip
+        "run",
+        SLEW10,
+        "-o",
+        str(folder),
+        "--bus",
+        bus,
+        "--json",
+        "--quiet",
+        "--set",
+        "duration_s=1.2",
+        "--set",
+        "evaluation.window_s=[0.2, 1.2]",
+        "--set",
+        "evaluation.rest_from_s=0.3",
+        "--set",
+        "evaluation.rest_to_s=0.5",
+        "--set",
+        PATIENT[0],
+        "--set",
+        PATIENT[1],
+    )
     summary = done.summary
     assert done.code == {"ok": 0, "loss": 3}[summary["verdict"]], str(done)
     assert json.loads((folder / "summary.json").read_text()) == summary, str(done)
@@ -193,8 +215,10 @@ def test_real_run_leaves_log_summary_and_figure(tmp_path: Path) -> None:
     known = {"rig": "slew10", "controller": "pd", "pacing": "real", "bus": bus, "seed": 1}
     assert {key: summary[key] for key in known} == known, str(done)
     assert 1000 < summary["cycles"] <= 1200 and summary["late_cycles"] >= 0, str(done)
-    metrics = {key: summary["metrics"][key] for key in (
-        "muzzle_error_rms_mrad", "muzzle_error_max_mrad", "hub_error_rms_mrad")}  # fmt: skip
+    metrics = {
+        key: summary["metrics"][key]
+        for key in ("muzzle_error_rms_mrad", "muzzle_error_max_mrad", "hub_error_rms_mrad")
+    }
     assert all(0.0 < value < 500.0 for value in metrics.values()), metrics
     assert set(summary["frames"]) >= {"sent", "received", "lost", "stale", "crc_errors"}, str(done)
     assert set(summary["records"]) == {"written", "dropped"}, str(done)
@@ -336,7 +360,7 @@ def test_bus_of_a_killed_host_is_not_free_before_its_nodes_have_ended(tmp_path: 
     bus = own_bus()
 
     def seats() -> list[str]:
-        return [name for name in claim.held("seat/") if f"/{bus}/" in name]
+        return [name for name in claim.held_names("seat/") if f"/{bus}/" in name]
 
     usual = options(bus, "lockstep", LONG)
     with Running("run", SLEW10, "-o", str(tmp_path / "run"), *usual) as run:

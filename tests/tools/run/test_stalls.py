@@ -101,13 +101,23 @@ def test_after_being_stopped_and_continued_the_cycles_are_exact_and_in_phase(
 ) -> None:
     bus, folder = own_bus(), tmp_path / "run"
     with Running(
-        "run", str(RIGS / "slew10.yaml"), "--bus", bus, "-o", str(folder), "--quiet", "--no-figure",
-        "--set", "supervisor.fault_after_cycles=5000", "--set", "duration_s=5.0",
-    ) as process:  # fmt: skip
+        "run",
+        str(RIGS / "slew10.yaml"),
+        "--bus",
+        bus,
+        "-o",
+        str(folder),
+        "--quiet",
+        "--no-figure",
+        "--set",
+        "supervisor.fault_after_cycles=5000",
+        "--set",
+        "duration_s=5.0",
+    ) as process:
         block = process.in_the_middle("slew10", bus)
         plant, pid = process.block("slew10", bus, "plant"), process.pid("executive")
 
-        def passed(node: sh.Shared, cycles: int) -> None:
+        def passed(node: sh.NodeMemory, cycles: int) -> None:
             begin = int(node.control.cycle)
             until(lambda: node.control.cycle > begin + cycles or process.over(), "it goes on")
 
@@ -129,8 +139,17 @@ def test_after_being_stopped_and_continued_the_cycles_are_exact_and_in_phase(
 
 def test_a_limit_of_lateness_decides_over_the_exit_code(tmp_path: Path) -> None:
     words = ("run", str(RIGS / "slew10.yaml"), "--json", "--quiet", "--no-figure", *PATIENT)
-    done = pcpc(*words, "--set", "timing.error=0.000001", "--set", "duration_s=0.5",
-                "--bus", own_bus(), "-o", str(tmp_path / "run"))  # fmt: skip
+    done = pcpc(
+        *words,
+        "--set",
+        "timing.error=0.000001",
+        "--set",
+        "duration_s=0.5",
+        "--bus",
+        own_bus(),
+        "-o",
+        str(tmp_path / "run"),
+    )
     assert done.code in (1, 3), done
     assert done.summary["timing_level"] == "ERROR", done.summary
     assert any("at p99.9" in line for line in done.summary["expectations_failed"])

@@ -22,10 +22,14 @@ print("\\n" + json.dumps(sorted(sys.modules)))
 
 
 @pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
-@pytest.mark.parametrize("words", [
-    ["simulate", "hull", "--controller", "pd", "--no-figure"],
-    ["run", "hull", "--controller", "pd", "--no-figure", "--pacing", "lockstep"],
-], ids=["simulate", "run"])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "hull", "--controller", "pd", "--no-figure"],
+        ["run", "hull", "--controller", "pd", "--no-figure", "--pacing", "lockstep"],
+    ],
+    ids=["simulate", "run"],
+)
 def test_a_warm_start_imports_no_numba_and_nothing_else_of_no_use(
     words: list[str], tmp_path: Path
 ) -> None:

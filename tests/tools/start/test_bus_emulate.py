@@ -50,10 +50,10 @@ def test_what_makes_no_line_is_refused_in_a_line(
 
 
 def test_errors_are_given_in_any_order() -> None:
-    assert Errors.parsed("seed=7, p=1e-5") == Errors(1e-5, 1.0, 7)
-    assert Errors.parsed(None) == Errors()
+    assert Errors.from_text("seed=7, p=1e-5") == Errors(1e-5, 1.0, 7)
+    assert Errors.from_text(None) == Errors()
     with pytest.raises(RigError, match="seed=-1"):
-        Errors.parsed("seed=-1")
+        Errors.from_text("seed=-1")
 
 
 def port(text: str) -> can.BusABC:
@@ -179,8 +179,10 @@ def test_a_run_whose_line_dies_ends_with_a_word_about_it(tmp_path: Path) -> None
     words = ["--set", "bus.emulate=1M", "--set", "duration_s=600.0", "-o", str(tmp_path / "run")]
     with subprocess.Popen(
         [PCPC, "run", "probe", "--bus", own_bus(), *words, "--no-figure", "--quiet"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as run:  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
         until(lambda: "pcpc recorder" in children(run.pid), "it records")
         os.kill(children(run.pid)["pcpc line"], signal.SIGKILL)
         out, _ = run.communicate(timeout=DEADLINE_S)

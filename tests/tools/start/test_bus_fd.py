@@ -26,18 +26,23 @@ def nine_drives(folder: Path, size: int) -> Path:
     ids = [289 + k for k in range(DRIVES - 1)]
     frames = "".join(f"BO_ {i} FB{i - 287}: {size} PLANT\n{_SIGNAL}\n" for i in ids)
     attributes = "".join(
-        f'BA_ "{name}" BO_ {i} {value};\n' for i in ids
+        f'BA_ "{name}" BO_ {i} {value};\n'
+        for i in ids
         for name, value in (("VFrameFormat", 14), ("GenMsgCycleTime", 1), ("GenMsgSendType", 0))
-    )  # fmt: skip
+    )
     changes = (
         ("BO_ 1793 HB_EXEC", f"{frames}BO_ 1793 HB_EXEC"),
         ('BA_ "VFrameFormat" BO_ 128 14;', f'{attributes}BA_ "VFrameFormat" BO_ 128 14;'),
-        *((
-            ("BO_ 288 FB: 64", "BO_ 288 FB: 12"),
-            (" SG_ position : 407|32@0-", " SG_ position : 0|32@1-"),
-            (' SG_ crc : 504|8@1+', " SG_ crc : 88|8@1+"),
-        ) if size == 12 else ()),
-    )  # fmt: skip
+        *(
+            (
+                ("BO_ 288 FB: 64", "BO_ 288 FB: 12"),
+                (" SG_ position : 407|32@0-", " SG_ position : 0|32@1-"),
+                (" SG_ crc : 504|8@1+", " SG_ crc : 88|8@1+"),
+            )
+            if size == 12
+            else ()
+        ),
+    )
     transmit = "".join(f", FB{i - 287}.position: lag.position" for i in ids)
     sent = f"plant: {{transmit: {{FB.position: lag.position{transmit}}}}}"
     return fd_rig(folder, BUS, sent, changes=changes)

@@ -279,6 +279,17 @@ def test_check_and_run_tell_it_in_a_line(tmp_path: Path, capsys: Screen) -> None
     wanted = "FB_C may take 1071.43 us on a bus of 700000 bit/s, its period is 1000 us"
     assert main(["check", HULL, "--set", TIGHT]) == 0
     assert wanted in " ".join(capsys.readouterr().out.split())
-    done = pcpc("run", HULL, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--no-figure",
-                "--set", TIGHT, "--set", "duration_s=0.1")  # fmt: skip
+    done = pcpc(
+        "run",
+        HULL,
+        "-o",
+        str(tmp_path / "run"),
+        "--bus",
+        own_bus(),
+        "--no-figure",
+        "--set",
+        TIGHT,
+        "--set",
+        "duration_s=0.1",
+    )
     assert sum(wanted in line for line in done.err.splitlines()) == 1, str(done)

@@ -151,11 +151,15 @@ def arranged(draw: random.Random) -> list[QueuedFrame]:
         places = draw.sample(range(len(nodes)), len(nodes))
         frames = [
             QueuedFrame(
-                1000 * classic_bits(draw.randrange(9)), CYCLE_NS * draw.choice([1, 1, 3, 10]),
-                jitter[node], node, phases[node], place,
+                1000 * classic_bits(draw.randrange(9)),
+                CYCLE_NS * draw.choice([1, 1, 3, 10]),
+                jitter[node],
+                node,
+                phases[node],
+                place,
             )
             for node, place in zip(nodes, places, strict=True)
-        ]  # fmt: skip
+        ]
         if math.fsum(k.transmission_ns / k.period_ns for k in frames) < 0.8:
             return frames
 
@@ -218,9 +222,10 @@ def test_a_slow_frame_that_outlasts_its_cycle_is_ahead_of_the_next_ones() -> Non
     ]
     bounds = bounds_ns(frames, Wire(1000, CYCLE_NS, 0, in_order=True))
     draw = random.Random(1)
-    reached = [max(longest) for longest in zip(
-        *(sent_by_nodes(frames, True, 24, draw) for _ in range(50)), strict=True
-    )]  # fmt: skip
+    reached = [
+        max(longest)
+        for longest in zip(*(sent_by_nodes(frames, True, 24, draw) for _ in range(50)), strict=True)
+    ]
     assert reached[6] > CYCLE_NS, reached
     assert all(b is None or ns <= b for ns, b in zip(reached, bounds, strict=True)), reached
 

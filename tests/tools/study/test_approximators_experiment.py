@@ -15,7 +15,7 @@ from pcpc.tools.study.book._approximation_training import (
     online_fit,
     residual,
 )
-from pcpc.tools.study.book._approximation_training import trained as trained_anew
+from pcpc.tools.study.book._approximation_training import trained_net as trained_anew
 from pcpc.tools.study.book.approximation import fit_rms
 
 trained = cache(trained_anew)  # the standard net of sin1d is judged twice

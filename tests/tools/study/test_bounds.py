@@ -138,7 +138,7 @@ def test_a_theorem_of_ones_own_is_found_beside_the_model_or_in_its_book(
         file = tmp_path / place
         file.parent.mkdir(exist_ok=True)
         file.write_text(f"THEOREMS = {{{law!r}: {law!r}}}\n")
-    assert bounds.known(load_rig(RIG)) == {"mine": "mine", "other": "other"}
+    assert bounds.known_theorems(load_rig(RIG)) == {"mine": "mine", "other": "other"}
 
 
 def test_without_the_book_it_says_where_the_proofs_of_shipped_systems_are(

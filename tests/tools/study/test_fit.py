@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pcpc
-from pcpc.executive.batch.driven import Driven
+from pcpc.executive.batch.driven import DrivenPlant
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.make.new import write
@@ -144,12 +144,18 @@ def test_a_log_that_is_too_short_is_refused(motor):
 
 def test_a_log_that_excites_nothing_says_what_would(motor, tmp_path, capsys):
     folder, _ = motor
-    still = pcpc.simulate(folder / "rig.yaml", set={"reference.amplitude_rad": 0.0}, quiet=True,
-                          folder=tmp_path / "still")  # fmt: skip
+    still = pcpc.simulate(
+        folder / "rig.yaml",
+        set={"reference.amplitude_rad": 0.0},
+        quiet=True,
+        folder=tmp_path / "still",
+    )
     found = pcpc.fit(folder / "rig.yaml", still, quiet=True)
     assert found.values == {}
-    assert any("motor.inertia_kg_m2: this log does not determine" in note and "a fast move" in note
-               for note in found.notes), found.notes  # fmt: skip
+    assert any(
+        "motor.inertia_kg_m2: this log does not determine" in note and "a fast move" in note
+        for note in found.notes
+    ), found.notes
     words = ["fit", str(folder / "rig.yaml"), str(tmp_path / "still"), "-o", str(tmp_path / "of"),
              "--parameter", "motor.inertia_kg_m2", "--quiet"]  # fmt: skip
     assert main(words) == 1
@@ -189,7 +195,7 @@ def test_an_identification_file_that_is_wrong_is_told_with_its_place(motor, tmp_
 @pytest.mark.parametrize("rig", ["slew10", "telerobot-u1"])
 def test_the_driven_plant_gives_the_bits_of_the_run(rig):
     run = pcpc.simulate(rig, set={"duration_s": 0.4}, quiet=True)
-    plant = Driven(load_rig(Path(find(rig))))
+    plant = DrivenPlant(load_rig(Path(find(rig))))
     node = run.log.node["plant"]
     given = np.stack([node.columns[f"rx.{name}"] for name in plant.received], axis=1)
     names = list(plant.sources.values())

@@ -77,8 +77,13 @@ def test_a_parameter_without_effect_is_told_and_keeps_its_start():
 
 
 def test_two_parameters_that_act_alike_are_not_told_apart():
-    found = fit(noisy(4), lambda points, rows: points[:, :1, None] * points[:, 1:, None]
-                * REGRESSORS[None, :rows, :1], start=(1.0, 1.5))  # fmt: skip
+    found = fit(
+        noisy(4),
+        lambda points, rows: (
+            points[:, :1, None] * points[:, 1:, None] * REGRESSORS[None, :rows, :1]
+        ),
+        start=(1.0, 1.5),
+    )
     assert found.excited.sum() == 1, "of a product only one factor can be had"
 
 

@@ -20,9 +20,9 @@ def test_the_identifier_beside_the_loop_learns_what_the_one_in_the_loop_learns()
 def test_an_interval_that_misses_is_counted_and_told():
     true = seeds.true_values()
     half = 0.01 * true
-    found = [seeds.Fitted(n, true + 0.5 * half, true, half, 200) for n in range(94)]
+    found = [seeds.SeedFit(n, true + 0.5 * half, true, half, 200) for n in range(94)]
     off = np.array([2.0, *np.zeros(len(true) - 1)])
-    found += [seeds.Fitted(n, true + off * half, true, half, 200) for n in range(94, 100)]
+    found += [seeds.SeedFit(n, true + off * half, true, half, 200) for n in range(94, 100)]
     table, missed = seeds.table(found)
     rows = {row.split("|")[1].strip(): row.split("|") for row in table.splitlines() if "`b" in row}
     assert rows["`barrel.coulomb_Nm`"][9].strip() == "94"

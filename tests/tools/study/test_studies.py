@@ -18,17 +18,22 @@ TRACES = ("plant:barrel.theta_rad", "executive:controller.e_rad", "theta_rad", "
 
 
 def case(
-    *settings: str, controller: str = "pd_nn", rig: str = HULL,
+    *settings: str,
+    controller: str = "pd_nn",
+    rig: str = HULL,
     traces: tuple[str, ...] = TRACES,
-) -> Case:  # fmt: skip
+) -> Case:
     return Case("g", rig, controller, "a label", (SHORT, *settings), (0.1, 0.2), traces)
 
 
 def in_process(cases: Sequence[Case]) -> tuple[list[Result], list[int]]:
     """Return what `done` returns, and the sizes of the pieces."""
     pieces = runs.pieces(cases, least=1)
-    made = {place: one for piece in pieces
-            for place, one in zip(piece.places, runs.results(piece), strict=True)}  # fmt: skip
+    made = {
+        place: one
+        for piece in pieces
+        for place, one in zip(piece.places, runs.results(piece), strict=True)
+    }
     assert sorted(made) == list(range(len(cases))), "every case is done once"
     return [made[place] for place in range(len(cases))], [len(piece.own) for piece in pieces]
 

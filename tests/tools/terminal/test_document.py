@@ -11,7 +11,7 @@ from pcpc.tools.terminal.document import (
     Block,
     Bullets,
     Code,
-    Labelled,
+    LabelledTexts,
     Note,
     Part,
     Picture,
@@ -30,7 +30,7 @@ EVIL = "<i>a|b`c"
 ROWS = [("pd", 3.5), (Strong(EVIL), 12.25)]
 WHOLE = Section("Metrics", [
     ("run ", Code("pcpc replay A"), " again"), Table(("law", "error"), ROWS, (1,)),
-    Note("of the window"), Bullets(["one", EVIL]), Labelled({"also": ["x", "y"]}),
+    Note("of the window"), Bullets(["one", EVIL]), LabelledTexts({"also": ["x", "y"]}),
     Verdict("ok", ["held"], True), Picture(b"\x89PNG", "a curve", "a.png"),
     Section("More", [Block("a\n  b")], folded=True), Section("Nothing", [Table(("a",), []), None]),
 ])  # fmt: skip
@@ -61,7 +61,7 @@ def test_a_terminal_has_all_but_pictures_within_its_width(
     width: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    long = Labelled({"also": ["word " * 30, "y"]}, 9, "  ")
+    long = LabelledTexts({"also": ["word " * 30, "y"]}, 9, "  ")
     broad = Table(("name", *"abc"), [("law", "1" * 22, "", "2" * 22), ("x", "3", "4" * 9, "5")])
     lines = terminal(Section("Title", [WHOLE, long, broad]))
     assert lines[:3] == ["Title", "Metrics", "run pcpc replay A again"], lines
@@ -70,7 +70,7 @@ def test_a_terminal_has_all_but_pictures_within_its_width(
 
 
 def test_what_is_empty_is_left_out() -> None:
-    empty: list[Part] = [None, "", Table(("a",), []), Section("a", [None]), Labelled({})]
+    empty: list[Part] = [None, "", Table(("a",), []), Section("a", [None]), LabelledTexts({})]
     for part in empty:
         assert html(part) == "" and markdown(part) == "" and terminal(part) == [], part
 

@@ -42,9 +42,14 @@ def in_shell(words: str) -> tuple[list[int], str]:
     script = f'{words}; echo "${{PIPESTATUS[@]}}" >&3'
     read, write = os.pipe()
     done = subprocess.run(
-        ["bash", "-c", f"exec 3>&{write}; {script}"], cwd=ROOT, pass_fds=[write],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        ["bash", "-c", f"exec 3>&{write}; {script}"],
+        cwd=ROOT,
+        pass_fds=[write],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     os.close(write)
     lines = done.stderr.splitlines(keepends=True)
     said = "".join(line for line in lines if not line.startswith("compiling "))
@@ -197,8 +202,9 @@ def test_the_title_of_a_rig_is_shown_and_not_obeyed(tmp_path: Path, capsys: Scre
     main(["log", "info", str(tmp_path / "run" / "log.mcap")])
     main(["report", str(tmp_path / "run"), "-o", str(tmp_path / "page.html")])
     shown = capsys.readouterr()
-    assert not re.search(r"[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]|\x1b(?!\[[0-9;]*m)",
-                         shown.out + shown.err)  # fmt: skip
+    assert not re.search(
+        r"[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]|\x1b(?!\[[0-9;]*m)", shown.out + shown.err
+    )
 
 
 def test_a_working_folder_that_is_gone_is_said(
@@ -231,9 +237,12 @@ def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
 def test_an_experiment_without_matplotlib_runs_nothing(tmp_path: Path) -> None:
     (tmp_path / "matplotlib.py").write_text("raise ImportError('no such thing')\n")
     done = pcpc(
-        "experiment", "chapter4", "-o", str(tmp_path / "out"),
+        "experiment",
+        "chapter4",
+        "-o",
+        str(tmp_path / "out"),
         environment={"PYTHONPATH": str(tmp_path)},
-    )  # fmt: skip
+    )
     cure = f"{sys.executable} -m pip install 'matplotlib~=3.10'"
     said = f"chapter4: its figures need matplotlib: {cure} (no such thing)\n"
     assert (done.code, done.out, done.err) == (4, "", said), str(done)

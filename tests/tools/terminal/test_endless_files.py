@@ -87,9 +87,11 @@ def test_a_chain_of_bases_is_refused_with_the_place(tmp_path: Path) -> None:
 def test_a_limit_of_open_files_is_raised_or_told() -> None:
     def limited(soft: int, hard: int) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(
-            [sys.executable, "-m", "pcpc.tools.cli", "rigs"], capture_output=True, text=True,
+            [sys.executable, "-m", "pcpc.tools.cli", "rigs"],
+            capture_output=True,
+            text=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard)),
-        )  # fmt: skip
+        )
 
     low, raised = limited(16, 16), limited(16, 256)
     assert low.returncode == 4 and low.stderr.count("\n") == 1 and "ulimit -n" in low.stderr, low
@@ -106,9 +108,12 @@ def test_hours_are_above_0_and_finite(command: tuple[str, ...], hours: str) -> N
 @pytest.mark.parametrize("option", ["--start", "--end"])
 @pytest.mark.parametrize("value", ["1e300", "-1e300", "nan", "inf", "1e10", "1e200min", "x"])
 def test_a_time_that_no_log_has_is_refused(option: str, value: str, tmp_path: Path) -> None:
-    for name, *words in (("export", "-o", tmp_path / "a.csv"), ("cat",),
-                         ("animate", "-o", tmp_path / "a.gif"),
-                         ("plot", "controller.e_rad", "-o", tmp_path / "a.png")):  # fmt: skip
+    for name, *words in (
+        ("export", "-o", tmp_path / "a.csv"),
+        ("cat",),
+        ("animate", "-o", tmp_path / "a.gif"),
+        ("plot", "controller.e_rad", "-o", tmp_path / "a.png"),
+    ):
         done = run(name, barrel_log("pd"), *words, f"{option}={value}")
         assert done.code == 2 and f"{option} " in done.err, done
         assert done.err.count("\n") == 1 and not list(tmp_path.iterdir()), done
@@ -117,8 +122,11 @@ def test_a_time_that_no_log_has_is_refused(option: str, value: str, tmp_path: Pa
 @pytest.mark.parametrize("window", [("--start", "0.3"), ("--start", "5"), ("--end", "0"),
                                     ("--start", "0.2", "--end", "0.1")])  # fmt: skip
 def test_a_window_without_a_cycle_is_said(window: tuple[str, ...], tmp_path: Path) -> None:
-    for words in (("export", "-o", tmp_path / "a.csv"), ("cat", "--topics", "/state"),
-                  ("plot", "controller.e_rad", "-o", tmp_path / "a.png")):  # fmt: skip
+    for words in (
+        ("export", "-o", tmp_path / "a.csv"),
+        ("cat", "--topics", "/state"),
+        ("plot", "controller.e_rad", "-o", tmp_path / "a.png"),
+    ):
         done = run(words[0], barrel_log("pd"), *words[1:], *window)
         assert done.code == 2 and "nothing was recorded there" in done.err, done
         assert not list(tmp_path.iterdir())

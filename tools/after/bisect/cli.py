@@ -33,7 +33,7 @@ def command(options: argparse.Namespace) -> int:
             what = f"{rig}: not in {word}, {commit[:10]}"
             raise UserError(f"{what}; name a commit that has it under this name")
     told: dict[str, Any] = {"rig": rig, "good": good, "bad": bad}
-    told["uncommitted"] = _uncommitted(repository)
+    told["uncommitted"] = _uncommitted_count(repository)
     progress = Progress(options.quiet)
     runs = Runs(repository, bad, rig, list(_words(options)))
     told |= _Bisection(runs, good, bad, progress).found()
@@ -52,7 +52,7 @@ def _words(options: argparse.Namespace) -> Iterator[str]:
         yield f"--set=duration_s={options.duration!r}"
 
 
-def _uncommitted(repository: Repository) -> int:
+def _uncommitted_count(repository: Repository) -> int:
     """Return how many files of the working tree are not those of its commit."""
     with suppress(GitError):  # it has none yet
         return len(repository.changed("HEAD"))
@@ -100,7 +100,7 @@ class _Bisection:
         files = self._git(*words).split("\0")[:-1]
         files.sort(key=lambda name: not name.startswith(os.path.join(folder, "")))
         return {
-            **told, "runs": self._runs.count, "suspects": list(map(self._about, left)),
+            **told, "runs": self._runs.count, "suspects": list(map(self._commit_facts, left)),
             "parent": parent, "files": files,
             "skipped": [{"commit": one, "why": why} for one, why in self._why.items()],
             "only": report.only, "nodes": [vars(one) for one in firsts(report, old, new)],
@@ -117,7 +117,7 @@ class _Bisection:
         what = "its runs differ from each other, so they depend on a clock or on chance"
         raise UserError(f"{commit[:10]}: {what}; fix that before you bisect")
 
-    def _about(self, commit: str) -> dict[str, str]:
+    def _commit_facts(self, commit: str) -> dict[str, str]:
         words = "-c", "log.showSignature=false", "show", "-s", "--format=%aI%n%s", commit
         date, _, subject = self._git(*words).rstrip("\n").partition("\n")
         return {"commit": commit, "date": date, "subject": printable(subject)}
@@ -133,17 +133,23 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
         yield f"{told['good'][:10]} and {told['bad'][:10]}: {what}"
         return
     for one in told["skipped"][:_SHOWN]:
-        yield from screen.wrapped(f"{one['commit'][:10]} cannot be run: {one['why']}", "skipped  ")
+        yield from screen.wrapped_lines(
+            f"{one['commit'][:10]} cannot be run: {one['why']}", "skipped  "
+        )
     if len(left) > 1:
         yield f"one of {len(left)} commits; those between cannot be run"
     for one in left:
         text = f"{one['commit'][:10]}  {one['date']}  {one['subject']}"
-        yield from screen.wrapped(text, "commit   ")
-    yield from screen.wrapped(", ".join(screen.some(told["files"], _SHOWN, "{} more")), "changed  ")
+        yield from screen.wrapped_lines(text, "commit   ")
+    yield from screen.wrapped_lines(
+        ", ".join(screen.some(told["files"], _SHOWN, "{} more")), "changed  "
+    )
     for text in told["only"]:
-        yield from screen.wrapped(text, "also     ")
+        yield from screen.wrapped_lines(text, "also     ")
     for one in told["nodes"]:
         yield f"{one['node']}, cycle {one['cycle']} ({one['time_s']:.6g} s), {one['stage']}"
         ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
         others = f"; {one['others']} more in this cycle" if one["others"] else ""
-        yield from screen.wrapped(f"{one['name']}: {one['old']} -> {one['new']}{ulp}{others}", "  ")
+        yield from screen.wrapped_lines(
+            f"{one['name']}: {one['old']} -> {one['new']}{ulp}{others}", "  "
+        )

@@ -11,8 +11,12 @@ def bisect(add: Add) -> None:
     add("bad", metavar="BAD", help="later git revision whose bits differ")
     add("--controller", metavar="NAME", help="use this controller; default: the rig's")
     take.settings(add, "change a value of every run, as duration_s=2; @FILE: from pcpc save")
-    add("--duration", type=take.duration, metavar="DURATION",
-        help="length of the runs; default: the rig's")  # fmt: skip
+    add(
+        "--duration",
+        type=take.duration,
+        metavar="DURATION",
+        help="length of the runs; default: the rig's",
+    )
     take.json(add)
     take.quiet(add)
 

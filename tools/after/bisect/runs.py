@@ -16,7 +16,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.faults import Fault
 from pcpc.tools.after.compare.inputs import Tree, texts
 from pcpc.tools.after.compare.repository import Repository
-from pcpc.tools.after.compare.versions import Side, last_line, python_path, simulated
+from pcpc.tools.after.compare.versions import Side, last_line, python_path, simulation
 from pcpc.tools.after.log import diff
 from pcpc.tools.start.folder import LOG
 
@@ -65,13 +65,13 @@ class Runs:
                 raise CannotRun(f"{self.rig} is not in it")
             if self._here.holds_pcpc and not tree.holds_pcpc:
                 raise CannotRun("it has no pcpc that can run a rig")
-            self._require_in(tree, self._named(tree))
+            self._require_in(tree, self._named_files(tree))
             path = python_path(tree, self._here)
             if "-packages" not in _OWN:
                 path = os.pathsep.join(filter(None, (path, _OWN)))
             side, place = Side(tree.root, f"./{self.rig}", "", path), folder / "run" / "it"
             self.count += 1
-            done = simulated(side, place, "--json", *self._words)
+            done = simulation(side, place, "--json", *self._words)
             said = last_line(done).replace(f"{tree.root}/", "")
             if done.returncode in (Exit.LOSS, Exit.INTERRUPTED):
                 raise UserError(f"{commit[:10]}: {said}", Exit(done.returncode))
@@ -85,7 +85,7 @@ class Runs:
             raise CannotRun(next(iter(log.missing), "its log has no cycle"))
         return log
 
-    def _named(self, tree: Tree) -> Iterator[str]:
+    def _named_files(self, tree: Tree) -> Iterator[str]:
         """Yield the files that a rig is read from, and the absolute paths in it."""
         with suppress(RigError):  # its run says what is wrong
             if rig := tree.rig(self.rig):
@@ -111,10 +111,19 @@ def firsts(report: diff.Report, old: logs.Log, new: logs.Log) -> list[First]:
         order = _Order(node, old, new)
         first = min(differences, key=lambda one: (one.cycle, *order.place(one.name)))
         others = sum(one.cycle == first.cycle for one in differences) - 1
-        found.append(First(
-            node, first.cycle, first.time_s, order.stage(first.name),
-            first.name.replace(f"{node}.", "", 1), first.a, first.b, first.ulp, others,
-        ))  # fmt: skip
+        found.append(
+            First(
+                node,
+                first.cycle,
+                first.time_s,
+                order.stage(first.name),
+                first.name.replace(f"{node}.", "", 1),
+                first.a,
+                first.b,
+                first.ulp,
+                others,
+            )
+        )
     return found
 
 

@@ -28,9 +28,12 @@ def ends(repository: Repository, good: str, bad: str) -> tuple[str, str]:
 
 
 def suspects(
-    repository: Repository, good: str, bad: str, differs: Callable[[str], bool | None],
+    repository: Repository,
+    good: str,
+    bad: str,
+    differs: Callable[[str], bool | None],
     tell: Callable[[int, str], None],
-) -> tuple[list[str], str]:  # fmt: skip
+) -> tuple[list[str], str]:
     """Return the commits of which one is the first, oldest first, and a parent with GOOD's bits.
 
     `differs` returns None for what cannot be run; `tell` gets how many are left, and the next.

@@ -31,7 +31,7 @@ from pcpc.executive.loop.clock import Time
 from pcpc.executive.nodes.replay import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.replay import Comparison, pacing_of, recomputed
+from pcpc.tools.after.replay import Comparison, pacing_of, recomputed_pieces
 
 _FRAMES_KEPT = 1 << 14  # of a node, before the piece of the log at hand: some hundred cycles
 
@@ -50,9 +50,14 @@ class Branch(VirtualRun):
     """A run as `VirtualRun`, of which `before` recomputes what was, and `advance` goes on."""
 
     def __init__(
-        self, head: logs.Log, rig: Rig, cycle: int, metadata: dict[str, str], log: Path,
+        self,
+        head: logs.Log,
+        rig: Rig,
+        cycle: int,
+        metadata: dict[str, str],
+        log: Path,
         judged: Wanted | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """`metadata`: of the log that is written. UserError for a log that cannot be branched."""
         selftest()
         self.head, self.rig, self.cycle = head, rig, cycle
@@ -89,7 +94,7 @@ class Branch(VirtualRun):
 
     def before(self) -> Iterator[int]:
         """Recompute the cycles before; yield how many are done. UserError where that differs."""
-        for piece in recomputed(self.head.path, self._nodes, whole=True):
+        for piece in recomputed_pieces(self.head.path, self._nodes, whole=True):
             for node in self._nodes:
                 self._note_tunings(node, piece)
                 self._note_skips(node, piece)
@@ -141,10 +146,11 @@ class Branch(VirtualRun):
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Return by node the parameters that can be set, as variables of its table."""
         return {
-            node.role: {one.name: one for one in node.replay.plan.table.variables
-                        if one.kind == "parameter"}
+            node.role: {
+                one.name: one for one in node.replay.plan.table.variables if one.kind == "parameter"
+            }
             for node in self._nodes
-        }  # fmt: skip
+        }
 
     def discard(self) -> None:
         """Leave no log behind, nor columns beside it."""
@@ -209,7 +215,7 @@ def _last_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, 
     if cycle < 1:
         return dict.fromkeys(roles, -1)
     paced = pacing_of(head, roles[0]) not in WITHOUT_CLOCK
-    below = _met(head, roles, cycle) if paced else dict.fromkeys(roles[1:], cycle)
+    below = _meeting_cycles(head, roles, cycle) if paced else dict.fromkeys(roles[1:], cycle)
     return {roles[0]: cycle - 1} | below
 
 
@@ -223,7 +229,7 @@ def _origin(head: logs.Log, role: str, lasts: Mapping[str, int]) -> dict[str, st
     return {"branch_pacing": pacing_of(head, role), "branch_ahead": str(ahead)}
 
 
-def _met(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
+def _meeting_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node below the cycle whose frames the node above took, the executive's `cycle`."""
     frames: dict[str, NDArray[Any]] = {}
     for piece, _ in logs.pieces(head.path):

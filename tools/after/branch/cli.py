@@ -22,8 +22,8 @@ from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.standby import TO, laws
 from pcpc.tools.after.branch.branching import Branch, Change
-from pcpc.tools.after.compare.overlay import How
-from pcpc.tools.after.compare.recorded import compared
+from pcpc.tools.after.compare.overlay import Criteria
+from pcpc.tools.after.compare.recorded import recorded_comparison
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.span import cycle_of
 from pcpc.tools.after.verdict import summary_file
@@ -52,7 +52,7 @@ def command(options: argparse.Namespace) -> int:
     try:
         chosen = argparse.Namespace(**vars(options) | own)
         with log_rig.rig_of(head, chosen, whole=True) as rig:
-            return _branched(head, rig, cycle, options)
+            return _run_branch(head, rig, cycle, options)
     except BusError as error:
         if options.bus is not None:
             raise
@@ -61,18 +61,18 @@ def command(options: argparse.Namespace) -> int:
         raise StepError(f"{path}: {error or 'a step does not return'}") from None
 
 
-def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
+def _run_branch(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
     bus = None if options.bus is None else take_bus(wanted_bus(rig, rig.roles, options.bus))
     where = ("virtual", "memory") if bus is None else ("lockstep", str(bus.bus))
     outcome = Outcome(*where, strict=options.judge)
-    asked = _asked(options)
+    asked = _requested_changes(options)
     settled = {one.partition("=")[0] for one in asked}
     outcome.changed = [o for o in _of_the_parent(head) if o.partition("=")[0] not in settled]
     outcome.changed += asked
     progress = Progress(options.quiet)
-    about = _about(head, rig, cycle, *where)
+    about = _facts(head, rig, cycle, *where)
     with run_folder(options.output, rig) as folder:
         run = _branch_of(bus)(head, rig, cycle, about, folder / LOG, judged)
         try:
@@ -89,8 +89,8 @@ def _branched(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace)
             progress.say(line)
         code = conclude(judge, folder, outcome, options, judged)
         if not options.json:
-            how = How(figures=None if options.no_figure else folder)
-            found = compared(str(head.path), str(folder / LOG), how, progress)
+            how = Criteria(figures=None if options.no_figure else folder)
+            found = recorded_comparison(str(head.path), str(folder / LOG), how, progress)
             sys.stdout.write(f"\n{found.text()}\n")
         return code
 
@@ -124,7 +124,7 @@ def _of_the_rig(head: logs.Log, options: argparse.Namespace) -> list[str]:
     return found
 
 
-def _asked(options: argparse.Namespace) -> list[str]:
+def _requested_changes(options: argparse.Namespace) -> list[str]:
     """Return in words what is different."""
     found = [f"fault {text}" for text in options.fault]
     found += [] if options.controller is None else [f"controller={options.controller}"]
@@ -134,12 +134,12 @@ def _asked(options: argparse.Namespace) -> list[str]:
 
 def _of_the_parent(head: logs.Log) -> list[str]:
     """Return what the parent's command had changed; its tunings are in its log."""
-    own = summary_file.beside(head.path)
+    own = summary_file.summary_beside(head.path)
     tunable = {name for node in head.node.values() for name in node.description["ranges"]}
     return [one for one in own.changed if one.partition("=")[0] not in tunable] if own else []
 
 
-def _about(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[str, str]:
+def _facts(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[str, str]:
     """Return the facts of the new log, its parent among them."""
     config, parent = rig.config, head.metadata[_LEADER]
     commit = {RIG_COMMIT: parent[RIG_COMMIT]} if RIG_COMMIT in parent else {}
@@ -156,9 +156,9 @@ def changes(run: Branch, rig: Rig, options: argparse.Namespace) -> list[Change]:
     known = run.parameters()
     found = [_setting(known, text) for text in options.set]
     for text in options.fault:
-        found += _begun(run, rig, text)
+        found += _fault_changes(run, rig, text)
     if options.controller is not None:
-        found.append(_taken_over(rig, options.controller))
+        found.append(_handover_change(rig, options.controller))
     names = [(one.role, one.name) for one in found]
     for name in names:
         if names.count(name) > 1:
@@ -189,7 +189,7 @@ def _setting(known: Mapping[str, Mapping[str, Any]], text: str) -> Change:
     return Change(roles[0], name, value)
 
 
-def _begun(run: Branch, rig: Rig, text: str) -> list[Change]:
+def _fault_changes(run: Branch, rig: Rig, text: str) -> list[Change]:
     """Return the changes that begin a fault of the rig in the nodes that have it.
 
     As `planned_faults.moments_of`: what acts on frames is set in the cycle before.
@@ -208,11 +208,13 @@ def _begun(run: Branch, rig: Rig, text: str) -> list[Change]:
             raise UserError(f"--fault {text}: {error}") from None
     return [
         Change(made.role, f"fault.{name}.left", left, int(one.acts_later))
-        for made in run.plans for one in made.faults if one.name == name
-    ]  # fmt: skip
+        for made in run.plans
+        for one in made.faults
+        if one.name == name
+    ]
 
 
-def _taken_over(rig: Rig, name: str) -> Change:
+def _handover_change(rig: Rig, name: str) -> Change:
     """Return the change by which a controller takes over."""
     names = laws(rig.config)
     if len(names) == 1:

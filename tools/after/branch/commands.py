@@ -8,15 +8,30 @@ def branch(add: Add) -> None:
     """Take a log, a cycle, and what is different from there on."""
     add("log", metavar="LOG", help="log file, run folder or latest")
     take.moment(add, "first cycle that is different, of the executive")
-    take.settings(add, "set a parameter there, as controller.kv_Nms_rad=130; NODE:NAME=VALUE "
-                       "where several nodes have it")  # fmt: skip
+    take.settings(
+        add,
+        "set a parameter there, as controller.kv_Nms_rad=130; NODE:NAME=VALUE "
+        "where several nodes have it",
+    )
     add("--controller", metavar="NAME", help="hand over to this controller there")
-    add("--fault", action="append", default=[], metavar="NAME[:DURATION]",
-        help="begin a fault of the rig there; default duration: to the end")  # fmt: skip
-    add("--duration", type=take.duration, metavar="DURATION",
-        help="length of the whole run; default: as the log's rig")  # fmt: skip
-    add("--bus", metavar="INTERFACE[:CHANNEL]",
-        help="go on over this bus in lockstep, auto: a free one; default: none")  # fmt: skip
+    add(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME[:DURATION]",
+        help="begin a fault of the rig there; default duration: to the end",
+    )
+    add(
+        "--duration",
+        type=take.duration,
+        metavar="DURATION",
+        help="length of the whole run; default: as the log's rig",
+    )
+    add(
+        "--bus",
+        metavar="INTERFACE[:CHANNEL]",
+        help="go on over this bus in lockstep, auto: a free one; default: none",
+    )
     take.code_of_laws(add)
     take.run_folder(add)
 

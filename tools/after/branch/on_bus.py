@@ -26,7 +26,7 @@ from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, run
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.process import claim_frames, open_buses
-from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
+from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_error
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.branch.branching import Branch
 from pcpc.tools.after.replay import pacing_of
@@ -50,9 +50,15 @@ class BranchOnBus(Branch):
     """As `Branch`, on a bus."""
 
     def __init__(
-        self, head: logs.Log, rig: Rig, cycle: int, metadata: dict[str, str], log: Path,
-        judged: Wanted | None, bus: choice.Choice,
-    ) -> None:  # fmt: skip
+        self,
+        head: logs.Log,
+        rig: Rig,
+        cycle: int,
+        metadata: dict[str, str],
+        log: Path,
+        judged: Wanted | None,
+        bus: choice.Choice,
+    ) -> None:
         """`bus` is let go by `close` and `discard`. UserError, BusError."""
         paced = [role for role in rig.roles if pacing_of(head, role) not in WITHOUT_CLOCK]
         if paced:
@@ -96,7 +102,7 @@ class BranchOnBus(Branch):
         self._drain()
         for work in works:
             if work.error is not None:
-                raise failed(work.error, loops) from work.error
+                raise loop_error(work.error, loops) from work.error
         yield int(loops[0].passes)
 
     @staticmethod

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from pcpc.tools.after.compare.comparison import Comparison
-from pcpc.tools.after.compare.overlay import How
+from pcpc.tools.after.compare.overlay import Criteria
 from pcpc.tools.after.compare.pair import compare as compare_runs
-from pcpc.tools.after.compare.recorded import compared
+from pcpc.tools.after.compare.recorded import recorded_comparison
 from pcpc.tools.after.record import Run
 from pcpc.tools.terminal.progress import Progress
 
@@ -21,4 +21,4 @@ def compare(old: str | Path | Run, new: str | Path | Run, tolerance: float = 0.0
     if isinstance(old, Run) and isinstance(new, Run):
         return Comparison(str(old.path), str(new.path), [compare_runs(old, new, tolerance)])
     paths = [str(one.path if isinstance(one, Run) else one) for one in (old, new)]
-    return compared(paths[0], paths[1], How(tolerance), Progress(quiet=True))
+    return recorded_comparison(paths[0], paths[1], Criteria(tolerance), Progress(quiet=True))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.after.compare.comparison import Comparison
-from pcpc.tools.after.compare.overlay import How
-from pcpc.tools.after.compare.recorded import compared
+from pcpc.tools.after.compare.overlay import Criteria
+from pcpc.tools.after.compare.recorded import recorded_comparison
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import write_text
@@ -21,9 +21,9 @@ def command(options: argparse.Namespace) -> int:
     if not (math.isfinite(options.tolerance) and options.tolerance >= 0.0):
         raise UserError(f"--tolerance {options.tolerance:g}: expected 0 or more")
     is_new = options.output is not None and not Path(options.output).exists()
-    how = How(options.tolerance, _folder(options.output))
+    how = Criteria(options.tolerance, _folder(options.output))
     try:
-        found = _compared(options, how, Progress(options.quiet))
+        found = _comparison(options, how, Progress(options.quiet))
     except UserError:
         if is_new and how.figures is not None:
             with suppress(OSError):  # it holds figures already
@@ -38,20 +38,20 @@ def command(options: argparse.Namespace) -> int:
     return Exit.NOT_MET if found.fails(options.fail_on) else Exit.OK
 
 
-def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:
+def _comparison(options: argparse.Namespace, how: Criteria, progress: Progress) -> Comparison:
     if options.against is not None:
         if options.jobs is not None and options.jobs < 1:
             raise UserError(f"--jobs {options.jobs}: expected 1 or more")
         from pcpc.tools.after.compare import versions  # time
 
-        return versions.compared(options, how, progress)
+        return versions.version_comparison(options, how, progress)
     why = "only with --against; two recordings are compared as they are"
     refuse(options, why, "controller", "jobs", "all_controllers")
     if len(options.words) != 2:
         cure = "name two, old and new, or a version with --against"
         raise UserError(f"{len(options.words)} runs to compare; {cure}")
     old, new = options.words
-    return compared(old, new, how, progress)
+    return recorded_comparison(old, new, how, progress)
 
 
 def _folder(name: str | None) -> Path | None:

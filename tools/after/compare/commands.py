@@ -6,17 +6,33 @@ from pcpc.tools.terminal.command import Add, Command, codes
 
 def compare(add: Add) -> None:
     """Take two runs, or a version and rigs, and where to tell what differs."""
-    add("words", nargs="*", metavar="A B|RIG",
-        help="old and new log, run or folder of runs; --against: rigs")  # fmt: skip
-    add("--against", metavar="GITREF",
-        help="simulate the rigs of this git version and of the working tree")  # fmt: skip
+    add(
+        "words",
+        nargs="*",
+        metavar="A B|RIG",
+        help="old and new log, run or folder of runs; --against: rigs",
+    )
+    add(
+        "--against",
+        metavar="GITREF",
+        help="simulate the rigs of this git version and of the working tree",
+    )
     add("--controller", metavar="NAME", help="--against: this controller of each rig")
     add("--all-controllers", action="store_true", help="--against: all controllers of each rig")
     add("--jobs", type=int, metavar="N", help="--against: processes; default: one a processor")
-    add("--tolerance", type=float, default=0.0, metavar="REL",
-        help="relative change of a metric that counts as equal")  # fmt: skip
-    add("--fail-on", choices=("any", "metrics", "verdict", "never"), default="any",
-        help="difference that exits with 1; default: any")  # fmt: skip
+    add(
+        "--tolerance",
+        type=float,
+        default=0.0,
+        metavar="REL",
+        help="relative change of a metric that counts as equal",
+    )
+    add(
+        "--fail-on",
+        choices=("any", "metrics", "verdict", "never"),
+        default="any",
+        help="difference that exits with 1; default: any",
+    )
     add("--markdown", metavar="FILE", help="write a table for a pull request; -: stdout")
     add("--json", metavar="FILE", help="write all as JSON; -: stdout")
     add("-o", "--output", metavar="DIR", help="folder for report.md and figures of old over new")

@@ -11,7 +11,7 @@ from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.document import (
     Bullets,
     Code,
-    Labelled,
+    LabelledTexts,
     Part,
     Picture,
     Section,
@@ -19,7 +19,7 @@ from pcpc.tools.terminal.document import (
     Table,
     markdown,
     terminal,
-)  # fmt: skip
+)
 
 _METRICS, _SIGNALS, _SETTINGS = 6, 3, 4  # shown of a rig; all of them in JSON
 _LONGEST = 40  # letters of a value
@@ -108,8 +108,9 @@ class Comparison:
             parts.append(Section(f"{len(self.of(state))} {word}", [names], folded=True))
         parts += [
             Picture(b"", pair.name, pair.figure)
-            for pair in (self.pairs if pictures else ()) if pair.figure
-        ]  # fmt: skip
+            for pair in (self.pairs if pictures else ())
+            if pair.figure
+        ]
         return markdown(Section(f"pcpc compare: {self.counts}", parts))
 
     def as_dict(self) -> dict[str, Any]:
@@ -129,7 +130,7 @@ def _names(pairs: list[Pair]) -> str:
     return ", ".join(f"{rig} ({', '.join(dict.fromkeys(laws))})" for rig, laws in found.items())
 
 
-def _where(pair: Pair) -> str:
+def _divergence_text(pair: Pair) -> str:
     """Return where a pair parts."""
     first = pair.first
     if first is None:
@@ -145,8 +146,8 @@ def _block(pair: Pair) -> list[str]:
         "signals": _signals(pair),
         "also": pair.said, "metrics": _metrics(pair), "figure": [pair.figure] * bool(pair.figure),
     }  # fmt: skip
-    head = f"{pair.name}: differs {_where(pair)}"
-    return [*terminal(head), *terminal(Labelled(texts, _LABEL, _INDENT))]
+    head = f"{pair.name}: differs {_divergence_text(pair)}"
+    return [*terminal(head), *terminal(LabelledTexts(texts, _LABEL, _INDENT))]
 
 
 def _metrics(pair: Pair) -> list[str]:
@@ -167,7 +168,7 @@ def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
     if pair.verdict.differs or not changes:
         changes = [pair.verdict, *changes]
     for number, one in enumerate(changes):
-        name, first = ("", "") if number else (pair.name, _where(pair))
+        name, first = ("", "") if number else (pair.name, _divergence_text(pair))
         percent = Strong("changed") if one is pair.verdict and one.differs else _percent(one)
         yield name, first, one.name, *_values(one), percent
 
@@ -175,13 +176,15 @@ def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
 def _more(pair: Pair) -> Iterator[tuple[str, ...]]:
     """Yield what the table does not say of a pair."""
     texts = [*_settings(pair), *_signals(pair), *pair.said]
-    texts += [_told(one) for one in pair.changed_metrics[_METRICS - 1 :]]
+    texts += [_change_text(one) for one in pair.changed_metrics[_METRICS - 1 :]]
     if texts:
         yield Strong(pair.name), f": {'; '.join(texts)}"
 
 
 def _settings(pair: Pair) -> list[str]:
-    return screen.some([_told(one) for one in pair.settings], _SETTINGS, "and {} more values")
+    return screen.some(
+        [_change_text(one) for one in pair.settings], _SETTINGS, "and {} more values"
+    )
 
 
 def _signals(pair: Pair) -> list[str]:
@@ -195,7 +198,7 @@ def _signals(pair: Pair) -> list[str]:
     return most + [f"and {left} more signals, {pair.frames} kinds of frames"] * (left > 0)
 
 
-def _told(one: Change) -> str:
+def _change_text(one: Change) -> str:
     return f"{one.name} {' -> '.join(_values(one))}"
 
 

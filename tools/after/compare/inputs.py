@@ -64,7 +64,7 @@ class Tree:
     @cached_property
     def holds_pcpc(self) -> bool:
         """The repository is that of pcpc."""
-        return {"pcpc/__init__.py", _ENTRY} <= self._known
+        return {"pcpc/__init__.py", _ENTRY} <= self._known_files
 
     def rig_files(self) -> dict[str, str]:
         """Return the rig files by path, with the rigs' names."""
@@ -86,8 +86,8 @@ class Tree:
 
     def digest(self, rig: Rig, controller: str, loose: Sequence[str]) -> str:
         """Return a hash of everything that goes into a run."""
-        data = _chosen(rig.document.data, controller)
-        named = self._named(rig.document, data)
+        data = _chosen_values(rig.document.data, controller)
+        named = self._named_files(rig.document, data)
         files = self._with_imports(named)
         if any(p.endswith(".py") and not self._is_pcpc(p) for p in files):
             files |= set(loose)
@@ -100,37 +100,38 @@ class Tree:
 
     def used(self, rig: Rig) -> set[str]:
         """Return all files that a rig is made of, whichever controller runs."""
-        named = self._named(rig.document, rig.document.data)
+        named = self._named_files(rig.document, rig.document.data)
         return self._with_imports(named) | {self._path(file) for file in rig.document.sources}
 
     def loose(self, changed: Sequence[str], used: Collection[str]) -> list[str]:
         """Return the changed files that no rig is known to use, but that a law may read."""
         return [
-            path for path in changed
+            path
+            for path in changed
             if path not in used and not self._is_pcpc(path) and not _APART.search(path)
-        ]  # fmt: skip
+        ]
 
     def _is_pcpc(self, path: str) -> bool:
         return self.holds_pcpc and path.partition("/")[0] in _OWN
 
-    def _named(self, document: Document, data: Any) -> set[str]:
+    def _named_files(self, document: Document, data: Any) -> set[str]:
         """Return the files that the texts of a rig name, by path or as a module."""
         found: set[str] = set()
         for keys, text in texts(data, ()):
             name = text.partition(":")[0]
             found.update(self._modules(name))
             file = os.path.normpath(document.place(keys).folder / name)
-            if self._path(file) not in self._known and os.path.isfile(file):
+            if self._path(file) not in self._known_files and os.path.isfile(file):
                 file = os.path.realpath(file)  # by way of a linked folder
             found.add(self._path(file))
-        return found & self._known
+        return found & self._known_files
 
     def _path(self, file: str | Path) -> str:
         """Return the path of a file from the root, without looking whether there is one."""
         return str(file).removeprefix(f"{self.root}/")
 
     @cached_property
-    def _known(self) -> set[str]:
+    def _known_files(self) -> set[str]:
         return set(self.files)
 
     @cached_property
@@ -152,12 +153,12 @@ class Tree:
         while todo:
             path = todo.pop()
             if path not in self._imports:
-                self._imports[path] = self._imported(path) if path.endswith(".py") else []
+                self._imports[path] = self._imported_files(path) if path.endswith(".py") else []
             todo += [new for new in self._imports[path] if new not in found]
             found.update(self._imports[path])
         return found
 
-    def _imported(self, path: str) -> list[str]:
+    def _imported_files(self, path: str) -> list[str]:
         try:
             names = _imports((self.root / path).read_bytes())
         except OSError:
@@ -196,7 +197,7 @@ def _imports(source: bytes) -> frozenset[str]:
     return frozenset(".".join(one[:n]) for one in parts for n in range(1, len(one) + 1))
 
 
-def _chosen(data: dict[str, Any], controller: str) -> dict[str, Any]:
+def _chosen_values(data: dict[str, Any], controller: str) -> dict[str, Any]:
     """Return a rig's values with one controller, and those that may take over from it."""
     overrun = data.get("overrun")
     names = {controller, overrun.get("fallback") if isinstance(overrun, dict) else None}

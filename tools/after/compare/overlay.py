@@ -23,14 +23,14 @@ _OLD, _NEW = "#B4B4B4", "#0072B2"
 
 
 @dataclass(frozen=True)
-class How:
+class Criteria:
     """How runs are compared, and the folder for the figures of what changed, if there is one."""
 
     tolerance: float = 0.0
     figures: Path | None = None
 
 
-def examined(old: Path, new: Path, how: How) -> Pair:
+def compared_pair(old: Path, new: Path, how: Criteria) -> Pair:
     """Compare two logs, and draw them if they differ; LogError."""
     runs = Run(old), Run(new)
     pair = compare(*runs, how.tolerance)

@@ -113,10 +113,14 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     report = diff.compare(old.log, new.log)
     commits = (rig_commits(run.log.metadata, run.log.node) for run in (old, new))
     found = Pair(
-        _both(old, new, "rig"), _both(old, new, "controller"), old=str(old.path), new=str(new.path),
-        said=[*report.only, *report.missing], first=next(iter(report.differences), None),
+        _both(old, new, "rig"),
+        _both(old, new, "controller"),
+        old=str(old.path),
+        new=str(new.path),
+        said=[*report.only, *report.missing],
+        first=next(iter(report.differences), None),
         commit=Change("commit", *commits),
-    )  # fmt: skip
+    )
     found.signals = sorted(_signals(old.log, report.differences), key=lambda s: -s.share)
     found.frames = sum(one.name.startswith("frame ") for one in report.differences)
     settings = [dict(_settings(run.log)) for run in (old, new)]
@@ -141,8 +145,9 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
         found.state = CHANGED
         found.said += [
             f"no verdict: {run.path}: no summary.json of this run is beside it"
-            for run in (old, new) if not run.judged_at_its_end
-        ]  # fmt: skip
+            for run in (old, new)
+            if not run.judged_at_its_end
+        ]
     elif report.missing:
         found.state = FAILED
     return found

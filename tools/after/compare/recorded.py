@@ -5,7 +5,7 @@ from pathlib import Path
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.compare.comparison import Comparison
-from pcpc.tools.after.compare.overlay import How, examined
+from pcpc.tools.after.compare.overlay import Criteria, compared_pair
 from pcpc.tools.after.compare.pair import ALONE, FAILED, Pair, fact
 from pcpc.tools.after.log.recorded import log_of
 from pcpc.tools.after.log.series import LARGE_BYTES
@@ -15,13 +15,13 @@ from pcpc.tools.terminal.progress import Progress
 Key = tuple[str, str]  # rig, controller
 
 
-def compared(old: str, new: str, how: How, progress: Progress) -> Comparison:
+def recorded_comparison(old: str, new: str, how: Criteria, progress: Progress) -> Comparison:
     """Compare two runs, or two folders of runs: of each rig and controller the newest one."""
     if not any(_holds_runs(Path(text)) for text in (old, new)):
         logs_of = log_of(old), log_of(new)
         if sum(log.stat().st_size for log in logs_of if log.is_file()) > LARGE_BYTES:
             progress.show(f"reading {old} and {new}")
-        found = Comparison(old, new, [examined(*logs_of, how)])
+        found = Comparison(old, new, [compared_pair(*logs_of, how)])
         progress.close()
         return found
     found = Comparison(old, new)
@@ -38,9 +38,9 @@ def compared(old: str, new: str, how: How, progress: Progress) -> Comparison:
     return found
 
 
-def _pair(key: Key, old: Path, new: Path, how: How) -> Pair:
+def _pair(key: Key, old: Path, new: Path, how: Criteria) -> Pair:
     try:
-        return examined(old, new, how)
+        return compared_pair(old, new, how)
     except logs.LogError as error:
         return Pair(*key, FAILED, [str(error)])
 

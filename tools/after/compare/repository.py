@@ -90,7 +90,7 @@ class Repository:
     @contextmanager
     def checked_out(self, commit: str) -> Iterator[Path]:
         """Give a folder with the files of a version in `tree/`; it is gone at the end."""
-        with _claimed(f"{commit[:12]}-{self.mark}") as folder:
+        with _claimed_folder(f"{commit[:12]}-{self.mark}") as folder:
             (tree := folder / "tree").mkdir()
             own = _git(self.root, "rev-parse", "--absolute-git-dir").rstrip("\n")
             here = {"GIT_DIR": own, "GIT_WORK_TREE": str(tree)}
@@ -105,9 +105,11 @@ def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -
     try:
         done = subprocess.run(
             ["git", "-C", str(folder), "-c", "core.fsmonitor=false", *words],
-            capture_output=True, check=True,
-            stdin=subprocess.DEVNULL, env=_surroundings() | (environment or {}),
-        )  # fmt: skip
+            capture_output=True,
+            check=True,
+            stdin=subprocess.DEVNULL,
+            env=_surroundings() | (environment or {}),
+        )
     except FileNotFoundError:
         what = "git: no such program; install it, as with `sudo apt-get install git`"
         raise GitError(what, Exit.ENVIRONMENT) from None
@@ -127,17 +129,17 @@ def _surroundings() -> dict[str, str]:
 
 
 @contextmanager
-def _claimed(name: str) -> Iterator[Path]:
+def _claimed_folder(name: str) -> Iterator[Path]:
     """Give an empty folder of this name that nobody else uses; OSError."""
     base = Path(tempfile.gettempdir()).resolve() / f"pcpc-{os.geteuid()}" / "compare"
     compile_cache.make(base)
     for left in base.glob("*.lock"):
-        with _locked(left) as lock:
+        with _locked_file(left) as lock:
             if lock is not None:
                 _remove(left)
     for number in itertools.count(1):
         path = base / (f"{name}.lock" if number == 1 else f"{name}-{number}.lock")
-        with _locked(path) as lock:
+        with _locked_file(path) as lock:
             if lock is None:
                 continue
             folder = path.with_suffix("")
@@ -153,7 +155,7 @@ def _claimed(name: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[IO[str] | None]:
+def _locked_file(path: Path) -> Iterator[IO[str] | None]:
     """Give the locked file; None if somebody else holds it, or has just removed it."""
     with path.open("a") as lock:
         try:

@@ -22,7 +22,7 @@ from pcpc.executive.errors import RigError, did_you_mean, one_line
 from pcpc.executive.log.reader import LogError
 from pcpc.tools.after.compare.comparison import Comparison
 from pcpc.tools.after.compare.inputs import Rig, Tree
-from pcpc.tools.after.compare.overlay import How, examined
+from pcpc.tools.after.compare.overlay import Criteria, compared_pair
 from pcpc.tools.after.compare.pair import ALONE, FAILED, UNCHANGED, Pair
 from pcpc.tools.after.compare.repository import ALIVE, GitError, Repository
 from pcpc.tools.start import rigs
@@ -51,7 +51,7 @@ class Job:
     name: str
     sides: Sequence[Side]  # old, new
     folder: Path
-    how: How
+    how: Criteria
 
     @property
     def controller(self) -> str:
@@ -59,7 +59,9 @@ class Job:
         return " -> ".join(dict.fromkeys(side.controller for side in self.sides))
 
 
-def compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:
+def version_comparison(
+    options: argparse.Namespace, how: Criteria, progress: Progress
+) -> Comparison:
     """Compare the rigs of the version `options.against` with those of the working tree.
 
     UserError: a version cannot run its rigs.
@@ -94,12 +96,12 @@ def _repository(words: Sequence[str]) -> Repository:
     try:
         return Repository.around()
     except GitError as error:
-        if error.code == Exit.WRONG_INPUT and (files := [*filter(None, map(_found, words))]):
+        if error.code == Exit.WRONG_INPUT and (files := [*filter(None, map(_rig_file, words))]):
             return Repository.around(Path(files[0]).parent)
         raise
 
 
-def _found(word: str) -> str:
+def _rig_file(word: str) -> str:
     """Return the rig file that a word names here, "" for none."""
     with suppress(RigError):
         return rigs.find(word)
@@ -132,9 +134,13 @@ class _Plan:
     """What has to be run, in `jobs`, and what is known without."""
 
     def __init__(
-        self, trees: tuple[Tree, Tree], options: argparse.Namespace, how: How, folder: Path,
+        self,
+        trees: tuple[Tree, Tree],
+        options: argparse.Namespace,
+        how: Criteria,
+        folder: Path,
         changed: Sequence[str],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._options, self._how, self._folder, self._root = options, how, folder, trees[1].root
         both = zip(_SIDES, trees, strict=True)
         self._versions = [_Version(side, tree, trees[1]) for side, tree in both]
@@ -164,7 +170,7 @@ class _Plan:
             ends = ("", "/rig.yaml") if word else ()
             forms = {path_from(self._root, f"{word}{end}") for end in ends}
             mine = [p for p in known if p in forms or fnmatchcase(self._names[p], word)]
-            if not mine and (file := _found(word)):
+            if not mine and (file := _rig_file(word)):
                 mine = [p for p in known if p == path_from(self._root, file)]
             if not mine:
                 raise RigError(
@@ -239,13 +245,13 @@ def _run(job: Job) -> Pair:
     """Run a job and compare; in a process of a pool."""
     logs, wrong = [], []
     for word, side in zip(_SIDES, job.sides, strict=True):
-        done = simulated(side, job.folder / word)
+        done = simulation(side, job.folder / word)
         logs.append(job.folder / word / LOG)
         wrong += [] if logs[-1].is_file() else [f"{word}: {last_line(done)}"]
     try:
         if wrong:
             return Pair(job.name, job.controller, FAILED, wrong)
-        pair = examined(logs[0], logs[1], job.how)
+        pair = compared_pair(logs[0], logs[1], job.how)
         pair.rig, pair.controller, pair.old, pair.new = job.name, job.controller, "", ""
         return pair
     except (LogError, UserError) as error:
@@ -254,7 +260,7 @@ def _run(job: Job) -> Pair:
         shutil.rmtree(job.folder, ignore_errors=True)
 
 
-def simulated(side: Side, folder: Path, *more: str) -> "subprocess.CompletedProcess[str]":
+def simulation(side: Side, folder: Path, *more: str) -> "subprocess.CompletedProcess[str]":
     """Run a rig in virtual time into a folder two below the one that holds the version."""
     words = ["simulate", side.rig, "-o", str(folder), "--no-figure", "--quiet", *more]
     words += [f"--controller={side.controller}"] if side.controller else []
@@ -263,10 +269,16 @@ def simulated(side: Side, folder: Path, *more: str) -> "subprocess.CompletedProc
         fcntl.flock(alive, fcntl.LOCK_SH)
         return subprocess.run(
             [sys.executable, "-P", "-m", "pcpc.tools.cli", *words],
-            cwd=side.root, env=environment, capture_output=True, text=True,
-            errors="replace", stdin=subprocess.DEVNULL, start_new_session=True,
-            pass_fds=(alive.fileno(),), preexec_fn=partial(end_with, os.getpid(), 9),
-        )  # fmt: skip
+            cwd=side.root,
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            pass_fds=(alive.fileno(),),
+            preexec_fn=partial(end_with, os.getpid(), 9),
+        )
 
 
 def last_line(done: "subprocess.CompletedProcess[str]") -> str:

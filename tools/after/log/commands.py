@@ -16,11 +16,18 @@ def info(add: Add) -> None:
 def cat(add: Add) -> None:
     """Take a log, which part of it, and in which format."""
     take.log(add, type=Path)
-    add("--topics", nargs="+", metavar="TOPIC",
+    add(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC",
         help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
-        "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
-    add("--format", choices=("csv", "ndjson", "candump"),
-        help="default: candump for frames, csv for variables, ndjson for all else")  # fmt: skip
+        "default: /state as csv, /can/frames as candump, all as ndjson",
+    )
+    add(
+        "--format",
+        choices=("csv", "ndjson", "candump"),
+        help="default: candump for frames, csv for variables, ndjson for all else",
+    )
     _window(add, "up to this time")
     take.quiet(add)
 
@@ -34,8 +41,12 @@ def diff(add: Add) -> None:
     """Take two logs, and what counts as a difference."""
     add("a", type=Path, metavar="A", help="log file, run folder or latest")
     add("b", type=Path, metavar="B", help="the other log")
-    add("variables", nargs="*", metavar="VAR",
-        help="compare only these, and no frames; default: all but timing")  # fmt: skip
+    add(
+        "variables",
+        nargs="*",
+        metavar="VAR",
+        help="compare only these, and no frames; default: all but timing",
+    )
     add("--tolerance", type=float, default=0.0, metavar="REL", help="relative tolerance")
     add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute tolerance")
     take.json(add)
@@ -54,10 +65,17 @@ def export(add: Add) -> None:
     """Take a log, which part of it, and a file."""
     take.log(add, type=Path)
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
-    add("--format", choices=("candump", "blf", "asc", "csv", "parquet", "mf4"),
-        help="default: by the suffix of FILE")  # fmt: skip
-    add("--topics", nargs="+", metavar="TOPIC",
-        help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
+    add(
+        "--format",
+        choices=("candump", "blf", "asc", "csv", "parquet", "mf4"),
+        help="default: by the suffix of FILE",
+    )
+    add(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC",
+        help="/can/frames; /state, /timing; with /plant before them the plant's",
+    )
     _window(add, "up to this time")
     add("--force", action="store_true", help="overwrite FILE")
     take.json(add)
@@ -89,11 +107,21 @@ def require(add: Add) -> None:
 
 def plot(add: Add) -> None:
     """Take logs, variables and a picture."""
-    add("words", nargs="+", metavar="LOG|VARIABLE",
+    add(
+        "words",
+        nargs="+",
+        metavar="LOG|VARIABLE",
         help="logs, and variables (* ? [] as in the shell, in quotes); "
-        "no variables: the figure of its evaluation")  # fmt: skip
-    add("-o", "--output", type=Path, default=Path("plot.png"), metavar="FILE.png",
-        help=".png, .svg or .pdf; default: %(default)s")  # fmt: skip
+        "no variables: the figure of its evaluation",
+    )
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("plot.png"),
+        metavar="FILE.png",
+        help=".png, .svg or .pdf; default: %(default)s",
+    )
     take.code_of_laws(add)
     _window(add, "up to this time")
     take.quiet(add)

@@ -30,7 +30,7 @@ _NOT_DECODABLE = (  # what cantools raises for a frame that its message does not
 
 
 @dataclass(frozen=True)
-class Decoded:
+class DecodedFrames:
     """The frames of one id.
 
     `signals`: name, unit, help. `place` (n,): of the decoded ones among all frames; `values`
@@ -60,9 +60,15 @@ def load(path: Path) -> Database:
 
 @compiled()
 def _walk(
-    data: Any, length: Any, frames: Any, signals: Any, state: Any, values: Any,
-    outcome: Any, check: Any,
-) -> int:  # fmt: skip
+    data: Any,
+    length: Any,
+    frames: Any,
+    signals: Any,
+    state: Any,
+    values: Any,
+    outcome: Any,
+    check: Any,
+) -> int:
     lost = 0
     for i in range(data.shape[0]):
         outcome[i] = FrameState.OK
@@ -79,7 +85,7 @@ def _walk(
 
 def decode(
     message: Message, frames: NDArray[Any], place: NDArray[np.int64], progress: Progress
-) -> Decoded:
+) -> DecodedFrames:
     """Decode the frames (logs.FRAME) of one id; `place` are their places among all frames.
 
     Both (n,).
@@ -112,14 +118,14 @@ def decode(
         outcome[:] = np.where(right, FrameState.NOT_AVAILABLE, FrameState.ERROR)
     used = right if foreign else (outcome == FrameState.OK) | (outcome == FrameState.OK_SOME_LOST)
     signals = [(s.name, s.unit, s.help) for s in frame.signals]
-    return Decoded(
+    return DecodedFrames(
         message, signals, place[used], values[used], outcome, lost, not foreign, foreign
-    )  # fmt: skip
+    )
 
 
 def _by_cantools(
     message: Message, frames: NDArray[Any], place: NDArray[np.int64], progress: Progress
-) -> Decoded:
+) -> DecodedFrames:
     """As `decode`; a signal that is not in this layout of the frame keeps its value, first NaN."""
     index = {signal.name: i for i, signal in enumerate(message.signals)}
     values = np.full((len(frames), len(index)), np.nan)
@@ -137,12 +143,12 @@ def _by_cantools(
         values[i] = last
     used = state != FrameState.ERROR
     signals = [(s.name, s.unit or "", s.comment or "") for s in message.signals]
-    return Decoded(message, signals, place[used], values[used], state, 0, False, False)
+    return DecodedFrames(message, signals, place[used], values[used], state, 0, False, False)
 
 
 def by_id(
     database: Database, frames: NDArray[Any], progress: Progress
-) -> tuple[list[Decoded], dict[int, int]]:
+) -> tuple[list[DecodedFrames], dict[int, int]]:
     """Return the decoded ids, by id, and how many frames of each other id there are.
 
     `frames`: (n,) records.

@@ -103,18 +103,23 @@ def command(options: argparse.Namespace) -> int:
 
 
 def compare(
-    a: logs.Log, b: logs.Log, patterns: Sequence[str] = (), relative: float = 0.0,
+    a: logs.Log,
+    b: logs.Log,
+    patterns: Sequence[str] = (),
+    relative: float = 0.0,
     absolute: float = 0.0,
-) -> Report:  # fmt: skip
+) -> Report:
     """Compare two logs; LogCommandError for a pattern that matches no variable of either."""
     report = Report(str(a.path), str(b.path), patterns=list(patterns))
     report.missing = [f"{log.path}: {line}" for log in (a, b) for line in log.missing]
     ours, theirs = series.all_series(a), series.all_series(b)
     known = [*ours, *(name for name in theirs if name not in ours)]
     where = f"{a.path}, {b.path}"
-    chosen = series.choose(known, patterns, where, (a, b)) if patterns else [
-        name for name in known if (ours.get(name) or theirs[name]).topic.endswith("/state")
-    ]  # fmt: skip
+    chosen = (
+        series.choose(known, patterns, where, (a, b))
+        if patterns
+        else [name for name in known if (ours.get(name) or theirs[name]).topic.endswith("/state")]
+    )
     _only(report, "variable", *({n for n in chosen if n in s} for s in (ours, theirs)))
     zero_ns = series.start_ns(a)
     for name, rows in _shared_cycles(report, a, b).items():
@@ -174,9 +179,13 @@ def _shared_cycles(
 
 
 def _values(
-    one: series.Series, other: series.Series, rows: tuple[NDArray[np.int64], NDArray[np.int64]],
-    relative: float, absolute: float, zero_ns: int,
-) -> Difference | None:  # fmt: skip
+    one: series.Series,
+    other: series.Series,
+    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+    relative: float,
+    absolute: float,
+    zero_ns: int,
+) -> Difference | None:
     """Return how two series differ in the given rows of each; None if they do not."""
     a, b = one.values[rows[0]], other.values[rows[1]]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -190,10 +199,14 @@ def _values(
     first, row = int(at[0]), rows[0]
     time_s = (one.time_ns - zero_ns) / 1e9
     found = Difference(
-        one.name, float(time_s[row[first]]), int(one.cycle[row[first]]),
-        repr(float(a[first])), repr(float(b[first])), len(at),
+        one.name,
+        float(time_s[row[first]]),
+        int(one.cycle[row[first]]),
+        repr(float(a[first])),
+        repr(float(b[first])),
+        len(at),
         ulp_distance(float(a[first]), float(b[first])),
-    )  # fmt: skip
+    )
     sized = at[np.isfinite(distance[at])]
     if len(sized):
         largest = int(sized[np.argmax(distance[sized])])
@@ -227,9 +240,12 @@ def _by_id(frames: NDArray[Any]) -> Mapping[tuple[int, int], NDArray[Any]]:
 
 
 def _frame_difference(
-    name: str, a: NDArray[Any], b: NDArray[Any], parts: Sequence[str],
+    name: str,
+    a: NDArray[Any],
+    b: NDArray[Any],
+    parts: Sequence[str],
     begins: Sequence[NDArray[np.int64]],
-) -> Difference | None:  # fmt: skip
+) -> Difference | None:
     count, at = unequal_frames(a, b, parts)
     if not count:
         return None
@@ -248,7 +264,7 @@ def show(report: Report) -> None:
     verdict = "equal" if report.equal else f"{len(report.differences)} differ"
     verdict = verdict if any(report.cycles.values()) or report.frames else "nothing compared"
     for line in (f"{cycles or 'no cycles'}, {size}: {verdict}", *report.only):
-        print("\n".join(screen.wrapped(line, rest="  ")))
+        print("\n".join(screen.wrapped_lines(line, rest="  ")))
     if not report.differences:
         return
     head = ("variable", "first at", "cycle", "A", "B", "ULP", "largest", "at", "cycles")

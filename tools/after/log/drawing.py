@@ -59,9 +59,11 @@ def decimated(t: Vector, y: Vector, pixels: int = _PIXELS) -> tuple[Vector, Vect
 
 
 def page_of(
-    sources: Sequence[Source], groups: Sequence[Sequence[str]],
-    window_s: tuple[float, float] = series.EVER_S, colours: Sequence[str] = _COLOURS,
-) -> "Figure":  # fmt: skip
+    sources: Sequence[Source],
+    groups: Sequence[Sequence[str]],
+    window_s: tuple[float, float] = series.EVER_S,
+    colours: Sequence[str] = _COLOURS,
+) -> "Figure":
     """Return a figure with an axis for each group of names; UserError without matplotlib.
 
     One source: lines by variable. Several: by source, and the variable stands above its axis.
@@ -76,24 +78,24 @@ def page_of(
             for number, source in enumerate(sources):
                 if name in source.series:
                     label, line = (source.name, number) if by_log else (name, i)
-                    style = {"label": shown(label), "color": colours[line % len(colours)]}
+                    style = {"label": plain_text(label), "color": colours[line % len(colours)]}
                     drawn = _draw(ax, source, name, window_s, style) or drawn
         if not drawn:
             ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
         one = next(source.series[names[0]] for source in sources if names[0] in source.series)
         unit = series.label(one.unit)
-        ax.set_ylabel(shown(unit), fontsize=8)
+        ax.set_ylabel(plain_text(unit), fontsize=8)
         if by_log:
-            ax.set_title(shown(names[0]), fontsize=8, loc="left", pad=2)
+            ax.set_title(plain_text(names[0]), fontsize=8, loc="left", pad=2)
         bare(ax)
         ax.tick_params(labelsize=8)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]", fontsize=9)
-    page.suptitle("   ".join(map(shown, _title(sources))), fontsize=10, x=0.01, ha="left")
+    page.suptitle("   ".join(map(plain_text, _title(sources))), fontsize=10, x=0.01, ha="left")
     return page
 
 
-def shown(text: str) -> str:
+def plain_text(text: str) -> str:
     """Return a name as matplotlib draws it: no formula, and no longer than an axis."""
     return (text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...").replace(
         "$", r"\$"

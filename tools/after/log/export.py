@@ -101,8 +101,9 @@ class _Job:
         for topic in self.topics or ():
             if topic not in known:
                 hint = did_you_mean(topic, known)
-                raise LogCommandError(f"{self.log.path}: --topics {topic}: no such topic for "
-                                      f"{self.format}{hint}")  # fmt: skip
+                raise LogCommandError(
+                    f"{self.log.path}: --topics {topic}: no such topic for {self.format}{hint}"
+                )
         return list(dict.fromkeys(self.topics or otherwise))
 
 
@@ -160,7 +161,7 @@ def _candump(job: _Job, frames: Stamped) -> None:
     from can import CanutilsLogWriter
 
     with CanutilsLogWriter(job.path) as writer:
-        for row, time_ns in _told(job, frames):
+        for row, time_ns in _reported_frames(job, frames):
             writer.on_message_received(message(row, _to_us(time_ns)))
 
 
@@ -170,7 +171,7 @@ def _asc(job: _Job, frames: Stamped) -> None:
 
     with ASCWriter(job.path) as writer:
         writer.log_event("// written by pcpc log export", float(frames[0][1] // 10**9))
-        for row, time_ns in _told(job, frames):
+        for row, time_ns in _reported_frames(job, frames):
             writer.on_message_received(message(row, _to_us(time_ns)))
 
 
@@ -184,12 +185,12 @@ def _blf(job: _Job, frames: Stamped) -> None:
     whole_s = frames[0][1] // 10**9
     with BLFWriter(job.path) as writer:
         writer.start_timestamp = 0.0
-        for row, time_ns in _told(job, frames):
+        for row, time_ns in _reported_frames(job, frames):
             writer.on_message_received(message(row, (time_ns - whole_s * 10**9 + 0.5) * 1e-9))
         writer.start_timestamp, writer.stop_timestamp = float(whole_s), 1e-9 * frames[-1][1]
 
 
-def _told(job: _Job, frames: Stamped) -> Iterator[tuple[Any, int]]:
+def _reported_frames(job: _Job, frames: Stamped) -> Iterator[tuple[Any, int]]:
     """Yield the frames and show how many are done."""
     for number, pair in enumerate(frames):
         if number and number % _STEP == 0:

@@ -73,9 +73,12 @@ class Frames:
     def keep(self, chosen: NDArray[np.bool_]) -> "Frames":
         """Return the chosen frames only."""
         return replace(
-            self, stamp_ns=self.stamp_ns[chosen], cycle=self.cycle[chosen],
-            sender=self.sender[chosen], raw=self.raw[chosen],
-        )  # fmt: skip
+            self,
+            stamp_ns=self.stamp_ns[chosen],
+            cycle=self.cycle[chosen],
+            sender=self.sender[chosen],
+            raw=self.raw[chosen],
+        )
 
     def label(self, i: int) -> str:
         """Return the name of frame i, or its id as candump writes it."""
@@ -92,17 +95,22 @@ def bus_frames(log: logs.Log) -> Frames:
     senders = tuple(dict.fromkeys([*nodes, *map(_peer_of, nodes)]))
     rows = _rows(log, nodes[0], senders)
     for node in nodes[1:2] if "local" in nodes else nodes[1:]:  # those who share its bus
-        rows = _merged(rows, _rows(log, node, senders), senders.index(node))
+        rows = _merged_frames(rows, _rows(log, node, senders), senders.index(node))
     rows = rows[np.lexsort((rows["place"], rows["stamp_ns"]))]
     flags = rows["frame"][:, 3] & ((can_id.REMOTE | can_id.ERROR) >> 24)
     data = rows[flags == 0]
     if not len(data):
         raise PlayError(f"{log.path}: holds only remote and error frames; play another log")
     return Frames(
-        data["stamp_ns"].copy(), np.maximum.accumulate(data["cycle"]), data["sender"].copy(),
-        data["frame"].copy(), senders, logs.frame_names(log), _period_ns(log, data["stamp_ns"]),
+        data["stamp_ns"].copy(),
+        np.maximum.accumulate(data["cycle"]),
+        data["sender"].copy(),
+        data["frame"].copy(),
+        senders,
+        logs.frame_names(log),
+        _period_ns(log, data["stamp_ns"]),
         len(rows) - len(data),
-    )  # fmt: skip
+    )
 
 
 def _rows(log: logs.Log, node: str, senders: Sequence[str]) -> NDArray[np.void]:
@@ -123,7 +131,7 @@ def _peer_of(node: str) -> str:
     return "executive" if node in PLANTS else PEER.get(node, "the bus")
 
 
-def _merged(own: NDArray[np.void], other: NDArray[np.void], number: int) -> NDArray[np.void]:
+def _merged_frames(own: NDArray[np.void], other: NDArray[np.void], number: int) -> NDArray[np.void]:
     """Return the frames of two records, each once; `own` (sender 0) gives place and cycle.
 
     `number`: of the sender of `other`.
@@ -179,7 +187,7 @@ def choose(frames: Frames, options: argparse.Namespace, log: str) -> Frames:
         if not len(frames):
             raise PlayError(f"{log}: holds no frames of the {options.role}; leave out --as")
     if options.only:
-        frames = frames.keep(_named(frames, options.only, log))
+        frames = frames.keep(_named_frames(frames, options.only, log))
     since_ns = frames.stamp_ns - begin_ns
     start_ns = round(1e9 * options.start)
     chosen = since_ns >= start_ns
@@ -193,7 +201,7 @@ def choose(frames: Frames, options: argparse.Namespace, log: str) -> Frames:
     return frames.keep(chosen)
 
 
-def _named(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]:
+def _named_frames(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]:
     """Return which frames have one of the names or hexadecimal ids; PlayError for an unknown."""
     words = frames.words
     ids = {name: number for number, name in frames.names.items()}

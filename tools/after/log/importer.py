@@ -34,7 +34,7 @@ from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
 if TYPE_CHECKING:
-    from pcpc.tools.after.log.decode import Decoded
+    from pcpc.tools.after.log.decode import DecodedFrames
 
 _ABOUT_AS_MANY = 0.99
 _FRAMES_AT_ONCE = 4000  # 71 bytes each as a message
@@ -61,7 +61,7 @@ def command(options: argparse.Namespace) -> int:
                 f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
                 "give the DBC file of this bus"
             )
-        log = _Imported(options, recording, found)
+        log = _ImportedLog(options, recording, found)
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
@@ -69,11 +69,11 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-class _Imported:
+class _ImportedLog:
     """The log in the making: rows, columns, directions."""
 
     def __init__(
-        self, options: argparse.Namespace, recording: Recording, found: "list[Decoded]"
+        self, options: argparse.Namespace, recording: Recording, found: "list[DecodedFrames]"
     ) -> None:
         self.options, self.found = options, found
         self.frames = frames = recording.frames
@@ -114,8 +114,10 @@ class _Imported:
             self._explain(writer)
             channels = self._register(writer)
             self._messages(writer, channels, progress)
-            counts = {"written.executive.record": len(self.rows),
-                      "written.executive.frame": len(self.frames)}  # fmt: skip
+            counts = {
+                "written.executive.record": len(self.rows),
+                "written.executive.frame": len(self.frames),
+            }
             writer.add_metadata("run", {key: str(value) for key, value in counts.items()})
             writer.finish()
         finally:
@@ -191,11 +193,11 @@ class _Imported:
         return out
 
 
-def _id_of(one: "Decoded") -> int:
+def _id_of(one: "DecodedFrames") -> int:
     return can_id.word_of(int(one.message.frame_id), one.message.is_extended_frame)
 
 
-def _clock_frame(found: "list[Decoded]") -> "Decoded":
+def _clock_frame(found: "list[DecodedFrames]") -> "DecodedFrames":
     """Return the frame that makes the rows, see the head of this file."""
     most = max(len(one.place) for one in found)
     frequent = [one for one in found if len(one.place) >= _ABOUT_AS_MANY * most]
@@ -219,9 +221,7 @@ def _ids(counts: dict[int, int]) -> str:
     return shown + (f" and {len(most) - _TOLD_IDS} more ids" if len(most) > _TOLD_IDS else "")
 
 
-def _report(
-    options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]
-) -> str:  # fmt: skip
+def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]) -> str:
     """Return what was done, and everything that is not as it was in the recording."""
     lines = [
         f"{options.output}: {counts['frames']} frames of {counts['ids']} ids in "

@@ -90,7 +90,7 @@ def show(report: Mapping[str, Any]) -> None:
     """Print a report on stdout."""
     texts = {label: own for label, own in _texts(report).items() if own}
     broad = max(map(len, texts)) + 2
-    document.show(document.terminal(document.Labelled(texts, broad)), broad)
+    document.show(document.terminal(document.LabelledTexts(texts, broad)), broad)
 
 
 def _texts(report: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -61,7 +61,7 @@ class NodePart:
             self._writer.add(self.channels.messages(ring, rows[start : start + most]))
         self.written[ring] += len(rows)
 
-    def happened(self, stamp: int, cycle: int, entry: dict[str, Any]) -> None:
+    def write_event(self, stamp: int, cycle: int, entry: dict[str, Any]) -> None:
         """Write an event that stands in no ring; OSError."""
         self._writer.add([self.channels.entry("events", stamp, cycle, entry)])
         self.written["alarm"] += 1

@@ -36,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     if options.output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"{options.output}: not a picture; expected {', '.join(SUFFIXES)}")
-    paths, patterns = sorted_out(options.words)
+    paths, patterns = logs_and_patterns(options.words)
     need("a picture needs", FIGURE)
     read = [series.read_log(path, progress) for path in paths]
     loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
@@ -56,8 +56,11 @@ def command(options: argparse.Namespace) -> int:
             progress.say(f"{one.log.path}: no {', '.join(absent)}")
     drawn = (
         one.inside(name, window).any()
-        for one in sources for group in groups for name in group if name in one.series
-    )  # fmt: skip
+        for one in sources
+        for group in groups
+        for name in group
+        if name in one.series
+    )
     if not whole and not any(drawn):
         raise LogCommandError(f"{paths[0]}: nothing was recorded there; see --start, --end")
     progress.show(f"drawing {sum(map(len, groups))} variables")
@@ -69,7 +72,7 @@ def command(options: argparse.Namespace) -> int:
     return loss
 
 
-def sorted_out(words: Sequence[str]) -> tuple[list[Path], list[str]]:
+def logs_and_patterns(words: Sequence[str]) -> tuple[list[Path], list[str]]:
     """Return logs and patterns; a run folder stands for its log.
 
     LogCommandError: no log, or a wrong name.

@@ -37,11 +37,11 @@ def folders_below(top: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     UserError for one that cannot be read.
     """
 
-    def refused(error: OSError) -> None:
+    def raise_unreadable(error: OSError) -> None:
         raise UserError(f"{error.filename}: {error.strerror}; its content is not known")
 
     seen = set[str]()
-    for text, folders, files in os.walk(top, onerror=refused, followlinks=True):
+    for text, folders, files in os.walk(top, onerror=raise_unreadable, followlinks=True):
         if (real := os.path.realpath(text)) in seen:
             folders.clear()
             continue

@@ -92,7 +92,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     if _kind(path) == ".mf4":
         need("MDF needs", "asammdf")
     logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
-    counted, number = _Counted(channel), 0
+    counted, number = _FrameCollector(channel), 0
     try:
         _check_unpacked(path)
         most = _FRAMES + path.stat().st_size
@@ -153,12 +153,12 @@ def _check_unpacked(path: Path) -> None:
             body = blf.read(min(size - _BLF_OBJECT, most))
             blf.read(size % 4)
             if kind == _BLF_CONTAINER and body[:2] == bytes((_BLF_ZLIB, 0)):
-                most -= _inflated(body[_BLF_OBJECT:], most)
+                most -= _inflated_size(body[_BLF_OBJECT:], most)
             if most < 0:
                 raise ValueError("it unpacks to more than 200 times its size")
 
 
-def _inflated(data: bytes, most: int) -> int:
+def _inflated_size(data: bytes, most: int) -> int:
     """Return how many bytes a zlib stream has, counted a little beyond `most` at the furthest."""
     stream, size = zlib.decompressobj(), 0
     while data and size <= most and not stream.eof:
@@ -282,7 +282,7 @@ def _to_ns(seconds: float) -> int:
     return whole * 10**9 + round((seconds - whole) * 1e6) * 1000
 
 
-class _Counted:
+class _FrameCollector:
     """Collects frames, counts what is not kept."""
 
     def __init__(self, channel: str | None) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
+from pcpc.executive.log.mcap_writer import RecordError, Recovery, recover
 from pcpc.tools.after.log import source
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -45,7 +45,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _nodes(out: Path, done: Recovered) -> dict[str, dict[str, float]]:
+def _nodes(out: Path, done: Recovery) -> dict[str, dict[str, float]]:
     """Return cycles and seconds of each node that was recovered."""
     try:
         log = logs.head(out)

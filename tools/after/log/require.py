@@ -43,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
     if options.json:
         print(summary_file.text_of([one.json() for one in found]))
     for one in () if options.json else found:
-        print("\n".join(screen.wrapped(str(one), "", "    ")))
+        print("\n".join(screen.wrapped_lines(str(one), "", "    ")))
     if any(one.held is False for one in found) or not any(one.held for one in found):
         return Exit.NOT_MET  # one that nothing could be judged of is not met either
     return Exit.LOSS if log.missing else Exit.OK

@@ -49,7 +49,7 @@ _DRAWINGS = "plants/*/drawing.py", "tools/make/template/**/drawing.py"
 
 
 @dataclass(frozen=True)
-class Carried:
+class RunFile:
     """A file of the run; `content` None if the log does not carry it, `path` "" if it is unknown.
 
     `laws`: the texts by which the log's rig names it, `given`: by which a law opened it.
@@ -68,9 +68,7 @@ class Carried:
 
 
 @contextmanager
-def rig_of(
-    head: logs.Log, options: argparse.Namespace, whole: bool = False
-) -> Iterator[Rig]:  # fmt: skip
+def rig_of(head: logs.Log, options: argparse.Namespace, whole: bool = False) -> Iterator[Rig]:
     """Yield the rig of a log, its files in a temporary folder; LogError, RigError.
 
     While it is in use, laws open what the run's laws opened. `whole`: with its evaluation and its
@@ -79,7 +77,7 @@ def rig_of(
     options = argparse.Namespace(**_NOT_GIVEN | vars(options))
     with tempfile.TemporaryDirectory(prefix=FOLDER) as text:
         folder = Path(text)
-        data = _resolved(head, folder, whole)
+        data = _resolved_rig(head, folder, whole)
         if whole and isinstance(given := data.get("evaluation"), dict):
             given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
         data |= {} if whole else {"evaluation": None}
@@ -99,11 +97,11 @@ def rig_of(
                 target = target[key]
             _, colon, attribute = law.partition(":")
             target[keys[-1]] = f"{path}{colon}{attribute}"
-        with opened_from(_redirected(files, where)), trial.without_trials():
+        with opened_from(_redirections(files, where)), trial.without_trials():
             yield load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 
-def _resolved(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, Any]:
+def _resolved_rig(head: logs.Log, folder: Path, whole: bool = False) -> dict[str, Any]:
     """Return the effective rig of a log, with its DBC file in `folder`; LogError."""
     names = [name for name in head.attachments if name.endswith("rig-resolved.yaml")]
     if not names:
@@ -167,7 +165,7 @@ def judged_rig(
 
     And a word on the evaluation, if it is not the one of the run. `settings`: as --set.
     """
-    data, note = _resolved(head, folder), ""
+    data, note = _resolved_rig(head, folder), ""
     if isinstance(given := data.get("evaluation"), dict):
         path, note = _evaluation(head, str(given.get("file")), folder, options)
         given["file"] = str(path)
@@ -215,19 +213,19 @@ def drawing_of_log(
     return (_places(head, files, folder, options)[files[0]] if files else None), ""
 
 
-def carried_by(head: logs.Log, kind: str = "") -> list[Carried]:
+def carried_by(head: logs.Log, kind: str = "") -> list[RunFile]:
     """Return the files that a log carries for its laws; its evaluation's, if `kind` is judges.
 
     Those of its drawing, if it is draws. LogError if it names them wrongly.
     """
     contents = {hashlib.sha256(data).hexdigest(): data for data in head.files.values()}
-    found: dict[str, Carried] = {}
+    found: dict[str, RunFile] = {}
     for node in head.node.values():
         for entry in node.description.get("files", ()):
             if kind != next((one for one in ("judges", "draws") if entry.get(one)), ""):
                 continue
             try:
-                one = msgspec.convert(entry, Carried)
+                one = msgspec.convert(entry, RunFile)
             except msgspec.ValidationError as error:
                 what = f"an entry of the files it carries is damaged ({error})"
                 raise logs.LogError(f"{head.path}: {what}") from None
@@ -236,14 +234,16 @@ def carried_by(head: logs.Log, kind: str = "") -> list[Carried]:
                 raise logs.LogError(f"{head.path}: {one.name} changed while the run started")
             laws, given = (known.laws, known.given) if known is not one else ((), ())
             found[one.name] = replace(
-                one, laws=(*laws, *one.laws), given=(*given, *one.given),
+                one,
+                laws=(*laws, *one.laws),
+                given=(*given, *one.given),
                 content=contents.get(one.sha256),
-            )  # fmt: skip
+            )
     for name, text in () if kind else head.attachments.items():  # of older logs
         if name.endswith(".py") and not any(name in one.laws for one in found.values()):
             data = text.encode()
             digest = hashlib.sha256(data).hexdigest()
-            found.setdefault(name, Carried(name, "", digest, (name,), (), data))
+            found.setdefault(name, RunFile(name, "", digest, (name,), (), data))
     return list(found.values())
 
 
@@ -266,11 +266,11 @@ def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | Non
 
 
 def _places(
-    head: logs.Log, files: list[Carried], folder: Path, options: argparse.Namespace
-) -> dict[Carried, Path]:
+    head: logs.Log, files: list[RunFile], folder: Path, options: argparse.Namespace
+) -> dict[RunFile, Path]:
     """Return where each file is taken from; LogError if that needs the user's word."""
     beside = Path(options.rig).resolve().parent if options.rig else None
-    named = _named(head, files, options.law)
+    named = _named_files(head, files, options.law)
     found = {file: named.get(file) or _in_place(file, beside) for file in files}
     absent = [file for file, path in found.items() if path is None]
     if absent and options.trust:
@@ -282,10 +282,10 @@ def _places(
         raise logs.LogError(_refusal(head, absent))
     if all(path is not None and str(path) == file.path for file, path in found.items()):
         return {file: path for file, path in found.items() if path is not None}
-    return {file: _laid_out(head, file, found[file], folder, files) for file in files}
+    return {file: _placed_file(head, file, found[file], folder, files) for file in files}
 
 
-def _refusal(head: logs.Log, absent: list[Carried]) -> str:
+def _refusal(head: logs.Log, absent: list[RunFile]) -> str:
     reasons = []
     for file in absent:
         there = bool(file.path) and os.path.lexists(file.path)
@@ -298,9 +298,9 @@ def _refusal(head: logs.Log, absent: list[Carried]) -> str:
     )
 
 
-def _named(head: logs.Log, files: list[Carried], law: Sequence[str]) -> dict[Carried, Path]:
+def _named_files(head: logs.Log, files: list[RunFile], law: Sequence[str]) -> dict[RunFile, Path]:
     """Return the files that --law names, by content, else by their names."""
-    found: dict[Carried, Path] = {}
+    found: dict[RunFile, Path] = {}
     for text in law:
         path = Path(text).resolve()
         if not carried_files.is_ordinary(path):
@@ -316,7 +316,7 @@ def _named(head: logs.Log, files: list[Carried], law: Sequence[str]) -> dict[Car
     return found
 
 
-def _in_place(file: Carried, beside: Path | None) -> Path | None:
+def _in_place(file: RunFile, beside: Path | None) -> Path | None:
     """Return where a file lies with its recorded content; None if nowhere known."""
     places = [] if beside is None else [os.path.normpath(beside / file.name)]
     for text in (*places, file.path):
@@ -330,8 +330,8 @@ def _in_place(file: Carried, beside: Path | None) -> Path | None:
     return None
 
 
-def _laid_out(
-    head: logs.Log, file: Carried, source: Path | None, folder: Path, files: list[Carried]
+def _placed_file(
+    head: logs.Log, file: RunFile, source: Path | None, folder: Path, files: list[RunFile]
 ) -> Path:
     """Put a file below `folder`, where it lay to the others; return its path."""
     ups = [posixpath.normpath(one.name).split("/").count("..") for one in files]
@@ -357,7 +357,7 @@ def _laid_out(
 # What laws open
 
 
-def _redirected(files: list[Carried], where: Mapping[Carried, Path]) -> dict[str, str]:
+def _redirections(files: list[RunFile], where: Mapping[RunFile, Path]) -> dict[str, str]:
     """Return what a law gets for the texts by which the run's laws opened files."""
     found: dict[str, str] = {}
     for file in files:
@@ -370,7 +370,7 @@ def _redirected(files: list[Carried], where: Mapping[Carried, Path]) -> dict[str
 def opened_from(places: Mapping[str, str]) -> Iterator[None]:
     """Let Python open, and find, the files `places` by other names."""
 
-    def patched(function: Callable[..., Any]) -> Callable[..., Any]:
+    def patched_function(function: Callable[..., Any]) -> Callable[..., Any]:
         def with_place(name: Any, *arguments: Any, **named: Any) -> Any:
             if isinstance(name, str | bytes | os.PathLike):
                 text = os.fsdecode(name)
@@ -389,7 +389,7 @@ def opened_from(places: Mapping[str, str]) -> Iterator[None]:
     ]  # fmt: skip
     originals = [table[name] for table, name in tables]
     for table, name in tables:
-        table[name] = patched(table[name])
+        table[name] = patched_function(table[name])
     try:
         yield
     finally:

@@ -92,13 +92,13 @@ class Tally:
         first, last = self._steps[topic]
         count = self.messages[topic]
         gone = max(last - first + 1 - count, 0)  # cycles out of order are none that are gone
-        skipped = min(self._skipped(topic.removesuffix("state") + "events"), gone)
+        skipped = min(self._skipped_cycles(topic.removesuffix("state") + "events"), gone)
         return {
             "cycles": count, "first": first, "last": last, "skipped": skipped,
             "lost": gone - skipped,
         }  # fmt: skip
 
-    def _skipped(self, events: str) -> int:
+    def _skipped_cycles(self, events: str) -> int:
         """Return how many cycles the events of a node call skipped."""
         told = (entry for _, entry in self._entries.get(events, []))
         counts = (one.get("argument", 0) for one in told if one.get("event") == "skip")
@@ -119,7 +119,7 @@ class Tally:
 
     def frames(
         self, names: Mapping[int, str], duration_s: float, node: str = "", data_bit: float = 1
-    ) -> list[dict[str, Any]]:  # fmt: skip
+    ) -> list[dict[str, Any]]:
         """Return a node's frames by direction and id; without one those of the node `heard`.
 
         `bits`: on the wire, at most; what was injected was on none. One of CAN FD's data phase
@@ -176,9 +176,11 @@ class Tally:
 
 def senseless(left_out: Mapping[str, int]) -> list[str]:
     """Return a line for each topic with so many messages that make no sense."""
-    return [f"{cut(topic)}: {n} messages make no sense" for topic, n in left_out.items() if n]
+    return [
+        f"{shortened_name(topic)}: {n} messages make no sense" for topic, n in left_out.items() if n
+    ]
 
 
-def cut(name: str) -> str:
+def shortened_name(name: str) -> str:
     """Return a name from a file, as long as a line can hold."""
     return name if len(name) <= _NAME else f"{name[: _NAME - 3]}..."

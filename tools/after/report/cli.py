@@ -50,9 +50,12 @@ def command(options: argparse.Namespace) -> int:
 
 
 def write(
-    path: Path, output: Path, options: argparse.Namespace, progress: Progress,
+    path: Path,
+    output: Path,
+    options: argparse.Namespace,
+    progress: Progress,
     summary: Summary | None = None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Write the report of a log to `output`; return what is missing in the log.
 
     LogError if it is none, UserError where the page cannot be written. `options`: whose code of

@@ -25,8 +25,13 @@ def report(add: Add) -> None:
         metavar="FILE.xml",
         help="with --suite: a testcase for each requirement and rig",
     )
-    add("-o", "--output", type=Path, metavar="FILE.html",
-        help="default: report.html in the run folder, LOG.html by a log, suite.html")  # fmt: skip
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE.html",
+        help="default: report.html in the run folder, LOG.html by a log, suite.html",
+    )
     take.code_of_laws(add)
     take.quiet(add)
 

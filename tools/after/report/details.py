@@ -8,7 +8,7 @@ from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.tools.after.log.rig import carried_by
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import RESOLVED, Record
-from pcpc.tools.after.report.sections import listed
+from pcpc.tools.after.report.sections import listed_section
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
 from pcpc.tools.terminal.document import (
@@ -59,7 +59,7 @@ def timing(record: Record) -> list[Part]:
     latest = [[one.get(key, "") for key in keys] for one in summary.latest_cycles]
     return [
         drawn, words, Table(("stage [us]", *points), rows, range(1, len(points) + 1)),
-        listed("The slowest cycles", [*keys.values()], latest, (0, 1, 2)),
+        listed_section("The slowest cycles", [*keys.values()], latest, (0, 1, 2)),
     ]  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def bus(record: Record) -> list[Part]:
         for state, n in row.items()
     )
     head = ("node", "state", "count")
-    return [*parts, listed("Received frames that were not valid", head, bad, (2,))]
+    return [*parts, listed_section("Received frames that were not valid", head, bad, (2,))]
 
 
 def _frames(record: Record, node: str) -> list[Part]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.plants import pages
-from pcpc.tools.after.log.drawing import shown
+from pcpc.tools.after.log.drawing import plain_text
 from pcpc.tools.after.report.record import Record
 from pcpc.tools.after.verdict import on_purpose
 from pcpc.tools.after.verdict.summary import parts
@@ -29,8 +29,10 @@ NARROWEST = 0.002  # of the page: of a state that lasts a cycle
 MOST_FAULTS = 20  # on purpose, a row each
 _ROW_IN, _REST_IN, _WIDTH_IN, _DPI = 0.3, 0.9, 7.0, 140
 _EDGES_US = np.geomspace(0.1, 1e7, 8 * 20 + 1)
-_STAGES = {"wake_late": ("woken behind its deadline", pages.BLUE, "-"),
-           "work": ("work: receive, step, send", pages.VERMILION, "--")}  # fmt: skip
+_STAGES = {
+    "wake_late": ("woken behind its deadline", pages.BLUE, "-"),
+    "work": ("work: receive, step, send", pages.VERMILION, "--"),
+}
 
 
 def states(record: Record, node: str) -> Iterator[tuple[str, float, float]]:
@@ -75,9 +77,9 @@ def course(record: Record) -> "Figure | None":
     for i, (name, times) in enumerate(marks.items(), len(spans) + len(faults)):
         marker, colour = MARKS[name]
         ax.plot(times, [i] * len(times), marker, color=colour, markersize=6, linestyle="none")
-    ax.set_yticks(range(len(rows)), [shown(row) for row in rows])
+    ax.set_yticks(range(len(rows)), [plain_text(row) for row in rows])
     ax.set(xlim=(0.0, record.end_s), ylim=(len(rows) - 0.5, -0.5), xlabel="time [s]")
-    pages.ruled(ax)
+    pages.apply_grid_style(ax)
     handles = _keys({state for _, own in spans for state, *_ in own})
     page.legend(handles=handles, loc="outside upper left", ncols=6, frameon=False, fontsize=8)
     return page
@@ -94,12 +96,13 @@ def tunings(record: Record) -> list[tuple[float, str, Mapping[str, Any]]]:
     return sorted(found, key=lambda entry: entry[0])
 
 
-def _draw_states(
-    ax: "Axes", row: int, own: list[tuple[str, float, float]], whole_s: float
-) -> None:  # fmt: skip
+def _draw_states(ax: "Axes", row: int, own: list[tuple[str, float, float]], whole_s: float) -> None:
     for state in dict.fromkeys(state for state, *_ in own):
-        pieces = [(begin_s, max(end_s - begin_s, NARROWEST * whole_s))
-                  for name, begin_s, end_s in own if name == state and end_s > begin_s]  # fmt: skip
+        pieces = [
+            (begin_s, max(end_s - begin_s, NARROWEST * whole_s))
+            for name, begin_s, end_s in own
+            if name == state and end_s > begin_s
+        ]
         colour, above = STATES.get(state, pages.PURPLE), 2 if state in ("RUN", "READY") else 3
         ax.broken_barh(pieces, (row - 0.3, 0.6), color=colour, edgecolor="none", zorder=above)
 
@@ -108,7 +111,9 @@ def _keys(seen: set[str]) -> list[Any]:
     from matplotlib.patches import Patch
 
     known = [state for state in STATES if state in seen] + sorted(seen - STATES.keys())
-    return [Patch(color=STATES.get(state, pages.PURPLE), label=shown(state)) for state in known]
+    return [
+        Patch(color=STATES.get(state, pages.PURPLE), label=plain_text(state)) for state in known
+    ]
 
 
 def lateness(record: Record) -> "Figure | None":
@@ -131,7 +136,7 @@ def lateness(record: Record) -> "Figure | None":
     ax.set_ylim(bottom=0.7)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter("{x:,g}")
-    pages.ruled(ax)
+    pages.apply_grid_style(ax)
     page.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8)
     return page
 

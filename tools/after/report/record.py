@@ -20,7 +20,7 @@ from pcpc.executive.log.inventory import TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD
 from pcpc.executive.rig import carried_files
-from pcpc.plants.pages import thinned
+from pcpc.plants.pages import thinned_line
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series, source
 from pcpc.tools.after.log.drawing import Source
@@ -75,8 +75,11 @@ class Record:
     @property
     def end_s(self) -> float:
         """Time of the last recorded cycle of all nodes."""
-        ends = [self.period_s(name) * (int(node.cycle[-1]) + 1)
-                for name, node in self.log.node.items() if len(node.cycle)]  # fmt: skip
+        ends = [
+            self.period_s(name) * (int(node.cycle[-1]) + 1)
+            for name, node in self.log.node.items()
+            if len(node.cycle)
+        ]
         return max(ends, default=0.0)
 
     def entries(self, *kinds: str) -> list[tuple[float, str, Mapping[str, Any]]]:
@@ -102,9 +105,12 @@ class Record:
 
 
 def gather(
-    path: Path, folder: Path, options: argparse.Namespace, progress: Progress,
+    path: Path,
+    folder: Path,
+    options: argparse.Namespace,
+    progress: Progress,
     summary: Summary | None = None,
-) -> Record:  # fmt: skip
+) -> Record:
     """Read a log; LogError if it is none. `folder`: for the files of its rig, while they are used.
 
     `summary`: what the run came to, if that is known.
@@ -113,7 +119,7 @@ def gather(
     judge, why = _judge(head, folder, options)
     groups: list[list[str]] = []
 
-    def wanted(first: logs.Log) -> long_logs.Wanted:
+    def wanted_columns(first: logs.Log) -> long_logs.Wanted:
         """Return what will be asked of a long log."""
         asked = {} if judge is None else judge.needed_columns(first, True)
         if not _draws(judge):
@@ -124,12 +130,12 @@ def gather(
             asked.setdefault(node, []).append(name.removeprefix(f"{node}."))
         return asked
 
-    tally, ends = _tallied(path, progress)
-    log = long_logs.read(path, wanted)
+    tally, ends = _totals(path, progress)
+    log = long_logs.read(path, wanted_columns)
     if not _draws(judge) and not groups:
         groups = _groups(log)
     found = Record(log, tally, carried_files.sha256(path), judge, why, groups=groups)
-    found.summary = summary or summary_file.beside(path)
+    found.summary = summary or summary_file.summary_beside(path)
     found.at_end = found.summary is not None
     if found.summary is None and judge is not None:
         outcome = summaries.outcome_of(log)
@@ -138,9 +144,7 @@ def gather(
     return found
 
 
-def _judge(
-    head: logs.Log, folder: Path, options: argparse.Namespace
-) -> tuple[Judge | None, str]:  # fmt: skip
+def _judge(head: logs.Log, folder: Path, options: argparse.Namespace) -> tuple[Judge | None, str]:
     """Return who judges a log, or None; and why, or a word on an evaluation that is another one."""
     if not any(name.endswith(RESOLVED) for name in head.attachments):
         return None, "the log holds no rig to judge it by"
@@ -155,7 +159,7 @@ def _draws(judge: Judge | None) -> bool:
     return judge is not None and bool(judge.evaluation.panels)
 
 
-def _tallied(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, float]]]:
+def _totals(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, float]]]:
     """Return what a log adds up to, but for events, and the last values of each node's columns."""
     tally, last = Tally(Scan()), dict[str, Any]()
     for channel, piece in source.stream(path, tally.found, progress):
@@ -188,7 +192,9 @@ def _series(log: logs.Log, names: Sequence[str]) -> dict[str, series.Series]:
     found = series.all_series(log, names)
     if isinstance(log, long_logs.LongLog):
         for name, one in found.items():
-            rows, values = thinned(np.arange(len(one.values), dtype=float), one.values, _POINTS)
+            rows, values = thinned_line(
+                np.arange(len(one.values), dtype=float), one.values, _POINTS
+            )
             found[name] = replace(one, time_ns=one.time_ns[rows.astype(int)], values=values)
         for table in (table for tables in log.tables.values() for table in tables):
             table.forget()

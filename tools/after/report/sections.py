@@ -14,7 +14,7 @@ from pcpc.tools.after.log.drawing import page_of
 from pcpc.tools.after.log.info import start_of
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import Record
-from pcpc.tools.after.verdict.summary import branched
+from pcpc.tools.after.verdict.summary import branch_lines
 from pcpc.tools.terminal.document import Note, Part, Picture, Section, Strong, Table, Verdict
 from pcpc.tools.terminal.html import png_of
 
@@ -68,7 +68,7 @@ def verdict(record: Record) -> Verdict:
         if not record.at_end:
             lines.append("judged from the log alone, without the settings of the run")
         missing = [line for line in missing if line not in summary.log_missing]
-    lines = [*(f"no run: a {what}" for what in branched(record.log)), *lines]
+    lines = [*(f"no run: a {what}" for what in branch_lines(record.log)), *lines]
     reasons = [*lines, *(f"missing in the log: {line}" for line in missing)]
     return Verdict(word, reasons, word == "ok" and not missing)
 
@@ -149,7 +149,7 @@ def _states(record: Record) -> Section:
     return Section("States of the supervisor", [Table(head, rows, (2, 3, 4))])
 
 
-def listed(
+def listed_section(
     title: str, head: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[int] = (0, 1)
 ) -> Section:
     """Return a table with a title; of many rows the first."""
@@ -163,7 +163,7 @@ def _faults(record: Record) -> Section:
         (f"{at_s:.4f}", event["cycle"], node, event.get("name") or event.get("argument", ""))
         for at_s, node, event in record.entries("fault")
     )
-    return listed("Faults", ("time [s]", "cycle", "node", "fault"), rows)
+    return listed_section("Faults", ("time [s]", "cycle", "node", "fault"), rows)
 
 
 def _on_purpose(record: Record) -> Section:
@@ -172,7 +172,7 @@ def _on_purpose(record: Record) -> Section:
         for node, name, begin_s, end_s, about in figures.on_purpose_spans(record)
     )
     head = ("from [s]", "to [s]", "node", "fault", "kind", "of")
-    return listed("Faults on purpose", head, rows)
+    return listed_section("Faults on purpose", head, rows)
 
 
 def _tunings(record: Record) -> Section:
@@ -186,7 +186,7 @@ def _tunings(record: Record) -> Section:
         units = {row[0]: row[1] for row in record.log.node[node].description.get("variables", ())}
         change = f"{'unknown' if old is None else f'{old:g}'} → {value:g} {units.get(name, '')}"
         rows.append((f"{at_s:.4f}", entry["cycle"], node, name, change))
-    return listed("Tunings", ("time [s]", "cycle", "node", "parameter", "old → new"), rows)
+    return listed_section("Tunings", ("time [s]", "cycle", "node", "parameter", "old → new"), rows)
 
 
 def _of_rig(rig: Rig, node: str, name: str) -> float | None:
@@ -207,4 +207,4 @@ def _alarms(record: Record) -> Section:
         name = str(event.get("name"))
         what = KINDS[name][1] if name in KINDS else "late cycle" if name == "late" else name
         rows.append((f"{at_s:.4f}", event["cycle"], node, f"{float(event['value']):g} x {what}"))
-    return listed("Alarms", ("time [s]", "cycle", "node", "what"), rows)
+    return listed_section("Alarms", ("time [s]", "cycle", "node", "what"), rows)

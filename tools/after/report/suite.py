@@ -43,7 +43,7 @@ _KEYS = "rig", "controller", "seed", "version_pcpc", "git", "clock_wall_ns", "st
 
 
 @dataclass(frozen=True)
-class Tested:
+class RequirementResult:
     """What became of a requirement in a run; `key`: its id, else its text."""
 
     key: str
@@ -63,7 +63,7 @@ class OneRun:
     verdict: str = "no log"
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    tested: list[Tested] = field(default_factory=list)
+    tested: list[RequirementResult] = field(default_factory=list)
 
     @property
     def of(self) -> str:
@@ -98,10 +98,10 @@ class Cell:
 
     key: str
     of: str
-    runs: list[tuple[OneRun, Tested]] = field(default_factory=list)
+    runs: list[tuple[OneRun, RequirementResult]] = field(default_factory=list)
 
     @property
-    def worst(self) -> tuple[OneRun, Tested]:
+    def worst(self) -> tuple[OneRun, RequirementResult]:
         """The run with the worst verdict, the latest of several."""
         return max(self.runs, key=lambda one: (WORDS.index(one[1].verdict), one[0].begin_ns))
 
@@ -137,7 +137,7 @@ def gather(
     runs = []
     for number, path in enumerate(paths, 1):
         progress.show(f"judging {number}/{len(paths)}: {path}")
-        runs.append(_judged(path, options))
+        runs.append(_judged_run(path, options))
     progress.close()
     cells = _cells(runs)
     known = {cell.key for cell in cells}
@@ -154,14 +154,14 @@ def _paths(name: str) -> list[Path]:
         if not path.exists():
             raise UserError(f"{name}: no such log or folder; name a run, or a folder of runs")
         return [path]
-    found = sorted(_below(Path(name)))
+    found = sorted(_logs_below(Path(name)))
     if not found:
         cure = "name a folder that holds run folders, or the logs themselves"
         raise UserError(f"{name}: no run below this folder; {cure}")
     return found
 
 
-def _below(top: Path) -> Iterator[Path]:
+def _logs_below(top: Path) -> Iterator[Path]:
     """Yield the log of each run folder below a folder."""
     for folder, folders, files in folders_below(top):
         if LOG in files or LOG in folders or summary_file.NAME in files:
@@ -171,7 +171,7 @@ def _below(top: Path) -> Iterator[Path]:
 # A run
 
 
-def _judged(path: Path, options: argparse.Namespace) -> OneRun:
+def _judged_run(path: Path, options: argparse.Namespace) -> OneRun:
     found = OneRun(path)
     try:
         found.sha256 = carried_files.sha256(path)
@@ -187,7 +187,7 @@ def _judged(path: Path, options: argparse.Namespace) -> OneRun:
     except (OSError, UserError) as error:
         found.verdict = "not judged"
         found.problems.append(_reason(error, path))
-        found.tested = _unjudged(head, found.problems[-1])
+        found.tested = _unjudged_results(head, found.problems[-1])
     return found
 
 
@@ -200,12 +200,12 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
     rig, note = log_rig.judged_rig(head, folder, options)
     judge = Judge.of(rig)
     log = long_logs.read(found.path, lambda log: judge.needed_columns(log, False))
-    own, outcome = summary_file.beside(found.path), summaries.outcome_of(log)
+    own, outcome = summary_file.summary_beside(found.path), summaries.outcome_of(log)
     outcome.changed = list(own.changed) if own else []
     summary = summaries.summarise(rig, log, outcome, judge)
     found.verdict, found.notes = summary.verdict, [note] if note else []
     found.problems += summary.problems()
-    found.problems += [f"no run: a {what}" for what in summaries.branched(log)]
+    found.problems += [f"no run: a {what}" for what in summaries.branch_lines(log)]
     if own is not None:
         _hold_against(found, summary, own)
     elif (found.path.parent / summary_file.NAME).exists():
@@ -228,7 +228,7 @@ def _hold_against(found: OneRun, summary: Summary, own: Summary) -> None:
         found.problems.append("summary.json says ok, the log does not")
 
 
-def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
+def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
     """Yield what became of the rig's requirements in time, as the log and the summary say."""
     known = {one.name: one for one in summary.requirements}
     for entry in judge.required().values():
@@ -236,53 +236,56 @@ def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[Test
         key, words = entry.id or name, name.removeprefix(f"{entry.id} ")
         one, left = known.get(name), own.not_judged.get(name) or summary.not_judged.get(name)
         if one is not None and one.held is False:
-            yield Tested(key, words, VIOLATED, one.smallest, one.first)
+            yield RequirementResult(key, words, VIOLATED, one.smallest, one.first)
         elif one is None or one.held is None or left:
             why = left or (one.reason if one else "the log was not judged by it")
-            yield Tested(key, words, HAPPENED if why == _NEVER else UNJUDGED, "", why)
+            yield RequirementResult(key, words, HAPPENED if why == _NEVER else UNJUDGED, "", why)
         elif any(two.name == name and two.held is False for two in own.requirements):
-            yield Tested(key, words, VIOLATED, "", "summary.json says so")
+            yield RequirementResult(key, words, VIOLATED, "", "summary.json says so")
         else:
-            yield Tested(key, words, OK, one.smallest)
+            yield RequirementResult(key, words, OK, one.smallest)
 
 
-def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[Tested]:
+def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
     """Yield what became of the rig's limits; the margin is that to the nearer one."""
     config = judge.rig.config
     for name, (low, high) in config.expected.items():
         key, words = config.limit_ids().get(name, name), f"{name} {low:g} to {high:g}"
         failed = [
-            line for one in (summary, own) for line in one.expectations_failed
+            line
+            for one in (summary, own)
+            for line in one.expectations_failed
             if line.startswith(f"{summary.named(name)} ") and " was not judged: " not in line
-        ]  # fmt: skip
+        ]
         value = summary.metrics.get(name, own.metrics.get(name))
         left = own.not_judged.get(name) or summary.not_judged.get(name)
         margin = "" if value is None else f"{min(value - low, high - value):.4g}"
         if left:
-            yield Tested(key, words, UNJUDGED, "", left)
+            yield RequirementResult(key, words, UNJUDGED, "", left)
         elif failed:
-            yield Tested(key, words, VIOLATED, margin, failed[0])
+            yield RequirementResult(key, words, VIOLATED, margin, failed[0])
         elif value is None or not low <= value <= high or name not in summary.judged:
-            yield Tested(key, words, UNJUDGED, "", "this run does not show it")
+            yield RequirementResult(key, words, UNJUDGED, "", "this run does not show it")
         else:
-            yield Tested(key, words, OK, margin)
+            yield RequirementResult(key, words, OK, margin)
 
 
-def _unjudged(head: logs.Log, why: str) -> list[Tested]:
+def _unjudged_results(head: logs.Log, why: str) -> list[RequirementResult]:
     """Return the requirements and limits that a log's rig names, which nobody could judge."""
     try:
         plain = effective_rig(head)
         controller = plain.get("controller")
         required = [
-            one for one in plain.get("require") or ()
+            one
+            for one in plain.get("require") or ()
             if controller in (one.get("controllers") or [controller])
-        ]  # fmt: skip
+        ]
         keys = [str(one.get("id") or one.get("name") or one) for one in required]
         for name, one in ((plain.get("expect") or {}).get(controller) or {}).items():
             keys.append(str((isinstance(one, dict) and one.get("id")) or name))
     except (AttributeError, TypeError, LookupError, RigError):
         return []
-    return [Tested(key, "", UNJUDGED, "", why) for key in keys]
+    return [RequirementResult(key, "", UNJUDGED, "", why) for key in keys]
 
 
 # All of them
@@ -299,7 +302,9 @@ def _cells(runs: Iterable[OneRun]) -> list[Cell]:
         for run in runs:
             if run.of == of and run.begin_ns > last and run.tested != []:
                 why = "a later run of this rig does not test it any more"
-                cell.runs.append((run, Tested(key, cell.runs[0][1].words, UNJUDGED, "", why)))
+                cell.runs.append(
+                    (run, RequirementResult(key, cell.runs[0][1].words, UNJUDGED, "", why))
+                )
     return sorted(found.values(), key=lambda cell: (cell.key, cell.of))
 
 

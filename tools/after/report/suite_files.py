@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import UserError, printable
 from pcpc.tools.after.report import suite as suites
-from pcpc.tools.after.report.suite import OK, Suite, Tested, link
+from pcpc.tools.after.report.suite import OK, RequirementResult, Suite, link
 from pcpc.tools.terminal.document import Code, Link, Part, Section, Strong, Table, Verdict, html
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.junit import Case, junit_text
@@ -34,13 +34,13 @@ def command(options: argparse.Namespace, progress: Progress) -> int:
     write_text(output, as_html(found, output))
     if junit is not None:
         write_text(junit, as_junit(found) + "\n")
-    for line in () if options.quiet else _against(found):
+    for line in () if options.quiet else _failures(found):
         print(line)
     print(output)
     return found.code
 
 
-def _against(found: Suite) -> list[str]:
+def _failures(found: Suite) -> list[str]:
     """Return what keeps a suite from being ok, a line each."""
     lines = [f"{one}: not judged: no run tests it" for one in found.absent]
     for cell in found.cells:
@@ -65,11 +65,15 @@ def as_html(found: Suite, output: Path) -> str:
     for cell in found.cells:
         run, one = cell.worst
         word = one.verdict if one.verdict == OK else Strong(one.verdict)
-        of = (Link(run.path.parent.name or run.path.name, link(run.path, output)), " ",
-              Code(run.sha256[:16]))  # fmt: skip
+        of = (
+            Link(run.path.parent.name or run.path.name, link(run.path, output)),
+            " ",
+            Code(run.sha256[:16]),
+        )
         rows.append((cell.key, one.words, cell.of, word, one.margin, one.why, len(cell.runs), of))
-    rows += [(one, "", "", Strong("not judged"), "", "no run tests it", 0, "")
-             for one in found.absent]  # fmt: skip
+    rows += [
+        (one, "", "", Strong("not judged"), "", "no run tests it", 0, "") for one in found.absent
+    ]
     head = ("requirement", "what it says", "rig, controller", "verdict", "margin", "why",
             "runs", "log, sha256")  # fmt: skip
     runs = [
@@ -81,7 +85,7 @@ def as_html(found: Suite, output: Path) -> str:
     about = ("log", "rig, controller", "seed", "versions", "verdict", "exit code", "", "sha256")
     word = "ok" if found.ok else "not ok"
     parts: list[Part] = [
-        Verdict(word, _against(found), found.ok),
+        Verdict(word, _failures(found), found.ok),
         Section("Requirements", [Table(head, rows, (6,))]),
         Section("Runs", [Table(about, runs, (5,))]),
     ]
@@ -109,14 +113,19 @@ def as_junit(found: Suite) -> str:
         cases.append(Case(cell.of, name, kind, one.verdict, _words(one, run)))
     cases += [Case("", one, "failure", "not judged", "no run tests it") for one in found.absent]
     runs = [
-        Case(run.of, str(run.path), "" if run.ok else "error",
-             "not ok" if run.verdict == OK and not run.ok else run.verdict, _reasons(run))
+        Case(
+            run.of,
+            str(run.path),
+            "" if run.ok else "error",
+            "not ok" if run.verdict == OK and not run.ok else run.verdict,
+            _reasons(run),
+        )
         for run in found.runs
-    ]  # fmt: skip
+    ]
     return junit_text({"requirements": cases, "runs": runs})
 
 
-def _words(one: Tested, run: suites.OneRun) -> str:
+def _words(one: RequirementResult, run: suites.OneRun) -> str:
     margin = f"margin {one.margin}" if one.margin else ""
     told = [one.why, margin, f"log {run.path}", f"sha256 {run.sha256}"]
     return "; ".join(filter(None, told))

@@ -22,8 +22,8 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.table import Variable
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.cat import frame_text
-from pcpc.tools.after.replay import Comparison, recomputed
-from pcpc.tools.after.span import chosen, cycle_of, variables_of
+from pcpc.tools.after.replay import Comparison, recomputed_pieces
+from pcpc.tools.after.span import chosen_variables, cycle_of, variables_of
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
     except BusError as error:  # the log's DBC, not a bus of this machine
         raise UserError(str(error)) from None
     since_ns = min(node.since_ns for node in nodes)
-    for piece in recomputed(path, nodes, since_ns=since_ns):
+    for piece in recomputed_pieces(path, nodes, since_ns=since_ns):
         for role in (role for role in roles if role in piece.node):
             own = piece.node[role].frames
             frames[role] += list(own[own["cycle"] == cycle])
@@ -59,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
         node.require_end()
     cycles = [Cycle(node, frames[node.role]) for node in nodes]
     known = {one.name: one.kind for each in cycles for one in each.variables}
-    names = chosen(known, options.show)
+    names = chosen_variables(known, options.show)
     if options.json:
         print(json.dumps([one.as_dict(cycle, names) for one in cycles], indent=1))
     else:
@@ -98,8 +98,9 @@ class Cycle:
         """Return name, bytes and check of the frames received (1) or sent (0)."""
         return [
             (self.names.get(str(int(one["id"])), "?"), frame_text(one), name_of(int(one["e2e"])))
-            for one in self.frames if one["direction"] == direction
-        ]  # fmt: skip
+            for one in self.frames
+            if one["direction"] == direction
+        ]
 
     def lines(self, cycle: int, chosen: set[str], frames: bool) -> list[str]:
         """Return the text for a terminal; `frames`: with those of the cycle."""

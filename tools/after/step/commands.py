@@ -8,8 +8,13 @@ def step(add: Add) -> None:
     """Take a log, one of its cycles, and which variables are shown."""
     add("log", metavar="LOG", help="log file, run folder or latest")
     take.moment(add, "cycle to show")
-    add("--show", action="append", default=[], metavar="NAME",
-        help="only this variable; * is any text; default: all but parameters")  # fmt: skip
+    add(
+        "--show",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="only this variable; * is any text; default: all but parameters",
+    )
     take.node(add)
     take.code_of_laws(add)
     take.json(add)

@@ -17,9 +17,12 @@ from pcpc.tools.terminal.outfile import whole_file
 
 
 def conclude(
-    judge: Judge, folder: Path, outcome: Outcome, options: argparse.Namespace,
+    judge: Judge,
+    folder: Path,
+    outcome: Outcome,
+    options: argparse.Namespace,
     judged: long_logs.Wanted,
-) -> int:  # fmt: skip
+) -> int:
     """Read the log back, write summary and figure, print; return the exit code of the verdict.
 
     `judged`: the columns that lie whole beside a log that keeps a part of the run.

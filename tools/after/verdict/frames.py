@@ -66,7 +66,7 @@ def too_many(rig: Rig, counts: Mapping[str, int]) -> list[str]:
     return lines
 
 
-def stayed_away(rig: Rig, log: Log) -> list[str]:
+def absence_lines(rig: Rig, log: Log) -> list[str]:
     """Return a line for each slow frame that a node missed for more than `AWAY` of its turns.
 
     Of cycles that the node ran. [] of a log that does not tell.
@@ -130,7 +130,7 @@ def frames_to(
     return account | {"nobody": {"sent": none}}
 
 
-def most_cut(rig: Rig, log: Log) -> str:
+def most_clipped_signal(rig: Rig, log: Log) -> str:
     """Return which signal was cut in the most cycles, by its limits or by what it can hold.
 
     "" for none, and of a log too long to be looked at for it.

@@ -53,9 +53,15 @@ def imagined_log(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
             return fill(name, len(cycle))
 
         nodes[str(role)] = logs.Node(
-            cycle, cycle * about["period_ns"], Columns(about["state_columns"], column),
-            Columns(about["timing_columns"], column), np.empty(0, logs.FRAME), [], [], about,
-        )  # fmt: skip
+            cycle,
+            cycle * about["period_ns"],
+            Columns(about["state_columns"], column),
+            Columns(about["timing_columns"], column),
+            np.empty(0, logs.FRAME),
+            [],
+            [],
+            about,
+        )
         metadata[str(role)] = facts | {"rig": rig.config.rig, "period_ns": str(about["period_ns"])}
         attachments |= about["attachments"]
     return logs.Log(Path(), nodes, attachments, metadata, [], rig=rig.effective())

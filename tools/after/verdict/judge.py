@@ -28,7 +28,7 @@ from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Judged, Mistake
 from pcpc.tools.after.verdict.imagined_logs import imagined_log, large, noise, nothing
 from pcpc.tools.after.verdict.masters import counters
-from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound, results
+from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound_requirements, results
 from pcpc.tools.terminal import screen
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
@@ -82,7 +82,7 @@ class Judge:
         if rig.evaluation is None:
             return cls(rig)
         file = Path(rig.evaluation.file)
-        judge = cls(rig, guarded(lambda: _loaded(file)))
+        judge = cls(rig, guarded(lambda: _loaded_evaluation(file)))
         for name, what in judge.unused().items():
             if rig.document.place(("evaluation", name)).option:
                 raise rig.error(f"evaluation.{name}", what)
@@ -141,15 +141,22 @@ class Judge:
         RigError for names and units that are wrong.
         """
         try:
-            return bound(list(self.required().values()), Names(log, self.evaluation.signals))
+            return bound_requirements(
+                list(self.required().values()), Names(log, self.evaluation.signals)
+            )
         except RequirementError as error:
             keys = ("require", list(self.required())[error.number], *error.keys)
             raise self.rig.document.error(keys, error.what) from None
 
     def draw(
-        self, log: Log, metrics: Mapping[str, float], path: Path | None,
-        requirements: Sequence[Result] = (), changed: Sequence[str] = (), who: str = "",
-    ) -> str:  # fmt: skip
+        self,
+        log: Log,
+        metrics: Mapping[str, float],
+        path: Path | None,
+        requirements: Sequence[Result] = (),
+        changed: Sequence[str] = (),
+        who: str = "",
+    ) -> str:
         """Draw the rig's figure; return "" or the reason why there is none.
 
         Without a `path` it is laid out only, which finds what is wrong with it.
@@ -178,9 +185,12 @@ class Judge:
         nodes = {}
         for name, node in log.node.items():
             nodes[name] = replace(
-                node, cycle=node.cycle[:_PROBED], stamp_ns=node.stamp_ns[:_PROBED],
-                columns=_first_rows(node.columns), timing=_first_rows(node.timing),
-            )  # fmt: skip
+                node,
+                cycle=node.cycle[:_PROBED],
+                stamp_ns=node.stamp_ns[:_PROBED],
+                columns=_first_rows(node.columns),
+                timing=_first_rows(node.timing),
+            )
         probe = replace(log, node=nodes)
         try:
             self.requirements(probe)
@@ -284,7 +294,7 @@ def beyond(rig: Rig, changed: list[str]) -> str:
     return ""
 
 
-def _loaded(file: Path) -> Evaluation:
+def _loaded_evaluation(file: Path) -> Evaluation:
     """Return what an evaluation file declares."""
     if file.suffix != ".py":
         raise EvaluationError(f"{file}: no Python file; its name has to end in .py")

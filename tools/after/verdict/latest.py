@@ -12,7 +12,7 @@ from pcpc.executive.rig.schema import Timing
 LEVEL_PERCENTILE = 99.9
 
 
-def latest_cycles(block: sh.Shared) -> list[dict[str, Any]]:
+def latest_cycles(block: sh.NodeMemory) -> list[dict[str, Any]]:
     """Return the cycles that woke latest, the latest first, with stages in us and a cause."""
     found = []
     for row in np.array(block["latest"]):

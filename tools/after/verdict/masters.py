@@ -12,7 +12,7 @@ def counters(names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(PREFIX)]
 
 
-def told(values: Mapping[str, float], helps: Mapping[str, str]) -> list[str]:
+def counter_lines(values: Mapping[str, float], helps: Mapping[str, str]) -> list[str]:
     """Return what was counted, of the last values of variables and what they are."""
     return [
         f"master: {helps[name].removeprefix(HELP)}: {values[name]:.0f} x ({name})"
@@ -26,4 +26,4 @@ def mistakes(node: Node) -> list[str]:
     names = counters(node.columns)
     last = {name: float(node.columns[name][-1]) for name in names if len(node.columns[name])}
     helps = {row[0]: row[4] for row in node.description.get("variables", ())}
-    return told(last, dict.fromkeys(names, "mistake") | helps)
+    return counter_lines(last, dict.fromkeys(names, "mistake") | helps)

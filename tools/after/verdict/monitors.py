@@ -82,7 +82,7 @@ class Monitor:
         self._carry = rows.part(slice(-1, None))
         event = self._events(rows, new)
         if self.timed.overshoot is not None:
-            rows = self._past(rows, event, self.timed.overshoot)
+            rows = self._overshoot_rows(rows, event, self.timed.overshoot)
         self.events += int(event.sum())
         self._watch(rows, new, event)
 
@@ -107,7 +107,7 @@ class Monitor:
         found[:new] = False
         return found & (cycle >= first) & (cycle < past)
 
-    def _past(self, rows: Rows, event: Mask, shot: Overshoot) -> Rows:
+    def _overshoot_rows(self, rows: Rows, event: Mask, shot: Overshoot) -> Rows:
         """Return the rows with how far the value is past its reference, and how far it may be."""
         x, over = (np.broadcast_to(one.at(rows), len(rows)) for one in (shot.value, shot.over))
         jump = np.diff(over, prepend=over[:1])
@@ -124,7 +124,7 @@ class Monitor:
         if margin < self.margin or self.least is None:
             self.margin, self.least = margin, (cycle, said)
 
-    def _violated(self, cycle: int, said: Comparison) -> None:
+    def _note_violation(self, cycle: int, said: Comparison) -> None:
         """Keep the first violation."""
         if self.first is None or cycle < self.first[0]:
             self.first = cycle, said
@@ -162,7 +162,7 @@ class Hold(Monitor):
         self._note(int(cycle[i]), float(margin[i]), holds.said(rows, i))
         if margin[i] < 0.0 and self.first is None:
             i = int(np.argmax(margin < 0.0))
-            self._violated(int(cycle[i]), holds.said(rows, i))
+            self._note_violation(int(cycle[i]), holds.said(rows, i))
 
     def end(self, cut: bool) -> None:
         """Count the last obligation as open if it was not over."""
@@ -222,7 +222,7 @@ class Respond(Monitor):
         if broken.any():
             bad = np.flatnonzero(margin < 0.0)
             row = int(bad[np.searchsorted(bad, end[broken] - 1)].min())
-            self._violated(int(cycle[row]), self.timed.holds.said(self._kept, row))
+            self._note_violation(int(cycle[row]), self.timed.holds.said(self._kept, row))
 
     def _tell(self, row: int, margin: float) -> None:
         assert self._kept is not None, "there are rows"
@@ -259,7 +259,7 @@ class Until(Monitor):
             self._over = True
             if not self._done and self.first is None:
                 row = int(np.flatnonzero(cycle <= due)[-1])
-                self._violated(int(cycle[row]), until.said(rows, row))
+                self._note_violation(int(cycle[row]), until.said(rows, row))
 
     def _conclude(
         self, rows: Rows, own: Mask, kept: Vector, found: Vector, until: Condition
@@ -274,7 +274,7 @@ class Until(Monitor):
         done, bad = np.flatnonzero(found >= 0.0), np.flatnonzero(own & (kept < 0.0))
         first_end = int(cycle[done[0]]) if len(done) else NEVER
         if len(bad) and not self._done and cycle[bad[0]] < first_end:
-            self._violated(int(cycle[bad[0]]), holds.said(rows, int(bad[0])))
+            self._note_violation(int(cycle[bad[0]]), holds.said(rows, int(bad[0])))
         self._done = self._done or (len(done) > 0 and self.first is None)
 
     def end(self, cut: bool) -> None:

@@ -64,10 +64,11 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     """Return (n, 2) first and last cycles in which others stood still unknown to a node, apart."""
     spans = [
         (start, end)
-        for name, node in log.node.items() if name != role
+        for name, node in log.node.items()
+        if name != role
         for fault, start, end, about in fault_spans(node)
         if about.get("kind") == "stall" and fault not in log.node[role].description["faults"]
-    ]  # fmt: skip
+    ]
     merged: list[list[float]] = []
     for start, end in sorted(spans):
         start, end = start - EARLY_CYCLES, end + EARLY_CYCLES

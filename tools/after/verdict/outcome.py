@@ -67,7 +67,7 @@ class Outcome:
     kept: dict[str, int] = field(default_factory=dict)  # cycles of each node in the log
     health: dict[str, dict[str, int]] = field(default_factory=dict)  # of the nodes seen here
 
-    def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
+    def judge(self, name: str, code: int, block: sh.NodeMemory | None) -> None:
         """Note the fault or death of process `name`, and what a node's rings dropped."""
         cycle = "" if block is None else f"cycle {int(block.control.cycle)}"
         if block is not None and block.control.fault:
@@ -94,7 +94,7 @@ class Outcome:
                     self.realtime = bool(block.control.realtime)
 
 
-def _short(block: sh.Shared) -> str:
+def _short(block: sh.NodeMemory) -> str:
     """Return how far a run came that ended before its last cycle; "" if it did not."""
     control, wanted = block.control, int(block.description["cycles"])
     if int(control.passes) + int(control.skipped) >= wanted:
@@ -104,13 +104,13 @@ def _short(block: sh.Shared) -> str:
     return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
 
 
-def follows(block: sh.Shared | None) -> bool:
+def follows(block: sh.NodeMemory | None) -> bool:
     """Return whether a node's fault may be no more than the end of another one."""
     fault = 0 if block is None else int(block.control.fault)
     return fault in (Fault.INPUT_MISSING, Fault.PEER_SILENT)
 
 
-def _fault(block: sh.Shared) -> str:
+def _fault(block: sh.NodeMemory) -> str:
     """Return a node's fault, with the variable or block that it comes from, and its cycle."""
     control = block.control
     fault, step = int(control.fault), int(control.stepping)
@@ -127,7 +127,7 @@ def _fault(block: sh.Shared) -> str:
     return f"{what}{name} was {value:g} in cycle {int(control.odd_cycle)}{why}"
 
 
-def _of_an_fmu(block: sh.Shared, name: str) -> str:
+def _of_an_fmu(block: sh.NodeMemory, name: str) -> str:
     """Return what the FMU of an output answered; "" for another block, and one that is well."""
     of = name.partition(".")[0]
     names = [entry[0] for entry in block.description["variables"]]
@@ -138,6 +138,6 @@ def _of_an_fmu(block: sh.Shared, name: str) -> str:
     return f"the FMU {of} returned {answer}: " if answer else ""
 
 
-def changed(settings: Sequence[str]) -> list[str]:
+def changed_settings(settings: Sequence[str]) -> list[str]:
     """Return the settings, NAME=VALUE, that change what the rig's expectations are about."""
     return [s for s in settings if s.partition("=")[0].partition(".")[0] not in _UNJUDGED_KEYS]

@@ -42,7 +42,7 @@ def show(summary: Summary, folder: Path, *, quiet: bool = False) -> None:
         said = _QUIET | {"changed"} if is_branch(summary) else _QUIET
         shown = {label: lines for label, lines in shown.items() if label in said}
     if sys.stdout.isatty():
-        shown = fitted(shown, size.lines - _PROMPT)
+        shown = fitted_rows(shown, size.lines - _PROMPT)
     lines = (
         f"{'' if number else label:{_LABEL}}{line}"
         for label, own in shown.items()
@@ -51,7 +51,7 @@ def show(summary: Summary, folder: Path, *, quiet: bool = False) -> None:
     document.show(lines, _LABEL)
 
 
-def fitted(shown: Rows, lines: int) -> Rows:
+def fitted_rows(shown: Rows, lines: int) -> Rows:
     """Return the rows that fit: without those that matter least, then with fewer metrics."""
     for least in _LEAST:
         if sum(map(len, shown.values())) <= lines:

@@ -126,12 +126,15 @@ class Names:
             return "", name
         if why := names.why_unrecorded(self.log, name):
             raise ExpressionError(f"{name} is {why}")
-        raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known())}")
+        raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known_names())}")
 
     def _check_whose(self, name: str, node: str, variable: str) -> None:
         """Raise ExpressionError for a variable that several plants have, of none by name."""
-        having = [one for one, record in self.log.node.items()
-                  if one in PLANTS and variable in record.columns]  # fmt: skip
+        having = [
+            one
+            for one, record in self.log.node.items()
+            if one in PLANTS and variable in record.columns
+        ]
         if node in PLANTS and ":" not in name and len(having) > 1:
             what = f"{name} is one of {', '.join(having)}; say whose, as {having[-1]}:{name}"
             raise ExpressionError(what)
@@ -144,7 +147,7 @@ class Names:
         text = self._units.get((node, variable))
         return None if text is None else unit(text)
 
-    def _known(self) -> Iterator[str]:
+    def _known_names(self) -> Iterator[str]:
         for node, one in self.log.node.items():
             before = "" if node == LEADER else f"{node}:"
             yield from (f"{before}{name}" for name in (*one.columns, *one.timing))
@@ -172,7 +175,7 @@ class Names:
         return Rows(run.cycle[own][told], columns, run.period_s)
 
 
-def bound(entries: Sequence[schema.Requirement], known: Names) -> Bound:
+def bound_requirements(entries: Sequence[schema.Requirement], known: Names) -> Bound:
     """Return requirements that can be judged; of others the node that the log does not have.
 
     RequirementError, with the number of the entry, for names and units that are wrong.
@@ -188,18 +191,20 @@ def bound(entries: Sequence[schema.Requirement], known: Names) -> Bound:
 
 
 def results(
-    entries: Sequence[schema.Requirement], judged: Judged, cut: bool | None = None,
+    entries: Sequence[schema.Requirement],
+    judged: Judged,
+    cut: bool | None = None,
     those: Bound | None = None,
-) -> list[Result]:  # fmt: skip
-    """Return what became of requirements; RequirementError as `bound`.
+) -> list[Result]:
+    """Return what became of requirements; RequirementError as `bound_requirements`.
 
     `cut`: whether the run went on behind the log's end; None: as far as the log tells. `those`:
-    what `bound` says of the entries, if that was asked already.
+    what `bound_requirements` says of the entries, if that was asked already.
     """
     known = Names(judged.log, judged.signals)
     able = [
         one if isinstance(one, str) else monitor(one, judged.period_s)
-        for one in (bound(entries, known) if those is None else those)
+        for one in (bound_requirements(entries, known) if those is None else those)
     ]
     watched = [one for one in able if not isinstance(one, str)]
     for run, own in judged.stretches(LEADER) if watched else ():
@@ -208,10 +213,11 @@ def results(
     for one in watched:
         one.end(ends_early(judged.log, one.last, judged.period_s) if cut is None else cut)
     found = [
-        Result(text_of(entry), None, f"the log has no {one}") if isinstance(one, str)
+        Result(text_of(entry), None, f"the log has no {one}")
+        if isinstance(one, str)
         else _result(one, judged)
         for entry, one in zip(entries, able, strict=True)
-    ]  # fmt: skip
+    ]
     ids = (entry.id for entry in entries)
     return [replace(one, id=i) if i else one for one, i in zip(found, ids, strict=True)]
 
@@ -228,24 +234,39 @@ def _result(one: Monitor, judged: Judged) -> Result:
     record, period_s = judged.log.node[LEADER].cycle, judged.period_s
     unrecorded = int(record[-1] - record[0]) + 1 - one.rows if len(record) else 0
     found = Result(
-        one.timed.text, None, _why_not(one), events=one.events, judged=one.judged, open=one.open,
+        one.timed.text,
+        None,
+        _why_not(one),
+        events=one.events,
+        judged=one.judged,
+        open=one.open,
         unrecorded=unrecorded,
-    )  # fmt: skip
+    )
     if one.least is None or not (one.judged or one.first):
         return found
     cycle, said = one.least
     margin = 0.0 if abs(one.margin) <= -BARELY else one.margin / float(said.unit.factor)
     found = replace(
-        found, held=one.first is None, reason="", margin=margin, margin_unit=said.unit.text,
-        margin_cycle=cycle, margin_s=_seconds(cycle, period_s),
-    )  # fmt: skip
+        found,
+        held=one.first is None,
+        reason="",
+        margin=margin,
+        margin_unit=said.unit.text,
+        margin_cycle=cycle,
+        margin_s=_seconds(cycle, period_s),
+    )
     if one.first is None:
         return found
     cycle, said = one.first
     return replace(
-        found, first_cycle=cycle, first_s=_seconds(cycle, period_s), what=said.what,
-        value=said.value, limit=said.limit, unit=said.unit.text,
-    )  # fmt: skip
+        found,
+        first_cycle=cycle,
+        first_s=_seconds(cycle, period_s),
+        what=said.what,
+        value=said.value,
+        limit=said.limit,
+        unit=said.unit.text,
+    )
 
 
 def _seconds(cycle: int, period_s: float) -> float:

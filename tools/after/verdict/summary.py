@@ -33,7 +33,13 @@ from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict import on_purpose
-from pcpc.tools.after.verdict.frames import frames_to, most_cut, stayed_away, too_many, unlike
+from pcpc.tools.after.verdict.frames import (
+    absence_lines,
+    frames_to,
+    most_clipped_signal,
+    too_many,
+    unlike,
+)
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
@@ -142,7 +148,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     health = _sum(each)
     ended = outcome.interrupted or outcome.faults
     early = "the run did not finish" if ended or outcome.short else ""
-    changed = [*dict.fromkeys((*branched(log), *outcome.changed, *_tuned(rig, log)))]
+    changed = [*dict.fromkeys((*branch_lines(log), *outcome.changed, *_live_tunings(rig, log)))]
     judge = judge or Judge.of(rig)
     found = judge.judge(log, changed, early)
     timing = _timing(executive, log, outcome)
@@ -162,9 +168,9 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         failed += [f"{judge.named(k)} was not judged: {why}" for k, why in found.not_judged.items()]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
-    frames_wrong = [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)]
-    dropped = _dropped(log, outcome)
-    absent += _of_another_run(executive, log, outcome)
+    frames_wrong = [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
+    dropped = _dropped_rows(log, outcome)
+    absent += _replacement_lines(executive, log, outcome)
     missing = [*log.missing, *absent, *outcome.missing]
     verdict = "expectation not met" if failed else "ok"
     if on_purpose.is_input_missing(log, each) or dropped or frames_wrong or missing:
@@ -191,10 +197,10 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         latest_cycles=outcome.latest,
         frames=health,
         frames_too_many=frames_wrong,
-        most_cut=most_cut(rig, log) if health["saturated_values"] else "",
+        most_cut=most_clipped_signal(rig, log) if health["saturated_values"] else "",
         frames_to=frames_to(rig, log, each),
         records={
-            "written": _written(log, outcome),
+            "written": _recorded_cycles(log, outcome),
             "dropped": dropped,
             **({"kept_back": True} if rig.config.record.keep is not None else {}),
         },
@@ -213,7 +219,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     )
 
 
-def branched(log: logs.Log) -> list[str]:
+def branch_lines(log: logs.Log) -> list[str]:
     """Return of which log a run is a branch, and where it begins; [] if it is none."""
     about = log.metadata.get(LEADER, {})
     if "branch_of" not in about:
@@ -227,7 +233,7 @@ def is_branch(summary: Summary) -> bool:
     return any(one.startswith("branch at cycle ") for one in summary.changed)
 
 
-def _tuned(rig: Rig, log: logs.Log) -> list[str]:
+def _live_tunings(rig: Rig, log: logs.Log) -> list[str]:
     """Return the live tunings of a run, NAME=VALUE; those of the rig's schedule are none."""
     planned = [(name, value) for entry in rig.config.schedule for name, value in entry.set.items()]
     last: dict[str, str] = {}
@@ -254,7 +260,7 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
 
 
-def _of_another_run(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
+def _replacement_lines(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
     """Return a line if the log was replaced: by one from before the command, or paced otherwise."""
     if executive is None or outcome.begin_ns is None:
         return []
@@ -271,10 +277,14 @@ def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
         if role not in found:
             wanted = [f"health.{name}" for _, name in HEALTH.values()]
             wanted += [name for name in node.columns if name.startswith(COUNT)]
-            found[role] = counters({
-                name: own[name][-1] for own in (node.timing, node.columns) for name in wanted
-                if name in own and len(own[name])
-            })  # fmt: skip
+            found[role] = counters(
+                {
+                    name: own[name][-1]
+                    for own in (node.timing, node.columns)
+                    for name in wanted
+                    if name in own and len(own[name])
+                }
+            )
     return found
 
 
@@ -337,18 +347,24 @@ def parts(log: logs.Log) -> Iterator[logs.Node]:
         node = part.node["executive"]
         columns = {k: node.timing[f"timing.{k}_us"][begin:end] for k in _STAGES}
         yield logs.Node(
-            node.cycle, node.stamp_ns, {}, {f"timing.{k}_us": v for k, v in columns.items()},
-            node.frames, [], [], {},
-        )  # fmt: skip
+            node.cycle,
+            node.stamp_ns,
+            {},
+            {f"timing.{k}_us": v for k, v in columns.items()},
+            node.frames,
+            [],
+            [],
+            {},
+        )
 
 
-def _dropped(log: logs.Log, outcome: Outcome) -> int:
+def _dropped_rows(log: logs.Log, outcome: Outcome) -> int:
     """Return the rows that found a ring full: as the recorder counted, if it came to its end."""
     counts = {k: int(v) for k, v in log.metadata.get("run", {}).items() if k.startswith("dropped.")}
     return max(sum(counts.values()), outcome.dropped)
 
 
-def _written(log: logs.Log, outcome: Outcome) -> int:
+def _recorded_cycles(log: logs.Log, outcome: Outcome) -> int:
     """Return the cycles in the log: as the recorder counted, if it came to its end."""
     run = log.metadata.get("run", {})
     counts = [int(n) for k, n in run.items() if re.fullmatch(r"written\..*\.record", k)]

@@ -34,7 +34,7 @@ def write_json(summary: Summary, path: Path) -> str:
     return text_of(plain(summary))
 
 
-def beside(log: Path) -> Summary | None:
+def summary_beside(log: Path) -> Summary | None:
     """Return the summary that lies beside a log and is of it; None for none."""
     try:
         path = log.with_name(NAME)
@@ -68,7 +68,7 @@ def plain(summary: Summary) -> dict[str, Any]:
 
 def text_of(summary: Mapping[str, Any] | list[Any]) -> str:
     """Return a summary or a part as JSON, which has no word for them: they become text."""
-    return json.dumps(_told(summary), indent=2)
+    return json.dumps(_json_value(summary), indent=2)
 
 
 def _seal(summary: Mapping[str, Any], files: Mapping[str, str]) -> str:
@@ -84,9 +84,9 @@ def _digest(path: Path) -> str:
     return ""
 
 
-def _told(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _told(child) for key, child in value.items()}
+        return {key: _json_value(child) for key, child in value.items()}
     if isinstance(value, list | tuple):
-        return [_told(child) for child in value]
+        return [_json_value(child) for child in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -13,7 +13,7 @@ from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.tools.after.log.recorded import LATEST, folders_below, log_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verify import table as tables
-from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified
+from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified_row
 from pcpc.tools.start.folder import LOG
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal import screen
@@ -38,7 +38,7 @@ def command(options: argparse.Namespace) -> int:
         for name in names:
             tables.relative(name, options.table)
     rows = _rows(names, options)
-    problems = tables.against(rows, known, options.check) if options.check else []
+    problems = tables.table_differences(rows, known, options.check) if options.check else []
     for line in () if options.json else _lines(rows, problems, note):
         print(line)
     if options.json:
@@ -60,8 +60,12 @@ def _check_words(options: argparse.Namespace) -> None:
     """Raise UserError for options that do not go together, before any work is done."""
     if not (options.logs or options.check):
         raise UserError("verify: which logs? name logs, or folders that hold some")
-    for name, needed in (("sign", "table"), ("signers", "check"), ("identity", "signers"),
-                         ("signers", "identity")):  # fmt: skip
+    for name, needed in (
+        ("sign", "table"),
+        ("signers", "check"),
+        ("identity", "signers"),
+        ("signers", "identity"),
+    ):
         if getattr(options, name) is not None and not getattr(options, needed):
             raise UserError(f"--{name}: needs --{needed} too")
     if options.table and options.check:
@@ -105,7 +109,7 @@ def _table(options: argparse.Namespace) -> tuple[dict[str, tables.Entry], str]:
 def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
     """Verify the logs, on several processors where there are several; in the order of `names`."""
     about = {key: getattr(options, key) for key in ("node", "trust", "law", "rig", "fmu")}
-    judge = partial(verified, options=argparse.Namespace(**about))
+    judge = partial(verified_row, options=argparse.Namespace(**about))
     jobs, progress = options.jobs or _processes(names), Progress(options.quiet)
     if min(jobs, len(names)) > 1:
         return each(judge, names, progress, jobs)
@@ -133,12 +137,12 @@ def _logs(word: str) -> list[Path]:
         if not path.exists():
             raise UserError(f"{word}: no such log or folder; name logs, or a folder of logs")
         return [path]
-    if not (found := list(_below(Path(word)))):
+    if not (found := list(_logs_below(Path(word)))):
         raise UserError(f"{word}: no log below this folder; logs are called *.mcap")
     return found
 
 
-def _below(top: Path) -> Iterator[Path]:
+def _logs_below(top: Path) -> Iterator[Path]:
     """Yield every *.mcap below a folder, and logs that runs have lost."""
     for folder, folders, files in folders_below(top):
         lost = [LOG] if summary_file.NAME in files and LOG not in (*files, *folders) else []
@@ -152,24 +156,26 @@ def _below(top: Path) -> Iterator[Path]:
 
 def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) -> Iterator[str]:
     """Yield what is printed."""
-    heads = [(row.verdict, f"{row.cycles} cycles", (row.digest or "-")[:16], printable(row.log))
-             for row in rows]  # fmt: skip
+    heads = [
+        (row.verdict, f"{row.cycles} cycles", (row.digest or "-")[:16], printable(row.log))
+        for row in rows
+    ]
     size = [max(map(len, column)) for column in zip(*heads, strict=True)]
     for row, (verdict, cycles, digest, log) in zip(rows, heads, strict=True):
-        yield from screen.wrapped(
+        yield from screen.wrapped_lines(
             log, f"{verdict:{size[0]}}  {cycles:>{size[1]}}  {digest:{size[2]}}  "
         )
         for line in _reasons(row):
-            yield from screen.wrapped(printable(line), "  ", "    ")
+            yield from screen.wrapped_lines(printable(line), "  ", "    ")
     for what, line in problems:
-        yield from screen.wrapped(printable(line), f"{what:10}  ")
+        yield from screen.wrapped_lines(printable(line), f"{what:10}  ")
     counts = Counter(row.verdict for row in rows)
     told = ", ".join(f"{counts[word]} {word}" for word in CODES if counts[word])
     yield f"{len(rows)} {'log' if len(rows) == 1 else 'logs'}: {told}"
     if problems:
         yield "not as in the table"
     if note:
-        yield from screen.wrapped(printable(note))
+        yield from screen.wrapped_lines(printable(note))
 
 
 def _reasons(row: Row) -> list[str]:
@@ -180,8 +186,10 @@ def _reasons(row: Row) -> list[str]:
     if row.first:
         one = row.first
         ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
-        found.append(f"{one['node']}: first {one['name']} in cycle {one['cycle']}{ulp}: "
-                     f"recorded {one['recorded']}, recomputed {one['recomputed']}")  # fmt: skip
+        found.append(
+            f"{one['node']}: first {one['name']} in cycle {one['cycle']}{ulp}: "
+            f"recorded {one['recorded']}, recomputed {one['recomputed']}"
+        )
     found += row.why
     if row.changed:
         found.append(f"changed since: {'; '.join(row.changed)}")
@@ -193,7 +201,15 @@ def _reasons(row: Row) -> list[str]:
 
 def _junit(rows: Sequence[Row], problems: Sequence[tuple[str, str]]) -> str:
     """Return JUnit: a testcase for each log, and for each line that is not as in the table."""
-    cases = [Case("", row.log, _FAILURES.get(row.verdict, "error"), row.verdict,
-                  "; ".join([*_reasons(row), f"digest {row.digest}"])) for row in rows]  # fmt: skip
+    cases = [
+        Case(
+            "",
+            row.log,
+            _FAILURES.get(row.verdict, "error"),
+            row.verdict,
+            "; ".join([*_reasons(row), f"digest {row.digest}"]),
+        )
+        for row in rows
+    ]
     table = [Case("", line, "failure", what, line) for what, line in problems]
     return junit_text({"logs": cases} | ({"table": table} if table else {})) + "\n"

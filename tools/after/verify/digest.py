@@ -44,7 +44,7 @@ def digest(path: Path) -> str:
     for channel, rows in logs.walk(path, found):
         about = TOPICS.get(found.topic(channel), ("", ""))
         if about in hashes:
-            hashes[about].update(_said(about[1], rows))
+            hashes[about].update(_hashed_bytes(about[1], rows))
             counts[about] += len(rows)
     lines = ["pcpc log digest 1"]
     for (node, kind), one in hashes.items():
@@ -53,18 +53,24 @@ def digest(path: Path) -> str:
             one.update(json.dumps([(each.name, each.unit) for each in columns]).encode())
         lines.append(f"{node} {kind} {counts[node, kind]} {one.hexdigest()}")
     for node in logs.NODES:
-        known = {key: one.metadata[key] for one in found.metadata if one.name == node
-                 for key in one.metadata if key in FACTS or key.startswith("version_")}  # fmt: skip
+        known = {
+            key: one.metadata[key]
+            for one in found.metadata
+            if one.name == node
+            for key in one.metadata
+            if key in FACTS or key.startswith("version_")
+        }
         lines += [f"{node} {key} {json.dumps(known[key])}" for key in sorted(known)]
     described = {f"{node}.json" for node in logs.NODES}
     lines += sorted(
         f"file {json.dumps(one.name)} {hashlib.sha256(one.data).hexdigest()}"
-        for one in found.attachments if one.name not in described
-    )  # fmt: skip
+        for one in found.attachments
+        if one.name not in described
+    )
     return hashlib.sha256("".join(f"{line}\n" for line in lines).encode()).hexdigest()
 
 
-def _said(kind: str, rows: NDArray[np.uint8]) -> bytes:
+def _hashed_bytes(kind: str, rows: NDArray[np.uint8]) -> bytes:
     """Return what is hashed of messages."""
     if kind == "state":
         parts = rows[:, _LENGTH], rows[:, _CYCLE], rows[:, MESSAGE_HEAD:]

@@ -24,7 +24,7 @@ from pcpc.executive.log.provenance import facts
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried_files
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.replay import comparisons, recomputed
+from pcpc.tools.after.replay import comparisons, recomputed_pieces
 from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.start.children import end_with
 
@@ -48,7 +48,7 @@ class Row:
     changed: list[str] = field(default_factory=list)
 
 
-def verified(log: str, options: argparse.Namespace) -> Row:
+def verified_row(log: str, options: argparse.Namespace) -> Row:
     """Return what a log is; `options`: node, and those of `arguments.code_of_laws`."""
     path, row = Path(log), Row(log)
     try:
@@ -56,9 +56,9 @@ def verified(log: str, options: argparse.Namespace) -> Row:
         head = logs.head(path)
         row.digest = digest(path)
         row.verdict = INCOMPLETE
-        row.versions, row.changed = versions(head), list(_changed(head, options))
+        row.versions, row.changed = versions(head), list(_changed_inputs(head, options))
         if log_rig.carried_by(head):  # its Python is not to meet that of another log
-            row = _apart(row, head, options)
+            row = _row_from_child(row, head, options)
         else:
             _recompute(row, head, options)
         if _state_of(path) != before:
@@ -88,14 +88,17 @@ def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
         wanted = [role for role in rig.nodes() if options.node in (role, "all")]
     columns: dict[str, set[str]] = {}
     untaken: dict[str, None] = {}
-    for piece in recomputed(head.path, nodes, whole=True):
+    for piece in recomputed_pieces(head.path, nodes, whole=True):
         for node in nodes:
             if node.role in piece.node and hasattr(node, "both"):
                 own, known = piece.node[node.role], node.replay.plan.table.index
                 columns.setdefault(node.role, set()).update(own.columns)
                 names = (str(one.get("name")) for one in own.tunings)
-                untaken |= {f"{node.role}: no parameter {n}, which was tuned": None
-                            for n in names if n not in known}  # fmt: skip
+                untaken |= {
+                    f"{node.role}: no parameter {n}, which was tuned": None
+                    for n in names
+                    if n not in known
+                }
     row.nodes = [node.verdict.role for node in nodes]
     row.cycles = min(node.verdict.cycles for node in nodes)
     there = {*row.nodes, *(["executive"] if "device" in row.nodes else [])}
@@ -103,8 +106,10 @@ def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
     why += [*untaken, *(line for node in nodes for line in node.verdict.missing)]
     for node in nodes:
         about = head.node[node.role].description if hasattr(node, "both") else {}
-        why += [f"{node.verdict.role}: {line}"
-                for line in _unjudged(node, about.get("external", ()), columns)]  # fmt: skip
+        why += [
+            f"{node.verdict.role}: {line}"
+            for line in _unjudged_causes(node, about.get("external", ()), columns)
+        ]
     row.why = list(dict.fromkeys(why))
     firsts = [(one, node.verdict) for node in nodes if (one := node.verdict.first())]
     if firsts:
@@ -114,7 +119,7 @@ def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
     row.verdict = DIFFERS if firsts else INCOMPLETE if row.why else IDENTICAL
 
 
-def _unjudged(node: Any, external: Any, columns: dict[str, set[str]]) -> Iterator[str]:
+def _unjudged_causes(node: Any, external: Any, columns: dict[str, set[str]]) -> Iterator[str]:
     """Yield why a node's record is not judged as a whole."""
     verdict = node.verdict
     yield from verdict.from_record
@@ -133,8 +138,9 @@ def _unjudged(node: Any, external: Any, columns: dict[str, set[str]]) -> Iterato
             ("recomputed, but not recorded", {*node.replay.names} - both),
         ):
             if names:
-                yield f"{text}: {min(names)}" + (f" and {len(names) - 1} more"
-                                                 if len(names) > 1 else "")  # fmt: skip
+                yield f"{text}: {min(names)}" + (
+                    f" and {len(names) - 1} more" if len(names) > 1 else ""
+                )
 
 
 # What has changed
@@ -148,7 +154,7 @@ def versions(head: logs.Log) -> dict[str, str]:
     return {names[key]: known[key] for key in names}
 
 
-def _changed(head: logs.Log, options: argparse.Namespace) -> Iterator[str]:
+def _changed_inputs(head: logs.Log, options: argparse.Namespace) -> Iterator[str]:
     now = facts()
     for name, old in versions(head).items():
         new = now.get(f"version_{name}", now.get(name, "none"))
@@ -164,7 +170,7 @@ def _changed(head: logs.Log, options: argparse.Namespace) -> Iterator[str]:
 # A process of its own
 
 
-def _apart(row: Row, head: logs.Log, options: argparse.Namespace) -> Row:
+def _row_from_child(row: Row, head: logs.Log, options: argparse.Namespace) -> Row:
     """Recompute a log in a child, which leaves nothing behind; UserError."""
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)

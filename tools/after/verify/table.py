@@ -101,7 +101,9 @@ def _path(text: str) -> str:
     return "" if wrong or path.encode("unicode_escape").decode() != text else path
 
 
-def against(rows: Sequence[Row], known: Mapping[str, Entry], table: Path) -> list[tuple[str, str]]:
+def table_differences(
+    rows: Sequence[Row], known: Mapping[str, Entry], table: Path
+) -> list[tuple[str, str]]:
     """Return how logs are not as in a table: what it is (missing, ...), and the line."""
     found: list[tuple[str, str]] = []
     here = {path_below(row.log, table): row for row in rows}

@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
         print(f"not measured: {of}: {reason}", file=sys.stderr)
     names = [name for name in names if name not in missing]
     if len(names) == 1:
-        found, code = _here(names[0], options)
+        found, code = _measured_suite(names[0], options)
     else:
         found, code = _in_processes(names, options)
     if options.json:
@@ -63,7 +63,7 @@ def _missing(name: str) -> str:
     return ""
 
 
-def _here(name: str, options: argparse.Namespace) -> tuple[list[Any], int]:
+def _measured_suite(name: str, options: argparse.Namespace) -> tuple[list[Any], int]:
     """Measure one suite; return its ratios as JSON has them, and the exit code."""
     progress = Progress(options.quiet)
     with native(name == "batch"):  # as `pcpc sweep`
@@ -81,7 +81,7 @@ def _here(name: str, options: argparse.Namespace) -> tuple[list[Any], int]:
 
 
 def _in_processes(names: list[str], options: argparse.Namespace) -> tuple[list[Any], int]:
-    """Measure suites one after the other, each in a process of its own; as `_here`."""
+    """Measure suites one after the other, each in a process of its own; as `_measured_suite`."""
     found, code = [], 0
     with tempfile.TemporaryDirectory(prefix="pcpc-bench-") as folder:
         for name in names:

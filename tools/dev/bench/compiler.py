@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compiled.compile_cache import made
+from pcpc.drivers.compiled.compile_cache import writable_folder
 from pcpc.drivers.compiled.numbered import NumberedKind
 from pcpc.executive.laws.block import Block
 from pcpc.tools.machine.jitter.compiler import compile_to, find
@@ -95,7 +95,7 @@ def library(
     parts = [*(source.read_bytes() for source in sources), " ".join(flags).encode(), version]
     parts += [text.encode() for text in texts.values()]
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-    folder = made(f"bench-{digest}")
+    folder = writable_folder(f"bench-{digest}")
     path = folder / f"{sources[0].stem}.so"
     if not path.exists():
         for name, text in texts.items():

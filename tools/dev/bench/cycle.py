@@ -274,7 +274,7 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     bus = buses.bus_named(*buses.parse(BUS))
     buses.open_bus(bus, made.receive_ids, n.wire)
     buses.open_bus(bus, [], peer[0])
-    buses.know_own(n.wire)
+    buses.set_own_address(n.wire)
     os.close(int(peer[0].fd_rx))  # it only sends
     n.clock.kind, n.clock.trigger = Time.LOCKSTEP, Trigger.CLOCKED
     n.clock.late_ns = n.clock.period_ns  # half a period is on time: no sleep of 50 us until now

@@ -88,8 +88,11 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
         names.append(VCAN)
     else:
         progress.close()
-        print(f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
-              "pcpc vm -- pcpc bench frame", file=sys.stderr)  # fmt: skip
+        print(
+            f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
+            "pcpc vm -- pcpc bench frame",
+            file=sys.stderr,
+        )
     for name in names:
         bus = buses.bus_named(*buses.parse(name))
         found += measure_on(progress, rounds, bus, c)

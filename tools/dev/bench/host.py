@@ -100,10 +100,13 @@ def _hosts(live: Live) -> Iterator[None]:
     def start(*words: str) -> "subprocess.Popen[str]":
         started.append(
             subprocess.Popen(
-                [sys.executable, "-m", *words], stdout=subprocess.PIPE, text=True,
-                stderr=subprocess.DEVNULL, env=os.environ | {"XDG_STATE_HOME": folder},
+                [sys.executable, "-m", *words],
+                stdout=subprocess.PIPE,
+                text=True,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | {"XDG_STATE_HOME": folder},
             )
-        )  # fmt: skip
+        )
         return started[-1]
 
     with tempfile.TemporaryDirectory(prefix="pcpc-host-") as folder:

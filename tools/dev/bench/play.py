@@ -26,7 +26,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import Frames
-from pcpc.tools.cli import parsed
+from pcpc.tools.cli import parsed_options
 from pcpc.tools.machine.jitter.compiler import compile_to
 from pcpc.tools.terminal.ending import exit_code
 from pcpc.tools.terminal.progress import Progress
@@ -57,7 +57,7 @@ def run_c(program: Path, text: Path, bus: buses.Bus) -> dict[str, Any]:
     place = bus.channel
     if bus.interface == "udp_multicast":
         place = "{}:{}".format(*buses.udp_address(bus.channel))
-    words = [str(program), str(text), place, str(parsed(["play", str(text)]).priority)]
+    words = [str(program), str(text), place, str(parsed_options(["play", str(text)]).priority)]
     return dict(json.loads(subprocess.run(words, capture_output=True, text=True).stdout))
 
 
@@ -68,9 +68,9 @@ def run_python(log: Path, bus: buses.Bus, words: Sequence[str] = ()) -> dict[str
     return dict(json.loads(subprocess.run(line, capture_output=True, text=True).stdout))
 
 
-def scheduled(log: Path, words: Sequence[str]) -> Frames:
+def scheduled_frames(log: Path, words: Sequence[str]) -> Frames:
     """Return the frames that `pcpc play LOG WORDS` sends, at the times at which it does."""
-    options = parsed(["play", str(log), *words])
+    options = parsed_options(["play", str(log), *words])
     frames = play_frames.choose(play_frames.bus_frames(logs.read(log)), options, str(log))
     since = frames.stamp_ns - frames.stamp_ns[0]
     return replace(frames, stamp_ns=np.rint(since / options.rate).astype(np.int64))
@@ -86,7 +86,7 @@ def compare(
     out: dict[str, list[Any]] = {"C": [], "Python": []}
     with tempfile.TemporaryDirectory() as folder:
         program, text = build(Path(folder)), Path(folder) / "log"
-        text.write_text(candump_text(scheduled(log, words)))
+        text.write_text(candump_text(scheduled_frames(log, words)))
         for number in range(rounds):
             progress.show(f"round {number + 1} of {rounds}")
             out["C"].append(run_c(program, text, bus))

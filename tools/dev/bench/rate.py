@@ -53,7 +53,7 @@ MODULES = {"Python": process.MODULE, "C": "pcpc.tools.dev.bench.rate"}
 
 
 @dataclass(frozen=True)
-class Held:
+class RateResult:
     """What one run at a rate showed; p99.9 of lateness and work in us; `fault` 0 or its number."""
 
     rate_hz: int
@@ -75,9 +75,11 @@ class Held:
 
 
 def measure(
-    progress: Progress, rounds: int = 15, rates: Sequence[int] = RATES_HZ,
+    progress: Progress,
+    rounds: int = 15,
+    rates: Sequence[int] = RATES_HZ,
     seconds: float | None = None,
-) -> list[Ratio]:  # fmt: skip
+) -> list[Ratio]:
     """Return the highest held rates, Hz, 0 for none; CompilerError, BenchError."""
     library()
     if seconds is None:
@@ -102,7 +104,7 @@ def measure(
     return [Ratio.from_rounds(SUITE, "highest rate", "C -O2, two processes", [own], [base], "Hz")]
 
 
-def run(side: str, rate_hz: int, seconds: float) -> Held:
+def run(side: str, rate_hz: int, seconds: float) -> RateResult:
     """Run both nodes at a rate and return what came of it; BenchError if they did not start."""
     settings = [f"rate_hz={rate_hz}", f"duration_s={seconds + SETTLE_S}", "bus.bitrate=null"]
     if 16000 % rate_hz:
@@ -114,7 +116,7 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
     children = {}
     for role in ("plant", "executive"):
         children[role] = Child.started(role, MODULES[side], [role, *words])
-    blocks: dict[str, sh.Shared] = {}
+    blocks: dict[str, sh.NodeMemory] = {}
     names = {role: sh.block_name(rig.config.rig, bus, role) for role in children}
     try:
         rows = _watch(children, blocks, names)
@@ -130,7 +132,7 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
 
 
 def _watch(
-    children: dict[str, Child], blocks: dict[str, sh.Shared], names: dict[str, str]
+    children: dict[str, Child], blocks: dict[str, sh.NodeMemory], names: dict[str, str]
 ) -> list[Any]:
     """Empty the rings until a node ends; return the executive's records."""
     rows: list[Any] = []
@@ -149,11 +151,13 @@ def _watch(
     return rows
 
 
-def _is_over(child: Child, block: sh.Shared | None) -> bool:
+def _is_over(child: Child, block: sh.NodeMemory | None) -> bool:
     return child.ended or (block is not None and bool(block.control.done))
 
 
-def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[str, str]) -> None:
+def _attach(
+    role: str, child: Child, blocks: dict[str, sh.NodeMemory], names: dict[str, str]
+) -> None:
     try:
         block = sharing.attach(names[role], sharing.HOST)
     except sh.SharedError:
@@ -162,7 +166,7 @@ def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[s
         blocks[role] = block
 
 
-def _take(block: sh.Shared, rows: list[Any] | None) -> None:
+def _take(block: sh.NodeMemory, rows: list[Any] | None) -> None:
     ring = block["record_values"]
     put, taken = int(block.ends("record").head), int(block["record_taken"][0])
     if rows is not None and put > taken:
@@ -172,7 +176,7 @@ def _take(block: sh.Shared, rows: list[Any] | None) -> None:
         block[f"{name}_taken"][0] = block.ends(name).head
 
 
-def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:
+def _judge(blocks: dict[str, sh.NodeMemory], records: Any, rate_hz: int) -> RateResult:
     names = blocks["executive"].description["timing_columns"]
     columns = dict(zip(names, records[:, records.shape[1] - len(names) :].T, strict=True))
     settled = round(SETTLE_S * rate_hz)
@@ -182,9 +186,11 @@ def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:
     lost = sum(int(block.control.lost) for block in blocks.values())
     fault = int(blocks["executive"].control.fault)
     if len(busy) <= settled:  # it ended before that
-        return Held(rate_hz, float(busy.max()), lost, int(skipped[-1]), fault or Fault.PEER_SILENT)
+        return RateResult(
+            rate_hz, float(busy.max()), lost, int(skipped[-1]), fault or Fault.PEER_SILENT
+        )
     p999 = float(np.percentile(busy[settled:], 99.9))
-    return Held(rate_hz, p999, lost, int(skipped[-1] - skipped[settled]), fault)
+    return RateResult(rate_hz, p999, lost, int(skipped[-1] - skipped[settled]), fault)
 
 
 def run_in_c(n: Any, steps: Sequence[Any]) -> int:

@@ -42,7 +42,7 @@ PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=10000
 STAGES = ("timing.receive_us", "timing.step_us", "timing.send_us")
 
 
-class Unrecorded(Host):
+class UnrecordedHost(Host):
     """A run without recorder; its blocks stay mapped after the end."""
 
     def _start_recorder(self) -> None:
@@ -53,12 +53,12 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return "throughput", "lateness p99" and "work p99"; one pair of runs to six rounds."""
     found = [throughput(progress, rounds)]
     pairs = max(1, rounds // 6)
-    latest: dict[type[Host], list[tuple[float, float]]] = {Host: [], Unrecorded: []}
+    latest: dict[type[Host], list[tuple[float, float]]] = {Host: [], UnrecordedHost: []}
     for i in range(pairs):
         for kind, results in latest.items():
             progress.show(f"recorder: pair of runs {i + 1} of {pairs}")
             results.append(one_run(kind))
-    own, base = np.array(latest[Host]), np.array(latest[Unrecorded])
+    own, base = np.array(latest[Host]), np.array(latest[UnrecordedHost])
     for column, what in enumerate(("lateness p99", "work p99")):
         against = "the run without recorder"
         found.append(Ratio.from_rounds(SUITE, what, against, own[:, column], base[:, column], "us"))
@@ -69,9 +69,16 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     """Return p99 of wake-up lateness and of work of one run, us; BenchError if it failed."""
     settings = [f"duration_s={seconds}", *PATIENT]
     options = argparse.Namespace(
-        rig=RIG, bus=BUS, pacing="real", controller=None, set=settings, quiet=True,
-        no_figure=True, judge=False, begin_ns=time.monotonic_ns(),
-    )  # fmt: skip
+        rig=RIG,
+        bus=BUS,
+        pacing="real",
+        controller=None,
+        set=settings,
+        quiet=True,
+        no_figure=True,
+        judge=False,
+        begin_ns=time.monotonic_ns(),
+    )
     rig = load_rig(RIG, settings=settings, resolve=False)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with tempfile.TemporaryDirectory() as folder:
@@ -91,7 +98,7 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     return float(np.percentile(times[0], 99)), float(np.percentile(times[1], 99))
 
 
-def timing(block: sh.Shared) -> NDArray[np.float64]:
+def timing(block: sh.NodeMemory) -> NDArray[np.float64]:
     """Return lateness and work of each cycle that its record ring holds, (2, cycles), us."""
     put, rows = int(block.ends("record").head), block["record_values"]
     newest = rows[np.arange(max(0, put - len(rows)), put) % len(rows)]

@@ -143,14 +143,19 @@ def by_scipy(s: Segment, method: str, tolerance: float) -> NDArray[np.float64]:
 
     ends = s.dt * np.arange(1, s.periods + 1)
     solved = solve_ivp(
-        derivative, (0.0, ends[-1]), States(s.x).motion.values().copy(), method, ends,
-        rtol=tolerance, atol=1e-3 * tolerance,
-    )  # fmt: skip
+        derivative,
+        (0.0, ends[-1]),
+        States(s.x).motion.values().copy(),
+        method,
+        ends,
+        rtol=tolerance,
+        atol=1e-3 * tolerance,
+    )
     slope, motions = Parameters(s.p).slope, [Motion(column) for column in solved.y.T]
     return np.array([motion.theta_rad + slope @ motion.q for motion in motions])
 
 
-def matched(s: Segment) -> list[tuple[str, float]]:
+def matched_methods(s: Segment) -> list[tuple[str, float]]:
     """Return each method with the loosest tolerance that is as accurate as the plant's steps."""
     exact = by_scipy(s, "DOP853", REFERENCE)
     allowed = float(np.abs(own_muzzle(s) - exact).max())
@@ -182,7 +187,7 @@ def rival_times(s: Segment) -> dict[str, Measurement]:
         f"{method} at {tolerance:.0e}, plant only": processor_time(
             partial(by_scipy, s, method, tolerance), SEGMENT_S * 1e6
         )
-        for method, tolerance in matched(s)
+        for method, tolerance in matched_methods(s)
     }
 
 

@@ -25,7 +25,7 @@ from pcpc.executive.rig.messages import database_of
 from pcpc.executive.rig.reading import load_rig
 
 
-class Seen(NamedTuple):
+class NodeAftermath(NamedTuple):
     """A node's run, as its memory has it."""
 
     cycle: NDArray[np.int64]
@@ -37,7 +37,7 @@ class Seen(NamedTuple):
     period_ms: float
 
 
-def node_run(node: Live, rig: str, role: Any) -> Seen:
+def node_run(node: Live, rig: str, role: Any) -> NodeAftermath:
     """Return what the memory of a node says of its run, also after its death."""
     block, made = node.block, plan(load_rig(rig), role, "real")
     safe = {f"rx.{name}": value for name, value in made.spec.safe.items()}
@@ -52,17 +52,21 @@ def node_run(node: Live, rig: str, role: Any) -> Seen:
     exposed = _longest(away & np.isin(state, (State.HOLD, State.FAULT, State.STOP)))
     last = dict(node.read()) if node.ended else {n: values[-1, at] for n, at in column.items()}
     held = {name: last[name] for name in safe}
-    told = held | _received(block, made)
+    told = held | _received_values(block, made)
     fault = block.description["fault_names"][int(block.control.fault)]
     asked = role == "plant" and bool(block.control.stop)
-    return Seen(
-        rows[:, OfRecord.CYCLE], STATE_NAMES[int(last["supervisor.state"])], fault, exposed,
+    return NodeAftermath(
+        rows[:, OfRecord.CYCLE],
+        STATE_NAMES[int(last["supervisor.state"])],
+        fault,
+        exposed,
         asked or safe in (held, told),
-        _limit(made), 1e-6 * node.period_ns,
-    )  # fmt: skip
+        _limit(made),
+        1e-6 * node.period_ns,
+    )
 
 
-def _received(block: sh.Shared, made: Plan) -> dict[str, float]:
+def _received_values(block: sh.NodeMemory, made: Plan) -> dict[str, float]:
     """Return the last valid values that came over the bus for what has a safe value here."""
     put, rows = int(block.ends("frame").head), block["frame"]
     newest = np.arange(max(0, put - len(rows)), put) % len(rows)
@@ -94,7 +98,9 @@ def _longest(there: NDArray[np.bool_]) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def log_losses(path: Path, seen: Mapping[str, Seen], until: Mapping[str, int]) -> dict[str, Any]:
+def log_losses(
+    path: Path, seen: Mapping[str, NodeAftermath], until: Mapping[str, int]
+) -> dict[str, Any]:
     """Return what a log lacks at its end, up to the cycles `until`, and before its end."""
     try:
         found = logs.read(path)
@@ -111,10 +117,13 @@ def log_losses(path: Path, seen: Mapping[str, Seen], until: Mapping[str, int]) -
     return {"opens": True, "why": "", "missing_ms": missing_ms, "holes": holes}
 
 
-def left_behind(bus: str) -> list[str]:
+def leftovers(bus: str) -> list[str]:
     """Return what is left of the nodes on a bus: claims, and files in /dev/shm."""
     mine = sh.block_name("", bus, "")
     files = [path.name for path in Path("/dev/shm").iterdir() if "pcpc" in path.name]
-    claims = [*claim.held("lock/"), *claim.held("node/")]
-    of_frames = [*claim.held(f"frame/{bus}/"), *claim.held(f"seat/{os.getuid()}/{bus}/")]
+    claims = [*claim.held_names("lock/"), *claim.held_names("node/")]
+    of_frames = [
+        *claim.held_names(f"frame/{bus}/"),
+        *claim.held_names(f"seat/{os.getuid()}/{bus}/"),
+    ]
     return [name for name in (*files, *claims) if mine in name] + of_frames

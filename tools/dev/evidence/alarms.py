@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcpc.drivers.compiled.lanes import WIDTH
-from pcpc.executive.batch.runs import Case, Done, Runs
+from pcpc.executive.batch.runs import Case, RunResult, Runs
 from pcpc.tools.start import rigs
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
@@ -63,10 +63,10 @@ def case(rig: int, seed: int) -> Case:
 def group(task: Task) -> dict[str, int]:
     """Return the alarms of WIDTH runs of a rig, with the seeds from the first on."""
     rig, first = task
-    return counted(_runs(rig).done([case(rig, first + i) for i in range(WIDTH)]))
+    return alarm_counts(_runs(rig).done([case(rig, first + i) for i in range(WIDTH)]))
 
 
-def counted(runs: Sequence[Done]) -> dict[str, int]:
+def alarm_counts(runs: Sequence[RunResult]) -> dict[str, int]:
     """Return the alarms of runs, by kind."""
     total = dict.fromkeys((*COUNTERS, "ended early"), 0)
     for done in runs:

@@ -34,7 +34,7 @@ NOTICED_BY = {  # what is told of a received value, and of a frame
 _RINGS = {*sh.RINGS, "histogram", "snapshot"}  # what is not written back
 
 
-class Seen(NamedTuple):
+class FaultOutcome(NamedTuple):
     """What came of one run; cycles count from the first one in which the fault acted."""
 
     noticed: int | None
@@ -74,7 +74,7 @@ class Bench:
         self.advance(cycles)
         return self.column(1, "barrel.theta_rad")
 
-    def run_once(self, faults: Sequence[str], cycles: int, seed: int) -> Seen:
+    def run_once(self, faults: Sequence[str], cycles: int, seed: int) -> FaultOutcome:
         """Run once: all `faults` act from the same drawn cycle on, for `cycles`."""
         self.restore()
         begin = int(np.random.default_rng(seed).integers(2, SPREAD))
@@ -134,7 +134,7 @@ class Bench:
         block = self.run.blocks[node]
         return np.asarray(block["record"][: int(block.ends("record").head)])
 
-    def _seen(self, begin: int) -> Seen:
+    def _seen(self, begin: int) -> FaultOutcome:
         first: list[tuple[int, int, str]] = []  # cycle, rank, who
         answer, fault = "none", ""
         for node, block in enumerate(self.run.blocks):
@@ -161,19 +161,19 @@ class Bench:
                 cycles = told[told[:, OfEvent.CODE] == event, OfEvent.CYCLE]
                 if len(cycles):
                     first.append((int(cycles[0]), 3, who))
-            refused = self._refused(block)
+            refused = self._refused_cycles(block)
             if len(refused):
                 first.append((int(refused[0]), 0, "counter or CRC"))
         own = self.rows(1)[:, OfRecord.CYCLE] >= begin
         error = self.column(1, "barrel.theta_rad")[own]
         worst = float(np.abs(error).max()) if len(error) else 0.0
         if not first:
-            return Seen(None, "", answer, fault, worst)
+            return FaultOutcome(None, "", answer, fault, worst)
         soonest, _, who = min(first)
-        return Seen(max(soonest - begin, 0), who, answer, fault, worst)
+        return FaultOutcome(max(soonest - begin, 0), who, answer, fault, worst)
 
     @staticmethod
-    def _refused(block: Any) -> NDArray[np.int64]:
+    def _refused_cycles(block: Any) -> NDArray[np.int64]:
         """Return the cycles in which a frame that a fault put on the way was not plainly used."""
         put = int(block.ends("frame").head)
         frames = np.ascontiguousarray(block["frame"][:put, 1:]).view(FRAME)[:, 0]

@@ -48,9 +48,12 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _carried_out(
-    folder: Path, parts: Mapping[str, Callable[[], Any]], evidence: dict[str, Any],
-    wanted: Sequence[str], progress: Progress,
-) -> int:  # fmt: skip
+    folder: Path,
+    parts: Mapping[str, Callable[[], Any]],
+    evidence: dict[str, Any],
+    wanted: Sequence[str],
+    progress: Progress,
+) -> int:
     for number, name in enumerate(wanted, 1):
         progress.say(f"{name}, part {number} of {len(wanted)}")
         evidence[name] = parts[name]()
@@ -83,32 +86,46 @@ def failures(evidence: Mapping[str, Any]) -> list[str]:
     lines = [
         f"{row['fault']}: {row['within_limit']} of {row['runs']} within {row['limit_cycles']} "
         f"cycles, {row['wanted']} wanted; {row['answers']}"
-        for row in evidence.get("matrix", {}).get("rows", ()) if not row["kept"]
-    ]  # fmt: skip
+        for row in evidence.get("matrix", {}).get("rows", ())
+        if not row["kept"]
+    ]
     if found := evidence.get("residual"):
-        lines += [f"CRC-8: {line}" for line in _not_kept(found)]
-        lines += [f"CRC-16: {line}" for line in _not_kept(found["crc_16"])]
-    lines += [f"{row['format']}, {row['kind']}: {row['fates']}, {row['misjudged']} misjudged"
-              for row in evidence.get("frames", ()) if not row["kept"]]  # fmt: skip
+        lines += [f"CRC-8: {line}" for line in _unpredicted_passes(found)]
+        lines += [f"CRC-16: {line}" for line in _unpredicted_passes(found["crc_16"])]
+    lines += [
+        f"{row['format']}, {row['kind']}: {row['fates']}, {row['misjudged']} misjudged"
+        for row in evidence.get("frames", ())
+        if not row["kept"]
+    ]
     if not (held := evidence.get("envelope", {"kept": True}))["kept"]:
         lines.append(f"beyond the envelope: {held['broken']}; met {held['met']}")
     if "alarms" in evidence and not evidence["alarms"]["kept"]:
-        lines += [f"false alarms of {row['rig']}: {row['alarms']}"
-                  for row in evidence["alarms"]["rigs"] if any(row["alarms"].values())]  # fmt: skip
-    lines += [f"{one}: the code itself is not as expected, so that its mutants tell nothing"
-              for one in evidence.get("mutants", {}).get("broken", ())]  # fmt: skip
-    lines += [f"executive/loop/{one}.py: no mutants, and no reason why"
-              for one in evidence.get("mutants", {}).get("without", ())]  # fmt: skip
+        lines += [
+            f"false alarms of {row['rig']}: {row['alarms']}"
+            for row in evidence["alarms"]["rigs"]
+            if any(row["alarms"].values())
+        ]
+    lines += [
+        f"{one}: the code itself is not as expected, so that its mutants tell nothing"
+        for one in evidence.get("mutants", {}).get("broken", ())
+    ]
+    lines += [
+        f"executive/loop/{one}.py: no mutants, and no reason why"
+        for one in evidence.get("mutants", {}).get("without", ())
+    ]
     lines += [f"nobody notices {one}" for one in evidence.get("mutants", {}).get("left", ())]
     lines += [
         f"a reason of no mutant: {one}" for one in evidence.get("mutants", {}).get("idle", ())
     ]
-    lines += [f"{row['process']} {row['signal']} in cycle {row['cycle']}: {row['wrong']}"
-              for row in evidence.get("kills", ()) if not row["ok"]]  # fmt: skip
+    lines += [
+        f"{row['process']} {row['signal']} in cycle {row['cycle']}: {row['wrong']}"
+        for row in evidence.get("kills", ())
+        if not row["ok"]
+    ]
     return lines
 
 
-def _not_kept(found: Mapping[str, Any]) -> Iterator[str]:
+def _unpredicted_passes(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield what a CRC lets pass otherwise than predicted."""
     for row in found["weights"]:
         if not row["kept"]:

@@ -76,8 +76,13 @@ def soak(add: Add) -> None:
     """Take a rig and for how long."""
     add("rig", metavar="RIG", help="a rig's name (pcpc rigs) or file")
     add("--hours", type=hours, default=1.0, metavar="H", help="default: %(default)s")
-    add("--each", type=take.duration, default=600.0, metavar="DURATION",
-        help="duration of a run on a clock; default: 10min")  # fmt: skip
+    add(
+        "--each",
+        type=take.duration,
+        default=600.0,
+        metavar="DURATION",
+        help="duration of a run on a clock; default: 10min",
+    )
     add(
         "--seed",
         type=take.seed,

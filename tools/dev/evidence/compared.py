@@ -109,8 +109,8 @@ def supervisor(driver: Any, draw: np.random.Generator, count: int) -> Compare:
         has, commands = _settings(draw, number), _commands(draw)
         _install(episodes.new_loop(), has, commands)
         whole, values = _events(draw, number, has)
-        model = expected.Supervised(has, commands, 2, 1)
-        episodes.add((whole, values), (_expected(model, whole, values),))
+        model = expected.SupervisorModel(has, commands, 2, 1)
+        episodes.add((whole, values), (_expected_values(model, whole, values),))
     return episodes.differ
 
 
@@ -190,8 +190,8 @@ def _events(
     return whole, np.column_stack((values, said))
 
 
-def _expected(
-    model: expected.Supervised, whole: NDArray[np.int64], values: NDArray[np.float64]
+def _expected_values(
+    model: expected.SupervisorModel, whole: NDArray[np.int64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     rows, aged = [], 0
     cycles = zip(whole.tolist(), values.tolist(), strict=True)
@@ -216,12 +216,12 @@ def _expected(
 # --------------------------------------------------------------------------- end-to-end protection
 
 ROWS = (
-    expected.Protected(0x123, 8, 1, byte=6, shift=4, mask=15),
-    expected.Protected(0x080, 2, 1, byte=0, shift=0, mask=255),
-    expected.Protected(0x2A1, 3, 1),
-    expected.Protected(0x345, 8, 5, byte=5, shift=2, mask=15),
-    expected.Protected(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
-    expected.Protected(0x457, 7, 1, byte=6, mask=255, wide=True, data_id=0x0457),
+    expected.Protection(0x123, 8, 1, byte=6, shift=4, mask=15),
+    expected.Protection(0x080, 2, 1, byte=0, shift=0, mask=255),
+    expected.Protection(0x2A1, 3, 1),
+    expected.Protection(0x345, 8, 5, byte=5, shift=2, mask=15),
+    expected.Protection(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
+    expected.Protection(0x457, 7, 1, byte=6, mask=255, wide=True, data_id=0x0457),
 )
 
 
@@ -346,7 +346,7 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
             given[0] = float(draw.integers(4))
         for signal, value in zip(frame.signals, given, strict=True):
             values[s, places[f"{frame.name}.{signal.name}"]] = value
-        content, counts[s] = expected.packed(frame, given)
+        content, counts[s] = expected.packed_data(frame, given)
         wanted[s, : len(content)] = np.frombuffer(content, np.uint8)
     tables = table.frames, table.signals, values
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.plausibility import EVENT_CYCLES, Why
+from pcpc.executive.loop.plausibility import EVENT_CYCLES, Implausibility
 from pcpc.tools.dev.evidence.episodes import Episodes
 
 EPISODES, STEPS = 60, 150
@@ -68,13 +68,13 @@ class Signal:
         if x != self.came:
             self.came, self.came_at = x, k
         if not math.isfinite(x) or abs(x) >= 1e300:
-            return Why.NO_NUMBER
+            return Implausibility.NO_NUMBER
         if not self.low <= x <= self.high:
-            return Why.OUTSIDE
+            return Implausibility.OUTSIDE
         most = self.rate * max(k - self.taken_at, 1)
         if self.taken_at != -1 and abs(x - self.taken) > most:
-            return Why.TOO_FAST
-        return Why.STILL if k - self.came_at > self.still else Why.GOOD
+            return Implausibility.TOO_FAST
+        return Implausibility.STILL if k - self.came_at > self.still else Implausibility.GOOD
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Receiver:
         for i in own:
             signal, x = self.signals[i], values[i]
             why = signal.judge(x, k)
-            if why == Why.GOOD:
+            if why == Implausibility.GOOD:
                 signal.taken, signal.taken_at, signal.in_a_row = x, k, 0
             else:
                 self.refuse(i, x, k, why)
@@ -119,7 +119,7 @@ class Receiver:
             self.odd = PLACES[i] + 1, k, _bits(x)
 
 
-def _drawn(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the steps of an episode: cycle, row, whether and which fault stands; the values."""
     about = np.zeros((STEPS, 4), np.int64)
     steps = draw.choice([0, 1, 2, 3, 99], STEPS, p=[0.1, 0.6, 0.2, 0.09, 0.01])
@@ -161,7 +161,7 @@ def receiver(driver: Any, draw: np.random.Generator, count: int) -> Any:
     for number in range(count):
         signals = _signals(number, draw)
         install(episodes.new_loop().plausible, signals)
-        about, values = _drawn(draw)
+        about, values = _drawn_steps(draw)
         model = Receiver(signals)
         steps = zip(about.tolist(), values.tolist(), strict=True)
         told, kept = zip(*(model.step(*step) for step in steps), strict=True)

@@ -41,7 +41,7 @@ from pcpc.tools.dev.evidence.expected_reception import (
     WIDE,
     Node,
     Settings,
-)  # fmt: skip
+)
 
 STEPS = 150
 STUBS = """
@@ -136,7 +136,7 @@ class _Traffic:
         return _frame(has.can_id, length, bytes(content))
 
 
-def _drawn(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return steps and their frames."""
     about, frames = np.zeros((STEPS, 12), np.int64), np.zeros((STEPS, 2, 16), np.uint8)
     traffic = _Traffic(draw)
@@ -224,7 +224,7 @@ def reception(driver: Any, draw: np.random.Generator, count: int) -> Any:
         turn = 1 if number % 5 == 4 else 8
         has = Settings(number % 3, number % 2, number // 2 % 2, int(number % 7 > 0), turn, signals)
         _install(episodes.new_loop(), has)
-        (about, frames), model = _drawn(draw), Node(has)
+        (about, frames), model = _drawn_steps(draw), Node(has)
         steps = zip(about.tolist(), frames, strict=True)
         fed = [model.feed(one, *(its.tobytes() for its in both)) for one, both in steps]
         told, kept = (np.array(one) for one in zip(*fed, strict=True))

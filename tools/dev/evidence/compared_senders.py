@@ -139,7 +139,7 @@ class Senders:
             self.fault = Fault.OVERRUN
 
 
-def _drawn(draw: np.random.Generator) -> NDArray[np.int64]:
+def _drawn_steps(draw: np.random.Generator) -> NDArray[np.int64]:
     """Return the steps of an episode: the pass, source, periods late, row, id, fault, age."""
     about = np.zeros((STEPS, 9), np.int64)
     steps = draw.choice([0, 0, 1, 1, 1, 2, 9, 10, 11, 99, 100], STEPS, p=[0.2, 0.2, *[0.12] * 4,
@@ -177,7 +177,7 @@ def senders(driver: Any, draw: np.random.Generator, count: int) -> Any:
     for number in range(count):
         has = number % 3, int(draw.integers(1, 4)), int(draw.integers(0, 9)), number % 4 - 2
         _install(episodes.new_loop(), *has)
-        about, model = _drawn(draw), Senders(*has)
+        about, model = _drawn_steps(draw), Senders(*has)
         expected = [model.step(row) for row in about.tolist()]
         episodes.add((about,), (np.array(expected, np.int64),))
     return episodes.differ

@@ -64,7 +64,7 @@ def _bits(x: float) -> int:
     return int(np.float64(math.nan if x != x else x).view(np.int64))
 
 
-class Tuned:
+class TuningModel:
     """What a node makes of tunings."""
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class Tuned:
         self.events, self.event = self.events + 1, (code, place, _bits(value))
 
 
-def _drawn(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
+def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
     """Return steps, gains, and what stands in the mailbox: indices and values."""
     about, gain = np.zeros((STEPS, 10), np.int64), draw.choice([0.0, 0.0, 0.5, -0.5], STEPS)
     about[:, 0] = np.cumsum(draw.integers(0, 3, STEPS))
@@ -164,7 +164,7 @@ def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     for i, (cycle, place, value) in enumerate(SCHEDULE):
         n.tuning.schedule[i], n.tuning.value[i] = (cycle, place), value
     for _ in range(count):
-        drawn, model = _drawn(draw), Tuned()
+        drawn, model = _drawn_steps(draw), TuningModel()
         steps = zip(*(one.tolist() for one in drawn), strict=True)
         told, kept = zip(*(model.step(*step) for step in steps), strict=True)
         episodes.add(drawn, (np.array(told, np.int64), np.array(kept)))

@@ -58,7 +58,7 @@ def faults() -> list[str]:
     return [*load_rig(RIG).config.faults]
 
 
-def drawn(seed: int, known: Sequence[str]) -> Law:
+def drawn_law(seed: int, known: Sequence[str]) -> Law:
     """Return a law, faults and requests."""
     draw = np.random.default_rng(seed)
     kind, plain = int(draw.integers(5)), draw.uniform(-3.0, 3.0, COUNT)
@@ -134,7 +134,7 @@ def runs_of(task: tuple[int, int]) -> dict[str, Any]:
     """Return how many runs from one seed to another left their envelope, and what they met."""
     known, broken, met = faults(), dict[str, list[str]](), np.zeros(len(STATE_NAMES), np.int64)
     for seed in range(*task):
-        if wrong := run(drawn(seed, known)):
+        if wrong := run(drawn_law(seed, known)):
             broken[str(seed)] = wrong
         met += np.isin(np.arange(len(met)), bench().column(0, "supervisor.state"))
         met[State.STOP] += bench().loops[0].control.state == State.STOP

@@ -66,7 +66,7 @@ class Settings:
 
 
 @dataclass
-class Supervised:
+class SupervisorModel:
     """A node's supervisor; `awaited` frames a cycle, of which `of_peer` also count at the end."""
 
     has: Settings
@@ -267,7 +267,7 @@ def crc16(data: bytes) -> int:
 
 
 @dataclass
-class Protected:
+class Protection:
     """Where a frame has its counter and CRC; `mask` 0: it has none; `wide`: a CRC of 16 bits."""
 
     can_id: int
@@ -306,7 +306,7 @@ class Protected:
 class Receiver:
     """What a receiver makes of the frames of one row."""
 
-    frame: Protected
+    frame: Protection
     last: int = -1
     state: int = 5
     received: int = 0
@@ -352,7 +352,7 @@ class Receiver:
                 self.errors, self.age, self.fresh, self.still]  # fmt: skip
 
 
-def packed(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
+def packed_data(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
     """Return the data of a frame and how many of its signals are saturated."""
     size = max(frame.dlc, 8)
     word, saturated, layout = [0] * 8 * size, 0, None

@@ -18,12 +18,12 @@ from pcpc.tools.dev.evidence.compared_senders import FOREIGN_LIMIT, REPEAT_LIMIT
 
 FB, BEAT, SYNC, SLOW, STOP, WIDE = range(6)
 ROWS = (
-    expected.Protected(0x123, 8, 1, byte=6, shift=4, mask=15),
-    expected.Protected(0x702, 1, 4),
-    expected.Protected(0x090, 2, 1, byte=0, shift=0, mask=255),
-    expected.Protected(0x345, 8, 15, byte=5, shift=2, mask=15),
-    expected.Protected(0x00F, 1, 1),
-    expected.Protected(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
+    expected.Protection(0x123, 8, 1, byte=6, shift=4, mask=15),
+    expected.Protection(0x702, 1, 4),
+    expected.Protection(0x090, 2, 1, byte=0, shift=0, mask=255),
+    expected.Protection(0x345, 8, 15, byte=5, shift=2, mask=15),
+    expected.Protection(0x00F, 1, 1),
+    expected.Protection(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
 )
 STARTS, AWAITED = (1, 0, 1, 0, 0, 1), (1, 0, 0, 0, 0, 1)
 CARE, SPOILED = (FB, BEAT), (SLOW, WIDE)

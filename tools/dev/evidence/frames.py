@@ -47,7 +47,9 @@ Draw = Callable[[random.Random, "Good"], bytes]
 
 
 @loop_function
-def fed(n: Any, fd: Any, packets: Any, lengths: Any, state: Any, counts: Any, told: Any) -> None:
+def feed_packets(
+    n: Any, fd: Any, packets: Any, lengths: Any, state: Any, counts: Any, told: Any
+) -> None:
     """Send each packet, take it, write what the wire returned, what was counted, and the frame."""
     for s in range(lengths.shape[0]):
         for row in range(state.shape[0]):
@@ -74,7 +76,7 @@ class Good(NamedTuple):
     """The frame that would be used, and those that the receiver knows."""
 
     can_id: int
-    known: Mapping[int, expected.Protected]
+    known: Mapping[int, expected.Protection]
     others: Sequence[int]  # ids of 11 bits
 
     def data(self, draw: random.Random, counter: int = NEXT) -> bytes:
@@ -82,7 +84,7 @@ class Good(NamedTuple):
         return self.known[self.can_id].sent(draw.randbytes(DLC), counter)
 
 
-def _changed(draw: random.Random, data: bytes, bits: int) -> bytes:
+def _wrong_data(draw: random.Random, data: bytes, bits: int) -> bytes:
     word = int.from_bytes(data, "little")
     for place in draw.sample(range(8 * len(data)), bits):
         word ^= 1 << place
@@ -100,8 +102,8 @@ DATA: Mapping[str, tuple[Draw, float]] = {  # what stands behind the right id; t
     "drawn data": (lambda draw, good: draw.randbytes(DLC), e2e.MAX_DELTA / 16 / 256),
     "any counter": (lambda draw, good: good.data(draw, draw.randrange(16)), e2e.MAX_DELTA / 16),
     "a byte drawn anew": (_byte, 1 / 256),
-    "one wrong bit": (lambda draw, good: _changed(draw, good.data(draw), 1), 0.0),
-    "two wrong bits": (lambda draw, good: _changed(draw, good.data(draw), 2), 0.0),
+    "one wrong bit": (lambda draw, good: _wrong_data(draw, good.data(draw), 1), 0.0),
+    "two wrong bits": (lambda draw, good: _wrong_data(draw, good.data(draw), 2), 0.0),
 }
 
 
@@ -116,8 +118,11 @@ def _length(draw: random.Random) -> int:
 
 
 def _datagram(can_id: int, data: bytes, **about: Any) -> bytes:
-    return bytes(pack_message(can.Message(arbitration_id=can_id, data=data,
-                                          **{"is_extended_id": False} | about)))  # fmt: skip
+    return bytes(
+        pack_message(
+            can.Message(arbitration_id=can_id, data=data, **{"is_extended_id": False} | about)
+        )
+    )
 
 
 def _behind_id(build: Callable[[int, bytes], bytes]) -> dict[str, tuple[Draw, float | None]]:
@@ -157,7 +162,7 @@ def _of_datagram() -> dict[str, tuple[Draw, float | None]]:
             lambda d, good: bytes([0x80 | d.randrange(16)]) + d.randbytes(d.randrange(300)), 0.0
         ),
         **_behind_id(_datagram),
-        "a wrong bit anywhere": (lambda draw, good: _changed(draw, whole(draw, good), 1), None),
+        "a wrong bit anywhere": (lambda draw, good: _wrong_data(draw, whole(draw, good), 1), None),
         "three wrong bytes anywhere": (_three_bytes, None),
         "another length": (
             lambda d, good: _datagram(good.can_id, good.data(d)[: d.randrange(DLC)]), 0.0
@@ -220,7 +225,7 @@ def _node() -> Any:
 
 
 @contextmanager
-def _on(one: Format) -> Iterator[tuple[Any, int]]:
+def _connected_executive(one: Format) -> Iterator[tuple[Any, int]]:
     """Put the executive on a socket; yield it and the descriptor of the other end."""
     n, ends = _node().loop, one.sockets()
     ends[1].setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, np.array([int(_WAIT_S), 0]).tobytes())
@@ -233,14 +238,14 @@ def _on(one: Format) -> Iterator[tuple[Any, int]]:
             end.close()
 
 
-def _known(n: Any) -> Good:
+def _known_frames(n: Any) -> Good:
     """Return the frames that the executive knows, as the rules in plain Python have them."""
     known = {}
     for row in n.rx.frames[: n.rx.n]:
         mask = row.counter_mask if row.protected else 0
         can_id, dlc, every_n = int(row.can_id), int(row.dlc), int(row.every_n)
         byte, shift = int(row.counter_byte), int(row.counter_shift)
-        known[can_id] = expected.Protected(can_id, dlc, every_n, byte, shift, int(mask))
+        known[can_id] = expected.Protection(can_id, dlc, every_n, byte, shift, int(mask))
     can_id = next(one.can_id for one in known.values() if one.mask and one.dlc == DLC)
     return Good(can_id, known, [one for one in range(0x800) if one != can_id])
 
@@ -251,8 +256,8 @@ def fates_of_kind(name: str, kind: str, count: int, seed: int) -> dict[str, Any]
     make, share = one.kinds[kind]
     draw = random.Random(f"{seed}/{name}/{kind}")
     fates, misjudged = np.zeros(len(FATES), np.int64), 0
-    with _on(one) as (n, fd):
-        good = _known(n)
+    with _connected_executive(one) as (n, fd):
+        good = _known_frames(n)
         state = e2e.new_state(len(n.rx.state))
         state["last_counter"], state["still_cycles"] = LAST, 1
         receivers = state.view(np.int64).reshape(len(state), -1)
@@ -263,10 +268,10 @@ def fates_of_kind(name: str, kind: str, count: int, seed: int) -> dict[str, Any]
                 row[: len(packet)] = np.frombuffer(packet, np.uint8)
             lengths = np.array([*map(len, sent)], np.int64)
             told = np.zeros((len(sent), 1 + len(_COUNTS) + FRAME_BYTES), np.int64)
-            fed(n, fd, packets, lengths, receivers, _COUNTS, told)
+            feed_packets(n, fd, packets, lengths, receivers, _COUNTS, told)
             found = _fates(told)
             fates += np.bincount(found, minlength=len(FATES))
-            misjudged += _misjudged(good, found, told[:, 1 + len(_COUNTS) :])
+            misjudged += _misjudged_count(good, found, told[:, 1 + len(_COUNTS) :])
     used, spread = int(fates[USED]), 0.0
     if share is not None:
         spread = 5.0 * math.sqrt(count * share * (1.0 - share))
@@ -293,7 +298,7 @@ def _fates(told: NDArray[np.int64]) -> NDArray[np.int64]:
     return found
 
 
-def _misjudged(good: Good, fates: NDArray[np.int64], frames: NDArray[np.int64]) -> int:
+def _misjudged_count(good: Good, fates: NDArray[np.int64], frames: NDArray[np.int64]) -> int:
     """Return how many frames the rules in plain Python judge in another way."""
     wrong = 0
     taken = np.isin(fates, (USED, OTHER, OWN, WRONG, AGAIN, AHEAD))
@@ -321,5 +326,8 @@ def task(one: Task) -> dict[str, Any]:
 
 def tasks(frames: int, seed: int) -> Sequence[Task]:
     """Return the tasks of `frames` frames of each format, about as many of each kind."""
-    return [(name, kind, math.ceil(frames / len(one.kinds)), seed)
-            for name, one in formats().items() for kind in one.kinds]  # fmt: skip
+    return [
+        (name, kind, math.ceil(frames / len(one.kinds)), seed)
+        for name, one in formats().items()
+        for kind in one.kinds
+    ]

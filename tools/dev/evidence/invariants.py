@@ -21,7 +21,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.dev.evidence.aftermath import left_behind
+from pcpc.tools.dev.evidence.aftermath import leftovers
 
 
 def broken_promises(path: Path, rig: Rig) -> tuple[int, list[str]]:
@@ -30,15 +30,24 @@ def broken_promises(path: Path, rig: Rig) -> tuple[int, list[str]]:
         log = long_logs.read(path)
     except logs.LogError as error:
         return 0, [str(error)]
-    lost = [f"{key} {n}" for key, n in log.metadata.get("run", {}).items()
-            if key.startswith("dropped.") and n != "0"]  # fmt: skip
+    lost = [
+        f"{key} {n}"
+        for key, n in log.metadata.get("run", {}).items()
+        if key.startswith("dropped.") and n != "0"
+    ]
     found = [*log.missing, *lost]
     summary = json.loads((path.parent / "summary.json").read_text())
-    found += [f"{node}: {account['unread']} frames unread" for node, account in
-              summary.get("frames_to", {}).items() if account.get("unread", 0) < 0]  # fmt: skip
+    found += [
+        f"{node}: {account['unread']} frames unread"
+        for node, account in summary.get("frames_to", {}).items()
+        if account.get("unread", 0) < 0
+    ]
     own = (f"/{rig.config.rig}.", f"/{rig.config.rig}/")  # others may have taken the bus since
-    found += [f"left behind: {name}" for name in left_behind(summary.get("bus") or "none")
-              if any(part in name for part in own)]  # fmt: skip
+    found += [
+        f"left behind: {name}"
+        for name in leftovers(summary.get("bus") or "none")
+        if any(part in name for part in own)
+    ]
     for role, node in log.node.items():
         found += [f"{role}: {line}" for line in commands(rig, role, node)]
     words = [sys.executable, "-P", "-m", "pcpc.tools.cli", "replay", str(path), "--quiet"]

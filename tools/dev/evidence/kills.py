@@ -36,7 +36,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
-from pcpc.tools.dev.evidence.aftermath import Seen, left_behind, log_losses, node_run
+from pcpc.tools.dev.evidence.aftermath import NodeAftermath, leftovers, log_losses, node_run
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG
@@ -80,7 +80,7 @@ class Case(NamedTuple):
     cycle: int
 
 
-class Ended(Exception):
+class EarlyEnd(Exception):
     """A run has ended before its moment came."""
 
 
@@ -97,7 +97,7 @@ class _Run:
         while len(self.pids) < len(PROCESSES):
             if self.host.ended or time.monotonic() > end_s:
                 self.__exit__()
-                raise Ended("\n".join(self.host.complaint()))
+                raise EarlyEnd("\n".join(self.host.complaint()))
             self._look(bus)
             if "recorder" in self.pids and born_s < math.inf:
                 time.sleep(born_s)
@@ -157,10 +157,15 @@ def run(
         rig = Path(folder) / "kills.yaml"
         rig.write_text(_RIG.format(base=Path(rigs.find("hull")).resolve()), encoding="utf-8")
         cases = [
-            Case(str(rig), i, CASES[i % len(CASES)][1], CASES[i % len(CASES)][0],
-                 random.Random(f"{seed}/{i}").randint(_FIRST, _LAST))
+            Case(
+                str(rig),
+                i,
+                CASES[i % len(CASES)][1],
+                CASES[i % len(CASES)][0],
+                random.Random(f"{seed}/{i}").randint(_FIRST, _LAST),
+            )
             for i in range(kills)
-        ]  # fmt: skip
+        ]
         return each(disturb, cases, progress or Progress(quiet=True), jobs)
 
 
@@ -168,18 +173,18 @@ def disturb(case: Case) -> dict[str, Any]:
     """Run a case, again if its run ended by itself before; return its row."""
     said = ""
     for tries in range(1, _TRIES + 1):
-        held = choice.take_bus(choice.Wanted("auto", None, "kills", ()))
+        held = choice.take_bus(choice.BusRequest("auto", None, "kills", ()))
         try:
             bus = str(held.bus)
-            return case._asdict() | {"tries": tries, "bus": bus} | _disturbed(case, bus, tries)
-        except Ended as error:
+            return case._asdict() | {"tries": tries, "bus": bus} | _killed_run(case, bus, tries)
+        except EarlyEnd as error:
             said = str(error)
         finally:
             held.release()
     return case._asdict() | {"tries": _TRIES, "ok": False, "wrong": f"never got there: {said}"}
 
 
-def _disturbed(case: Case, bus: str, tries: int) -> dict[str, Any]:
+def _killed_run(case: Case, bus: str, tries: int) -> dict[str, Any]:
     folder = Path(case.rig).parent / f"{case.number}-{tries}"
     born = case.signal == "BORN"
     born_s = random.Random(case.cycle).uniform(0.0, _BORN_S) if born else math.inf
@@ -188,13 +193,13 @@ def _disturbed(case: Case, bus: str, tries: int) -> dict[str, Any]:
             if not born:
                 process.nodes["executive"].wait_until(lambda now: now.cycle >= case.cycle, _START_S)
         except LiveError as error:
-            raise Ended(str(error)) from None
+            raise EarlyEnd(str(error)) from None
         at = {role: int(node.block.control.cycle) for role, node in process.nodes.items()}
         if not born:
             _act(process, case)
         left = process.left(_END_S)
         end_s = time.monotonic() + _LET_GO_S
-        while (names := left_behind(bus)) and time.monotonic() < end_s:
+        while (names := leftovers(bus)) and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
         seen = {role: node_run(node, case.rig, role) for role, node in process.nodes.items()}
     row: dict[str, Any] = {
@@ -231,7 +236,7 @@ def _act(process: _Run, case: Case) -> None:
         process.send("host", signal.SIGTERM)
 
 
-def _node_columns(seen: Mapping[str, Seen], case: Case) -> dict[str, Any]:
+def _node_columns(seen: Mapping[str, NodeAftermath], case: Case) -> dict[str, Any]:
     """Return for how long commands were neither fresh nor safe, and how they were at the end."""
     gone = case.process if case.signal in ("KILL", "BORN") else ""
     return {
@@ -248,8 +253,9 @@ def failures_of(row: Mapping[str, Any]) -> list[str]:
     found = [f"{role} ended with a command that is not safe" for role in row["unsafe"]]
     found += [
         f"{role} had no safe command for {n} cycles, the limit is {row['limit']}"
-        for role, n in row["exposed"].items() if n > row["limit"]
-    ]  # fmt: skip
+        for role, n in row["exposed"].items()
+        if n > row["limit"]
+    ]
     if not row["opens"] and row["signal"] != "BORN":
         found.append(f"the log does not open: {row['why']}")
     elif row["opens"] and (row["missing_ms"] > MOST_MS or row["holes"]):
@@ -264,7 +270,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for name, process in sorted(CASES, key=lambda case: PROCESSES.index(case[1])):
         some = [row for row in rows if (row["process"], row["signal"]) == (process, name)]
         if some:
-            names.setdefault((process, *_counted(some)), []).append(name)
+            names.setdefault((process, *_figures(some)), []).append(name)
     cells = [(process, " ".join(some), *counts) for (process, *counts), some in names.items()]
     return screen.table([_HEADER, *cells], right=range(2, len(_HEADER)))
 
@@ -276,7 +282,7 @@ def safe_of(rows: Sequence[Mapping[str, Any]]) -> tuple[int, float]:
     return safe, lower_bound(safe, len(rows), CONFIDENCE)
 
 
-def _counted(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _figures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the figures of one line of the table."""
     done = [row for row in rows if "at" in row]  # the others never got to their moment
     missing = [row["missing_ms"] for row in done if row["opens"]]

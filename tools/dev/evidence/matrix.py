@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dev.evidence.campaign import AFTER, SPREAD, WARM, Bench, Seen
+from pcpc.tools.dev.evidence.campaign import AFTER, SPREAD, WARM, Bench, FaultOutcome
 from pcpc.tools.dev.evidence.cases import CASES, RIGS, Case
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.binomial import lower_bound
@@ -31,7 +31,7 @@ def bench(rig: str = "faults") -> Bench:
     return Bench(load_rig(RIG.with_stem(rig), CONTROLLER, [f"duration_s={LONGEST_S}"]))
 
 
-def runs_of(task: Task) -> list[Seen]:
+def runs_of(task: Task) -> list[FaultOutcome]:
     """Return what came of some runs of a case."""
     case = CASES[task[0]]
     own = bench(case.rig)
@@ -46,13 +46,13 @@ def matrix(runs: int, seed: int, progress: Progress, jobs: int | None = None) ->
         for first in range(0, runs, AT_ONCE)
     ]
     found = each(runs_of, tasks, progress, jobs, lambda task: task[2] - task[1])
-    seen: dict[int, list[Seen]] = {}
+    seen: dict[int, list[FaultOutcome]] = {}
     for task, some in zip(tasks, found, strict=True):
         seen.setdefault(task[0], []).extend(some)
     return [row(case, seen[number]) for number, case in enumerate(CASES)]
 
 
-def row(case: Case, seen: Sequence[Seen]) -> dict[str, Any]:
+def row(case: Case, seen: Sequence[FaultOutcome]) -> dict[str, Any]:
     """Return what the runs of a case came to."""
     cycles = sorted(one.noticed for one in seen if one.noticed is not None)
     limit = math.inf if case.limit is None else case.limit

@@ -132,25 +132,33 @@ def results() -> dict[str, Any]:
 
 def modules_without_mutants() -> list[str]:
     """Return the modules of the loop that have compiled functions, of which none is changed."""
-    return [name for name in _compiled() if f"executive.loop.{name}" not in TARGETS]
+    return [name for name in _compiled_functions() if f"executive.loop.{name}" not in TARGETS]
 
 
 def unchanged_functions() -> list[str]:
     """Return the compiled functions without a mutant in modules of the loop that have others."""
-    known = {f"executive.loop.{name}": name for name in _compiled()}
-    return [f"{known[key]}.{one}" for key, names in TARGETS.items() if key in known
-            for one in _compiled()[known[key]] if one not in names]  # fmt: skip
+    known = {f"executive.loop.{name}": name for name in _compiled_functions()}
+    return [
+        f"{known[key]}.{one}"
+        for key, names in TARGETS.items()
+        if key in known
+        for one in _compiled_functions()[known[key]]
+        if one not in names
+    ]
 
 
 @cache
-def _compiled() -> dict[str, list[str]]:
+def _compiled_functions() -> dict[str, list[str]]:
     """Return the compiled functions of each module of the loop that has any."""
     found = {}
     for one in pkgutil.iter_modules(loop.__path__):
         name = f"{loop.__name__}.{one.name}"
         every = vars(import_module(name)).items()
-        own = [key for key, each in every if getattr(each, "py_func", None) is not None
-               and each.py_func.__module__ == name]  # fmt: skip
+        own = [
+            key
+            for key, each in every
+            if getattr(each, "py_func", None) is not None and each.py_func.__module__ == name
+        ]
         if own:
             found[one.name] = own
     return found
@@ -166,7 +174,7 @@ def score() -> tuple[list[Mutant], list[Mutant], list[str]]:
 
     Beside code that is not as stated itself no mutant could be told.
     """
-    mutants, compares = prepared(True)
+    mutants, compares = mutants_and_compares(True)
     broken = [name for name, compare in compares.items() if _differs(compare, 0)]
     return mutants, [] if broken else [one for one in mutants if not is_noticed(one)], broken
 
@@ -180,7 +188,7 @@ def is_noticed(mutant: Mutant, compiled: bool = True) -> bool:
         **{f"executive.loop.{name}": ("reception",) for name in RECEPTION},
     }  # fmt: skip
     names = groups.get(mutant.function, groups.get(mutant.module, ("supervisor",)))
-    return any(_differs(prepared(compiled)[1][name], mutant.number) for name in names)
+    return any(_differs(mutants_and_compares(compiled)[1][name], mutant.number) for name in names)
 
 
 def _differs(compare: compared.Compare, number: int) -> bool:
@@ -192,11 +200,11 @@ def _differs(compare: compared.Compare, number: int) -> bool:
 
 
 @cache
-def prepared(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Compare]]:
+def mutants_and_compares(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Compare]]:
     """Return all mutants, and the comparisons by name."""
     mutants, driver = build(
         TARGETS, TABLES, "".join(one.DRIVER for one in (compared, *PARTS)), BESIDE, compiled
-    )  # fmt: skip
+    )
     count = compared.EPISODES if compiled else compared.FEW
     draw = np.random.default_rng(compared.SEED)
     compares = {

@@ -70,9 +70,16 @@ class _Change(ast.NodeTransformer):
     """Puts the mutants of one function into its tree; `found` grows by them."""
 
     def __init__(
-        self, module: str, function: str, source: ModuleType, lines: Sequence[str], first: int,
-        targets: Sequence[str], tables: Mapping[str, tuple[int, ...]], found: list[Mutant],
-    ) -> None:  # fmt: skip
+        self,
+        module: str,
+        function: str,
+        source: ModuleType,
+        lines: Sequence[str],
+        first: int,
+        targets: Sequence[str],
+        tables: Mapping[str, tuple[int, ...]],
+        found: list[Mutant],
+    ) -> None:
         self._about, self._source = (module, function), source
         self._lines, self._first = lines, first
         self._targets, self._tables, self._found = targets, tables, found
@@ -146,7 +153,7 @@ class _Change(ast.NodeTransformer):
             instead = [ast.Call(ast.Name(_CALLS[name], ast.Load()), node.args, [])]
         copy = deepcopy(node)
         copy.args = [self.visit(one) for one in copy.args]
-        return self._or(node, instead, _led(copy, self._targets))
+        return self._or(node, instead, _switched_call(copy, self._targets))
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         """Change each entry of a table; nothing in other indices of names and numbers."""
@@ -173,8 +180,8 @@ class _Change(ast.NodeTransformer):
         """Negate a condition."""
         test = deepcopy(node.test)
         node.test = self._or(test, [ast.UnaryOp(ast.Not(), test)], self.visit(node.test))
-        node.body = [one for old in node.body for one in _listed(self.visit(old))]
-        node.orelse = [one for old in node.orelse for one in _listed(self.visit(old))]
+        node.body = [one for old in node.body for one in _statements(self.visit(old))]
+        node.orelse = [one for old in node.orelse for one in _statements(self.visit(old))]
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.stmt:
@@ -213,10 +220,10 @@ class _Calls(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         """Give `_m` to a copied function."""
         self.generic_visit(node)
-        return _led(node, self._targets)
+        return _switched_call(node, self._targets)
 
 
-def _led(node: ast.Call, targets: Sequence[str]) -> ast.Call:
+def _switched_call(node: ast.Call, targets: Sequence[str]) -> ast.Call:
     name = getattr(node.func, "attr", getattr(node.func, "id", ""))
     if name not in targets:
         return node
@@ -229,7 +236,7 @@ def _is_number(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and type(value) in (int, float)
 
 
-def _listed(node: Any) -> Iterator[Any]:
+def _statements(node: Any) -> Iterator[Any]:
     yield from node if isinstance(node, list) else [node]
 
 
@@ -270,7 +277,7 @@ def build(
             beside.get(module, ""),
         ]
         for name in names:
-            parts.append(_changed(source, module, name, every, tables, found))
+            parts.append(_mutated_source(source, module, name, every, tables, found))
         texts[module] = "\n".join(parts)
     texts["driver"] = "\n".join([decorator, *copies(texts), driver])
     mark = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:16]
@@ -284,10 +291,14 @@ def build(
     return found, sys.modules[_name("driver")]
 
 
-def _changed(
-    source: ModuleType, module: str, name: str, every: Sequence[str],
-    tables: Mapping[str, tuple[int, ...]], found: list[Mutant],
-) -> str:  # fmt: skip
+def _mutated_source(
+    source: ModuleType,
+    module: str,
+    name: str,
+    every: Sequence[str],
+    tables: Mapping[str, tuple[int, ...]],
+    found: list[Mutant],
+) -> str:
     function = getattr(source, name)
     function = getattr(function, "py_func", function)
     lines, first = inspect.getsourcelines(function)
@@ -295,7 +306,7 @@ def _changed(
     tree.body = [
         one
         for old in tree.body
-        for one in _listed(
+        for one in _statements(
             _Change(module, name, source, lines, first, every, tables, found).visit(old)
         )
     ]

@@ -84,7 +84,7 @@ def write(folder: Path, evidence: Mapping[str, Any]) -> Path:
 
 
 def _parts(evidence: Mapping[str, Any]) -> Iterator[str]:
-    yield _filled(_HEAD)
+    yield _filled_text(_HEAD)
     if matrix := evidence.get("matrix"):
         yield from _matrix(matrix)
     if residual := evidence.get("residual"):
@@ -102,7 +102,7 @@ def _parts(evidence: Mapping[str, Any]) -> Iterator[str]:
 
 def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
     rows = matrix["rows"]
-    yield _filled(
+    yield _filled_text(
         _MATRIX.format(
             runs=rows[0]["runs"], seed=matrix["seed"], last=matrix["seed"] + rows[0]["runs"] - 1,
             after=matrix["after_cycles"], clean=matrix["clean_mrad"],
@@ -119,20 +119,22 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
     )
     if quiet:
         both = (("HOLD follows", "HOLD"), ("No reaction", "none"))
-        listed = [(what, [_quiet_name(row) for row in quiet if answer in row["answers"]])
-                  for what, answer in both]  # fmt: skip
-        names = "\n".join(f"- {what}: {_listed(some)}" for what, some in listed if some)
-        yield _filled(_QUIET.format(names=names))
+        listed = [
+            (what, [_quiet_name(row) for row in quiet if answer in row["answers"]])
+            for what, answer in both
+        ]
+        names = "\n".join(f"- {what}: {_joined_words(some)}" for what, some in listed if some)
+        yield _filled_text(_QUIET.format(names=names))
     if same:
         told = [row["fault"].rpartition(", ")[0] for row in same]
-        yield _filled(_SAME.format(names=_listed(told)))
+        yield _filled_text(_SAME.format(names=_joined_words(told)))
     if missed := [row for row in rows if row["limit_cycles"] is None and row not in same]:
-        yield _filled(_NOT) + "\n"
+        yield _filled_text(_NOT) + "\n"
         yield _table(
             ("fault", "cycles on", "error [mrad]"),
             [(row["fault"], str(row["cycles"]), f"{row['worst_mrad']:.3g}") for row in missed],
         )
-        yield _filled(_LEFT)
+        yield _filled_text(_LEFT)
 
 
 def _with_crc_8(row: Mapping[str, Any]) -> tuple[str, int]:
@@ -152,7 +154,7 @@ def _quiet_name(row: Mapping[str, Any]) -> str:
     return f"{row['fault'].replace(', ', ' with ')} ({row['cycles']})"
 
 
-def _listed(names: Sequence[str]) -> str:
+def _joined_words(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
@@ -164,7 +166,7 @@ def _outcome(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Random and mutated frames\n\n"
-    yield _filled(
+    yield _filled_text(
         f"{sum(row['frames'] for row in rows):,} frames went through a socket into the loop's own "
         "parser and acceptance. They have two formats: the `struct can_frame` of SocketCAN and the "
         "msgpack datagram of python-can's udp_multicast. The receiver had heard the counter "
@@ -188,13 +190,15 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         )  # fmt: skip
         if plain:
             refused = [f"{row['kind']} ({next(iter(row['fates']))})" for row in plain]
-            yield "\n" + _filled(f"None used, with one outcome for all:\n\n- {', '.join(refused)}")
+            yield "\n" + _filled_text(
+                f"None used, with one outcome for all:\n\n- {', '.join(refused)}"
+            )
 
 
 def _envelope(found: Mapping[str, Any]) -> Iterator[str]:
     yield "\n## No command leaves its envelope\n\n"
     met = ", ".join(f"{state} {n:,}" for state, n in found["met"].items())
-    yield _filled(
+    yield _filled_text(
         f"{found['laws']:,} runs of a lag have a command of limited range and rate. Each has "
         "another law, and faults of frames, blocks and nodes, resets and stops at random cycles. "
         "A law gives 64 answers in turn, times a gain: numbers, NaN, infinities, 1e300, both "
@@ -209,7 +213,7 @@ def _alarms(alarms: Mapping[str, Any]) -> Iterator[str]:
     told = sum(sum(row["alarms"].values()) for row in alarms["rigs"])
     bound = alarms["upper_bound_per_h"]
     upper = "" if bound is None else f", so fewer than {bound:.3g} an hour at 95 %"
-    yield _filled(
+    yield _filled_text(
         f"{alarms['hours']:.1f} h in virtual time without a fault gave {told} alarms{upper}. They "
         f"are {alarms['runs']:,} runs of {alarms['run_s']:g} s with other noise or another mass. "
         "An alarm is a held or stale cycle, a lost frame, a fault, or a run that ends early."
@@ -225,7 +229,7 @@ def _alarms(alarms: Mapping[str, Any]) -> Iterator[str]:
 def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
     yield "\n## What the tests of the safety code are worth\n\n"
     argued = sum(found["argued"].values())
-    yield _filled(
+    yield _filled_text(
         "The code under test is changed in one place at a time: supervisor, limits, watchdog, late "
         "cycles, other senders, reception, signs of a second sender, tunings, bus errors, "
         "end-to-end check and the codec's saturation. Of "
@@ -234,7 +238,7 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
         "`faults.json` give the reason of each change that makes no difference."
     )
     if found.get("elsewhere"):
-        yield "\n" + _filled(
+        yield "\n" + _filled_text(
             f"{len(found['elsewhere'])} modules of the loop, and {len(found['unchanged'])} "
             "functions of the others, have no mutants. `faults.json` names them."
         )
@@ -243,7 +247,7 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
 def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Processes killed, stopped and slowed down\n\n"
     safe, bound = kills.safe_of(rows)
-    yield _filled(
+    yield _filled_text(
         f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a random "
         f"cycle. {safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a "
         "stop of 20 to 600 ms, and SLOW is many short ones. BORN is kill -9 within 50 ms of the "
@@ -272,7 +276,7 @@ def _matrix_row(row: Mapping[str, Any]) -> Sequence[str]:
 def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
     both = residual, residual["crc_16"]
     yield "\n## What the CRC-8 and the CRC-16 let pass\n\n"
-    yield _filled(
+    yield _filled_text(
         "Shares are predicted from the weights of the code, and measured, over 64 bits of counter, "
         "data and CRC. Hamming distances are "
         f"{both[0]['distance']} and {both[1]['distance']}, so the CRC-8 detects all errors of up "
@@ -287,12 +291,14 @@ def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
     yield "\nShare of wrong frames that pass, among all frames, with independent bit errors:\n\n"
     yield _table(
         ("bit error rate", "CRC-8", "CRC-16"),
-        [(f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
-         for row, wide in zip(*(one["rates"] for one in both), strict=True)],
-    )  # fmt: skip
-    yield "\n" + _filled(
-        f"Of frames with random data the CRC-8 lets {_drawn(both[0])}, 4 of 16 counters and 1 of "
-        f"256 CRCs). The CRC-16 lets {_drawn(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs). "
+        [
+            (f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
+            for row, wide in zip(*(one["rates"] for one in both), strict=True)
+        ],
+    )
+    yield "\n" + _filled_text(
+        f"Of frames with random data the CRC-8 lets {_passes(both[0])}, 4 of 16 counters and 1 of "
+        f"256 CRCs). The CRC-16 lets {_passes(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs). "
         "CAN's own CRC-15 checks each frame before this."
     )
 
@@ -301,13 +307,13 @@ def _unseen(row: Mapping[str, Any]) -> Sequence[str]:
     return f"{row['unseen_patterns']:,}", f"{row['predicted']:.3g}", f"{row['measured']:.3g}"
 
 
-def _drawn(found: Mapping[str, Any]) -> str:
+def _passes(found: Mapping[str, Any]) -> str:
     drawn = found["drawn_frames"]
     share = f"{drawn['measured']:.3g}, predicted {drawn['predicted']:.3g}"
     return f"{drawn['used']:,} of {drawn['runs']:,} pass ({share}"
 
 
-def _filled(text: str) -> str:
+def _filled_text(text: str) -> str:
     """Return text with its paragraphs as broad as those of other pages."""
     parts = [
         part if part.startswith("#") else _paragraph(part) for part in text.strip().split("\n\n")

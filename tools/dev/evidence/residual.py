@@ -113,17 +113,17 @@ def _count(frames: Any, state: Any, wrong: int, runs: int, seed: int, into: Any)
         into[result] += 1
 
 
-def measured(wrong: int, runs: int, seed: int, code: Code = CRC_8) -> NDArray[np.int64]:
+def state_counts(wrong: int, runs: int, seed: int, code: Code = CRC_8) -> NDArray[np.int64]:
     """Return how often the receiver came to each of its states."""
     into = np.zeros(6, np.int64)
-    _counted()(code.rows, e2e.new_state(1), wrong, runs, seed, into)
+    _compiled_count()(code.rows, e2e.new_state(1), wrong, runs, seed, into)
     return into
 
 
 _kept: dict[str, Any] = {}
 
 
-def _counted() -> Any:
+def _compiled_count() -> Any:
     if "count" not in _kept:
         _kept["count"] = _count if LOOP_INTERPRETED else numba.njit(_count)
     return _kept["count"]
@@ -156,7 +156,7 @@ def _tasks(number: int, runs: int, seed: int) -> Iterator[Task]:
 def task(one: Task) -> NDArray[np.int64]:
     """Return how often a receiver came to each of its states."""
     number, wrong, runs, seed = one
-    return measured(wrong, runs, seed, CODES[number])
+    return state_counts(wrong, runs, seed, CODES[number])
 
 
 def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> dict[str, Any]:

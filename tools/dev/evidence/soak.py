@@ -142,9 +142,13 @@ def _kept_folder(run: Path, rig: Rig) -> Path:
 def tunings(rig: Rig, draw: random.Random) -> dict[str, float]:
     """Return other values for some parameters of the controller, within their ranges."""
     made = plan(rig, "executive", "virtual")
-    known = {v.name: v for v in made.table.variables
-             if v.kind == "parameter" and v.name.startswith("controller.")
-             and made.values.get(made.table.index[v.name])}  # fmt: skip
+    known = {
+        v.name: v
+        for v in made.table.variables
+        if v.kind == "parameter"
+        and v.name.startswith("controller.")
+        and made.values.get(made.table.index[v.name])
+    }
     chosen = draw.sample(sorted(known), min(_MOST, len(known)))
     drawn = {name: made.values[made.table.index[name]] * draw.uniform(*_FACTORS) for name in chosen}
     return {name: min(max(x, known[name].low), known[name].high) for name, x in drawn.items()}
@@ -157,14 +161,19 @@ def faults(rig: Rig, draw: random.Random, row: dict[str, Any]) -> dict[str, str]
     row["faults"], period_ms = len(chosen), 1e3 / rig.config.rate_hz
     return {
         f"faults.{name}.{key}": f"{period_ms * draw.randint(1, most):.9g}ms"
-        for name in chosen for key, most in (("from", max(cycles - 100, 1)), ("for", 100))
-    }  # fmt: skip
+        for name in chosen
+        for key, most in (("from", max(cycles - 100, 1)), ("for", 100))
+    }
 
 
 def _disturb(
-    child: Child, name: str, draw: random.Random, row: dict[str, Any],
-    memory: dict[str, list[int]], for_s: float,
-) -> bool:  # fmt: skip
+    child: Child,
+    name: str,
+    draw: random.Random,
+    row: dict[str, Any],
+    memory: dict[str, list[int]],
+    for_s: float,
+) -> bool:
     """Note the memory of a paced run under way, tune it, begin its faults; True if ended early."""
     nodes = _nodes(child, name)
     begin_s = next_s = time.monotonic()
@@ -243,8 +252,11 @@ def settled_memory(memory: Mapping[str, Sequence[int]]) -> dict[str, tuple[int, 
 
 def growing_memory(held: Mapping[str, tuple[int, int]]) -> list[str]:
     """Return which processes ended with more memory than they had settled with."""
-    return [f"{name}: {first:,} kB once it had settled, {last:,} kB at the end"
-            for name, (first, last) in held.items() if last > _GROWS * first]  # fmt: skip
+    return [
+        f"{name}: {first:,} kB once it had settled, {last:,} kB at the end"
+        for name, (first, last) in held.items()
+        if last > _GROWS * first
+    ]
 
 
 def _status(pid: int, key: str) -> int:
@@ -259,9 +271,10 @@ def _live(node: Live, draw: random.Random) -> dict[str, float]:
     """Return another value for one parameter of a law in a node that runs."""
     now = node.read()
     known = {
-        name: one.range for name, one in node.variables.items()
+        name: one.range
+        for name, one in node.variables.items()
         if one.range and now[name] and name.partition(".")[0] not in _OWN
-    }  # fmt: skip
+    }
     if not known:
         return {}
     name = draw.choice(sorted(known))

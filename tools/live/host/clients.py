@@ -264,7 +264,7 @@ class Client:
             self._panels.clear()
             self._values_sent = {}
             first, last = source.span()
-            told = status.about(source, self.display.actions.write) | {"layout": layout(source)}
+            told = status.run_facts(source, self.display.actions.write) | {"layout": layout(source)}
             await self._tell({"about": told, "span": [first, last]})
 
     async def _tell(self, message: dict[str, Any]) -> None:

@@ -39,7 +39,7 @@ def host(add: Add) -> None:
     take.code_of_laws(add)
 
 
-def beside(add: Add) -> None:
+def page_options(add: Add) -> None:
     """Take the page beside a run."""
     add("--host", action="store_true", help="show the page of `pcpc host` during the run")
     page(add, "--host: ")
@@ -63,7 +63,7 @@ def page(add: Add, of: str = "") -> None:
     )
 
 
-BESIDE_RUN = beside
+BESIDE_RUN = page_options
 COMMANDS = (
     Command(
         "host",

@@ -61,7 +61,7 @@ class PanelState:
             return b""
         part = tuple(self.places), first, bins, width
         if part not in source.parts:
-            source.parts[part] = _packed(*self._envelopes(source, first, bins, width))
+            source.parts[part] = _packed_floats(*self._envelopes(source, first, bins, width))
         head = kind, wanted.id, len(self.places), first, bins, width, period_s, newest
         return _head(head) + bytes(source.parts[part])
 
@@ -104,7 +104,7 @@ class PanelState:
         every = slice(None, None, max(1, -(-len(both) // wanted.points)))
         xy = of_x[at_x, 0][every], of_y[at_y, 0][every]
         head = PHASE, wanted.id, 2, int(both[0]) if len(both) else 0, len(xy[0]), 1
-        return _head((*head, source.period_s, newest)) + _packed(*xy)
+        return _head((*head, source.period_s, newest)) + _packed_floats(*xy)
 
 
 def _edges(source: Source) -> tuple[int, int, int]:
@@ -119,6 +119,6 @@ def _head(head: tuple[float, ...]) -> bytes:
     return np.array(head, np.float64).tobytes()
 
 
-def _packed(*arrays: Values) -> bytes:
+def _packed_floats(*arrays: Values) -> bytes:
     with np.errstate(over="ignore"):
         return b"".join(np.asarray(array).astype(np.float32).tobytes() for array in arrays)

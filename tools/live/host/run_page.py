@@ -50,7 +50,7 @@ class Page(NoPage):
         if self._door is None:
             return
         print(f"{SAID}{self._door.url}", file=sys.stderr, flush=True)
-        self._children = [Child.forked("page", self._serve, ())]
+        self._children = [Child.fork("page", self._serve, ())]
         self._door.line.close()
 
     def _serve(self, words: Sequence[str]) -> int:

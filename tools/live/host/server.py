@@ -71,13 +71,13 @@ class Server:
 
     def app(self, names: frozenset[str], secure: bool) -> Any:
         """Return the ASGI application for a server with these names."""
-        routes: list[Any] = [WebSocketRoute("/ws", self._connected)]
+        routes: list[Any] = [WebSocketRoute("/ws", self._serve_client)]
         for file in Path(__file__).with_name("page").iterdir():
             if file.suffix in _KINDS:
                 routes.append(Route(f"/{file.name}".removesuffix("index.html"), _answer(file)))
         return guard.Guard(Starlette(routes=routes, lifespan=self._life), names, secure)
 
-    async def _connected(self, socket: WebSocket) -> None:
+    async def _serve_client(self, socket: WebSocket) -> None:
         await Client(socket, self).serve()
 
     @contextlib.asynccontextmanager

@@ -22,7 +22,7 @@ _TIMES = ("wake_late_p50_us", "wake_late_p99_us", "wake_late_max_us", "work_p99_
 _PERIODS = 8  # of the histogram: buckets to an octave
 
 
-def about(source: Source, write: bool) -> dict[str, Any]:
+def run_facts(source: Source, write: bool) -> dict[str, Any]:
     """Return what does not change while a run is shown: its nodes and their variables."""
     running = {role: node.live for role, node in source.nodes.items() if source.live}
     faults = injecting.faults_of([*running.values()]) if running else []

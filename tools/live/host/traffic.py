@@ -71,7 +71,7 @@ class Traffic:
         self.over_s = now_s - self._since_s if self._clocked else cycles_s
         self._since_s, self._cycle = now_s, cycle
         new, self._new = np.concatenate(self._new), []
-        counted = bus_load.Counted(new)
+        counted = bus_load.FrameCounts(new)
         self.seen, self.sent = counted.seen, counted.sent
         lately = np.concatenate((self._lately, new))
         stamps = lately[:, OfFrame.STAMP_NS]

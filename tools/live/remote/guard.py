@@ -90,13 +90,13 @@ class Guard:
 
 
 def _with_headers(send: Any) -> Any:
-    async def sent(message: Any) -> None:
+    async def send_with_headers(message: Any) -> None:
         if message["type"] == "http.response.start":
             more = [(k.lower().encode(), v.encode()) for k, v in HEADERS.items()]
             message["headers"] = [*message.get("headers", []), *more]
         await send(message)
 
-    return sent
+    return send_with_headers
 
 
 async def _say(send: Any, status: int, text: str) -> None:

@@ -85,7 +85,7 @@ class Link:
         """Return the answer to a question: an object, or bytes. LiveError: refused, or none."""
         self._number += 1
         self._send({"do": what, "id": self._number, **about})
-        found = self._received()
+        found = self._answer()
         if isinstance(found, bytes):
             return found
         try:
@@ -113,17 +113,17 @@ class Link:
         try:
             self._line.send(json.dumps(message, allow_nan=False))
         except (self._closed, OSError) as error:
-            raise self._lost(error) from None
+            raise self._loss_error(error) from None
 
-    def _received(self) -> str | bytes:
+    def _answer(self) -> str | bytes:
         try:
             return self._line.recv(timeout=_ANSWER_S)
         except TimeoutError:
             raise self.error(f"no answer for {_ANSWER_S:g} s") from None
         except (self._closed, OSError) as error:
-            raise self._lost(error) from None
+            raise self._loss_error(error) from None
 
-    def _lost(self, error: Exception) -> LiveError:
+    def _loss_error(self, error: Exception) -> LiveError:
         said = screen.clean(getattr(getattr(error, "rcvd", None), "reason", ""))
         if getattr(getattr(error, "rcvd", None), "code", 0) == guard.WRONG_TOKEN:
             what = "wrong token; it is the part after the # of the address that `pcpc host` printed"

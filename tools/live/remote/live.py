@@ -27,7 +27,7 @@ MOST_ROWS = sh.RECORD_RING_WORDS  # more than any ring has
 _EVEN = np.zeros(sh.LINE_WORDS, np.int64)  # the count of writers, of what is whole
 
 
-class Mirror(sh.Shared):
+class Mirror(sh.NodeMemory):
     """What a node publishes, as of the last question; a field that is new is asked for."""
 
     def __init__(self, link: Link, handle: str, about: dict[str, Any]) -> None:

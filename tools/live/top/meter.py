@@ -72,7 +72,7 @@ class NodeMeter:
         for name in self.errors if len(rows) else ():
             self.interval_worst[name] = float(np.max(np.abs(rows[name])))
             self.worst[name] = max(self.worst[name], self.interval_worst[name])
-        last = bus_load.Counted(self.tap.frames())
+        last = bus_load.FrameCounts(self.tap.frames())
         self.seen, self.arrivals = last.seen, Counter()
         for number, states in last.received.items():
             self.arrivals[number] = states.total()

@@ -32,11 +32,11 @@ def lines(meter: Meter, columns: int, rows: int) -> list[str]:
         top, errors = [line for line in top if line], [line for line in errors if line]
     room = max(rows - len(top) - len(errors), 2 * (_LEAST + 1))
     own = min(len(frames), max(room - min(len(parameters), room - room // 3), _LEAST + 1))
-    shown = [*top, *_shortened(frames, own), *errors, *_shortened(parameters, room - own)]
+    shown = [*top, *_shortened_list(frames, own), *errors, *_shortened_list(parameters, room - own)]
     return [line[:columns].rstrip() for line in shown[:rows]]
 
 
-def _shortened(found: Sequence[str], count: int) -> list[str]:
+def _shortened_list(found: Sequence[str], count: int) -> list[str]:
     if len(found) <= count:
         return list(found)
     return [*found[: count - 1], f"... {len(found) - count + 1} more"]

@@ -68,7 +68,7 @@ class _Bus:
         self.frames = np.zeros((_AT_ONCE, FRAME_BYTES), np.uint8)
         self.end.fd = any(row.frame.fd for row in watch.rows)
         buses.open_bus(bus, [row.frame.can_id for row in watch.rows], self.end)
-        buses.know_own(self.end)
+        buses.set_own_address(self.end)
         self.name, frame = bus, watch.stop_frame
         self.end.tx[:4] = np.frombuffer(frame.word.to_bytes(4, "little"), np.uint8)
         self.end.tx[4:6], self.end.tx[8] = (frame.dlc, frame.flags), 1

@@ -87,9 +87,14 @@ def version() -> str:
 
 
 def a2l_text(
-    rig: str, node: str, made_by: str, period_ns: int, variables: Sequence[A2lVariable],
-    transport: Iterable[str], link: Link = ETHERNET,
-) -> str:  # fmt: skip
+    rig: str,
+    node: str,
+    made_by: str,
+    period_ns: int,
+    variables: Sequence[A2lVariable],
+    transport: Iterable[str],
+    link: Link = ETHERNET,
+) -> str:
     """Return the file of a node. `transport`: lines that say where it is."""
     interface = _interface(period_ns, transport, link)
     return "\n".join(_lines(rig, node, made_by, variables, interface)) + "\n"

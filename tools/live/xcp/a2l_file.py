@@ -21,10 +21,11 @@ def command(options: argparse.Namespace) -> int:
         raise UserError(f"{options.node}: no such node; {', '.join(rig.roles)}")
     variables = plan(rig, options.node, "lockstep").table.variables
     described = [
-        A2lVariable(one.name, one.unit, one.help,
-                  (one.low, one.high) if one.kind == "parameter" else None)
+        A2lVariable(
+            one.name, one.unit, one.help, (one.low, one.high) if one.kind == "parameter" else None
+        )
         for one in variables
-    ]  # fmt: skip
+    ]
     name, period_ns = rig.config.rig, rig.config.period_ns
     if can := CanPlace.of(rig, options.node):
         where, link = can.a2l(), can.link

@@ -27,7 +27,7 @@ def a2l(add: Add) -> None:
     add("-o", "--output", type=Path, metavar="FILE", help="default: RIG-NODE.a2l")
 
 
-def beside(add: Add) -> None:
+def xcp_options(add: Add) -> None:
     """Take the slaves beside a run: the rig's key `xcp`."""
     add(
         "--xcp",
@@ -53,15 +53,23 @@ def in_c(add: Add) -> None:
     )
 
 
-BESIDE_RUN = beside
+BESIDE_RUN = xcp_options
 BESIDE_C = in_c
 COMMANDS = (
     Command(
-        "xcp", "a running node as an XCP slave", "pcpc xcp executive --udp 5555", xcp,
-        module="live.xcp.serve", codes=NODE_CODES,
+        "xcp",
+        "a running node as an XCP slave",
+        "pcpc xcp executive --udp 5555",
+        xcp,
+        module="live.xcp.serve",
+        codes=NODE_CODES,
     ),
     Command(
-        "a2l", "the variables of a rig as an A2L file", "pcpc a2l hull -o hull.a2l", a2l,
-        module="live.xcp.a2l_file", codes=OUTPUT_CODES,
+        "a2l",
+        "the variables of a rig as an A2L file",
+        "pcpc a2l hull -o hull.a2l",
+        a2l,
+        module="live.xcp.a2l_file",
+        codes=OUTPUT_CODES,
     ),
-)  # fmt: skip
+)

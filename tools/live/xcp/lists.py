@@ -12,7 +12,7 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.tools.live.xcp.packets import ETHERNET, Err, Link, Refused
+from pcpc.tools.live.xcp.packets import ETHERNET, CommandRefused, Err, Link
 
 MOST_ODTS, MOST_ENTRIES = 252, 20_000  # numbers behind are no ODT's; what a session may keep
 STAMP = Struct("<I")  # microseconds of the run, which come round after 71 minutes
@@ -53,7 +53,7 @@ class DaqLists:
     def of(self, number: int) -> _List:
         """Return a list; Refused."""
         if number >= len(self.lists):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         return self.lists[number]
 
     # Building
@@ -66,7 +66,7 @@ class DaqLists:
         """Make lists; Refused."""
         self._follows("free")
         if count > MOST_ODTS:
-            raise Refused(Err.MEMORY_OVERFLOW)
+            raise CommandRefused(Err.MEMORY_OVERFLOW)
         self.lists, self._stage = [_List() for _ in range(count)], "daq"
 
     def alloc_odts(self, number: int, count: int) -> None:
@@ -74,7 +74,7 @@ class DaqLists:
         self._follows("daq", "odt")
         one = self.of(number)
         if sum(len(each.odts) for each in self.lists) - len(one.odts) + count > MOST_ODTS:
-            raise Refused(Err.MEMORY_OVERFLOW)
+            raise CommandRefused(Err.MEMORY_OVERFLOW)
         one.odts, self._stage = [[] for _ in range(count)], "odt"
 
     def alloc_entries(self, number: int, odt: int, count: int) -> None:
@@ -82,17 +82,17 @@ class DaqLists:
         self._follows("odt", "entry")
         one = self.of(number)
         if odt >= len(one.odts):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         kept = sum(len(entries) for each in self.lists for entries in each.odts)
         if kept - len(one.odts[odt]) + count > MOST_ENTRIES:
-            raise Refused(Err.MEMORY_OVERFLOW)
+            raise CommandRefused(Err.MEMORY_OVERFLOW)
         one.odts[odt], self._stage = [None] * count, "entry"
 
     def _follows(self, *stages: str) -> None:
         if self.running:
-            raise Refused(Err.DAQ_ACTIVE)
+            raise CommandRefused(Err.DAQ_ACTIVE)
         if self._stage not in stages:
-            raise Refused(Err.SEQUENCE)
+            raise CommandRefused(Err.SEQUENCE)
 
     def clear(self, number: int) -> None:
         """Stop and empty a list; Refused."""
@@ -104,7 +104,7 @@ class DaqLists:
         """Choose the entry that is written or read next; Refused."""
         odts = self.of(number).odts
         if odt >= len(odts) or entry >= len(odts[odt]):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         self._pointer = number, odt, entry
 
     def write(self, bit: int, size: int, extension: int, address: int) -> None:
@@ -112,14 +112,14 @@ class DaqLists:
         number, odt, entry = self._choice()
         one = self.lists[number]
         if one.places is not None:
-            raise Refused(Err.DAQ_ACTIVE)
+            raise CommandRefused(Err.DAQ_ACTIVE)
         most = min(8 - address % 8, self._link.dto - 1)
         if bit != 0xFF or extension or not 0 < size <= most:
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         if address // 8 >= len(self._columns):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         if self._columns[address // 8] < 0:
-            raise Refused(Err.DAQ_CONFIG)  # a variable that is not recorded
+            raise CommandRefused(Err.DAQ_CONFIG)  # a variable that is not recorded
         one.odts[odt][entry] = address, size
         self._pointer = number, odt, entry + 1
 
@@ -131,10 +131,10 @@ class DaqLists:
 
     def _choice(self) -> tuple[int, int, int]:
         if self._pointer is None:
-            raise Refused(Err.SEQUENCE)
+            raise CommandRefused(Err.SEQUENCE)
         number, odt, entry = self._pointer
         if entry >= len(self.lists[number].odts[odt]):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         return number, odt, entry
 
     # Running
@@ -143,11 +143,11 @@ class DaqLists:
         """Say when a list is sent; Refused. The last one would be its priority."""
         one = self.of(number)
         if one.places is not None:
-            raise Refused(Err.DAQ_ACTIVE)
+            raise CommandRefused(Err.DAQ_ACTIVE)
         if mode & NOT_OURS:
-            raise Refused(Err.MODE_NOT_VALID)
+            raise CommandRefused(Err.MODE_NOT_VALID)
         if event >= len(DIVISIONS) or not prescaler:
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         one.mode, one.event, one.prescaler = mode & TIMESTAMP, event, prescaler
 
     def first(self, number: int) -> int:
@@ -163,7 +163,7 @@ class DaqLists:
             if number in started or one.places is not None
         )
         if asked > self._link.frames:
-            raise Refused(Err.DAQ_CONFIG)
+            raise CommandRefused(Err.DAQ_CONFIG)
         for number, places in started.items():
             self.lists[number].places = places
 
@@ -172,16 +172,16 @@ class DaqLists:
         for i, entries in enumerate(one.odts):
             stamp = STAMP.size * (one.stamped and not i)  # which may stand alone
             if None in entries or not (entries or stamp):
-                raise Refused(Err.DAQ_CONFIG)
+                raise CommandRefused(Err.DAQ_CONFIG)
             bytes_of_entries = [
                 address + byte for address, size in filter(None, entries) for byte in range(size)
             ]
             places = [8 * self._columns[at // 8] + at % 8 for at in bytes_of_entries]
             if 1 + stamp + len(places) > self._link.dto:
-                raise Refused(Err.DAQ_CONFIG)
+                raise CommandRefused(Err.DAQ_CONFIG)
             found.append(np.array(places, np.intp))
         if not found:
-            raise Refused(Err.DAQ_CONFIG)
+            raise CommandRefused(Err.DAQ_CONFIG)
         return found
 
     def stop(self, number: int) -> None:

@@ -61,7 +61,7 @@ class Err(IntEnum):
     RESOURCE_TEMPORARY_NOT_ACCESSIBLE = 0x33
 
 
-class Refused(Exception):
+class CommandRefused(Exception):
     """A command that is answered by an error code, and `more` bytes."""
 
     def __init__(self, code: Err, *more: int) -> None:

@@ -48,7 +48,7 @@ class Page(NoPage):
         for role, server in self._servers.items():
             said = [f"{role}: {one}" for one in server.addresses]
             print("\n".join(said), file=sys.stderr, flush=True)
-            child = Child.forked(f"xcp-{role}", partial(self._serve, role), ())
+            child = Child.fork(f"xcp-{role}", partial(self._serve, role), ())
             self._children = [*self._children, child]
         self._close()
 

@@ -35,9 +35,9 @@ from pcpc.tools.live.xcp.packets import (
     EV_SESSION_TERMINATED,
     EVENT,
     HEAD,
+    CommandRefused,
     Err,
-    Refused,
-)  # fmt: skip
+)
 from pcpc.tools.live.xcp.slave import NodeTable, Session
 from pcpc.tools.terminal.option_notes import refuse
 
@@ -56,8 +56,11 @@ def command(options: argparse.Namespace) -> int:
     udp, tcp = options.udp, options.tcp
     if udp is None and tcp is None:
         udp = PORT
-    ports = [(kind, options.address, port)
-             for kind, port in (("UDP", udp), ("TCP", tcp)) if port is not None]  # fmt: skip
+    ports = [
+        (kind, options.address, port)
+        for kind, port in (("UDP", udp), ("TCP", tcp))
+        if port is not None
+    ]
     with Server(ports) as server:
         return _until_its_end(live, server)
 
@@ -92,21 +95,21 @@ def table_of(live: Live, tap: Tap, a2l: bytes) -> NodeTable:
         try:
             now = live.read()
         except LiveError:  # it stands still in the middle of a cycle
-            raise Refused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
+            raise CommandRefused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
         return now.cycle, now.array
 
     def write(changes: Mapping[str, float]) -> int:
         if any(live.variables[name].range is None for name in changes):
-            raise Refused(Err.WRITE_PROTECTED)
+            raise CommandRefused(Err.WRITE_PROTECTED)
         try:
             return live.tune(changes)
         except LiveError:
             if level_of(live.block) != "none":
-                raise Refused(Err.ACCESS_LOCKED) from None
+                raise CommandRefused(Err.ACCESS_LOCKED) from None
             with suppress(LiveError):
                 live.check(changes)
-                raise Refused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
-            raise Refused(Err.OUT_OF_RANGE) from None
+                raise CommandRefused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
+            raise CommandRefused(Err.OUT_OF_RANGE) from None
 
     columns = [places.get(name, -1) for name in live.variables]
     rig = str(live.block.description.get("rig"))
@@ -261,11 +264,11 @@ class Server:
             for key, _ in self._select.select(wait_s):
                 key.data(key.fileobj)
             for key, one in [*self._masters.items()]:
-                self._guarded(key, one.flush)
-            self._measured(tap)
-        self._measured(tap)
+                self._do_guarded(key, one.flush)
+            self._send_measured(tap)
+        self._send_measured(tap)
 
-    def _measured(self, tap: Tap) -> None:
+    def _send_measured(self, tap: Tap) -> None:
         before = tap.missed["record"]
         rows = tap.rows()
         if tap.missed["record"] > before:
@@ -275,9 +278,9 @@ class Server:
             return
         for key, one in [*self._masters.items()]:
             if one.session.daq.running:
-                self._guarded(key, one.send, one.session.packets(rows.cycle, rows.values))
+                self._do_guarded(key, one.send, one.session.packets(rows.cycle, rows.values))
 
-    def _guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
+    def _do_guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
         """Do what may end with a master's end; on CAN OSError goes on."""
         try:
             work(*given)
@@ -302,7 +305,7 @@ class Server:
             except OSError:
                 return
             if address not in self._masters:
-                self._admit(address, partial(_sent, end.sendto, address), False)
+                self._admit(address, partial(_sent_bytes, end.sendto, address), False)
             self._take(address, data)
             if (one := self._masters.get(address)) and not one.session.connected:
                 self._leave(address)
@@ -314,7 +317,7 @@ class Server:
             made, _ = end.accept()
             made.setblocking(False)
             made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._admit(made, partial(_sent, made.send, None), True)
+            self._admit(made, partial(_sent_bytes, made.send, None), True)
             self._select.register(made, selectors.EVENT_READ, self._stream)
 
     def _stream(self, end: socket.socket) -> None:
@@ -332,7 +335,7 @@ class Server:
     def _take(self, key: Any, data: bytes) -> None:
         one = self._masters[key]
         assert isinstance(one, _Master), "on CAN they come by `flush`"
-        self._guarded(key, one.take, data)
+        self._do_guarded(key, one.take, data)
 
     def _admit(self, key: Any, put: Callable[[bytes], int], stream: bool) -> None:
         """Take a new master; the one that has been there longest without measuring goes."""
@@ -342,7 +345,7 @@ class Server:
         self._masters[key] = _Master(Session(self._node), put, stream)
 
 
-def _sent(send: Callable[..., int], to: Any, message: bytes) -> int:
+def _sent_bytes(send: Callable[..., int], to: Any, message: bytes) -> int:
     """Return how many bytes went; OSError: the way is broken."""
     try:
         return send(message) if to is None else send(message, to)

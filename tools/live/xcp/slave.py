@@ -25,10 +25,10 @@ from pcpc.tools.live.xcp.packets import (
     LAYOUTS,
     POSITIVE,
     Cmd,
+    CommandRefused,
     Err,
     Link,
-    Refused,
-)  # fmt: skip
+)
 
 VARIABLES, FILE, TEXT = 0, 1, 2  # address extensions
 CRC_32 = 0x09
@@ -78,19 +78,19 @@ class Session:
         if not packet or not (self.connected or packet[0] == Cmd.CONNECT):
             return []
         try:
-            return self._done(packet)
-        except Refused as refused:
+            return self._answers(packet)
+        except CommandRefused as refused:
             return [refused.packet]
 
     def packets(self, cycle: NDArray[np.int64], values: NDArray[np.float64]) -> list[bytes]:
         """Return what running lists send of recorded cycles (n,), values (n, columns)."""
         return [*self.daq.packets(cycle, 1e-3 * self._node.period_ns, values)]
 
-    def _done(self, packet: bytes) -> list[bytes]:
+    def _answers(self, packet: bytes) -> list[bytes]:
         try:
             command = Cmd(packet[0])
         except ValueError:
-            raise Refused(Err.CMD_UNKNOWN) from None
+            raise CommandRefused(Err.CMD_UNKNOWN) from None
         if command != Cmd.DOWNLOAD_NEXT:
             self._left = 0
         body = packet[1:]
@@ -105,14 +105,14 @@ class Session:
         """Return what is the end of a packet but for the padding of CAN; Refused."""
         end = begin + size
         if len(body) < end or (len(body) > end and not self._link.can):
-            raise Refused(Err.CMD_SYNTAX)
+            raise CommandRefused(Err.CMD_SYNTAX)
         return body[begin:end]
 
     # The session
 
     def _connect(self, mode: int) -> bytes:
         if mode not in (0, 1):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         self.connected, self._mta = True, (VARIABLES, 0)
         self.daq.free()
         mode = 0xC0 if self._link.can else 0x80  # with blocks of the slave
@@ -126,7 +126,7 @@ class Session:
         return Struct("<BBxH").pack(RUNNING_DAQ if self.daq.running else 0, 0, 0)
 
     def _synch(self) -> bytes:
-        raise Refused(Err.CMD_SYNCH)
+        raise CommandRefused(Err.CMD_SYNCH)
 
     def _get_comm_mode_info(self) -> bytes:
         most = self._link.most_in_block
@@ -161,7 +161,7 @@ class Session:
 
     def _short_upload(self, count: int, extension: int, address: int) -> list[bytes]:
         if count >= self._link.cto:
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         self._mta = extension, address
         return self._upload(count)
 
@@ -176,7 +176,7 @@ class Session:
             VARIABLES: 8 * len(self._node.names), FILE: len(self._node.a2l), TEXT: len(self._text)
         }  # fmt: skip
         if not 0 < count <= most or address + count > sizes.get(extension, 0):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         if extension != VARIABLES:
             return (self._node.a2l if extension == FILE else self._text)[address : address + count]
         if address % 8 == 0 or address != self._seen_to:
@@ -186,14 +186,14 @@ class Session:
 
     def _download(self, body: bytes) -> list[bytes]:
         if not body:
-            raise Refused(Err.CMD_SYNTAX)
+            raise CommandRefused(Err.CMD_SYNTAX)
         self._block = b""
         return self._more(body, body[0])
 
     def _download_next(self, body: bytes) -> list[bytes]:
         left, self._left = self._left, 0
         if not left or body[:1] != bytes([left]):
-            raise Refused(Err.SEQUENCE, left)
+            raise CommandRefused(Err.SEQUENCE, left)
         return self._more(body, left)
 
     def _more(self, body: bytes, left: int) -> list[bytes]:
@@ -201,23 +201,25 @@ class Session:
         part = min(left, self._link.cto - 2) if self._link.can else left
         self._block += self._part(body, 1, part)
         self._left = left - part
-        return [] if self._left else self._written(self._block)
+        return [] if self._left else self._write_memory(self._block)
 
     def _short_download(self, body: bytes) -> list[bytes]:
         head = Struct("<BxBI")
         if len(body) < head.size:
-            raise Refused(Err.CMD_SYNTAX)
+            raise CommandRefused(Err.CMD_SYNTAX)
         count, extension, address = head.unpack(body[: head.size])
         data = self._part(body, head.size, count)
         self._mta = extension, address
-        return self._written(data)
+        return self._write_memory(data)
 
-    def _written(self, data: bytes) -> list[bytes]:
+    def _write_memory(self, data: bytes) -> list[bytes]:
         (extension, address), names = self._mta, self._node.names
         if extension != VARIABLES:
-            raise Refused(Err.WRITE_PROTECTED if extension in (FILE, TEXT) else Err.OUT_OF_RANGE)
+            raise CommandRefused(
+                Err.WRITE_PROTECTED if extension in (FILE, TEXT) else Err.OUT_OF_RANGE
+            )
         if not data or address % 8 or len(data) % 8 or address + len(data) > 8 * len(names):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         values = np.frombuffer(data, "<f8").tolist()
         first = address // 8
         cycle = self._node.write(dict(zip(names[first : first + len(values)], values, strict=True)))
@@ -234,7 +236,7 @@ class Session:
 
     def _get_daq_event_info(self, event: int) -> bytes:
         if event >= len(DIVISIONS):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         cycle, unit = period(self._node.period_ns * DIVISIONS[event])
         return Struct("<BBBBBB").pack(0x04, 0xFF, self._tell(event_name(event)), cycle, unit, 0)
 
@@ -255,7 +257,7 @@ class Session:
     def _write_daq_multiple(self, body: bytes) -> list[bytes]:
         element = Struct("<BBIBx")
         if not body:
-            raise Refused(Err.CMD_SYNTAX)
+            raise CommandRefused(Err.CMD_SYNTAX)
         data = self._part(body, 1, body[0] * element.size)
         for bit, size, address, extension in element.iter_unpack(data):
             self.daq.write(bit, size, extension, address)
@@ -274,12 +276,12 @@ class Session:
         elif mode == 2:
             one.selected = True
         else:
-            raise Refused(Err.MODE_NOT_VALID)
+            raise CommandRefused(Err.MODE_NOT_VALID)
         return bytes([self.daq.first(number)])
 
     def _start_stop_synch(self, mode: int) -> None:
         if mode not in (0, 1, 2):
-            raise Refused(Err.MODE_NOT_VALID)
+            raise CommandRefused(Err.MODE_NOT_VALID)
         chosen = [i for i, one in enumerate(self.daq.lists) if one.selected or mode == 0]
         if mode == 1:
             self.daq.start(*chosen)

@@ -143,7 +143,7 @@ def _kvm() -> Row:
     if not accelerator.kvm_is_open():
         cure = "sudo usermod -aG kvm $USER    # then log in again"
         return Row("KVM", "warn", "/dev/kvm is not writable", cost, cure)
-    proven = accelerator.proven(kernel.cache_folder())
+    proven = accelerator.proven_accelerator(kernel.cache_folder())
     if proven == "tcg":
         cure = f"rm {kernel.cache_folder() / 'accelerator'}    # to try it once more"
         return Row("KVM", "warn", "/dev/kvm, but a guest did not boot with it", cost, cure)

@@ -88,9 +88,9 @@ def show(found: list[Row], price: str = "costs") -> None:
     broad = max(len(row.name) for row in found)
     for row in found:
         ahead = f"{row.state:7}  {row.name:{broad}}  "
-        lines = screen.wrapped(row.found, ahead)
+        lines = screen.wrapped_lines(row.found, ahead)
         if row.cost:
-            lines += screen.wrapped(f"{price}: {row.cost}", " " * len(ahead))
+            lines += screen.wrapped_lines(f"{price}: {row.cost}", " " * len(ahead))
         if sys.stdout.isatty():
             lines[0] = f"\x1b[{_COLOURS[row.state]}m{row.state}\x1b[0m{lines[0][len(row.state) :]}"
         print("\n".join(lines))
@@ -143,11 +143,13 @@ def node_memory_row() -> Row:
     """Return whether a node can have its memory, and hand it to clients."""
     try:
         from pcpc.executive.loop.shared import LOOP, SharedError  # time
-        from pcpc.executive.loop.sharing import Served
+        from pcpc.executive.loop.sharing import ServedMemory
     except ImportError:
         return Row("node memory", "missing", "not tried", "see packages")
     try:
-        served = Served("doctor", {"variables": [], "state_columns": [], "timing_columns": []})
+        served = ServedMemory(
+            "doctor", {"variables": [], "state_columns": [], "timing_columns": []}
+        )
         served.open()
     except SharedError as error:
         return Row("node memory", "missing", str(error), "no node can start", "")

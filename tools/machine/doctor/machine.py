@@ -54,7 +54,7 @@ def machine_rows(project: Path) -> Iterator[Row]:
     """Yield the rows about real time; `project` is the folder to import `drivers` from."""
     yield kernel_row(platform.version(), text(Path("/sys/kernel/realtime")) == "1")
     yield from permission_rows(project)
-    yield _isolated()
+    yield _isolation_row()
     yield governor(CPUS)
     yield clock_row(*(text(_CLOCKS / f"{which}_clocksource") for which in ("current", "available")))
     yield _hypervisor()
@@ -112,7 +112,7 @@ def permission_rows(project: Path) -> Iterator[Row]:
             yield Row(name, "warn", detail.partition(";")[0] + more, cost, cure)
 
 
-def _isolated() -> Row:
+def _isolation_row() -> Row:
     isolated, count = text(CPUS / "isolated"), os.cpu_count() or 1
     if isolated:
         return Row("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")

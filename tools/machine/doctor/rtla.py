@@ -21,9 +21,13 @@ def run() -> str:
     try:
         with tempfile.TemporaryDirectory(prefix="pcpc-rtla-") as folder:  # it may write a trace
             done = subprocess.run(
-                WORDS, capture_output=True, text=True, errors="replace", cwd=folder,
+                WORDS,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                cwd=folder,
                 timeout=_PATIENCE_S,
-            )  # fmt: skip
+            )
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"not measured: {error}"
     found = list(culprits(done.stdout))

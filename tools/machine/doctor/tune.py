@@ -58,7 +58,7 @@ def cpu_set(written: str) -> set[int]:
     return found
 
 
-def _listed(cpus: set[int]) -> str:
+def _cpu_list(cpus: set[int]) -> str:
     return ",".join(map(str, sorted(cpus)))
 
 
@@ -81,9 +81,9 @@ def kernel_line(line: str, cpus: set[int], count: int) -> Row:
     given = _options(line)
     missing = [option for option in _ISOLATING if not cpus <= given.get(option, set())]
     if not missing:
-        return Row(name, "ok", f"{', '.join(_ISOLATING)}: CPUs {_listed(cpus)}", _UNKNOWN)
-    cure = boot_with(" ".join(f"{option}={_listed(cpus)}" for option in missing), _listed(cpus))
-    return Row(name, "warn", f"CPUs {_listed(cpus)}: no {', '.join(missing)}", _UNKNOWN, cure)
+        return Row(name, "ok", f"{', '.join(_ISOLATING)}: CPUs {_cpu_list(cpus)}", _UNKNOWN)
+    cure = boot_with(" ".join(f"{option}={_cpu_list(cpus)}" for option in missing), _cpu_list(cpus))
+    return Row(name, "warn", f"CPUs {_cpu_list(cpus)}: no {', '.join(missing)}", _UNKNOWN, cure)
 
 
 def interrupts(folder: Path, cpus: set[int], count: int) -> Row:
@@ -93,10 +93,10 @@ def interrupts(folder: Path, cpus: set[int], count: int) -> Row:
         return Row(name, "ok", "no CPU is reserved for a rig")
     files = [text(file) for file in folder.glob("[0-9]*/smp_affinity_list")]
     there = sum(bool(cpu_set(file) & cpus) for file in files)
-    found = f"{there} of {len(files)} may come to CPUs {_listed(cpus)}"
+    found = f"{there} of {len(files)} may come to CPUs {_cpu_list(cpus)}"
     if not there:
         return Row(name, "ok", found, _UNKNOWN)
-    others = _listed(set(range(count)) - cpus)
+    others = _cpu_list(set(range(count)) - cpus)
     balance = "sudo systemctl disable --now irqbalance; " if shutil.which("irqbalance") else ""
     cure = (
         f"{balance}for i in /proc/irq/[0-9]*; do echo {others} | "

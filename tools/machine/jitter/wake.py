@@ -23,7 +23,7 @@ class _Timespec(ctypes.Structure):
     _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
 
 
-class _Stopped(Exception):
+class _StopSignal(Exception):
     """SIGINT or SIGTERM came."""
 
 
@@ -43,13 +43,13 @@ def measure(interval_ns: int, periods: int) -> "array[int]":
             skipped = behind // interval_ns + 1 if behind > 0 else 0
             k += 1 + skipped
             deadline += (1 + skipped) * interval_ns
-    except _Stopped:
+    except _StopSignal:
         pass
     return late
 
 
 def _stop(number: int, frame: object) -> None:
-    raise _Stopped
+    raise _StopSignal
 
 
 def main(words: list[str]) -> int:

@@ -16,7 +16,7 @@ def kvm_is_open() -> bool:
     return os.access(_KVM, os.R_OK | os.W_OK)
 
 
-def proven(cache: Path) -> str | None:
+def proven_accelerator(cache: Path) -> str | None:
     """Return kvm or tcg as remembered since the host was booted, None if KVM is untried."""
     try:
         boot, outcome = (cache / "accelerator").read_text(encoding="ascii").split()
@@ -36,7 +36,7 @@ def choice(wanted: str, cache: Path) -> str:
     """Return kvm or tcg to start with; `wanted` is auto, kvm or tcg."""
     if wanted != "auto":
         return wanted
-    return "kvm" if kvm_is_open() and proven(cache) != "tcg" else "tcg"
+    return "kvm" if kvm_is_open() and proven_accelerator(cache) != "tcg" else "tcg"
 
 
 def reason(wanted: str, cache: Path) -> str:
@@ -47,7 +47,7 @@ def reason(wanted: str, cache: Path) -> str:
     if not kvm_is_open():
         return f"{kind} (/dev/kvm is missing or not writable)"
     reasons = {"kvm": "KVM has booted", "tcg": "KVM failed to boot", None: "KVM untried; else tcg"}
-    return f"{kind} ({reasons[proven(cache)]})"
+    return f"{kind} ({reasons[proven_accelerator(cache)]})"
 
 
 def _boot_id() -> str:

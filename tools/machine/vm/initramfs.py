@@ -51,8 +51,8 @@ def _entry(name: str, mode: int, data: bytes, inode: int) -> bytes:
     links = 2 if stat.S_ISDIR(mode) else 1
     fields = (inode, mode, 0, 0, links, 0, len(data), 0, 0, 0, 0, len(path), 0)
     header = b"070701" + b"".join(b"%08X" % field for field in fields)
-    return _padded(header + path) + _padded(data)
+    return _padded_data(header + path) + _padded_data(data)
 
 
-def _padded(data: bytes) -> bytes:
+def _padded_data(data: bytes) -> bytes:
     return data + bytes(-len(data) % 4)

@@ -53,7 +53,7 @@ def prepare(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:
 
     `update` fetches the distribution's present kernel. Raises VmError when apt cannot provide one.
     """
-    with _locked(cache, say):
+    with _cache_lock(cache, say):
         for leftover in cache.glob("tmp-*"):
             shutil.rmtree(leftover, ignore_errors=True)
         release = None if update else cached_release(cache)
@@ -123,7 +123,7 @@ def needed_modules(module: bytes) -> list[str]:
 
 
 @contextmanager
-def _locked(cache: Path, say: Say) -> Iterator[None]:
+def _cache_lock(cache: Path, say: Say) -> Iterator[None]:
     cache.mkdir(parents=True, exist_ok=True)
     with (cache / "lock").open("w") as lock:
         try:

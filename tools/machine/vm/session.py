@@ -93,7 +93,7 @@ class Session:
                     elif not self._take(key.data, piece):
                         return _CODE_BROKEN_PIPE
                 if not selector.get_map() or self._machine.process.poll() is not None:
-                    raise self._broken("ended without an exit status")
+                    raise self._guest_error("ended without an exit status")
                 now_s = time.monotonic() - start_s
                 self._watch(now_s)
                 if now_s >= self._stop_at_s:
@@ -145,7 +145,7 @@ class Session:
         if not self.up:
             self._progress.booting(now_s)
             if now_s > self._limits.boot_s:
-                raise self._broken(f"is not up after {now_s:.0f} s")
+                raise self._guest_error(f"is not up after {now_s:.0f} s")
         if now_s > self._limits.total_s and self._stop_code is None:
             self._progress.say(f"time limit of {self._limits.total_s:g} s: ending the guest")
             self._stop(_CODE_TIMEOUT, signal.SIGTERM, now_s)
@@ -161,7 +161,7 @@ class Session:
         self._stop_at_s = now_s + (_GRACE_S if self.up else 0.0)
         self._machine.send("control", _SIGNALS[signal.Signals(number)])
 
-    def _broken(self, what: str) -> VmError:
+    def _guest_error(self, what: str) -> VmError:
         text = re.sub(r"\x1b(\[[?0-9;]*[a-zA-Z]|c)", "", self._console.decode(errors="replace"))
         lines = [line for line in text.splitlines() if line.strip()]
         for line in lines[-_CONSOLE_LINES:]:

@@ -27,7 +27,7 @@ from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.make.device.below import Below
+from pcpc.tools.make.device.below import NodesBelow
 from pcpc.tools.make.device.witness import Counts, share
 
 LATE_SHARE = 0.01  # of the cycles: a PC without SCHED_FIFO is late in some, and holds
@@ -70,7 +70,7 @@ def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> 
 
     `counts`: what a witness of the bus has told.
     """
-    found, below = Behaviour(), Below(rig)
+    found, below = Behaviour(), NodesBelow(rig)
     heard = below.record(log)
     came = heard.frames[heard.frames["direction"] == 1]
     for role, frame in below.heard:

@@ -11,7 +11,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 
-class Below:
+class NodesBelow:
     """The nodes right below a rig's executive, `roles`; BusError if the DBC file is not there.
 
     `heard`: the frames that come from above, each with the first node that hears it; `told`: those

@@ -221,7 +221,7 @@ class DeviceHost(Host):
             return
         names = [self._block_name(role) for role in self.roles]
         words = [str(self.folder / LOG), *names, "--judged", json.dumps({})]
-        self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
+        self.children["recorder"] = Child.fork("recorder", recorder.main, words, survives=True)
 
     def _recorder_may_come(self) -> bool:
         return "recorder" in self.children and not self.children["recorder"].ended

@@ -22,7 +22,7 @@ from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slic
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.replayed import Verdict, compare_frames
-from pcpc.tools.make.device.below import Below
+from pcpc.tools.make.device.below import NodesBelow
 
 ROLE = "device"
 _ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": float(State.RUN)}
@@ -38,7 +38,7 @@ class DeviceComparison:
     """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay."""
 
     def __init__(self, head: logs.Log, rig: Rig) -> None:
-        self.below, self.role = Below(rig), rig.config.below[0]  # the node whose record it is
+        self.below, self.role = NodesBelow(rig), rig.config.below[0]  # the node whose record it is
         self.recorded = Assembler([])
         self.replay = Replay(rig, "executive", "lockstep", [])
         names = [one.name for one in self.replay.plan.table.variables]

@@ -24,7 +24,7 @@ from pcpc.drivers.can.bus import Bus, listener
 from pcpc.drivers.can.can_id import word_of
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.make.device.below import Below
+from pcpc.tools.make.device.below import NodesBelow
 from pcpc.tools.start.children import Child
 
 FILE = "arrivals.json"  # in the run's folder, until the device is judged
@@ -48,7 +48,7 @@ class Arrivals:
     @classmethod
     def of(cls, rig: Rig) -> "Arrivals":
         """Return what is to be heard in runs of a rig; BusError if its DBC file is not there."""
-        below = Below(rig)
+        below = NodesBelow(rig)
         heard, sent = ([frame for _, frame in of] for of in (below.heard, below.told))
         sync = next(frame.word for frame in heard if frame.has_sequence)
         commands = [one.word for one in heard if messages.is_awaited(one) and one.word != sync]
@@ -97,7 +97,7 @@ def start_witness(rig: Rig, bus: Bus, folder: Path) -> Child:
         return 0
 
     with ear:
-        return Child.forked("witness", main, ())
+        return Child.fork("witness", main, ())
 
 
 def read_counts(folder: Path) -> Counts:

@@ -68,10 +68,10 @@ class Build:
 
 def builds() -> list[Build]:
     """Return all builds, in the order of the table."""
-    gcc, clang = _found("gcc"), _found("clang")
-    arm, machine = _found("arm-none-eabi-gcc"), _found("qemu-system-arm")
-    aarch64 = _found("aarch64-linux-gnu-gcc")
-    user = _found("qemu-aarch64-static") or _found("qemu-aarch64")
+    gcc, clang = _installed_program("gcc"), _installed_program("clang")
+    arm, machine = _installed_program("arm-none-eabi-gcc"), _installed_program("qemu-system-arm")
+    aarch64 = _installed_program("aarch64-linux-gnu-gcc")
+    user = _installed_program("qemu-aarch64-static") or _installed_program("qemu-aarch64")
     zig = _zig()
     native = ("-O3", "-march=native")
     return [
@@ -188,7 +188,7 @@ def _row(name: str, work: Callable[[], str], expected: str, refuses: bool) -> Ro
     return Row(name, digest, "equal" if digest == expected else "DIFFERS")
 
 
-def _found(name: str) -> tuple[str, ...]:
+def _installed_program(name: str) -> tuple[str, ...]:
     path = shutil.which(name)
     return (path,) if path else ()
 
@@ -196,11 +196,11 @@ def _found(name: str) -> tuple[str, ...]:
 def _zig() -> tuple[str, ...]:
     if importlib.util.find_spec("ziglang"):
         return (sys.executable, "-m", "ziglang")
-    return _found("zig")
+    return _installed_program("zig")
 
 
 def _wasmtime() -> tuple[str, ...] | None:
-    if path := _found("wasmtime"):
+    if path := _installed_program("wasmtime"):
         return path
     if importlib.util.find_spec("wasmtime"):
         return (sys.executable, str(Path(__file__).with_name("wasm.py")))

@@ -18,7 +18,7 @@ from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.modules import module_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate import builds, cost, precision, single
-from pcpc.tools.make.generate.closed import Closed, digest_of
+from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
 from pcpc.tools.make.generate.device import device
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.node import rig_files
@@ -59,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
         _write_files(files, folder)
     if xcp is not None:
         lacking = part_of("live/xcp", "firmware").absent(files)
-        print("\n".join(screen.wrapped(" ".join(lacking), "not in the device: ", "  ")))
+        print("\n".join(screen.wrapped_lines(" ".join(lacking), "not in the device: ", "  ")))
     names = [options.controller] if options.controller else list(rig.config.controllers)
     if options.cost:
         given = options.set, options.cycles, options.single, progress
@@ -134,7 +134,7 @@ def _write_files(files: dict[str, str], folder: Path) -> None:
     laws = [name for name in files if name.endswith(".c")]
     lines = sum(text.count("\n") for text in files.values())
     print(f"{folder}: {len(files)} files, {lines:,} lines")
-    print("\n".join(screen.wrapped(" ".join(sorted(laws)), "  ")))
+    print("\n".join(screen.wrapped_lines(" ".join(sorted(laws)), "  ")))
     print(f"compile with {' '.join(elementary.FLAGS)}")
 
 
@@ -148,7 +148,7 @@ def python_digest(rig: str, controller: str | None, settings: list[str], cycles:
 
 
 def _digest(rig: Rig, cycles: int) -> str:
-    return digest_of(in_memory(rig), Closed(rig).columns(), cycles)
+    return digest_of(in_memory(rig), ClosedLoop(rig).columns(), cycles)
 
 
 def _shorter_duration(rig: Rig, cycles: int) -> list[str]:
@@ -163,7 +163,7 @@ def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
     UserError: nothing to compare.
     """
     cycles = min(options.cycles, cycles_of(rig))
-    closed = Closed(rig, options.single)
+    closed = ClosedLoop(rig, options.single)
     if not any(closed.columns().values()):
         raise rig.error("", "records no state and no output; there is nothing to be compared")
     words = [str(rig.path), options.controller or "", str(cycles), *options.set]

@@ -28,7 +28,7 @@ PORT = Path(__file__).with_name("closed.inc")
 BASIS, PRIME, NAN = 14695981039346656037, 1099511628211, 0x7FF8000000000000
 
 
-class Closed:
+class ClosedLoop:
     """The nodes of a rig, wired by frames."""
 
     def __init__(self, rig: Rig, in_single: bool = False) -> None:

@@ -20,7 +20,7 @@ from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate import builds
 from pcpc.tools.make.generate import single as singles
-from pcpc.tools.make.generate.closed import PORT, Closed
+from pcpc.tools.make.generate.closed import PORT, ClosedLoop
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.law import LETTERS, law_files, signature
@@ -80,7 +80,7 @@ def _row(name: str, core: str, single: bool, most: int, stack: int, rate_hz: flo
 
 def step_cost(rig: Rig, core: str, cycles: int, in_single: bool = False) -> tuple[int, int]:
     """Return the most instructions and bytes of stack of the executive's step; UserError."""
-    return _cost(Closed(rig, in_single).files(cycles), core, in_single)
+    return _cost(ClosedLoop(rig, in_single).files(cycles), core, in_single)
 
 
 def _cost(files: dict[str, str], core: str, in_single: bool) -> tuple[int, int]:

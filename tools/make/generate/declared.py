@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from pcpc.drivers.canopen.layout import LIMITED, WARNING, Heartbeat, Power
-from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.numbered import NumberedEnum, NumberedKind
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE, Quick
 from pcpc.executive.loop.states import NEXT, Condition, State
@@ -63,7 +63,7 @@ def _enum(kind: NumberedKind, name: str) -> str:
     return "\n".join(["typedef enum {", *members, f"}} {name};"])
 
 
-def _name(one: Numbered) -> str:
+def _name(one: NumberedEnum) -> str:
     return f"{type(one).__name__.upper()}_{one.name}"
 
 

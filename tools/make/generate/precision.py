@@ -118,7 +118,7 @@ def precision_table(
         f"{rig.config.rig} in float: the change of the command as a share of its rms; the metric"
     )
     return [
-        *screen.wrapped(f"{about} ({', '.join(asked)})"),
+        *screen.wrapped_lines(f"{about} ({', '.join(asked)})"),
         *screen.table(rows, right=(1, 2, 3, 4)),
         *lost,
     ]

@@ -117,11 +117,11 @@ class Contents:
     def _log(self, rig: Rig) -> dict[str, Any]:
         """Return what a page needs to write a log, or why it writes none."""
         try:
-            return self._shared(log_head(rig))
+            return self._shared_head(log_head(rig))
         except Untranslatable as error:
             return {"why": str(error)}
 
-    def _shared(self, head: dict[str, Any]) -> dict[str, Any]:
+    def _shared_head(self, head: dict[str, Any]) -> dict[str, Any]:
         """Return a log's head with what several controllers have as places in `parts`."""
         whole = json.dumps(head).replace(head["wall_ns"], WALL_NS)
         return {key: self._part(value) for key, value in json.loads(whole).items()}

@@ -43,17 +43,17 @@ def disturbances(rig: Rig, settings: list[str]) -> list[dict[str, Any]]:
     """Return the buttons: label, and `set`: [name, value, 1 if it is a time after the press]."""
     own = _parameters(rig)
     mine = {name: value for name, (_, value) in own.items()}
-    others = [*_beside(rig, settings, own)]
+    others = [*_neighbour_rigs(rig, settings, own)]
     events, rigs = [*_events(own)], [mine, *(values for _, values in others)]
     taken = {name for one in events for name in one.all}
     return [
-        *_scheduled(rig),
+        *_scheduled_settings(rig),
         *filter(None, (_event(one, rigs) for one in events)),
-        *_as_beside(rig, own, mine, others, taken),
+        *_neighbour_changes(rig, own, mine, others, taken),
     ]
 
 
-def _scheduled(rig: Rig) -> Iterator[dict[str, Any]]:
+def _scheduled_settings(rig: Rig) -> Iterator[dict[str, Any]]:
     for entry in rig.config.schedule:
         words = ", ".join(f"{name} = {value:g}" for name, value in entry.set.items())
         yield {"label": f"{words} now", "set": [[*one, 0] for one in entry.set.items()]}
@@ -106,7 +106,7 @@ def _events(own: Mapping[str, tuple[Variable, float]]) -> Iterator[_Event]:
             yield _Event(word, pairs, every, switch)
 
 
-def _as_beside(
+def _neighbour_changes(
     rig: Rig,
     own: Mapping[str, tuple[Variable, float]],
     mine: Values,
@@ -141,7 +141,7 @@ def _label(
     return f"as {name}: {', '.join(words[:MOST_NAMED] + rest)}"
 
 
-def _beside(
+def _neighbour_rigs(
     rig: Rig, settings: list[str], own: Mapping[str, Any]
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Yield the rigs in the folder of one that have its blocks, by name."""

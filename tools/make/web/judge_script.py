@@ -43,7 +43,7 @@ def judge_data(rig: Rig, changed: Sequence[str] = ()) -> dict[str, Any]:
     log = _silent(imagined_log(rig, "virtual"))
     known = judge.judged(log)
     about = known.period_s, known.windows, known.numbers, known.signals
-    traced = _Judged(log, *about, trace=Trace())
+    traced = _TracedRun(log, *about, trace=Trace())
     return {
         "cycles": cycles_of(rig),
         "reach": _span(traced, WINDOW),
@@ -76,11 +76,17 @@ def _silent(log: Log) -> Log:
 
     nodes = {
         name: replace(
-            node, cycle=silence, stamp_ns=silence, frames=silence, events=silence, tunings=silence,
-            columns=Columns(list(node.columns), refuse), timing=Columns(list(node.timing), refuse),
+            node,
+            cycle=silence,
+            stamp_ns=silence,
+            frames=silence,
+            events=silence,
+            tunings=silence,
+            columns=Columns(list(node.columns), refuse),
+            timing=Columns(list(node.timing), refuse),
         )
         for name, node in log.node.items()
-    }  # fmt: skip
+    }
     return replace(log, node=nodes)
 
 
@@ -148,18 +154,18 @@ class _Run(Run):
 
     def before(self, values: Any) -> Any:
         """Return the value of the cycle before each."""
-        return self._moved("before", values)
+        return self._moved_symbol("before", values)
 
     def after(self, values: Any) -> Any:
         """Return the value of the cycle after each."""
-        return self._moved("after", values)
+        return self._moved_symbol("after", values)
 
-    def _moved(self, where: str, values: Any) -> Symbol:
+    def _moved_symbol(self, where: str, values: Any) -> Symbol:
         return self.trace.symbol(where, self.trace.operand(values).index)
 
 
 @dataclass(frozen=True)
-class _Judged(Judged):
+class _TracedRun(Judged):
     """A run of which nothing but the names is known, with its windows."""
 
     trace: Trace = field(default_factory=Trace)
@@ -167,9 +173,14 @@ class _Judged(Judged):
     def run(self, leader: str = "executive") -> _Run:
         """Return the run, which has computed nothing yet."""
         return _Run(
-            self.log, self.period_s, leader, signals=self.signals, windows=self.windows,
-            numbers=self.numbers, trace=self.trace,
-        )  # fmt: skip
+            self.log,
+            self.period_s,
+            leader,
+            signals=self.signals,
+            windows=self.windows,
+            numbers=self.numbers,
+            trace=self.trace,
+        )
 
     def stretches(self, leader: str) -> Any:
         """Refuse: there is nothing to yield."""
@@ -196,7 +207,7 @@ def _span(judged: Judged, window: str) -> list[float | str]:
     return [plain(edge) for edge in edges(judged.period_s, *judged.windows[window])]
 
 
-def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
+def _metrics(judge: Judge, traced: _TracedRun) -> list[dict[str, Any]]:
     """Return the figures of merit that a run may have, with the controller's limits."""
     config = judge.rig.config
     limits, ids = dict(config.expected), config.limit_ids()
@@ -225,8 +236,9 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
     told = {one["name"] for one in found}
     found += [
         {"name": name, "value": traced.trace.number(math.nan).index}
-        for name in limits if name not in told
-    ]  # fmt: skip
+        for name in limits
+        if name not in told
+    ]
     for one in found:
         if one["name"] in limits:
             one["limit"] = [plain(float(edge)) for edge in limits[one["name"]]]
@@ -235,7 +247,7 @@ def _metrics(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
     return found
 
 
-def _signals(judge: Judge, traced: _Judged) -> dict[str, int]:
+def _signals(judge: Judge, traced: _TracedRun) -> dict[str, int]:
     """Return the nodes of the evaluation's signals; those that are not recorded are left out."""
     found = {}
     for name in judge.evaluation.signals:
@@ -246,7 +258,7 @@ def _signals(judge: Judge, traced: _Judged) -> dict[str, int]:
     return found
 
 
-def _requirements(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
+def _requirements(judge: Judge, traced: _TracedRun) -> list[dict[str, Any]]:
     """Return the requirements of the controller."""
     entries = list(judge.required().values())
     known = Names(traced.log, judge.evaluation.signals)
@@ -255,7 +267,9 @@ def _requirements(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
         about: dict[str, Any] = {"text": text_of(entry), "id": entry.id or ""}
         traced.trace.settings.clear()
         try:
-            about |= {"missing": one} if isinstance(one, str) else _timed(one, known, traced)
+            about |= (
+                {"missing": one} if isinstance(one, str) else _timed_requirement(one, known, traced)
+            )
         except (Exception, Unrecordable) as error:
             about["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
         about["settings"] = sorted(traced.trace.settings)
@@ -263,7 +277,7 @@ def _requirements(judge: Judge, traced: _Judged) -> list[dict[str, Any]]:
     return found
 
 
-def _timed(timed: TimedRequirement, known: Names, traced: _Judged) -> dict[str, Any]:
+def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun) -> dict[str, Any]:
     """Return a requirement that can be judged; cycles in place of times."""
     watch = monitor(timed, traced.period_s)
     reader = _Conditions(known, traced.run())

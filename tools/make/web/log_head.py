@@ -77,7 +77,7 @@ def log_head(rig: Rig) -> dict[str, Any]:
                 for one in found.metadata
                 if one.name not in ("run", "frames", "away")
             ],
-            "attachments": [[a.name, a.media_type, _attached(a)] for a in found.attachments],
+            "attachments": [[a.name, a.media_type, _attachment_text(a)] for a in found.attachments],
             "tunings": _schedule(run.plans),
             "peers": int(run.blocks[0].loop.meeting.peers),
             "nodes": [_node(one, log.node[one.role], known) for one in run.plans],
@@ -93,7 +93,7 @@ def _schemas(found: logs.Scan) -> Iterator[Any]:
     return (schema for schema in found.schemas.values() if schema.id in used)
 
 
-def _attached(file: Any) -> str:
+def _attachment_text(file: Any) -> str:
     """Return the text of an attachment, `base64:...` of one that is no UTF-8."""
     data = file.data
     if file.name in {f"{role}.json" for role in logs.NODES}:

@@ -23,7 +23,7 @@ from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.builds import fixed_files
-from pcpc.tools.make.generate.closed import Closed
+from pcpc.tools.make.generate.closed import ClosedLoop
 from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator.elementary import FLAGS
 
@@ -45,7 +45,7 @@ class Column:
     finite: bool  # a value that is not finite is a fault of the node
 
 
-class Program(Closed):
+class Program(ClosedLoop):
     """The nodes of a rig, and what a page is told of them."""
 
     def __init__(self, rig: Rig) -> None:

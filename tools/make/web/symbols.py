@@ -104,13 +104,13 @@ class Trace:
     def of(self, function: Callable[[], Any]) -> "Symbol":
         """Return what a function returns, with both ways of its branches."""
 
-        def joined(found: Any) -> Symbol:
+        def joined_symbol(found: Any) -> Symbol:
             if not isinstance(found, Fork):
                 return self.operand(found)
-            yes, no = joined(found.yes), joined(found.no)
+            yes, no = joined_symbol(found.yes), joined_symbol(found.no)
             return self.symbol("if", found.condition, yes.index, no.index, kind=yes.kind)
 
-        return joined(self.ways(function))
+        return joined_symbol(self.ways(function))
 
     def ways(self, function: Callable[[], Any]) -> Any:
         """Return what a function returns, a Fork where it branches."""

@@ -45,7 +45,7 @@ class Errors:
     seed: int = 1
 
     @classmethod
-    def parsed(cls, text: str | None) -> "Errors":
+    def from_text(cls, text: str | None) -> "Errors":
         """Return what `p=1e-5,burst=2,seed=7` says; RigError."""
         given: dict[str, Any] = {}
         for part in [] if text is None else text.replace(" ", "").split(","):
@@ -72,7 +72,7 @@ def command(options: argparse.Namespace) -> int:
 
     RigError: wrong input.
     """
-    errors = Errors.parsed(options.errors)
+    errors = Errors.from_text(options.errors)
     if options.queue > line.MOST_ROOM:
         raise RigError(f"--queue {options.queue}: at most {line.MOST_ROOM}")
     if options.bitrate and options.bitrate > MOST_CLASSIC:
@@ -81,7 +81,7 @@ def command(options: argparse.Namespace) -> int:
     if fast is not None and (what := odd_rates(bitrate, fast)):
         raise RigError(f"--data-bitrate: {what}")
     sides = _sides(options.words[1:])
-    held = [choice.take_bus(choice.Wanted(*one, rig="", roles=())) for one in sides]
+    held = [choice.take_bus(choice.BusRequest(*one, rig="", roles=())) for one in sides]
     gateway = Gateway(
         options.queue,
         fast is not None,

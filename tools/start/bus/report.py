@@ -79,7 +79,9 @@ def text_of(rig: Rig, bus: Bus) -> Iterator[str]:
     if setup.data_bitrate:
         kind = f"CAN FD, data at {rate_of(setup.data_bitrate)}"
     of_what = f"{bus.name} at {rate_of(setup.bitrate)} ({bus.origin}), {kind}"
-    yield from screen.wrapped(of_what, f"{rig.config.rig} at {rig.config.rate_hz:g} Hz, ", "  ")
+    yield from screen.wrapped_lines(
+        of_what, f"{rig.config.rig} at {rig.config.rate_hz:g} Hz, ", "  "
+    )
     yield ""
     last = {row.sent.frame.word: row for row in bus.rows}  # of those of XCP with one id
     cells = [_cells(row, bus) for row in last.values()]
@@ -119,16 +121,18 @@ def _verdicts(bus: Bus) -> Iterator[tuple[str, str]]:
     late = [row.sent.frame.name for row in rows if row.late]
     what = "each frame is sent before its next one"
     if late:
-        what = f"not: {_named(late)} may still wait when its next one comes"
+        what = f"not: {_name_list(late)} may still wait when its next one comes"
     yield "fits", f"{what} ({_limits(bus, traffic.fits, not late)})"
     held = [row.sent.frame.name for row in rows if row.held]
     what = "no frame misses the receiver's cycle"
     if held:
-        what = f"{_named(held)} may miss the receiver's cycle, which then uses the previous frame"
+        what = (
+            f"{_name_list(held)} may miss the receiver's cycle, which then uses the previous frame"
+        )
     yield "held", f"{what} ({_limits(bus, traffic.in_time, not held)})"
 
 
-def _named(names: Sequence[str], most: int = 6) -> str:
+def _name_list(names: Sequence[str], most: int = 6) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 

@@ -59,18 +59,18 @@ def _response_ns(
     def errors(t: int) -> int:
         return -(-t // error_every_ns) * error_ns if error_every_ns else 0  # (6)
 
-    def sent(frames: Sequence[Message], t: int) -> int:
+    def sent_ns(frames: Sequence[Message], t: int) -> int:
         return sum(-(-(t + k.jitter_ns) // k.period_ns) * k.transmission_ns for k in frames)
 
     busy = _fixed_point(
-        own.transmission_ns, lambda t: errors(t) + blocking + sent(messages[: m + 1], t)
+        own.transmission_ns, lambda t: errors(t) + blocking + sent_ns(messages[: m + 1], t)
     )  # (2)
     wait, worst = blocking, 0
     for q in range(-(-(busy + own.jitter_ns) // own.period_ns)):  # (3)
         before = blocking + q * own.transmission_ns
 
         def longer(w: int, before: int = before) -> int:
-            return errors(w + own.transmission_ns) + before + sent(higher, w + bit_ns)  # (4)
+            return errors(w + own.transmission_ns) + before + sent_ns(higher, w + bit_ns)  # (4)
 
         wait = _fixed_point(max(wait, before), longer)
         worst = max(worst, own.jitter_ns + wait - q * own.period_ns + own.transmission_ns)  # (5)

@@ -99,7 +99,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
     phases = {node: rig.config.realtime.of_node(role).phase for node, role in role_of.items()}
     kept = rig.config.pacing == "real" and not any_phase
 
-    def sent(message: dbc.Message) -> SentFrame:
+    def sent_frame(message: dbc.Message) -> SentFrame:
         frame, sender = dbc.frame(message), next(iter(message.senders), "")
         phase = phases.get(sender) if kept else None
         heard = [phases[name] for name in message.receivers if name in phases]
@@ -111,7 +111,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
 
     with messages.errors_named(rig):
         found = [
-            [sent(message) for message in database.messages if message.name in names]
+            [sent_frame(message) for message in database.messages if message.name in names]
             for names in messages.frames_by_bus(rig, database)
         ]
         for role, frame in own_frames(rig, database):

@@ -10,7 +10,7 @@ from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.laws.approximators import jumps
 from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
-from pcpc.tools.study.book._approximation_training import CASES, Array, Net, Trained, output
+from pcpc.tools.study.book._approximation_training import CASES, Array, Net, TrainedNet, output
 
 DPI = 110
 SEED = 0  # of the nets drawn
@@ -18,7 +18,7 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE)
 
 
 def draw(
-    folder: Path, done: Sequence[Trained], fits: Mapping[int, Mapping[str, Sequence[float]]]
+    folder: Path, done: Sequence[TrainedNet], fits: Mapping[int, Mapping[str, Sequence[float]]]
 ) -> None:
     """Write all figures into `folder`. Raises ImportError, with the cure, without matplotlib."""
     nets = {result.net: result for result in done}
@@ -34,16 +34,20 @@ def draw(
     )  # fmt: skip
     line = Net("lin1d", SEED), Net("lin1d", SEED, jumps.SIGMOID, 0.0)
     draw_lines(
-        folder / "lin1d.png", "lin1d",
+        folder / "lin1d.png",
+        "lin1d",
         {"standard network": nets[line[0]], "augmented, jump nodes at x = 0": nets[line[1]]},
-    )  # fmt: skip
+    )
     lm = Net("sin1d", SEED, None, 0.0, "lm"), Net("sin1d", SEED, jumps.SIGMOID, -1.0, "lm")
     draw_lines(
-        folder / "lm.png", "sin1d",
-        {"standard, Levenberg-Marquardt": nets[lm[0]],
-         "augmented, Levenberg-Marquardt": nets[lm[1]]},
+        folder / "lm.png",
+        "sin1d",
+        {
+            "standard, Levenberg-Marquardt": nets[lm[0]],
+            "augmented, Levenberg-Marquardt": nets[lm[1]],
+        },
         zoom=(-1.3, -0.7),
-    )  # fmt: skip
+    )
     draw_fits(folder / "fit.png", fits)
     draw_fields(folder / "fields.png")
 
@@ -73,7 +77,10 @@ def in_pieces(x: Array, y: Array, c: float) -> tuple[Array, Array]:
 
 
 def draw_lines(
-    path: Path, name: str, results: Mapping[str, Trained], zoom: tuple[float, float] | None = None
+    path: Path,
+    name: str,
+    results: Mapping[str, TrainedNet],
+    zoom: tuple[float, float] | None = None,
 ) -> None:
     """Draw function and nets beside each other, their errors below."""
     case = CASES[name]
@@ -82,9 +89,13 @@ def draw_lines(
     train = case.grid(case.train_points)
     train = train[(train[:, 0] >= low - 1e-9) & (train[:, 0] <= high + 1e-9)]
     figure, axes = page(
-        2, len(results), (3.6 * len(results), 5.0), sharex=True, sharey="row",
+        2,
+        len(results),
+        (3.6 * len(results), 5.0),
+        sharex=True,
+        sharey="row",
         height_ratios=(2.0, 1.3),
-    )  # fmt: skip
+    )
     figure.suptitle(f"f(x) = {case.title}", fontsize=11)
     for column, (title, result) in enumerate(results.items()):
         top, below = axes[:, column]
@@ -109,7 +120,7 @@ def draw_lines(
     figure.savefig(path)
 
 
-def draw_surfaces(path: Path, name: str, nets: Mapping[Net, Trained]) -> None:
+def draw_surfaces(path: Path, name: str, nets: Mapping[Net, TrainedNet]) -> None:
     """Draw function, standard and augmented network as surfaces, the errors as maps below."""
     case, n = CASES[name], 81
     x = case.grid(n)
@@ -127,9 +138,17 @@ def draw_surfaces(path: Path, name: str, nets: Mapping[Net, Trained]) -> None:
         ax.remove()
         surface = figure.add_subplot(spec, projection="3d")
         surface.plot_surface(
-            a, b, y.reshape(n, n), cmap="viridis", vmin=low, vmax=high, rcount=41, ccount=41,
-            linewidth=0.1, edgecolor="#00000030",
-        )  # fmt: skip
+            a,
+            b,
+            y.reshape(n, n),
+            cmap="viridis",
+            vmin=low,
+            vmax=high,
+            rcount=41,
+            ccount=41,
+            linewidth=0.1,
+            edgecolor="#00000030",
+        )
         surface.set(xlabel="x1", ylabel="x2", zlim=(low, high))
         surface.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1))
         surface.set_title(title, fontsize=10)
@@ -150,7 +169,9 @@ def draw_surfaces(path: Path, name: str, nets: Mapping[Net, Trained]) -> None:
     figure.savefig(path)
 
 
-def draw_cut(ax: Any, function: Callable[[Array], Array], results: tuple[Trained, Trained]) -> None:
+def draw_cut(
+    ax: Any, function: Callable[[Array], Array], results: tuple[TrainedNet, TrainedNet]
+) -> None:
     """Draw the cut x2 = 0."""
     line = np.linspace(-1.0, 1.0, 801)
     cut = np.column_stack((line, np.zeros_like(line)))

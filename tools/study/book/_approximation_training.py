@@ -108,7 +108,7 @@ class Net:
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedNet:
     """A trained net and its errors: rms on training and test grid, largest, away from the jump."""
 
     net: Net
@@ -232,7 +232,7 @@ def output(net: Net, theta: Array, x: Array) -> Array:
     return y
 
 
-def trained(net: Net, epochs: int = EPOCHS) -> Trained:
+def trained_net(net: Net, epochs: int = EPOCHS) -> TrainedNet:
     """Train a net from its seed and judge it; `epochs` of the batch trainer."""
     case = CASES[net.case]
     x = case.grid(case.train_points)
@@ -248,10 +248,14 @@ def trained(net: Net, epochs: int = EPOCHS) -> Trained:
     test = case.grid(case.test_points)
     error = output(net, theta, test) - case.function(test)
     far = np.abs(test[:, 0] - case.c) > FAR_CELLS * case.cell()
-    return Trained(
-        net, theta, _rms(output(net, theta, x) - target), _rms(error),
-        float(np.abs(error).max()), _rms(error[far]),
-    )  # fmt: skip
+    return TrainedNet(
+        net,
+        theta,
+        _rms(output(net, theta, x) - target),
+        _rms(error),
+        float(np.abs(error).max()),
+        _rms(error[far]),
+    )
 
 
 def _rms(values: Array) -> float:

@@ -176,8 +176,13 @@ def stick_slip_belt(ax: Any) -> list[tuple[str, str, str]]:
         rising = np.flatnonzero((x[1:] >= 0.005) & (x[:-1] < 0.005) & (t[1:] > 2.0))
         exact = t[rising] + dt * (0.005 - x[rising]) / (x[rising + 1] - x[rising])
         period = float(np.diff(exact).mean())
-        rows.append((f"belt stick-slip, period in s, step {dt:g} s", f"{period:.5f}",
-                     f"0.666731 exactly; {expected:.5f} of another implementation"))  # fmt: skip
+        rows.append(
+            (
+                f"belt stick-slip, period in s, step {dt:g} s",
+                f"{period:.5f}",
+                f"0.666731 exactly; {expected:.5f} of another implementation",
+            )
+        )
     ax.plot(t, 1e3 * x, color=BLUE, label="spring is stretched, then slips")
     ax.set_xlim(2.0, 4.5)
     ax.set_ylim(-5.0, 30.0)
@@ -226,13 +231,16 @@ def output_deadzone(ax: Any) -> list[tuple[str, str, str]]:
     lost, kept = np.abs(guess - y)[inside].max(), np.abs(guess - y)[~inside].max()
     half = 0.5 * (GAP[0] - GAP[1])
     return [
-        ("output estimated behind a deadzone, largest error in the band", f"{lost:.4f}",
-         f"{half:.4f}, half of its width"),
+        (
+            "output estimated behind a deadzone, largest error in the band",
+            f"{lost:.4f}",
+            f"{half:.4f}, half of its width",
+        ),
         ("the same outside", f"{kept:.1e}", "0 to rounding"),
-    ]  # fmt: skip
+    ]
 
 
-def followed(load: float, amplitude: float, estimates: bool) -> tuple[Vector, Vector, Vector]:
+def tracking_run(load: float, amplitude: float, estimates: bool) -> tuple[Vector, Vector, Vector]:
     """Return time, reference and output of y' = 20 (r - y^) + r' + load, sensor D(y), slopes 1."""
     dt = 1e-3
     t = np.arange(0.0, 2.0, dt)
@@ -249,10 +257,12 @@ def followed(load: float, amplitude: float, estimates: bool) -> tuple[Vector, Ve
 
 def output_deadzone_loop(ax: Any) -> None:
     """Draw a loop that follows a sine by a sensor with a deadzone, without and with an estimate."""
-    t, r, plain = followed(0.0, 1.0, False)
+    t, r, plain = tracking_run(0.0, 1.0, False)
     ax.plot(t, r, color=GREY, linestyle="--", label="reference")
     ax.plot(t, plain, color=BLUE, label="loop on the measurement")
-    ax.plot(t, followed(0.0, 1.0, True)[2], color=ORANGE, linewidth=0.9, label="on the estimate")
+    ax.plot(
+        t, tracking_run(0.0, 1.0, True)[2], color=ORANGE, linewidth=0.9, label="on the estimate"
+    )
     ax.set_ylim(-1.4, 2.4)
     _label(ax, "a loop with a deadzone in its sensor", "time [s]", "output")
 
@@ -261,11 +271,16 @@ def output_deadzone_rest(ax: Any) -> list[tuple[str, str, str]]:
     """Draw the same loop at rest: a load drives the output to the edge, whatever is estimated."""
     rows = []
     for estimates, colour in ((False, BLUE), (True, ORANGE)):
-        t, r, y = followed(4.0, 0.0, estimates)
+        t, r, y = tracking_run(4.0, 0.0, estimates)
         name = "on the estimate" if estimates else "loop on the measurement"
         ax.plot(t, y, color=colour, linewidth=0.9, label=name)
-        rows.append((f"at rest under a load, {name}: last output", f"{y[-1]:.3f}",
-                     f"not below the edge, {GAP[0]:g}"))  # fmt: skip
+        rows.append(
+            (
+                f"at rest under a load, {name}: last output",
+                f"{y[-1]:.3f}",
+                f"not below the edge, {GAP[0]:g}",
+            )
+        )
     ax.plot(t, r, color=GREY, linestyle="--", label="reference")
     ax.axhspan(*sorted(GAP), color="#F3E8D2", linewidth=0, label="deadzone")
     _label(ax, "the same under a load: the band stays unseen", "time [s]", "output")

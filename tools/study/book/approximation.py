@@ -24,9 +24,9 @@ from pcpc.tools.study.book._approximation_training import (
     CASES,
     Array,
     Net,
-    Trained,
+    TrainedNet,
     online_fit,
-    trained,
+    trained_net,
 )
 from pcpc.tools.terminal.progress import Progress
 
@@ -114,9 +114,9 @@ def nets() -> list[Net]:
     return found
 
 
-def chosen(
-    done: Sequence[Trained], row: str, jump: int | None, trainer: str = "batch"
-) -> list[Trained]:
+def chosen_nets(
+    done: Sequence[TrainedNet], row: str, jump: int | None, trainer: str = "batch"
+) -> list[TrainedNet]:
     """Return the trained nets, one a seed, of a row of the table."""
     name, _, elsewhere = row.partition(", nodes at ")
     c = float(elsewhere or CASES[name].c) if jump is not None else 0.0
@@ -124,7 +124,7 @@ def chosen(
     return [result for net in wanted for result in done if result.net == net]
 
 
-def medians(results: Sequence[Trained]) -> tuple[float, float, float, float]:
+def medians(results: Sequence[TrainedNet]) -> tuple[float, float, float, float]:
     """Return the medians over the seeds of train rms, test rms, largest, rms away from the jump."""
     rows = [(r.train, r.test, r.largest, r.far) for r in results]
     train, test, largest, far = np.median(np.array(rows), axis=0)
@@ -134,11 +134,11 @@ def medians(results: Sequence[Trained]) -> tuple[float, float, float, float]:
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run everything on `jobs` processes (all processors), write results.md and figures/."""
     todo = nets()
-    done: list[Trained] = []
+    done: list[TrainedNet] = []
     fits: dict[int, dict[str, list[float]]] = {}
     with workers(jobs) as pool:
         fitting = {pool.submit(fit_errors, n): n for n in reversed(SIZES)}
-        training = [pool.submit(trained, net) for net in todo]
+        training = [pool.submit(trained_net, net) for net in todo]
         every: list[Future[Any]] = [*fitting, *training]
         for count, future in enumerate(as_completed(every), 1):
             progress.show(f"approximation: {count}/{len(every)} nets and fits")
@@ -221,12 +221,12 @@ def online_report() -> str:
     )
 
 
-def jump_report(done: Sequence[Trained]) -> tuple[str, list[str]]:
+def jump_report(done: Sequence[TrainedNet]) -> tuple[str, list[str]]:
     """Return the table of the jump functions, and a line for each limit missed."""
     rows, missed = [], []
     for row, reference in JUMP_REFERENCE.items():
-        standard = medians(chosen(done, row, None))
-        augmented = medians(chosen(done, row, jumps.SIGMOID))
+        standard = medians(chosen_nets(done, row, None))
+        augmented = medians(chosen_nets(done, row, jumps.SIGMOID))
         cells = [row]
         for i, form in enumerate((".4f", ".4f", ".3f")):
             for value, other in ((standard, reference[2 * i]), (augmented, reference[2 * i + 1])):
@@ -242,11 +242,11 @@ def jump_report(done: Sequence[Trained]) -> tuple[str, list[str]]:
     return f"{JUMP_TEXT}\n{functions}\n{markdown(head, rows)}", missed
 
 
-def basis_report(done: Sequence[Trained]) -> str:
+def basis_report(done: Sequence[TrainedNet]) -> str:
     """Return the table of other jump bases."""
     rows = []
     for (name, basis), reference in BASIS_REFERENCE.items():
-        results = chosen(done, name, jumps.NAMES.index(basis))
+        results = chosen_nets(done, name, jumps.NAMES.index(basis))
         two = [result for result in results if result.net.seed in BASIS_SEEDS]
         own, fitting = medians(results)[1], medians(two)[1]
         rows.append((name, basis, f"{own:.4f} [{reference:.4f}]", f"{fitting:.4f}"))
@@ -259,11 +259,11 @@ def basis_report(done: Sequence[Trained]) -> str:
     return f"{text}\n{markdown(head, rows)}"
 
 
-def lm_report(done: Sequence[Trained]) -> str:
+def lm_report(done: Sequence[TrainedNet]) -> str:
     """Return the table of the other trainer."""
     rows = []
     for label, jump in (("standard", None), ("augmented", jumps.SIGMOID)):
-        train, test, largest, _ = medians(chosen(done, "sin1d", jump, "lm"))
+        train, test, largest, _ = medians(chosen_nets(done, "sin1d", jump, "lm"))
         rows.append((label, f"{train:.1e}", f"{test:.1e}", f"{largest:.2g}"))
     text = (
         "The trainer matters as much as the net. 100 Levenberg-Marquardt steps on sin1d let the\n"

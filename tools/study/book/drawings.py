@@ -63,10 +63,10 @@ def draw(scenes: Sequence[Scene], at_s: Sequence[float], columns: int, path: Pat
     for ax, scene, t in zip(axes.flat, scenes, at_s, strict=True):
         scene.paint(ax)
         ax.set_title(f"t = {t:g} s", fontsize=9)
-    page.savefig(path, dpi=DPI, metadata={KEY: named(scenes)})
+    page.savefig(path, dpi=DPI, metadata={KEY: scene_hash(scenes)})
 
 
-def named(scenes: Sequence[Scene]) -> str:
+def scene_hash(scenes: Sequence[Scene]) -> str:
     """Return what stands for scenes: a hash of what they say."""
     told = json.dumps([scene.json() for scene in scenes])
     return hashlib.sha256(told.encode()).hexdigest()

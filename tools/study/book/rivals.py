@@ -9,7 +9,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.plants.atb1000.book import rivals
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.experiment.cli import write_csv
-from pcpc.tools.study.experiment.runs import done
+from pcpc.tools.study.experiment.runs import case_results
 from pcpc.tools.study.margin.book.tuning import margin
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
@@ -19,7 +19,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run all laws on all scenarios and plants; NOT_MET if a run failed."""
     need("rivals needs", "scipy.stats")
     margins = dict(zip(rivals.LAWS, each(margin, rivals.LAWS, progress, jobs), strict=True))
-    results = done(list(rivals.cases()), progress, jobs)
+    results = case_results(list(rivals.cases()), progress, jobs)
     write_csv(results, folder / "results.csv")
     failed = [result for result in results if result.failed]
     for one in failed:

@@ -8,14 +8,18 @@ from typing import Any
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.after.record import Run
 from pcpc.tools.start.settings import settings
-from pcpc.tools.study.bounds.bounds import Bounds, of
+from pcpc.tools.study.bounds.bounds import Bounds, bounds_of
 from pcpc.tools.study.bounds.observed import BoundsError
 
 
 def bounds(
-    what: str | Path | Run, controller: str | None = None, *,
-    set: Mapping[str, Any] | None = None, law: str | None = None, trust: bool = False,
-) -> Bounds:  # fmt: skip
+    what: str | Path | Run,
+    controller: str | None = None,
+    *,
+    set: Mapping[str, Any] | None = None,
+    law: str | None = None,
+    trust: bool = False,
+) -> Bounds:
     """Check a run against the theorem of its law: V, V' in two ways, the ultimate bound.
 
         found = pcpc.bounds("friction-c", set={"controller.kappa": 0.02})
@@ -37,6 +41,6 @@ def bounds(
         controller=controller, set=settings(set), law_as=law, rig=None, law=[], fmu=[], trust=trust
     )
     try:
-        return of(str(place), options)
+        return bounds_of(str(place), options)
     except NoTheorem as error:
         raise BoundsError(f"{place}: no theorem: {error}") from None

@@ -68,7 +68,7 @@ class Bounds:
         found = text.lines(self.name, self.controller, self.account, self.left_out)
         for one in self.rates_set:
             said = f"{one}: the theorem is judged with the rate that was set"
-            found += screen.wrapped(said, "by --set   ")
+            found += screen.wrapped_lines(said, "by --set   ")
         return "\n".join(found)
 
 
@@ -80,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
     check_picture("--plot", options.plot)
     try:
         with np.errstate(all="ignore"):  # a run may leave what floats hold: it violates V
-            found = of(options.what, options)
+            found = bounds_of(options.what, options)
             shown = json.dumps(found.to_dict(), indent=1) if options.json else str(found)
     except NoTheorem as error:
         if options.json:
@@ -92,13 +92,13 @@ def command(options: argparse.Namespace) -> int:
     if options.plot is not None:
         found.draw(options.plot)
     for line in found.missing:
-        print("\n".join(screen.wrapped(line, "missing  ", "         ")), file=sys.stderr)
+        print("\n".join(screen.wrapped_lines(line, "missing  ", "         ")), file=sys.stderr)
     if not found.account.holds:
         return Exit.NOT_MET
     return Exit.LOSS if found.missing else Exit.OK
 
 
-def of(what: str, options: argparse.Namespace) -> Bounds:
+def bounds_of(what: str, options: argparse.Namespace) -> Bounds:
     """Return the account of a rig or a log; NoTheorem, BoundsError, RigError, LogError.
 
     `options`: controller, set, law_as (of another law), and those of tools.after.log.rig.
@@ -130,12 +130,12 @@ def _of_log(path: Path, options: argparse.Namespace) -> Bounds:
     rig, log = observed.of_log(path, states, options)
     window = (effective_rig(log).get("evaluation") or {}).get("window_s")
     found = _account(rig, made[0], log, float(window[0]) if window else None)
-    return replace(found, rates_set=_rates_set(rig, made[0], log))
+    return replace(found, rates_set=_rate_settings(rig, made[0], log))
 
 
-def _rates_set(rig: Rig, theorem: Theorem, log: logs.Log) -> tuple[str, ...]:
+def _rate_settings(rig: Rig, theorem: Theorem, log: logs.Log) -> tuple[str, ...]:
     """Return the tuning rates of a log's run that are not those of its rig's files, in words."""
-    role, spec = _tuned(rig, theorem)
+    role, spec = _tuned_block(rig, theorem)
     own = {one.name: one.default for one in spec.block.settings if isinstance(one.default, float)}
     own |= observed.given_rates(log, law_keys(rig.config, role, spec.name), theorem.said_by)
     return tuple(
@@ -149,7 +149,7 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     run = Run(log, 1.0 / rig.config.rate_hz)
     if not run.plant_tells:
         raise NoTheorem("the log has no record of the plant, from which w is computed")
-    cycles = Cycles(run, declared(rig, theorem))
+    cycles = Cycles(run, declared_rates(rig, theorem))
     proof = theorem.prove(cycles)
     settled_s = float(proof.t_s[len(proof.t_s) // 2])
     if begin_s is not None and begin_s < proof.t_s[-1]:
@@ -159,19 +159,19 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     return Bounds(rig.config.rig, rig.config.controller, account, cycles.left_out, missing)
 
 
-def declared(rig: Rig, theorem: Theorem) -> dict[str, float]:
+def declared_rates(rig: Rig, theorem: Theorem) -> dict[str, float]:
     """Return the tuning rates of a theorem as the rig file declares them, whatever --set says."""
-    role, spec = _tuned(rig, theorem)
+    role, spec = _tuned_block(rig, theorem)
     keys = (*law_keys(rig.config, role, spec.name), "parameters")
     tried = [name for name in theorem.said_by if rig.document.place((*keys, name)).option]
     settings = dict(spec.settings)
     if tried:
-        own = _tuned(load_rig(rig.path, rig.config.controller), theorem)[1].settings
+        own = _tuned_block(load_rig(rig.path, rig.config.controller), theorem)[1].settings
         settings |= {name: own[name] for name in tried}
     return theorem.declared(settings)
 
 
-def _tuned(rig: Rig, theorem: Theorem) -> tuple[Role, BlockSpec]:
+def _tuned_block(rig: Rig, theorem: Theorem) -> tuple[Role, BlockSpec]:
     return next(
         (role, spec)
         for role, node in rig.nodes().items()
@@ -186,7 +186,7 @@ def model_files(rig: Rig) -> list[Path]:
     return [Path(step.__code__.co_filename) for step in steps if step]
 
 
-def known(rig: Rig) -> dict[str, Theorem]:
+def known_theorems(rig: Rig) -> dict[str, Theorem]:
     """Return the theorems of a rig's plant, by law."""
     found: dict[str, Theorem] = {}
     for file in (model.parent / place for model in model_files(rig) for place in PLACES):
@@ -198,7 +198,7 @@ def known(rig: Rig) -> dict[str, Theorem]:
 
 def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
     """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
-    law, theorems = law_as or law_of(rig, rig.config.controller), known(rig)
+    law, theorems = law_as or law_of(rig, rig.config.controller), known_theorems(rig)
     if law in theorems:
         return theorems[law]
     shipped = any(file.is_relative_to(SHIPPED) for file in model_files(rig))

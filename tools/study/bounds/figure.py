@@ -20,10 +20,11 @@ def draw(account: Account, title: str, path: Path) -> None:
     axes[0].plot(t[thin], proof.v[thin], color=BLACK, linewidth=1.1, label="V")
     for values, colour, label, width in (
         (account.slope, SKY_WIDE, "V' of the run", 3.0),
-        (account.proved, BLACK, "V' of the proof", 0.8),
+        (account.proved_slope, BLACK, "V' of the proof", 0.8),
     ):
-        axes[1].plot(t[:-1][thin], _mean(account, values)[thin], color=colour, linewidth=width,
-                     label=label)  # fmt: skip
+        axes[1].plot(
+            t[:-1][thin], _mean(account, values)[thin], color=colour, linewidth=width, label=label
+        )
     axes[1].set_yscale("symlog", linthresh=_scale(account.slope))
     axes[2].plot(t[thin], proof.error[thin], color=BLUE, linewidth=1.1, label=proof.error_is)
     axes[3].plot(t[thin], proof.weights[thin], color=GREEN, linewidth=1.1, label="|Z~|")
@@ -35,8 +36,13 @@ def draw(account: Account, title: str, path: Path) -> None:
         axes[2].set_ylim(max(float(np.quantile(seen, 0.02)), 1e-6 * account.own.error))
     axes[3].set_ylim(0.0)
     if account.start_within > 0.0:
-        axes[2].axhline(account.start_within, color=GREY, linestyle="--", linewidth=1.0,
-                        label=f"S_r {account.start_within:.3g}")  # fmt: skip
+        axes[2].axhline(
+            account.start_within,
+            color=GREY,
+            linestyle="--",
+            linewidth=1.0,
+            label=f"S_r {account.start_within:.3g}",
+        )
     axes[2].axvspan(t[0], account.settled_s, color="#ECEFF3", zorder=-1)
     for axis in axes:
         bare(axis)

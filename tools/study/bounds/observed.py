@@ -65,8 +65,11 @@ def given_rates(log: logs.Log, keys: Keys, names: Sequence[str]) -> dict[str, fl
     The log carries these files as they were, in the order in which they build on each other; of a
     parameter that they do not give there is nothing. RigError for files that are none of a rig.
     """
-    texts = [text for name, text in log.attachments.items()
-             if name.endswith(".yaml") and not name.endswith("rig-resolved.yaml")]  # fmt: skip
+    texts = [
+        text
+        for name, text in log.attachments.items()
+        if name.endswith(".yaml") and not name.endswith("rig-resolved.yaml")
+    ]
     with tempfile.TemporaryDirectory(prefix="pcpc-bounds-") as folder:
         for i, text in enumerate(texts):
             linked = re.sub(r"(?m)^base:.*$", f"base: {i + 1}.yaml", text)

@@ -28,7 +28,7 @@ def plain(name: str, controller: str, account: Account) -> dict[str, object]:
         "outside": account.outside.mean(),
         "rising_outside": account.rising,
         "start_within": account.start_within,
-        "dissipated": account.dissipated,
+        "dissipated": account.dissipation,
         "w_max": proof.rest.max(),
         "weights_max": proof.weights.max(),
         "bound": vars(account.own),
@@ -62,7 +62,7 @@ def loose(account: Account) -> float:
 def lines(name: str, controller: str, account: Account, left_out: int = 0) -> list[str]:
     """Return the account in lines of 80 columns."""
     proof, own, stated = account.proof, account.own, account.stated
-    energy = account.dissipated
+    energy = account.dissipation
     rows = [
         ("run", f"{name}, {controller}: {proof.theorem}"),
         ("error", f"{proof.error_is}, largest {account.largest:.3g} from {account.settled_s:g} s"),
@@ -81,17 +81,23 @@ def lines(name: str, controller: str, account: Account, left_out: int = 0) -> li
     ]  # fmt: skip
     if left_out:
         seen = f"{proof.t_s[0]:.4g} to {proof.t_s[-1]:.4g} s"
-        rows.insert(1, ("of it", f"{seen}, the longest stretch without a skipped cycle or a "
-                                 f"missing record; {left_out} cycles are left out"))  # fmt: skip
+        rows.insert(
+            1,
+            (
+                "of it",
+                f"{seen}, the longest stretch without a skipped cycle or a "
+                f"missing record; {left_out} cycles are left out",
+            ),
+        )
     found = screen.rows(rows)
     for one in proof.asked:
         if not one.needed:
-            found += screen.wrapped(
+            found += screen.wrapped_lines(
                 f"{one.what}: {one.found}", "assumed    " if one.holds else "not given  "
             )
     for check in account.checks():
         mark = "holds      " if check.holds else "VIOLATED   " if check.shown else "NOT SHOWN  "
-        found += screen.wrapped(f"{check.name}: {check.found}", mark)
+        found += screen.wrapped_lines(f"{check.name}: {check.found}", mark)
     return found
 
 

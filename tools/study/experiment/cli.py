@@ -22,7 +22,7 @@ from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.study import Result
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import PoolError
-from pcpc.tools.study.experiment.runs import done
+from pcpc.tools.study.experiment.runs import case_results
 from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.progress import Progress
@@ -70,14 +70,14 @@ def studies() -> list[ModuleType]:
     return [importlib.import_module(f"pcpc.plants.{file.parts[-3]}.book.study") for file in files]
 
 
-def chosen(name: str) -> list[ModuleType]:
+def chosen_studies(name: str) -> list[ModuleType]:
     """Return the studies of a chapter or of a file; none for another name.
 
     StudyError: a file that is not a study.
     """
     if not name.endswith(".py"):
         return [study for study in studies() if f"chapter{study.CHAPTER}" == name]
-    with told(), own_streams():
+    with study_errors(), own_streams():
         module = module_of("", Path(name).resolve())
     absent = [part for part in STUDY_PARTS if not hasattr(module, part)]
     if absent:
@@ -86,7 +86,7 @@ def chosen(name: str) -> list[ModuleType]:
 
 
 @contextmanager
-def told() -> Iterator[None]:
+def study_errors() -> Iterator[None]:
     """Tell what a study's code raises in a line, with its place: StudyError."""
     try:
         yield
@@ -100,9 +100,9 @@ def run_studies(
     parts: Sequence[ModuleType], folder: Path, progress: Progress, jobs: int | None
 ) -> int:
     """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
-    with told():
+    with study_errors():
         cases = [(study, case) for study in parts for case in study.cases()]
-    results = done([case for _, case in cases], progress, jobs)
+    results = case_results([case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
     figures = folder / "figures"
     figures.mkdir()
@@ -110,7 +110,7 @@ def run_studies(
     for study in parts:
         own = [result for (of, _), result in zip(cases, results, strict=True) if of is study]
         progress.say(f"tables and figures: {study.TITLE}")
-        with told():
+        with study_errors():
             texts.append(f"# {study.TITLE}\n\n{study.report(own)}")
             study.draw(own, figures)
     (folder / "results.md").write_text("\n".join(texts))
@@ -130,12 +130,12 @@ def command(options: argparse.Namespace) -> int:
     if options.jobs is not None and options.jobs < 1:
         raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
     need(f"{name}: its figures need", FIGURE)
-    parts = chosen(name)
+    parts = chosen_studies(name)
     with folder_of(options.output, Path(name).stem, empty=True) as folder:
-        return _done_in(folder, name, parts, options)
+        return _run_in(folder, name, parts, options)
 
 
-def _done_in(
+def _run_in(
     folder: Path, name: str, parts: Sequence[ModuleType] | None, options: argparse.Namespace
 ) -> int:
     progress = Progress(options.quiet)

@@ -49,7 +49,7 @@ class Common:
 
 
 @dataclass(frozen=True)
-class Own:
+class OwnCase:
     """A case, and what it has of its own: a seed, or the rig's (None), and numbers of settings."""
 
     case: Case
@@ -62,11 +62,11 @@ class Piece:
     """Cases that are done together, with their places among all."""
 
     common: Common
-    own: tuple[Own, ...]
+    own: tuple[OwnCase, ...]
     places: tuple[int, ...]
 
 
-def done(cases: Sequence[Case], progress: Progress, jobs: int | None) -> list[Result]:
+def case_results(cases: Sequence[Case], progress: Progress, jobs: int | None) -> list[Result]:
     """Return the results of cases, in their order, done on `jobs` processes."""
     todo = pieces(cases)
     found: dict[int, Result] = {}
@@ -85,24 +85,24 @@ def pieces(cases: Sequence[Case], least: int = MANY) -> list[Piece]:
 
     All are of one where fewer than `least` are for lanes.
     """
-    alike: dict[Common, list[tuple[Own, int]]] = {}
+    alike: dict[Common, list[tuple[OwnCase, int]]] = {}
     for place, case in enumerate(cases):
-        common, own = _parted(case)
+        common, own = _common_and_own(case)
         alike.setdefault(common, []).append((own, place))
     many = sum(len(some) for some in alike.values() if len(some) >= LEAST) >= least
     return [
         Piece(_keeping(common, one_kind), *zip(*some, strict=True))
         for common, one_kind in alike.items()
-        for some in _cut(one_kind, many)
+        for some in _batches(one_kind, many)
     ]
 
 
-def _keeping(common: Common, cases: list[tuple[Own, int]]) -> Common:
+def _keeping(common: Common, cases: list[tuple[OwnCase, int]]) -> Common:
     names = dict.fromkeys(name for own, _ in cases for name in own.case.traces)
     return replace(common, traces=tuple(names))
 
 
-def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, int]]]:
+def _batches(cases: list[tuple[OwnCase, int]], many: bool) -> Iterator[list[tuple[OwnCase, int]]]:
     from pcpc.drivers.compiled.lanes import WIDTH  # numba
 
     width = WIDTH if many and len(cases) >= LEAST else 1
@@ -110,9 +110,9 @@ def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, i
         yield cases[first : first + width]
 
 
-def _parted(case: Case) -> tuple[Common, Own]:
+def _common_and_own(case: Case) -> tuple[Common, OwnCase]:
     """Return what of a case others may have as well, and the rest."""
-    blocks, rigs = _known(case.rig)
+    blocks, rigs = _names_and_numbers(case.rig)
     seed, numbers = None, {}
     common: list[str] = []
     for setting in case.settings:
@@ -124,7 +124,7 @@ def _parted(case: Case) -> tuple[Common, Own]:
             numbers[name] = float(value)
         elif type(value) not in (int, float) or rigs.get(name) != value or _is_given(name, common):
             common.append(setting)
-    return Common(case.rig, case.controller, tuple(common)), Own(case, seed, numbers)
+    return Common(case.rig, case.controller, tuple(common)), OwnCase(case, seed, numbers)
 
 
 def _is_given(name: str, settings: Sequence[str]) -> bool:
@@ -148,7 +148,7 @@ def _value(text: str) -> Any:
 
 
 @lru_cache
-def _known(path: str) -> tuple[frozenset[str], dict[str, float]]:
+def _names_and_numbers(path: str) -> tuple[frozenset[str], dict[str, float]]:
     """Return the names of a rig's blocks, and its own numbers; none of one that is not for lanes.
 
     A step of a user's may hang, which only a single run tells.
@@ -188,7 +188,7 @@ def _in_lanes(piece: Piece) -> list[Result | None]:
         if one.log:
             with suppress(RigError):
                 settings = settings_of(rig) | own.numbers
-                found[-1] = _judged(own.case, bench.judge, one.log, settings)
+                found[-1] = _judged_result(own.case, bench.judge, one.log, settings)
     return found
 
 
@@ -212,12 +212,12 @@ def alone(case: Case) -> Result:
     except (RigError, StepError) as error:
         return Result(case, failed=str(error) or "a step does not return")
     try:
-        return _judged(case, Judge.of(rig), log, settings_of(rig))
+        return _judged_result(case, Judge.of(rig), log, settings_of(rig))
     except RigError as error:
         return Result(case, failed=str(error))
 
 
-def _judged(case: Case, judge: "Judge", log: "Log", settings: Mapping[str, float]) -> Result:
+def _judged_result(case: Case, judge: "Judge", log: "Log", settings: Mapping[str, float]) -> Result:
     if judge.rig.evaluation is None:
         raise RigError(f"{case.rig}: names no evaluation file")
     metrics = judge.metrics(log, case.window_s)

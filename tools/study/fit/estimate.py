@@ -37,7 +37,7 @@ from pcpc.tools.study.fit.noise import Noise, difference_noise, resolution
 from pcpc.tools.study.fit.search import (
     Predict,
     Problem,
-    bounded,
+    bounded_residuals,
     find,
     minimum,
     onward,
@@ -172,7 +172,7 @@ def _correct_rounding(
     y, rounded = samples(z * of.scale)
     counted, found, now = only_round(y), [], z
     for _ in range(TURNS if counted.any() else 0):
-        r = bounded((np.where(counted, rounded, y) - of.measured) / noise)
+        r = bounded_residuals((np.where(counted, rounded, y) - of.measured) / noise)
         now = now.copy()
         now[excited] -= step @ r.ravel()
         now = np.clip(now, of.low, of.high)
@@ -217,7 +217,7 @@ def _with_errors(
     from scipy.special import stdtrit
 
     predicted = of.signals(z[None], rows)[0]
-    r = bounded((predicted - of.measured) / noise)
+    r = bounded_residuals((predicted - of.measured) / noise)
     p = len(z)
     errors, correlation, inflation, lag = np.full(p, np.inf), np.eye(p), np.ones(p), 0
     if excited.any():
@@ -279,6 +279,7 @@ def close_pairs(correlation: Array, names: Sequence[str]) -> list[tuple[str, str
     """Return the pairs of estimates that are nearly one."""
     return [
         (names[i], names[j], float(correlation[i, j]))
-        for i in range(len(names)) for j in range(i)
+        for i in range(len(names))
+        for j in range(i)
         if abs(correlation[i, j]) > CLOSE
-    ]  # fmt: skip
+    ]

@@ -26,7 +26,7 @@ def overlay(fit: Any) -> "Figure":
         there = np.isfinite(fit.measured[:, j])
         t, y = fit.t_s[there], fit.measured[there, j]
         _samples(axes[j, 0], t, y, fit.predicted[there, j], sensor)
-        _left(axes[j, 1], t, y - fit.predicted[there, j], sensor)
+        _draw_residual(axes[j, 1], t, y - fit.predicted[there, j], sensor)
     axes[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
     axes[0, 0].set_title("log and model", fontsize=10)
     axes[0, 1].set_title("residuals, with two standard deviations", fontsize=10)
@@ -45,7 +45,7 @@ def _samples(axis: "Axes", t: Array, y: Array, model: Array, about: Any) -> None
     axis.grid(alpha=0.3)
 
 
-def _left(axis: "Axes", t: Array, residual: Array, about: Any) -> None:
+def _draw_residual(axis: "Axes", t: Array, residual: Array, about: Any) -> None:
     axis.plot(*decimated(t, residual), color=BLUE, linewidth=0.6)
     for side in (-2.0, 2.0):
         axis.axhline(side * about.residual, color=BLACK, linewidth=0.8, linestyle="--")

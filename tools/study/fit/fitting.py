@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.executive.batch.driven import Driven
+from pcpc.executive.batch.driven import DrivenPlant
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.reading import Rig
@@ -53,7 +53,7 @@ class Model:
         self, rig: Rig, parameters: Sequence[Range] = (), sensors: Sequence[str] = ()
     ) -> None:
         """Raise RigError for names that are not the plant's."""
-        self.rig, self.plant = rig, Driven(rig)
+        self.rig, self.plant = rig, DrivenPlant(rig)
         self.identification: Identification = identification_of(rig)
         self.own = self.plant.settings
         self.parameters = list(parameters) or [Range(name) for name in self._default_names()]
@@ -67,7 +67,7 @@ class Model:
         self.start = np.array([self.own[one.name] for one in self.parameters])
         self.start = np.clip(self.start, self.bounds[:, 0], self.bounds[:, 1])
         self.sensors = self._sensors(sensors)
-        self.fixed = self._fixed()
+        self.fixed = self._fixed_values()
 
     @property
     def names(self) -> list[str]:
@@ -103,9 +103,10 @@ class Model:
         if self.identification.parameters is not None:
             return list(self.identification.parameters)
         return [
-            name for name, value in self.own.items()
+            name
+            for name, value in self.own.items()
             if value != 0.0 and "noise" not in name and self.plant.port(name).unit
-        ]  # fmt: skip
+        ]
 
     def _bounds(self, one: Range) -> tuple[float, float]:
         port, own = self.plant.port(one.name), self.own[one.name]
@@ -142,7 +143,7 @@ class Model:
             self.plant.place(name)
         return chosen
 
-    def _fixed(self) -> dict[str, float]:
+    def _fixed_values(self) -> dict[str, float]:
         fixed = {name: 0.0 for name, value in self.own.items() if "noise" in name and value != 0.0}
         fixed |= {name: float(value) for name, value in (self.identification.model or {}).items()}
         for name in fixed:

@@ -63,11 +63,11 @@ class Noise:
                     error = np.nan_to_num(predicted[block, j] - column[block], nan=np.inf)
                     rms = math.sqrt(np.mean(np.minimum(np.abs(error), 1e150) ** 2))
                     worst[j] = max(worst[j], rms / self.noise[j])
-                    if rms > self._allowed(j, column[block]):
+                    if rms > self._allowed_deviation(j, column[block]):
                         first = min(first, int(block[0]))
         return worst, first
 
-    def _allowed(self, j: int, samples: Array) -> float:
+    def _allowed_deviation(self, j: int, samples: Array) -> float:
         slow = np.ptp(samples) <= SLOW * self.quantum[j]
         rounding = ROUNDS * self.quantum[j] / math.sqrt(12.0) if slow else 0.0
         return max(HOLDS * float(self.noise[j]), rounding)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.executive.batch.driven import Driven
+from pcpc.executive.batch.driven import DrivenPlant
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Log, Node
 from pcpc.tools.study.arrays import Array
@@ -36,7 +36,7 @@ class Record:
         return np.asarray((self.first + np.arange(len(self.given))) * self.period_s, np.float64)
 
 
-def record_of(log: Log, plant: Driven, sensors: Sequence[str]) -> Record:
+def record_of(log: Log, plant: DrivenPlant, sensors: Sequence[str]) -> Record:
     """Return what `log` tells of `plant`; a sensor BLOCK.PORT is the plant's own record of it.
 
     RigError for a log of another plant, one that is too short, or one with tunings of the plant.
@@ -55,7 +55,10 @@ def record_of(log: Log, plant: Driven, sensors: Sequence[str]) -> Record:
         raise RigError(f"{log.path}: {max(rows, 0)} cycles of the plant; a fit takes {LEAST_ROWS}")
     measured = np.stack([_samples(plant, own, other, name, first, rows) for name in sensors], 1)
     return Record(
-        _given(plant, own, other, first, rows), measured, first, 1.0 / plant.rig.config.rate_hz
+        _given_signals(plant, own, other, first, rows),
+        measured,
+        first,
+        1.0 / plant.rig.config.rate_hz,
     )
 
 
@@ -64,7 +67,7 @@ def _hears(log: Log, name: str, sensors: Sequence[str]) -> bool:
     return node is not None and any(f"rx.{one}" in node.columns for one in sensors)
 
 
-def _check(log: Log, plant: Driven, nodes: Sequence[Node], sensors: Sequence[str]) -> None:
+def _check(log: Log, plant: DrivenPlant, nodes: Sequence[Node], sensors: Sequence[str]) -> None:
     """Raise RigError for a log that is not of this plant."""
     rate_hz = plant.rig.config.rate_hz
     for node in nodes:
@@ -87,17 +90,19 @@ def _check(log: Log, plant: Driven, nodes: Sequence[Node], sensors: Sequence[str
         raise RigError(f"{log.path}: {found[0]} was tuned in it; a fit needs a constant plant")
 
 
-def _given(plant: Driven, own: Node | None, other: Node | None, first: int, rows: int) -> Array:
+def _given_signals(
+    plant: DrivenPlant, own: Node | None, other: Node | None, first: int, rows: int
+) -> Array:
     found = np.zeros((rows, len(plant.received)))
     for i, name in enumerate(plant.received):
         if own is not None:
-            found[:, i] = _held(own, f"rx.{name}", first, rows, 0)
+            found[:, i] = _held_values(own, f"rx.{name}", first, rows, 0)
         elif other is not None and f"tx.{name}" in other.columns:
-            found[:, i] = plant.rounded(name, _held(other, f"tx.{name}", first, rows, 1))
+            found[:, i] = plant.rounded(name, _held_values(other, f"tx.{name}", first, rows, 1))
     return found
 
 
-def _held(node: Node, name: str, first: int, rows: int, later: int) -> Array:
+def _held_values(node: Node, name: str, first: int, rows: int, later: int) -> Array:
     """Return a column by cycle, each value until the next one; `later` cycles later."""
     at = np.searchsorted(node.cycle, first + np.arange(rows) - later, side="right") - 1
     values = np.asarray(node.columns[name])[np.maximum(at, 0)]
@@ -105,7 +110,7 @@ def _held(node: Node, name: str, first: int, rows: int, later: int) -> Array:
 
 
 def _samples(
-    plant: Driven, own: Node | None, other: Node | None, name: str, first: int, rows: int
+    plant: DrivenPlant, own: Node | None, other: Node | None, name: str, first: int, rows: int
 ) -> Array:
     """Return the samples of a sensor (rows,), NaN where none was due or came."""
     heard = other is not None and f"rx.{name}" in other.columns

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.study.arrays import Array
 from pcpc.tools.study.result import Result
-from pcpc.tools.terminal.screen import wrapped
+from pcpc.tools.terminal.screen import wrapped_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,14 +140,14 @@ class Fit(Result):
             yield _with_unit(row, sensor.unit)
         for label, notes in (("note", self.notes), ("missing", self.missing)):
             for note in notes:
-                yield from wrapped(note, f"{label:9}")
+                yield from wrapped_lines(note, f"{label:9}")
 
     def settings(self, rig: str) -> str:
         """Return the fitted values as a file for `--set @FILE`, each with its interval."""
         head = [f"{self.rig}, fitted to {self.log}", f"pcpc simulate {rig} --set @{VALUES}"]
         if not self.arrived:
             head.append(f"no estimate of the plant: {self.notes[0]}")
-        lines = [line for text in head for line in wrapped(text, "# ", "#   ")]
+        lines = [line for text in head for line in wrapped_lines(text, "# ", "#   ")]
         for one in self.parameters:
             if one.excited:
                 about = f"95 %: {one.interval(' to ')}" if one.known else "no interval"

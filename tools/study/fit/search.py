@@ -72,7 +72,7 @@ class Problem:
         lower = y[1 + p :] if central else y[:1]
         slope = (y[1 : 1 + p] - lower) / (ahead - behind)[:, None, None] / noise
         slope[:, np.isnan(self.measured[:rows])] = 0.0
-        r = bounded((y[0] - self.measured[:rows]) / noise)
+        r = bounded_residuals((y[0] - self.measured[:rows]) / noise)
         return r, np.moveaxis(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), 0, -1)
 
     def excess(self, z: Array, rows: int, own: Noise) -> tuple[Array, int]:
@@ -98,14 +98,14 @@ def _one_by_one(z: Array, other: Array) -> Array:
     return np.where(np.eye(len(z), dtype=bool), other, z)
 
 
-def bounded(r: Array) -> Array:
+def bounded_residuals(r: Array) -> Array:
     """Return residuals within WILD, 0 where there is none."""
     return np.clip(np.nan_to_num(r, nan=0.0, posinf=WILD, neginf=-WILD), -WILD, WILD)
 
 
 def costs(of: Problem, points: Array, rows: int, noise: Array) -> Array:
     """Return the mean square of r (m,) of points (m, p) over the first rows."""
-    r = bounded((of.signals(points, rows) - of.measured[:rows]) / noise)
+    r = bounded_residuals((of.signals(points, rows) - of.measured[:rows]) / noise)
     return np.asarray(np.mean(r * r, axis=(1, 2)))
 
 
@@ -186,7 +186,7 @@ def find(of: Problem, start: Array, own: Noise, say: Say) -> End:
     while best.rows < whole and len(ends) < CHAINS and of.work < BUDGET * whole:
         back = best.rows / 2.0 ** (1 + (len(ends) - 1) % BACKS)
         begun = [one for one in trail if one.rows <= back]
-        points = _around(of, begun[-1], own.noise, len(ends))
+        points = _points_around(of, begun[-1], own.noise, len(ends))
         rows = min(whole, max(LEAST, 2 * begun[-1].rows))
         nearest = points[np.argmin(costs(of, points, rows, own.noise))]
         ends.append(_grow(of, begun, nearest, own, say))
@@ -244,7 +244,7 @@ def _fit_from_around(of: Problem, begun: End, rows: int, own: Noise, start: Arra
     """Return (3): what explains a part, or else agrees best with it."""
     best, least = begun, math.inf
     for turn in range(ROUNDS):
-        points = _around(of, replace(best, rows=begun.rows), own.noise, turn)
+        points = _points_around(of, replace(best, rows=begun.rows), own.noise, turn)
         points = np.vstack((points, best.z))
         nearest = replace(best, z=points[np.argmin(costs(of, points, rows, own.noise))])
         end = _fit_part(of, nearest, rows, own, start)
@@ -256,7 +256,7 @@ def _fit_from_around(of: Problem, begun: End, rows: int, own: Noise, start: Arra
     return best
 
 
-def _around(of: Problem, begun: End, noise: Array, seed: int) -> Array:
+def _points_around(of: Problem, begun: End, noise: Array, seed: int) -> Array:
     """Return points about another (DRAWS, p), as far as what it explains and the start allow."""
     z, rows = begun.z, max(begun.rows, 1)
     draw, size = np.random.default_rng((rows, seed)), np.maximum(np.abs(z), 0.1)

@@ -133,9 +133,10 @@ class CycleMap:
         """Return where sent signals come from and go to."""
         pairs = [
             (self.first[role] + place, self.place(other, f"rx.{name[3:]}"))
-            for name, place in self.plans[role].table.index.items() if name.startswith("tx.")
+            for name, place in self.plans[role].table.index.items()
+            if name.startswith("tx.")
             for other in self.roles
             if other != role and f"rx.{name[3:]}" in self.plans[other].table.index
-        ]  # fmt: skip
+        ]
         both = np.array(pairs, np.int64).reshape(-1, 2)
         return both[:, 0], both[:, 1]

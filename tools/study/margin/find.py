@@ -194,7 +194,7 @@ def _linear(
 
 
 def _linearised(
-    found: notes.Found, rate: float, lowest: float, own: measured.Measured | None
+    found: notes.Found, rate: float, lowest: float, own: measured.MeasuredLoop | None
 ) -> Response:
     """Return the response at a grid, near the poles, and at the measured lines.
 
@@ -204,7 +204,10 @@ def _linearised(
     slow = np.abs(np.log(poles[np.abs(poles) > 1e-9])) * rate / (2.0 * np.pi)
     slowest = slow[slow > 1e-7 * rate].min(initial=lowest)
     below = np.geomspace(max(0.01 * min(slowest, lowest), 1e-9 * rate), lowest, _POINTS // 2)
-    every = [np.geomspace(lowest, 0.5 * rate, _POINTS), *(_near(pole, rate) for pole in poles)]
+    every = [
+        np.geomspace(lowest, 0.5 * rate, _POINTS),
+        *(_resonance_frequencies(pole, rate) for pole in poles),
+    ]
     every += [] if own is None else [own.f_hz]
     whole = np.unique(np.concatenate((below, *every)))
     whole = whole[(whole >= below[0]) & (whole <= 0.5 * rate)]
@@ -212,7 +215,7 @@ def _linearised(
     return Response(whole[told], response[told], margins(whole, response, rate))
 
 
-def _near(pole: complex, rate: float) -> Vector:
+def _resonance_frequencies(pole: complex, rate: float) -> Vector:
     """Return frequencies about a resonance."""
     if abs(pole) < 1e-9:
         return np.empty(0)

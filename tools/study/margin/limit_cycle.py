@@ -113,7 +113,9 @@ def limit_cycle(
     for factor in factors:
         alone = closed_loop.run(_state_near(cycles, points, factor), factor)
         more = [*settings, f"{gain}={factor * closed_loop.nominal!r}"]
-        run = _of_run(operating.without_disturbances(load_rig(rig, controller, more)), cut)
+        run = _command_step_in_run(
+            operating.without_disturbances(load_rig(rig, controller, more)), cut
+        )
         rows.append(Row(factor, stable_cycle_at(points, factor), alone, run))
     return LimitCycle(
         whole.config.rig,
@@ -160,14 +162,14 @@ class _Critical:
 def _critical(cycle: CycleMap, cut: Loop, gain: str, place: int) -> _Critical:
     nominal = float(cycle.v[place])
 
-    def of(factor: float) -> linear.Linear:
+    def linear_at(factor: float) -> linear.Linear:
         cycle.v[place] = factor * nominal
         found = linear.differences(cycle, cut)
         cycle.v[place] = nominal
         return found
 
     def leaves(factor: float) -> bool:
-        return bool(np.abs(of(factor).closed()).max(initial=0.0) > 1.0 + 1e-7)
+        return bool(np.abs(linear_at(factor).closed()).max(initial=0.0) > 1.0 + 1e-7)
 
     if leaves(1.0):
         raise UserError(f"the linear loop is unstable as it is; give a lower {gain} with --set")
@@ -179,7 +181,7 @@ def _critical(cycle: CycleMap, cut: Loop, gain: str, place: int) -> _Critical:
     while high / low > 1.0 + 1e-5:
         middle = np.sqrt(low * high)
         low, high = (low, middle) if leaves(middle) else (middle, high)
-    found = of(high)
+    found = linear_at(high)
     values, vectors = np.linalg.eig(found.a + np.outer(found.b, found.c) / (1.0 - found.d))
     i = int(np.argmax(np.abs(values)))
     omega, phi = float(np.angle(values[i])), vectors[:, i]
@@ -240,7 +242,7 @@ def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
     return None
 
 
-def _of_run(rig: Rig, cut: Loop) -> float:
+def _command_step_in_run(rig: Rig, cut: Loop) -> float:
     """Return the step of the command, rms, in a run of the rig; nan where it ends in a fault."""
     try:
         return _step_rms(commands(rig, cut))

@@ -96,7 +96,7 @@ def differences(cycle: CycleMap, loop: Loop) -> Linear:
     sent = cycle.place(loop.role, loop.source)
     command = float(start[cycle.cut_places(loop)[0]])
 
-    def after(moved: dict[int, float]) -> Vector:
+    def cycle_result(moved: dict[int, float]) -> Vector:
         """Return what a cycle makes of its start, some values of it changed; the command last."""
         cycle.v[:], cycle.k = start, k
         for j, h in moved.items():
@@ -110,17 +110,17 @@ def differences(cycle: CycleMap, loop: Loop) -> Linear:
     memories = cycle.of_kind(loop.role, "state")
     state = np.array([name in memories for name in names[:-1]])
     also = np.flatnonzero(state) if state.sum() <= _FEW else np.empty(0, np.int64)
-    found = slopes.slopes(after, x, len(kept), also)
-    rounded = _of_steps(after, x, found, names)
+    found = slopes.slopes(cycle_result, x, len(kept), also)
+    rounded = _of_steps(cycle_result, x, found, names)
     cycle.v[:], cycle.k = start, k
-    return _reduced(found, names, state, rounded, command, cycle.dt)
+    return _reduced_model(found, names, state, rounded, command, cycle.dt)
 
 
 def _of_steps(
     after: slopes.Map, x: Vector, found: slopes.Slopes, names: list[str]
 ) -> dict[str, float]:
     """Put the slopes of what is rounded in the place of differences; return their steps by name."""
-    given, seen = _linked((found.slopes != 0.0) | found.rounded)
+    given, seen = _linked_states((found.slopes != 0.0) | found.rounded)
     own = np.append(given, True)  # others, as what draws noise, are none of the loop's
     rounded, columns, told = found.rounded & own, np.flatnonzero(own), dict[str, float]()
     for i in np.flatnonzero(rounded.any(axis=1) & np.append(seen, True)).tolist():
@@ -133,7 +133,7 @@ def _of_steps(
     return told
 
 
-def _reduced(
+def _reduced_model(
     found: slopes.Slopes,
     names: list[str],
     state: Flags,
@@ -143,7 +143,7 @@ def _reduced(
 ) -> Linear:
     """Return what of the differences lies between what is given and the command."""
     linked = found.slopes != 0.0
-    given, seen = _linked(linked)
+    given, seen = _linked_states(linked)
     rows = np.flatnonzero(given & seen)
     own = np.ix_(full := np.append(rows, len(given)), full)
     slope, bent = found.slopes[own], found.bent[own].any(axis=0)
@@ -164,13 +164,13 @@ def _reduced(
     )
 
 
-def _linked(linked: Flags) -> tuple[Flags, Flags]:
+def _linked_states(linked: Flags) -> tuple[Flags, Flags]:
     """Return which states what is given reaches, and which of them the command sees."""
     a, b, c = linked[:-1, :-1], linked[:-1, -1], linked[-1, :-1]
-    return _reached(a, b), _reached(a.T, c)
+    return _reached_states(a, b), _reached_states(a.T, c)
 
 
-def _reached(a: Flags, first: Flags) -> Flags:
+def _reached_states(a: Flags, first: Flags) -> Flags:
     """Return what is reached from `first` by any number of steps; a[i, j]: from j to i."""
     found = first.copy()
     while True:

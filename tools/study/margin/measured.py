@@ -31,7 +31,7 @@ from pcpc.executive.loop.injection import VALUE
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import STATE
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.nodes.watched import watched
+from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.study.arrays import Complex, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
@@ -52,7 +52,7 @@ class Multisine:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredLoop:
     """L at the lines f_hz (m,), its spread over realisations relative to its size, and the run.
 
     `coherence` of u with d, 0 to 1; `noise`: e of (4), smoothed over neighbours; `clamped`: values
@@ -135,7 +135,7 @@ def measure(
     sines: Multisine,
     settle_s: float,
     quiet: Vector | None = None,
-) -> Measured:
+) -> MeasuredLoop:
     """Run the rig with the excitation; UserError where it ends in a fault.
 
     quiet   what the law commands without any, for as long; None: another run
@@ -157,7 +157,7 @@ def measure(
     spread = np.abs(one - response).max(axis=0) / np.maximum(np.abs(response), 1e-300)
     power = np.mean(np.abs(each) ** 2, axis=0)
     variance = np.sum(np.abs(each - g) ** 2, axis=0) / (count - 1) / count
-    return Measured(
+    return MeasuredLoop(
         sines.lines * rate / n,
         response,
         spread,
@@ -200,14 +200,14 @@ def best_measurement(
     about: tuple[float, float, int],
     sizes: Sequence[float],
     settle_s: float,
-) -> Measured:
+) -> MeasuredLoop:
     """Return what the rig answers to that of rising sizes which leaves the least error.
 
     about   the rate, the lowest line and the seed
 
     Raises UserError where the first ends in a fault.
     """
-    found: Measured | None = None
+    found: MeasuredLoop | None = None
     for size in sizes:
         try:
             quiet = None if found is None else found.quiet
@@ -247,11 +247,11 @@ def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
         part = slice(first, first + _PIECE)
         wanted = d[part].copy()
         answer = np.empty_like(wanted)
-        done = watched(partial(drive, loops, run.steps, places, wanted, answer), loops)
+        done = watched_result(partial(drive, loops, run.steps, places, wanted, answer), loops)
         u[part] = answer
         _drop_records(run)
         if done < len(wanted) or any(block.loop.v[STATE] == State.FAULT for block in run.blocks):
-            raise UserError(_why(run, first + done))
+            raise UserError(_end_reason(run, first + done))
         if first == 0:
             begin = int(control.saturated)
     return u, int(control.saturated) - begin
@@ -287,10 +287,11 @@ def _drop_records(run: VirtualRun) -> None:
             block[f"{name}_taken"][0] = block.ends(name).head
 
 
-def _why(run: VirtualRun, k: int) -> str:
+def _end_reason(run: VirtualRun, k: int) -> str:
     faults = [
         f"{block.description['node']}: {reason(block.description, block.control)}"
-        for block in run.blocks if block.control.fault
-    ]  # fmt: skip
+        for block in run.blocks
+        if block.control.fault
+    ]
     what = f"the measured run ended after {k} cycles: {next(iter(faults), 'no fault')}"
     return f"{what}; a smaller --amplitude or another --at or --set may keep it in bounds"

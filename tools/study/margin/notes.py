@@ -70,14 +70,14 @@ def _check_stable(found: Found) -> None:
             raise UserError(f"{what}; {cure}")
 
 
-def measured_notes(own: measured.Measured, cut: loops.Loop, seen: Margins) -> list[str]:
+def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -> list[str]:
     """Return what has to be said of a measured loop; UserError if it does not answer."""
     unit = f" {cut.unit}" if cut.unit else ""
     size = f"{own.amplitude:.3g}{unit}"
     for moves, when in ((own.alone, "by itself"), (own.after, "once moved")):
         begun = moves.rms > max(3.0 * own.alone.rms, 0.05 * own.amplitude) and moves.lasts
         if begun or moves.at_limit > _AT_LIMIT:
-            what = f"{when} the command goes on, {_moved(moves, unit)}"
+            what = f"{when} the command goes on, {_motion_text(moves, unit)}"
             raise UserError(f"{what}; there is no loop that has margins; a lower gain may end it")
     answers = np.abs(own.response) > 1e-12
     if not answers.any() or np.median(own.error) > 1.0:
@@ -94,11 +94,13 @@ def measured_notes(own: measured.Measured, cut: loops.Loop, seen: Margins) -> li
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
-        moved = f"by itself the command moves {_moved(own.alone, unit)}"
+        moved = f"by itself the command moves {_motion_text(own.alone, unit)}"
         raise UserError(f"{what}; {moved}; --amplitude sets what is injected")
     if own.alone.rms > 0.1 * own.amplitude:
         cause = "a limit cycle, or a disturbance of the plant's" if own.alone.cycles else "noise"
-        notes.append(f"measured: by itself the command moves {_moved(own.alone, unit)}: {cause}")
+        notes.append(
+            f"measured: by itself the command moves {_motion_text(own.alone, unit)}: {cause}"
+        )
     if own.clamped:
         notes.append(f"{own.clamped} values were clamped: inject less with --amplitude")
     if len(weak):
@@ -109,14 +111,14 @@ def measured_notes(own: measured.Measured, cut: loops.Loop, seen: Margins) -> li
     return notes
 
 
-def _moved(moves: measured.Moves, unit: str) -> str:
+def _motion_text(moves: measured.Moves, unit: str) -> str:
     at = f", {100.0 * moves.at_limit:.0f} % of the time at its limit" if moves.at_limit else ""
     where = f" at {moves.f_hz:.4g} Hz" if moves.cycles else ""
     return f"by {moves.rms:.3g}{unit} rms{where}{at}"
 
 
 def comparison(
-    ours: Margins, own: measured.Measured, seen: Margins, response: Complex
+    ours: Margins, own: measured.MeasuredLoop, seen: Margins, response: Complex
 ) -> tuple[Margins, list[str]]:
     """Return the measured margins with why some are other than the linearised ones.
 

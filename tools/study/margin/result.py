@@ -10,7 +10,7 @@ import numpy as np
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.margins import Margins
 from pcpc.tools.study.result import Result, plain
-from pcpc.tools.terminal.screen import wrapped
+from pcpc.tools.terminal.screen import wrapped_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,12 +125,12 @@ class Margin(Result):
         yield f"{self.rig}, {self.controller}: loop of {self.loop}, {self.rate_hz:g} Hz"
         if self.reference:
             held = ", ".join(f"{name} = {value:.6g}" for name, value in self.reference.items())
-            yield from wrapped(held, "held      ")
+            yield from wrapped_lines(held, "held      ")
         yield f"command   {self.command:.6g}{unit} {when}"
         if math.isfinite(self.amplitude):
             yield f"injected  at most {self.amplitude:.4g}{unit}"
         if len(self.loops) > 1:
-            yield from wrapped(", ".join(self.loops), "loops     ")
+            yield from wrapped_lines(", ".join(self.loops), "loops     ")
         heads = (
             f"{method} in motion" if moves and method == "linearised" else method
             for method in self.responses
@@ -141,7 +141,7 @@ class Margin(Result):
             yield f"{what:20}" + "".join(f"{cell:>28}" for cell in cells)
         yield ""
         for note in self.notes:
-            yield from wrapped(note)
+            yield from wrapped_lines(note)
 
 
 _NUMBERS = {*Margins.__dataclass_fields__, "gain_margin_db", "disk_gain", "disk_phase_deg"}

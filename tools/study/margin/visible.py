@@ -33,12 +33,12 @@ def visible_margins(f_hz: Vector, response: Complex, noise: Vector, rate_hz: flo
     strong = error <= _SURE * STRONG
     own = margins(f_hz[strong], response[strong], rate_hz)
     beyond = np.where(low > 1.0, 1, np.where(high < 1.0, -1, 0))
-    if _hidden(beyond, strong).any():
+    if _hidden_lines(beyond, strong).any():
         nothing = dict.fromkeys(_OF_CROSSOVER, math.nan)
         own = replace(own, **nothing)
     angle = np.angle(-response)
     side = np.where(np.abs(angle) > error, np.sign(angle), 0.0).astype(int)
-    turned = _hidden(side, strong)
+    turned = _hidden_lines(side, strong)
     if (turned & (low < 1.0) & (high > 0.98 / own.gain_margin)).any():
         own = replace(own, gain_margin=math.nan, gain_margin_hz=math.nan)
     if (turned & (high > 1.0) & (low * own.gain_reduction < 1.02)).any():
@@ -49,7 +49,7 @@ def visible_margins(f_hz: Vector, response: Complex, noise: Vector, rate_hz: flo
 _OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", "delay_margin_s", "delay_margin_samples")
 
 
-def _hidden(side: Places, strong: Flags) -> Flags:
+def _hidden_lines(side: Places, strong: Flags) -> Flags:
     """Return which lines may hide a crossing between sides 1 and -1; 0: not sure of one."""
     found = np.zeros(len(side), bool)
     sure = np.flatnonzero(side)

@@ -99,7 +99,9 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
 
     if spec["sampling"] in SEARCHES:  # its rows are no sample: no share of them says a thing
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
-        print(_filled(outcome) or "pcpc sweep with its -o prints the result", folder, sep="\n")
+        print(
+            _filled_lines(outcome) or "pcpc sweep with its -o prints the result", folder, sep="\n"
+        )
         return Exit.OK
     store.claim_spec(folder, spec)
     if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:
@@ -111,12 +113,12 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
     if results.refused.all():
         raise RigError(f"{folder}: all runs were refused: {table['why'][0]}")
     for one in found:
-        print(_filled(printable(one.text)))
+        print(_filled_lines(printable(one.text)))
     print(f"report   {report(results, folder)}")
     return Exit.OK if all(one.outcome == HOLDS for one in found) else Exit.NOT_MET
 
 
-def _filled(text: str) -> str:
+def _filled_lines(text: str) -> str:
     """Return lines in as many as fit the terminal."""
     return "\n".join(
         textwrap.fill(line, COLUMNS, subsequent_indent="    ") for line in text.splitlines()

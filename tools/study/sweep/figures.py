@@ -8,7 +8,7 @@ import numpy as np
 
 from pcpc.executive.rig.units import unit_of_name
 from pcpc.plants import pages
-from pcpc.tools.after.log.drawing import shown
+from pcpc.tools.after.log.drawing import plain_text
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.binomial import clopper_pearson
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Results, comparisons
@@ -50,7 +50,7 @@ def label_of(name: str) -> str:
     """Return the label of a column's axis, with its unit where the name ends in one."""
     unit = unit_of_name(name.removeprefix(METRIC).removeprefix(MARGIN).removeprefix(VARY))
     bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ").removeprefix(VARY)
-    return shown(f"{bare} [{unit.text}]" if unit else bare)
+    return plain_text(f"{bare} [{unit.text}]" if unit else bare)
 
 
 def page_of(results: Results, name: str, found: dict[str, list[Share]]) -> "Figure":
@@ -71,7 +71,7 @@ def page_of(results: Results, name: str, found: dict[str, list[Share]]) -> "Figu
         ax.set_axis_off()
     for ax, (draw, *about) in zip(grid.ravel(), panels, strict=False):
         draw(ax, results, *about)
-        pages.ruled(ax)
+        pages.apply_grid_style(ax)
     return page
 
 
@@ -101,7 +101,7 @@ def distribution(ax: "Axes", results: Results, name: str) -> None:
     for controller, values in told.items():
         x = np.sort(values[np.isfinite(values)])
         y = np.arange(1, len(x) + 1) / max(len(values), 1)
-        label = shown(f"{controller or 'runs'}: {len(x):,} of {len(values):,}")
+        label = plain_text(f"{controller or 'runs'}: {len(x):,} of {len(values):,}")
         kept = np.unique(np.linspace(0, len(x) - 1, MOST_STEPS).astype(int))[: len(x)]
         x, y = np.append(x[:1], x[kept]), np.append(0.0 * y[:1], y[kept])  # from 0 up
         ax.plot(
@@ -181,9 +181,9 @@ def scatter(
             color=colour,
             alpha=0.6,
             linewidths=0,
-            label=shown(label),
+            label=plain_text(label),
         )
-    first, label = shown(results.controllers[0]), label_of(name)
+    first, label = plain_text(results.controllers[0]), label_of(name)
     _words(ax, f"{first}: {label}", f"the other: {label}")
 
 
@@ -206,7 +206,7 @@ def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector
             q,
             bins.tolist(),
             histtype="step",
-            label=shown(label),
+            label=plain_text(label),
             linewidth=1.2,
             **style_of(results, other),
         )
@@ -216,7 +216,7 @@ def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector
     ax.set_xscale("log")
     _plain_ticks(ax.xaxis, low, high)
     ax.margins(y=0.3)
-    _words(ax, f"{shown(base)} over the other, same draw", "pairs", loc="upper right")
+    _words(ax, f"{plain_text(base)} over the other, same draw", "pairs", loc="upper right")
 
 
 def _plain_ticks(axis: "Axis", low: float, high: float) -> None:
@@ -261,7 +261,7 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
             at,
             np.maximum(first, 0.0),
             thick,
-            label=shown(controller or "runs"),
+            label=plain_text(controller or "runs"),
             color=style_of(results, controller)["color"],
         )
         ax.errorbar(first, at, xerr=high - first, fmt="none", ecolor=pages.BLACK, elinewidth=0.8)
@@ -276,7 +276,7 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
 
 def _short(name: str) -> str:
     """Return the end of a name, which says most of it, where it is long."""
-    return shown(name if len(name) <= 24 else f"...{name[-21:]}")
+    return plain_text(name if len(name) <= 24 else f"...{name[-21:]}")
 
 
 def failures_page(results: Results, rows: Sequence[tuple[str, str, int, int]]) -> "Figure":
@@ -307,9 +307,9 @@ def failures_page(results: Results, rows: Sequence[tuple[str, str, int, int]]) -
             va="center",
         )
     names = [f"{what}, {controller}" if controller else what for what, controller, *_ in rows]
-    ax.set_yticks(range(len(rows)), [shown(name) for name in names])
+    ax.set_yticks(range(len(rows)), [plain_text(name) for name in names])
     ax.set(xscale="log", xlim=(left, 1.0), ylim=(len(rows) - 0.5, -0.5))
     _plain_ticks(ax.xaxis, left, 1.0)
     ax.set_xlabel("probability of failure, 95 % interval (Clopper-Pearson)", fontsize=9)
-    pages.ruled(ax)
+    pages.apply_grid_style(ax)
     return page

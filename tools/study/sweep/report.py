@@ -61,7 +61,7 @@ def report(results: Results, folder: Path) -> Path:
     pictures = _Pictures(folder)
     title = str(results.spec.get("title") or results.spec["rig"])
     parts = [
-        _drawn(results),
+        _draws_table(results),
         Section("Failures", _failures(results, pictures)),
         Section("Why runs failed", [_reasons(results)]),
         Section("Worst cases", _worst(results)),
@@ -90,7 +90,7 @@ class _Pictures:
         return Picture(png, shows)
 
 
-def _drawn(results: Results) -> Table:
+def _draws_table(results: Results) -> Table:
     spec = results.spec
     settings = ", ".join(str(one) for one in spec.get("settings", ()))
     rows = [
@@ -208,7 +208,7 @@ def _metrics(results: Results, pictures: _Pictures) -> list[Part]:
         found = figures.shares_of(results, name)
         bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ")
         picture = pictures.of(figures.page_of(results, name, found), name.replace(":", "-"), bare)
-        tables = [_summary(results, name), _against(results, name), _interacting(found)]
+        tables = [_summary(results, name), _pairs_table(results, name), _interacting(found)]
         parts.append(Section(bare, [picture, *tables]))
     note = Note(_OF_CURVES + _OF_SHARES * bool(results.variations))
     return [note, *parts] if parts else []
@@ -226,7 +226,7 @@ def _summary(results: Results, name: str) -> Table:
     return Table(head, rows, range(1, len(head)))
 
 
-def _against(results: Results, name: str) -> Table:
+def _pairs_table(results: Results, name: str) -> Table:
     """Return the table of pairs with the first controller; of values not all above 0 no times."""
     rows = []
     for other, told, counts, ratio in comparisons(results, name, figures.RATIOS):

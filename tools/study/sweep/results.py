@@ -145,7 +145,7 @@ class Results:
         if controller := self.column("controller")[row]:
             words += ["--controller", controller]
         settings = [str(one) for one in self.spec.get("settings", ())]
-        settings += [f"{n}={_written(self.column(VARY + n)[row])}" for n in self.variations]
+        settings += [f"{n}={_number_text(self.column(VARY + n)[row])}" for n in self.variations]
         settings.append(f"seed={self.column('seed')[row]}")
         return [*words, *(word for one in settings for word in ("--set", one))]
 
@@ -154,7 +154,7 @@ class Results:
         return shlex.join(["pcpc", "simulate", *self.run_words(row)])
 
 
-def _written(value: float) -> str:
+def _number_text(value: float) -> str:
     """Return a number with all its bits, a whole one without a dot as whole settings need it."""
     value = float(value)
     return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)

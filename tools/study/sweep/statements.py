@@ -64,7 +64,7 @@ def anytime_bounds(
             upper = 1.0 / (1.0 + (1.0 - 1.0 / ratio) / math.expm1(grown))
 
     def excess(p: float) -> float:
-        return _mixed(failures, runs, p) - sure
+        return _log_mixture(failures, runs, p) - sure
 
     if failures:  # below 0 at p = k/n, where nothing is likelier
         from scipy.optimize import brentq
@@ -73,7 +73,7 @@ def anytime_bounds(
     return lower, upper
 
 
-def _mixed(failures: int, runs: int, p: float) -> float:
+def _log_mixture(failures: int, runs: int, p: float) -> float:
     """Return the logarithm of (3), left, at 0 < p < 1, or p = 1 without a clean run."""
     from scipy.special import betaln
 
@@ -101,10 +101,10 @@ class Statement:
     @property
     def without_failure(self) -> int:
         """How many runs the statement needs if none fails."""
-        return math.ceil(self._accepted / self._clean)
+        return math.ceil(self._acceptance_threshold / self._clean)
 
     @property
-    def _accepted(self) -> float:
+    def _acceptance_threshold(self) -> float:
         return -math.log(1.0 - self.confidence)
 
     @property
@@ -129,9 +129,12 @@ class Statement:
     def outcome(self, failures: int, runs: int) -> str:
         """Return HOLDS, REFUTED, NOT_SHOWN or OPEN; a campaign ends with the first but OPEN."""
         likelihood = self.likelihood(failures, runs)
-        if likelihood >= self._accepted:
+        if likelihood >= self._acceptance_threshold:
             return HOLDS
-        if failures > self.p0 * runs and _mixed(failures, runs, self.p0) >= self._accepted:
+        if (
+            failures > self.p0 * runs
+            and _log_mixture(failures, runs, self.p0) >= self._acceptance_threshold
+        ):
             return REFUTED
         return NOT_SHOWN if likelihood <= math.log(self.beta) else OPEN
 
@@ -139,7 +142,7 @@ class Statement:
         """Return how many more runs decide it if failures go on at the present rate."""
         rate = failures / runs if runs else 0.0
         drift = self._drift(rate)
-        end = self._accepted if drift > 0.0 else math.log(self.beta)
+        end = self._acceptance_threshold if drift > 0.0 else math.log(self.beta)
         gap = (end - self.likelihood(failures, runs)) / drift if drift else math.inf
         return math.ceil(max(gap, 1.0)) if math.isfinite(gap) else 1
 

@@ -63,9 +63,9 @@ class Variation:
         """
         if self.relative and own == 0.0:
             raise self.error("the rig's own value is 0, which a factor does not vary; give lo:hi")
-        return self._of(u) * own if self.relative else self._of(u)
+        return self._value_at(u) * own if self.relative else self._value_at(u)
 
-    def _of(self, u: float) -> float:
+    def _value_at(self, u: float) -> float:
         a, *more = self.numbers
         if self.kind == "choice":
             return self.numbers[int(u * len(self.numbers))]

@@ -111,7 +111,7 @@ def motion(run: Cycles, lam: Vector) -> Motion:
     )
 
 
-def drawn(one: Motion) -> Motion:
+def drawn_states(one: Motion) -> Motion:
     """Return states of the compact set: references of the run, |r| up to 1.25 times its largest."""
     draw = np.random.default_rng(0)
     rows = draw.integers(0, len(one.q), DRAWN)
@@ -124,7 +124,7 @@ def drawn(one: Motion) -> Motion:
     return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
 
 
-def accelerated(
+def acceleration(
     run: Cycles, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
 ) -> Vector:
     """Return q'' (n, 2) of (1) (2) of arm.py beside it under a torque, none by default.

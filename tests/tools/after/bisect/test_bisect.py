@@ -217,13 +217,13 @@ def test_minus_zero_is_another_number_and_nan_is_nan(repo: Path) -> None:
 def test_runs_that_differ_from_themselves_are_refused(
     since: int, which: str, history: Path, sides: list[Side], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    steady = runs.simulated
+    steady = runs.simulation
 
     def by_chance(side: Side, folder: Path, *more: str) -> "subprocess.CompletedProcess[str]":
         number = len(sides) + 1
         return steady(side, folder, *more, f"--set=controller.gain={max(number, since)}")
 
-    monkeypatch.setattr(runs, "simulated", by_chance)
+    monkeypatch.setattr(runs, "simulation", by_chance)
     said = refused(history / "motor", "planted~", "planted")
     commit = git(history, "rev-parse", which)[:10]
     assert said.startswith(f"{commit}: its runs differ from each other"), said
@@ -288,8 +288,10 @@ def test_the_order_is_that_of_a_cycle() -> None:
             ["a.y", "", "output", "a", ""]]  # fmt: skip
 
     class Log:
-        node: ClassVar = {n: type("Node", (), {"description": {"variables": rows}}) for n in
-                ("executive", "plant")}  # fmt: skip
+        node: ClassVar = {
+            n: type("Node", (), {"description": {"variables": rows}})
+            for n in ("executive", "plant")
+        }
 
     order = ["frame FB received", "rx.FB.q", "time.t_s", "b.u", "b.x", "b.y", "a.y",
              "supervisor.saturated", "frame CMD sent"]  # fmt: skip
@@ -298,12 +300,18 @@ def test_the_order_is_that_of_a_cycle() -> None:
     log: Any = Log()
     for prefix in ("", "plant."):
         for n in range(len(order)):
-            names = [f"frame {prefix}{name.removeprefix('frame ')}" if "frame" in name
-                     else prefix + name for name in reversed(order[n:])]  # fmt: skip
-            report = diff.Report("a", "b", differences=[
-                diff.Difference("plant.b.y" if prefix else "b.y", 0.0, 9, "", "", 1),
-                *(diff.Difference(name, 0.0, 5, "1.0", "2.0", 1) for name in names),
-            ])  # fmt: skip
+            names = [
+                f"frame {prefix}{name.removeprefix('frame ')}" if "frame" in name else prefix + name
+                for name in reversed(order[n:])
+            ]
+            report = diff.Report(
+                "a",
+                "b",
+                differences=[
+                    diff.Difference("plant.b.y" if prefix else "b.y", 0.0, 9, "", "", 1),
+                    *(diff.Difference(name, 0.0, 5, "1.0", "2.0", 1) for name in names),
+                ],
+            )
             (first,) = runs.firsts(report, log, log)
             assert (first.name, first.stage, first.others) == (order[n], stages[n], len(names) - 1)
             assert first.node == (prefix.rstrip(".") or "executive")
@@ -316,7 +324,7 @@ def test_a_disk_that_is_full_and_a_run_that_is_ended_end_the_search(
     def simulated(*_: Any) -> "subprocess.CompletedProcess[str]":
         return subprocess.CompletedProcess([], number, "", "log.mcap: No space left on device\n")
 
-    monkeypatch.setattr(runs, "simulated", simulated)
+    monkeypatch.setattr(runs, "simulation", simulated)
     assert "No space left" in refused(history / "motor", "good", "HEAD", code=number)
 
 

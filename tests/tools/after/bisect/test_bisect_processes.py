@@ -53,9 +53,10 @@ def test_ended_early_it_leaves_no_process_and_no_folder(number: int, tmp_path: P
 
         until(lambda: any(log.stat().st_size for log in logs()) or command.over(), "it runs")
         (child,) = [
-            int(path.parent.name) for path in Path("/proc").glob("[0-9]*/cwd")
+            int(path.parent.name)
+            for path in Path("/proc").glob("[0-9]*/cwd")
             if _target(path).startswith(str(left(repo)[0].with_suffix("")))
-        ]  # fmt: skip
+        ]
         os.kill(command.process.pid, number)
         done = command.done()
         until(lambda: not alive(child), "the run ends")

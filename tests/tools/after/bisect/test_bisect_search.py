@@ -80,11 +80,19 @@ def test_the_first_of_any_history_is_found(tmp_path: Path) -> None:
     drawn = random.Random("bisect")
     for case in range(12):
         count = drawn.randrange(3, 24)
-        parents = {1: [], **{
-            n: sorted({n - 1 if drawn.random() < 0.5 or n == count else drawn.randrange(1, n),
-                       drawn.randrange(1, n)}, reverse=True)[: drawn.choice((1, 2))]
-            for n in range(2, count + 1)
-        }}  # fmt: skip
+        parents = {
+            1: [],
+            **{
+                n: sorted(
+                    {
+                        n - 1 if drawn.random() < 0.5 or n == count else drawn.randrange(1, n),
+                        drawn.randrange(1, n),
+                    },
+                    reverse=True,
+                )[: drawn.choice((1, 2))]
+                for n in range(2, count + 1)
+            },
+        }
         first = drawn.choice(sorted(above(parents, count) - {1}))
         bad = {n for n in parents if first in above(parents, n)}
         found = Search(tmp_path / f"r{case}", parents, bad, set())
@@ -145,13 +153,21 @@ def test_the_ends_are_two_commits_one_above_the_other(tmp_path: Path) -> None:
         (f"{hashes[1]}..main", "HEAD", "git: Needed a single revision"),
         ("main:1", "HEAD", "main:1: git: "),
         ("\u00e9\n", "HEAD", "\u00e9\\n: git: Needed a single revision"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(UserError) as error:
             ends(repository, good, bad)
         assert said in str(error.value), str(error.value)
     shallow = tmp_path / "shallow"
-    git(tmp_path, "clone", "-q", "--depth", "1", "--no-single-branch", f"file://{tmp_path}",
-        str(shallow))  # fmt: skip
+    git(
+        tmp_path,
+        "clone",
+        "-q",
+        "--depth",
+        "1",
+        "--no-single-branch",
+        f"file://{tmp_path}",
+        str(shallow),
+    )
     git(shallow, "fetch", "-q", "--depth", "1", "origin", hashes[1])
     with pytest.raises(UserError, match="shallow: `git fetch --unshallow`"):
         ends(Repository(shallow), hashes[1], "HEAD")

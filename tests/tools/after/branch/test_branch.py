@@ -101,8 +101,18 @@ def test_unchanged_each_rig_goes_on_with_its_bits(rig: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
 def test_a_run_in_lockstep_goes_on_with_its_bits(rig: str, tmp_path: Path) -> None:
-    done = pcpc("run", rig, "--pacing", "lockstep", "--set", "duration_s=0.4", "--no-figure",
-                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    done = pcpc(
+        "run",
+        rig,
+        "--pacing",
+        "lockstep",
+        "--set",
+        "duration_s=0.4",
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a"),
+    )
     assert done.code == 0, done
     parent = tmp_path / "a/log.mcap"
     for n in (1, 2, 173):
@@ -115,8 +125,18 @@ def test_a_run_in_lockstep_goes_on_with_its_bits(rig: str, tmp_path: Path) -> No
 @pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
 def test_a_paced_run_goes_on_from_its_bits_and_can_be_replayed(rig: str, tmp_path: Path) -> None:
     """What it went on from is in the log; when frames come afterwards is the machine's affair."""
-    done = pcpc("run", rig, "--pacing", "real", "--set", "duration_s=0.5", "--no-figure",
-                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    done = pcpc(
+        "run",
+        rig,
+        "--pacing",
+        "real",
+        "--set",
+        "duration_s=0.5",
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a"),
+    )
     parent = tmp_path / "a/log.mcap"
     before = logs.read(parent).node["executive"]
     if 240 not in before.cycle[2:-2]:
@@ -134,10 +154,20 @@ def test_a_paced_run_goes_on_from_its_bits_and_can_be_replayed(rig: str, tmp_pat
 
 
 def test_a_cycle_far_before_the_end_of_a_paced_run_is_found(tmp_path: Path) -> None:
-    done = pcpc("run", "engage", "--set", "duration_s=6", "--no-figure", "--quiet",
-                "-o", str(tmp_path / "a"))  # fmt: skip
-    tried = [branch(tmp_path / "a/log.mcap", tmp_path / f"b{n}", "--cycle", str(n))
-             for n in (600, 610, 620)]  # fmt: skip
+    done = pcpc(
+        "run",
+        "engage",
+        "--set",
+        "duration_s=6",
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a"),
+    )
+    tried = [
+        branch(tmp_path / "a/log.mcap", tmp_path / f"b{n}", "--cycle", str(n))
+        for n in (600, 610, 620)
+    ]
     assert any(one.code in (0, 1) for one in tried), (done, tried)
 
 
@@ -145,9 +175,11 @@ def test_a_change_is_what_the_same_change_in_the_schedule_is(tmp_path: Path) -> 
     parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=1")
     new = branched(parent, tmp_path / "b", "--cycle", "400", "--set", "controller.kv_Nms_rad=150")
     planned = simulated(
-        tmp_path / "s.mcap", "engage", "duration_s=1",
+        tmp_path / "s.mcap",
+        "engage",
+        "duration_s=1",
         "schedule=[{at_s: 0.4, set: {controller.kv_Nms_rad: 150}}]",
-    )  # fmt: skip
+    )
     assert record(new) == record(planned)
     first = np.flatnonzero(_torque(new) != _torque(parent))[0]
     assert first == 400
@@ -185,10 +217,12 @@ def test_a_fault_and_its_length_are_those_of_the_rig_in_that_cycle(tmp_path: Pat
     for n in cycles(2, 599, "faults"):  # 200 to 300 has lost frames
         new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
         assert record(new) == record(parent), n
-    new = branched(parent, tmp_path / "b", "--time", "0.25", "--fault", "stuck:100ms",
-                   "--fault", "late:0.05s")  # fmt: skip
-    planned = faulty(tmp_path, "s", stuck=", from: 250ms, for: 100ms",
-                     late=", from: 250ms, for: 50ms")  # fmt: skip
+    new = branched(
+        parent, tmp_path / "b", "--time", "0.25", "--fault", "stuck:100ms", "--fault", "late:0.05s"
+    )
+    planned = faulty(
+        tmp_path, "s", stuck=", from: 250ms, for: 100ms", late=", from: 250ms, for: 50ms"
+    )
     for role, (rows, *_) in record(planned).items():
         assert record(new)[role][0] == rows, role
 
@@ -197,19 +231,24 @@ def test_a_controller_takes_over_as_from_standby(tmp_path: Path) -> None:
     parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.6")
     new = branched(parent, tmp_path / "b", "--cycle", "300", "--controller", "pid")
     planned = simulated(
-        tmp_path / "s.mcap", "engage", "duration_s=0.6", "standby=[pid]",
+        tmp_path / "s.mcap",
+        "engage",
+        "duration_s=0.6",
+        "standby=[pid]",
         "schedule=[{at_s: 0.3, handover: pid}]",
-    )  # fmt: skip
+    )
     for role, (rows, *_) in record(planned).items():
         assert record(new)[role][0] == rows, role
 
 
 def test_later_tunings_of_the_log_come_as_they_did(tmp_path: Path) -> None:
     parent = simulated(
-        tmp_path / "log.mcap", "engage", "duration_s=0.6",
+        tmp_path / "log.mcap",
+        "engage",
+        "duration_s=0.6",
         "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}, "
         "{at_s: 0.5, set: {controller.kv_Nms_rad: 120}}]",
-    )  # fmt: skip
+    )
     for n in (100, 200, 201, 202, 203, 500, 550):
         assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
 
@@ -225,8 +264,9 @@ def test_a_branch_of_a_branch_and_a_longer_run(tmp_path: Path) -> None:
 
 def test_a_run_that_waits_for_its_operator_and_one_that_was_stopped(tmp_path: Path) -> None:
     schedule = "schedule=[{at_s: 0.1, set: {supervisor.disarmed: 0}}]"
-    parent = simulated(tmp_path / "log.mcap", "hull", "duration_s=0.4", "supervisor.arm=manual",
-                       schedule)  # fmt: skip
+    parent = simulated(
+        tmp_path / "log.mcap", "hull", "duration_s=0.4", "supervisor.arm=manual", schedule
+    )
     for n in (50, 100, 101, 200):
         assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
 

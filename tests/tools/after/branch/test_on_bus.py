@@ -66,8 +66,18 @@ def test_each_rig_goes_on_with_its_bits(path: Path, tmp_path: Path) -> None:
 
 
 def test_a_run_in_lockstep_goes_on_on_a_bus_again(tmp_path: Path) -> None:
-    done = pcpc("run", "engage", "--pacing", "lockstep", "--set", "duration_s=0.4", "--no-figure",
-                "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    done = pcpc(
+        "run",
+        "engage",
+        "--pacing",
+        "lockstep",
+        "--set",
+        "duration_s=0.4",
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a"),
+    )
     assert done.code == 0, done
     has_bits_of(on_bus(tmp_path / "a/log.mcap", tmp_path / "b", "--cycle", "201"),
                 tmp_path / "a/log.mcap")  # fmt: skip
@@ -118,8 +128,19 @@ def test_its_frames_are_on_the_bus(tmp_path: Path) -> None:
 
 
 def test_a_run_that_keeps_time_is_refused(tmp_path: Path) -> None:
-    done = pcpc("run", "engage", "--bus", own_bus(), *PATIENT, "--set", "duration_s=0.3",
-                "--no-figure", "--quiet", "-o", str(tmp_path / "a"))  # fmt: skip
+    done = pcpc(
+        "run",
+        "engage",
+        "--bus",
+        own_bus(),
+        *PATIENT,
+        "--set",
+        "duration_s=0.3",
+        "--no-figure",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a"),
+    )
     assert done.code in (0, 1), done
     refused = branch(tmp_path / "a/log.mcap", tmp_path / "b", "--cycle", "90", "--bus", "auto")
     assert refused.code == 2 and "leave out --bus" in refused.err, refused

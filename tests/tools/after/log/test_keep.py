@@ -45,9 +45,17 @@ def test_two_events_make_one_stretch_where_they_are_close(tmp_path: Path) -> Non
 
 def test_a_run_in_which_nothing_happens_leaves_what_explains_it(tmp_path: Path) -> None:
     done = pcpc(
-        "simulate", str(RIGS / "slew10.yaml"), "--set", "duration_s=2.0", "--set", "record.keep=1s",
-        "-o", str(tmp_path / "run"), "--json", "--quiet",
-    )  # fmt: skip
+        "simulate",
+        str(RIGS / "slew10.yaml"),
+        "--set",
+        "duration_s=2.0",
+        "--set",
+        "record.keep=1s",
+        "-o",
+        str(tmp_path / "run"),
+        "--json",
+        "--quiet",
+    )
     assert done.code == 0, done
     assert done.summary["cycles"] == 2000, done.summary
     assert done.summary["records"]["written"] == 0
@@ -61,9 +69,19 @@ def test_a_run_in_which_nothing_happens_leaves_what_explains_it(tmp_path: Path) 
 def test_the_death_of_the_emulator_is_in_the_log_with_what_led_to_it(tmp_path: Path) -> None:
     bus, folder = own_bus(), tmp_path / "run"
     with Running(
-        "run", str(RIGS / "slew10.yaml"), "--bus", bus, "--set", "record.keep=200ms", "--no-figure",
-        "--set", "duration_s=60.0", "-o", str(folder), "--quiet",
-    ) as run:  # fmt: skip
+        "run",
+        str(RIGS / "slew10.yaml"),
+        "--bus",
+        bus,
+        "--set",
+        "record.keep=200ms",
+        "--no-figure",
+        "--set",
+        "duration_s=60.0",
+        "-o",
+        str(folder),
+        "--quiet",
+    ) as run:
         run.in_the_middle("slew10", bus)
         os.kill(run.pid("plant"), signal.SIGKILL)
         done = run.done()

@@ -61,8 +61,14 @@ def test_extended_ids_and_short_frames_stay_what_they_are(suffix: str, tmp_path:
     frames["id"], frames["dlc"] = (1 << 31 | 0x123, 0x123, 1 << 31 | 0x1FFFFFFF), (0, 1, 8)
     frames["stamp_ns"], frames["data"][2] = (0, 7_000_123, 1_999_999_999), range(8)
     log = fabricated(frames)
-    job = export._Job(log, tmp_path / f"f{suffix}", export.FORMATS[suffix], None,
-                      (-np.inf, np.inf), export.Progress(quiet=True))  # fmt: skip
+    job = export._Job(
+        log,
+        tmp_path / f"f{suffix}",
+        export.FORMATS[suffix],
+        None,
+        (-np.inf, np.inf),
+        export.Progress(quiet=True),
+    )
     assert export._write_frames(job) == {"frames": 3}
     read, stamps = messages(job.path)
     found = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in read]

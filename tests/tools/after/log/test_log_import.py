@@ -181,10 +181,13 @@ def test_everything_that_is_left_out_is_told(car: Path, tmp_path: Path) -> None:
     ]  # fmt: skip
     done, log = imported(candump(tmp_path, lines), car)
     for text in (
-        "5 frames of 3 ids", "left out: 2 error, 1 remote frames",
-        "kept as frames only: 0x123 (1), 0x7AB (1)", "kept as frames only: 1; wrong CRC",
-        "stamped out of order, now sorted: 1 frames", "channels can0, can1 are merged",
-    ):  # fmt: skip
+        "5 frames of 3 ids",
+        "left out: 2 error, 1 remote frames",
+        "kept as frames only: 0x123 (1), 0x7AB (1)",
+        "kept as frames only: 1; wrong CRC",
+        "stamped out of order, now sorted: 1 frames",
+        "channels can0, can1 are merged",
+    ):
         assert text in done.out, done
     assert log.node["executive"].frames["stamp_ns"].tolist() == [
         4_000_000_000, 5_000_000_000, 5_400_000_000, 5_500_000_000, 5_600_000_000,

@@ -37,8 +37,9 @@ def odd_log(frames: NDArray[Any]) -> logs.Log:
     """Return a log of six rows with a variable of odd values, and of these frames."""
     stamps = 10**6 * np.arange(6)
     about: Any = {"variables": [["a.odd", "m/s²", "state", "a", 'what is odd: "<&>"']]}
-    node = logs.Node(EDGES["cycle"] + np.arange(6), stamps, {"a.odd": np.array(ODD)}, {}, frames,
-                     [], [], about)  # fmt: skip
+    node = logs.Node(
+        EDGES["cycle"] + np.arange(6), stamps, {"a.odd": np.array(ODD)}, {}, frames, [], [], about
+    )
     facts = {"clock_wall_ns": str(EDGES["time_ns"]), "clock_monotonic_ns": "0"}
     return logs.Log(Path("made.mcap"), {"executive": node}, {}, {"executive": facts}, [])
 
@@ -134,8 +135,14 @@ def test_events_and_tunings_are_markers(tmp_path: Path) -> None:
     assert sorted(map(json.dumps, expected)) == sorted(json.dumps(one) for _, one in found)
 
 
-@pytest.mark.parametrize("words", [["--topics", "/timing"], ["--topics", "/plant/can/frames"],
-                                   ["--start", "0.1", "--end", "0.15"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--topics", "/timing"],
+        ["--topics", "/plant/can/frames"],
+        ["--start", "0.1", "--end", "0.15"],
+    ],
+)
 def test_a_part_holds_nothing_else(words: list[str], tmp_path: Path) -> None:
     timing = next(iter(logs.read(barrel_log()).node["executive"].timing))
     with MDF(exported(tmp_path, *words)) as read:
@@ -174,8 +181,10 @@ def test_a_recording_of_python_can_is_imported(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_a_canedge_that_lost_its_power_is_imported(tmp_path: Path) -> None:
-    sent = [(20 * i, (0x120, 0x12345)[i % 2], i % 2 == 1, i % 3 == 0, bytes(range(i % 9)))
-            for i in range(2500)]  # fmt: skip
+    sent = [
+        (20 * i, (0x120, 0x12345)[i % 2], i % 2 == 1, i % 3 == 0, bytes(range(i % 9)))
+        for i in range(2500)
+    ]
     canedge.write(tmp_path / "ce.mf4", sent)
     done = run("import", tmp_path / "ce.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap", "--json")
     assert done.code == 0 and json.loads(done.out)["channels"] == {"1": 2500}, done

@@ -72,9 +72,10 @@ def test_variables_of_one_log_share_an_axis_by_unit(tmp_path: Path) -> None:
     words = ["controller.e_rad", "controller.tau_Nm", "barrel.theta_rad", "controller.r_*"]
     found = plot.groups_of([source(barrel_log())], words)
     assert found == [
-        ["controller.e_rad", "plant.barrel.theta_rad"], ["controller.tau_Nm"],
+        ["controller.e_rad", "plant.barrel.theta_rad"],
+        ["controller.tau_Nm"],
         ["controller.r_rad_s"],
-    ]  # fmt: skip
+    ]
     done = run("plot", barrel_log(), *words, "-o", tmp_path / "f.png")
     assert done.code == 0 and imread(tmp_path / "f.png").std() > 0.05, done
 
@@ -115,7 +116,7 @@ def test_a_run_folder_stands_for_its_log_and_names_it(tmp_path: Path) -> None:
     for folder in folders:
         folder.mkdir()
         (folder / "log.mcap").symlink_to(barrel_log())
-    paths, patterns = plot.sorted_out([*map(str, folders), "controller.e_rad"])
+    paths, patterns = plot.logs_and_patterns([*map(str, folders), "controller.e_rad"])
     assert plot.names_of(paths) == ["before", "after"] and patterns == ["controller.e_rad"]
 
 

@@ -87,9 +87,7 @@ def thinned(keep: Callable[[int, str, Any], bool]) -> Callable[[Content], None]:
 
 def doubled(which: Callable[[str, Any], bool]) -> Callable[[Content], None]:
     def change(given: Content) -> None:
-        given.messages = [
-            pair for pair in given.messages for _ in range(2 if which(*pair) else 1)
-        ]  # fmt: skip
+        given.messages = [pair for pair in given.messages for _ in range(2 if which(*pair) else 1)]
 
     return change
 
@@ -171,8 +169,16 @@ def commands(copy: Path, whole: Path, folder: Path) -> Iterable[Done]:
     yield run_here("report", copy, "-o", folder / "a.html")
     yield run_here("compare", copy, copy)
     yield run_here("bounds", copy)
-    yield run_here("fit", PLANT / "rigs" / "slew10.yaml", copy, "-o", folder / "fit",
-                   "--parameter", "barrel.hub_inertia_kg_m2", "--quiet")  # fmt: skip
+    yield run_here(
+        "fit",
+        PLANT / "rigs" / "slew10.yaml",
+        copy,
+        "-o",
+        folder / "fit",
+        "--parameter",
+        "barrel.hub_inertia_kg_m2",
+        "--quiet",
+    )
 
 
 def test_each_command_tells_that_the_tail_is_cut(log: Path, tmp_path: Path) -> None:
@@ -182,8 +188,9 @@ def test_each_command_tells_that_the_tail_is_cut(log: Path, tmp_path: Path) -> N
     for number, done in enumerate(commands(copy, log, tmp_path)):
         assert done.code in (1, 3), (number, done)
         assert "/state: 200 of 300 messages" in " ".join((done.out + done.err).split()), (
-            number, done,
-        )  # fmt: skip
+            number,
+            done,
+        )
 
 
 def test_bounds_that_hold_in_a_log_with_a_cycle_twice_are_no_pass(

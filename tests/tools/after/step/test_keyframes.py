@@ -23,7 +23,7 @@ from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import Comparison, recomputed
+from pcpc.tools.after.replay import Comparison, recomputed_pieces
 
 ALL_RIGS = sorted(ROOT.glob("plants/*/rigs/*.yaml"))
 SHORT = ("duration_s=0.45", "record.keyframe=100ms")
@@ -67,7 +67,7 @@ def state_of(node: Comparison) -> dict[str, bytes]:
 def compared(log: Path, cycle: int, seek: int, rig: Any) -> list[Comparison]:
     head = logs.head(log)
     nodes = [Comparison(head, rig, role, cycle, seek=seek) for role in rig.roles]
-    for _ in recomputed(log, nodes, since_ns=min(node.since_ns for node in nodes)):
+    for _ in recomputed_pieces(log, nodes, since_ns=min(node.since_ns for node in nodes)):
         pass
     for node in nodes:
         node.require_end()
@@ -232,14 +232,14 @@ def test_a_wrong_one_is_left_out_and_told_and_the_one_before_serves(
     kind: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spoil, said = WRONG[kind]
-    true = keyframes._packed
+    true = keyframes._packed_state
     made = itertools.count()
 
     def packed(*words: Any) -> Any:
         whole = true(*words)
         return spoil(whole) if next(made) in (4, 5) else whole  # those of cycle 299
 
-    monkeypatch.setattr(keyframes, "_packed", packed)
+    monkeypatch.setattr(keyframes, "_packed_state", packed)
     path = tmp_path / "log.mcap"
     simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
     assert stepped(path, 350) == stepped(log, 350)
@@ -253,11 +253,11 @@ def test_a_wrong_one_is_left_out_and_told_and_the_one_before_serves(
 def test_a_search_goes_back_as_far_as_it_has_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    true, made = keyframes._packed, itertools.count()
+    true, made = keyframes._packed_state, itertools.count()
     spoiled = lambda *words: true(*words) | ({"crc": 0} if next(made) > 3 else {})  # noqa: E731
     rig = load_rig(RIGS / "engage.yaml", settings=["duration_s=1.5", "record.keyframe=100ms"])
     with monkeypatch.context() as patch:
-        patch.setattr(keyframes, "_packed", spoiled)
+        patch.setattr(keyframes, "_packed_state", spoiled)
         simulate(rig, tmp_path / "log.mcap")
     node = Comparison(logs.head(tmp_path / "log.mcap"), rig, "plant", 1450, seek=1450)
     assert node.recorded.behind == 199, "two of each node are right"
@@ -302,15 +302,19 @@ def test_a_part_of_a_log_is_what_the_whole_has_there(log: Path, tmp_path: Path) 
     found = logs.scan(log)
     times = [
         (channel, int(row.view(logs.message_dtype(0))["log_time"][0]), row.tobytes())
-        for channel, rows in found.pieces for row in np.ascontiguousarray(rows[:, :31])
-    ]  # fmt: skip
+        for channel, rows in found.pieces
+        for row in np.ascontiguousarray(rows[:, :31])
+    ]
     first, last = min(t for _, t, _ in times), max(t for _, t, _ in times)
     (tmp_path / "cut.mcap").write_bytes(log.read_bytes()[:-40])
     for path in (log, tmp_path / "cut.mcap"):
         for low, high in ((first, first), (first + 10**8, first + 2 * 10**8), (last, last)):
             part = logs.Scan()
-            got = {row.tobytes() for _, rows in logs.walk(path, part, (low, high))
-                   for row in np.ascontiguousarray(rows[:, :31])}  # fmt: skip
+            got = {
+                row.tobytes()
+                for _, rows in logs.walk(path, part, (low, high))
+                for row in np.ascontiguousarray(rows[:, :31])
+            }
             assert {row for _, time, row in times if low <= time <= high} <= got, (low, high)
         assert not list(logs.walk(path, logs.Scan(), mcap_reader.NONE))
 
@@ -331,8 +335,16 @@ def test_a_state_in_the_making_is_not_taken(log: Path) -> None:
 
 def test_processes_that_keep_time_have_them_too(tmp_path: Path) -> None:
     words = "--set", "duration_s=1.2", "--set", "record.keyframe=200ms", "--no-figure"
-    done = pcpc("run", str(RIGS / "engage.yaml"), "--bus", own_bus(), *PATIENT, *words,
-                "-o", str(tmp_path / "run"))  # fmt: skip
+    done = pcpc(
+        "run",
+        str(RIGS / "engage.yaml"),
+        "--bus",
+        own_bus(),
+        *PATIENT,
+        *words,
+        "-o",
+        str(tmp_path / "run"),
+    )
     assert done.code in (0, 1), done
     path = tmp_path / "run/log.mcap"
     cycles = logs.read(path).node["executive"].cycle

@@ -164,9 +164,12 @@ def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:
 
 
 def test_a_metric_that_is_not_finite_is_read_back_and_drawn(rig: Write, tmp_path: Path) -> None:
-    own = rig(BODY.replace(
-        "merits={", "merits={'never_s': lambda run: float('inf'), 'low': lambda run: -float('inf'),"
-    ).replace('rad",), ())', 'rad", "after {never_s:.3f} s, {low:.1f}"), ())'))  # fmt: skip
+    own = rig(
+        BODY.replace(
+            "merits={",
+            "merits={'never_s': lambda run: float('inf'), 'low': lambda run: -float('inf'),",
+        ).replace('rad",), ())', 'rad", "after {never_s:.3f} s, {low:.1f}"), ())')
+    )
     made = simulate(own.path, "own", folder=tmp_path / "run", quiet=True)
     read = open_run(tmp_path / "run")
     assert made.metrics["never_s"] == math.inf and read.metrics == made.metrics, read.metrics

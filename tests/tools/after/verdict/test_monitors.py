@@ -73,9 +73,10 @@ def rises(record: Record, after: int, before: float) -> list[int]:
     """Return the rows in which y < 1 becomes true."""
     held = [ok for ok, _ in below(record.y)]
     return [
-        i for i, k in enumerate(record.cycle)
+        i
+        for i, k in enumerate(record.cycle)
         if held[i] and not (i and held[i - 1]) and after <= k < before
-    ]  # fmt: skip
+    ]
 
 
 def by_hold(record: Record, within: int, after: int, before: float, events: bool) -> Found:
@@ -107,8 +108,9 @@ def by_respond(record: Record, within: int, lasts: int, after: int, before: floa
     begins = rises(record, after, before)
     for i in begins:
         starts = [j for j, k in enumerate(cycle) if cycle[i] <= k <= cycle[i] + within]
-        spans = [[j for j, k in enumerate(cycle) if cycle[s] <= k <= cycle[s] + lasts]
-                 for s in starts]  # fmt: skip
+        spans = [
+            [j for j, k in enumerate(cycle) if cycle[s] <= k <= cycle[s] + lasts] for s in starts
+        ]
         whole = [span for span in spans if cycle[span[0]] + lasts <= last]
         worst = [min(rho[j][1] for j in span) for span in spans]
         good = [span for span in whole if all(rho[j][0] for j in span)]

@@ -182,9 +182,19 @@ def test_a_violation_on_purpose_has_its_exact_cycle_on_a_bus(
 ) -> None:
     folder = tmp_path / "run"
     done = pcpc(
-        "run", str(rig_file(tmp_path, ALL)), "-o", str(folder), "--bus", own_bus(), "--quiet",
-        "--pacing", pacing, "--json", "--no-figure", *PATIENT,
-    )  # fmt: skip
+        "run",
+        str(rig_file(tmp_path, ALL)),
+        "-o",
+        str(folder),
+        "--bus",
+        own_bus(),
+        "--quiet",
+        "--pacing",
+        pacing,
+        "--json",
+        "--no-figure",
+        *PATIENT,
+    )
     assert done.code == 1, done
     told, recorded = done.summary["requirements"], open(folder)
     cycle = recorded.log.node["executive"].cycle
@@ -282,9 +292,16 @@ def test_what_is_wrong_is_refused_before_the_run_with_its_place(
 
 def test_what_is_judged_does_not_depend_on_what_is_kept(run: Run, tmp_path: Path) -> None:
     done = pcpc(
-        "simulate", str(rig_file(tmp_path, ALL)), "-o", str(tmp_path / "run"), "--quiet", "--json",
-        "--no-figure", "--set", "record.keep=10ms",
-    )  # fmt: skip
+        "simulate",
+        str(rig_file(tmp_path, ALL)),
+        "-o",
+        str(tmp_path / "run"),
+        "--quiet",
+        "--json",
+        "--no-figure",
+        "--set",
+        "record.keep=10ms",
+    )
     assert done.summary["records"]["written"] == 0, done
     assert done.summary["requirements"] == [one.json() for one in run.requirements]
 

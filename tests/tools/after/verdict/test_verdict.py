@@ -170,9 +170,20 @@ def test_metrics_of_a_log_that_keeps_nothing_are_those_of_the_whole_run(tmp_path
 def test_a_run_that_somebody_ended_is_not_ok(tmp_path: Path) -> None:
     bus = own_bus()
     with Running(
-        "run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, "--pacing", "lockstep",
-        "--set", "duration_s=3600", "--json", "--quiet", "--no-figure",
-    ) as running:  # fmt: skip
+        "run",
+        SLEW10,
+        "-o",
+        str(tmp_path / "run"),
+        "--bus",
+        bus,
+        "--pacing",
+        "lockstep",
+        "--set",
+        "duration_s=3600",
+        "--json",
+        "--quiet",
+        "--no-figure",
+    ) as running:
         running.in_the_middle("slew10", bus)
         os.kill(running.pid("executive"), signal.SIGTERM)
         done = running.done()
@@ -248,8 +259,9 @@ def test_a_slow_frame_that_stays_away_is_a_loss(setting: str, tmp_path: Path) ->
     never = dataclasses.replace(log, metadata={**log.metadata, "away": {}})
     said = summarise(load_rig(PROBE), never, Outcome("virtual", "")).frames_too_many
     assert sorted(line.split(";")[0] for line in said) == [
-        "HB_EXEC stayed away for 4.001 s", "HB_PLANT stayed away for 4 s",
-    ]  # fmt: skip
+        "HB_EXEC stayed away for 4.001 s",
+        "HB_PLANT stayed away for 4 s",
+    ]
 
 
 def test_nodes_with_different_dbc_files_are_told() -> None:
@@ -309,7 +321,7 @@ def test_no_line_is_wider_than_the_terminal(width: int, metrics: int, problems: 
 
 
 def test_metrics_and_verdict_are_seen_on_24_lines() -> None:
-    shown = report.fitted(report.rows(summary_of(18, 1), Path("runs/x"), 80), 22)
+    shown = report.fitted_rows(report.rows(summary_of(18, 1), Path("runs/x"), 80), 22)
     kinds = list(shown)
     assert sum(map(len, shown.values())) <= 22, kinds
     assert kinds[-2:] == ["verdict", "folder"] and "metrics" in kinds, kinds

@@ -25,7 +25,7 @@ from pcpc.executive.log.mcap_records import CRC_KEY, metadata_crc
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verify import cli, one
-from pcpc.tools.after.verify.digest import _said, digest
+from pcpc.tools.after.verify.digest import _hashed_bytes, digest
 
 CYCLES = 60
 PROBE = ROOT / "plants/probe/rig.yaml"
@@ -60,9 +60,13 @@ def row(path: Path, *words: str) -> dict[str, Any]:
 
 
 def rewritten(
-    log: Path, out: Path, edit: Edit = lambda topic, data: data, size: int = 1 << 20,
-    packed: CompressionType = CompressionType.NONE, texts: Edit = lambda name, data: data,
-) -> Path:  # fmt: skip
+    log: Path,
+    out: Path,
+    edit: Edit = lambda topic, data: data,
+    size: int = 1 << 20,
+    packed: CompressionType = CompressionType.NONE,
+    texts: Edit = lambda name, data: data,
+) -> Path:
     """Write a log anew: other chunks, other packing; with what `edit` makes of messages.
 
     `texts`: of metadata as JSON and of attachments. Of either None leaves it out.
@@ -80,8 +84,13 @@ def rewritten(
                     channel.topic, channel.message_encoding, kind
                 )
             if (data := edit(channel.topic, message.data)) is not None:
-                writer.add_message(known[channel.id], message.log_time, data,
-                                   message.publish_time, message.sequence)  # fmt: skip
+                writer.add_message(
+                    known[channel.id],
+                    message.log_time,
+                    data,
+                    message.publish_time,
+                    message.sequence,
+                )
         for text in reader.iter_metadata():
             plain = {key: value for key, value in text.metadata.items() if key != CRC_KEY}
             if (new := texts(text.name, json.dumps(plain).encode())) is not None:
@@ -119,8 +128,10 @@ def flipped(place: int, bit: int = 0) -> Callable[[bytes], bytes]:
 def test_a_whole_log_is_identical(log: Path) -> None:
     found = row(log)
     assert (found["verdict"], found["cycles"], found["nodes"]) == (
-        "identical", CYCLES, ["executive", "plant"],
-    )  # fmt: skip
+        "identical",
+        CYCLES,
+        ["executive", "plant"],
+    )
     assert found["digest"] == digest(log) and found["versions"]["pcpc"]
     assert found["first"] is None and found["why"] == []
 
@@ -129,8 +140,11 @@ def test_the_first_bit_that_differs_is_named_with_what_has_changed(
     log: Path, tmp_path: Path
 ) -> None:
     def old(name: str, data: bytes) -> bytes:
-        return data.replace(b'"version_pcpc": "', b'"version_pcpc": "9') if name in (
-            "executive", "plant") else data  # fmt: skip
+        return (
+            data.replace(b'"version_pcpc": "', b'"version_pcpc": "9')
+            if name in ("executive", "plant")
+            else data
+        )
 
     with log.open("rb") as file:
         ((schema, _, _), *_) = make_reader(file).iter_messages(topics=["/state"])
@@ -242,17 +256,22 @@ def test_what_a_log_does_not_let_be_recomputed_is_no_pass(log: Path, tmp_path: P
 def test_a_column_that_nobody_recorded_is_no_pass(log: Path, tmp_path: Path) -> None:
     """The recorded columns, their schema and their description lack one alike."""
     found = row(log)
-    node = argparse.Namespace(role="executive", both=["a"], verdict=argparse.Namespace(
-        missing=[], from_record=[], incomplete="", dropped=0, cycles=1, variables=1, frames=0),
-        replay=argparse.Namespace(names=["a", "b", "c"]))  # fmt: skip
-    assert [*one._unjudged(node, (), {"executive": {"a"}})] == [
+    node = argparse.Namespace(
+        role="executive",
+        both=["a"],
+        verdict=argparse.Namespace(
+            missing=[], from_record=[], incomplete="", dropped=0, cycles=1, variables=1, frames=0
+        ),
+        replay=argparse.Namespace(names=["a", "b", "c"]),
+    )
+    assert [*one._unjudged_causes(node, (), {"executive": {"a"}})] == [
         "recomputed, but not recorded: b and 1 more"
     ]
     node.verdict.cycles = 0
     node.replay.names = ["a"]
-    assert [*one._unjudged(node, (), {"executive": {"a"}})] == ["nothing was compared"]
+    assert [*one._unjudged_causes(node, (), {"executive": {"a"}})] == ["nothing was compared"]
     node.verdict.cycles, node.verdict.dropped = 1, 3
-    assert "3 frames or events" in str([*one._unjudged(node, (), {"executive": {"a"}})])
+    assert "3 frames or events" in str([*one._unjudged_causes(node, (), {"executive": {"a"}})])
     assert found["verdict"] == "identical"
 
 
@@ -275,8 +294,10 @@ def test_what_is_no_log_is_unreadable_and_the_others_are_verified(
     os.mkfifo(runs / "pipe.mcap")
     shutil.copy(log, runs / "whole.mcap")
     done = verify(runs, "--json", "--junit", tmp_path / "a.xml")
-    found = {Path(each["log"]).relative_to(runs).as_posix(): each["verdict"]
-             for each in holds("verify", done.out)["logs"]}  # fmt: skip
+    found = {
+        Path(each["log"]).relative_to(runs).as_posix(): each["verdict"]
+        for each in holds("verify", done.out)["logs"]
+    }
     assert done.code == 2 and found.pop("whole.mcap") == "identical", done
     assert {*found} == {"broken.mcap", "empty.mcap", "folder.mcap", "lost/log.mcap", "pipe.mcap",
                         "text.mcap"}  # fmt: skip
@@ -337,9 +358,11 @@ def test_each_bit_of_a_value_a_frame_and_a_tuning_is_in_the_digest(
         seen.add(found)
 
     for topic, places in (
-        ("/state", (4, 11, 12)), ("/plant/state", (4, 27)),
-        ("/can/frames", (12, 20, 24, 25, 26, 28, 35)), ("/plant/can/frames", (12, 28)),
-    ):  # fmt: skip
+        ("/state", (4, 11, 12)),
+        ("/plant/state", (4, 27)),
+        ("/can/frames", (12, 20, 24, 25, 26, 28, 35)),
+        ("/plant/can/frames", (12, 28)),
+    ):
         for number in (0, CYCLES - 1):
             for place in places:
                 for bit in (0, 7):
@@ -356,10 +379,15 @@ def test_each_bit_of_a_value_a_frame_and_a_tuning_is_in_the_digest(
     for name, old, changed in (
         ("executive", b'"version_numba": "', b'"version_numba": "1'),
         ("plant", b'"git": "', b'"git": "1'),
-        ("rig-resolved.yaml", b"gain", b"gaim"), ("probe.dbc", b"BU_", b"BU-"),
-    ):  # fmt: skip
-        new(same, lambda own, data, name=name, old=old, changed=changed:  # type: ignore[misc]
-            data.replace(old, changed) if own == name else data)  # fmt: skip
+        ("rig-resolved.yaml", b"gain", b"gaim"),
+        ("probe.dbc", b"BU_", b"BU-"),
+    ):
+        new(
+            same,
+            lambda own, data, name=name, old=old, changed=changed: (  # type: ignore[misc]
+                data.replace(old, changed) if own == name else data
+            ),
+        )
 
 
 def test_stamps_are_not_in_the_digest(log: Path, tmp_path: Path) -> None:
@@ -374,11 +402,19 @@ def test_stamps_are_not_in_the_digest(log: Path, tmp_path: Path) -> None:
 
 def test_the_cycle_of_a_state_is_in_the_digest_but_not_its_channel_and_times() -> None:
     rows = np.arange(60, dtype=np.uint8)[None]
-    for place, told in ((1, True), (11, True), (14, True), (31, True), (59, True),
-                        (9, False), (15, False), (23, False)):  # fmt: skip
+    for place, told in (
+        (1, True),
+        (11, True),
+        (14, True),
+        (31, True),
+        (59, True),
+        (9, False),
+        (15, False),
+        (23, False),
+    ):
         other = rows.copy()
         other[0, place] ^= 1
-        assert (_said("state", other) != _said("state", rows)) == told, place
+        assert (_hashed_bytes("state", other) != _hashed_bytes("state", rows)) == told, place
 
 
 # The table
@@ -488,16 +524,18 @@ def test_a_damaged_table_is_a_line(change: Callable[[list[bytes]], bytes], runs:
 def keys() -> Path:
     folder = Path(os.environ["PYTEST_KEYS"])
     for name in ("me", "other"):
-        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / name],
-                       check=True)  # fmt: skip
+        subprocess.run(
+            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / name], check=True
+        )
     public = (folder / "me.pub").read_text()
     (folder / "signers").write_text(f'me namespaces="pcpc" {public}')
     return folder
 
 
 @pytest.fixture
-def signed(runs: Path, tmp_path_factory: pytest.TempPathFactory,
-           monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:  # fmt: skip
+def signed(
+    runs: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, Path]:
     """Return a folder with a signed table, and one of keys."""
     if shutil.which("ssh-keygen") is None:
         pytest.skip("without ssh-keygen nothing is signed")
@@ -526,8 +564,9 @@ def test_a_signed_table(signed: tuple[Path, Path]) -> None:
     command = ["ssh-keygen", "-Y", "sign", "-n", "pcpc", "-f", str(keys / "other")]
     other = subprocess.run(command, input=text, capture_output=True, check=True).stdout
     command[4] = "git"
-    wrong = subprocess.run([*command[:-1], str(keys / "me")], input=text, capture_output=True,
-                           check=True).stdout  # fmt: skip
+    wrong = subprocess.run(
+        [*command[:-1], str(keys / "me")], input=text, capture_output=True, check=True
+    ).stdout
     for data in (other, wrong, b"", b"x"):
         (runs / "t.txt.sig").write_bytes(data)
         done = checked(runs, *by_me)
@@ -629,7 +668,7 @@ def made_text(folder: Path) -> None:
 def test_a_process_that_dies_is_no_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made_text(tmp_path / "a")
     made_text(tmp_path / "b")
-    monkeypatch.setattr(cli, "verified", killed)
+    monkeypatch.setattr(cli, "verified_row", killed)
     done = run_here("verify", tmp_path, "--jobs", "2", "--table", tmp_path / "t", "--quiet")
     assert done.code == 4 and "was killed" in done.err and not done.out, done
     assert not (tmp_path / "t").exists()

@@ -80,9 +80,13 @@ def test_a_row_that_is_not_as_stated_is_told(changed: dict[str, object], bench: 
     assert not matrix.row(case, seen)["kept"]
 
 
-@pytest.mark.parametrize(("code", "distance", "first"), [
-    (residual.CRC_8, 3, 198), (residual.CRC_16, 4, 64),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("code", "distance", "first"),
+    [
+        (residual.CRC_8, 3, 198),
+        (residual.CRC_16, 4, 64),
+    ],
+)
 def test_the_weights_of_the_code_are_those_that_counting_gives(
     code: residual.Code, distance: int, first: int
 ) -> None:
@@ -101,8 +105,9 @@ def test_a_share_that_is_not_the_predicted_one_is_told_with_its_crc() -> None:
     wide["drawn_frames"] = {"kept": False, "used": 7}
     wide["weights"] = [{**wide["weights"][0], "kept": False, "measured": 0.5}]
     assert [*cli.failures({"residual": found})] == [
-        "CRC-16: 1 wrong bits: 0.5, 0 predicted", "CRC-16: drawn frames: 7 used"
-    ]  # fmt: skip
+        "CRC-16: 1 wrong bits: 0.5, 0 predicted",
+        "CRC-16: drawn frames: 7 used",
+    ]
 
 
 def _xor(some: tuple[int, ...]) -> int:
@@ -119,7 +124,7 @@ def test_measured_shares_are_the_predicted_ones() -> None:
         assert one["distance"] == distance
     assert [*cli.failures({"residual": found})] == []
     assert found["weights"][2]["measured"] > 0.0
-    assert residual.measured(3, 100, 1).sum() == 100 and e2e.MAX_DELTA == 4
+    assert residual.state_counts(3, 100, 1).sum() == 100 and e2e.MAX_DELTA == 4
 
 
 def test_a_clean_run_of_each_rig_has_no_alarm_and_each_is_another() -> None:
@@ -127,19 +132,23 @@ def test_a_clean_run_of_each_rig_has_no_alarm_and_each_is_another() -> None:
         assert alarms.case(rig, 5) != alarms.case(rig, 6) and alarms.case(rig, 5).seed == 5
         runs = alarms._runs(rig)
         runs = Runs(runs.path, runs.controller, ["duration_s=0.5"], runs.wanted)
-        found = alarms.counted(runs.done([alarms.case(rig, seed) for seed in range(WIDTH)]))
+        found = alarms.alarm_counts(runs.done([alarms.case(rig, seed) for seed in range(WIDTH)]))
         assert sum(found.values()) == 0, (about.name, found)
     assert sum(one.tenths for one in alarms.RIGS) == 10
 
 
-@pytest.mark.parametrize(("words", "told"), [
-    ("share: 0.1", "health.held_cycles"), ("share: 0.5, burst: 20", "supervisor.fault"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("share: 0.1", "health.held_cycles"),
+        ("share: 0.5, burst: 20", "supervisor.fault"),
+    ],
+)
 def test_a_run_that_is_not_clean_is_an_alarm(words: str, told: str, tmp_path: Path) -> None:
     clean, path = alarms._runs(0), tmp_path / "lossy.yaml"
     path.write_text(f"base: {clean.path.resolve()}\nrig: lossy\nlosses: {{FB_A: {{{words}}}}}\n")
     runs = Runs(path, clean.controller, ["duration_s=0.5"], clean.wanted)
-    found = alarms.counted(runs.done([One(1)]))
+    found = alarms.alarm_counts(runs.done([One(1)]))
     assert found[told] > 0, found
 
 

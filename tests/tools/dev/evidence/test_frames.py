@@ -45,8 +45,13 @@ def test_another_share_than_the_predicted_one_is_told(monkeypatch: pytest.Monkey
 
 def test_a_receiver_that_judges_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     rules = expected.Receiver.check
-    monkeypatch.setattr(expected.Receiver, "check", lambda self, data, length: rules(
-        dataclasses.replace(self, last=self.last + 1), data, length))  # fmt: skip
+    monkeypatch.setattr(
+        expected.Receiver,
+        "check",
+        lambda self, data, length: rules(
+            dataclasses.replace(self, last=self.last + 1), data, length
+        ),
+    )
     row = frames.fates_of_kind("struct can_frame", "any counter", COUNT, 5)
     assert row["misjudged"] > 10 and not row["kept"], row
 

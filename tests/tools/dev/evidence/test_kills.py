@@ -23,8 +23,11 @@ def test_whatever_is_killed_the_commands_are_safe_in_time_and_all_is_tidy(
     rows: list[dict[str, Any]],
 ) -> None:
     done = [(row["process"], row["signal"]) for row in rows]
-    assert done == [*((one, "KILL") for one in kills.PROCESSES), ("host", "TERM"),
-                    ("executive", "TERM")]  # fmt: skip
+    assert done == [
+        *((one, "KILL") for one in kills.PROCESSES),
+        ("host", "TERM"),
+        ("executive", "TERM"),
+    ]
     assert [row for row in rows if not row["ok"]] == []
     assert all(row["at"] >= row["cycle"] for row in rows), rows
 
@@ -73,8 +76,10 @@ def test_the_table_counts_and_fits_a_terminal() -> None:
 
 
 def test_signals_with_the_same_figures_share_a_line() -> None:
-    rows = [WELL | {"process": "plant", "signal": one, "next": 3 * (one == "STOP")}
-            for one in kills.SIGNALS]  # fmt: skip
+    rows = [
+        WELL | {"process": "plant", "signal": one, "next": 3 * (one == "STOP")}
+        for one in kills.SIGNALS
+    ]
     assert [line.split()[:5] for line in kills.table(rows)[1:]] == [
         ["plant", "KILL", "TERM", "SLOW", "1"],
         ["plant", "STOP", "1", "1", "70"],

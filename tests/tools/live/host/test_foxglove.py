@@ -82,8 +82,10 @@ def assert_same(path: Path, sent: dict, known: dict) -> None:  # type: ignore[ty
         for channel in of_log:
             schema, told = summary.schemas[channel.schema_id], known[channel.topic]
             assert (told["encoding"], told["schemaName"], told["schemaEncoding"]) == (
-                channel.message_encoding, schema.name, schema.encoding,
-            )  # fmt: skip
+                channel.message_encoding,
+                schema.name,
+                schema.encoding,
+            )
             assert told["schema"] == schema.data.decode()
         every = reader.iter_messages(
             [*sent], starting_at=min(times), ending_at=max(times), log_time_order=False
@@ -122,8 +124,9 @@ def test_a_parameter_is_set_with_the_token_and_stands_in_the_log(tmp_path: Path)
         node = live._nodes["plant"].name
         with (
             serving(tmp_path, "--write", "--node", node) as server,
-            Client(server) as client, Client(server) as other,
-        ):  # fmt: skip
+            Client(server) as client,
+            Client(server) as other,
+        ):
             client.know(ALL)
             every = client.get()
             assert every[GAIN] == 110.0 and every[GAP] > 0.0 and every[TOKEN] == ""
@@ -135,8 +138,9 @@ def test_a_parameter_is_set_with_the_token_and_stands_in_the_log(tmp_path: Path)
             assert "may tune" in client.status()
             other.say(op="subscribeParameterUpdates", parameterNames=[GAIN, TOKEN])
             assert client.set({GAIN: 111.0, "controller.lam_per_s": 11.0}) == {
-                GAIN: 111.0, "controller.lam_per_s": 11.0,
-            }  # fmt: skip
+                GAIN: 111.0,
+                "controller.lam_per_s": 11.0,
+            }
             told = client.status()
             assert live[GAIN] == 111.0
             seen = other.until(lambda said: said["op"] == "parameterValues")

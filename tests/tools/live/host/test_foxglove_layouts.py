@@ -83,16 +83,20 @@ def test_each_path_is_the_field_of_its_variable(shown: ShippedRig) -> None:
 
 def test_what_a_rig_does_not_record_is_left_out_and_named(tmp_path: Any) -> None:
     assert run_here("new", tmp_path / "lab").code == 0
-    layout = {"window_s": 2, "panels": [
-        {"kind": "time", "names": ["controller.e_rad", "plant:motor.gone"]},
-        {"kind": "phase", "names": ["controller.gone", "controller.e_rad"]},
-    ]}  # fmt: skip
+    layout = {
+        "window_s": 2,
+        "panels": [
+            {"kind": "time", "names": ["controller.e_rad", "plant:motor.gone"]},
+            {"kind": "phase", "names": ["controller.gone", "controller.e_rad"]},
+        ],
+    }
     (tmp_path / "lab" / "layout.json").write_text(json.dumps(layout))
     done = run_here("host", "--foxglove-layout", tmp_path / "lab")
     assert done.code == 0
     assert [line.split()[2].strip(",") for line in done.err.splitlines()] == [
-        "plant:motor.gone", "controller.gone",
-    ]  # fmt: skip
+        "plant:motor.gone",
+        "controller.gone",
+    ]
     plots = [one for key, one in json.loads(done.out)["configById"].items() if "Plot" in key]
     assert [path["value"] for plot in plots for path in plot["paths"]] == [
         "/state.controller_e_rad"

@@ -31,9 +31,7 @@ def of_cycles(cycles: list[int]) -> np.ndarray:
     return rows
 
 
-@given(
-    skipped=st.sets(st.integers(0, 399)), cuts=st.lists(st.integers(0, 400), max_size=8),
-)  # fmt: skip
+@given(skipped=st.sets(st.integers(0, 399)), cuts=st.lists(st.integers(0, 400), max_size=8))
 def test_each_slot_sends_its_first_cycle_however_it_was_read(
     skipped: set[int], cuts: list[int]
 ) -> None:

@@ -77,9 +77,13 @@ def test_what_is_calculated_is_that_of_the_values(shown: Host, run: pcpc.Run) ->
         np.testing.assert_array_equal(drawn[0], (2.0 * np.abs(error)).astype(np.float32))
         np.testing.assert_allclose(drawn[1, 1:], np.diff(angle) / 1e-3, rtol=1e-5, atol=1e-9)
         np.testing.assert_array_equal(drawn[2], (angle - error).astype(np.float32))
-        for wrong, why in (("= 1 + ", "not an expression"), ("= 3", "needs"), ("= a.b", "no such"),
-                           ("= controller.e_rad > 1 rad", "condition"),
-                           ("= controller.e_rad + time.t_s", "rad")):  # fmt: skip
+        for wrong, why in (
+            ("= 1 + ", "not an expression"),
+            ("= 3", "needs"),
+            ("= a.b", "no such"),
+            ("= controller.e_rad > 1 rad", "condition"),
+            ("= controller.e_rad + time.t_s", "rad"),
+        ):
             told = client.ask(do="panel", names=[wrong], bins=9, from_s=0.0, to_s=1.0)
             assert why in told["why"]
 
@@ -100,10 +104,16 @@ def test_a_phase_plane_pairs_values_of_the_same_cycle(shown: Host, run: pcpc.Run
 def test_a_wrong_log_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = tmp_path / "log.mcap"
     wrong.write_bytes(b"no log")
-    for words in (["host", "--tls-cert", str(wrong), "--tls-key", str(wrong)],
-                  ["host", "--name", "a b"], ["host", "--recordings", str(wrong)],
-                  ["host", str(tmp_path)], ["host", "nowhere"], ["host", "--address", "0.0.0.0"],
-                  ["host", "--tls-cert", "a.pem"], ["host", "--port", "99999999"]):  # fmt: skip
+    for words in (
+        ["host", "--tls-cert", str(wrong), "--tls-key", str(wrong)],
+        ["host", "--name", "a b"],
+        ["host", "--recordings", str(wrong)],
+        ["host", str(tmp_path)],
+        ["host", "nowhere"],
+        ["host", "--address", "0.0.0.0"],
+        ["host", "--tls-cert", "a.pem"],
+        ["host", "--port", "99999999"],
+    ):
         assert main(words) == 2
         assert capsys.readouterr().err.count("\n") == 1
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -129,8 +139,9 @@ def test_a_run_is_drawn_while_it_goes_on_and_tuned(tmp_path: Path) -> None:
     with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
         with (
             hosting(tmp_path, "--write", "--node", live._nodes["plant"].name) as host,
-            Client(host) as client, Client(host) as other,
-        ):  # fmt: skip
+            Client(host) as client,
+            Client(host) as other,
+        ):
             client.say(do="panel", id=1, names=names, bins=20, window_s=1.0)
             while len(pieces) < 2 or pieces[-1][0][3] - pieces[0][0][3] < 30:
                 pieces.append(client.panel(1))

@@ -27,7 +27,7 @@ STATE, RESET = "supervisor.state", "supervisor.reset"
 
 
 @pytest.fixture
-def blocks() -> Iterator[dict[str, sh.Shared]]:
+def blocks() -> Iterator[dict[str, sh.NodeMemory]]:
     """Return what three nodes of a rig write, by role."""
     made = {}
     for role in ROLES:
@@ -42,7 +42,7 @@ def blocks() -> Iterator[dict[str, sh.Shared]]:
     standing.end_all()
 
 
-def actions(blocks: dict[str, sh.Shared]) -> Actions:
+def actions(blocks: dict[str, sh.NodeMemory]) -> Actions:
     nodes = {role: SimpleNamespace(live=Live(sharing.attach(b.name))) for role, b in blocks.items()}
     source = Source("stand", True, nodes)
     return Actions(lambda: source, write=True)
@@ -50,7 +50,7 @@ def actions(blocks: dict[str, sh.Shared]) -> Actions:
 
 @pytest.mark.parametrize("faulted", [ROLES, ("executive", "plant"), ("local",)])
 def test_nodes_in_fault_are_reset_from_the_lowest_up(
-    blocks: dict[str, sh.Shared], faulted: tuple[str, ...]
+    blocks: dict[str, sh.NodeMemory], faulted: tuple[str, ...]
 ) -> None:
     for role in faulted:
         blocks[role]["snapshot"][0] = State.FAULT
@@ -60,7 +60,7 @@ def test_nodes_in_fault_are_reset_from_the_lowest_up(
     assert granted == [(blocks[role].name, {RESET: 1.0}) for role in order]
 
 
-def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.Shared]) -> None:
+def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.NodeMemory]) -> None:
     with pytest.raises(UserError, match="no node is in FAULT"):
         actions(blocks).do(messages.Act(1, "reset"))
     assert not any(block.mail.request for block in blocks.values())

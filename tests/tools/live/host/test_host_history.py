@@ -31,8 +31,10 @@ def test_it_keeps_the_newest_rows(pieces: list[int], size: int) -> None:
 
 @given(
     st.lists(st.tuples(st.integers(0, 60), floats), max_size=40, unique_by=lambda row: row[0]),
-    st.integers(0, 12), st.integers(1, 12), st.integers(1, 7),
-)  # fmt: skip
+    st.integers(0, 12),
+    st.integers(1, 12),
+    st.integers(1, 7),
+)
 def test_an_envelope_is_that_of_every_bin_by_itself(
     rows: list[tuple[int, float]], first: int, bins: int, width: int
 ) -> None:

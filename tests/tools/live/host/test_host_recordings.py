@@ -97,9 +97,13 @@ def recorded(run: pcpc.Live, tmp_path_factory: pytest.TempPathFactory) -> str:
     ids=lambda words: " ".join(words[:2]) if isinstance(words, list) else "",
 )  # fmt: skip
 def test_all_commands_about_logs_open_it(
-    recorded: str, words: list[str], said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    recorded: str,
+    words: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     files = [recorded, recorded] if "diff" in words else [recorded]
     place = 1 if words[0] == "report" else 2

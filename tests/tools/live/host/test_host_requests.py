@@ -125,9 +125,14 @@ def test_a_websocket_of_another_page_is_refused(host: Host, origin: str) -> None
 def test_a_websocket_under_a_rebound_name_is_refused(host: Host) -> None:
     key = base64.b64encode(os.urandom(16)).decode()
     found = answer(
-        host, "GET /ws HTTP/1.1", "Host: rebound.example:80", "Upgrade: websocket",
-        "Connection: Upgrade", f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13",
-    )  # fmt: skip
+        host,
+        "GET /ws HTTP/1.1",
+        "Host: rebound.example:80",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        f"Sec-WebSocket-Key: {key}",
+        "Sec-WebSocket-Version: 13",
+    )
     assert code(found) == 403, found[:300]
 
 

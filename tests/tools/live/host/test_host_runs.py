@@ -67,10 +67,7 @@ def test_a_run_that_is_alone_is_shown_until_its_end(tmp_path: Path, rig: Path) -
 def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(
     tmp_path: Path, rig: Path
 ) -> None:
-    with (
-        going_on(rig) as one, going_on(rig) as two,
-        hosting(tmp_path, str(rig), "--write") as host,
-    ):  # fmt: skip
+    with going_on(rig) as one, going_on(rig) as two, hosting(tmp_path, str(rig), "--write") as host:
         names = name_of(one), name_of(two)
         with Client(host) as client, Client(host) as other:
             offered(client, "", *names)
@@ -108,9 +105,12 @@ def test_what_is_recorded_of_two_runs_has_its_size_together(rig: Path, tmp_path:
     most_mb = 2
     words = ("--write", "--recordings", str(tmp_path), "--recordings-mb", str(most_mb))
     with (
-        going_on(rig) as one, going_on(rig) as two,
-        hosting(tmp_path, str(rig), *words) as host, Client(host) as client, Client(host) as other,
-    ):  # fmt: skip
+        going_on(rig) as one,
+        going_on(rig) as two,
+        hosting(tmp_path, str(rig), *words) as host,
+        Client(host) as client,
+        Client(host) as other,
+    ):
         clients = {name_of(one): client, name_of(two): other}
         for name, its in clients.items():
             its.ask(do="run", run=name)

@@ -62,9 +62,22 @@ def test_it_records_to_where_it_is_told_and_no_more_than_it_may(tmp_path: Path) 
     settings = [f"--set={name}={value}" for name, value in LONG.items()]
     words = ["--recordings", str(tmp_path / "rec"), "--recordings-mb", "1", "--no-figure"]
     run = started(
-        "run", "slew10", "--pacing", "real", "--bus", own_bus(), "--host", "--write", "--port", "0",
-        "-o", str(tmp_path / "run"), "--quiet", *settings, *words,
-    )  # fmt: skip
+        "run",
+        "slew10",
+        "--pacing",
+        "real",
+        "--bus",
+        own_bus(),
+        "--host",
+        "--write",
+        "--port",
+        "0",
+        "-o",
+        str(tmp_path / "run"),
+        "--quiet",
+        *settings,
+        *words,
+    )
     assert run.stderr is not None
     try:
         url = urlsplit(run.stderr.readline().removeprefix("page: ").strip())

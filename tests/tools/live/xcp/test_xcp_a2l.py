@@ -19,8 +19,11 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start import rigs
 
 FAR = 1e300
-CASES = [("hull", "pd_nn", "executive"), ("hull", "pd", "plant"),
-         ("friction-a", "nn_ramp", "executive")]  # fmt: skip
+CASES = [
+    ("hull", "pd_nn", "executive"),
+    ("hull", "pd", "plant"),
+    ("friction-a", "nn_ramp", "executive"),
+]
 OBJECT = re.compile(
     r"^( *)(Characteristic|Measurement|CompuMethod|Group) \{\n(.*?)^\1\}", re.M | re.S
 )
@@ -82,8 +85,9 @@ def by_pya2ldb(path: Path) -> tuple[Read, Any]:
             assert not tunable or one.type == ("VAL_BLK" if one.matrix_dim else "VALUE"), one.name
             at = one.address if tunable else one.ecu_address.address
             limits = one.lowerLimit, one.upperLimit
-            entries[one.name] = One(tunable, at, numbers[0], units[one.conversion], *limits,
-                                    one.longIdentifier)  # fmt: skip
+            entries[one.name] = One(
+                tunable, at, numbers[0], units[one.conversion], *limits, one.longIdentifier
+            )
     groups = {}
     for one in session.query(model.Group):
         assert one.groupName not in groups, f"two groups {one.groupName}"
@@ -125,10 +129,14 @@ def by_a2ltool(path: Path) -> Read:
             size = re.search(r"dim_list: \[\s*(\d+)", body)
             assert ("ValBlk" in body) == (kind == "Characteristic" and size is not None), name
             entries[name] = One(
-                kind == "Characteristic", int(fields["address"]), int(size[1]) if size else 1,
-                fields["conversion"].strip('"'), float(fields["lower_limit"]),
-                float(fields["upper_limit"]), json.loads(fields["long_identifier"]),
-            )  # fmt: skip
+                kind == "Characteristic",
+                int(fields["address"]),
+                int(size[1]) if size else 1,
+                fields["conversion"].strip('"'),
+                float(fields["lower_limit"]),
+                float(fields["upper_limit"]),
+                json.loads(fields["long_identifier"]),
+            )
     entries = {name: one._replace(unit=units[one.unit]) for name, one in entries.items()}
     interface = done.stdout[done.stdout.index("ifdata_items: Some") :]
     leaves = Counter(text or number for text, number in LEAF.findall(interface))
@@ -157,8 +165,10 @@ def test_a_group_has_all_of_a_block_and_an_event_its_period(
     assert sum(map(len, read.groups.values())) == len(read.entries)
     events = interface["XCP"][0]["DAQ"][-1]["EVENT"]
     assert [(one[0], one[5], one[6]) for one in events] == [
-        ("cycle", 1, 6), ("cycle_10", 1, 7), ("cycle_100", 1, 8)
-    ], events  # fmt: skip
+        ("cycle", 1, 6),
+        ("cycle_10", 1, 7),
+        ("cycle_100", 1, 8),
+    ], events
 
 
 @a2ltool_there

@@ -69,7 +69,7 @@ def going_on(*words: str) -> Iterator["subprocess.Popen[str]"]:
     """Run a program, which ends with the test and all that it started."""
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:  # fmt: skip
+    ) as process:
         yield process
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

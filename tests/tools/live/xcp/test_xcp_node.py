@@ -24,7 +24,7 @@ from test_xcp_slave import Node as SlaveTable
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live
 from pcpc.tools.live.xcp.packets import EV_DAQ_OVERLOAD, EVENT, HEAD
-from pcpc.tools.live.xcp.serve import _Master, _sent
+from pcpc.tools.live.xcp.serve import _Master, _sent_bytes
 from pcpc.tools.live.xcp.slave import Session
 
 MASTER = Path(__file__).with_name("xcp_master.py")
@@ -194,7 +194,7 @@ def test_a_master_that_does_not_read_gets_all_of_it_later_or_is_left() -> None:
     node = SlaveTable().table()
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
-    master = _Master(Session(node), partial(_sent, ours.send, None), True)
+    master = _Master(Session(node), partial(_sent_bytes, ours.send, None), True)
     packets = [struct.pack("<I", i) * 250 for i in range(1000)]
     master.send(packets)
     theirs.settimeout(SECONDS)

@@ -73,9 +73,11 @@ def slave(tmp_path_factory: pytest.TempPathFactory) -> Slave:
     header = folder / "xcp_rig.h"
     lines = header.read_text().splitlines()
     assert sum("define XCP_VARIABLES" in line for line in lines) == 1
-    header.write_text("\n".join(
-        "#define XCP_VARIABLES 5u" if "define XCP_VARIABLES" in line else line for line in lines
-    ))  # fmt: skip
+    header.write_text(
+        "\n".join(
+            "#define XCP_VARIABLES 5u" if "define XCP_VARIABLES" in line else line for line in lines
+        )
+    )
     warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
     checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
     words = ["cc", "-std=c99", *warnings, *checks, "-I", str(folder), "-o", str(folder / "host")]
@@ -95,8 +97,10 @@ def block(*values: float) -> list[bytes]:
     data = struct.pack(f"<{len(values)}d", *values)
     parts = [data[i : i + 6] for i in range(0, len(data), 6)]
     codes = [Cmd.DOWNLOAD] + [DOWNLOAD_NEXT] * (len(parts) - 1)
-    return [bytes([code, len(data) - 6 * i]) + part
-            for i, (code, part) in enumerate(zip(codes, parts, strict=True))]  # fmt: skip
+    return [
+        bytes([code, len(data) - 6 * i]) + part
+        for i, (code, part) in enumerate(zip(codes, parts, strict=True))
+    ]
 
 
 def listed(*odts: list[tuple[int, int]]) -> list[bytes]:
@@ -127,12 +131,17 @@ def test_short_and_unknown_commands_are_refused_and_padded_ones_taken(slave: Sla
     ours = {one for one in Cmd if one in known}
     assert {Cmd.GET_SEED, Cmd.BUILD_CHECKSUM, Cmd.SHORT_DOWNLOAD} & known == set()
     assert known == {*ours, DOWNLOAD_NEXT} and len(known) == 24
-    short = [bytes([one]) + bytes(size) for one in ours if one in LAYOUTS
-             for size in range(LAYOUTS[one].size)]  # fmt: skip
+    short = [
+        bytes([one]) + bytes(size)
+        for one in ours
+        if one in LAYOUTS
+        for size in range(LAYOUTS[one].size)
+    ]
     assert {*slave.answers(*short)} == {refused(Err.CMD_SYNTAX)}
     assert slave.answers(b"\xfd" + bytes(7), b"\xfc" + bytes(7)) == [
-        b"\xff\x00\x00\x00\x00\x00", refused(Err.CMD_SYNCH)
-    ]  # fmt: skip
+        b"\xff\x00\x00\x00\x00\x00",
+        refused(Err.CMD_SYNCH),
+    ]
 
 
 def test_values_and_texts_are_uploaded_and_nothing_else(slave: Slave) -> None:
@@ -157,23 +166,31 @@ def test_parameters_are_set_whole_together_and_in_range(slave: Slave) -> None:
     assert table == (0.5, -1.25, 120.0, 61.0, 7.0)
     assert [one for turn in turns for one in turn.cycle] == [b"\xfd\xfe" + struct.pack("<IH", 6, 0)]
     for at, values, why in (
-        (16, (1.0, 1001.0), Err.OUT_OF_RANGE), (16, (NAN,), Err.OUT_OF_RANGE),
-        (16, (float("inf"),), Err.OUT_OF_RANGE), (8, (1.0, 1.0), Err.WRITE_PROTECTED),
-        (24, (1.0, 1.0), Err.ACCESS_DENIED), (24, (1.0, 1.0, 1.0), Err.OUT_OF_RANGE),
-        (17, (1.0,), Err.OUT_OF_RANGE), (0xFFFFFFF8, (1.0,), Err.OUT_OF_RANGE),
-    ):  # fmt: skip
+        (16, (1.0, 1001.0), Err.OUT_OF_RANGE),
+        (16, (NAN,), Err.OUT_OF_RANGE),
+        (16, (float("inf"),), Err.OUT_OF_RANGE),
+        (8, (1.0, 1.0), Err.WRITE_PROTECTED),
+        (24, (1.0, 1.0), Err.ACCESS_DENIED),
+        (24, (1.0, 1.0, 1.0), Err.OUT_OF_RANGE),
+        (17, (1.0,), Err.OUT_OF_RANGE),
+        (0xFFFFFFF8, (1.0,), Err.OUT_OF_RANGE),
+    ):
         turns, table = slave.take([CONNECT, mta(at), *block(*values)])
         assert turns[-1].answers == [refused(why)] and not any(one.cycle for one in turns)
         assert table == (0.5, -1.25, 110.0, 60.0, 7.0)
     first, last = block(5.0)
     short = first[:7]
     for packets, why in (
-        ([last], Err.SEQUENCE), ([first, b"\xfd", last], Err.SEQUENCE),
-        ([first, last[:1] + b"\x03" + last[2:]], Err.SEQUENCE), ([short], Err.CMD_SYNTAX),
-        ([short, last], Err.SEQUENCE), ([b"\xf0\x00"], Err.OUT_OF_RANGE),
-        ([b"\xf0\x31" + bytes(6)], Err.OUT_OF_RANGE), ([b"\xf0\x04" + bytes(4)], Err.OUT_OF_RANGE),
+        ([last], Err.SEQUENCE),
+        ([first, b"\xfd", last], Err.SEQUENCE),
+        ([first, last[:1] + b"\x03" + last[2:]], Err.SEQUENCE),
+        ([short], Err.CMD_SYNTAX),
+        ([short, last], Err.SEQUENCE),
+        ([b"\xf0\x00"], Err.OUT_OF_RANGE),
+        ([b"\xf0\x31" + bytes(6)], Err.OUT_OF_RANGE),
+        ([b"\xf0\x04" + bytes(4)], Err.OUT_OF_RANGE),
         ([packet(Cmd.GET_ID, 1), first, last], Err.WRITE_PROTECTED),
-    ):  # fmt: skip
+    ):
         assert slave.answers(mta(16), *packets)[-1] == refused(why), packets
 
 
@@ -207,7 +224,8 @@ def test_a_list_is_built_in_its_order_and_has_an_end(slave: Slave) -> None:
     running = [*one, packet(start, 1, 0)]
     mode = Cmd.SET_DAQ_LIST_MODE
     for packets, why in (
-        ([packet(odt, 0, 1)], Err.SEQUENCE), ([packet(alloc, 2)], Err.MEMORY_OVERFLOW),
+        ([packet(odt, 0, 1)], Err.SEQUENCE),
+        ([packet(alloc, 2)], Err.MEMORY_OVERFLOW),
         ([packet(alloc, 1), packet(alloc, 1)], Err.SEQUENCE),
         ([packet(alloc, 1), packet(entry, 0, 0, 1)], Err.SEQUENCE),
         ([packet(alloc, 1), packet(odt, 1, 1)], Err.OUT_OF_RANGE),
@@ -216,12 +234,22 @@ def test_a_list_is_built_in_its_order_and_has_an_end(slave: Slave) -> None:
         ([*one[:3], packet(entry, 0, 0, 8)], Err.MEMORY_OVERFLOW),
         ([*one[:4], packet(start, 1, 0)], Err.DAQ_CONFIG),
         ([packet(start, 1, 0)], Err.OUT_OF_RANGE),
-        ([*one, packet(odt, 0, 1)], Err.SEQUENCE), ([packet(write, 0xFF, 1, 0, 0)], Err.SEQUENCE),
+        ([*one, packet(odt, 0, 1)], Err.SEQUENCE),
+        ([packet(write, 0xFF, 1, 0, 0)], Err.SEQUENCE),
         ([*one, packet(point, 0, 0, 1)], Err.OUT_OF_RANGE),
         ([*one, packet(write, 0xFF, 1, 0, 0)], Err.OUT_OF_RANGE),
-        *(([*one[:5], packet(write, *given)], Err.OUT_OF_RANGE)
-          for given in ((3, 1, 0, 0), (0xFF, 0, 0, 0), (0xFF, 8, 0, 0), (0xFF, 4, 0, 6),
-                        (0xFF, 1, 1, 0), (0xFF, 1, 0, 40), (0xFF, 1, 0, 0xFFFFFFFF))),
+        *(
+            ([*one[:5], packet(write, *given)], Err.OUT_OF_RANGE)
+            for given in (
+                (3, 1, 0, 0),
+                (0xFF, 0, 0, 0),
+                (0xFF, 8, 0, 0),
+                (0xFF, 4, 0, 6),
+                (0xFF, 1, 1, 0),
+                (0xFF, 1, 0, 40),
+                (0xFF, 1, 0, 0xFFFFFFFF),
+            )
+        ),
         ([*one[:5], packet(write, 0xFF, 1, 0, 32)], Err.ACCESS_DENIED),
         ([*one, packet(mode, 0x10, 0, 0, 1, 0), packet(start, 1, 0)], Err.DAQ_CONFIG),
         ([*one, packet(mode, 0x02, 0, 0, 1, 0)], Err.MODE_NOT_VALID),
@@ -234,7 +262,7 @@ def test_a_list_is_built_in_its_order_and_has_an_end(slave: Slave) -> None:
         ([*running, packet(mode, 0, 0, 0, 1, 0)], Err.DAQ_ACTIVE),
         ([packet(Cmd.GET_DAQ_EVENT_INFO, 3)], Err.OUT_OF_RANGE),
         ([packet(Cmd.START_STOP_SYNCH, 3)], Err.MODE_NOT_VALID),
-    ):  # fmt: skip
+    ):
         assert slave.answers(*packets)[-1] == refused(why), (packets, why)
 
 
@@ -243,8 +271,13 @@ def hostile(count: int) -> Iterator[bytes]:
     draw = random.Random(38)
     right = [bytes([one]) + bytes(layout.size) for one, layout in LAYOUTS.items()]
     while count > 0:
-        odts = [[(draw.choice((0, 8, 17, 24, 32)), draw.randrange(1, 8)) for _ in
-                 range(draw.randrange(0, 3))] for _ in range(draw.randrange(1, 5))]  # fmt: skip
+        odts = [
+            [
+                (draw.choice((0, 8, 17, 24, 32)), draw.randrange(1, 8))
+                for _ in range(draw.randrange(0, 3))
+            ]
+            for _ in range(draw.randrange(1, 5))
+        ]
         session = [
             CONNECT, *listed(*odts), packet(Cmd.SET_DAQ_LIST_MODE, 0x10, 0, 0, 1, 0),
             packet(Cmd.START_STOP_DAQ_LIST, 1, 0), mta(draw.choice((0, 8, 16, 16, 24))),
@@ -282,8 +315,9 @@ def test_hostile_packets_are_answered_and_move_nothing_else(slave: Slave) -> Non
                 connected = code == Cmd.CONNECT
         written += sum(sent[:2] == b"\xfd\xfe" for sent in turn.cycle)
         measured += sum(sent[0] < 32 for sent in turn.cycle)
-        assert len(turn.cycle) <= 33 and all(sent[0] < 32 or sent[:2] == b"\xfd\xfe"
-                                             for sent in turn.cycle)  # fmt: skip
+        assert len(turn.cycle) <= 33 and all(
+            sent[0] < 32 or sent[:2] == b"\xfd\xfe" for sent in turn.cycle
+        )
     assert written > 500 and measured > 5000, (written, measured)
     assert (table[0], table[1], table[4]) == (0.5, -1.25, 7.0)
     assert 0.0 <= table[2] <= 1000.0 and 0.0 <= table[3] <= 1000.0

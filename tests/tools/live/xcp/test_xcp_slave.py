@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc.tools.live.xcp.lists import MOST_ENTRIES, MOST_ODTS
-from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, Err, Refused
+from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, CommandRefused, Err
 from pcpc.tools.live.xcp.slave import NodeTable, Session, period
 
 NAMES = ["time.t_s", "controller.e", "controller.kv", "controller.km", "odd"]
@@ -28,9 +28,9 @@ class Node:
 
     def write(self, changes: Mapping[str, float]) -> int:
         if any(not name.startswith("controller.k") for name in changes):
-            raise Refused(Err.WRITE_PROTECTED)
+            raise CommandRefused(Err.WRITE_PROTECTED)
         if not all(0 <= value <= 1000 for value in changes.values()):
-            raise Refused(Err.OUT_OF_RANGE)
+            raise CommandRefused(Err.OUT_OF_RANGE)
         self.written.append(dict(changes))
         for name, value in changes.items():
             self.values[NAMES.index(name)] = value
@@ -108,9 +108,17 @@ def test_values_and_the_file_are_uploaded_and_nothing_else(session: Session) -> 
     got = b"".join(good(session, Cmd.UPLOAD, n) for n in (254, 254, 254, length - 3 * 254))
     assert got == A2L and bad(session, Cmd.UPLOAD, 1) == Err.OUT_OF_RANGE
     for extension, address, count in (
-        (0, 40, 1), (0, 33, 8), (0, 0xFFFFFFFF, 1), (0, 0x80000000, 8), (1, len(A2L), 1),
-        (2, 0, 255), (3, 0, 1), (255, 0, 1), (0, 0, 0), (0, 0, 255),
-    ):  # fmt: skip
+        (0, 40, 1),
+        (0, 33, 8),
+        (0, 0xFFFFFFFF, 1),
+        (0, 0x80000000, 8),
+        (1, len(A2L), 1),
+        (2, 0, 255),
+        (3, 0, 1),
+        (255, 0, 1),
+        (0, 0, 0),
+        (0, 0, 255),
+    ):
         assert bad(session, Cmd.SHORT_UPLOAD, count, extension, address) == Err.OUT_OF_RANGE
     good(session, Cmd.SET_MTA, 0, 0)
     kind, crc = struct.unpack("<BxxI", good(session, Cmd.BUILD_CHECKSUM, 40))
@@ -122,8 +130,9 @@ def test_parameters_are_set_whole_together_and_in_range(session: Session, node: 
     two = struct.pack("<dd", 120.0, 61.0)
     good(session, Cmd.SET_MTA, 0, 16)
     assert session.answers(bytes([0xF0, 16]) + two) == [
-        b"\xff", b"\xfd\xfe" + struct.pack("<Q", 4321)
-    ]  # fmt: skip
+        b"\xff",
+        b"\xfd\xfe" + struct.pack("<Q", 4321),
+    ]
     assert node.written == [{"controller.kv": 120.0, "controller.km": 61.0}]
 
     def short(address: int, data: bytes, extension: int = 0) -> Err:
@@ -156,9 +165,11 @@ def test_a_list_sends_what_it_was_told_of_every_cycle(session: Session) -> None:
         b"\x01" + struct.pack("<d", 0.3)[:4] + struct.pack("<d", -4.0)[4:6],
     ]
     for command, given in (
-        (Cmd.WRITE_DAQ, (0xFF, 8, 0, 0)), (Cmd.SET_DAQ_LIST_MODE, (0, 0, 0, 1, 0)),
-        (Cmd.ALLOC_ODT, (0, 1)), (Cmd.ALLOC_DAQ, (1,)),
-    ):  # fmt: skip
+        (Cmd.WRITE_DAQ, (0xFF, 8, 0, 0)),
+        (Cmd.SET_DAQ_LIST_MODE, (0, 0, 0, 1, 0)),
+        (Cmd.ALLOC_ODT, (0, 1)),
+        (Cmd.ALLOC_DAQ, (1,)),
+    ):
         good(session, Cmd.SET_DAQ_PTR, 0, 0, 0)
         assert bad(session, command, *given) == Err.DAQ_ACTIVE
     good(session, Cmd.START_STOP_SYNCH, 0)
@@ -214,10 +225,13 @@ def test_wrong_entries_and_modes_are_refused(session: Session) -> None:
     assert bad(session, Cmd.WRITE_DAQ, 0xFF, 8, 0, 0) == Err.OUT_OF_RANGE, "the table is full"
     good(session, Cmd.SET_DAQ_PTR, 0, 1, 0)
     for bit, size, extension, address, why in (
-        (3, 8, 0, 0, Err.OUT_OF_RANGE), (0xFF, 0, 0, 0, Err.OUT_OF_RANGE),
-        (0xFF, 8, 0, 4, Err.OUT_OF_RANGE), (0xFF, 8, 1, 0, Err.OUT_OF_RANGE),
-        (0xFF, 8, 0, 40, Err.OUT_OF_RANGE), (0xFF, 8, 0, 16, Err.DAQ_CONFIG),
-    ):  # fmt: skip
+        (3, 8, 0, 0, Err.OUT_OF_RANGE),
+        (0xFF, 0, 0, 0, Err.OUT_OF_RANGE),
+        (0xFF, 8, 0, 4, Err.OUT_OF_RANGE),
+        (0xFF, 8, 1, 0, Err.OUT_OF_RANGE),
+        (0xFF, 8, 0, 40, Err.OUT_OF_RANGE),
+        (0xFF, 8, 0, 16, Err.DAQ_CONFIG),
+    ):
         assert bad(session, Cmd.WRITE_DAQ, bit, size, extension, address) == why
     assert good(session, Cmd.READ_DAQ) == struct.pack("<BBBI", 0xFF, 8, 0, 8)
     assert bad(session, Cmd.SET_DAQ_LIST_MODE, 0x02, 0, 0, 1, 0) == Err.MODE_NOT_VALID

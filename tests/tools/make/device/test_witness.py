@@ -80,8 +80,9 @@ def test_a_run_on_the_clock_tells_jitter_and_reaction_of_its_device(tmp_path: Pa
     device = (sys.executable, str(FOLDER / "probe.py"), "{bus}", "200", "100")
     words = ("--pacing", "real", "--set", "rate_hz=100", "--set", "duration_s=2", "--no-figure")
     bus, folder = own_bus(), tmp_path / "run"
-    done = pcpc("plant", RIG, "--bus", bus, "-o", str(folder), "--json", *words,
-                "--device", *device)  # fmt: skip
+    done = pcpc(
+        "plant", RIG, "--bus", bus, "-o", str(folder), "--json", *words, "--device", *device
+    )
     timing = done.summary["device"]["timing"]
     assert 0.0 < timing["reaction_p50_us"] <= timing["reaction_p99_us"] <= timing["reaction_max_us"]
     assert 0.0 <= timing["jitter_p50_us"] <= timing["jitter_max_us"]

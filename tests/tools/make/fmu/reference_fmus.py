@@ -59,9 +59,13 @@ def fmu(name: str, version: int) -> Path:
 
 
 def made(
-    name: str, version: int, file: Path, edits: Mapping[str, str] | None = None,
-    code: Mapping[str, str] | None = None, platform: str = "",
-) -> Path:  # fmt: skip
+    name: str,
+    version: int,
+    file: Path,
+    edits: Mapping[str, str] | None = None,
+    code: Mapping[str, str] | None = None,
+    platform: str = "",
+) -> Path:
     """Compile a Reference FMU into `file`; `edits` of its description, `code` of its model.c.
 
     Each is a pattern and what comes instead. `platform`: another folder's name for its library.
@@ -93,16 +97,21 @@ def _edited(text: str, edits: Mapping[str, str]) -> str:
 
 def rig(
     folder: Path, fmu: Path, output: str, more: str = "", rate: float = 100.0, duration: float = 3.0
-) -> Path:  # fmt: skip
+) -> Path:
     """Write a rig around an FMU; `more`: keys of its plant. FMU and rig lie in `folder`."""
     here = folder / fmu.name
     if not here.exists() and fmu.exists():
         shutil.copy(fmu, here)
     name = re.sub("[^a-z0-9]", "-", fmu.stem.lower())
     text = RIG.format(
-        name=name, probe=PROBE, rate=rate, duration=duration, fmu=here.name, output=output,
+        name=name,
+        probe=PROBE,
+        rate=rate,
+        duration=duration,
+        fmu=here.name,
+        output=output,
         more="".join(f"  {line}\n" for line in more.splitlines()),
-    )  # fmt: skip
+    )
     (folder / "rig.yaml").write_text(text, encoding="utf-8")
     return folder / "rig.yaml"
 

@@ -38,8 +38,9 @@ def run(echo: Path) -> Path:
 
 def test_virtual_time_and_lockstep_processes_write_the_same(run: Path, echo: Path) -> None:
     folder = echo.parent / "lockstep"
-    done = pcpc("run", str(echo), "--pacing", "lockstep", "--bus", own_bus(), "-o", str(folder),
-                "--quiet")  # fmt: skip
+    done = pcpc(
+        "run", str(echo), "--pacing", "lockstep", "--bus", own_bus(), "-o", str(folder), "--quiet"
+    )
     assert done.code == 0, done
     done = pcpc("log", "diff", str(run), str(folder))
     assert done.code == 0 and "equal" in done.out, done

@@ -75,8 +75,9 @@ def test_it_is_valid_for_fmpy_and_equal_rigs_give_equal_descriptions(tmp_path: P
     for name in ("a.fmu", "b.fmu"):
         written(rig, tmp_path / name)
         assert validate_fmu(str(tmp_path / name)) == []
-    texts = [zipfile.ZipFile(tmp_path / name).read("modelDescription.xml")
-             for name in ("a.fmu", "b.fmu")]  # fmt: skip
+    texts = [
+        zipfile.ZipFile(tmp_path / name).read("modelDescription.xml") for name in ("a.fmu", "b.fmu")
+    ]
     assert texts[0] == texts[1]
     about = fmpy.read_model_description(str(tmp_path / "a.fmu"))
     units = {one.name: one.unit for one in about.modelVariables}
@@ -87,9 +88,12 @@ def test_fmpy_simulates_it_as_its_step_is(tmp_path: Path) -> None:
     rig = load_rig(PROBE / "rig.yaml")
     written(rig, tmp_path / "lag.fmu")
     found = fmpy.simulate_fmu(
-        str(tmp_path / "lag.fmu"), stop_time=0.05, output_interval=0.001, output=["position"],
+        str(tmp_path / "lag.fmu"),
+        stop_time=0.05,
+        output_interval=0.001,
+        output=["position"],
         start_values={"command": 2.0, "tau_s": 0.02},
-    )  # fmt: skip
+    )
     x, wanted = 0.0, [0.0]
     for _ in range(50):
         x += 0.001 / 0.02 * (2.0 - x)
@@ -107,9 +111,11 @@ def lag(tmp_path: Path) -> Callable[[], Any]:
 
     def make() -> Any:
         one = fmpy.fmi2.FMU2Slave(
-            guid=about.guid, unzipDirectory=folder, instanceName="lag",
+            guid=about.guid,
+            unzipDirectory=folder,
+            instanceName="lag",
             modelIdentifier=about.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         one.instantiate()
         one.setupExperiment(startTime=0.0)
         one.enterInitializationMode()

@@ -39,9 +39,13 @@ def test_a_reference_fmu_in_a_rig_equals_fmpys_simulation(
     path = rig(tmp_path, file, "fmu.fmi_status", more, RATE)
     ours = columns(path)
     theirs = fmpy.simulate_fmu(
-        str(file), stop_time=3.5, output_interval=1.0 / RATE, start_values=given, output=outputs,
+        str(file),
+        stop_time=3.5,
+        output_interval=1.0 / RATE,
+        start_values=given,
+        output=outputs,
         fmi_type="CoSimulation",
-    )  # fmt: skip
+    )
     n = len(ours["time.t_s"])
     assert n > 300
     for output in outputs:
@@ -90,9 +94,11 @@ def _stepped(file: Path, starts: dict[str, Any], inputs: Any) -> Any:
     references = {one.name: one.valueReference for one in about.modelVariables}
     folder = fmpy.extract(str(file))
     one = fmpy.fmi3.FMU3Slave(
-        guid=about.guid, unzipDirectory=folder, instanceName="y",
+        guid=about.guid,
+        unzipDirectory=folder,
+        instanceName="y",
         modelIdentifier=about.coSimulation.modelIdentifier,
-    )  # fmt: skip
+    )
     one.instantiate()
     for name, values in starts.items():
         one.setFloat64([references[name]], list(map(float, values)))

@@ -43,9 +43,11 @@ def _bounced(cycles: int, changes: dict[int, float]) -> Any:
     about = fmpy.read_model_description(str(file))
     at = {one.name: [one.valueReference] for one in about.modelVariables}
     one = fmpy.fmi2.FMU2Slave(
-        guid=about.guid, unzipDirectory=fmpy.extract(str(file)), instanceName="ball",
+        guid=about.guid,
+        unzipDirectory=fmpy.extract(str(file)),
+        instanceName="ball",
         modelIdentifier=about.coSimulation.modelIdentifier,
-    )  # fmt: skip
+    )
     one.instantiate()
     one.setupExperiment(startTime=0.0)
     one.enterInitializationMode()
@@ -80,15 +82,20 @@ def test_interpreted_it_has_the_same_bits(name: str, tmp_path: Path) -> None:
     own = hashlib.sha256(b"".join(found[name].tobytes() for name in sorted(found))).hexdigest()
     folders = os.pathsep.join((str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")))
     done = subprocess.run(
-        [sys.executable, "-c", DIGEST, str(path)], capture_output=True, text=True, check=False,
+        [sys.executable, "-c", DIGEST, str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
         env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": folders},
-    )  # fmt: skip
+    )
     assert done.stdout.split() == [own], done.stderr[-800:]
 
 
 def test_two_fmus_in_one_plant_speak_for_themselves(tmp_path: Path) -> None:
-    cold = {r"case vr_x0:\n            ASSERT_NVALUES\(1\);": 'case vr_x0:\n ASSERT_NVALUES(1);\n'
-            ' if (comp->time > 0.5) { logError(comp, "It is cold."); return Error; }'}  # fmt: skip
+    cold = {
+        r"case vr_x0:\n            ASSERT_NVALUES\(1\);": "case vr_x0:\n ASSERT_NVALUES(1);\n"
+        ' if (comp->time > 0.5) { logError(comp, "It is cold."); return Error; }'
+    }
     made("VanDerPol", 2, tmp_path / "cold.fmu", code=cold)
     more = "blocks:\n  other: {law: fmu, file: cold.fmu}"
     path = rig(tmp_path, fmu("VanDerPol", 2), "other.x0", more, RATE, 1.0)

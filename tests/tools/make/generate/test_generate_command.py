@@ -12,7 +12,7 @@ from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.make.generate import builds
-from pcpc.tools.make.generate.closed import Closed, digest_of
+from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
 from pcpc.tools.make.generate.cost import step_cost
 from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator import elementary
@@ -64,7 +64,7 @@ def test_every_build_of_this_machine_gives_the_bits_of_python(
 
 def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) -> None:
     rig = load_rig(Path(find("hull")), "pd_fast")
-    closed = Closed(rig)
+    closed = ClosedLoop(rig)
     files = closed.files(60)
     expected = digest_of(in_memory(rig), closed.columns(), 60)
     gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
@@ -82,7 +82,7 @@ def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) 
 def test_frames_of_can_fd_in_c_carry_the_bits_of_python(tmp_path: Path) -> None:
     """Signals over 48 and 64 bytes, Intel and Motorola; one moved by a byte is another loop."""
     rig = load_rig(fd_rig(tmp_path), None, [])
-    closed = Closed(rig)
+    closed = ClosedLoop(rig)
     files = closed.files(60)
     assert "uint32_t pack_FB(const FB_signals *s, uint8_t data[64])" in files["frames.h"]
     assert "uint32_t pack_CMD(const CMD_signals *s, uint8_t data[48])" in files["frames.h"]
@@ -98,7 +98,7 @@ def test_frames_of_can_fd_in_c_carry_the_bits_of_python(tmp_path: Path) -> None:
 
 
 def test_a_digest_is_of_every_recorded_state_and_output_of_every_block() -> None:
-    closed = Closed(load_rig(Path(find("hull")), "pd_nn_fast"))
+    closed = ClosedLoop(load_rig(Path(find("hull")), "pd_nn_fast"))
     columns = closed.columns()
     for role, wiring in closed.nodes.items():
         kinds = {v.name: v.kind for v in wiring.plan.table.variables if v.recorded}
@@ -110,15 +110,15 @@ def test_a_digest_is_of_every_recorded_state_and_output_of_every_block() -> None
 def test_a_check_says_which_build_differs(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files = Closed.files
+    files = ClosedLoop.files
 
-    def changed(closed: Closed, cycles: int) -> dict[str, str]:
+    def changed(closed: ClosedLoop, cycles: int) -> dict[str, str]:
         found = files(closed, cycles)
         name = "plant_lag.c"
         assert "u->command" in found[name], found[name]
         return found | {name: found[name].replace("u->command", "(1.0 + 1e-13) * u->command")}
 
-    monkeypatch.setattr(Closed, "files", changed)
+    monkeypatch.setattr(ClosedLoop, "files", changed)
     assert main(["generate", "c", "probe", "--check", "--cycles", "40", "-q"]) == 1
     told = capsys.readouterr().out
     assert re.search(r"gcc -O2 +[0-9a-f]{16}  DIFFERS\n", told), told
@@ -153,9 +153,11 @@ def test_a_program_that_prints_no_digest_fails(
     ("words", "here"), [([], []), (["--single"], []), (["--single"], ["gcc -O0"])]
 )
 def test_a_check_in_which_no_c_was_compared_is_no_pass(
-    words: list[str], here: list[str], capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    here: list[str],
+    capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.setattr(builds.Build, "possible", property(lambda build: build.name in here))
     code = main(["generate", "c", "probe", "--check", "--cycles", "9", "-q", *words])
     told = capsys.readouterr()
@@ -167,7 +169,7 @@ def test_a_check_in_which_no_c_was_compared_is_no_pass(
 def test_a_rig_that_records_nothing_is_not_compared(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Closed, "columns", lambda closed: {"executive": [], "plant": []})
+    monkeypatch.setattr(ClosedLoop, "columns", lambda closed: {"executive": [], "plant": []})
     assert main(["generate", "c", "probe", "--check", "--cycles", "9", "-q"]) == 2
     assert "nothing to be compared" in capsys.readouterr().err
 
@@ -178,7 +180,7 @@ def test_what_a_closed_loop_counts_is_used(name: str, in_single: bool) -> None:
     """Clang warns of, gcc is silent about a variable that is added to and never read."""
     rig = load_rig(Path(find(name)), None)
     settings = [f"losses.{name}.share=0" for name in rig.config.losses]
-    text = Closed(load_rig(rig.path, None, settings), in_single).files(3)["main.c"]
+    text = ClosedLoop(load_rig(rig.path, None, settings), in_single).files(3)["main.c"]
     for body in text.split("static uint32_t clamped;")[1:]:
         assert "(clamped != 0U)" in body.partition("\n}\n")[0], name
 
@@ -188,7 +190,7 @@ def test_a_loop_of_three_nodes_and_a_slow_one_have_the_digest_of_their_logs(
     name: str, tmp_path: Path
 ) -> None:
     rig = load_rig(Path(find(name)), None)
-    closed = Closed(rig)
+    closed = ClosedLoop(rig)
     write(closed.files(90), tmp_path)
     builds.fixed_files(tmp_path)
     gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
@@ -200,7 +202,7 @@ def test_a_folder_may_have_a_name_that_c_does_not_know(written: str, tmp_path: P
     source = TEMPLATE / "cart" if "cart" in written else TEMPLATE
     folder = shutil.copytree(source, tmp_path / written)
     rig = load_rig(folder / "rig.yaml")
-    closed = Closed(rig)
+    closed = ClosedLoop(rig)
     write(closed.files(200), tmp_path / "c")
     builds.fixed_files(tmp_path / "c")
     gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
@@ -229,9 +231,12 @@ def test_the_cost_of_a_step_is_counted() -> None:
     ],
 )
 def test_what_cannot_be_is_one_line(
-    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["generate", "c", "-q", *words]) == 2
     error = capsys.readouterr().err.strip()
@@ -248,13 +253,15 @@ def test_a_folder_that_is_a_file_is_told(
 
 
 def test_the_program_of_a_closed_loop_has_no_warning_as_c_of_every_kind(tmp_path: Path) -> None:
-    files = Closed(load_rig(Path(find("probe")), None)).files(3)
+    files = ClosedLoop(load_rig(Path(find("probe")), None)).files(3)
     sources = write(files, tmp_path)
     builds.fixed_files(tmp_path)
     done = subprocess.run(
         ["gcc", *elementary.FLAGS, *WARNINGS, "-Wshadow=local", "-fsyntax-only", *sources],
-        capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 

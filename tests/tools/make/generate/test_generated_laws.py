@@ -138,9 +138,11 @@ def test_a_build_that_joins_products_and_sums_is_refused(
 def test_fast_math_does_not_compile(tmp_path: Path) -> None:
     sources = write(elementary.files(), tmp_path)
     done = subprocess.run(
-        ["gcc", "-std=c99", "-ffast-math", "-c", *sources], capture_output=True, text=True,
+        ["gcc", "-std=c99", "-ffast-math", "-c", *sources],
+        capture_output=True,
+        text=True,
         cwd=tmp_path,
-    )  # fmt: skip
+    )
     assert done.returncode and "-ffast-math changes bits" in done.stderr
 
 

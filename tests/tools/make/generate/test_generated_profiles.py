@@ -11,7 +11,7 @@ from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.generate import builds
-from pcpc.tools.make.generate.closed import Closed, digest_of
+from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.new import TEMPLATE
 
@@ -54,7 +54,7 @@ def test_a_run_with_it_in_c_has_the_bits_of_python(name: str, tmp_path: Path) ->
     text = RIG.format(base=TEMPLATE / "rig.yaml", name=name, given=given, more=more)
     (tmp_path / "rig.yaml").write_text(text, encoding="utf-8")
     rig = load_rig(tmp_path / "rig.yaml")
-    closed, log = Closed(rig), in_memory(rig)
+    closed, log = ClosedLoop(rig), in_memory(rig)
     found = log.node["executive"].columns
     value, acc = found["reference.value"], found["reference.acc"]
     assert len(value) == CYCLES and np.ptp(value) >= 0.5 and acc.any() == bends

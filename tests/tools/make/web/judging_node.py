@@ -35,14 +35,20 @@ process.stdout.write(JSON.stringify(told, (_, value) =>
 
 def page_columns(log: Log) -> dict[str, NDArray[np.float64]]:
     """Return a log's variables by NODE:NAME, each (n,)."""
-    return {f"{node}:{name}": one.columns[name]
-            for node, one in log.node.items() for name in one.columns}  # fmt: skip
+    return {
+        f"{node}:{name}": one.columns[name]
+        for node, one in log.node.items()
+        for name in one.columns
+    }
 
 
 def judged_in_node(
-    folder: Path, data: Mapping[str, Any], columns: Mapping[str, NDArray[np.float64]],
-    cycles: int, period_s: float,
-) -> dict[str, Any]:  # fmt: skip
+    folder: Path,
+    data: Mapping[str, Any],
+    columns: Mapping[str, NDArray[np.float64]],
+    cycles: int,
+    period_s: float,
+) -> dict[str, Any]:
     """Return what judge.js says; numbers that are not finite are words of JavaScript."""
     begins = np.cumsum([0, *(len(one) for one in columns.values())]).tolist()
     asked = {"data": data, "names": list(columns), "cycles": cycles, "periodS": period_s}

@@ -12,8 +12,9 @@ from pcpc.tools.start.rigs import find
 def of(rig: str, *settings: str) -> dict[str, dict[str, tuple[float, int]]]:
     """Return what each button of a rig sets."""
     found = disturbances(load_rig(find(rig), None, settings), [*settings])
-    return {one["label"]: {name: (value, later) for name, value, later in one["set"]}
-            for one in found}  # fmt: skip
+    return {
+        one["label"]: {name: (value, later) for name, value, later in one["set"]} for one in found
+    }
 
 
 def test_an_event_begins_at_the_press_with_its_parts_as_far_apart_as_they_were() -> None:

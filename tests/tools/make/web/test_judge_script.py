@@ -124,11 +124,14 @@ def test_requirements_of_every_kind_are_judged_as_natively(
 def _first_cycles(log: Log, end: int) -> Log:
     nodes = {
         name: replace(
-            node, cycle=node.cycle[:end], stamp_ns=node.stamp_ns[:end], timing={},
+            node,
+            cycle=node.cycle[:end],
+            stamp_ns=node.stamp_ns[:end],
+            timing={},
             columns={key: values[:end] for key, values in dict(node.columns).items()},
         )
         for name, node in log.node.items()
-    }  # fmt: skip
+    }
     return replace(log, node=nodes)
 
 

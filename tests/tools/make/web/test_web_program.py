@@ -106,9 +106,11 @@ def test_what_is_changed_gives_the_digest_of_the_command_that_the_page_tells(
 
 @pytest.mark.parametrize(
     "changed",
-    [{"controller.kap2": 785.1356164947664, "controller.critic_on": 0.259085991853645},
-     {"arm.a2_m": 0.001, "reference_2.frequency_hz": 0.477464829275686}],
-)  # fmt: skip
+    [
+        {"controller.kap2": 785.1356164947664, "controller.critic_on": 0.259085991853645},
+        {"arm.a2_m": 0.001, "reference_2.frequency_hz": 0.477464829275686},
+    ],
+)
 def test_a_value_that_ends_the_run_natively_is_told(
     changed: dict[str, float], tmp_path: Path
 ) -> None:

@@ -93,8 +93,11 @@ def test_noise_never_shows_a_margin_that_is_not_there() -> None:
     told = wrong = 0
     for name in PLANTS:
         loop = PLANTS[name].loop(f)
-        exact = margins(np.geomspace(0.1, 249.99, 4000), PLANTS[name].loop(
-            np.geomspace(0.1, 249.99, 4000)), RATE_HZ)  # fmt: skip
+        exact = margins(
+            np.geomspace(0.1, 249.99, 4000),
+            PLANTS[name].loop(np.geomspace(0.1, 249.99, 4000)),
+            RATE_HZ,
+        )
         for size in np.geomspace(1e-4, 0.5, 130):
             noise = size * np.exp(draw.uniform(-1.0, 1.0)) * (1.0 + 9.0 * (f < draw.choice(f)))
             g = -loop / (1.0 + loop)

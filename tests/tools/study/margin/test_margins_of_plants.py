@@ -11,15 +11,15 @@ from pcpc.tools.study.margin.book._linear_rig import PLANTS
 
 @pytest.mark.parametrize("name", ["probe", "backlash_map", "payload_arm"])
 def test_measured_and_linearised_loops_agree_within_5_percent(name: str) -> None:
-    found = margins.compared(margins.CASES[name])
+    found = margins.compared_loops(margins.CASES[name])
     assert len(found.f_hz) > 60
     assert found.deviation.max() < 0.05, f"{found.deviation.max():.3f}"
 
 
 def test_bands_leave_no_gap_and_overlap_nowhere() -> None:
-    whole = margins.compared(margins.CASES["payload_arm"])
+    whole = margins.compared_loops(margins.CASES["payload_arm"])
     bands = ((0.0, 10.0, 1.0), (10.0, np.inf, 1.0))
-    parts = margins.compared(dataclasses.replace(margins.CASES["payload_arm"], bands=bands))
+    parts = margins.compared_loops(dataclasses.replace(margins.CASES["payload_arm"], bands=bands))
     assert (np.diff(parts.f_hz) > 0.0).all()
     assert parts.f_hz[0] == whole.f_hz[0] and parts.f_hz[-1] == pytest.approx(whole.f_hz[-1], 0.01)
 

@@ -35,9 +35,12 @@ QUIET, WHOLE = Progress(quiet=True), Shard()
 
 
 def done(
-    campaign: Campaign, folder: Path, shard: Shard = WHOLE, threads: int = 2,
+    campaign: Campaign,
+    folder: Path,
+    shard: Shard = WHOLE,
+    threads: int = 2,
     until: str | None = None,
-) -> tuple[dict[tuple[int, str], Row], str]:  # fmt: skip
+) -> tuple[dict[tuple[int, str], Row], str]:
     work = Work(campaign, shard, folder, until, threads)
     try:
         told = work.to_end(QUIET)
@@ -99,9 +102,14 @@ def test_a_row_is_ok_where_simulate_says_so_and_none_where_nothing_is_judged() -
 
 def test_a_statement_about_what_nothing_judges_is_refused(tmp_path: Path) -> None:
     probe = Campaign(
-        str(ROOT / "plants/probe/rig.yaml"), ("proportional",), (), 10_000, "random", 1,
+        str(ROOT / "plants/probe/rig.yaml"),
+        ("proportional",),
+        (),
+        10_000,
+        "random",
+        1,
         ("duration_s=0.02",),
-    )  # fmt: skip
+    )
     with pytest.raises(RigError, match="no run of proportional could be judged, with draw 0 noth"):
         done(probe, tmp_path, until="p_fail < 0.1 at 90%")
 
@@ -297,9 +305,15 @@ def test_the_same_campaign_from_python_and_in_a_folder_that_goes_on(
     vary = dict(one.split("=", 1) for one in VARY)
     changed = dict(pair(setting) for setting in SHORT)
     many = pcpc.sweep(
-        RIG, BOTH.controllers, vary=vary, draws=21, sampling="random", seed=5, set=changed,
+        RIG,
+        BOTH.controllers,
+        vary=vary,
+        draws=21,
+        sampling="random",
+        seed=5,
+        set=changed,
         folder=tmp_path,
-    )  # fmt: skip
+    )
     assert many.table.to_pylist() != [] and rows_of(tmp_path) == rows_of(whole)
     assert many.failures("pid", "it arrives and stays")[1] == 21 and len(many.to_pandas()) == 42
     assert many.failures("pid") == (0, 0), "another window: what the rig expects is not judged"

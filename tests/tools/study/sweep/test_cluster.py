@@ -64,10 +64,17 @@ def start() -> Iterator[Start]:
 
     def starting(*words: str, pipe: bool = False) -> "subprocess.Popen[str]":
         where = subprocess.PIPE if pipe else subprocess.DEVNULL
-        started.append(subprocess.Popen(
-            [sys.executable, *words], env=GENERIC, stdout=subprocess.DEVNULL, stderr=where,
-            text=True, start_new_session=True, preexec_fn=end_with_the_tests,
-        ))  # fmt: skip
+        started.append(
+            subprocess.Popen(
+                [sys.executable, *words],
+                env=GENERIC,
+                stdout=subprocess.DEVNULL,
+                stderr=where,
+                text=True,
+                start_new_session=True,
+                preexec_fn=end_with_the_tests,
+            )
+        )
         return started[-1]
 
     yield starting
@@ -161,8 +168,9 @@ def test_workers_make_the_table_that_threads_make(whole: Path, tmp_path: Path) -
     done(tmp_path, "local:2")
     assert table(tmp_path) == table(whole)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "shard-1-of-1.parquet", "sweep.json",
-    ]  # fmt: skip
+        "shard-1-of-1.parquet",
+        "sweep.json",
+    ]
 
 
 def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(

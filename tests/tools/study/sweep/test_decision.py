@@ -24,8 +24,11 @@ def campaign(folder: Path, rows: dict[str, list[dict[str, Any]]]) -> Path:
     spec = SPEC | {"until": UNTIL, "draws": 10_000, "controllers": list(rows)}
     own = store.Store(folder, spec, Shard())
     for name, all_of in rows.items():
-        own.add(type(old)(**{**vars(old), **one}) for draw, one in enumerate(all_of)
-                for old in [row(draw, name)])  # fmt: skip
+        own.add(
+            type(old)(**{**vars(old), **one})
+            for draw, one in enumerate(all_of)
+            for old in [row(draw, name)]
+        )
     own.complete()
     own.close()
     return folder
@@ -49,9 +52,12 @@ def texts(folder: Path) -> list[str]:
     ],
 )
 def test_a_statement_is_met_by_its_rows_alone_and_the_exit_code_says_so(
-    rows: list[dict[str, Any]], said: str, code: int, tmp_path: Path,
+    rows: list[dict[str, Any]],
+    said: str,
+    code: int,
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     folder = campaign(tmp_path / "a", {"pid": rows, "pd": [GOOD] * len(rows)})
     (folder / "outcome.txt").write_text("pid: p_fail < 0.1 holds")
     assert main(["sweep", "merge", str(folder)]) == code
@@ -62,9 +68,13 @@ def test_a_statement_is_met_by_its_rows_alone_and_the_exit_code_says_so(
 
 def test_rows_behind_the_decision_are_not_counted(tmp_path: Path) -> None:
     """They are there where another controller took longer, and no look was due among them."""
-    folder = campaign(tmp_path, {
-        "pid": [GOOD] * 64 + [BAD] * 64, "pd": ([GOOD] * 31 + [BAD]) * 4,
-    })  # fmt: skip
+    folder = campaign(
+        tmp_path,
+        {
+            "pid": [GOOD] * 64 + [BAD] * 64,
+            "pd": ([GOOD] * 31 + [BAD]) * 4,
+        },
+    )
     assert "pid: p_fail < 0.1 holds at 95 %: 0 failures in 64 runs" in texts(folder)[0]
     assert "4 failures in 128 runs" in texts(folder)[1]
 

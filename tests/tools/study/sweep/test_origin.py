@@ -170,9 +170,14 @@ def kept(folder: Path, metric: float, ok: bool | None = True) -> Path:
     ],
 )
 def test_a_run_again_is_that_of_the_table_or_says_so(
-    row: tuple[float, bool | None], found: tuple[float | str | None, float | None], ended: int,
-    other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    row: tuple[float, bool | None],
+    found: tuple[float | str | None, float | None],
+    ended: int,
+    other: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     folder = kept(tmp_path / "rows", *row)
 
     def simulated(*words: str) -> int:

@@ -14,7 +14,7 @@ from html_page import Page
 from matplotlib.figure import Figure
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools.cli import parsed
+from pcpc.tools.cli import parsed_options
 from pcpc.tools.study.sweep import figures, reasons
 from pcpc.tools.study.sweep.report import report as report_of
 from pcpc.tools.study.sweep.results import Results, comparisons
@@ -200,7 +200,7 @@ def test_worst_cases_come_with_commands_that_give_their_bits(written: Path) -> N
     commands = Page(written).commands
     assert len(commands) == 6  # five, and the fault
     for command, row in zip(commands[1:], worst, strict=True):
-        options = parsed(shlex.split(command)[1:])
+        options = parsed_options(shlex.split(command)[1:])
         given = dict(one.split("=") for one in options.set)
         assert options.controller == results.column("controller")[row]
         assert int(given["seed"]) == results.column("seed")[row]
@@ -271,8 +271,10 @@ def test_reasons_of_two_requirements_stay_two() -> None:
     texts = ["error at 10 Hz: 3 mm", "error at 20 Hz: 4 mm", "error at 10 Hz: -1e-3 mm", "inf m/s"]
     names = ["error at 10 Hz", "error at 20 Hz"]
     assert reasons.count_reasons(texts, names) == [
-        ("error at 10 Hz: -1e-3 to 3 mm", 2), ("error at 20 Hz: 4 mm", 1), ("inf m/s", 1),
-    ]  # fmt: skip
+        ("error at 10 Hz: -1e-3 to 3 mm", 2),
+        ("error at 20 Hz: 4 mm", 1),
+        ("inf m/s", 1),
+    ]
     assert reasons.count_reasons(texts[:2]) == [("error at 10 to 20 Hz: 3 to 4 mm", 2)]
     assert reasons.count_reasons([]) == []
 

@@ -285,9 +285,11 @@ def test_a_table_that_does_not_say_of_which_campaign_is_refused(
     ids=lambda words: " ".join(words)[:20],
 )  # fmt: skip
 def test_a_wrong_folder_or_draw_is_a_line_and_leaves_nothing(
-    wrong: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    wrong: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     shard(Path("rows"), 1, 1)
@@ -304,8 +306,10 @@ def test_a_campaign_whose_runs_were_all_refused_is_wrong_input(
 ) -> None:
     own = store.Store(tmp_path, SPEC | {"title": "\x1b[31m red"}, Shard())
     for draw in range(SPEC["draws"]):
-        own.add(replace(row(draw, name), outcome=REFUSED, ok=False, why="m = -1 is outside 0..9")
-                for name in SPEC["controllers"])  # fmt: skip
+        own.add(
+            replace(row(draw, name), outcome=REFUSED, ok=False, why="m = -1 is outside 0..9")
+            for name in SPEC["controllers"]
+        )
     own.complete()
     own.close()
     assert main(["sweep", "merge", str(tmp_path)]) == 2

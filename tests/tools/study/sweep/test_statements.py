@@ -110,8 +110,9 @@ def test_the_bound_is_where_the_test_turns(percent: float, some: int) -> None:
         first = next(n for n in range(failures, 9000) if statement.bounds(failures, n)[1] < 0.01)
         assert statement.outcome(failures, first) == st.HOLDS
         assert statement.outcome(failures, first - 1) != st.HOLDS
-        last = max((n for n in range(failures, 900) if statement.bounds(failures, n)[0] > 0.01),
-                   default=0)  # fmt: skip
+        last = max(
+            (n for n in range(failures, 900) if statement.bounds(failures, n)[0] > 0.01), default=0
+        )
         assert (last > 0) is (failures > 0)
         if last:
             assert statement.outcome(failures, last) == st.REFUTED
@@ -125,8 +126,11 @@ def test_the_bound_is_where_the_test_turns(percent: float, some: int) -> None:
 def test_a_rate_a_little_above_the_stated_one_is_refuted_and_one_below_never(p0: float) -> None:
     statement = st.Statement(p0, 0.95, p0 / 10.0)
     for times in (1.2, 1.5, 2.0):
-        runs = next(n for n in range(500, 200_000, 500)
-                    if statement.bounds(round(times * p0 * n), n)[0] > p0)  # fmt: skip
+        runs = next(
+            n
+            for n in range(500, 200_000, 500)
+            if statement.bounds(round(times * p0 * n), n)[0] > p0
+        )
         failures = round(times * p0 * runs)
         assert statement.outcome(failures, runs) == st.REFUTED, (times, failures, runs)
         assert "is refuted at 95 %" in statement.text(failures, runs)

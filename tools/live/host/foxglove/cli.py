@@ -91,5 +91,6 @@ def _say(options: argparse.Namespace, port: int, token: str) -> None:
     print(
         f"showing {options.node or options.what or 'any rig that runs'}; Ctrl-C ends it\n"
         f"reading needs no token: {reach} can read\n{tune}",
-        file=sys.stderr, flush=True,
-    )  # fmt: skip
+        file=sys.stderr,
+        flush=True,
+    )

@@ -5,7 +5,7 @@ import argparse
 from pcpc.tools.terminal.command import Add, Command
 
 
-def beside(add: Add) -> None:
+def foxglove_options(add: Add) -> None:
     """Take whether they are served, or a layout is printed."""
     add(
         "--foxglove",
@@ -26,5 +26,5 @@ def port(text: str) -> int:
     return int(text)
 
 
-BESIDE_HOST = beside
+BESIDE_HOST = foxglove_options
 COMMANDS: tuple[Command, ...] = ()

@@ -26,7 +26,7 @@ INDENT = "    "
 
 
 @dataclass(frozen=True)
-class Called:
+class CFunction:
     """A function in C; `changes` says of each argument whether it is written to."""
 
     name: str
@@ -74,7 +74,7 @@ class Function(Statements):
         self.places = Places(self.body, set(self.given))
         self.result_names: list[str] = []
 
-    def translated(self, name: str, head: str | None = None) -> Called:
+    def translation(self, name: str, head: str | None = None) -> CFunction:
         """Return the function in C; `head` instead of one made from the arguments."""
         for _ in range(_ROUNDS):
             before = dict(self.kinds), self.results, set(self.written)
@@ -93,7 +93,7 @@ class Function(Statements):
             if c_name(one) not in said and not isinstance(kind, Callee) and not _nothing(kind)
         ]
         text = [*doc, head, "{", *unused, *lines, "}"]
-        return Called(name, kinds, changes, results, tuple(text), head, self.module)
+        return CFunction(name, kinds, changes, results, tuple(text), head, self.module)
 
     def _once(self) -> list[str]:
         self._kept, self.lines = 0, []

@@ -52,7 +52,7 @@ def law_files(
     aliases = _aliases(unit, name, roles)
     function = block.step.py_func
     made = Function(unit, function, (FLOAT, FLOAT, *(View(layout) for layout in roles.values())))
-    step = made.translated(f"{name}_step", _step_head(name, made.given, roles))
+    step = made.translation(f"{name}_step", _step_head(name, made.given, roles))
     for role, letter, changed in zip(ROLES, made.given[2:], step.changes[2:], strict=True):
         if changed and role in GIVEN:
             raise made.error(made.node, f"the step sets {letter}: write states and outputs only")
@@ -121,7 +121,7 @@ def _header(
     given = list(inspect.signature(block.step.py_func).parameters)
     ports: dict[Layout, Sequence[Port]] = {}
     for role in ROLES:
-        _about(roles[role], getattr(block, role), ports)
+        _note_ports(roles[role], getattr(block, role), ports)
     lines = [
         f"/* {name}: interface of the law in {origin}, from which `pcpc generate c` made it. */",
         f"#ifndef {guard}",
@@ -149,7 +149,7 @@ def _header(
     return "\n".join(part for line in lines for part in wrapped_lines(line))
 
 
-def _about(layout: Layout, ports: Sequence[Port], found: dict[Layout, Sequence[Port]]) -> None:
+def _note_ports(layout: Layout, ports: Sequence[Port], found: dict[Layout, Sequence[Port]]) -> None:
     """Note which ports the fields of a layout and of its groups are."""
     found.setdefault(layout, ports)
     at = 0
@@ -159,7 +159,7 @@ def _about(layout: Layout, ports: Sequence[Port], found: dict[Layout, Sequence[P
             left -= ports[at].size
             at += 1
         if field.group is not None:
-            _about(field.group, ports[begin:at], found)
+            _note_ports(field.group, ports[begin:at], found)
 
 
 def _struct(unit: Unit, layout: Layout, struct: str, ports: Sequence[Port]) -> Iterator[str]:
@@ -217,7 +217,7 @@ def _init(
     body: list[str] = []
     for role, given in zip(("parameters", "states"), values, strict=True):
         numbers = iter([value for _, value in given])
-        body += _set(f"{LETTERS[role]}->", roles[role], numbers, tables, f"{role}_")
+        body += _port_statements(f"{LETTERS[role]}->", roles[role], numbers, tables, f"{role}_")
     yield from (part for line in tables for part in wrapped_lines(line))
     if tables:
         yield ""
@@ -227,7 +227,7 @@ def _init(
     yield "}"
 
 
-def _set(
+def _port_statements(
     at: str, layout: Layout, numbers: Iterator[float], tables: list[str], stem: str
 ) -> list[str]:
     """Return the statements that set the ports of a layout; arrays that are not 0 go to tables."""
@@ -235,7 +235,9 @@ def _set(
     for field in layout.fields:
         place = f"{at}{c_name(field.name)}"
         if field.group is not None:
-            found += _set(f"{place}.", field.group, numbers, tables, f"{stem}{field.name}_")
+            found += _port_statements(
+                f"{place}.", field.group, numbers, tables, f"{stem}{field.name}_"
+            )
             continue
         values = [next(numbers) for _ in range(field_size(field))]
         if not field.shape:

@@ -294,7 +294,7 @@ class Statements(Calls):
         if not ranged or not isinstance(stmt.target, ast.Name) or stmt.orelse:
             raise self.error(stmt, "loops count: write `for i in range(n)`")
         assert isinstance(call, ast.Call)
-        begin, end, step = self._range(call, _stored(stmt.body))
+        begin, end, step = self._range(call, _stored_names(stmt.body))
         name = self.fresh("round") if stmt.target.id == "_" else c_name(stmt.target.id)
         known = self.kinds.get(stmt.target.id)
         if stmt.target.id in self.counted or (known is not None and known != WHOLE):
@@ -322,7 +322,7 @@ class Statements(Calls):
         return begin, end, int(steps[-1])
 
 
-def _stored(body: Sequence[ast.stmt]) -> set[str]:
+def _stored_names(body: Sequence[ast.stmt]) -> set[str]:
     """Return the names that statements set."""
     return {
         one.id

@@ -11,7 +11,7 @@ import numpy as np
 
 from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.executive.laws import emath
-from pcpc.tools.make.generate.translator.functions import Called, Function
+from pcpc.tools.make.generate.translator.functions import CFunction, Function
 from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
     TRUTH,
@@ -38,7 +38,7 @@ class Unit:
         self.name = name
         self.structs: dict[Layout, str] = {}
         self.constants: dict[str, tuple[Any, str]] = {}
-        self.called: dict[tuple[Any, ...], Called] = {}
+        self.called: dict[tuple[Any, ...], CFunction] = {}
         self._names: set[str] = set()
         self._open: list[Any] = []
 
@@ -59,11 +59,11 @@ class Unit:
     def constant(self, name: str, value: Any) -> tuple[str, Number]:
         """Return name and kind of a number from outside of the function."""
         if isinstance(value, bool | np.bool_):
-            return self._kept(name, "bool", "", "true" if value else "false"), TRUTH
+            return self._constant_name(name, "bool", "", "true" if value else "false"), TRUTH
         if isinstance(value, int | np.integer) and abs(int(value)) < 2**31:
-            return self._kept(name, "int32_t", "", str(int(value))), WHOLE
+            return self._constant_name(name, "int32_t", "", str(int(value))), WHOLE
         text = number_text(float(value))
-        return (text if "PCPC" in text else self._kept(name, "double", "", text)), FLOAT
+        return (text if "PCPC" in text else self._constant_name(name, "double", "", text)), FLOAT
 
     def table(self, name: str, values: Any) -> tuple[str, Cells]:
         """Return name and kind of an array from outside of the function. Raises Untranslatable."""
@@ -72,10 +72,10 @@ class Unit:
         if array.dtype.kind not in "biuf" or array.size == 0:
             raise Untranslatable(f"{self.name}: {name} is no array of numbers; make it one")
         shape = "".join(f"[{extent}]" for extent in array.shape)
-        text = self._kept(name, element.name, shape, _braced(array))
+        text = self._constant_name(name, element.name, shape, _initialiser(array))
         return text, Cells(tuple(array.shape), element)
 
-    def _kept(self, name: str, kind: str, shape: str, text: str) -> str:
+    def _constant_name(self, name: str, kind: str, shape: str, text: str) -> str:
         its = self.prefix + name.lstrip("_")
         line = f"static const {kind} {{}}{shape} = {text};"
         for one in (its, *(f"{its}_{i}" for i in range(2, 100))):
@@ -94,7 +94,7 @@ class Unit:
 
     def function(
         self, function: Callable[..., Any], kinds: tuple[Kind, ...], caller: Any, node: ast.AST
-    ) -> Called:
+    ) -> CFunction:
         """Return a function for these kinds of arguments. Raises Untranslatable."""
         key = (function, kinds)
         if key in self._open:
@@ -102,7 +102,7 @@ class Unit:
         if key not in self.called:
             self._open.append(key)
             made = Function(self, function, kinds)
-            self.called[key] = made.translated(self._free(self._function_name(function)))
+            self.called[key] = made.translation(self._free(self._function_name(function)))
             self._open.remove(key)
         return self.called[key]
 
@@ -203,9 +203,9 @@ def _break(line: str, least: int) -> int:
     return best
 
 
-def _braced(array: Any) -> str:
+def _initialiser(array: Any) -> str:
     if array.ndim > 1:
-        return "{" + ", ".join(_braced(row) for row in array) + "}"
+        return "{" + ", ".join(_initialiser(row) for row in array) + "}"
     if array.dtype.kind == "b":
         return "{" + ", ".join("true" if value else "false" for value in array) + "}"
     if array.dtype.kind in "iu":

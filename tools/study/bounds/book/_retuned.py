@@ -14,16 +14,16 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.plants.theorem import Theorem
 
 
-def retuned(rig: Rig, theorem: Theorem, factor: float) -> Rig:
+def retuned_rig(rig: Rig, theorem: Theorem, factor: float) -> Rig:
     """Return the rig itself, all tuning rates of its law times `factor`."""
     for node in rig.nodes().values():
         for spec in node.blocks:
             if spec.name == theorem.block:
-                object.__setattr__(spec, "block", _scaled(spec.block, theorem, factor))
+                object.__setattr__(spec, "block", _scaled_block(spec.block, theorem, factor))
     return rig
 
 
-def _scaled(block: Block, theorem: Theorem, factor: float) -> Block:
+def _scaled_block(block: Block, theorem: Theorem, factor: float) -> Block:
     own, made = block.prepare, copy.copy(block)
 
     def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:

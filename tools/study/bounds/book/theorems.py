@@ -22,8 +22,8 @@ from pcpc.plants.study import markdown
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.bounds import figure, text
-from pcpc.tools.study.bounds.book._retuned import retuned
-from pcpc.tools.study.bounds.bounds import known, law_of, of_rig, theorem_of
+from pcpc.tools.study.bounds.book._retuned import retuned_rig
+from pcpc.tools.study.bounds.bounds import known_theorems, law_of, of_rig, theorem_of
 from pcpc.tools.terminal.progress import Progress
 
 PLANTS = Path(plants.__file__).resolve().parent
@@ -72,7 +72,7 @@ def cases() -> list[tuple[str, str]]:
     found = []
     for path in sorted(PLANTS.glob("*/rigs/*.yaml")):
         rig = load_rig(path)
-        theorems = known(rig)
+        theorems = known_theorems(rig)
         for controller in rig.config.controllers:
             if law_of(rig, controller) in theorems:
                 found.append((str(path), controller))
@@ -88,7 +88,7 @@ def rows_of(case: tuple[str, str]) -> list[Row]:
         rig = load_rig(path, controller)
         try:
             with np.errstate(all="ignore"):
-                account = of_rig(retuned(rig, theorem_of(rig), factor)).account
+                account = of_rig(retuned_rig(rig, theorem_of(rig), factor)).account
                 found.append(row(about, account))
         except NoTheorem:
             return []
@@ -146,7 +146,7 @@ def _cell(words: str) -> str:
     return words.replace("|", "\\|")
 
 
-def by_run(rows: Sequence[Row]) -> dict[tuple[str, str, str], dict[str, Row]]:
+def rows_by_run(rows: Sequence[Row]) -> dict[tuple[str, str, str], dict[str, Row]]:
     """Return the rows by plant, rig and controller, then by tuning, without ablations."""
     found: dict[tuple[str, str, str], dict[str, Row]] = {}
     for one in rows:
@@ -157,7 +157,7 @@ def by_run(rows: Sequence[Row]) -> dict[tuple[str, str, str], dict[str, Row]]:
 
 def report(rows: Sequence[Row]) -> str:
     """Return results.md."""
-    runs, lines, wrong = by_run(rows), [], []
+    runs, lines, wrong = rows_by_run(rows), [], []
     for (_, rig, controller), group in runs.items():
         own = group["as it is"]
         others = [_percent(group[name].unexplained) for name in list(TUNINGS)[1:]]
@@ -197,7 +197,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     from matplotlib.figure import Figure
 
     groups: dict[tuple[str, str], list[dict[str, Row]]] = {}
-    for (plant, _, controller), group in by_run(rows).items():
+    for (plant, _, controller), group in rows_by_run(rows).items():
         groups.setdefault((plant, controller), []).append(group)
     page = Figure(figsize=(9.0, 1.4 + 0.3 * len(groups)), layout="constrained")
     axis = page.subplots()

@@ -26,7 +26,7 @@ DRAWN = ("barrel.coulomb_Nm", "barrel.hub_inertia_kg_m2", "barrel.gap_rad")
 
 
 @dataclass(frozen=True)
-class Fitted:
+class SeedFit:
     """Fits of a seed's run: values, values before rounding was modelled, half widths; (p,) each."""
 
     seed: int
@@ -47,7 +47,7 @@ class Seeds:
         """How many fits these are."""
         return len(self.seeds)
 
-    def done(self) -> list[Fitted]:
+    def done(self) -> list[SeedFit]:
         """Run and fit them in this process."""
         from pcpc.executive.batch.runs import Case  # numba
         from pcpc.tools.study.fit.fitting import estimate_of
@@ -60,7 +60,7 @@ class Seeds:
             record = record_of(made.log, model.plant, list(model.sensors))
             one = estimate_of(model, record)
             half = 0.5 * (one.interval[:, 1] - one.interval[:, 0])
-            found.append(Fitted(seed, one.values, one.before, half, one.evaluations))
+            found.append(SeedFit(seed, one.values, one.before, half, one.evaluations))
         return found
 
 
@@ -105,7 +105,7 @@ although the estimate no longer suffers from it.
 """
 
 
-def table(found: Sequence[Fitted]) -> tuple[str, list[str]]:
+def table(found: Sequence[SeedFit]) -> tuple[str, list[str]]:
     """Return the section with the table, and what is not as it should be."""
     true, values = true_values(), np.stack([one.values for one in found])
     before = np.stack([one.before for one in found])
@@ -128,12 +128,13 @@ def table(found: Sequence[Fitted]) -> tuple[str, list[str]]:
     runs = np.mean([one.runs for one in found])
     missed = [
         f"{name}: the true value is inside of {count} of {len(found)} intervals"
-        for name, count in zip(START, inside, strict=True) if count * 100 < WANTED * len(found)
-    ]  # fmt: skip
+        for name, count in zip(START, inside, strict=True)
+        if count * 100 < WANTED * len(found)
+    ]
     return f"{text}\n{markdown(head, rows)}\n{runs:.0f} runs of the model a fit.\n", missed
 
 
-def draw(found: Sequence[Fitted], path: Path) -> None:
+def draw(found: Sequence[SeedFit], path: Path) -> None:
     """Draw the intervals of all seeds, each as a line, with the true value."""
     from matplotlib.figure import Figure
 
@@ -146,14 +147,22 @@ def draw(found: Sequence[Fitted], path: Path) -> None:
         values = np.array([one.values[i] for one in found])
         half = np.array([one.half[i] for one in found])
         outside = np.abs(values - true[i]) > half
-        axis.vlines(seeds, values - half, values + half,
-                    color=np.where(outside, VERMILION, BLUE), linewidth=1.4)  # fmt: skip
+        axis.vlines(
+            seeds,
+            values - half,
+            values + half,
+            color=np.where(outside, VERMILION, BLUE),
+            linewidth=1.4,
+        )
         axis.plot(seeds, values, ".", color=BLACK, markersize=3)
         axis.axhline(true[i], color=BLACK, linewidth=0.8)
         axis.ticklabel_format(axis="y", useOffset=float(true[i]))
         axis.set_ylabel(name.removeprefix("barrel."))
-        axis.set_title(f"{name}: {int((~outside).sum())} of {len(found)} intervals hold the true "
-                       f"value {true[i]:g}", fontsize=10)  # fmt: skip
+        axis.set_title(
+            f"{name}: {int((~outside).sum())} of {len(found)} intervals hold the true "
+            f"value {true[i]:g}",
+            fontsize=10,
+        )
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("noise seed")
     page.savefig(path, dpi=110)

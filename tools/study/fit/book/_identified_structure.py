@@ -19,7 +19,7 @@ NAMES = ("coulomb_Nm", "breakaway_Nm", "stribeck_rad_s", "sig2_Nms_rad", "hub_in
 
 
 @dataclass(frozen=True)
-class Structured:
+class StructureFit:
     """A fit: estimates and half widths (p,), residuals over noise by sensor.
 
     `missed`: rms error of the predicted hub angle on other runs, rad, by rig.
@@ -42,7 +42,7 @@ class Structure:
     kind: float
     runs: int = 1
 
-    def done(self) -> list[Structured]:
+    def done(self) -> list[StructureFit]:
         """Run and fit in this process."""
         from pcpc.tools.study.fit.fitting import fit  # numba
 
@@ -51,9 +51,9 @@ class Structure:
         values = np.array([one.value for one in found.parameters])
         half = np.array([0.5 * (one.high - one.low) for one in found.parameters])
         left = {s.name: s.residual / s.noise for s in found.sensors if s.name in TOLD}
-        missed = {name: self._missed(name, values) for name in ELSEWHERE}
+        missed = {name: self._prediction_error(name, values) for name in ELSEWHERE}
         warned = any("leaves more" in note for note in found.notes)
-        return [Structured(self.rig, self.kind, values, half, left, missed, warned)]
+        return [StructureFit(self.rig, self.kind, values, half, left, missed, warned)]
 
     def _model(self, rig: str) -> Any:
         from pcpc.executive.rig.reading import load_rig  # numba
@@ -61,7 +61,7 @@ class Structure:
 
         return Model(load_rig(_file(rig), None, [f"barrel.friction_model={self.kind}"]))
 
-    def _missed(self, rig: str, values: Array) -> float:
+    def _prediction_error(self, rig: str, values: Array) -> float:
         """Return the rms error, rad, of the hub angle that the fitted model predicts there."""
         from pcpc.tools.study.fit.record import record_of  # numba
 
@@ -97,7 +97,7 @@ mrad, that the fitted model predicts from the commands alone, of its own run and
 """
 
 
-def table(found: Sequence[Structured]) -> str:
+def table(found: Sequence[StructureFit]) -> str:
     """Return the section with its tables."""
     ordered = sorted(found, key=lambda one: (one.rig != "slew10", -one.kind))
     head = ("fitted to", "believes", *(f"left, {name}" for name in TOLD),
@@ -109,11 +109,17 @@ def table(found: Sequence[Structured]) -> str:
     ]  # fmt: skip
     true = true_values()
     values = [
-        (f"`barrel.{name}`", f"{true[i]:g}",
-         *(f"{one.values[i]:.4g} +- {one.half[i]:.1g}"
-           + ("" if abs(one.values[i] - true[i]) <= one.half[i] else " (out)") for one in ordered))
+        (
+            f"`barrel.{name}`",
+            f"{true[i]:g}",
+            *(
+                f"{one.values[i]:.4g} +- {one.half[i]:.1g}"
+                + ("" if abs(one.values[i] - true[i]) <= one.half[i] else " (out)")
+                for one in ordered
+            ),
+        )
         for i, name in enumerate(NAMES)
-    ]  # fmt: skip
+    ]
     assert [f"barrel.{name}" for name in NAMES] == list(START)
     columns = ("parameter", "true", *(f"{one.rig}, {KINDS[one.kind]}" for one in ordered))
     return f"{TEXT.format(seed=SEED)}\n{markdown(head, rows)}\n{markdown(columns, values)}"

@@ -24,10 +24,10 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run everything on `jobs` processes (all processors), write results.md and figures/."""
     todo: list[Piece] = [*of_structure.pieces(), *of_seeds.pieces(), of_network.Network()]
     with native():
-        done = [one for some in each(_done, todo, progress, jobs, _runs) for one in some]
-    fits = [one for one in done if isinstance(one, of_seeds.Fitted)]
+        done = [one for some in each(_piece_results, todo, progress, jobs, _runs) for one in some]
+    fits = [one for one in done if isinstance(one, of_seeds.SeedFit)]
     table, missed = of_seeds.table(fits)
-    structure = of_structure.table([x for x in done if isinstance(x, of_structure.Structured)])
+    structure = of_structure.table([x for x in done if isinstance(x, of_structure.StructureFit)])
     network = of_network.table([x for x in done if isinstance(x, of_network.Identified)])
     text = "\n".join(("# Identification\n", table, structure, network))
     (folder / "results.md").write_text(text, "utf-8")
@@ -38,7 +38,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     return 1 if missed else 0
 
 
-def _done(piece: Piece) -> list[Any]:
+def _piece_results(piece: Piece) -> list[Any]:
     return list(piece.done())
 
 

@@ -52,7 +52,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Found:
+class LoopComparison:
     """Lines f_hz (m,), the linearised L there, |measured/linearised - 1|, numbers of both."""
 
     f_hz: Vector
@@ -94,10 +94,10 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     figures = folder / "figures"
     figures.mkdir()
     progress.show("margins: three linear plants")
-    exact, found = [_exact(name) for name in PLANTS], dict[str, Found]()
+    exact, found = [_exact(name) for name in PLANTS], dict[str, LoopComparison]()
     for name, case in CASES.items():
         progress.show(f"margins: {name}")
-        found[name] = compared(case)
+        found[name] = compared_loops(case)
     rows = [_row(name, case, found[name]) for name, case in CASES.items()]
     progress.show("margins: rigs as they are")
     whole = [_as_it_is(rig, controller) for rig, controller in AS_THEY_ARE]
@@ -122,7 +122,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     return Exit.OK
 
 
-def compared(case: Case) -> Found:
+def compared_loops(case: Case) -> LoopComparison:
     """Return both loops of a case, at the lines of all of its bands."""
     rig = operating.without_disturbances(
         load_rig(find(case.rig), case.controller, list(case.settings))
@@ -143,10 +143,12 @@ def compared(case: Case) -> Found:
     grid = np.unique(np.concatenate((np.geomspace(lines[0], 0.5 * rate, 600), lines)))
     numbers = margins(grid, model.response(grid), rate)
     deviation = np.abs(response / ours - 1.0)
-    return Found(lines, ours, deviation, numbers.gain_margin, numbers.phase_margin_deg, cut.signal)
+    return LoopComparison(
+        lines, ours, deviation, numbers.gain_margin, numbers.phase_margin_deg, cut.signal
+    )
 
 
-def _row(name: str, case: Case, found: Found) -> tuple[str, ...]:
+def _row(name: str, case: Case, found: LoopComparison) -> tuple[str, ...]:
     worst = int(np.argmax(found.deviation))
     return (
         f"{name}, {case.controller}", found.loop, case.without, str(len(found.f_hz)),
@@ -181,7 +183,7 @@ def _causes() -> list[tuple[str, ...]]:
     rows = list[tuple[str, ...]]()
     for name, lines, amplitudes in CAUSES:
         for amplitude in amplitudes:
-            one = compared(replace(CASES[name], amplitude=amplitude, bands=_WHOLE))
+            one = compared_loops(replace(CASES[name], amplitude=amplitude, bands=_WHOLE))
             for line in lines:
                 at = int(np.argmin(np.abs(one.f_hz - line)))
                 told = f"{one.f_hz[at]:.4g} Hz", f"{100.0 * one.deviation[at]:.2g} %"
@@ -199,7 +201,7 @@ def _as_it_is(rig: str, controller: str) -> tuple[str, ...]:
     return rig, controller, said
 
 
-def draw(found: dict[str, Found], path: Path) -> None:
+def draw(found: dict[str, LoopComparison], path: Path) -> None:
     """Draw the deviation of every plant over the frequency, as a share of half the rate."""
     from matplotlib.figure import Figure
 
@@ -208,8 +210,15 @@ def draw(found: dict[str, Found], path: Path) -> None:
     marks = "osv^<>DPX*h"
     for (name, one), mark in zip(found.items(), marks, strict=False):
         share, colour = one.f_hz / one.f_hz.max(), "black" if name == "atb1000" else None
-        ax.loglog(share, np.maximum(100.0 * one.deviation, 1e-3), linestyle="none", marker=mark,
-                  markersize=3.5, label=name, color=colour)  # fmt: skip
+        ax.loglog(
+            share,
+            np.maximum(100.0 * one.deviation, 1e-3),
+            linestyle="none",
+            marker=mark,
+            markersize=3.5,
+            label=name,
+            color=colour,
+        )
     ax.axhline(5.0, color="black", linewidth=0.8)
     ax.set(xlabel="frequency by half the sampling rate", ylabel="measured against linearised [%]")
     ax.set_title("Open loops, where the plants are linear; line: 5 %", fontsize=11)

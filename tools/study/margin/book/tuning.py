@@ -16,7 +16,7 @@ from pcpc.plants.atb1000.book import tuning
 from pcpc.plants.atb1000.book.tuning import RANGES, Row
 from pcpc.plants.study import markdown
 from pcpc.tools.start.pool import each
-from pcpc.tools.study.experiment.runs import done
+from pcpc.tools.study.experiment.runs import case_results
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
@@ -26,7 +26,7 @@ SETTLE_S = 20.0  # a network that still learns the weight is no loop at rest
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run all candidates, choose; NOT_MET if a law has none that is allowed."""
     need("tuning needs", "scipy.stats")
-    results = done(list(tuning.cases()), progress, jobs)
+    results = case_results(list(tuning.cases()), progress, jobs)
     asked = [(law, i) for law in RANGES for i in range(tuning.CANDIDATES + 1)]
     progress.say("margins of all candidates")
     margins = dict(zip(asked, each(margin_of, asked, progress, jobs), strict=True))
