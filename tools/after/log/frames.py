@@ -173,8 +173,9 @@ def _keys(rows: NDArray[np.void]) -> list[bytes]:
 
 def _period_ns(log: logs.Log, stamp_ns: Ints) -> int:
     """Return the period of the log's rig; without one the mean distance of its frames."""
-    for node in log.node:
-        if text := log.metadata[node].get("period_ns"):
+    for facts in log.metadata.values():
+        text = facts.get("period_ns", "")
+        if text.isdigit() and int(text) > 0:
             return int(text)
     return max(int(stamp_ns[-1] - stamp_ns[0]) // max(len(stamp_ns) - 1, 1), 1)
 
