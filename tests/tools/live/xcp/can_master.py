@@ -101,7 +101,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
     set_application(app)
     app.general.disable_error_handling = True  # it would leave the program
     entries = [(f"{at + part}", at + part, 0, "U32") for at in addresses for part in (0, 4)]
-    measured = Parts([DaqList("all", 0, False, True, entries, 0, 1)], ROWS)
+    measured = Parts([DaqList("all", 0, False, True, entries, 0, 1)], ROWS, True)
     told: dict[str, Any] = {}
     with Master("CAN", config=app, policy=measured) as master:
         ear = master.transport.event_handler = Ear(master.transport)

@@ -70,9 +70,11 @@ def going_on(*words: str) -> Iterator["subprocess.Popen[str]"]:
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
-        yield process
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
 
 
 def plant(bus: str, folder: Path, *device: str) -> Done:
