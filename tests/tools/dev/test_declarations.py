@@ -49,6 +49,11 @@ def test_the_C_of_a_device_numbers_everything_as_declared() -> None:
     assert table == NEXT.tolist()
 
 
+def test_the_codec_in_C_takes_the_same_gap_of_the_counter() -> None:
+    codec = (declarations.ROOT / "tools/make/generate/c/codec.c").read_text("utf-8")
+    assert re.findall(r"^#define MAX_DELTA (\d+)u", codec, re.MULTILINE) == [str(MAX_DELTA)]
+
+
 @pytest.mark.parametrize(
     "file", ["plants/probe/device/probe.py", "tools/make/template/device/device.py"]
 )

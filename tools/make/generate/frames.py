@@ -13,7 +13,6 @@ from typing import Any
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.can.dbc import Kind
-from pcpc.drivers.can.e2e import MAX_DELTA
 from pcpc.executive.rig import messages
 from pcpc.tools.make.generate.words import comment, identifier, number
 
@@ -35,7 +34,6 @@ def header(sent: Frames, heard: Frames) -> str:
     """Return frames.h, of the frames that a device sends and hears."""
     lines = ["/* Signals of the frames, from the DBC file; physical values in their units. */"]
     lines += ["#ifndef FRAMES_H", "#define FRAMES_H", "", '#include "codec.h"', ""]
-    lines += [f"#define MAX_DELTA {MAX_DELTA}u /* between counters, of a used frame */", ""]
     for frame in _full({one.name: one for one in (*sent, *heard)}.values()):
         lines += [*_struct(frame), ""]
     lines.append(

@@ -1,9 +1,8 @@
 #include "codec.h"
 
-#include "frames.h"
-
 #define TWO_52 4503599627370496.0 /* doubles from here on are integers */
 #define TWO_63 9223372036854775808.0
+#define MAX_DELTA 4u /* a gap of the counter up to which a frame is used; of drivers.can.e2e */
 
 /* ------------------------------------------------------------------------------------ signals */
 
