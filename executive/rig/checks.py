@@ -28,6 +28,7 @@ _STEERS = re.compile(  # a terminal, or the direction of writing
 _CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
 _SHORTEST_KEYFRAME_NS = 10**8
 _LONGEST_KEEP_NS = 10**15  # the longest run
+_PORTS = 1 << 16
 _TAKEN = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
 
 
@@ -57,6 +58,7 @@ def check(document: Document, config: Config) -> None:
         _overrun(config),
         standby.problems(config),
         _keep(config),
+        _xcp(config),
         _limits(config),
         _patience(config),
         _expectations(config),
@@ -136,6 +138,12 @@ def _keep(config: Config) -> Problems:
     if every and not _SHORTEST_KEYFRAME_NS <= every <= _LONGEST_KEEP_NS:
         what = f"{config.record.keyframe}: expected 100ms to 12 days, or 0s for none"
         yield ("record", "keyframe"), what
+
+
+def _xcp(config: Config) -> Problems:
+    port = config.xcp.partition(":")[2] if isinstance(config.xcp, str) else ""
+    if port and int(port) > (most := _PORTS - len(config.sections)):
+        yield ("xcp",), f"expected a port of at most {most}, as each node has one from there on"
 
 
 def _limits(config: Config) -> Problems:

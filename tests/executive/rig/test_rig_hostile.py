@@ -128,6 +128,7 @@ def test_any_text_is_read_or_refused_in_a_line(text: str) -> None:
         ("record: {keep: " + "9" * 400 + "s}", "2:10: record.keep: expected text of the form"),
         ("record: {keep: 999999999min}", "2:10: record.keep: 999999999min: expected more than 0"),
         ("record: {keep: 0s}", "2:10: record.keep: 0s: expected more than 0"),
+        ("xcp: tcp:65535", "2:1: xcp: expected a port of at most 65534"),
         ("rig: " + "a" * 210, "2:1: rig: expected text of the form [a-z0-9._-]{1,64}"),
         ("losses: {SYNC: {share: 0.1, burst: .inf}}", "losses.SYNC.burst: expected a number <= "),
     ],

@@ -100,6 +100,7 @@ class _ImportedLog:
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
             "clock_frame": self.clock.message.name, "rate_hz": round(1e9 / self.period_ns, 6),
             "left_out": dict(recording.left_out), "unsorted": recording.unsorted,
+            "declared": recording.declared,
             "channels": dict(recording.channels),
             "lost": sum(one.lost for one in found if one.checked),
             "not_decoded": sum(len(one.state) - len(one.place) for one in found),
@@ -240,6 +241,9 @@ def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[i
         lines.append(f"kept as frames only: {counts['not_decoded']}; {why}")
     if counts["foreign_crc"]:
         lines.append(f"CRC of another kind, not checked: {', '.join(counts['foreign_crc'])}")
+    if counts["declared"]:
+        what = "the recording was cut, changed or damaged since it was written"
+        lines.append(f"not the frames that it declares ({counts['declared']}): {what}")
     if counts["unsorted"]:
         lines.append(f"stamped out of order, now sorted: {counts['unsorted']} frames")
     if options.channel is None and len(counts["channels"]) > 1:

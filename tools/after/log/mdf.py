@@ -4,10 +4,12 @@
     frames       ASAM's bus logging, bus channel 1: CAN_DataFrame, CAN_RemoteFrame
     events       a marker each, in words; its comment is the log's entry as JSON, with its topic
 
-Times are s since the log's t = 0, float64; those of markers whole ns. The header has its wall time.
+Times are s since the log's t = 0, float64; those of markers whole ns. The header has its wall time
+and, since the format has no checksums, that of the data frames.
 """
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +26,16 @@ Column = tuple[str, str, str, NDArray[Any]]  # name, unit, help, values
 Entry = tuple[int, str, Mapping[str, Any]]  # wall time in ns, topic, what the log has
 _BUS_CHANNEL = 1
 _SECONDS, _MARKER = 1, 6  # of asammdf
+_SUMMED = ("stamp_ns", "id", "dlc", "direction", "flags")  # of a frame, before its data
+
+
+def frames_sum(frames: NDArray[Any], wall_ns: NDArray[np.int64]) -> str:
+    """Return number and checksum of data frames (n,), by their wall times (n,)."""
+    rows = np.zeros(len(frames), [*((name, "<i8") for name in _SUMMED), ("data", "u1", (64,))])
+    for name in _SUMMED:
+        rows[name] = frames[name] if name != "stamp_ns" else wall_ns
+    rows["data"][:, : frames["data"].shape[1]] = frames["data"]
+    return f"{len(rows)} data frames, CRC-32 {zlib.crc32(rows.tobytes()):08X}"
 
 
 @dataclass(frozen=True)
@@ -47,6 +59,7 @@ class Content:
             if self.table:
                 self._add_table(file)
             remote = self.frames["id"] & can_id.REMOTE != 0
+            header.comment = frames_sum(self.frames[~remote], self.frames_ns[~remote])
             for kind, some in (("CAN_DataFrame", ~remote), ("CAN_RemoteFrame", remote)):
                 if some.any():
                     self._add_frames(file, kind, some)

@@ -17,11 +17,12 @@ import gc
 import gzip
 import logging
 import math
+import re
 import sys
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,7 @@ from pcpc.drivers.can.wire_layout import LENGTHS, flags_of
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import mdf
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
@@ -53,12 +55,16 @@ _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apar
 
 @dataclass(frozen=True)
 class Recording:
-    """What was read: `frames` by stamp (cycle 0), `left_out` and `channels` counted."""
+    """What was read: `frames` by stamp (cycle 0), `left_out` and `channels` counted.
+
+    `declared`: number and checksum of other frames, which the file says it has; else "".
+    """
 
     frames: NDArray[Any]
     left_out: Counter[str]
     channels: Counter[str]
     unsorted: int  # frames stamped before the frame ahead of them in the file
+    declared: str
 
 
 class _Candump:
@@ -120,7 +126,10 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
             reason = printable(" ".join(str(error).split())[:300]) or type(error).__name__
             what = f"damaged after {number} frames ({reason}); give the whole recording"
         raise LogCommandError(f"{path}: {what}") from None
-    return counted.result(path)
+    recording = counted.result(path)
+    if _kind(path) == ".mf4" and channel is None:
+        return replace(recording, declared=_declared(path, recording.frames))
+    return recording
 
 
 def _kind(path: Path) -> str:
@@ -226,6 +235,15 @@ def _mdf_messages(path: Path) -> Iterator[tuple["Message", int]]:
             yield message, start_ns + _to_ns(message.timestamp)
     if found != declared:
         raise ValueError(f"{found} of {declared} frames")
+
+
+def _declared(path: Path, frames: NDArray[Any]) -> str:
+    """Return number and checksum that the comment of an MDF file has, if these are not of them."""
+    with _opened(path) as file, _mdf_reader(file) as reader:
+        declared = re.search(r"\d+ data frames, CRC-32 [0-9A-F]{8}", reader._mdf.header.comment)
+    if declared is None or declared[0] == mdf.frames_sum(frames, frames["stamp_ns"]):
+        return ""
+    return declared[0]
 
 
 def _mdf_reader(file: Any) -> Any:
@@ -334,4 +352,4 @@ class _FrameCollector:
             frames[name] = column
         frames["data"] = np.frombuffer(self._data, np.uint8).reshape(-1, self._width)
         unsorted = int((np.diff(stamps) < 0).sum())
-        return Recording(frames[order], self.left_out, self.channels, unsorted)
+        return Recording(frames[order], self.left_out, self.channels, unsorted, "")

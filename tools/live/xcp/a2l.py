@@ -63,6 +63,8 @@ _A2ML = (
       block "IF_DATA" taggedunion if_data { "XCP" struct {
         taggedstruct Common_Parameters;
         taggedstruct {
+          block "DAQ_EVENT" taggedunion {
+            "FIXED_EVENT_LIST" taggedstruct { ("EVENT" uint)*; }; };
           block "XCP_ON_UDP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
           block "XCP_ON_TCP_IP" struct { struct Ip; taggedstruct Common_Parameters; };
           block "XCP_ON_CAN" struct { struct Can; taggedstruct Common_Parameters; };
@@ -73,12 +75,16 @@ _A2ML = (
 
 
 class A2lVariable(NamedTuple):
-    """A variable as the file has it; `range`: of a parameter, else None."""
+    """A variable as the file has it; `range`: of a parameter, else None.
+
+    `has_event`: whether lists may have it; else it can only be polled.
+    """
 
     name: str
     unit: str
     help: str
     range: tuple[float, float] | None
+    has_event: bool = True
 
 
 def version() -> str:
@@ -126,18 +132,21 @@ def _lines(
     yield "    /begin RECORD_LAYOUT F64\n      FNC_VALUES 1 FLOAT64_IEEE ROW_DIR DIRECT"
     yield "    /end RECORD_LAYOUT"
     entries = list(_entries(variables))
+    polled = "      /begin IF_DATA XCP\n        /begin DAQ_EVENT FIXED_EVENT_LIST"
+    polled += "\n        /end DAQ_EVENT\n      /end IF_DATA\n"
     for number, size, one in entries:
         unit, at = units[one.unit], f"0x{8 * number:X}"
         kind, dimension = ("VAL_BLK", f" MATRIX_DIM {size} 1 1") if size > 1 else ("VALUE", "")
+        text, events = (one.help, "") if one.has_event else (f"{one.help} (polled only)", polled)
         if one.range:
             low, high = (min(max(bound, -_FAR), _FAR) for bound in one.range)
-            yield f"    /begin CHARACTERISTIC {_word(one.name)} {_text(one.help)}"
+            yield f"    /begin CHARACTERISTIC {_word(one.name)} {_text(text)}"
             yield f"      {kind} {at} F64 0 {unit} {low} {high}{dimension}"
-            yield "    /end CHARACTERISTIC"
+            yield f"{events}    /end CHARACTERISTIC"
         else:
-            yield f"    /begin MEASUREMENT {_word(one.name)} {_text(one.help)}"
+            yield f"    /begin MEASUREMENT {_word(one.name)} {_text(text)}"
             yield f"      FLOAT64_IEEE {unit} 0 0 {-_FAR:g} {_FAR:g}"
-            yield f"      ECU_ADDRESS {at}{dimension}\n    /end MEASUREMENT"
+            yield f"      ECU_ADDRESS {at}{dimension}\n{events}    /end MEASUREMENT"
     blocks: dict[str, list[A2lVariable]] = {}
     for _, _, one in entries:
         blocks.setdefault(one.name.partition(".")[0], []).append(one)

@@ -7,6 +7,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
+from pcpc.tools.live.xcp.daq_rows import is_held
 from pcpc.tools.live.xcp.on_can import CanPlace
 from pcpc.tools.live.xcp.packets import ETHERNET
 from pcpc.tools.live.xcp.serve import port_of
@@ -22,7 +23,11 @@ def command(options: argparse.Namespace) -> int:
     variables = plan(rig, options.node, "lockstep").table.variables
     described = [
         A2lVariable(
-            one.name, one.unit, one.help, (one.low, one.high) if one.kind == "parameter" else None
+            one.name,
+            one.unit,
+            one.help,
+            (one.low, one.high) if one.kind == "parameter" else None,
+            one.recorded or is_held(one.name, one.kind == "parameter"),
         )
         for one in variables
     ]

@@ -6,6 +6,7 @@ that does not read is cut off (TCP) or loses packets, and is told by EV_DAQ_OVER
 """
 
 import argparse
+import os
 import selectors
 import socket
 import tempfile
@@ -21,13 +22,13 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.machine import claim
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError, level_of
-from pcpc.executive.nodes.tap import Tap
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.buses import master_side, on_line, side_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
+from pcpc.tools.live.xcp.daq_rows import DaqRows
 from pcpc.tools.live.xcp.on_can import BUSY_S, IDLE_S, CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import (
     ETHERNET,
@@ -87,9 +88,8 @@ def on_bus(live: Live) -> "Server":
         return Server.of_rig(rig, bus, about["node"])
 
 
-def table_of(live: Live, tap: Tap, a2l: bytes) -> NodeTable:
+def table_of(live: Live, columns: list[int], a2l: bytes) -> NodeTable:
     """Return a running node as a slave has it."""
-    places = {name: place for place, name in enumerate(tap.names)}
 
     def read() -> tuple[int, Any]:
         try:
@@ -111,7 +111,6 @@ def table_of(live: Live, tap: Tap, a2l: bytes) -> NodeTable:
                 raise CommandRefused(Err.RESOURCE_TEMPORARY_NOT_ACCESSIBLE) from None
             raise CommandRefused(Err.OUT_OF_RANGE) from None
 
-    columns = [places.get(name, -1) for name in live.variables]
     rig = str(live.block.description.get("rig"))
     return NodeTable(live.name, rig, live.period_ns, [*live.variables], columns, a2l, read, write)
 
@@ -250,13 +249,17 @@ class Server:
 
     def serve(self, live: Live) -> None:
         """Answer for a node until it ends."""
-        tap, about = Tap(live), live.block.description
-        described = [A2lVariable(v.name, v.unit, v.help, v.range) for v in live.variables.values()]
+        os.nice(5)  # the loop and its bus go first
+        rows, about = DaqRows(live), live.block.description
+        described = [
+            A2lVariable(v.name, v.unit, v.help, v.range, column >= 0)
+            for v, column in zip(live.variables.values(), rows.columns, strict=True)
+        ]
         rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
         can, link = self._can, ETHERNET if self._can is None else self._can.link
         lines = ethernet(self._ports) if can is None else can.a2l()
         text = a2l_text(rig, role, version(), live.period_ns, described, lines, link)
-        self._node = table_of(live, tap, text.encode())
+        self._node = table_of(live, rows.columns, text.encode())
         if can is not None:
             self._masters[can] = CanMaster(can, self._sockets[0], Session(self._node, link))
         while live.running:
@@ -265,20 +268,16 @@ class Server:
                 key.data(key.fileobj)
             for key, one in [*self._masters.items()]:
                 self._do_guarded(key, one.flush)
-            self._send_measured(tap)
-        self._send_measured(tap)
+            self._send_measured(rows)
+        self._send_measured(rows)
 
-    def _send_measured(self, tap: Tap) -> None:
-        before = tap.missed["record"]
-        rows = tap.rows()
-        if tap.missed["record"] > before:
-            for one in self._masters.values():
-                one.lost = True
-        if not len(rows):
-            return
+    def _send_measured(self, rows: DaqRows) -> None:
+        before = rows.missed
+        cycle, values = rows.take()
         for key, one in [*self._masters.items()]:
-            if one.session.daq.running:
-                self._do_guarded(key, one.send, one.session.packets(rows.cycle, rows.values))
+            one.lost |= rows.missed > before
+            if one.session.daq.running and len(cycle):
+                self._do_guarded(key, one.send, one.session.packets(cycle, values))
 
     def _do_guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
         """Do what may end with a master's end; on CAN OSError goes on."""

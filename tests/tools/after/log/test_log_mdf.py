@@ -252,6 +252,27 @@ def test_damage_is_one_line_without_a_traceback(
     assert "damaged after" in said and "Traceback" not in said + "".join(capfd.readouterr()), said
 
 
+@pytest.mark.parametrize("kind", ["whole", "a bit", "a group"])
+def test_frames_that_are_not_those_of_the_export_are_told(kind: str, tmp_path: Path) -> None:
+    frames = np.zeros(64, logs.FRAME)
+    frames["id"], frames["dlc"], frames["stamp_ns"] = 0x120, 8, 10**6 * np.arange(64)
+    path = written(odd_log(frames), tmp_path / "made.mf4")
+    if kind != "whole":
+        with MDF(path) as read, MDF(version="4.10") as changed:
+            changed.header.comment, bits = read.header.comment, read.get("CAN_DataFrame")
+            if kind == "a group":
+                bits = bits.cut(0.0, 0.031)
+            else:
+                bits.samples["CAN_DataFrame.DataBytes"][7, 3] ^= 1
+            source = read.groups[1].channel_group.acq_source
+            changed.append(bits, acq_name="CAN", acq_source=source)
+            changed.save(path, overwrite=True)
+    done = run("import", path, "--dbc", DBC, "-o", tmp_path / "i.mcap")
+    assert done.code == 0, done
+    told = "not the frames that it declares (64 data frames, CRC-32 " in done.out + done.err
+    assert told == (kind != "whole"), done
+
+
 def test_what_unpacks_without_end_is_not_unpacked(tmp_path: Path) -> None:
     frames = np.zeros(4_000_000, logs.FRAME)
     path = written(odd_log(frames), tmp_path / "bomb.mf4")

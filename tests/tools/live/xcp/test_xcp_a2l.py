@@ -27,6 +27,7 @@ CASES = [
 OBJECT = re.compile(
     r"^( *)(Characteristic|Measurement|CompuMethod|Group) \{\n(.*?)^\1\}", re.M | re.S
 )
+OF_LOOP = "timing", "supervisor"
 LEAF = re.compile(
     r'(?:String|EnumItem)\(\s*\d+,\s*"([^"]*)"|U(?:Int|Char|Long)\(\s*\d+,\s*\(\s*(\d+)'
 )
@@ -60,6 +61,8 @@ def case(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
         tunable = one.kind == "parameter"
         low, high = (one.low, one.high) if tunable else (-FAR, FAR)
         text = re.sub(r"\s+", " ", one.help)
+        if not (one.recorded or (tunable and one.name.split(".")[0] not in OF_LOOP)):
+            text += " (polled only)"
         limits = max(low, -FAR), min(high, FAR)
         expected[one.name] = One(tunable, 8 * number, 1, one.unit, *limits, text)
     return path, expected
@@ -94,7 +97,9 @@ def by_pya2ldb(path: Path) -> tuple[Read, Any]:
         refs = [one.ref_characteristic, one.ref_measurement]
         groups[one.groupName] = [name for ref in refs if ref for name in ref.identifier]
     session.setup_ifdata_parser()
-    (interface,) = session.parse_ifdata(session.query(model.IfData).all())
+    interface, *events = session.parse_ifdata(session.query(model.IfData).all())
+    polled = [one for one in entries.values() if one.help.endswith(" (polled only)")]
+    assert events == [{"XCP": [{"DAQ_EVENT": {"FIXED_EVENT_LIST": {}}}]}] * len(polled) != []
     leaves = Counter(str(leaf) for leaf in leaves_of(interface) if leaf is not True)
     return Read(entries, groups, leaves), interface
 
@@ -119,6 +124,7 @@ def by_a2ltool(path: Path) -> Read:
     for _, kind, body in OBJECT.findall(done.stdout):
         fields = dict(re.findall(r"(\w+): (\"[^\n]*\"|[-\d.e]+),\n", body)[::-1])
         name = fields["name"].strip('"')
+        assert ('"DAQ_EVENT"' in body) == ("(polled only)" in body), name
         if kind == "Group":
             assert name not in groups, f"two groups {name}"
             lists = re.findall(r"identifier_list: \[(.*?)\]", body, re.S)
@@ -138,7 +144,8 @@ def by_a2ltool(path: Path) -> Read:
                 json.loads(fields["long_identifier"]),
             )
     entries = {name: one._replace(unit=units[one.unit]) for name, one in entries.items()}
-    interface = done.stdout[done.stdout.index("ifdata_items: Some") :]
+    begin = done.stdout.rindex("ifdata_items: Some", 0, done.stdout.index('"PROTOCOL_LAYER": ['))
+    interface = done.stdout[begin:]
     leaves = Counter(text or number for text, number in LEAF.findall(interface))
     return Read(entries, groups, leaves)
 

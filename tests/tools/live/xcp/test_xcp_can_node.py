@@ -107,11 +107,11 @@ class Raw:
         return self.got[0]
 
 
-def measured(run: Served, layer: str, recorded: list[str]) -> dict[str, Any]:
+def measured(run: Served, layer: str, recorded: list[str], gain: str = KV) -> dict[str, Any]:
     group, port = buses.udp_address(run.master.partition(":")[2])
     down, up = run.ids["executive"]
     where = f"udp_multicast,{group},{port},{down:X},{up:X}"
-    words = [sys.executable, str(MASTER), where, layer, str(ROWS), json.dumps(recorded)]
+    words = [sys.executable, str(MASTER), where, layer, str(ROWS), json.dumps(recorded), gain]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return dict(json.loads(done.stdout.splitlines()[-1]))
@@ -139,7 +139,7 @@ def test_a_session_of_pyxcp_on_classic_can_is_in_the_log_and_replays(tmp_path: P
         assert struct.unpack("<BxxI", plant.ask(Cmd.GET_ID, 4)[1:])[1] > 10_000
         log = run.end()
         until(lambda: b"\xfd\x07" in master.look() and b"\xfd\x07" in plant.look(), "its end")
-    assert told["read"] == [101.0, 102.5, 103.25]
+    assert told["read"] == [91.0, 92.5, 93.25]
     assert_in_log(log.node["executive"], told["rows"], recorded)
     tuned = {one["value"]: one["cycle"] for one in log.node["executive"].tunings}
     assert {value: tuned[value] for value in cycles} == cycles
@@ -232,8 +232,10 @@ def test_the_ids_of_an_emulated_line_are_in_its_report(tmp_path: Path) -> None:
 
 
 def test_a_rig_with_can_fd_is_measured_in_long_frames(tmp_path: Path) -> None:
-    rig = fd_rig(tmp_path, "bus: {data_bitrate: 5000000}", "xcp: {frames: 40}", "rate_hz: 200")
+    rig = fd_rig(tmp_path, "bus: {data_bitrate: 5000000}", "xcp: {frames: 80}", "rate_hz: 200")
+    recorded = ["time.t_s", "rx.FB.position", "controller.command"]
     with serving(rig, tmp_path) as run:
+        told = measured(run, "canfd", recorded, "controller.gain")
         node = live.find(live.sh.block_name("probe_fd", run.bus, "executive"))
         down, up = run.ids["executive"]
         bus = plain_bus.open_bus(buses.bus_named(*buses.parse(run.bus)))
@@ -254,7 +256,9 @@ def test_a_rig_with_can_fd_is_measured_in_long_frames(tmp_path: Path) -> None:
         answer = ask(short)
         assert answer == b"\xff" + struct.pack("<d", 2.5) + bytes(3), "twelve bytes"
         assert ask(bytes([0xF4, 63, 0, 0]) + struct.pack("<I", 0))[:1] == b"\xff"
-        run.end()
+        log = run.end()
+    assert told["read"] == [91.0, 92.5, 93.25] and "MAX_DLC 64" in told["a2l"]
+    assert_in_log(log.node["executive"], told["rows"], recorded)
 
 
 @pytest.mark.parametrize("command", ["run", "check", "bus"])

@@ -7,7 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -83,10 +83,20 @@ class Raw:
         return data
 
 
+POLLED = {
+    "timing.reset", "supervisor.reset", "supervisor.stop", "supervisor.disarmed",
+    "supervisor.status_word", "supervisor.error_code", "supervisor.error_register",
+    "health.requests_refused", "health.bus_warnings", "health.bus_passives", "health.bus_offs",
+    "health.bus_restarts", "health.bus_no_acks", "health.bus_tx_timeouts", "controller.q_d_rad",
+    "controller.q_d_rate_rad_s", "controller.encoder_rad", "controller.hull_pitch_rad",
+    "controller.hub_rate_rad_s", "controller.hull_rate_rad_s", "controller.motor_speed_rad_s",
+}  # fmt: skip
+
+
 def measured(slave: Slave, protocol: str, recorded: list[str]) -> dict[str, Any]:
     """Return what a session of pyXCP has seen."""
     port = slave.udp if protocol == "udp" else slave.tcp
-    words = [sys.executable, str(MASTER), str(port), protocol, str(ROWS), json.dumps(recorded)]
+    words = [sys.executable, str(MASTER), str(port), protocol, str(ROWS), json.dumps(recorded), KV]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return dict(json.loads(done.stdout.splitlines()[-1]))
@@ -101,9 +111,9 @@ def download(master: Raw, slave: Slave, value: float) -> bytes:
 def test_a_session_of_pyxcp_is_in_the_log_and_replays(tmp_path: Path) -> None:
     with served(tmp_path / "run") as slave:
         node = live.find(slave.run.node)
-        recorded = list(node.block.description["state_columns"])
-        told = {protocol: measured(slave, protocol, recorded) for protocol in ("udp", "tcp")}
-        names = set(node.variables)
+        first, names = dict(node.read()), set(node.variables)
+        wanted = [name for name in node.variables if name not in POLLED]
+        told = {protocol: measured(slave, protocol, wanted) for protocol in ("udp", "tcp")}
         master, cycles = Raw(slave.tcp), dict[float, int]()
         assert master.ask(b"\xff\x00")[0] == 0xFF
         for value in range(200, 230):
@@ -118,9 +128,11 @@ def test_a_session_of_pyxcp_is_in_the_log_and_replays(tmp_path: Path) -> None:
         assert slave.process.returncode == 0
     log = logs.read(tmp_path / "run" / "log.mcap")
     for one in told.values():
-        assert one["read"] == [101.0, 102.5, 103.25] and set(one["places"]) == names
+        assert one["read"] == [91.0, 92.5, 93.25] and set(one["places"]) == names
         assert [each["name"] for each in one["events"]] == ["cycle", "cycle_10", "cycle_100"]
-        assert_in_log(log.node["executive"], one["rows"], recorded)
+        assert_in_log(log.node["executive"], one["rows"], wanted, first=first)
+        assert set(re.findall(r"(\S+) \".* \(polled only\)\"\n", one["a2l"])) == POLLED
+        assert one["a2l"].count("DAQ_EVENT FIXED_EVENT_LIST\n") == len(POLLED)
     tuned = {one["value"]: one["cycle"] for one in log.node["executive"].tunings}
     assert {value: tuned[value] for value in cycles} == cycles
     done = pcpc("replay", str(tmp_path / "run" / "log.mcap"), "--json")
@@ -146,9 +158,16 @@ def test_a_thousand_downloads_of_a_session_are_tunings_at_the_cycles_told(tmp_pa
 
 
 def assert_in_log(
-    node: logs.Node, rows: list[Any], recorded: list[str], rate_hz: float = 200.0
+    node: logs.Node,
+    rows: list[Any],
+    recorded: list[str],
+    rate_hz: float = 200.0,
+    first: Mapping[str, float] | None = None,
 ) -> None:
-    """Compare measured rows with the log's, bit by bit and stamp by stamp."""
+    """Compare measured rows with the log's, bit by bit and stamp by stamp.
+
+    `first`: what parameters were before all tunings.
+    """
     values = np.array([[bytes.fromhex(one) for one in row[1]] for row in rows], "V8")
     time = values[:, recorded.index("time.t_s")].copy().view(np.float64)
     cycle = np.round(time * rate_hz).astype(int)
@@ -156,8 +175,16 @@ def assert_in_log(
     assert len(cycle) >= ROWS and np.array_equal(node.cycle[at], cycle)
     assert np.array_equal(at, at[0] + np.arange(len(at))), "a row of the log is missing"
     for i, name in enumerate(recorded):
-        ours = values[:, i].copy().view(np.uint64)
-        assert np.array_equal(ours, node.columns[name][at].view(np.uint64)), name
+        if name in node.columns:
+            theirs = node.columns[name][at]
+        elif name in node.timing:
+            theirs = node.timing[name][at]
+        else:
+            theirs = np.full(len(at), (first or {})[name])
+            for one in node.tunings:
+                if one["name"] == name:
+                    theirs[cycle >= one["cycle"]] = one["value"]
+        assert values[:, i].copy().tobytes() == theirs.astype(np.float64).tobytes(), name
     stamps = np.array([row[0] for row in rows])
     assert np.array_equal(stamps - stamps[0], (cycle - cycle[0]) * 1e9 / rate_hz)
 

@@ -1,7 +1,7 @@
-"""A calibration session by pyXCP, unchanged: python xcp_master.py WHERE LAYER ROWS NAMES.
+"""A calibration session by pyXCP, unchanged: python xcp_master.py WHERE LAYER ROWS NAMES GAIN.
 
 WHERE is a port for the layer udp or tcp, INTERFACE,CHANNEL,PORT,ID,ID for can or canfd. It uploads
-the A2L file, finds addresses in it, measures NAMES (JSON) for ROWS cycles, sets a gain in the
+the A2L file, finds addresses in it, measures NAMES (JSON) for ROWS cycles, sets GAIN in the
 meantime and prints JSON. On classic CAN it measures halves of doubles, and sets one by a block.
 """
 
@@ -17,7 +17,7 @@ from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 
 OBJECT = re.compile(r"/begin (\w+) (\S+) \".*\"\n\s+(?:VALUE|.*\n\s+ECU_ADDRESS) (0x[0-9A-F]+)")
-GAIN, VALUES = "controller.kv_Nms_rad", (101.0, 102.5, 103.25)
+VALUES = 91.0, 92.5, 93.25
 
 
 class Measured(DaqOnlinePolicy):
@@ -56,12 +56,13 @@ def application(where: str, layer: str) -> Any:
         bus.interface, bus.channel, port, down, up = where.split(",")
         bus.can_id_master, bus.can_id_slave = int(down, 16), int(up, 16)
         bus.fd, bus.max_dlc_required = layer == "canfd", layer == "can"
-        bus.udp_multicast.port = int(port)
+        if bus.interface == "udp_multicast":
+            bus.udp_multicast.port = int(port)
     set_application(app)
     return app
 
 
-def session(where: str, layer: str, rows: int, names: list[str]) -> dict[str, object]:
+def session(where: str, layer: str, rows: int, names: list[str], gain: str) -> dict[str, object]:
     app = application(where, layer)
     with Master(app.transport.layer, config=app) as master:
         master.connect()
@@ -83,12 +84,12 @@ def session(where: str, layer: str, rows: int, names: list[str]) -> dict[str, ob
         for value in VALUES:
             data = struct.pack("<d", value)
             if classic:
-                master.setMta(places[GAIN][1])
+                master.setMta(places[gain][1])
                 master.download(data[:6], 8)
                 master.downloadNext(data[6:], 2, last=True)
             else:
-                master.shortDownload(places[GAIN][1], 0, data)
-            master.setMta(places[GAIN][1])
+                master.shortDownload(places[gain][1], 0, data)
+            master.setMta(places[gain][1])
             read.append(struct.unpack("<d", master.upload(8)[:8])[0])
         assert measured.full.wait(60)
         measured.stop()
@@ -100,5 +101,5 @@ def session(where: str, layer: str, rows: int, names: list[str]) -> dict[str, ob
 
 
 if __name__ == "__main__":
-    where, layer, rows, names = sys.argv[1:]
-    print(json.dumps(session(where, layer, int(rows), json.loads(names)), default=str))
+    where, layer, rows, names, gain = sys.argv[1:]
+    print(json.dumps(session(where, layer, int(rows), json.loads(names), gain), default=str))
