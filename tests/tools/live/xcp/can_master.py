@@ -16,14 +16,14 @@ import termios
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList
 from pyxcp.events import EventHandler
 from pyxcp.master import Master
-from pyxcp.types import XcpResponseError
+from pyxcp.types import XcpResponseError, XcpTimeoutError
 from xcp_master import Measured
 
 from pcpc.tools.live.xcp.packets import EV_SESSION_TERMINATED, EV_USER
@@ -68,6 +68,15 @@ def download(master: Master, address: int, value: float) -> None:
     master.downloadNext(data[6:], 2, last=True)
 
 
+def connect(master: Master) -> None:
+    """Connect to a device that may be starting: what comes before it is on the bus is lost."""
+    for _ in range(10):
+        with suppress(XcpTimeoutError):
+            master.connect()
+            return
+    raise TimeoutError("no device answers")
+
+
 @contextmanager
 def paced(device: int, end: int, ended: threading.Event) -> Iterator[None]:
     """Let a process run for a moment whenever a socket, which gets more room, is empty."""
@@ -98,6 +107,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
     ids = {"can_id_master": MASTER_ID, "can_id_slave": SLAVE_ID}
     app = create_application_from_config({"Transport": {"CAN": place | ids}}, log_level=50)
     app.transport.layer, app.transport.can.udp_multicast.port = "CAN", port
+    app.transport.timeout = 5.0
     set_application(app)
     app.general.disable_error_handling = True  # it would leave the program
     entries = [(f"{at + part}", at + part, 0, "U32") for at in addresses for part in (0, 4)]
@@ -105,7 +115,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
     told: dict[str, Any] = {}
     with Master("CAN", config=app, policy=measured) as master:
         ear = master.transport.event_handler = Ear(master.transport)
-        master.connect()
+        connect(master)
         master.getCommModeInfo()
         told["rig"] = master.fetch(master.getId(1).length).decode()
         told["events"] = [one["name"] for one in master.getDaqInfo()["channels"]]
