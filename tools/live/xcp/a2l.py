@@ -7,7 +7,7 @@ A block is a GROUP. All values are doubles, little-endian.
 
 import importlib.metadata
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count, takewhile
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from pcpc.tools.live.xcp.lists import DIVISIONS
 from pcpc.tools.live.xcp.packets import ETHERNET, Cmd, Link
 from pcpc.tools.live.xcp.slave import event_name, period
 
+_OF_LOOP = "timing", "supervisor"  # whose parameters the loop sets back
 _FAR = 1e300  # where there is no limit
 _OPTIONAL = [one for one in Cmd if one < Cmd.SYNCH]
 _A2ML = (
@@ -77,14 +78,32 @@ _A2ML = (
 class A2lVariable(NamedTuple):
     """A variable as the file has it; `range`: of a parameter, else None.
 
-    `has_event`: whether lists may have it; else it can only be polled.
+    `has_event`: whether lists may have it, as its value in each cycle is known; else it is polled.
     """
 
     name: str
     unit: str
     help: str
-    range: tuple[float, float] | None
-    has_event: bool = True
+    range: Sequence[float] | None
+    has_event: bool
+
+
+def variables_of(about: Mapping[str, Any]) -> list[A2lVariable]:
+    """Return those of a node, by its description.
+
+    No row has a parameter; that of a block changes by tunings alone, but where a fault may act.
+    """
+    recorded = {*about["state_columns"], *about["timing_columns"]}
+    injected = {one["of"].rpartition(":")[2] for one in about["faults"].values()}
+
+    def has_event(name: str, kind: str) -> bool:
+        is_held = name.partition(".")[0] not in _OF_LOOP and name not in injected
+        return name in recorded or (kind == "parameter" and is_held)
+
+    return [
+        A2lVariable(name, unit, text, about["ranges"].get(name), has_event(name, kind))
+        for name, unit, kind, _, text in about["variables"]
+    ]
 
 
 def version() -> str:

@@ -4,10 +4,9 @@ import argparse
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
-from pcpc.tools.live.xcp.daq_rows import is_held
+from pcpc.tools.live.xcp.a2l import a2l_text, ethernet, variables_of, version
 from pcpc.tools.live.xcp.on_can import CanPlace
 from pcpc.tools.live.xcp.packets import ETHERNET
 from pcpc.tools.live.xcp.serve import port_of
@@ -20,17 +19,7 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(Path(rigs.find(options.rig)), options.controller, options.set)
     if options.node not in rig.roles:
         raise UserError(f"{options.node}: no such node; {', '.join(rig.roles)}")
-    variables = plan(rig, options.node, "lockstep").table.variables
-    described = [
-        A2lVariable(
-            one.name,
-            one.unit,
-            one.help,
-            (one.low, one.high) if one.kind == "parameter" else None,
-            one.recorded or is_held(one.name, one.kind == "parameter"),
-        )
-        for one in variables
-    ]
+    described = variables_of(describe(plan(rig, options.node, "lockstep"), {}, kept=False))
     name, period_ns = rig.config.rig, rig.config.period_ns
     if can := CanPlace.of(rig, options.node):
         where, link = can.a2l(), can.link

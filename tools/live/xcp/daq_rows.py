@@ -1,10 +1,10 @@
-"""What lists may send of each cycle: the recorded variables, and the parameters of blocks.
+"""What lists may send of each cycle: recorded variables, and what changes by tunings alone.
 
-No row has a parameter. It changes by tunings alone, and the ring of events has them with the first
-cycle that they act in.
+No row has a parameter, but the ring of events has tunings, with the first cycle that they act in.
 """
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,27 +13,23 @@ from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.ring_layout import OfEvent
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
-
-_OF_LOOP = "timing", "supervisor"  # whose parameters the loop itself sets back
-
-
-def is_held(name: str, is_parameter: bool) -> bool:
-    """Whether a variable that no row has keeps its value from tuning to tuning."""
-    return is_parameter and name.partition(".")[0] not in _OF_LOOP
+from pcpc.tools.live.xcp.a2l import A2lVariable
 
 
 class DaqRows:
     """Successive cycles of a running node. `columns`: of each variable its place, -1 for none."""
 
-    def __init__(self, live: Live) -> None:
+    def __init__(self, live: Live, variables: Sequence[A2lVariable]) -> None:
         """Begin with the next cycle; LiveError: it stands still in the middle of one."""
         self._live, self._tap = live, Tap(live)
-        held = [i for i, v in enumerate(live.variables.values()) if is_held(v.name, bool(v.range))]
-        self._numbers, self._places = held, {number: place for place, number in enumerate(held)}
-        names = (*self._tap.names, *(list(live.variables)[number] for number in held))
-        places = {name: place for place, name in enumerate(names)}
-        self.columns = [places.get(name, -1) for name in live.variables]
-        self._values = live.read().array[held]
+        places = {name: place for place, name in enumerate(self._tap.names)}
+        self._numbers = [
+            i for i, one in enumerate(variables) if one.has_event and one.name not in places
+        ]
+        self._places = {number: place for place, number in enumerate(self._numbers)}
+        places |= {variables[number].name: len(places) + i for number, i in self._places.items()}
+        self.columns = [places.get(one.name, -1) for one in variables]
+        self._values = live.read().array[self._numbers]
         self._changes = deque[tuple[int, int, float]]()
 
     @property

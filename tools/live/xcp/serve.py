@@ -27,7 +27,7 @@ from pcpc.executive.rig.buses import master_side, on_line, side_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.live.local_nodes import Nodes
-from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet, version
+from pcpc.tools.live.xcp.a2l import a2l_text, ethernet, variables_of, version
 from pcpc.tools.live.xcp.daq_rows import DaqRows
 from pcpc.tools.live.xcp.on_can import BUSY_S, IDLE_S, CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import (
@@ -250,11 +250,9 @@ class Server:
     def serve(self, live: Live) -> None:
         """Answer for a node until it ends."""
         os.nice(5)  # the loop and its bus go first
-        rows, about = DaqRows(live), live.block.description
-        described = [
-            A2lVariable(v.name, v.unit, v.help, v.range, column >= 0)
-            for v, column in zip(live.variables.values(), rows.columns, strict=True)
-        ]
+        about = live.block.description
+        described = variables_of(about)
+        rows = DaqRows(live, described)
         rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
         can, link = self._can, ETHERNET if self._can is None else self._can.link
         lines = ethernet(self._ports) if can is None else can.a2l()

@@ -178,6 +178,16 @@ def test_a_group_has_all_of_a_block_and_an_event_its_period(
     ], events
 
 
+def test_a_parameter_that_a_fault_changes_is_polled_only(tmp_path: Path) -> None:
+    rig, file = tmp_path / "rig.yaml", tmp_path / "a.a2l"
+    fault = "{weak: {kind: gain, at: controller.kv_Nms_rad, value: 0.5}}"
+    rig.write_text(f"base: {Path(rigs.find('hull')).resolve()}\nfaults: {fault}\n")
+    assert run_here("a2l", rig, "-o", file).code == 0
+    text = file.read_text()
+    assert 'controller.kv_Nms_rad "gain on the filtered error (polled only)"' in text
+    assert 'controller.lam_per_s "slope of the filtered error"' in text
+
+
 @a2ltool_there
 def test_both_parsers_agree(case: tuple[Path, dict[str, One]]) -> None:
     ours, theirs = by_pya2ldb(case[0])[0], by_a2ltool(case[0])
