@@ -13,9 +13,9 @@ def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -
     fast = rig.config.bus.data_bitrate
     buses = frames_by_bus(rig, database)
     loads = [dbc.bus_load(database, rate_hz, bitrate, names, fast) for names in buses]
-    for _, frame in xcp_frames(rig):
+    for _, frame, count in xcp_frames(rig):
         takes_s = 1e-9 * duration_ns(frame.bits(), bitrate, fast or bitrate)
-        loads[0] += takes_s * rate_hz / Xcp.CYCLES
+        loads[0] += count * takes_s * rate_hz / Xcp.CYCLES
     return max(loads)
 
 

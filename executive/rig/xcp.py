@@ -57,28 +57,19 @@ def _belongs(number: int, drive: Drive) -> bool:
     return drive.node in (number & 0xFF, number >> 8)
 
 
-def xcp_frames(rig: Rig) -> Iterator[tuple[str, Frame]]:
-    """Yield what is sent in `Xcp.CYCLES` at most, commands and packets, with its sender."""
-    flags = xcp_flags(rig)
+def xcp_frames(rig: Rig) -> Iterator[tuple[str, Frame, int]]:
+    """Yield sender and form of what is sent in `Xcp.CYCLES`, and how many of them at most."""
+    keys, flags = rig.config.xcp_on_can, xcp_flags(rig)
     for role, (down, up) in xcp_ids(rig).items():
-        node, keys = rig.config.sections[role].node, rig.config.xcp_on_can
         assert keys is not None, "as there are ids"
-        rows = [(MASTER, f"{node} XCP command {i + 1}", down) for i in range(keys.commands)]
-        rows += [(node, f"{node} XCP {i + 1}", up) for i in range(keys.frames)]
-        for sender, name, number in rows:
-            yield (
-                sender,
-                Frame(
-                    name,
-                    number,
-                    number > 0x7FF,
-                    64 if flags else 8,
-                    1e3 * Xcp.CYCLES / rig.config.rate_hz,
-                    False,
-                    (0, 0, 0),
-                    (0, 0, 0),
-                    (),
-                    "",
-                    flags=flags,
-                ),
-            )
+        node = rig.config.sections[role].node
+        for sender, number, count in ((MASTER, down, keys.commands), (node, up, keys.frames)):
+            yield sender, _form(rig, number, f"XCP x{count}", flags), count
+
+
+def _form(rig: Rig, number: int, name: str, flags: int) -> Frame:
+    cycle_ms = 1e3 * Xcp.CYCLES / rig.config.rate_hz
+    none = (0, 0, 0)
+    long = number > 0x7FF
+    size = 64 if flags else 8
+    return Frame(name, number, long, size, cycle_ms, False, none, none, (), "", flags=flags)

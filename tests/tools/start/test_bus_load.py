@@ -43,6 +43,19 @@ def test_the_frames_of_each_bus_stand_by_priority() -> None:
     assert not set(names(above)) & set(names(below))
 
 
+def test_xcp_has_a_row_an_id_however_many_frames_it_may_send(capsys: Screen) -> None:
+    settings = "xcp={frames: 640}", "rate_hz=25"
+    (hull,) = frames_of(HULL, *settings)
+    assert names(hull)[-4:] == ["XCP x160", "XCP x640"] * 2
+    words = [part for one in settings for part in ("--set", one)]
+    assert main(["bus", HULL, *words]) == 0
+    assert "0x7C3  XCP x640  PLANT" in capsys.readouterr().out
+    rows = traffic.response_rows(hull, Setup(25.0, 1_000_000))
+    responses_ns = [row.response_ns or 0 for row in rows[-4:]]
+    for row, response_ns, above_ns in zip(rows[-3:], responses_ns[1:], responses_ns, strict=False):
+        assert response_ns - above_ns >= (row.sent.count - 1) * row.transmission_ns, row
+
+
 def test_of_equal_first_bits_the_11_bit_id_wins() -> None:
     def priority(can_id: int, extended: bool) -> tuple[int, bool, int]:
         frame = dbc.Frame("F", can_id, extended, 8, 0.0, False, False, (0, 0, 0), (), "")

@@ -63,17 +63,18 @@ def simulated(
 
 
 def drawn(draw: random.Random) -> list[Message]:
-    """Return messages with a load between 40 and 97 %, jitter up to a period."""
+    """Return messages with a load between 40 and 97 %, jitter up to a period, some in bursts."""
     while True:
         messages = [
             Message(
                 1000 * classic_bits(draw.randrange(9)),
                 period := draw.choice([500, 700, 1000, 2000, 3100, 5000]) * 1000,
                 draw.choice([0, 0, draw.randrange(period)]),
+                count=draw.choice([1, 1, 1, 2, 5]),
             )
             for _ in range(draw.randint(2, 8))
         ]
-        if 0.4 < math.fsum(k.transmission_ns / k.period_ns for k in messages) < 0.97:
+        if 0.4 < math.fsum(k.burst_ns / k.period_ns for k in messages) < 0.97:
             return messages
 
 
@@ -87,7 +88,7 @@ def test_no_simulated_frame_takes_longer_than_its_response_time(seed: int) -> No
         for k in messages:
             first = draw.choice([0, draw.randrange(k.period_ns)])
             events = range(first, first + 20 * MS, k.period_ns)
-            queued.append([(e + draw.choice([0, k.jitter_ns]), e) for e in events])
+            queued.append([(e + draw.choice([0, k.jitter_ns]), e) for e in events] * k.count)
         for m, longest in enumerate(simulated(messages, queued)):
             most = bound[m]
             assert most is None or longest <= most, f"{messages[m]}: {longest} ns, bound {most} ns"
@@ -100,7 +101,8 @@ def test_the_response_time_is_reached_at_the_critical_instant(seed: int) -> None
     for m, bound in enumerate(responses_ns(messages, 1)):
         blocking = max((k.transmission_ns for k in messages[m + 1 :]), default=0)
         events = [range(-k.jitter_ns, 30 * MS, k.period_ns) for k in messages[: m + 1]]
-        queued = [[(max(e, 0), e) for e in times] for times in events]
+        pairs = zip(events, messages, strict=False)
+        queued = [[(max(e, 0), e) for e in times] * k.count for times, k in pairs]
         reached = simulated(messages[: m + 1], queued, blocking)[m]
         assert reached == bound, f"{m} of {messages}: {reached} ns reached, bound {bound} ns"
 
@@ -111,7 +113,11 @@ def test_slower_bits_more_jitter_and_errors_only_lengthen_responses(seed: int) -
 
     def told(factor: float, jitter_ns: int, error_every_ns: int) -> list[float]:
         changed = [
-            Message(round(factor * k.transmission_ns), k.period_ns, k.jitter_ns + jitter_ns)
+            replace(
+                k,
+                transmission_ns=round(factor * k.transmission_ns),
+                jitter_ns=k.jitter_ns + jitter_ns,
+            )
             for k in messages
         ]
         found = responses_ns(changed, round(1000 * factor), error_every_ns)
@@ -157,10 +163,11 @@ def arranged(draw: random.Random) -> list[QueuedFrame]:
                 node,
                 phases[node],
                 place,
+                count=draw.choice([1, 1, 1, 3]),
             )
             for node, place in zip(nodes, places, strict=True)
         ]
-        if math.fsum(k.transmission_ns / k.period_ns for k in frames) < 0.8:
+        if math.fsum(k.burst_ns / k.period_ns for k in frames) < 0.8:
             return frames
 
 
@@ -176,7 +183,7 @@ def sent_by_nodes(
         for m, k in enumerate(frames):
             if cycle >= begins[k.node] and cycle % (k.period_ns // CYCLE_NS) == slow[m]:
                 due = cycle * CYCLE_NS + (k.phase_ns or 0)
-                coming.append((due + late[k.node], k.place, m, due))
+                coming += [(due + late[k.node], k.place, m, due)] * k.count
     coming.sort()
     queues: dict[str, list[tuple[int, int]]] = {k.node: [] for k in frames}
     longest, now = [0] * len(frames), 0

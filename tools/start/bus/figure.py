@@ -29,6 +29,7 @@ def arbitration(frames: Sequence[QueuedFrame], wire: Wire) -> list[tuple[int, in
         (cycle * wire.cycle_ns + (k.phase_ns or 0), k.place, m)
         for m, k in enumerate(frames)
         for cycle in range(_CYCLES)
+        for _ in range(k.count)
         if cycle % max(1, round(k.period_ns / wire.cycle_ns)) == 0
     )
     waiting: list[tuple[int, int, int]] = []

@@ -8,6 +8,7 @@ sent behind t_0 was due behind t_0 - R_k:
     p_k    = the first time > -R_k, from t_0 on, at which k may be due: with phases kept one of
              phi_k + i T, T the cycle, phi_k from N's phase to that of k's node; else any    (2)
     w_m    = E(w_m + C_m) + B_m + A_m + sum_{k in I(m)} n_k(w_m) C_k                         (3)
+             and C_m for each frame that comes together with m
     R_m    = J + w_m + C_m                                                                   (4)
 
     by priority   I(m) all above m; A_m = 0; B_m the longest below m
@@ -66,7 +67,7 @@ def _bound(frames: Sequence[QueuedFrame], found: Sequence[float], m: int, wire: 
         last = max(i for i, k in others if k.node == own.node)
         for i, k in others:
             if k.node == own.node and i != m and (k.place < own.place or found[i] > wire.cycle_ns):
-                ahead += k.transmission_ns if found[i] < math.inf else math.inf
+                ahead += k.burst_ns if found[i] < math.inf else math.inf
         others = [(i, k) for i, k in others if k.node != own.node]
     first = [_first_ns(k, own, found[i], wire) for i, k in enumerate(frames)]
     on_wire = [k for i, k in others if i > last and first[i] <= own.jitter_ns]
@@ -78,13 +79,13 @@ def _bound(frames: Sequence[QueuedFrame], found: Sequence[float], m: int, wire: 
         if own.jitter_ns + wait + own.transmission_ns > own.period_ns or ahead == math.inf:
             return math.inf
         before, until = wait, wait + own.jitter_ns + wire.bit_ns
-        wait = blocking + ahead
+        wait = blocking + ahead + own.burst_ns - own.transmission_ns
         if wire.error_every_ns:
             wait += math.ceil((before + own.transmission_ns) / wire.error_every_ns) * error_ns
         for k, due in above:
             if due == -math.inf:
                 return math.inf
-            wait += max(0, math.ceil((until - due) / k.period_ns)) * k.transmission_ns  # (1) (3)
+            wait += max(0, math.ceil((until - due) / k.period_ns)) * k.burst_ns  # (1) (3)
     return own.jitter_ns + wait + own.transmission_ns
 
 

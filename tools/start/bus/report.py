@@ -64,7 +64,8 @@ def _frame(row: Row, bus: Bus) -> dict[str, Any]:
     frame, (nominal, data) = row.sent.frame, bus.bits(row)
     return {
         "id": frame.can_id, "extended": frame.extended, "name": frame.name,
-        "sender": row.sent.sender, "bytes": frame.dlc, "bits": nominal, "data_bits": data,
+        "sender": row.sent.sender, "count": row.sent.count, "bytes": frame.dlc,
+        "bits": nominal, "data_bits": data,
         "period_us": row.period_ns / 1e3, "transmission_us": row.transmission_ns / 1e3,
         "response_us": None if row.response_ns is None else row.response_ns / 1e3,
         "deadline_us": row.deadline_ns / 1e3,
@@ -83,8 +84,7 @@ def text_of(rig: Rig, bus: Bus) -> Iterator[str]:
         of_what, f"{rig.config.rig} at {rig.config.rate_hz:g} Hz, ", "  "
     )
     yield ""
-    last = {row.sent.frame.word: row for row in bus.rows}  # of those of XCP with one id
-    cells = [_cells(row, bus) for row in last.values()]
+    cells = [_cells(row, bus) for row in bus.rows]
     yield from screen.table([_TITLES, *cells], right=range(3, 9))
     yield "us: T period, C transmission, R worst-case response, D needed after"
     yield ""

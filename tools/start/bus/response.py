@@ -8,6 +8,9 @@
     R_m      = max_q J_m + w_m(q) - q T_m + C_m,   q = 0 ... Q_m - 1                             (5)
     E_m(t)   = ceil(t / T_e) (31 tau + max_{k in hp(m), m} C_k)            no T_e: no errors     (6)
 
+Of n frames alike that come together, C in (2) to (5) is that of all; their R is that of the last,
+which waits for n - 1 of them. B and E have one.
+
 C longest transmission, T period, J queueing jitter, tau bit time, hp(m) the frames above m; ns,
 whole ones. T_e: the least time between two bus errors, each of which costs an error frame and the
 transmission anew. The recurrences are solved from below. Phases may be any; each node offers the
@@ -19,7 +22,7 @@ revisited and revised, Real-Time Systems 35 (2007), equations (3) to (5), (8) to
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 _FULL = 0.9999  # of the time: above, a busy period may last more than 10,000 frames
 _ERROR_BITS = 31  # of an error frame with all that belongs to it
@@ -27,11 +30,17 @@ _ERROR_BITS = 31  # of an error frame with all that belongs to it
 
 @dataclass(frozen=True)
 class Message:
-    """A frame as the analysis sees it."""
+    """A frame as the analysis sees it, or `count` frames alike that come together."""
 
     transmission_ns: int  # C
     period_ns: int  # T
     jitter_ns: int = 0  # J
+    count: int = field(default=1, kw_only=True)  # n
+
+    @property
+    def burst_ns(self) -> int:
+        """What all of them take."""
+        return self.count * self.transmission_ns
 
 
 def responses_ns(
@@ -52,7 +61,7 @@ def _response_ns(
     own, higher = messages[m], messages[:m]
     blocking = max((k.transmission_ns for k in messages[m + 1 :]), default=0)  # (1)
     error_ns = error_cost_ns(messages[: m + 1], bit_ns)
-    load = math.fsum(k.transmission_ns / k.period_ns for k in messages[: m + 1])
+    load = math.fsum(k.burst_ns / k.period_ns for k in messages[: m + 1])
     if load + (error_ns / error_every_ns if error_every_ns else 0.0) > _FULL:
         return None
 
@@ -60,14 +69,14 @@ def _response_ns(
         return -(-t // error_every_ns) * error_ns if error_every_ns else 0  # (6)
 
     def sent_ns(frames: Sequence[Message], t: int) -> int:
-        return sum(-(-(t + k.jitter_ns) // k.period_ns) * k.transmission_ns for k in frames)
+        return sum(-(-(t + k.jitter_ns) // k.period_ns) * k.burst_ns for k in frames)
 
     busy = _fixed_point(
         own.transmission_ns, lambda t: errors(t) + blocking + sent_ns(messages[: m + 1], t)
     )  # (2)
     wait, worst = blocking, 0
     for q in range(-(-(busy + own.jitter_ns) // own.period_ns)):  # (3)
-        before = blocking + q * own.transmission_ns
+        before = blocking + (q + 1) * own.burst_ns - own.transmission_ns
 
         def longer(w: int, before: int = before) -> int:
             return errors(w + own.transmission_ns) + before + sent_ns(higher, w + bit_ns)  # (4)

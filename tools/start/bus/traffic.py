@@ -34,7 +34,7 @@ class SentFrame:
     """A frame with its sender, and the share of a cycle after which its receiver wants it.
 
     `phase`: of the sender, as a share of a cycle; None for any. `cycles`: not 0 for one that is
-    sent at any time, at most once in so many.
+    sent at any time, at most `count` of them in so many.
     """
 
     frame: dbc.Frame
@@ -42,6 +42,7 @@ class SentFrame:
     wanted: float = 1.0
     phase: float | None = None
     cycles: int = 0
+    count: int = 1
 
     @property
     def priority(self) -> tuple[int, bool, int]:
@@ -118,8 +119,8 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
             node = rig.config.plants[role]
             phase = phases[node.node] if kept else None
             found[node.bus is not None].append(SentFrame(frame, node.node, 1.0, phase))
-    for sender, frame in xcp_frames(rig):
-        found[0].append(SentFrame(frame, sender, cycles=Xcp.CYCLES))
+    for sender, frame, count in xcp_frames(rig):
+        found[0].append(SentFrame(frame, sender, cycles=Xcp.CYCLES, count=count))
     return [sorted(frames, key=lambda entry: entry.priority) for frames in found]
 
 
@@ -137,9 +138,8 @@ def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFram
         period_ns = math.floor((sent.cycles or frame.every_n(setup.rate_hz)) * cycle_ns)
         phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
         place = in_cycle.index(sent)
-        found.append(
-            QueuedFrame(takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, place)
-        )
+        who = sent.sender, phase_ns, place
+        found.append(QueuedFrame(takes_ns, period_ns, setup.jitter_ns, *who, count=sent.count))
     bit_ns = math.ceil(1e9 / setup.bitrate)
     return found, Wire(bit_ns, math.floor(cycle_ns), setup.error_every_ns, setup.in_order)
 
@@ -167,7 +167,7 @@ def _responses_ns(queue: Sequence[QueuedFrame], wire: Wire) -> list[int | None]:
 
 def load(rows: Sequence[Row]) -> float:
     """Return the share of the time for which the frames occupy the bus, in the worst case."""
-    return math.fsum(row.transmission_ns / row.period_ns for row in rows)
+    return math.fsum(row.sent.count * row.transmission_ns / row.period_ns for row in rows)
 
 
 def fits(rows: Sequence[Row]) -> bool:
