@@ -29,7 +29,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.xcp.a2l import a2l_text, ethernet, variables_of, version
 from pcpc.tools.live.xcp.daq_rows import DaqRows
-from pcpc.tools.live.xcp.on_can import BUSY_S, IDLE_S, CanMaster, CanPlace
+from pcpc.tools.live.xcp.on_can import IDLE_S, CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import (
     ETHERNET,
     EV_DAQ_OVERLOAD,
@@ -43,6 +43,7 @@ from pcpc.tools.live.xcp.slave import NodeTable, Session
 from pcpc.tools.terminal.option_notes import refuse
 
 PORT = 5555
+DAQ_S = 0.01  # between looks at what was measured: more of them cost the loop's processor time
 MOST_SESSIONS, MOST_WAITING = 16, 4 << 20  # masters; bytes that one has not read
 Address3 = tuple[str, str, int]  # UDP or TCP, address, port
 
@@ -126,7 +127,7 @@ class _Master:
     @property
     def wait_s(self) -> float:
         """How long there is nothing to do."""
-        return BUSY_S if self.session.daq.running else IDLE_S
+        return DAQ_S if self.session.daq.running else IDLE_S
 
     def take(self, data: bytes) -> None:
         """Answer what came; ValueError: it is no message."""
