@@ -268,12 +268,12 @@ def test_the_key_changes_no_bit_of_a_run_and_no_other_rigs_text() -> None:
 def test_the_bus_counts_the_frames_of_both_nodes(tmp_path: Path) -> None:
     plain, served = rig_with("null"), rig_with("{frames: 12}")
     row, more = (traffic.buses(rig)[0] for rig in (plain, served))
-    assert len(more) - len(row) == 2 * (12 + 3)
+    assert sum(sent.count for sent in more) - len(row) == 2 * (12 + 3)
     loads = [bus_load(rig, database_of(rig), 1000.0, 1e6) for rig in (plain, served)]
     assert loads[1] - loads[0] == pytest.approx(2 * 15 * 135e-6 * 100.0)
     setup = traffic.Setup(1000.0, 1_000_000)
     assert traffic.load(traffic.response_rows(more, setup)) == pytest.approx(loads[1])
     long = load_rig(fd_rig(tmp_path, "bus: {data_bitrate: 5000000}", "xcp: can"), resolve=False)
-    added = [one.frame for one in traffic.buses(long)[0] if one.cycles]
-    assert {(one.dlc, one.flags) for one in added} == {(64, Flag.FD | Flag.BRS)}
-    assert NAMES and len(added) == 2 * (8 + 2)
+    added = [one for one in traffic.buses(long)[0] if one.cycles]
+    assert {(one.frame.dlc, one.frame.flags) for one in added} == {(64, Flag.FD | Flag.BRS)}
+    assert NAMES and sum(one.count for one in added) == 2 * (8 + 2)
