@@ -128,7 +128,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
         raise LogCommandError(f"{path}: {what}") from None
     recording = counted.result(path)
     if _kind(path) == ".mf4" and channel is None:
-        return replace(recording, declared=_declared(path, recording.frames))
+        return replace(recording, declared=_sum_of_others(path, recording.frames))
     return recording
 
 
@@ -237,7 +237,7 @@ def _mdf_messages(path: Path) -> Iterator[tuple["Message", int]]:
         raise ValueError(f"{found} of {declared} frames")
 
 
-def _declared(path: Path, frames: NDArray[Any]) -> str:
+def _sum_of_others(path: Path, frames: NDArray[Any]) -> str:
     """Return number and checksum that the comment of an MDF file has, if these are not of them."""
     with _opened(path) as file, _mdf_reader(file) as reader:
         declared = re.search(r"\d+ data frames, CRC-32 [0-9A-F]{8}", reader._mdf.header.comment)
