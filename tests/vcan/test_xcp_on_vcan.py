@@ -81,7 +81,10 @@ def test_a_master_measures_and_calibrates_and_the_log_replays(tmp_path: Path) ->
     settings = [f"--set={one}" for one in SLOW if "duration_s" not in one]
     words = ["--set=duration_s=600", "--bus", CHANNEL, "--quiet", "--no-figure", "-o", str(folder)]
     run = subprocess.Popen(
-        [PCPC, "run", str(rig), *settings, *words], stderr=subprocess.PIPE, text=True
+        [PCPC, "run", str(rig), *settings, *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         assert run.stderr is not None
