@@ -63,10 +63,14 @@ def _draw_bus(axis: "Axes", bus: Bus) -> None:
     frames, wire = traffic.queue_of(bus.frames, bus.setup)
     senders = list(dict.fromkeys(k.node for k in frames))
     colours = {name: _COLOURS[i % len(_COLOURS)] for i, name in enumerate(senders)}
-    last_us = 0.0
-    for m, due, begun, ended in arbitration(frames, wire):
-        colour, last_us = colours[frames[m].node], max(last_us, ended / 1e3)
+    sent = arbitration(frames, wire)
+    last_us = max(ended for *_, ended in sent) / 1e3
+    waits = {(m, due): begun for m, due, begun, _ in sent}  # of those that come together the last
+    for (m, due), begun in waits.items():
+        colour = colours[frames[m].node]
         axis.barh(m, (begun - due) / 1e3, left=due / 1e3, height=0.5, color=colour, alpha=0.25)
+    for m, _, begun, ended in sent:
+        colour = colours[frames[m].node]
         axis.barh(m, (ended - begun) / 1e3, left=begun / 1e3, height=0.7, color=colour)
     for m, (k, row) in enumerate(zip(frames, bus.rows, strict=True)):
         for ns, mark in ((row.response_ns, "o"), (row.deadline_ns, "x")):
@@ -74,7 +78,7 @@ def _draw_bus(axis: "Axes", bus: Bus) -> None:
                 axis.plot(at_us, m, mark, color="black", markersize=4, markerfacecolor="none")
     for name, colour in colours.items():
         axis.barh(0, 0, color=colour, label=name)
-    axis.set_yticks(range(len(frames)), [sent.frame.name for sent in bus.frames], fontsize=8)
+    axis.set_yticks(range(len(frames)), [one.frame.name for one in bus.frames], fontsize=8)
     axis.invert_yaxis()
     axis.set_xlim(0.0, 1.05 * last_us)
     axis.set_xlabel("us; light: waiting, dark: on the wire, o worst case, x needed", fontsize=8)
