@@ -114,7 +114,8 @@ class Host:
             refused = []  # what others refuse for want of a node that was killed is no reason
         spoken = refused[:1] or list(self.children.values())
         complain([child for child in spoken if child.name != "watchdog"])
-        if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
+        if self.outcome.interrupted and not self._under_way():
+            print("interrupted before a cycle was seen; nothing is recorded", file=sys.stderr)
             return Exit.INTERRUPTED
         return refused[0].code if refused else -1
 

@@ -301,6 +301,7 @@ def test_interrupt_before_the_first_cycle_leaves_nothing(tmp_path: Path) -> None
         done = running.done(30.0)
         assert running.left() == [], running.left()
     assert done.code == 130 and "Traceback" not in done.err, str(done)
+    assert done.err.endswith("interrupted before a cycle was seen; nothing is recorded\n"), done
     assert os.listdir(tmp_path) == [], os.listdir(tmp_path)
     assert blocks_left(bus) == [], blocks_left(bus)
 
