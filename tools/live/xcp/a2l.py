@@ -15,7 +15,6 @@ from pcpc.tools.live.xcp.lists import DIVISIONS
 from pcpc.tools.live.xcp.packets import ETHERNET, Cmd, Link
 from pcpc.tools.live.xcp.slave import event_name, period
 
-_OF_LOOP = "timing", "supervisor"  # whose parameters the loop sets back
 _FAR = 1e300  # where there is no limit
 _OPTIONAL = [one for one in Cmd if one < Cmd.SYNCH]
 _A2ML = (
@@ -91,18 +90,20 @@ class A2lVariable(NamedTuple):
 def variables_of(about: Mapping[str, Any]) -> list[A2lVariable]:
     """Return those of a node, by its description.
 
-    No row has a parameter; that of a block changes by tunings alone, but where a fault may act.
+    No row has a parameter. It changes by tunings alone, but for those of the loop and of a drive,
+    which they write themselves, and where a fault may act.
     """
     recorded = {*about["state_columns"], *about["timing_columns"]}
     injected = {one["of"].rpartition(":")[2] for one in about["faults"].values()}
+    tuned_alone = {*about["blocks"], "rig"}  # writers
 
-    def has_event(name: str, kind: str) -> bool:
-        is_held = name.partition(".")[0] not in _OF_LOOP and name not in injected
-        return name in recorded or (kind == "parameter" and is_held)
+    def has_event(name: str, kind: str, writer: str) -> bool:
+        is_held = kind == "parameter" and writer in tuned_alone and name not in injected
+        return name in recorded or is_held
 
     return [
-        A2lVariable(name, unit, text, about["ranges"].get(name), has_event(name, kind))
-        for name, unit, kind, _, text in about["variables"]
+        A2lVariable(name, unit, text, about["ranges"].get(name), has_event(name, kind, writer))
+        for name, unit, kind, writer, text in about["variables"]
     ]
 
 

@@ -188,6 +188,15 @@ def test_a_parameter_that_a_fault_changes_is_polled_only(tmp_path: Path) -> None
     assert 'controller.lam_per_s "slope of the filtered error"' in text
 
 
+def test_gains_that_a_drive_takes_from_its_bus_are_polled_only(tmp_path: Path) -> None:
+    rig, file = Path(__file__).parents[3] / "drivers/robots/odrive.yaml", tmp_path / "a.a2l"
+    assert run_here("a2l", rig, "--node", "plant", "-o", file).code == 0
+    polled = re.findall(r"CHARACTERISTIC (\S+) .* \(polled only\)\"\n", file.read_text())
+    gains = ["position_gain_per_s", "velocity_gain", "integral_gain_per_s"]
+    assert [one for one in polled if one.startswith("drive.")] == [f"drive.{one}" for one in gains]
+    assert {one.partition(".")[0] for one in polled} == {"drive", "supervisor", "timing"}
+
+
 @a2ltool_there
 def test_both_parsers_agree(case: tuple[Path, dict[str, One]]) -> None:
     ours, theirs = by_pya2ldb(case[0])[0], by_a2ltool(case[0])
