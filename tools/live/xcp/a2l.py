@@ -157,7 +157,9 @@ def _lines(
     for number, size, one in entries:
         unit, at = units[one.unit], f"0x{8 * number:X}"
         kind, dimension = ("VAL_BLK", f" MATRIX_DIM {size} 1 1") if size > 1 else ("VALUE", "")
-        text, events = (one.help, "") if one.has_event else (f"{one.help} (polled only)", polled)
+        text, events = (
+            (one.help, "") if one.has_event else (f"{one.help[:240]} (polled only)", polled)
+        )
         if one.range:
             low, high = (min(max(bound, -_FAR), _FAR) for bound in one.range)
             yield f"    /begin CHARACTERISTIC {_word(one.name)} {_text(text)}"
@@ -233,5 +235,5 @@ def _word(name: str) -> str:
 
 def _text(text: Any) -> str:
     """Return a string of A2L, in one line."""
-    clean = re.sub(r"\s+", " ", str(text)).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{clean[:255]}"'
+    clean = re.sub(r"\s+", " ", str(text))[:255].replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{clean}"'

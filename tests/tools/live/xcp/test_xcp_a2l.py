@@ -16,6 +16,7 @@ from pya2l import import_a2l, model
 
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.live.xcp.a2l import A2lVariable, a2l_text, ethernet
 from pcpc.tools.start import rigs
 
 FAR = 1e300
@@ -195,6 +196,17 @@ def test_gains_that_a_drive_takes_from_its_bus_are_polled_only(tmp_path: Path) -
     gains = ["position_gain_per_s", "velocity_gain", "integral_gain_per_s"]
     assert [one for one in polled if one.startswith("drive.")] == [f"drive.{one}" for one in gains]
     assert {one.partition(".")[0] for one in polled} == {"drive", "supervisor", "timing"}
+
+
+def test_a_long_help_with_quotes_ends_with_its_text(tmp_path: Path) -> None:
+    helps = ["a" * 254 + '"b', "c" * 254 + "\\\\d"]
+    variables = [A2lVariable(f"x.v{i}", "", help_, None, i > 0) for i, help_ in enumerate(helps)]
+    path = tmp_path / "a.a2l"
+    path.write_text(a2l_text("rig", "node", "1", 10**6, variables, ethernet([("UDP", "::", 1)])))
+    session = import_a2l(str(path), in_memory=True, encoding="utf-8", progress_bar=False)
+    read = [one.longIdentifier for one in session.query(model.Measurement)]
+    assert read[0] == "a" * 240 + " (polled only)"
+    assert read[1].rstrip("\\") == "c" * 254 != read[1], read  # a parser may leave \\ as it is
 
 
 @a2ltool_there
