@@ -1,4 +1,4 @@
-"""`make size` counts what is read as code: no docstring, comment or layout."""
+"""`make size` counts what is read as code, also what hides in strings: no docstring or comment."""
 
 from pathlib import Path
 
@@ -31,3 +31,26 @@ def test_rooms_are_summed_and_what_a_user_installs_apart(tmp_path: Path) -> None
     found = size.sizes(tmp_path)
     assert found["tools/study/fit", "tokens"] == 20 and found["tools/study/fit", "lines"] == 4
     assert found["sum", "tokens"] == 30 and found["what a user installs", "tokens"] == 10
+
+
+def test_words_in_strings_count_but_not_those_of_docstrings() -> None:
+    assert size.words(TOLD) == size.words(BARE) == 1
+    assert size.words("FIELDS = 'gain: f8, missing: i8'\n") == 4
+    assert size.words("print(f'{n} of {total} frames')\n'no docstring'\n") == 4
+
+
+def test_what_a_reader_pays_is_counted_where_it_stands(tmp_path: Path) -> None:
+    loop, tools = tmp_path / "executive/loop/a.py", tmp_path / "tools/b.py"
+    for file, text in (
+        (loop, "intrusion = 1\ndef f(n: Any, k: int) -> None:\n    pass\n"),
+        (tools, BARE),
+    ):
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+    assert size.untyped_arguments(tmp_path) == (1, 2)
+    features = size.files_of_features(tmp_path)
+    assert features.pop("intrusion") == 1 and not any(features.values())
+    assert size.longest_functions(tmp_path) == [
+        (2, "executive/loop/a.py: f"),
+        (2, "tools/b.py: f"),
+    ]
