@@ -50,8 +50,8 @@ These codes mean the same in every command. A command below lists only what is s
 _SHARED = """
 ## Options of many commands
 
-The commands below only name these options. A command with `--host` or `--at` also has the options
-whose meaning begins with that name.
+The commands below only name these options. A command with `--host` also has the options whose
+meaning begins with that name.
 """
 _MANY = 3  # commands that take an argument with the same help: it is explained once
 _CODES = {

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 from copies import program
-from hosting import Host
 from processes import RIGS, ROOT, own_bus, until
 
 from pcpc.executive.loop import shared as sh
@@ -89,9 +88,3 @@ def value(screen: Screen, run: Run, name: str) -> float:
     code, out, err = said(screen, run, "get", name, "--json")
     assert code == 0, err
     return float(json.loads(out)[name])
-
-
-def there(screen: Screen, host: Host, *words: str) -> tuple[int, str, str]:
-    """Return exit code, stdout and stderr of a command at the host."""
-    code = main([*words, "--at", host.name])
-    return code, *screen.readouterr()

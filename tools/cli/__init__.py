@@ -4,11 +4,14 @@ import argparse
 import gc
 import os
 import platform
+import re
 import resource
+import shlex
 import sys
 import time
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +55,7 @@ def _carry_out(words: Sequence[str]) -> int:
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
-    try:
-        return int(module.command(options))
-    finally:
-        if getattr(options, "link", None) is not None:
-            options.link.close()
+    return int(module.command(options))
 
 
 def _allow_open_files() -> None:
@@ -91,9 +90,26 @@ def parsed_options(words: Sequence[str]) -> argparse.Namespace:
         at = words.index(last) + 1
         words, behind = words[:at], list(words[at:])
     options = parser(words[0]).parse_args(words, argparse.Namespace(rest=rest))
+    if any(value for name, value in vars(options).items() if name.startswith("elsewhere")):
+        raise UserError(
+            f"--at is gone; run it there: {_by_ssh(options.elsewhere or 'HOST', words)}"
+        )
     if behind:
         setattr(options, last.removeprefix("--"), behind)
     return options
+
+
+def _by_ssh(host: str, words: Sequence[str]) -> str:
+    """Return the command line that does on another machine what `--at HOST:PORT` did."""
+    own, with_value = ("--at", "--token-file", "--ca", "--plain"), ("--at", "--token-file", "--ca")
+    there = [
+        word
+        for before, word in pairwise(("", *words))
+        if before not in with_value and word.partition("=")[0] not in own
+    ]
+    found = re.fullmatch(r"\[(.+)\](?::\d+)?|([^:]+):\d+", host)  # the port is that of `pcpc host`
+    name = (found[1] or found[2]) if found else host
+    return shlex.join(["ssh", "-t", name, "pcpc", *map(shlex.quote, there)])
 
 
 def parser(name: str = "") -> argparse.ArgumentParser:

@@ -67,9 +67,9 @@ def _rigs(options: argparse.Namespace) -> Words:
 
 
 def _running(options: argparse.Namespace) -> "dict[str, Live]":
-    from pcpc.tools.live.remote.nodes import nodes_of
+    from pcpc.tools.live.local_nodes import Nodes
 
-    there = nodes_of(options)
+    there = Nodes()
     if (node := getattr(options, "node", None)) is not None:
         return {node: there.find(node)}
     return there.running()

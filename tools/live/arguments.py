@@ -1,5 +1,6 @@
 """What the commands about running nodes take; imports nothing that takes time."""
 
+from argparse import SUPPRESS
 from collections.abc import Callable
 
 from pcpc.tools.terminal import arguments as take
@@ -29,14 +30,8 @@ def node(add: Add) -> None:
 
 
 def at(add: Add) -> None:
-    """Take on which other machine the nodes run."""
-    add("--at", metavar="HOST:PORT", help="nodes of another machine, through its `pcpc host`")
-    add(
-        "--token-file",
-        metavar="FILE",
-        help="--at: file with its token; default: PCPC_TOKEN",
-    )
-    add("--ca", metavar="FILE", help="--at: the host's own certificate (PEM)")
-    add(
-        "--plain", action="store_true", help="--at: no TLS: anyone on the network can read and tune"
-    )
+    """Take what once asked another machine, and is answered with what does so now."""
+    add("--at", dest="elsewhere", help=SUPPRESS)
+    add("--token-file", dest="elsewhere_token", help=SUPPRESS)
+    add("--ca", dest="elsewhere_ca", help=SUPPRESS)
+    add("--plain", dest="elsewhere_plain", action="store_true", help=SUPPRESS)

@@ -160,8 +160,7 @@ COMMANDS = (
     Command(
         "get",
         "print values",
-        "pcpc get controller.e_rad barrel.theta_rad\n"
-        "pcpc get controller.e_rad --at localhost:8642 --token-file rig.token",
+        "pcpc get controller.e_rad barrel.theta_rad\nssh -t rig-machine pcpc get controller.e_rad",
         take_live.table("NAME", "+"),
         module="live.variables",
         codes=NODE_CODES,
@@ -169,8 +168,7 @@ COMMANDS = (
     Command(
         "set",
         "tune parameters, all at once",
-        "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15\n"
-        "PCPC_TOKEN=... pcpc set controller.kv_Nms_rad=120 --at rig-machine:8642",
+        "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15",
         take_live.table("NAME=VALUE", "+"),
         module="live.variables",
         codes=NODE_CODES,

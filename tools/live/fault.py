@@ -8,7 +8,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.injecting import InjectedFault, faults_of, inject
 from pcpc.executive.nodes.mailbox import LiveError
-from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.option_notes import refuse
 
@@ -22,7 +22,7 @@ def command(options: argparse.Namespace) -> int:
         refuse(options, "of which fault? give its NAME", "for_s", "value", "share", "end")
     elif options.end:
         refuse(options, "contradicts --end", "for_s", "value", "share")
-    nodes = list(nodes_of(options).running().values())
+    nodes = list(Nodes().running().values())
     if options.node is not None:
         nodes = [live for live in nodes if options.node in live.names or live.is_of(options.node)]
     if not nodes:

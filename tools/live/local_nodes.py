@@ -3,9 +3,12 @@
 import argparse
 from collections.abc import Sequence
 
+from pcpc.drivers.errors import Exit
 from pcpc.drivers.machine.bystander import keep_off
 from pcpc.executive.nodes import live
 from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
+from pcpc.tools.start import rigs
 
 
 class Nodes:
@@ -32,3 +35,21 @@ class Nodes:
     def chosen(self, options: argparse.Namespace, words: Sequence[str] = ()) -> Live:
         """Return the node that --node names, else the one that has these variables; LiveError."""
         return self.find(options.node) if options.node else self.find_for(words)
+
+    def leader(self, rig: str, node: str = "executive") -> Live:
+        """Return the node that is meant of a rig's run, "" for any; LiveError with what runs."""
+        found = self.running(rig) if rig else {}
+        if rig and not found:
+            runs = sorted({str(one.block.description["rig"]) for one in self.running().values()})
+            other = f"there are runs of {', '.join(runs)}" if runs else "`pcpc run RIG` starts one"
+            raise LiveError(f"{rig}: no run of this rig; {other}", Exit.ENVIRONMENT)
+        runs = sorted({one.run for one in found.values()})
+        if len(runs) > 1 and node == "executive":
+            raise LiveError(f"{rig}: {len(runs)} runs of this rig; choose {' or '.join(runs)}")
+        return self.find(node, rig)
+
+    def rig_of(self, word: str | None) -> str:
+        """Return the rig or the run that a word means, "" for any: one that goes on, or a file."""
+        if word is None or (word and self.running(word)):
+            return word or ""
+        return str(rigs.data_of(rigs.find(word))["rig"])

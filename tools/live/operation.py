@@ -12,7 +12,7 @@ from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.roles import ROLES
-from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
+from pcpc.tools.live.local_nodes import Nodes
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
 
@@ -30,7 +30,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    live = nodes_of(options).find(options.node or "executive")
+    live = Nodes().find(options.node or "executive")
     if (role := live.block.description["node"]) != "executive":
         raise UserError(
             f"{live.name}: this is a {role} node; `pcpc {options.command}` needs an executive"
@@ -49,19 +49,19 @@ def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 def _stop(options: argparse.Namespace) -> dict[str, int]:
     """Ask the executive, whose frames tell the others."""
-    there = nodes_of(options)
-    node = leader(there, rig_of(options, there))
+    there = Nodes()
+    node = there.leader(there.rig_of(options.run))
     return {node.name: node.tune({"supervisor.stop": 2.0 if options.quick else 1.0})}
 
 
 def _reset(options: argparse.Namespace) -> dict[str, int]:
     """Reset every node in FAULT, the lowest first; LiveError with the fault that is still there."""
-    there = nodes_of(options)
-    rig = rig_of(options, there)
+    there = Nodes()
+    rig = there.rig_of(options.run)
     nodes = there.running(rig)
     found = nodes_in_fault(nodes.values())
     if not found:
-        leader(there, rig)  # which says so, if none runs at all
+        there.leader(rig)  # which says so, if none runs at all
         raise LiveError(f"no fault: {', '.join(nodes)}", Exit.NOT_MET)
     return {node.name: _reset_one(node) for node in found}
 

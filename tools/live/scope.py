@@ -31,7 +31,7 @@ from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig.units import Unit, unit
 from pcpc.tools.after.log.part import NodePart, Part
-from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.picture import check_picture
 from pcpc.tools.terminal.progress import Progress
@@ -263,7 +263,7 @@ def _selection(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[st
             raise UserError("'': names no variable; `pcpc list` shows all")
         roles = {role for role, _ in split} - {""}
         words = [name for _, name in split]
-        there = nodes_of(options)
+        there = Nodes()
         named = options.node or min(roles, default="")
         live = there.find(named) if named else there.find_for(words)
         if roles - {role := str(live.block.description["node"])}:

@@ -25,7 +25,7 @@ from pcpc.executive.loop.ring_layout import OfEvent
 from pcpc.executive.nodes.live import Live, known_name
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig import yamlfile
-from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.variables import tune
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import screen
@@ -91,7 +91,7 @@ def undo_changes(live: Live, count: int = 1) -> State:
 
 
 def _undo(options: argparse.Namespace) -> None:
-    live = nodes_of(options).chosen(options)
+    live = Nodes().chosen(options)
     tune(live, undo_changes(live, options.count), options.json)
 
 
@@ -99,7 +99,7 @@ def _undo(options: argparse.Namespace) -> None:
 
 
 def _save(options: argparse.Namespace) -> None:
-    live = nodes_of(options).chosen(options)
+    live = Nodes().chosen(options)
     values, settings = live.read(), _settings(live.block.description)
     given = live.block.description.get("initial", {})
     chosen = [
@@ -144,7 +144,7 @@ def _load(options: argparse.Namespace) -> None:
     if not options.file:
         raise UserError("'' is not a file; give one that `pcpc save` has written")
     document = yamlfile.load(options.file)
-    there = nodes_of(options)
+    there = Nodes()
     nodes = [there.find(options.node)] if options.node else list(there.running().values())
     names = [name for name in document.data if any(name in one.variables for one in nodes)]
     live = there.chosen(options, names)

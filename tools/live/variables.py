@@ -12,7 +12,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Variable, known_name
 from pcpc.executive.nodes.mailbox import LiveError
-from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
 
 _CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
@@ -52,7 +52,7 @@ def _nodes_and_words(options: argparse.Namespace) -> list[tuple[Live, str]]:
 
     Without words, [(node, "")].
     """
-    there, words = nodes_of(options), [word.rpartition(":")[::2] for word in options.names]
+    there, words = Nodes(), [word.rpartition(":")[::2] for word in options.names]
     if options.command == "lock" or not words:
         node = there.chosen(options)
         return [(node, word) for word in options.names or [""]]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hosting import Host, hosting
 from live_run import Screen
 from processes import own_bus, until
 
@@ -116,67 +115,6 @@ def test_a_plant_is_asked_for_nothing(run: pcpc.Live, capsys: Screen, words: lis
     assert main([*words, "--node", name]) == 2
     told = f"{name}: this is a plant node; `pcpc {words[0]}` needs an executive\n"
     assert capsys.readouterr().err == told
-
-
-# From another machine
-
-
-@pytest.fixture(scope="module")
-def host(going_on: pcpc.Live, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    folder = tmp_path_factory.mktemp("token")
-    with hosting(folder, "--write", "--node", node_of(going_on).name) as one:
-        yield one
-
-
-def there(screen: Screen, host: Host, *words: str) -> tuple[int, str, str]:
-    code = main([*words, "--at", host.name])
-    return code, *screen.readouterr()
-
-
-def test_from_another_machine_a_hand_over_and_a_hold_are_as_here(
-    run: pcpc.Live, host: Host, capsys: Screen, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PCPC_TOKEN", host.token)
-    code, out, err = there(capsys, host, "handover", "pid", "--json")
-    assert code == 0, err
-    told = json.loads(out)
-    assert told["in_charge"] == "pid" and run["handover.in_charge"] == 1.0
-    assert run.cycle >= told["cycle"]
-    assert there(capsys, host, "handover", "pd")[0] == 0 and run["handover.in_charge"] == 0.0
-    code, out, err = there(capsys, host, "hold")
-    assert code == 0 and out.startswith("the commands ramp to their safe values from cycle "), err
-    run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
-    assert run.state == "READY"
-    for word in ("resume", "hold", "arm"):
-        code, out, err = there(capsys, host, word)
-        assert code == 0 and run["supervisor.disarmed"] == float(word == "hold"), out + err
-    run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=20.0)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["handover", "pd"], ["handover", "pd_nm"], ["handover", "nobody"], ["arm"], ["resume"]],
-)
-def test_what_is_refused_here_is_refused_there_in_the_same_words(
-    run: pcpc.Live, host: Host, capsys: Screen, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.setenv("PCPC_TOKEN", host.token)
-    until(lambda: run["supervisor.disarmed"] == 0.0, "armed", 10.0)
-    here = said(capsys, run, *words)
-    assert there(capsys, host, *words) == here and here[0] == 2, here
-
-
-def test_a_host_that_only_shows_hands_nothing_over(
-    run: pcpc.Live, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with hosting(tmp_path, "--node", node_of(run).name) as other:
-        monkeypatch.setenv("PCPC_TOKEN", other.token)
-        for words in (["handover", "pid"], ["hold"], ["arm"], ["resume"]):
-            code, out, err = there(capsys, other, *words)
-            assert (code, out) == (2, ""), words
-            assert err.count("\n") == 1, err
-        assert "pcpc host --write" in there(capsys, other, "hold")[2]
-    assert (run["handover.in_charge"], run["supervisor.disarmed"]) == (0.0, 0.0)
 
 
 def test_who_is_in_charge_is_saved_for_a_rig(

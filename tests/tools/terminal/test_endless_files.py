@@ -12,7 +12,7 @@ from processes import RIGS, pcpc
 
 from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.rig import modules
-from pcpc.tools.live.remote import guard
+from pcpc.tools.live.host import guard
 
 COMMANDS = {
     "info": ("log", "info"), "cat": ("log", "cat"), "export": ("log", "export", "-o", "x.csv"),

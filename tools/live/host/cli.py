@@ -18,8 +18,8 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import live
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.live.host import guard
 from pcpc.tools.live.host.sources import FollowedRun, Source, of_log
-from pcpc.tools.live.remote import guard
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress

@@ -4,12 +4,12 @@ What has another form, an unknown key, a number out of its range or more than MO
 before anything is done with it. An answer to one that acts repeats its `id`.
 """
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta, Struct
 
-from pcpc.tools.live.remote.guard import MOST_TOKEN
+from pcpc.tools.live.host.guard import MOST_TOKEN
 
 MOST_BYTES = 64 * 1024
 Number = Annotated[int, Meta(ge=0, le=10**6)]
@@ -18,12 +18,6 @@ Run = Annotated[str, Meta(max_length=300)]
 Names = Annotated[list[Name], Meta(max_length=32)]
 Seconds = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Bins = Annotated[int, Meta(ge=2, le=4096)]
-MOST_COLUMNS = 8192
-Column = Annotated[int, Meta(ge=0, lt=MOST_COLUMNS)]
-Field = Literal[
-    "control", "answer", "record_ends", "frame_ends", "event_ends", "snapshot", "stages",
-    "histogram", "latest",
-]  # fmt: skip
 
 
 class Message(Struct, tag_field="do", tag=str.lower, forbid_unknown_fields=True):
@@ -40,7 +34,6 @@ class Hello(Message):
     """The first word of a client."""
 
     token: Annotated[str, Meta(max_length=MOST_TOKEN)]
-    kind: Literal["page", "terminal"] = "page"
     run: Run = ""  # which it had chosen, of several
 
 
@@ -121,64 +114,19 @@ class Snapshot(Request):
     last_s: Annotated[float, Meta(gt=0, le=120)] = 30.0
 
 
-# What a terminal of another machine asks (hello: terminal)
-
-
-class Nodes(Request):
-    """All nodes that run: a handle for each."""
-
-
-class NodeMessage(Request):
-    """One about a node."""
-
-    node: Name  # its handle
-
-
-class Describe(NodeMessage):
-    """What a node says about itself."""
-
-
-class Look(NodeMessage):
-    """Fields that a node publishes, as they are now."""
-
-    fields: Annotated[list[Field], Meta(min_length=1, max_length=16)]
-
-
-class Rows(NodeMessage):
-    """Rows of a ring from number `since` on, as many as one answer holds."""
-
-    ring: Literal["record", "frame", "event"]
-    since: Annotated[int, Meta(ge=0, le=2**62)]
-    columns: Annotated[list[Column], Meta(min_length=1, max_length=MOST_COLUMNS)] | None = None
-
-
-class Tune(NodeMessage):
-    """Parameters of a node, all between the same two cycles or none."""
-
-    values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
-
-
-class Lock(NodeMessage):
-    """Forbid tunings of a node, or allow them."""
-
-    level: Literal["none", "tune", "all"]
-
-
-FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 PanelMessage = Panel | Phase | Drop
 Action = Set | Undo | Act | Fault | Handover | Record | Snapshot
-Decoded = TypeVar("Decoded")
-OF_PAGE = msgspec.json.Decoder(Hello | PanelMessage | At | Choose | Action)
-OF_TERMINAL = msgspec.json.Decoder(FromTerminal)
+Word = Hello | PanelMessage | At | Choose | Action
+_DECODER = msgspec.json.Decoder(Word)
 
 
 class WrongMessage(ValueError):
     """A message that is none of these, in words."""
 
 
-def read(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
-    """Return what a message of a page or of a terminal asks; WrongMessage."""
+def read(message: str | bytes) -> Word:
+    """Return what a message of a page asks; WrongMessage."""
     try:
-        return decoder.decode(message)
+        return _DECODER.decode(message)
     except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
         raise WrongMessage(f"not a message: {error}") from None

@@ -10,24 +10,20 @@ of those that have not told the token yet the first.
 import asyncio
 import json
 import math
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Any, Protocol
 
-from msgspec.json import Decoder
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.nodes.live import Live
 from pcpc.tools.live.host import client_messages as messages
-from pcpc.tools.live.host import status, terminals
+from pcpc.tools.live.host import guard, status
 from pcpc.tools.live.host.curve_expression import MARK, CurveExpression
 from pcpc.tools.live.host.display import Display
 from pcpc.tools.live.host.panels import PanelState
 from pcpc.tools.live.host.plant_drawing import layout
 from pcpc.tools.live.host.sources import Source, complete
-from pcpc.tools.live.host.terminals import Terminal
-from pcpc.tools.live.remote import guard
 
 TICK_S = 1 / 60
 SCENE_TICKS, STATUS_TICKS = 2, 12  # common to all clients: what they are sent is made once
@@ -54,10 +50,6 @@ class Show(Protocol):
         """Return what shows a run; "": whichever is alone."""
         ...
 
-    def nodes(self) -> Mapping[str, Live]:
-        """Return all nodes that run, of whatever run."""
-        ...
-
 
 class Client:
     """One connection, from its first word to its end."""
@@ -80,13 +72,9 @@ class Client:
         """Serve it until it leaves; whatever it does ends only itself."""
         await self._socket.accept()
         try:
-            kind = await self._greet()
-            if not kind:
+            if not await self._greet():
                 return
             self._show.clients.add(self)
-            if kind == "terminal":
-                await self._answer()
-                return
             async with asyncio.TaskGroup() as tasks:
                 sending = tasks.create_task(self._send())
                 await self._hear()
@@ -96,21 +84,21 @@ class Client:
         finally:
             self._show.clients.discard(self)
 
-    async def _greet(self) -> str:
-        """Return the kind of client, "" where its first word is no token, or there is no room."""
+    async def _greet(self) -> bool:
+        """Return whether its first word has the token, and there is room for it."""
         try:
             async with self._stranger():
-                word = messages.read(messages.OF_PAGE, await self._word())
+                word = messages.read(await self._word())
         except (messages.WrongMessage, TimeoutError):
             word = None
         if not isinstance(word, messages.Hello) or not guard.is_token(word.token, self._show.token):
             await self._socket.close(guard.WRONG_TOKEN, "the token is missing or wrong")
-            return ""
+            return False
         if len(self._show.clients) >= self._show.most_clients and not self._make_room():
             await self._socket.close(guard.TOO_MANY, "there are too many clients")
-            return ""
+            return False
         self.display = self._show.display(word.run)
-        return word.kind
+        return True
 
     @asynccontextmanager
     async def _stranger(self) -> AsyncIterator[None]:
@@ -143,30 +131,21 @@ class Client:
             raise WebSocketDisconnect(1000)
         return message.get("text") or message.get("bytes") or b""
 
-    async def _answer(self) -> None:
-        """Answer a terminal, until it leaves."""
-        terminal = Terminal(self._show.nodes, self._show.write)
-        flood = guard.Flood(terminals.RATE, terminals.BURST)
-        while (word := await self._next(flood, messages.OF_TERMINAL)) is not None:
-            found = await asyncio.to_thread(terminal.answer, word)
-            send = self._socket.send_text if isinstance(found, str) else self._socket.send_bytes
-            await self._send_in_time(send(found))  # type: ignore[arg-type]
-
     # Hearing
 
     async def _hear(self) -> None:
         flood = guard.Flood()
-        while (word := await self._next(flood, messages.OF_PAGE)) is not None:
+        while (word := await self._next(flood)) is not None:
             await self._carry_out(word)
 
-    async def _next(self, flood: guard.Flood, decoder: Decoder[Any]) -> Any:
+    async def _next(self, flood: guard.Flood) -> messages.Word | None:
         """Return what is asked next; None where the client was cut off."""
         message = await self._word()
         if flood.too_many():
             await self._socket.close(guard.TOO_MANY, "too many messages")
             return None
         try:
-            return messages.read(decoder, message)
+            return messages.read(message)
         except messages.WrongMessage as error:
             await self._socket.close(guard.BAD_MESSAGE, str(error)[:120])
             return None

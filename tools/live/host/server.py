@@ -5,7 +5,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,13 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from pcpc.executive.nodes.live import Live
-from pcpc.tools.live.host import runs
+from pcpc.tools.live.host import guard, runs
 from pcpc.tools.live.host.batched_socket import BatchedSocket
 from pcpc.tools.live.host.client_messages import MOST_BYTES
 from pcpc.tools.live.host.clients import SILENT_S, TICK_S, Client
 from pcpc.tools.live.host.display import Display
 from pcpc.tools.live.host.requests import WAIT_S, TimedHttp
 from pcpc.tools.live.host.sources import FollowedRun, Source
-from pcpc.tools.live.remote import guard
 
 LOOK_S = 0.5  # how soon another run is seen
 IDLE_S = 10.0  # for a page that comes back
@@ -64,10 +62,6 @@ class Server:
             self._displays[run] = Display(watch, self._options, self._files)
             self._displays[run].find()
         return self._displays[run]
-
-    def nodes(self) -> Mapping[str, Live]:
-        """Return all nodes that run and may be shown."""
-        return self._watch.runs.nodes() if self._watch is not None else {}
 
     def app(self, names: frozenset[str], secure: bool) -> Any:
         """Return the ASGI application for a server with these names."""
@@ -113,7 +107,7 @@ class Server:
 
     def _look(self, now_s: float) -> None:
         """Look which runs there are."""
-        found = runs.run_list(self.nodes())
+        found = runs.run_list(self._watch.runs.nodes() if self._watch is not None else {})
         if found != self.runs_under_way:  # else it stays the same object
             self.runs_under_way = found
         for display in self._displays.values():

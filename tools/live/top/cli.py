@@ -19,7 +19,6 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.local_nodes import Nodes
-from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
 from pcpc.tools.live.top.meter import Meter
 from pcpc.tools.live.top.page import lines
 from pcpc.tools.terminal.option_notes import refuse
@@ -35,12 +34,12 @@ def command(options: argparse.Namespace) -> int:
     """Show runs until somebody has seen enough; return the exit code."""
     if options.once:
         refuse(options, "contradicts --once", "every")
-    there = nodes_of(options)
-    rig = rig_of(options, there)
+    there = Nodes()
+    rig = there.rig_of(options.run)
     if options.once:
         nodes = _nodes(there, rig, options.node)
         if not nodes:
-            live = leader(there, rig, options.node or "executive")  # else what runs instead
+            live = there.leader(rig, options.node or "executive")  # else what runs instead
             nodes = {live.name: live}
         meter = Meter(nodes)
         time.sleep(_ONCE_S)

@@ -58,17 +58,12 @@ def read_to_its_end(line: Any) -> None:
         line.recv(timeout=ANSWER_S)
 
 
-def asks(*words: dict[str, object]) -> Callable[[Host], int]:
-    """Return what a terminal with the token and these questions comes to."""
-    return then(*map(json.dumps, words), kind="terminal")
-
-
-def then(*words: str | bytes, kind: str = "page") -> Callable[[Host], int]:
+def then(*words: str | bytes) -> Callable[[Host], int]:
     """Return what a client with the token and these words comes to."""
 
     def tried(host: Host) -> int:
         with host.connect() as line:
-            line.send(json.dumps({"do": "hello", "token": host.token, "kind": kind}))
+            line.send(json.dumps({"do": "hello", "token": host.token}))
             with pytest.raises(ConnectionClosed):
                 for word in words:
                     line.send(word)
@@ -110,10 +105,6 @@ def bomb() -> bytes:
 
 
 SET = {"do": "set", "id": 1, "values": {GAIN: 500.0}}
-NODE = {"id": 1, "node": "a@1"}
-LOOK = {"do": "look", "fields": ["control"], **NODE}
-ROWS = {"do": "rows", "ring": "record", "since": 0, **NODE}
-TUNE = {"do": "tune", "values": {GAIN: 500.0}, **NODE}
 TOKEN, MESSAGE, FLOOD, PROTOCOL, BIG = 4401, 4400, 4429, 1002, 1009
 SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
     "no token": (first_word(json.dumps(SET)), (TOKEN,)),
@@ -157,26 +148,7 @@ SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
         first_word('{"do": "hello", "token": "x", "run": "hull.vcan0"}'), (TOKEN,)),
     "another kind of client": (
         first_word('{"do": "hello", "token": "x", "kind": "root"}'), (TOKEN,)),
-    "a terminal without a token": (
-        first_word('{"do": "hello", "token": "", "kind": "terminal"}'), (TOKEN,)),
-    "a terminal's question by a page": (then('{"do": "nodes", "id": 1}'), (MESSAGE,)),
-    "a page's wish by a terminal": (asks(SET), (MESSAGE,)),
-    "a field that is not published": (asks(LOOK | {"fields": ["v"]}), (MESSAGE,)),
-    "a ring as a field": (asks(LOOK | {"fields": ["record"]}), (MESSAGE,)),
-    "the mailbox": (asks(LOOK | {"fields": ["mail"]}), (MESSAGE,)),
-    "a thousand fields": (asks(LOOK | {"fields": ["control"] * 1000}), (MESSAGE,)),
-    "a ring that is none": (asks(ROWS | {"ring": "mail"}), (MESSAGE,)),
-    "rows before the first": (asks(ROWS | {"since": -1}), (MESSAGE,)),
-    "rows at no number": (asks(ROWS | {"since": 0.5}), (MESSAGE,)),
-    "rows behind all numbers": (asks(ROWS | {"since": 2**63}), (MESSAGE,)),
-    "a column before the first": (asks(ROWS | {"columns": [-1]}), (MESSAGE,)),
-    "ten thousand columns": (asks(ROWS | {"columns": [0] * 10_000}), (MESSAGE,)),
-    "no columns": (asks(ROWS | {"columns": []}), (MESSAGE,)),
-    "a tuning of nothing": (asks(TUNE | {"values": {}}), (MESSAGE,)),
-    "a tuning of all": (
-        asks(TUNE | {"values": {f"a{i}": 1.0 for i in range(65)}}), (MESSAGE,)),
-    "a lock of no level": (asks(NODE | {"do": "lock", "level": "free"}), (MESSAGE,)),
-    "a flood of questions": (asks(*[{"do": "nodes", "id": 1}] * 3000), (FLOOD, 1006)),
+    "a question of a terminal": (then('{"do": "nodes", "id": 1}'), (MESSAGE,)),
     "a compressed bomb": (raw(frame(0xC1, bomb())), (PROTOCOL, BIG, 1, 1006)),
     "a frame that says it is huge": (
         raw(bytes([0x81, 0xFF]) + struct.pack(">Q", 1 << 40) + b"mask"), (BIG, PROTOCOL, 1, 1006)),
@@ -235,41 +207,6 @@ def test_a_wrong_wish_is_refused_with_a_word(
     assert run[GAIN] == before
 
 
-REFUSED_THERE = {
-    "a node that is not there": ({"do": "describe", "node": "hull.vcan0.plant@1"}, "no such node"),
-    "a path": ({"do": "describe", "node": "../../etc/passwd"}, "no such node"),
-    "a column that is not there": (
-        {"do": "rows", "ring": "frame", "since": 0, "columns": [5]}, "no such column"),
-    "out of range": ({"do": "tune", "values": {GAIN: 1e9}}, "outside 0..1000"),
-    "no parameter": ({"do": "tune", "values": {"controller.e_rad": 1.0}}, "only parameters"),
-    "one of several": (
-        {"do": "tune", "values": {GAIN: 1.0, "controller.lam_per_s": -1e9}}, "outside"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("asked", REFUSED_THERE.values(), ids=REFUSED_THERE)
-def test_a_terminal_is_refused_with_a_word(
-    host: Host, run: pcpc.Live, asked: tuple[dict[str, object], str]
-) -> None:
-    before = run[GAIN]
-    told = of_terminal(host, run, asked[0])
-    assert asked[1] in str(told["why"]) and told["code"] in (2, 4)
-    assert run[GAIN] == before
-
-
-def of_terminal(host: Host, run: pcpc.Live, question: dict[str, object]) -> dict[str, object]:
-    """Return the answer to a terminal's question about the run's executive."""
-    with host.connect() as line:
-        line.send(json.dumps({"do": "hello", "token": host.token, "kind": "terminal"}))
-        line.send(json.dumps({"do": "nodes", "id": 1}))
-        handles = json.loads(line.recv(timeout=ANSWER_S))["nodes"]
-        (own,) = (one for one in handles if one.startswith(run._nodes["executive"].name))
-        line.send(json.dumps({"id": 2, "node": own} | question))
-        told = json.loads(line.recv(timeout=ANSWER_S))
-    assert 2 in (told.get("done"), told.get("refused"))
-    return dict(told)
-
-
 def test_invented_runs_show_nothing_and_hold_nobody(host: Host, run: pcpc.Live) -> None:
     with Client(host) as client:
         for i in range(100):
@@ -279,15 +216,6 @@ def test_invented_runs_show_nothing_and_hold_nobody(host: Host, run: pcpc.Live) 
         while not client.about["nodes"]:
             client.about = client.until("about")["about"]
         assert client.about["rig"] == "slew10"
-
-
-def test_rows_that_are_far_ahead_are_none(host: Host, run: pcpc.Live) -> None:
-    with host.connect() as line:
-        line.send(json.dumps({"do": "hello", "token": host.token, "kind": "terminal"}))
-        line.send(json.dumps({"do": "nodes", "id": 1}))
-        handle = json.loads(line.recv(timeout=ANSWER_S))["nodes"][0]
-        line.send(json.dumps(ROWS | {"node": handle, "since": 2**62}))
-        assert len(line.recv(timeout=ANSWER_S)) == 32  # the head alone
 
 
 def test_a_host_without_write_only_shows(run: pcpc.Live, tmp_path: Path) -> None:
@@ -306,8 +234,5 @@ def test_a_host_without_write_only_shows(run: pcpc.Live, tmp_path: Path) -> None
         ):
             told = client.ask(**{k: v for k, v in wish.items() if k != "id"})
             assert "--write" in told["why"]
-        for wish in (TUNE, NODE | {"do": "lock", "level": "all"}):
-            there = {k: v for k, v in wish.items() if k not in ("id", "node")}
-            assert "--write" in str(of_terminal(host, run, there)["why"])
     assert not folder.exists()
     assert run.running and oct((tmp_path / "pcpc/host-token").stat().st_mode)[-3:] == "600"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pcpc.tools.live.remote import guard
+from pcpc.tools.live.host import guard
 
 
 def test_it_stays_until_another_is_asked_for(tmp_path: Path) -> None:

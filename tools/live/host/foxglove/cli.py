@@ -12,9 +12,9 @@ from urllib.parse import urlencode
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.machine.packages import pip_install
+from pcpc.tools.live.host import guard
 from pcpc.tools.live.host.foxglove.names import TOKEN
 from pcpc.tools.live.host.sources import FollowedRun, Source
-from pcpc.tools.live.remote import guard
 
 PORT = 8765  # which both programs propose
 _TRIES = 20

@@ -13,11 +13,11 @@ from foxglove import Parameter, ParameterType, StatusLevel
 from foxglove.websocket import ServerListener
 
 from pcpc.drivers.errors import UserError, printable
+from pcpc.tools.live.host import guard
 from pcpc.tools.live.host.actions import Actions
 from pcpc.tools.live.host.client_messages import Set
 from pcpc.tools.live.host.foxglove.names import TOKEN
 from pcpc.tools.live.host.sources import Source, full
-from pcpc.tools.live.remote import guard
 
 MOST = 64  # parameters in one message
 _MOST_LETTERS = 300

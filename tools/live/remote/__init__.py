@@ -1,1 +1,0 @@
-"""`--at HOST:PORT`: running nodes of another machine, by way of a `pcpc host` there."""
