@@ -19,7 +19,7 @@ from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.jit import i8, loop, types
 from pcpc.drivers.compiled.structures import copy
-from pcpc.drivers.errors import BusError, UserError
+from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.loop.clock import Time
@@ -30,7 +30,6 @@ from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_er
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.branch.branching import Branch
 from pcpc.tools.after.replay import pacing_of
-from pcpc.tools.start.peer_wait import PeerWait
 
 _DRAIN_S = 0.005  # between two drains of the recorder, whose rings hold several seconds
 
@@ -88,10 +87,7 @@ class BranchOnBus(Branch):
         works = [Work(call) for call in map(self._call, loops, self.steps, self._again)]
         for work in reversed(works):  # who waits first hears all
             work.start()
-        watch, looks, meeting = Watch(loops), 0.0, PeerWait(self.rig, self.rig.roles)
-        blocks = dict(zip(self.rig.roles, self.blocks, strict=True))
-        for block in self.blocks:
-            block.control.ready = 1
+        watch, looks = Watch(loops), 0.0
         while (alive := next((one for one in works if one.is_alive()), None)) is not None:
             alive.join(_DRAIN_S)
             self._drain()
@@ -102,13 +98,8 @@ class BranchOnBus(Branch):
                     standing.control.fault = Fault.STEP_HANGS
                     self._hangs = True
                     raise StepError
-                if meeting.too_long(blocks, int(loops[0].passes) > 0):
-                    for block in self.blocks:
-                        block.control.stop = 1
                 yield int(loops[0].passes)
         self._drain()
-        if meeting.given_up_s and not loops[0].passes:
-            raise BusError(meeting.message(self.rig.roles[0], str(self._bus.bus), "RIG"))
         for work in works:
             if work.error is not None:
                 raise loop_error(work.error, loops) from work.error
