@@ -72,8 +72,7 @@ class Channels:
         cells = rows.view(np.uint8)
         if ring == "record":
             cycle, end = rows[:, OfRecord.CYCLE], self.state_end
-            stamps = rows[:, OfRecord.STAMP_NS] if self.clocked else cycle * self.period_ns
-            log_ns = stamps + self.wall_ns
+            log_ns = self.stamp(rows[:, OfRecord.STAMP_NS], cycle) + self.wall_ns
             head = 8 * RECORD_HEAD - logs.CDR_BYTES
             state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
             return [
@@ -84,6 +83,10 @@ class Channels:
             log_ns, data = rows[:, OfFrame.STAMP_NS] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
             return [message_records(self.ids["can/frames"], rows[:, OfFrame.CYCLE], log_ns, data)]
         return [self._event(row) for row in rows]
+
+    def stamp(self, machine_ns: Any, cycle: Any) -> Any:
+        """Return the stamp of what the machine's clock stamped in `cycle`: without a clock k T."""
+        return machine_ns if self.clocked else cycle * self.period_ns
 
     def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
         topic, entry = entry_of(row, self.about)

@@ -67,11 +67,14 @@ class _Node:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
         for alarm in self.alarms.look():
             entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
-            message = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
+            stamp_ns = self.channels.stamp(time.monotonic_ns(), alarm.cycle)
+            message = self.channels.entry("events", stamp_ns, alarm.cycle, entry)
             sink.write([message])
             self.written["alarm"] += 1
         if keyframe := self.keyframes.look():
-            sink.add([self.channels.entry("keyframes", *keyframe)])
+            machine_ns, cycle, state = keyframe
+            stamp_ns = self.channels.stamp(machine_ns, cycle)
+            sink.add([self.channels.entry("keyframes", stamp_ns, cycle, state)])
             self.written["keyframe"] += 1
         full = False
         for ring in RINGS:

@@ -101,6 +101,8 @@ def reason(description: Mapping[str, Any], control: Any) -> str:
         return f"{_culprit(description, control)} {what}"
     if fault == Fault.INTRUSION:
         return f"{_culprit(description, control)} comes from two senders"
+    if fault == Fault.PEER_SILENT and int(control.culprit):
+        return f"{description['fault_names'][fault]}: no {_culprit(description, control)} came"
     return str(description["fault_names"][fault])
 
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can import codec, e2e
+from pcpc.drivers.can import can_id, codec, e2e
+from pcpc.drivers.can.bus import RECEIVE_TIMEOUT_US
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire import get_frame
+from pcpc.drivers.can.wire import WAIT_MS, get_frame
 from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
@@ -35,6 +36,7 @@ from pcpc.executive.loop.sending import announce, announce_again
 from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat, refused, word_of
 
 DRAIN_FRAMES = 1024  # at most this many in one cycle
+RECEIVE_NS, LONGEST_LOOK_NS = 1000 * RECEIVE_TIMEOUT_US, 1_000_000 * WAIT_MS
 
 
 @loop_inline
@@ -68,30 +70,45 @@ def gather(n: Any) -> None:
     """Block until the frames that start this cycle are here, or the other node counts as silent.
 
     There is no limit of frames, unless the host asks for the end: those of others may come before.
+    They break no silence. Of each look at most a time-out counts: a process that was stopped
+    meanwhile has not waited.
     """
-    waits, drained = 0, 0
+    waited_ns, drained, before, since = np.int64(0), 0, n.rx.started, now(n.clock)
     if peer_stalled(n):
         n.rx.started += n.rx.starters
     while n.rx.started < n.rx.starters and drained < DRAIN_FRAMES:
-        result = take(n, True)
+        result, time = take(n, True), now(n.clock)
         drained += stopping(n)
+        waited_ns += min(time - since, LONGEST_LOOK_NS)
+        since = time
+        if n.rx.started > before or n.passes == 0:  # the host gives the first meeting up
+            waited_ns, before = np.int64(0), n.rx.started
         if result == Arrival.FRAME:
-            waits = 0
             if refused(n):
                 break
             if n.passes == 0 and runs(n.clock) and meeting.asks(n) and not meeting.is_over(n):
                 announce_again(n)  # it may ask so often that no time-out comes
         elif result == Arrival.FAILED or (result == Arrival.NOTHING and stopping(n)):
             break
-        elif result == Arrival.NOTHING:
-            waits += 1
-            if n.passes == 0 and runs(n.clock):
-                if not meeting.is_over(n):
-                    announce_again(n)
-                waits = 0
-            elif waits >= patience(n) or not runs(n.clock):
-                n.guard.faulted = Fault.PEER_SILENT
-                break
+        elif result == Arrival.NOTHING and not runs(n.clock):  # all that is sent was sent
+            give_up(n)
+            break
+        elif result == Arrival.NOTHING and n.passes == 0 and not meeting.is_over(n):
+            announce_again(n)
+        if waited_ns >= patience(n) * RECEIVE_NS:
+            give_up(n)
+            break
+
+
+@loop_function
+def give_up(n: Any) -> None:
+    """Wait no longer for the other node; note the first of its frames that did not come."""
+    n.guard.faulted = Fault.PEER_SILENT
+    for row in range(n.rx.n - 1, -1, -1):
+        role = n.rx.role[row]
+        if role.starts != 0 and n.rx.state[row].fresh == 0:
+            frame = n.rx.frames[row]
+            n.control.culprit = frame.can_id | frame.extended << can_id.EXTENDED_BIT
 
 
 @loop_function
@@ -138,6 +155,9 @@ def wait_for_peer(n: Any) -> Any:
                 n.wire.muted = 0
                 announce(n)
                 return True
+        if result == Arrival.NOTHING and not runs(n.clock):
+            n.guard.faulted = Fault.PEER_SILENT
+            return False
         if result == Arrival.NOTHING and (n.meeting.ordered == 0 or n.meeting.between == 0):
             announce_again(n)
         if result == Arrival.FAILED:

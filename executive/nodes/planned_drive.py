@@ -127,6 +127,18 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     return found
 
 
+def frames_before_start(
+    rig: Rig, database: dbc.Database, pacing: str
+) -> dict[Role, list[dbc.Frame]]:
+    """Return what each node sends before its first cycle; of a drive, on a clock, its own too."""
+    return {
+        role: list(dbc.frames(database, node.node, "tx"))
+        if pacing in ("real", "sync")
+        else frames(rig, role, database, "tx")
+        for role, node in rig.config.sections.items()
+    }
+
+
 def check_senders(rig: Rig, database: dbc.Database) -> None:
     """Raise RigError if two plants on one bus send the same id, or hear one as the same drive."""
     taken: dict[tuple[bool, int], Role] = {}

@@ -95,12 +95,15 @@ def check_losses(rig: Rig, database: dbc.Database) -> None:
         return
     known = _frames_of_rig(rig, database)
     frames = [dbc.frame(message) for message in database.messages if message.name in known]
-    names = [frame.name for frame in frames if is_awaited(frame)]
+    names = [frame.name for frame in frames if is_awaited(frame) and not is_heartbeat(frame)]
+    beats = [frame.name for frame in frames if is_heartbeat(frame)]
     for name in rig.config.losses:
         if name not in names:
             what = f"no frame {name}{did_you_mean(name, names)}"
             if any(frame.name == name for frame in frames):
-                what = f"{name} is not sent every cycle; losses work on {', '.join(names)}"
+                why = "a heartbeat, for which the start waits" * (name in beats)
+                why = why or "not sent every cycle"
+                what = f"{name} is {why}; losses work on {', '.join(names)}"
             raise rig.error(f"losses.{name}", what)
 
 
@@ -161,21 +164,58 @@ def frames_on_second(rig: Rig, database: dbc.Database) -> frozenset[str]:
 def senders_below(rig: Rig, role: Role, database: dbc.Database) -> dict[str, int]:
     """Return the node below `role` that sends a frame, 1 and up, by the frame's name.
 
-    Where several are below, RigError for one without a heartbeat, for which nobody could wait.
+    Empty where one is below.
     """
     plants = rig.config.plants
     if role != "executive" or len(plants) < 2:
         return {}
-    found: dict[str, int] = {}
-    for i, (name, plant) in enumerate(plants.items()):
-        sent = dbc.frames(database, plant.node, "tx")
-        heard = dbc.frames(database, rig.config.executive.node, "rx")
-        if not any(is_heartbeat(frame) for frame in sent if frame in heard):
-            what = f"{plant.node} sends no heartbeat that {rig.config.executive.node} receives"
-            cure = "the start waits for each plant's; add a frame with an id of 0x701 to 0x77F"
-            raise rig.error(f"{name}.node", f"{what}; {cure}")
-        found |= {frame.name: i + 1 for frame in sent}
-    return found
+    return {
+        frame.name: i + 1
+        for i, plant in enumerate(plants.values())
+        for frame in dbc.frames(database, plant.node, "tx")
+    }
+
+
+def check_heartbeats(rig: Rig, sent: Mapping[Role, Sequence[dbc.Frame]]) -> None:
+    """Raise RigError for a node below another without a heartbeat, for which that one waits.
+
+    `sent`: what each node sends before its first cycle.
+    """
+    nodes, database = rig.config.sections, database_of(rig)
+    pairs: list[tuple[Role, Role]] = [("executive", role) for role in rig.config.plants]
+    if rig.config.local is not None:
+        pairs = [("executive", "local"), ("local", "plant")]
+    for above, below in pairs:
+        heard = {frame.name for frame in dbc.frames(database, nodes[above].node, "rx")}
+        if not any(is_heartbeat(frame) and frame.name in heard for frame in sent[below]):
+            sender, receiver = nodes[below].node, nodes[above].node
+            what = f"{sender} sends no heartbeat that {receiver} receives, and the start waits"
+            cure = f"give {rig.dbc.name} a frame from {sender} to {receiver}, id 0x701 to 0x77F"
+            raise rig.error(f"{below}.node", f"{what} for one; {cure}")
+
+
+def unsent_frames(rig: Rig, database: dbc.Database) -> Iterator[tuple[Role, dbc.Frame]]:
+    """Yield what a node, but for a drive, awaits in each cycle and no node of the rig sends."""
+    nodes = rig.config.sections
+    sent = {frame.name for one in nodes.values() for frame in dbc.frames(database, one.node, "tx")}
+    for role, one in nodes.items():
+        for frame in () if role in rig.config.drives else dbc.frames(database, one.node, "rx"):
+            if (frame.has_sequence or is_awaited(frame)) and frame.name not in sent:
+                yield role, frame
+
+
+def check_starters(rig: Rig, database: dbc.Database) -> None:
+    """Raise RigError for a frame that starts cycles, where no clock does, and has no sender."""
+    for role, frame in unsent_frames(rig, database):
+        if frame.has_sequence or role in ("executive", "local"):
+            raise rig.error("dbc", unsent_text(rig, role, frame))
+
+
+def unsent_text(rig: Rig, role: Role, frame: dbc.Frame) -> str:
+    """Return what is wrong with a frame of `unsent_frames`, and the cures."""
+    node, name = rig.config.sections[role].node, frame.name
+    cure = f"give it a sender or a GenMsgCycleTime, or take {node} from its receivers"
+    return f"no node of the rig sends {name}, for which {node} waits in each cycle; {cure}"
 
 
 def received_frames(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:

@@ -190,8 +190,7 @@ class Scope:
         """Write a burst, and its trigger as an event; say so."""
         log.add("record", burst.rows)
         stamps = burst.rows[burst.rows[:, OfRecord.CYCLE] >= burst.cycle, OfRecord.STAMP_NS]
-        clocked, period_ns = log.channels.clocked, log.channels.period_ns
-        stamp = int(stamps[0]) if clocked else burst.cycle * period_ns
+        stamp = log.channels.stamp(int(stamps[0]), burst.cycle)
         entry = {"event": "no trigger"}
         if burst.found:
             entry = {"event": "trigger", "name": self.options.trigger}

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 PRIORITY = 70  # that of an emulator, below the executive's 80
 _POLL_S = 0.1
+PEER_S = 300.0  # that a player waits for the node opposite, as a rig's node does
 _LONG_READ_BYTES = 20 << 20  # about a second
 
 
@@ -168,6 +169,10 @@ class Session:
             while not player.hear(words):
                 waited = time.monotonic() - begin
                 self.progress.show(f"waiting for the {peer} on {self.bus}, {waited:.0f} s")
+                if waited > PEER_S:
+                    ids = ", ".join(f"0x{can_id.text_of(int(word))}" for word in words)
+                    what = f"no frame of the {peer} ({ids}) for {waited:.0f} s"
+                    raise BusError(f"{self.bus}: {what}; start it, or play with --no-wait")
         except OSError as error:
             raise BusError(f"{self.bus}: receiving failed: {error.strerror}") from None
 

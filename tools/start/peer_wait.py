@@ -1,10 +1,13 @@
 """How long nodes that are ready have waited for another one, and what to say when nobody comes."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+from pcpc.drivers.can import dbc
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.rig.messages import database_of, is_heartbeat
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 
 _MEET_S = 20.0  # nodes of one host that are ready hear each other within this
 _COMMANDS = {"executive": "exec"}
@@ -13,7 +16,7 @@ _COMMANDS = {"executive": "exec"}
 class PeerWait:
     """The wait of a host's nodes from the moment when all are ready to their first cycle."""
 
-    def __init__(self, rig: Rig, roles: Sequence[str]) -> None:
+    def __init__(self, rig: Rig, roles: Sequence[Role]) -> None:
         self.rig, self.roles = rig, roles
         self.limit_s = rig.config.supervisor.peer_timeout_s
         if len(roles) > 1:  # the other one is ours
@@ -40,4 +43,15 @@ class PeerWait:
             word = _COMMANDS.get(missing[-1], missing[-1])
             cure = f"start `pcpc {word} {rig_file}` on this bus, or raise supervisor.peer_timeout_s"
         others = " or ".join(missing) or "the other node"
-        return f"{leader}: no frame of {others} on {bus} for {self.given_up_s:.0f} s; {cure}"
+        silent = missing or [role for role in self.rig.roles if role != leader]
+        names = ", ".join(self._awaited_names(silent))
+        silence = f"no frame of {others} on {bus} for {self.given_up_s:.0f} s"
+        return f"{leader}: {silence}, as {names}; {cure}"
+
+    def _awaited_names(self, roles: Sequence[Role]) -> Iterator[str]:
+        """Yield the frames of nodes by which another one knows them: SYNC, else the heartbeat."""
+        database = database_of(self.rig)
+        for role in roles:
+            sent = dbc.frames(database, self.rig.config.sections[role].node, "tx")
+            leads = role == "executive"
+            yield from (f.name for f in sent if (f.has_sequence if leads else is_heartbeat(f)))

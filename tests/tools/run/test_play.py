@@ -23,6 +23,7 @@ from pcpc.tools.after.log.frames import PEER
 from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.dev.bench import play as bench
 from pcpc.tools.machine.jitter.compiler import CompilerError
+from pcpc.tools.run import play
 from pcpc.tools.terminal.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
@@ -248,6 +249,15 @@ def test_wrong_input_is_said_in_one_line(
     err = capsys.readouterr().err
     assert (code, err.count("\n")) == (2, 1), f"exit code {code}: {err}"
     assert expected in err, err
+
+
+def test_a_node_opposite_that_nobody_starts_is_given_up_with_its_frames(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(play, "PEER_S", 0.2)
+    assert main(["play", str(path), "--as", "executive", "--bus", own_bus(), "--quiet"]) == 4
+    err = capsys.readouterr().err
+    assert "no frame of the plant (0x120, " in err and "start it, or play with" in err, err
 
 
 def test_a_log_without_frames_is_refused(log: logs.Log) -> None:

@@ -293,6 +293,10 @@ CODEC_DBC = """VERSION ""
 NS_ :
 BS_:
 BU_: A B
+BO_ 0 FIRST: 8 A
+ SG_ s M : 0|2@1+ (1,0) [0|3] "" B
+ SG_ t m1 : 8|12@1- (0.125,3) [-100|100] "" B
+ SG_ u m2 : 15|16@0+ (0.5,0) [10|20000] "" B
 BO_ 1 SMALL: 8 A
  SG_ a : 0|12@1- (0.125,3) [-100|100] "" B
  SG_ b : 23|16@0+ (0.5,0) [10|20000] "" B
@@ -318,15 +322,23 @@ BO_ 7 LAYERED: 8 A
  SG_ p : 16|12@1- (0.125,3) [-100|100] "" B
  SG_ q m1 : 28|20@1- (1,0) [0|0] "" B
  SG_ r m2 : 39|16@0+ (0.5,0) [10|20000] "" B
+BO_ 8 DEEP: 24 A
+ SG_ v M : 133|2@1+ (1,0) [0|3] "" B
+ SG_ w m1 : 64|32@1- (1,0) [-1e6|1e6] "" B
+ SG_ x m2 : 7|64@0- (1,0) [-1e12|1e12] "" B
+ SG_ y m3 : 84|20@1- (1,0) [-400000|400000] "" B
 BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","","","","","","","","","","","","",
  "StandardCAN_FD","ExtendedCAN_FD";
 BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
 BA_ "VFrameFormat" BO_ 6 14;
+BA_ "VFrameFormat" BO_ 8 14;
 BA_DEF_ BO_ "GenMsgSendType" ENUM "EveryCycle","Cyclic";
 BA_DEF_DEF_ "GenMsgSendType" "EveryCycle";
 SIG_VALTYPE_ 2 e : 1;
 SIG_VALTYPE_ 2 f : 1;
 SIG_VALTYPE_ 3 g : 2;
+SIG_VALTYPE_ 8 w : 1;
+SIG_VALTYPE_ 8 x : 2;
 """
 
 
@@ -343,7 +355,8 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
         frame = frames[row]
         given = [_value(draw, signal) for signal in frame.signals]
         if frame.selector and draw.random() < 0.8:
-            given[0] = float(draw.integers(4))
+            chooses = [signal.name for signal in frame.signals].index(frame.selector)
+            given[chooses] = float(draw.integers(4))
         for signal, value in zip(frame.signals, given, strict=True):
             values[s, places[f"{frame.name}.{signal.name}"]] = value
         content, counts[s] = expected.packed_data(frame, given)

@@ -28,6 +28,7 @@ from pcpc.tools.dev.evidence.expected_reception import (
     FB,
     GONE,
     GREETING,
+    IS_BELOW,
     LOSS,
     MEETS,
     ROWS,
@@ -83,9 +84,9 @@ def reception(_m, n, about, frames, told, kept):
                 m_fault_while_off(_m, n)
         else:
             t[0] = m_take_frame(_m, n)
-        t[57] = n.guard.off
+        t[59] = n.guard.off
         for i in range(6):
-            t[58 + i] = n.v[BUS_AT + i]
+            t[60 + i] = n.v[BUS_AT + i]
         t[1] = m_taken_on_purpose(_m, n)
         t[2], t[3], t[4], t[5] = rx.started, rx.fresh, n.wire.muted, n.guard.faulted
         t[6], t[7], t[8] = n.guard.quick, n.event_ends.head, n.frame_ends.head
@@ -100,7 +101,8 @@ def reception(_m, n, about, frames, told, kept):
             t[32 + i] = words(rx.state[max(a[3], 0)])[i]
             t[42 + i] = words(n.faults.on_wire[max(a[3], 0)])[i]
         t[52], t[53], t[54] = n.faults.shown, rx.foreign.count, rx.repeats.count
-        t[55], t[56] = n.meeting.sampled[0], n.meeting.holding[0]
+        for i in range(2):  # nodes below
+            t[55 + i], t[57 + i] = n.meeting.sampled[i], n.meeting.holding[i]
         for i in range(4):
             kept[s, i] = n.v[20 + i]
             kept[s, 4 + i] = n.v[30 + i]
@@ -205,7 +207,7 @@ def _install(n: Any, has: Settings) -> None:
         past = first + sum(its == row for its, _, _ in SIGNALS)
         n.rx.frames[row] = (one.can_id, 0, one.dlc, 0, first, past, one.every, crc, 0, one.byte,
                             one.shift, one.mask, one.place.start, one.data_id, 0)  # fmt: skip
-        n.rx.role[row] = STARTS[row], AWAITED[row], 0, MEETS[row]
+        n.rx.role[row] = STARTS[row], AWAITED[row], has.peer * IS_BELOW[row], MEETS[row]
         n.intrusion.care[row], n.faults.spoiled[row] = row in CARE, row in SPOILED
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
@@ -222,7 +224,8 @@ def reception(driver: Any, draw: np.random.Generator, count: int) -> Any:
     for number in range(count):
         signals = [compared_plausible.Signal(0.125, 1.5, 1.0, 9, 4) for _ in range(3)]
         turn = 1 if number % 5 == 4 else 8
-        has = Settings(number % 3, number % 2, number // 2 % 2, int(number % 7 > 0), turn, signals)
+        peer, faults = 1 + number // 4 % 2, int(number % 7 > 0)
+        has = Settings(number % 3, number % 2, number // 2 % 2, peer, faults, turn, signals)
         _install(episodes.new_loop(), has)
         (about, frames), model = _drawn_steps(draw), Node(has)
         steps = zip(about.tolist(), frames, strict=True)

@@ -356,10 +356,11 @@ def packed_data(frame: dbc.Frame, values: Sequence[float]) -> tuple[bytes, int]:
     """Return the data of a frame and how many of its signals are saturated."""
     size = max(frame.dlc, 8)
     word, saturated, layout = [0] * 8 * size, 0, None
-    for signal, value in zip(frame.signals, values, strict=True):
-        if signal.name == frame.selector:  # before the signals that it chooses
-            layout = 0 if value != value else round(min(max(value, 0.0), 2.0**signal.nbits - 1.0))
-        elif signal.layout not in (None, layout):
+    both = [*zip(frame.signals, values, strict=True)]
+    for signal, value in (one for one in both if one[0].name == frame.selector):
+        layout = 0 if value != value else round(min(max(value, 0.0), 2.0**signal.nbits - 1.0))
+    for signal, value in both:
+        if signal.layout not in (None, layout):
             continue
         code: Any = (value - signal.offset) / signal.factor
         low, high = signal.codes

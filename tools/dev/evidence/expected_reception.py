@@ -31,6 +31,7 @@ SIGNALS = ((FB, 0, 20), (FB, 1, 21), (BEAT, 0, 22), (SLOW, 0, 23))  # row, byte,
 SCALE = 0.125
 LOSS = {SLOW: (0.1, 0.5), WIDE: (0.2, 0.6)}
 MEETS = (4, 2, 1, 0, 0, 3)  # AFTER, FROM_BELOW, FROM_ABOVE, no part, no part, BEFORE
+IS_BELOW = tuple(int(part > 1) for part in MEETS)  # of a node below, the only ones that meet it
 GONE, CHANGED, ANOTHER = 1, 2, 4
 COUNT, HOLD = 0, 1
 GREETING = sh.GREETING | 1 << 31
@@ -48,6 +49,7 @@ class Settings:
     reaction: int
     greets: int
     ordered: int
+    peer: int  # which node below sends, 1 or 2
     faults: int
     turn: int  # of the heartbeat
     signals: list[compared_plausible.Signal]
@@ -104,7 +106,9 @@ class Node(Senders):
                 *self.came[max(row, 0)].told()]  # fmt: skip
         counts = [signal.count for signal in self.judge_of.signals]
         windows = [self.windows[limit][1] for limit in (FOREIGN_LIMIT, REPEAT_LIMIT)]
-        told += [self.shown, *windows, self.sampled, 2 * bool(self.held), self.off, *self.bus]
+        peer = [int(node == self.has.peer) for node in (1, 2)]
+        told += [self.shown, *windows, *(self.sampled * its for its in peer)]
+        told += [*((BEAT + 1) * bool(self.held) * its for its in peer), self.off, *self.bus]
         return told, [*self.v, *counts, 0.0]
 
     def bus_error(self, frame: bytes) -> int:

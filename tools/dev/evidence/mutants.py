@@ -179,7 +179,7 @@ def score() -> tuple[list[Mutant], list[Mutant], list[str]]:
     return mutants, [] if broken else [one for one in mutants if not is_noticed(one)], broken
 
 
-def is_noticed(mutant: Mutant, compiled: bool = True) -> bool:
+def is_noticed(mutant: Mutant) -> bool:
     """Return whether any comparison sees a mutant."""
     groups = {
         "drivers.can.codec": ("codec",), "drivers.can.e2e": ("receiver", "sender"),
@@ -188,7 +188,7 @@ def is_noticed(mutant: Mutant, compiled: bool = True) -> bool:
         **{f"executive.loop.{name}": ("reception",) for name in RECEPTION},
     }  # fmt: skip
     names = groups.get(mutant.function, groups.get(mutant.module, ("supervisor",)))
-    return any(_differs(mutants_and_compares(compiled)[1][name], mutant.number) for name in names)
+    return any(_differs(mutants_and_compares(True)[1][name], mutant.number) for name in names)
 
 
 def _differs(compare: compared.Compare, number: int) -> bool:
