@@ -168,9 +168,9 @@ class _ImportedLog:
         bytes_each = 8 * len(self.variables) + 64
         at_once = max(1, min(_FRAMES_AT_ONCE, CHUNK_BYTES // 2 // bytes_each))
         done, count = 0, len(self.frames)
-        for first in range(0, len(self.rows) + 1, at_once):
+        for first in range(0, max(1, len(self.rows)), at_once):
             cycle = np.arange(first, min(first + at_once, len(self.rows)))
-            last = first + at_once > len(self.rows)
+            last = first + at_once >= len(self.rows)
             end = count if last else int(self.rows[cycle[-1]]) + 1
             for begin in range(done, end, _FRAMES_AT_ONCE):
                 some = self.frames[begin : min(begin + _FRAMES_AT_ONCE, end)]
