@@ -233,11 +233,24 @@ def damaged(folder: Path, kind: str) -> Path:
     return recording
 
 
+@pytest.mark.parametrize("suffix", ["log", "blf", "asc"])
+def test_of_a_cut_recording_all_before_the_cut_is_imported_and_the_loss_is_told(
+    suffix: str, tmp_path: Path
+) -> None:
+    recording = damaged(tmp_path, f"cut {suffix}")
+    done = run("import", recording, "--dbc", DBC, "-o", tmp_path / "o.mcap", "--quiet")
+    assert done.code == 3 and done.err.count("\n") == 1 and str(recording) in done.err, done
+    ours = logs.read(barrel_log()).node["executive"].frames
+    theirs = logs.read(tmp_path / "o.mcap").node["executive"].frames
+    assert 0 < len(theirs) < len(ours), done
+    for name in ("id", "dlc", "data"):
+        assert theirs[name].tolist() == ours[name][: len(theirs)].tolist(), name
+
+
 @pytest.mark.parametrize(
     "kind",
-    ["cut log", "cut blf", "cut asc", "garbage log", "garbage blf", "garbage asc", "garbage db",
-     "garbage trc", "garbage log.gz"],
-)  # fmt: skip
+    ["garbage log", "garbage blf", "garbage asc", "garbage db", "garbage trc", "garbage log.gz"],
+)
 def test_damaged_input_is_one_line_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
     recording, out = damaged(tmp_path, kind), tmp_path / "out"
     out.mkdir()
