@@ -1,6 +1,7 @@
 """The order of frames in a recording, which is the order of the bus, against that of their stamps.
 
-    channels one behind the other   each in order by itself: merged by their stamps
+    one id behind the other, or     each in order by itself: merged by their stamps
+    one channel
     a few frames out of place       sorted by their stamps
     a clock that was set back       the order of the file stays; all that follows is shifted, so
                                     that it comes a usual distance behind the frame before
@@ -39,10 +40,13 @@ class BusOrder:
     steps: list[ClockStep]
 
 
-def bus_order(stamp_ns: Ints, channel: Ints) -> BusOrder:
-    """Return stamps that never fall in the order that is returned with them; both (n,)."""
+def bus_order(stamp_ns: Ints, source: Ints) -> BusOrder:
+    """Return stamps that never fall in the order that is returned with them; both (n,).
+
+    `source` is a number for each channel and id.
+    """
     steps: list[ClockStep] = []
-    if not _each_in_order(stamp_ns, channel):
+    if not _each_in_order(stamp_ns, source):
         stamp_ns, steps = _without_steps(stamp_ns)
     order = np.argsort(stamp_ns, kind="stable")
     highest = np.maximum.accumulate(stamp_ns)
@@ -57,11 +61,11 @@ def are_distances(stamp_ns: Ints) -> bool:
     return bool((gaps < 0).mean() >= _FALLING or (not gaps[1:].any() and gaps[0] > 0))
 
 
-def _each_in_order(stamp_ns: Ints, channel: Ints) -> bool:
-    """Return whether no channel's stamps fall, and there are several."""
-    by_channel = np.argsort(channel, kind="stable")
-    same = np.diff(channel[by_channel]) == 0
-    return not same.all() and not (np.diff(stamp_ns[by_channel])[same] < 0).any()
+def _each_in_order(stamp_ns: Ints, source: Ints) -> bool:
+    """Return whether the stamps of no source fall."""
+    by_source = np.argsort(source, kind="stable")
+    same = np.diff(source[by_source]) == 0
+    return not (np.diff(stamp_ns[by_source])[same] < 0).any()
 
 
 def _without_steps(stamp_ns: Ints) -> tuple[Ints, list[ClockStep]]:

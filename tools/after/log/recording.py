@@ -95,8 +95,8 @@ class _FrameCollector:
     def __init__(self, channel: str | None) -> None:
         self._channel = channel
         self._columns: list[list[int]] = [[], [], [], [], []]  # see `_NAMES`
-        self._places: list[int] = []  # of the channel of each among `channels`
-        self._known: dict[str, int] = {}
+        self._sources: list[int] = []  # a number for each channel and id
+        self._known: dict[tuple[str, int], int] = {}
         self._data, self._width = bytearray(), 8
         self.channels: Counter[str] = Counter()
 
@@ -118,7 +118,7 @@ class _FrameCollector:
         row = (frame.time_ns, word, size, int(frame.is_received), frame.flags)
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
-        self._places.append(self._known.setdefault(name, len(self._known)))
+        self._sources.append(self._known.setdefault((name, word), len(self._known)))
         self._data += frame.data.ljust(self._width, b"\0")
 
     def _widen(self) -> None:
@@ -137,7 +137,7 @@ class _FrameCollector:
             account.note("its stamps are distances, as of candump -td: they are added up")
         if stamps.min() < _NO_DATE_NS and not any("from 1970" in note for note in account.notes):
             account.note("no date was read from it: stamps count from 1970")
-        order = bus_order(stamps, np.array(self._places, np.int64))
+        order = bus_order(stamps, np.array(self._sources, np.int64))
         frames = np.zeros(len(stamps), logs.FRAME if self._width == 8 else logs.FD_FRAME)
         for name, column in zip(_NAMES, self._columns, strict=True):
             frames[name] = column

@@ -19,7 +19,8 @@ from pcpc.drivers.errors import printable
 LATEST_NS = 1 << 62  # in the year 2116
 CLASSIC_BYTES, MOST_BYTES = 8, LENGTHS[-1]
 STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
-DATA_LOST = ("CAN XL", "symbolic")  # kinds that carry data which a log then lacks
+LONG_J1939 = "J1939 of more than 8 bytes"
+DATA_LOST = ("CAN XL", "symbolic", LONG_J1939)  # kinds that carry data which a log then lacks
 _PLACES = 8  # as many places of damage are kept as text
 _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apart
 

@@ -37,6 +37,7 @@ _ID, _EXTENDED = 0x1FFFFFFF, 0x80000000
 _TEN_US, _TXRQ = 1, 2
 _FRAME, _CONTAINERS, _FRAME2, _FRAME_FD, _FRAME_FD64 = 1, 10, 86, 100, 101
 _KINDS = {2: "error", 73: "error", 104: "error", 3: "overload"}
+_MARK = b"LOBJ"
 _LONGEST_PADDING, _LARGEST = 8, 1 << 24  # bytes
 
 
@@ -98,7 +99,7 @@ class _Blf:
         while True:
             self._done = at
             place = offset if is_inner else offset + at
-            if data[at : at + 4] != b"LOBJ":
+            if data[at : at + len(_MARK)] != _MARK:
                 at = self._next_object(data, at, place)
                 if at < size:
                     continue
@@ -125,15 +126,15 @@ class _Blf:
 
     def _next_object(self, data: bytes, at: int, place: int) -> int:
         """Return where the next object begins, the end of `data` for none."""
-        found = data.find(b"LOBJ", at)
-        end = len(data) if found < 0 else found
-        if found < 0 and end - at < 4:  # perhaps the begin of one
-            return end
-        is_padding = found < 0 or end <= at + _LONGEST_PADDING
-        if not is_padding or data[at:end].strip(b"\0"):
+        end, is_near = len(data), at + _LONGEST_PADDING + len(_MARK) > len(data)
+        if is_near and _MARK.startswith(data[at:].lstrip(b"\0")):
+            return end  # padding, and perhaps the begin of what goes on behind it
+        found = data.find(_MARK, at)
+        self._done = end if found < 0 else found
+        is_padding = found < 0 or found <= at + _LONGEST_PADDING
+        if not is_padding or data[at : self._done].strip(b"\0"):
             self._account.lose(f"byte {place}", "no object begins there")
-        self._done = end
-        return end
+        return self._done
 
     def _unpacked(self, offset: int, body: bytes) -> bytes:
         """Return the objects of a container, as far as they can be unpacked."""

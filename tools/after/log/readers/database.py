@@ -1,4 +1,4 @@
-"""python-can's SQLite file: a table `messages` of seven columns."""
+"""python-can's SQLite file: a table of messages, seven columns as in its CSV."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -13,19 +13,25 @@ from pcpc.tools.after.log.readers.account import (
     ns_of_float,
 )
 
-_COLUMNS = "timestamp, arbitration_id, extended, remote, error, dlc, data"
+_HEAD_BYTES = 100
 _STEPS = 1000  # of SQLite's machine, from one look at the calls left to the next
 
 
 def frames(path: Path, account: Account) -> Iterator[RecordedFrame]:
     """Yield the frames of a file; NotReadError if there is no such table."""
-    calls = iter(range(path.stat().st_size))  # a damaged file can make a query endless
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    declared = _page_bytes(head) * int.from_bytes(head[28:32], "big")
+    if declared > size:
+        account.lose("the file", f"{size} of {declared} bytes")
+    calls = iter(range(size))  # a damaged file can make a query endless
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
     connection.text_factory = bytes
     connection.set_progress_handler(lambda: next(calls, None) is None, _STEPS)
     place = 0
     try:
-        rows = connection.execute(f"SELECT {_COLUMNS} FROM messages ORDER BY rowid")
+        rows = connection.execute("SELECT * FROM messages ORDER BY rowid")
         for place, row in enumerate(rows, 1):
             try:
                 yield _of_row(row)
@@ -41,6 +47,12 @@ def frames(path: Path, account: Account) -> Iterator[RecordedFrame]:
         account.lose(f"row {place + 1}", error)
     finally:
         connection.close()
+
+
+def _page_bytes(head: bytes) -> int:
+    """Return the size of a page; 1 stands for 65,536."""
+    size = int.from_bytes(head[16:18], "big")
+    return 1 << 16 if size == 1 else size
 
 
 def _of_row(row: tuple[Any, ...]) -> RecordedFrame:

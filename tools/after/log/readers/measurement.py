@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Iterator
 from datetime import UTC
+from importlib import import_module
 from typing import IO, Any
 
 from pcpc.drivers.can.wire_layout import flags_of
@@ -69,14 +70,14 @@ class _Damage(logging.Handler):
 
 def _reader(file: Any) -> Any:
     """Return python-can's reader; ValueError says in a line why there is none."""
-    import asammdf  # sets up its log
-    import can
+    from can import MF4Reader  # before asammdf, which imports it half-way: then it reads no MDF
 
+    asammdf = import_module("asammdf")  # sets up its log
     log = logging.getLogger(asammdf.__name__)
     log.setLevel(logging.WARNING)
     log.handlers = [_Damage()]
     try:
-        return can.MF4Reader(file)
+        return MF4Reader(file)
     except Exception as error:
         reason = str(error) or type(error).__name__
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None

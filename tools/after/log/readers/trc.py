@@ -15,6 +15,7 @@ from typing import IO
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.tools.after.log.readers.account import (
     CLASSIC_BYTES,
+    LONG_J1939,
     Account,
     RecordedFrame,
     classic_bytes,
@@ -83,7 +84,7 @@ class _Trc:
         flags = _FLAGS.get(type_, Flag.NONE)
         length = number_of(found.get("L", found.get("l", "")), 10, "a length")
         if "R" in found and not flags and length >= len(LENGTHS) and length > CLASSIC_BYTES:
-            return RecordedFrame(time_ns, channel=channel, kind="J1939 of more than 8 bytes")
+            return RecordedFrame(time_ns, channel=channel, kind=LONG_J1939)
         size = length
         if "L" in found:
             size = classic_bytes(length)
