@@ -49,11 +49,14 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet or sys.stdout.isatty())
     start_s, end_s = window_s(options)
     zero_ns = first_cycle_ns(path)
+    log = logs.head(path)
     topics = [f"/{name.lstrip('/')}" for name in options.topics or []]
+    if not topics and log.metadata.get("import", {}).get("rows") == "0":
+        topics = [f"/{_FRAMES}"]  # of a recording without a DBC file that is all
     form = options.format or _usual_format(topics)
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
     _check(form, topics)
-    printer = Printer(logs.head(path), found, form, zero_ns)
+    printer = Printer(log, found, form, zero_ns)
     told = some = False
     for channel, piece in source.stream(path, found, progress):
         topic = found.topic(channel)

@@ -12,7 +12,7 @@ Frames come back in the order of the bus, see `bus_order.py`. A compressed file 
 in it.
 
 A damaged file can make a library loop for ever, or unpack without end: it may take 10 s of
-computing without a frame, unpack to 200 times its size, and hold a frame for each of its bytes.
+computing without a frame, and unpack to 200 times its size.
 """
 
 from collections import Counter
@@ -38,7 +38,6 @@ from pcpc.tools.terminal.progress import Progress
 _NAMES = ("stamp_ns", "id", "dlc", "direction", "flags")
 _STEP = 20_000  # frames from one look at the progress to the next
 _STALL_S = 10.0
-_FRAMES = 1000  # and one for each byte of the file
 _NO_DATE_NS = 365 * 86_400 * 10**9
 
 
@@ -63,12 +62,9 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     account = Account()
     counted, number = _FrameCollector(channel), 0
     try:
-        most = _FRAMES + path.stat().st_size
         with patience(_STALL_S, lambda: number), frames_of(path, account) as frames:
             for number, frame in enumerate(frames, 1):
                 counted.take(frame, account)
-                if number > most:
-                    raise ValueError("it holds more frames than bytes: an object without a size?")
                 if number % _STEP == 0:
                     progress.show(f"{path}: {number} frames")
     except NotReadError as error:

@@ -1,5 +1,6 @@
 """Which reader reads a file: by what it begins with, else by its suffix; and gzip around it."""
 
+import os
 import re
 import tempfile
 import zlib
@@ -24,6 +25,7 @@ KNOWN = {
     ".log": "candump", ".asc": "ASC", ".blf": "BLF", ".mf4": "MDF 4", ".trc": "TRC",
     ".csv": "python-can's CSV", ".db": "python-can's SQLite",
 }  # fmt: skip
+_GZIP_WINDOW, _SUM_BYTES = 31, 8
 _GZIP, _HEAD_BYTES = b"\x1f\x8b", 512
 _UNPACKED, _UNPACKED_PER_BYTE = 16 << 20, 200
 _BOMS = (b"\xef\xbb\xbf",)
@@ -96,23 +98,29 @@ def _frames(
 
 def _unpack(packed: IO[bytes], whole: IO[bytes], account: Account, most: int) -> None:
     """Write what a gzip file holds, as far as it can be unpacked; NotReadError for too much."""
-    stream, at = zlib.decompressobj(31), 0
-    while data := packed.read(1 << 16):
+    stream, is_done = zlib.decompressobj(_GZIP_WINDOW), False
+    for piece in _pieces(packed):
+        data = piece
         while data:
             try:
-                out = stream.decompress(data, 1 << 20)
+                most -= whole.write(stream.decompress(data, 1 << 20))
             except zlib.error as error:
                 account.lose("the .gz around it", error)
                 return
-            whole.write(out)
-            at += len(out)
-            if at > most:
+            if most < 0:
                 raise NotReadError("it unpacks to more than 200 times its size")
-            data = stream.unconsumed_tail
-            if stream.eof:
+            data, is_done = stream.unconsumed_tail, stream.eof
+            if is_done:
                 data = stream.unused_data.lstrip(b"\0")
-                stream = zlib.decompressobj(31) if data else stream
-                if not data:
-                    break
-    if not stream.eof:
+                stream = zlib.decompressobj(_GZIP_WINDOW)
+    if not is_done:
         account.lose("the .gz around it", "it is cut")
+
+
+def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield a file in pieces, its sum at the end by itself: if that is wrong, all else is there."""
+    left = os.fstat(file.fileno()).st_size - _SUM_BYTES
+    while left > 0 and (data := file.read(min(left, 1 << 16))):
+        left -= len(data)
+        yield data
+    yield file.read()

@@ -37,7 +37,7 @@ def frames(file: IO[bytes], account: Account, most: int) -> Iterator[RecordedFra
                 most -= sum(block.original_size or 0 for block in group.data_blocks)
         if not declared:
             raise NotReadError(f"MDF {version} without bus logging of CAN; give one with it")
-        if most < 0:
+        if declared > most:
             raise ValueError("it unpacks to more than 200 times its size")
         comment = _SUM.search(reader._mdf.header.comment)
         account.declared = comment[0] if comment else ""
