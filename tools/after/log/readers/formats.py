@@ -100,7 +100,7 @@ def _unpack(packed: IO[bytes], whole: IO[bytes], account: Account, most: int) ->
     """Write what a gzip file holds, as far as it can be unpacked; NotReadError for too much."""
     stream, is_done = zlib.decompressobj(_GZIP_WINDOW), False
     for piece in _pieces(packed):
-        data = piece
+        data = piece.lstrip(b"\0") if is_done else piece
         while data:
             try:
                 most -= whole.write(stream.decompress(data, 1 << 20))
