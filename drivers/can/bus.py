@@ -283,7 +283,8 @@ def _open_udp(channel: str) -> tuple[int, int]:
             sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
             sender.connect((group, port))
         membership = socket.inet_aton(group) + loopback
-        receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+        for end in (receiver, sender):  # who only sends keeps the group open for its listeners
+            end.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
     except OSError as error:
         receiver.close()
         sender.close()

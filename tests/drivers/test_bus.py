@@ -59,6 +59,22 @@ def open_udp() -> Iterator[Open]:
         os.close(end.fd_rx)
 
 
+def test_who_only_sends_keeps_the_group_open_for_listeners_that_joined_elsewhere(
+    open_udp: Open,
+) -> None:
+    """python-can joins at the interface of the default route, where loopback's frames are not."""
+    channel = own_channel("239.74.163.12")
+    end = open_udp(channel)
+    os.close(end.fd_rx)  # as a player does
+    end.fd_rx = os.dup(end.fd_tx)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.settimeout(PYTHON_CAN_WAIT_S)
+        listener.bind(bus.udp_address(channel))
+        with socket.socket(fileno=os.dup(end.fd_tx)) as sender:
+            sender.send(b"frame")
+        assert listener.recv(100) == b"frame"
+
+
 @pytest.fixture
 def open_python_can() -> Iterator[Callable[..., can.BusABC]]:
     """Open python-can buses that are shut down after the test."""

@@ -11,6 +11,7 @@ many digits as they need to come back bit for bit.
 import argparse
 import json
 import math
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -35,6 +36,7 @@ from pcpc.tools.after.log.tally import DIRECTIONS, senseless
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
+_INTERFACE = re.compile(r"[\w.:@-]{1,15}", re.ASCII)
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
 _FRAMES = "can/frames"
 Rows = NDArray[Any]  # messages, or frames: (n,) records
@@ -47,11 +49,14 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet or sys.stdout.isatty())
     start_s, end_s = window_s(options)
     zero_ns = first_cycle_ns(path)
+    log = logs.head(path)
     topics = [f"/{name.lstrip('/')}" for name in options.topics or []]
+    if not topics and log.metadata.get("import", {}).get("rows") == "0":
+        topics = [f"/{_FRAMES}"]  # of a recording without a DBC file that is all
     form = options.format or _usual_format(topics)
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
     _check(form, topics)
-    printer = Printer(logs.head(path), found, form, zero_ns)
+    printer = Printer(log, found, form, zero_ns)
     told = some = False
     for channel, piece in source.stream(path, found, progress):
         topic = found.topic(channel)
@@ -223,7 +228,14 @@ class Printer:
         return None
 
     def _interface(self) -> str:
-        """Return the name of the CAN interface of the run, else the kind of bus that it had."""
+        """Return the name of the CAN interface of the run, else the kind of bus that it had.
+
+        Of a recording of others that is its channel, if it has one and candump could name it so.
+        """
+        if "import" in self.log.metadata:
+            channels = list(json.loads(self.log.metadata["import"].get("channels", "{}")))
+            name = f"can{channels[0]}" if channels and channels[0].isdigit() else "".join(channels)
+            return name if len(channels) == 1 and _INTERFACE.fullmatch(name) else "can0"
         for facts in self.log.metadata.values():
             interface, _, channel = facts.get("bus", "").partition(":")
             if interface:

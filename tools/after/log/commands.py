@@ -83,9 +83,14 @@ def export(add: Add) -> None:
 
 
 def import_(add: Add) -> None:
-    """Take a recording and its DBC file."""
+    """Take a recording and perhaps its DBC file."""
     add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="DBC file of its frames")
+    add(
+        "--dbc",
+        type=Path,
+        metavar="FILE.dbc",
+        help="DBC file of its frames; without one only frames are imported",
+    )
     add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log to write")
     add("--node", metavar="NAME", help="direction of frames as seen by this node of the DBC file")
     add("--channel", metavar="NAME", help="only this channel of the recording")
@@ -191,11 +196,15 @@ _PARTS = (
     ),
     Command(
         "import",
-        "make a log of a recording that python-can reads: candump, BLF, ASC, MDF 4",
-        "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
+        "make a log of a recording: candump, BLF, ASC, TRC, MDF 4, python-can's CSV and SQLite",
+        "pcpc log import drive.blf --dbc car.dbc -o drive.mcap\n"
+        "pcpc log import drive.log -o drive.mcap && pcpc play drive.mcap --bus vcan0",
         import_,
         module="after.log.importer",
-        codes=OUTPUT_CODES,
+        codes=codes(
+            OUTPUT_CODES,
+            LOSS="something of the recording is lost; all that can be read is imported",
+        ),
     ),
     Command(
         "require",

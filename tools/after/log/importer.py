@@ -1,6 +1,6 @@
-"""`pcpc log import`: a recording of a CAN bus and its DBC file become a log of this project.
+"""`pcpc log import`: a recording of a CAN bus, and its DBC file, become a log of this project.
 
-    /can/frames   every classic data frame, known or not, by stamp; sent and received as the
+    /can/frames   every data frame, known or not, in the order of the bus; sent and received as the
                   recording says, with --node as the DBC file says for this node
     /state        `rx.FRAME.signal`, with --node also `tx.FRAME.signal`: the latest values, a row
                   for each frame of the clock frame; NaN until a signal is first seen
@@ -10,11 +10,13 @@
     stamp         wall time of the recording in ns, also in stamp_ns: one clock
 
 The log has a node `executive` (the recording's side of the bus), the DBC file, and a metadata
-record `import` of what was counted. It has no rig, so it cannot be recomputed.
+record `import` of what was counted. It has no rig, so it cannot be recomputed. Without a DBC file
+it has frames only, each with a cycle of its own.
 """
 
 import argparse
 import json
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +31,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.channels import register_columns, register_entries
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.provenance import facts
+from pcpc.tools.after.log.readers.account import DATA_LOST, Account
 from pcpc.tools.after.log.recording import Recording, read
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -46,27 +49,54 @@ def command(options: argparse.Namespace) -> int:
     """Carry out `import`; return the exit code. LogCommandError: wrong input."""
     progress = Progress(options.quiet)
     with new_file(options.output, options.force) as path:
-        from pcpc.tools.after.log import decode  # here, because they bring the compiler
-
-        database = decode.load(options.dbc)
-        nodes = sorted(node.name for node in database.nodes)
-        if options.node is not None and options.node not in nodes:
-            hint = did_you_mean(options.node, nodes)
-            raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
-        recording = read(options.recording, options.channel, progress)
-        found, unknown = decode.by_id(database, recording.frames, progress)
-        if not any(len(one.place) for one in found):
-            ids = _ids(dict(Counter(recording.frames["id"].tolist())))
-            raise LogCommandError(
-                f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
-                "give the DBC file of this bus"
-            )
+        found, unknown = list["DecodedFrames"](), dict[int, int]()
+        if options.dbc is None:
+            if options.node is not None:
+                raise LogCommandError(f"--node {options.node}: needs --dbc, which names its frames")
+            recording = read(options.recording, options.channel, progress)
+        else:
+            recording, found, unknown = _decoded(options, progress)
         log = _ImportedLog(options, recording, found)
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
     print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
-    return Exit.OK
+    if recording.account.is_whole:
+        return Exit.OK
+    print(f"{options.recording}: {_loss(recording.account)}", file=sys.stderr)
+    return Exit.LOSS
+
+
+def _decoded(
+    options: argparse.Namespace, progress: Progress
+) -> "tuple[Recording, list[DecodedFrames], dict[int, int]]":
+    """Return the recording, its decoded ids and the counts of all others; LogCommandError."""
+    from pcpc.tools.after.log import decode  # here, because they bring the compiler
+
+    database = decode.load(options.dbc)
+    nodes = sorted(node.name for node in database.nodes)
+    if options.node is not None and options.node not in nodes:
+        hint = did_you_mean(options.node, nodes)
+        raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
+    recording = read(options.recording, options.channel, progress)
+    found, unknown = decode.by_id(database, recording.frames, progress)
+    if not any(len(one.place) for one in found):
+        ids = _ids(dict(Counter(recording.frames["id"].tolist())))
+        raise LogCommandError(
+            f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
+            "give the DBC file of this bus, or none: then only frames are imported"
+        )
+    return recording, found, unknown
+
+
+def _loss(account: Account) -> str:
+    """Return in a line what of a recording is not in the log."""
+    more = f", and {account.damaged - 1} more places" if account.damaged > 1 else ""
+    parts = [f"damaged: {account.damage[0]}{more}"] if account.damaged else []
+    kinds = [f"{account.left_out[kind]} {kind}" for kind in DATA_LOST if account.left_out[kind]]
+    if kinds:
+        parts.append(f"not in a log: {', '.join(kinds)} frames")
+    return f"{'; '.join(parts)}; all else is imported"
 
 
 class _ImportedLog:
@@ -83,23 +113,32 @@ class _ImportedLog:
             frames["e2e"][places] = one.state
             if options.node is not None:
                 frames["direction"][places] = id(one) not in self.sent
-        self.clock = _clock_frame(found)
-        self.rows = self.clock.place
-        frames["cycle"] = np.searchsorted(self.rows, np.arange(len(frames)))
-        gaps = np.diff(frames["stamp_ns"][self.rows])
+        clock = _clock_frame(found) if found else None
+        self.rows = clock.place if clock else np.empty(0, np.int64)
+        places = np.arange(len(frames))
+        frames["cycle"] = np.searchsorted(self.rows, places) if clock else places
+        gaps = np.diff(frames["stamp_ns"][self.rows] if clock else frames["stamp_ns"])
         self.period_ns = max(1, round(float(np.median(gaps)))) if len(gaps) else 1_000_000_000
         self.variables = [
             [f"{'tx' if id(one) in self.sent else 'rx'}.{one.message.name}.{name}", unit,
              "sent" if id(one) in self.sent else "received", one.message.name, text]
             for one in found for name, unit, text in one.signals
         ]  # fmt: skip
+        account = recording.account
         duration_s = 1e-9 * int(frames["stamp_ns"][-1] - frames["stamp_ns"][0])
         self.counts: dict[str, Any] = {
             "file": str(options.output), "frames": len(frames),
             "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
-            "clock_frame": self.clock.message.name, "rate_hz": round(1e9 / self.period_ns, 6),
-            "left_out": dict(recording.left_out), "unsorted": recording.unsorted,
+            "clock_frame": clock.message.name if clock else "",
+            "rate_hz": round(1e9 / self.period_ns, 6),
+            "left_out": dict(account.left_out), "others": account.others,
+            "damaged": account.damaged, "damage": account.damage, "notes": account.notes,
+            "unsorted": recording.order.moved,
+            "clock_steps": [
+                {"frame": step.frame, "back_s": step.back_ns / 1e9, "shift_s": step.shift_ns / 1e9}
+                for step in recording.order.steps
+            ],
             "declared": recording.declared,
             "channels": dict(recording.channels),
             "lost": sum(one.lost for one in found if one.checked),
@@ -147,10 +186,10 @@ class _ImportedLog:
             "state_names": [], "fault_names": [], "metadata": metadata,
             **({} if self.most == 8 else {"data_bytes": self.most}),
         }  # fmt: skip
-        for name, data in (
-            (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()),
-            ("executive.json", json.dumps(description).encode()),
-        ):
+        files = [("executive.json", json.dumps(description).encode())]
+        if self.options.dbc is not None:
+            files.insert(0, (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()))
+        for name, data in files:
             writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
 
     @property
@@ -168,16 +207,17 @@ class _ImportedLog:
         bytes_each = 8 * len(self.variables) + 64
         at_once = max(1, min(_FRAMES_AT_ONCE, CHUNK_BYTES // 2 // bytes_each))
         done, count = 0, len(self.frames)
-        for first in range(0, len(self.rows) + 1, at_once):
+        for first in range(0, max(1, len(self.rows)), at_once):
             cycle = np.arange(first, min(first + at_once, len(self.rows)))
-            last = first + at_once > len(self.rows)
+            last = first + at_once >= len(self.rows)
             end = count if last else int(self.rows[cycle[-1]]) + 1
             for begin in range(done, end, _FRAMES_AT_ONCE):
                 some = self.frames[begin : min(begin + _FRAMES_AT_ONCE, end)]
                 writer.add([_records(channels[1], some["cycle"], some["stamp_ns"], some)])
             done = end
-            stamps = self.frames["stamp_ns"][self.rows[cycle]]
-            writer.add([_records(channels[0], cycle, stamps, self._values(cycle))])
+            if len(cycle):
+                stamps = self.frames["stamp_ns"][self.rows[cycle]]
+                writer.add([_records(channels[0], cycle, stamps, self._values(cycle))])
             if first:
                 progress.show(f"{self.options.output}: {done}/{count} frames")
 
@@ -224,14 +264,47 @@ def _ids(counts: dict[int, int]) -> str:
 
 def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]) -> str:
     """Return what was done, and everything that is not as it was in the recording."""
-    lines = [
-        f"{options.output}: {counts['frames']} frames of {counts['ids']} ids in "
-        f"{counts['duration_s']:g} s; {counts['rows']} rows of {counts['signals']} signals, "
-        f"one for each {counts['clock_frame']} ({counts['rate_hz']:g} Hz)"
-    ]
+    head = f"{options.output}: {counts['frames']} frames of {counts['ids']} ids in "
+    lines = [f"{head}{counts['duration_s']:g} s"]
+    if counts["rows"]:
+        lines[0] += (
+            f"; {counts['rows']} rows of {counts['signals']} signals, "
+            f"one for each {counts['clock_frame']} ({counts['rate_hz']:g} Hz)"
+        )
+    return "\n".join([*lines, *_account_lines(counts), *_decoding_lines(options, counts, unknown)])
+
+
+def _account_lines(counts: dict[str, Any]) -> list[str]:
+    """Return what of the recording is not in the log, or not as it was."""
+    lines = [f"damaged, not imported: {place}" for place in counts["damage"]]
+    if counts["damaged"] > len(lines):
+        lines.append(f"damaged, not imported: {counts['damaged'] - len(lines)} more places")
     kinds = [f"{n} {kind}" for kind, n in sorted(counts["left_out"].items())]
     if kinds:
         lines.append(f"left out: {', '.join(kinds)} frames")
+    if counts["others"]:
+        lines.append(f"no frames: {counts['others']} events")
+    lines += counts["notes"]
+    for step in counts["clock_steps"][:_TOLD_IDS]:
+        lines.append(
+            f"its clock goes back by {step['back_s']:g} s at frame {step['frame']}: the order "
+            f"stays, stamps from there on are {step['shift_s']:g} s later"
+        )
+    if len(counts["clock_steps"]) > _TOLD_IDS:
+        lines.append(f"its clock goes back {len(counts['clock_steps']) - _TOLD_IDS} times more")
+    if counts["unsorted"]:
+        lines.append(f"stamped out of order, now sorted: {counts['unsorted']} frames")
+    if counts["declared"]:
+        what = "the recording was cut, changed or damaged since it was written"
+        lines.append(f"not the frames that it declares ({counts['declared']}): {what}")
+    return lines
+
+
+def _decoding_lines(
+    options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]
+) -> list[str]:
+    """Return what the DBC file did not decode, and which channels stand together."""
+    lines = []
     if unknown:
         lines.append(f"not in {options.dbc.name}, kept as frames only: {_ids(unknown)}")
     if counts["lost"]:
@@ -241,12 +314,7 @@ def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[i
         lines.append(f"kept as frames only: {counts['not_decoded']}; {why}")
     if counts["foreign_crc"]:
         lines.append(f"CRC of another kind, not checked: {', '.join(counts['foreign_crc'])}")
-    if counts["declared"]:
-        what = "the recording was cut, changed or damaged since it was written"
-        lines.append(f"not the frames that it declares ({counts['declared']}): {what}")
-    if counts["unsorted"]:
-        lines.append(f"stamped out of order, now sorted: {counts['unsorted']} frames")
     if options.channel is None and len(counts["channels"]) > 1:
         names = ", ".join(sorted(counts["channels"]))
         lines.append(f"channels {names} are merged; --channel takes one")
-    return "\n".join(lines)
+    return lines

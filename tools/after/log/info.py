@@ -36,6 +36,8 @@ def command(options: argparse.Namespace) -> int:
     except logs.LogError as error:
         if foreign := survey(path):
             _show_foreign(foreign, str(error), options.json)
+            if "damaged" not in foreign:  # others have other records
+                raise logs.LogError(f"{path}: an MCAP file, but not a log of pcpc") from None
         raise
     progress.close()
     if options.json:
@@ -54,6 +56,8 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
     log = logs.assemble(path, found)
     facts = log.metadata[next(iter(log.node))]
     lead = logs.topic(next(iter(log.node)), "state")
+    if lead not in tally.first_ns:  # frames only
+        lead = logs.topic(next(iter(log.node)), "can/frames")
     zero_ns, duration_s = tally.first_ns.get(lead, 0), tally.duration_s(lead)
     events = tally.entries("events", zero_ns)
     return {

@@ -205,13 +205,14 @@ def test_the_log_is_one_that_mcap_readers_open(car: Path, tmp_path: Path) -> Non
     assert (decoded["/can/frames"].id, decoded["/can/frames"].dlc) == (0x7FF, 0), decoded
 
 
-def test_many_rows_are_cut_into_chunks_without_a_gap(car: Path, tmp_path: Path) -> None:
-    lines = [f"{i // 1000}.{i % 1000:03d} {ENGINE}#{i:016X}" for i in range(9001)]
+@pytest.mark.parametrize("rows", [4000, 8001])
+def test_many_rows_are_cut_into_chunks_without_a_gap(rows: int, car: Path, tmp_path: Path) -> None:
+    lines = [f"{i // 1000}.{i % 1000:03d} {ENGINE}#{i:016X}" for i in range(rows)]
     _, log = imported(candump(tmp_path, lines), car)
     node = log.node["executive"]
-    assert node.cycle.tolist() == list(range(9001)) == node.frames["cycle"].tolist()
+    assert node.cycle.tolist() == list(range(rows)) == node.frames["cycle"].tolist()
     numbers = node.frames["data"].copy().view(">u8")[:, 0].tolist()
-    assert numbers == list(range(9001)), "frames are missing or out of order"
+    assert numbers == list(range(rows)), "frames are missing or out of order"
     assert log.metadata["executive"]["period_ns"] == "1000000"
 
 
@@ -232,11 +233,24 @@ def damaged(folder: Path, kind: str) -> Path:
     return recording
 
 
+@pytest.mark.parametrize("suffix", ["log", "blf", "asc"])
+def test_of_a_cut_recording_all_before_the_cut_is_imported_and_the_loss_is_told(
+    suffix: str, tmp_path: Path
+) -> None:
+    recording = damaged(tmp_path, f"cut {suffix}")
+    done = run("import", recording, "--dbc", DBC, "-o", tmp_path / "o.mcap", "--quiet")
+    assert done.code == 3 and done.err.count("\n") == 1 and str(recording) in done.err, done
+    ours = logs.read(barrel_log()).node["executive"].frames
+    theirs = logs.read(tmp_path / "o.mcap").node["executive"].frames
+    assert 0 < len(theirs) < len(ours), done
+    for name in ("id", "dlc", "data"):
+        assert theirs[name].tolist() == ours[name][: len(theirs)].tolist(), name
+
+
 @pytest.mark.parametrize(
     "kind",
-    ["cut log", "cut blf", "cut asc", "garbage log", "garbage blf", "garbage asc", "garbage db",
-     "garbage trc", "garbage log.gz"],
-)  # fmt: skip
+    ["garbage log", "garbage blf", "garbage asc", "garbage db", "garbage trc", "garbage log.gz"],
+)
 def test_damaged_input_is_one_line_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
     recording, out = damaged(tmp_path, kind), tmp_path / "out"
     out.mkdir()
