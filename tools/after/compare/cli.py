@@ -24,6 +24,7 @@ def command(options: argparse.Namespace) -> int:
     how = Criteria(options.tolerance, _folder(options.output))
     try:
         found = _comparison(options, how, Progress(options.quiet))
+        found.allow(options.allow)
     except UserError:
         if is_new and how.figures is not None:
             with suppress(OSError):  # it holds figures already

@@ -10,7 +10,7 @@ def compare(add: Add) -> None:
         "words",
         nargs="*",
         metavar="A B|RIG",
-        help="old and new log, run or folder of runs; --against: rigs",
+        help="old and new log, run or folder, of which all runs; --against: rigs",
     )
     add(
         "--against",
@@ -32,6 +32,13 @@ def compare(add: Add) -> None:
         choices=("any", "metrics", "verdict", "never"),
         default="any",
         help="difference that exits with 1; default: any",
+    )
+    add(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="RIG or RIG/CONTROLLER that may be on one side only; * is any text",
     )
     add("--markdown", metavar="FILE", help="write a table for a pull request; -: stdout")
     add("--json", metavar="FILE", help="write all as JSON; -: stdout")

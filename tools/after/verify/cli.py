@@ -10,11 +10,9 @@ from functools import partial
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError, printable
-from pcpc.tools.after.log.recorded import LATEST, folders_below, log_of
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.log.recorded import LATEST, log_of, logs_below
 from pcpc.tools.after.verify import table as tables
 from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified_row
-from pcpc.tools.start.folder import LOG
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.junit import Case, junit_text
@@ -137,18 +135,9 @@ def _logs(word: str) -> list[Path]:
         if not path.exists():
             raise UserError(f"{word}: no such log or folder; name logs, or a folder of logs")
         return [path]
-    if not (found := list(_logs_below(Path(word)))):
+    if not (found := list(logs_below(Path(word)))):
         raise UserError(f"{word}: no log below this folder; logs are called *.mcap")
     return found
-
-
-def _logs_below(top: Path) -> Iterator[Path]:
-    """Yield every *.mcap below a folder, and logs that runs have lost."""
-    for folder, folders, files in folders_below(top):
-        lost = [LOG] if summary_file.NAME in files and LOG not in (*files, *folders) else []
-        for name in (*files, *folders, *lost):
-            if name.lower().endswith(".mcap"):
-                yield folder / name
 
 
 # What is told
