@@ -40,9 +40,9 @@ COMMANDS = (
         "pcpc replay latest",
         replay,
         codes=codes(
-            OK="bit-identical",
-            NOT_MET="different or incomplete",
-            LOSS="bit-identical, but the log is incomplete",
+            OK="all bit-identical",
+            NOT_MET="something differs",
+            LOSS="nothing differs, but the log is incomplete",
             SAFETY_STOP="a step hangs or raises",
             INTERRUPTED="",
         ),

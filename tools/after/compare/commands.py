@@ -10,7 +10,7 @@ def compare(add: Add) -> None:
         "words",
         nargs="*",
         metavar="A B|RIG",
-        help="old and new log, run or folder, of which all runs; --against: rigs",
+        help="old and new log, run or folder of runs; --against: rigs",
     )
     add(
         "--against",
@@ -38,7 +38,7 @@ def compare(add: Add) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="RIG or RIG/CONTROLLER that may be on one side only; * is any text",
+        help="rig, or RIG/CONTROLLER, that may be on one side only",
     )
     add("--markdown", metavar="FILE", help="write a table for a pull request; -: stdout")
     add("--json", metavar="FILE", help="write all as JSON; -: stdout")
@@ -57,8 +57,8 @@ COMMANDS = (
         module="after.compare.cli",
         codes=codes(
             OK="equal",
-            NOT_MET="they differ, or a log is damaged",
-            LOSS="a disk is full",
+            NOT_MET="they differ, or one is alone or no log",
+            LOSS="nothing differs, but a log is cut; a disk is full",
             ENVIRONMENT="git or a package is missing",
             INTERRUPTED="",
         ),

@@ -1,12 +1,10 @@
 """All pairs of a comparison, and what is told of them: on a terminal, in Markdown, as JSON."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pcpc.drivers.errors import UserError
-from pcpc.executive.errors import did_you_mean
 from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Change, Pair
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal import screen
@@ -52,8 +50,7 @@ class Comparison:
     def fails(self, on: str = "any") -> bool:
         """Return whether it differs in `on`: any, metrics, verdict, never.
 
-        True also if nothing was compared, if a difference cannot be classified, and for what is on
-        one side only, but for what `allow` has named.
+        True also if something cannot be classified or is on one side only, or nothing was compared.
         """
         if on == "never":
             return False
@@ -67,19 +64,6 @@ class Comparison:
         verdict = any(pair.verdict.differs for pair in changed)
         unknown = any(on in pair.unknown for pair in self.of(CHANGED, EQUAL))
         return metrics or verdict or unknown
-
-    def allow(self, names: Sequence[str]) -> None:
-        """Let what is called so be on one side only; UserError for a name of no run here.
-
-        A new run that is not ok stays a failure.
-        """
-        for name in names:
-            mine = [pair for pair in self.pairs if pair.is_called(name)]
-            if not mine:
-                known = dict.fromkeys(pair.rig for pair in self.pairs)
-                raise UserError(f"--allow {name}: no such rig here{did_you_mean(name, known)}")
-            for pair in mine:
-                pair.allowed = pair.state == ALONE and not (pair.side == "new" and pair.faulty)
 
     @property
     def counts(self) -> str:

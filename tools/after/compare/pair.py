@@ -86,6 +86,7 @@ class Pair:
     commit: Change = field(default_factory=lambda: Change("commit", "", ""))  # "": not known
     unknown: list[str] = field(default_factory=list)  # metrics, verdict: cannot be compared
     figure: str = ""
+    missing: list[str] = field(default_factory=list)  # damage of the logs; also in `said`
     doubts: list[str] = field(default_factory=list)  # why no gate may trust it; also in `said`
     cycles: dict[str, tuple[int, int]] = field(default_factory=dict)  # node -> compared, of
     side: Side = ""  # that alone has it
@@ -95,6 +96,11 @@ class Pair:
     def name(self) -> str:
         """Rig and controller."""
         return f"{self.rig}, {self.controller}" if self.controller else self.rig
+
+    @property
+    def is_cut(self) -> bool:
+        """Nothing differs in what is left of damaged logs."""
+        return self.state == FAILED and bool(self.missing) and not self.doubts
 
     @property
     def faulty(self) -> bool:
@@ -159,11 +165,12 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     own = old.judged_at_its_end, new.judged_at_its_end
     if all(own):
         found.verdict = Change("verdict", *(s.verdict for s in summaries))
-    found.doubts += [*report.missing, *_doubts(old, new, report.equal)]
+    found.missing, found.doubts = report.missing, _doubts(old, new, report.equal)
     _conclude(found, report, summaries)
     alike = own[0] == own[1] and found.state == EQUAL  # bits of one log are judged alike
-    found.unknown = ["metrics"] * bool(found.doubts or (_NONE in summaries and not alike))
-    found.unknown += ["verdict"] * bool(found.doubts or not (all(own) or alike))
+    wrong = bool(found.missing or found.doubts)
+    found.unknown = ["metrics"] * (wrong or (_NONE in summaries and not alike))
+    found.unknown += ["verdict"] * (wrong or not (all(own) or alike))
     found.said += [
         f"no verdict: {run.path}: no summary.json of this run is beside it"
         for run in (old, new)
@@ -180,9 +187,9 @@ def _conclude(found: Pair, report: diff.Report, summaries: list[Summary]) -> Non
             found.said += [f"{side}: {reason}" for reason in why]
     if not report.equal or found.changed_metrics or found.verdict.differs:
         found.state = CHANGED
-    elif found.doubts:
+    elif found.missing or found.doubts:
         found.state = FAILED
-    found.said += found.doubts
+    found.said += [*found.missing, *found.doubts]
 
 
 def _doubts(old: Run, new: Run, equal: bool) -> list[str]:

@@ -77,7 +77,7 @@ def recorded_runs(text: str, unreadable: Callable[[Path, str], None]) -> list[Re
             found.append(Recorded(path, place, logs.head(path)))
         except (UserError, OSError) as error:
             words = error.strerror if isinstance(error, OSError) else str(error)
-            unreadable(path, f"{words}")
+            unreadable(path, f"{words}".removeprefix(f"{path}: "))
     if not paths:
         raise RigError(f"{text}: no log in this folder; name a run, or a folder that holds some")
     return found

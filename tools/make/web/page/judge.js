@@ -99,9 +99,13 @@ function required(about, calculation, cut, periodS) {
 
 function unjudgedWhy({ n, events, about }) {
   if (!n) return "its variables were not recorded";
+  const past = Number(about.window[1]), decided = about.becomes || about.changes !== undefined;
+  if (!events && decided) return "its event never happened";
+  if (about.begin >= past || (about.form === "Hold" && events && n >= past)) {
+    return "no cycle lies in its time";
+  }
   if (events) return "the run ended before its time was over";
-  const event = about.becomes || about.changes !== undefined || about.waits;
-  return event ? "its event never happened" : "the run ended before its time began";
+  return about.waits ? "its event never happened" : "the run ended before its time began";
 }
 
 function drawnSignals(data, calculation) {
