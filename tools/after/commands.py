@@ -43,7 +43,7 @@ COMMANDS = (
             OK="all bit-identical",
             NOT_MET="something differs",
             LOSS="nothing differs, but the log is incomplete",
-            SAFETY_STOP="a step hangs or raises",
+            SAFETY_STOP="a law hangs or raises",
             INTERRUPTED="",
         ),
         judges=True,

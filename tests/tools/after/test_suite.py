@@ -1,6 +1,7 @@
 """`pcpc report --suite`: what it says of many runs, and that nothing makes it say ok falsely."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree
@@ -174,6 +175,13 @@ def test_a_run_folder_without_a_summary_is_not_ok(tmp_path: Path) -> None:
     assert cases(tmp_path)[str(tmp_path / "a/log.mcap")] == "loss"
     made(tmp_path / "b", HOLDS, "{muzzle_error_rms_mrad: {high: -1, id: R-2}}")
     assert suite(tmp_path).code == 1, "what is violated goes before what is missing"
+
+
+def test_a_pipe_in_place_of_a_log_is_no_log_and_ends(tmp_path: Path) -> None:
+    (made(tmp_path / "a") / "log.mcap").unlink()
+    os.mkfifo(tmp_path / "a/log.mcap")
+    done = suite(tmp_path)
+    assert done.code in (1, 3) and "a/log.mcap: no log" in done.out, done
 
 
 def test_a_loop_of_links_is_a_line(tmp_path: Path) -> None:

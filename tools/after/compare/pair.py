@@ -197,7 +197,8 @@ def _doubts(old: Run, new: Run, equal: bool) -> list[str]:
     found = [
         f"{run.path.with_name(summary_file.NAME)}: is not of this log, one was changed since"
         for run in (old, new)
-        if not run.judged_at_its_end and run.path.with_name(summary_file.NAME).exists()
+        if not (run.judged_at_its_end or run.log.missing)
+        and run.path.with_name(summary_file.NAME).exists()
     ]
     if equal:
         return found

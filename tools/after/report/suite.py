@@ -180,7 +180,8 @@ def _logs_below(top: Path) -> Iterator[Path]:
 def _judged_run(path: Path, options: argparse.Namespace) -> OneRun:
     found = OneRun(path)
     try:
-        found.sha256 = carried_files.sha256(path)
+        if carried_files.is_ordinary(path):  # a pipe would never end
+            found.sha256 = carried_files.sha256(path)
         head = logs.head(path)
     except (OSError, UserError) as error:
         found.problems.append(_reason(error, path))

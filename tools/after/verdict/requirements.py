@@ -92,7 +92,7 @@ class Result:
         if self.held is None:
             return f"{self.name}: not judged: {self.reason}"
         if self.held:
-            return f"{self.name}: held, margin {self.smallest}{of}"
+            return f"{self.name}: met, margin {self.smallest}{of}"
         return f"{self.name}: violated first at {self.first}, smallest margin {self.smallest}{of}"
 
 

@@ -86,7 +86,7 @@ function required(about, calculation, cut, periodS) {
   const own = (value, unit) => shortNumber(value, 4) + (unit ? ` ${unit}` : "");
   const smallest = `${own(margin, least.unit)} at ${pythonNumber(found.margin_s)} s`;
   const of = open ? `, ${judged} of ${events} events judged` : "";
-  found.words = `${text}: held, margin ${smallest}${of}`;
+  found.words = `${text}: met, margin ${smallest}${of}`;
   if (first) {
     const { what, value, limit, unit } = first;
     Object.assign(found, { first_s: time(first.cycle), what, value, limit });
