@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.reader import Log
 
 NAN = 0x7FF8000000000000
@@ -33,7 +34,7 @@ def digest_of(log: Log, names: Mapping[str, Sequence[str]], cycles: int) -> str:
     return whole.hexdigest()
 
 
-def _block_columns(about: Mapping[str, Sequence[Sequence[str]]]) -> list[str]:
+def _block_columns(about: NodeDescription) -> list[str]:
     """Return the recorded states, then the outputs, of block after block of a node."""
     recorded, kinds = {*about["state_columns"]}, ("state", "output")
     named = [(name, kind, writer) for name, _, kind, writer, *_ in about["variables"]]
