@@ -28,7 +28,7 @@ from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.keyframe_check import KeyframeCheck
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.replayed import Verdict, compare_frames, plain, report
+from pcpc.tools.after.replayed import Difference, Verdict, compare_frames, plain, report
 from pcpc.tools.after.span import Values, cycles_of
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal.progress import Progress
@@ -37,11 +37,12 @@ from pcpc.tools.terminal.rooms import is_installed, part_of
 _DEVICE = "make/device"  # the room that replays a device's log
 _PIECE_BYTES = 1 << 20  # of the log, where only some of it is looked at
 OTHER_LAYOUT = "its keyframes are not compared: their layout is of another version"
+END = "end of the node"  # as a difference
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
 def command(options: argparse.Namespace) -> int:
-    """Replay `options.log`; OK if bit-identical, LOSS if as far as a damaged log goes.
+    """Replay `options.log`; OK if bit-identical, LOSS if as far as an incomplete log goes.
 
     UserError: wrong input; StepError: a step hangs or raises.
     """
@@ -60,16 +61,15 @@ def command(options: argparse.Namespace) -> int:
         raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
     progress.close()
     changed = bool(options.controller or options.set)
-    if options.show and all(verdict.agrees and not verdict.missing for verdict in verdicts):
+    codes = {verdict.code for verdict in verdicts}
+    if options.show and codes == {Exit.OK}:
         return Exit.OK
     if options.json:
         print(summary_file.text_of([plain(v) for v in verdicts]))
     else:
         for verdict in verdicts:
             print(*report(verdict, changed), sep="\n", file=sys.stderr if options.show else None)
-    if not all(verdict.agrees for verdict in verdicts):
-        return Exit.NOT_MET
-    return Exit.LOSS if any(verdict.missing for verdict in verdicts) else Exit.OK
+    return next(code for code in (Exit.NOT_MET, Exit.LOSS, Exit.OK) if code in codes)
 
 
 def _step(options: argparse.Namespace) -> int:
@@ -198,6 +198,7 @@ class Comparison:
         self._ours = [ours.index(name) for name in self.both]
         self.path = head.path
         self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
+        self.verdict.planned = int(about.get("cycles", 0))
         self.verdict.dropped = _dropped_count(head, role)
         self.verdict.from_record = [
             f"{name}: as recorded, the FMU {model.name} (sha256 {model.sha256[:16]}) was not run; "
@@ -292,6 +293,7 @@ class Comparison:
             if done < len(part.rows):
                 cycle = part.rows[done, K]
                 verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
+                verdict.differences[END] = Difference(END, int(cycle), "a cycle", "none", None, 1)
         self.is_there = whole >= self.last
         verdict.spent_s = time.monotonic() - self._begin_s
 
@@ -310,9 +312,7 @@ def _dropped_count(head: logs.Log, role: str) -> int:
 
 def _told_as_missing(verdict: Verdict, left: NDArray[np.int64]) -> None:
     """Say at the end what could not be compared for want of input."""
-    if verdict.dropped and verdict.differences:
-        first = verdict.first()
-        assert first is not None, "there is one"
+    if verdict.dropped and (first := verdict.first()) is not None:
         verdict.differences.clear()
         verdict.incomplete = (
             f"{verdict.dropped} frames or events are missing, the recorder had no room for them; "

@@ -5,6 +5,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.tools.after.log.cat import unequal_frames, unequal_texts
 from pcpc.tools.after.log.ulp import ulp_distance
 from pcpc.tools.terminal import screen
@@ -33,6 +34,7 @@ class Verdict:
     role: str
     rate_hz: float
     cycles: int = 0
+    planned: int = 0  # cycles of the whole run
     variables: int = 0
     frames: int = 0
     keyframes: int = 0
@@ -50,8 +52,25 @@ class Verdict:
 
     @property
     def agrees(self) -> bool:
-        """All that the log still holds is recomputed, bit for bit."""
-        return not (self.differences or self.incomplete)
+        """All that was to be compared is recomputed, bit for bit, and that is not nothing."""
+        return not (self.differences or self.incomplete) and self.anything
+
+    @property
+    def anything(self) -> bool:
+        """Something was compared at all."""
+        return bool(self.cycles and (self.variables or self.frames))
+
+    @property
+    def extent(self) -> str:
+        """How many cycles of how many were recomputed."""
+        return f"{self.cycles} of {max(self.planned, self.cycles)} cycles"
+
+    @property
+    def code(self) -> Exit:
+        """The exit code: what differs goes before what is missing."""
+        if self.differences:
+            return Exit.NOT_MET
+        return Exit.OK if self.identical else Exit.LOSS
 
     @property
     def state(self) -> str:
@@ -60,7 +79,7 @@ class Verdict:
             return "bit-identical"
         if self.differences:
             return "DIFFERENT, in an incomplete log" if self.missing else "DIFFERENT"
-        return "bit-identical as far as the log goes" if self.cycles else "nothing to compare"
+        return "bit-identical as far as the log goes" if self.anything else "nothing to compare"
 
     @property
     def speed(self) -> float:
@@ -104,6 +123,7 @@ def plain(verdict: Verdict) -> dict[str, Any]:
     first = verdict.first()
     return {
         "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
+        "planned": max(verdict.planned, verdict.cycles),
         "variables": verdict.variables, "frames": verdict.frames,
         "keyframes": verdict.keyframes, "speed": verdict.speed,
         "incomplete": verdict.incomplete, "missing": verdict.missing,
@@ -115,10 +135,10 @@ def plain(verdict: Verdict) -> dict[str, Any]:
 
 def report(verdict: Verdict, changed: bool) -> list[str]:
     """Return one node's verdict as lines: the first, and what differs."""
-    size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
+    size = f"{verdict.extent}, {verdict.variables} variables, {verdict.frames} frames"
     state = verdict.state
-    if changed:
-        state = "no difference" if verdict.agrees else "changed, in open loop"
+    if changed and verdict.anything:
+        state = "changed, in open loop" if verdict.differences else "no difference"
     told = screen.wrapped_lines(
         f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} "
     )

@@ -19,6 +19,7 @@ def simulate(add: Add) -> None:
     take.rig(add)
     add("--bus", "--pacing", action=_RefusedOption, help=argparse.SUPPRESS)
     take.run_folder(add)
+    add("--digest", action="store_true", help="print that of a page of `pcpc generate web`")
 
 
 class _RefusedOption(argparse.Action):

@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.external import External
@@ -12,6 +14,7 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.buses import on_line
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.run_digest import run_digest
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
@@ -59,7 +62,11 @@ class Simulation:
 
 def command(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
+    if options.digest and options.json:
+        raise UserError("--digest is a line of its own; leave out --json")
     rig = load_rig(options.rig, options.controller, options.set)
+    if options.digest and rig.config.record.keep is not None:
+        raise UserError("--digest is of a whole run; leave out record.keep")
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
     outcome = Outcome(
@@ -74,4 +81,7 @@ def command(options: argparse.Namespace) -> int:
         simulation.to_end(progress)
         if said := simulation.tell_line(folder):
             progress.say(said)
-        return conclude(judge, folder, outcome, options, judged)
+        code = conclude(judge, folder, outcome, options, judged)
+        if options.digest and code in (Exit.OK, Exit.NOT_MET):
+            print(f"digest   {run_digest(logs.read(folder / LOG))}")
+        return code

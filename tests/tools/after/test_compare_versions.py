@@ -221,7 +221,7 @@ def test_without_repository_git_or_rigs_a_line_says_so(
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "-q", "-m", "one")
     (tmp_path / "other.yaml").unlink()
-    assert "nothing to compare" in compared(code=0).out
+    assert "nothing to compare" in compared(code=1).out
     git(tmp_path, "commit", "-q", "-a", "-m", "two")
     assert "no rig, a YAML file with `rig: NAME`, in either version" in compared(code=2).err
     monkeypatch.setenv("PATH", str(tmp_path))

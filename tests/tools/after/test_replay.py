@@ -159,7 +159,7 @@ def test_a_log_that_begins_later_is_refused_with_the_reason(tmp_path: Path) -> N
     log = tmp_path / "log.mcap"
     simulate(load_rig(RIGS / "engage.yaml", settings=settings), log)
     done = pcpc("replay", str(log))
-    assert done.code == 1, done
+    assert done.code == 3, done
     assert "not with the start of the run" in done.out, done
 
 
@@ -215,7 +215,7 @@ def test_a_log_that_was_never_flushed_is_answered_in_a_line(tmp_path: Path) -> N
     assert run.recorder is not None
     run.recorder.writer.file.flush()
     done = pcpc("replay", str(tmp_path / "log.mcap"))
-    assert done.code == 1 and done.out.count("no cycle") == 2 and "Traceback" not in done.err, done
+    assert done.code == 3 and done.out.count("no cycle") == 2 and "Traceback" not in done.err, done
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after import replay as replaying
 from pcpc.tools.after.log.cat import unequal_texts
-from pcpc.tools.after.replayed import SENT, Verdict, compare_frames
+from pcpc.tools.after.replayed import SENT, Verdict, compare_frames, plain, report
 from pcpc.tools.terminal.progress import Progress
 
 
@@ -144,13 +144,28 @@ def test_a_replay_with_one_node_that_differs_is_not_met(setting: str, which: str
 def test_only_a_whole_log_without_a_difference_is_identical(
     missing: list[str], incomplete: str, differs: bool
 ) -> None:
-    verdict = Verdict("plant", 1000.0, cycles=300, missing=missing, incomplete=incomplete)
+    verdict = Verdict("plant", 1000.0, 300, 400, 7, missing=missing, incomplete=incomplete)
     if differs:
         compare_frames(verdict, frames(1), frames(0))
     assert verdict.identical == (not (missing or incomplete or differs))
     assert verdict.agrees == (not (incomplete or differs))
     assert (verdict.state == "bit-identical") == verdict.identical
     assert verdict.state.startswith("DIFFERENT") == differs
+    assert verdict.code == (1 if differs else 3 if missing or incomplete else 0)
+    assert report(verdict, False)[0].startswith("plant      300 of 400 cycles, 7 variables, ")
+
+
+@pytest.mark.parametrize(
+    ("cycles", "variables", "frames", "code"),
+    [(0, 0, 0, 3), (0, 7, 0, 3), (9, 0, 0, 3), (0, 0, 5, 3), (9, 7, 0, 0), (9, 0, 5, 0)],
+)
+def test_nothing_compared_is_no_pass(cycles: int, variables: int, frames: int, code: int) -> None:
+    verdict = Verdict("device", 1000.0, cycles, 400, variables, frames)
+    assert verdict.code == code
+    for changed in (False, True):
+        line = " ".join(report(verdict, changed)[0].split())
+        assert ("nothing to compare" in line) == (code == 3), line
+    assert plain(verdict)["identical"] == (code == 0)
 
 
 def test_a_byte_behind_the_length_of_a_frame_is_seen_in_the_texts() -> None:

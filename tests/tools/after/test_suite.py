@@ -1,6 +1,7 @@
 """`pcpc report --suite`: what it says of many runs, and that nothing makes it say ok falsely."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree
@@ -162,8 +163,34 @@ def test_a_bare_log_is_judged_and_says_so(tmp_path: Path) -> None:
     made(tmp_path / "a")
     rig = load_rig(tmp_path / "a.yaml")
     bare(rig, tmp_path / "bare.mcap")
-    assert suite(tmp_path, tmp_path / "bare.mcap").code == 0
+    done = suite(tmp_path, tmp_path / "bare.mcap")
+    assert done.code == 0 and "bare.mcap: judged from the log alone" in done.out, done
     assert "judged from the log alone" in (tmp_path / "suite.html").read_text("utf-8")
+
+
+def test_a_run_folder_without_a_summary_is_not_ok(tmp_path: Path) -> None:
+    (made(tmp_path / "a") / "summary.json").unlink()
+    done = suite(tmp_path)
+    assert done.code == 3 and "a/log.mcap: loss: no summary.json: how the run ended" in done.out
+    assert cases(tmp_path)[str(tmp_path / "a/log.mcap")] == "loss"
+    made(tmp_path / "b", HOLDS, "{muzzle_error_rms_mrad: {high: -1, id: R-2}}")
+    assert suite(tmp_path).code == 1, "what is violated goes before what is missing"
+
+
+def test_a_pipe_in_place_of_a_log_is_no_log_and_ends(tmp_path: Path) -> None:
+    (made(tmp_path / "a") / "log.mcap").unlink()
+    os.mkfifo(tmp_path / "a/log.mcap")
+    done = suite(tmp_path)
+    assert done.code in (1, 3) and "a/log.mcap: no log" in done.out, done
+
+
+def test_a_loop_of_links_is_a_line(tmp_path: Path) -> None:
+    made(tmp_path / "a")
+    for name, to in (("b", "c"), ("c", "b"), ("run/log.mcap", "log.mcap")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).symlink_to(to)
+    done = suite(tmp_path)
+    assert done.code == 3 and "run/log.mcap: no log: Too many levels of symbolic links" in done.out
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,13 @@ def compare(add: Add) -> None:
         default="any",
         help="difference that exits with 1; default: any",
     )
+    add(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="rig, or RIG/CONTROLLER, that may be on one side only",
+    )
     add("--markdown", metavar="FILE", help="write a table for a pull request; -: stdout")
     add("--json", metavar="FILE", help="write all as JSON; -: stdout")
     add("-o", "--output", metavar="DIR", help="folder for report.md and figures of old over new")
@@ -50,8 +57,8 @@ COMMANDS = (
         module="after.compare.cli",
         codes=codes(
             OK="equal",
-            NOT_MET="they differ, or a log is damaged",
-            LOSS="a disk is full",
+            NOT_MET="they differ, or one is alone or no log",
+            LOSS="nothing differs, but a log is cut; a disk is full",
             ENVIRONMENT="git or a package is missing",
             INTERRUPTED="",
         ),

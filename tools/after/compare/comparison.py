@@ -25,7 +25,6 @@ _METRICS, _SIGNALS, _SETTINGS = 6, 3, 4  # shown of a rig; all of them in JSON
 _LONGEST = 40  # letters of a value
 _INDENT, _LABEL = "  ", 9  # letters of a label
 _HEAD = "rig", "first difference", "metric", "old", "new", "change"
-_SAME = {EQUAL: "equal to the bit", UNCHANGED: "unchanged, not run"}
 _APART = {ALONE: "on one side only", FAILED: "not compared"}
 
 _MOST_PERCENT = 1e6  # that is printed in full; more is a run that diverged
@@ -51,16 +50,20 @@ class Comparison:
     def fails(self, on: str = "any") -> bool:
         """Return whether it differs in `on`: any, metrics, verdict, never.
 
-        True also if nothing was compared, or if a difference cannot be classified.
+        True also if something cannot be classified or is on one side only, or nothing was compared.
         """
-        if on in ("any", "never"):
-            return on == "any" and self.changed
+        if on == "never":
+            return False
         changed = self.of(CHANGED)
+        alone = any(not pair.allowed for pair in self.of(ALONE))
+        if alone or self.of(FAILED) or not self.of(CHANGED, EQUAL, UNCHANGED):
+            return True
+        if on == "any":
+            return bool(changed)
         metrics = on == "metrics" and any(pair.changed_metrics for pair in changed)
         verdict = any(pair.verdict.differs for pair in changed)
-        unknown = any(on in pair.unknown for pair in changed)
-        compared = self.of(CHANGED, EQUAL, UNCHANGED)
-        return metrics or verdict or unknown or bool(self.of(FAILED)) or not compared
+        unknown = any(on in pair.unknown for pair in self.of(CHANGED, EQUAL))
+        return metrics or verdict or unknown
 
     @property
     def counts(self) -> str:
@@ -86,10 +89,11 @@ class Comparison:
             parts += [
                 terminal(f"{pair.name}: {'; '.join(pair.said) or word}") for pair in self.of(state)
             ]
-        for state, word in _SAME.items():
-            if names := _names(self.of(state)):
-                parts.append(terminal(f"{word}: {names}"))
-        return "\n\n".join("\n".join(lines) for lines in parts)
+        equal = [terminal(_equal_text(pair)) for pair in self.of(EQUAL)]
+        parts.append([line for lines in equal for line in lines])
+        if names := _names(self.of(UNCHANGED)):
+            parts.append(terminal(f"unchanged, not run: {names}"))
+        return "\n\n".join("\n".join(lines) for lines in parts if lines)
 
     def markdown(self, pictures: bool = False) -> str:
         """Return a table for a pull request and the rest below it, with `pictures` if asked."""
@@ -103,9 +107,10 @@ class Comparison:
         ]
         parts.append(Bullets(self.commits()))
         parts.append(Section("what else differs", [Bullets(more)], folded=True))
-        for state, word in _SAME.items():
-            names = _names(self.of(state))
-            parts.append(Section(f"{len(self.of(state))} {word}", [names], folded=True))
+        equal, same = self.of(EQUAL), self.of(UNCHANGED)
+        lines = [Bullets([_equal_text(pair) for pair in equal])]
+        parts.append(Section(f"{len(equal)} equal to the bit", lines, folded=True))
+        parts.append(Section(f"{len(same)} unchanged, not run", [_names(same)], folded=True))
         parts += [
             Picture(b"", pair.name, pair.figure)
             for pair in (self.pairs if pictures else ())
@@ -138,9 +143,17 @@ def _divergence_text(pair: Pair) -> str:
     return f"from cycle {first.cycle} ({first.time_s:.3f} s) on, first {first.name}"
 
 
+def _equal_text(pair: Pair) -> str:
+    """Return what is known of an equal pair: what was compared, and the verdict of both."""
+    verdict = pair.verdict.new or "not compared, there are no two summaries"
+    told = [f"equal to the bit, {pair.checked}", f"verdict {verdict}", *pair.said]
+    return f"{pair.name}: {'; '.join(told)}"
+
+
 def _block(pair: Pair) -> list[str]:
     """Return the lines of a changed pair for a terminal."""
     texts = {
+        "compared": [pair.checked],
         "rig": _settings(pair),
         "verdict": [f"{pair.verdict.old} -> {pair.verdict.new}"] * pair.verdict.differs,
         "signals": _signals(pair),

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +36,17 @@ def compared_pair(old: Path, new: Path, how: Criteria) -> Pair:
     runs = Run(old), Run(new)
     pair = compare(*runs, how.tolerance)
     if how.figures is not None and pair.state == CHANGED:
-        name = re.sub(r"[^\w.-]+", "-", f"{pair.rig}-{pair.controller}.png")
+        name = _free_name(how.figures, f"{pair.rig}-{pair.controller}")
         if _draw(*runs, pair, how.figures / name):
             pair.figure = name
     return pair
+
+
+def _free_name(folder: Path, text: str) -> str:
+    """Return the name of a figure that is not there yet: a folder may hold a rig's runs."""
+    stem = re.sub(r"[^\w.-]+", "-", text)
+    names = (f"{stem}{'' if n == 1 else f'-{n}'}.png" for n in count(1))
+    return next(name for name in names if not (folder / name).exists())
 
 
 def _draw(old: Run, new: Run, pair: Pair, path: Path) -> bool:

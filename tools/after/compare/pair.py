@@ -6,14 +6,15 @@ The states of a pair:
     changed     something of it differs
     unchanged   not run: everything that goes into the run is the same in both versions
     alone       only one side has this rig, or this controller of it
-    failed      one side or both could not be run or read
+    failed      one side or both could not be run, read or trusted
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -24,9 +25,11 @@ from pcpc.executive.log.provenance import rig_commits
 from pcpc.plants.judging import effective_rig
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.summary import Summary
 
 EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
+Side = Literal["", "old", "new"]
 _APART = ("title", "note", "watch")  # keys of a rig that no bit depends on
 _NONE = Summary(metrics={}, verdict="")  # of a run that cannot be judged here
 _UNTOLD = (logs.LogError, UserError, OSError, ValueError)
@@ -81,13 +84,39 @@ class Pair:
     verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
     settings: list[Change] = field(default_factory=list)  # of the rig
     commit: Change = field(default_factory=lambda: Change("commit", "", ""))  # "": not known
-    unknown: list[str] = field(default_factory=list)  # metrics, verdict: of one side
+    unknown: list[str] = field(default_factory=list)  # metrics, verdict: cannot be compared
     figure: str = ""
+    missing: list[str] = field(default_factory=list)  # damage of the logs; also in `said`
+    doubts: list[str] = field(default_factory=list)  # why no gate may trust it; also in `said`
+    cycles: dict[str, tuple[int, int]] = field(default_factory=dict)  # node -> compared, of
+    side: Side = ""  # that alone has it
+    allowed: bool = False  # on one side only, by name
 
     @property
     def name(self) -> str:
         """Rig and controller."""
         return f"{self.rig}, {self.controller}" if self.controller else self.rig
+
+    @property
+    def is_cut(self) -> bool:
+        """Nothing differs in what is left of damaged logs."""
+        return self.state == FAILED and bool(self.missing) and not self.doubts
+
+    @property
+    def faulty(self) -> bool:
+        """Of a run on one side only: its verdict is known, and is not ok."""
+        return self.verdict.new not in ("", "ok")
+
+    def is_called(self, name: str) -> bool:
+        """Return whether a name, RIG or RIG/CONTROLLER, in which * is any text, means it."""
+        known = self.rig, f"{self.rig}/{self.controller}"
+        return any(fnmatchcase(one, name) for one in known)
+
+    @property
+    def checked(self) -> str:
+        """How many cycles of how many were compared, of which nodes."""
+        counts = [f"{node} {n} of {of}" for node, (n, of) in self.cycles.items()]
+        return f"cycles of {', '.join(counts)}" if counts else "no cycle"
 
     @property
     def outside(self) -> list[Signal]:
@@ -117,14 +146,15 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
         _both(old, new, "controller"),
         old=str(old.path),
         new=str(new.path),
-        said=[*report.only, *report.missing],
+        said=[*report.only, *(_kinds(old, new) if report.equal else ())],
         first=next(iter(report.differences), None),
         commit=Change("commit", *commits),
+        cycles={node: (n, _most_cycles(node, old, new)) for node, n in report.cycles.items()},
     )
     found.signals = sorted(_signals(old.log, report.differences), key=lambda s: -s.share)
     found.frames = sum(one.name.startswith("frame ") for one in report.differences)
-    settings = [dict(_settings(run.log)) for run in (old, new)]
-    found.settings = [one for one in _changes(*settings) if one.differs]
+    values = [dict(settings(run.log)) for run in (old, new)]
+    found.settings = [one for one in _changes(*values) if one.differs]
     summaries = [_summary(run, found.said) for run in (old, new)]
     found.metrics = [
         one if not abs(one.relative) <= tolerance else Change(one.name, one.old, one.old)
@@ -132,25 +162,66 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     ]
     limited = (name for s in summaries for name in (*s.judged, *_margins(s)))
     found.judged = list(dict.fromkeys(limited))
-    found.unknown = ["metrics"] * any(summary is _NONE for summary in summaries)
-    if old.judged_at_its_end and new.judged_at_its_end:
+    own = old.judged_at_its_end, new.judged_at_its_end
+    if all(own):
         found.verdict = Change("verdict", *(s.verdict for s in summaries))
-    else:
-        found.unknown.append("verdict")
+    found.missing, found.doubts = report.missing, _doubts(old, new, report.equal)
+    _conclude(found, report, summaries)
+    alike = own[0] == own[1] and found.state == EQUAL  # bits of one log are judged alike
+    wrong = bool(found.missing or found.doubts)
+    found.unknown = ["metrics"] * (wrong or (_NONE in summaries and not alike))
+    found.unknown += ["verdict"] * (wrong or not (all(own) or alike))
+    found.said += [
+        f"no verdict: {run.path}: no summary.json of this run is beside it"
+        for run in (old, new)
+        if found.state == CHANGED and not run.judged_at_its_end
+    ]
+    return found
+
+
+def _conclude(found: Pair, report: diff.Report, summaries: list[Summary]) -> None:
+    """Enter the state, and why a verdict is another one."""
     for side, summary in zip(("old", "new"), summaries, strict=True):
         if found.verdict.differs:
             why = (*summary.faults, *summary.expectations_failed)
             found.said += [f"{side}: {reason}" for reason in why]
     if not report.equal or found.changed_metrics or found.verdict.differs:
         found.state = CHANGED
-        found.said += [
-            f"no verdict: {run.path}: no summary.json of this run is beside it"
-            for run in (old, new)
-            if not run.judged_at_its_end
-        ]
-    elif report.missing:
+    elif found.missing or found.doubts:
         found.state = FAILED
-    return found
+    found.said += [*found.missing, *found.doubts]
+
+
+def _doubts(old: Run, new: Run, equal: bool) -> list[str]:
+    """Return why no gate may trust what two runs say, a line each; `equal`: all their bits are."""
+    found = [
+        f"{run.path.with_name(summary_file.NAME)}: is not of this log, one was changed since"
+        for run in (old, new)
+        if not (run.judged_at_its_end or run.log.missing)
+        and run.path.with_name(summary_file.NAME).exists()
+    ]
+    if equal:
+        return found
+    rigs = [fact(run.log, "rig") for run in (old, new)]
+    if rigs[0] != rigs[1]:
+        found.append(f"two rigs, {rigs[0]} and {rigs[1]}: nothing of them has to be equal")
+    return [*found, *_kinds(old, new)]
+
+
+def _kinds(old: Run, new: Run) -> list[str]:
+    """Return a line if one of two is a branch, and the other is not one from the same cycle."""
+    cycles = [fact(run.log, "branch_cycle") for run in (old, new)]
+    if cycles[0] == cycles[1]:
+        return []
+    words = [f"a branch at cycle {one}" if one else "a run from its start" for one in cycles]
+    return [f"old is {words[0]}, new is {words[1]}"]
+
+
+def _most_cycles(node: str, *runs: Run) -> int:
+    """Return how many cycles of a node the runs were to have, or have."""
+    nodes = [run.log.node[node] for run in runs]
+    planned = (int(one.description.get("cycles", 0)) for one in nodes)
+    return max(*planned, *(len(one.cycle) for one in nodes))
 
 
 def _both(old: Run, new: Run, key: str) -> str:
@@ -186,7 +257,7 @@ def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
     return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys((*old, *new))]
 
 
-def _settings(log: logs.Log) -> Iterator[tuple[str, Any]]:
+def settings(log: logs.Log) -> Iterator[tuple[str, Any]]:
     """Yield the effective values of a log's rig by dotted names, without other controllers'."""
     try:
         data = effective_rig(log)

@@ -66,6 +66,7 @@ class Report:
     a: str
     b: str
     cycles: dict[str, int] = field(default_factory=dict)  # compared, by node
+    recorded: dict[str, int] = field(default_factory=dict)  # in one log or both, by node
     variables: int = 0
     frames: int = 0
     differences: list[Difference] = field(default_factory=list)
@@ -170,6 +171,7 @@ def _shared_cycles(
         ours, theirs = a.node[name].cycle, b.node[name].cycle
         common, i, j = np.intersect1d(ours, theirs, return_indices=True)
         shared[name], report.cycles[name] = (i, j), len(common)
+        report.recorded[name] = len(ours) + len(theirs) - len(common)
         for path, own in ((report.a, ours), (report.b, theirs)):
             rest = np.setdiff1d(own, common)
             if len(rest):
@@ -260,10 +262,11 @@ def show(report: Report) -> None:
     """Print a report."""
     size = f"{report.variables} variables, {report.frames} frames"
     size += "" if report.patterns else ", timing not compared"
-    cycles = ", ".join(f"{name} {n} cycles" for name, n in report.cycles.items())
+    cycles = [f"{name} {n} of {report.recorded[name]}" for name, n in report.cycles.items()]
     verdict = "equal" if report.equal else f"{len(report.differences)} differ"
     verdict = verdict if any(report.cycles.values()) or report.frames else "nothing compared"
-    for line in (f"{cycles or 'no cycles'}, {size}: {verdict}", *report.only):
+    compared = f"recorded cycles of {', '.join(cycles) or 'no node'}"
+    for line in (f"{compared}, {size}: {verdict}", *report.only):
         print("\n".join(screen.wrapped_lines(line, rest="  ")))
     if not report.differences:
         return

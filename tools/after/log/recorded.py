@@ -9,7 +9,7 @@ from pcpc.executive.errors import RigError
 
 LATEST = "latest"
 RUNS = Path("runs")
-_LOG = "log.mcap"
+_LOG, _SUMMARY = "log.mcap", "summary.json"
 
 
 def log_of(text: str) -> Path:
@@ -47,6 +47,15 @@ def folders_below(top: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
             continue
         seen.add(real)
         yield Path(text), folders, files
+
+
+def logs_below(top: Path) -> Iterator[Path]:
+    """Yield every *.mcap below a folder, and the logs that runs with a summary have lost."""
+    for folder, folders, files in folders_below(top):
+        lost = [_LOG] if _SUMMARY in files and _LOG not in (*files, *folders) else []
+        for name in (*files, *folders, *lost):
+            if name.lower().endswith(".mcap"):
+                yield folder / name
 
 
 def _newest() -> Path:

@@ -75,7 +75,7 @@ def verdict(record: Record) -> Verdict:
 
 def requirements(record: Record) -> Table:
     """Return what became of each requirement, where it was first violated, and its margin."""
-    states = {True: "held", False: Strong("violated"), None: "not judged"}
+    states = {True: "met", False: Strong("violated"), None: "not judged"}
     rows = [
         (one.name, states[one.held], one.first if one.held is False else one.reason,
          "" if one.margin is None else one.smallest)

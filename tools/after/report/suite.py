@@ -39,6 +39,7 @@ from pcpc.tools.terminal.progress import Progress
 
 OK, HAPPENED, UNJUDGED, VIOLATED = WORDS = "ok", "never happened", "not judged", "violated"
 _NEVER = "its event never happened"
+_ALONE = "judged from the log alone: the settings of the run are not known"
 _KEYS = "rig", "controller", "seed", "version_pcpc", "git", "clock_wall_ns", "start"
 
 
@@ -84,6 +85,11 @@ class OneRun:
     def ok(self) -> bool:
         """Nothing speaks against it, and something was judged."""
         return self.verdict == "ok" and not self.problems
+
+    @property
+    def lines(self) -> list[str]:
+        """What keeps it from being ok, or how it was judged."""
+        return [*self.problems, *(note for note in self.notes if note == _ALONE)]
 
     @property
     def revision(self) -> str:
@@ -174,7 +180,8 @@ def _logs_below(top: Path) -> Iterator[Path]:
 def _judged_run(path: Path, options: argparse.Namespace) -> OneRun:
     found = OneRun(path)
     try:
-        found.sha256 = carried_files.sha256(path)
+        if carried_files.is_ordinary(path):  # a pipe would never end
+            found.sha256 = carried_files.sha256(path)
         head = logs.head(path)
     except (OSError, UserError) as error:
         found.problems.append(_reason(error, path))
@@ -211,7 +218,10 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
     elif (found.path.parent / summary_file.NAME).exists():
         found.problems.append("summary.json is not that of this log: one was changed since")
     else:
-        found.notes.append("judged from the log alone: the settings of the run are not known")
+        found.notes.append(_ALONE)
+        if found.path.name == LOG:  # of a run folder, which has one
+            found.problems.append("no summary.json: how the run ended is not known")
+            found.verdict = "loss" if found.verdict == "ok" else found.verdict
     own = own or summary
     found.tested = [*_requirements(judge, summary, own), *_limits(judge, summary, own)]
     if not found.tested:
@@ -310,4 +320,5 @@ def _cells(runs: Iterable[OneRun]) -> list[Cell]:
 
 def link(path: Path, page: Path) -> str:
     """Return a log's address for a page: from there, so that both can move together."""
-    return quote(os.path.relpath(path.resolve(), page.resolve().parent))
+    folder = os.path.dirname(os.path.realpath(page))
+    return quote(os.path.relpath(os.path.realpath(path), folder))

@@ -1,6 +1,7 @@
 """The files of `pcpc report --suite`: a page of HTML, and JUnit for continuous integration."""
 
 import argparse
+import os
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError, printable
@@ -25,7 +26,7 @@ def command(options: argparse.Namespace, progress: Progress) -> int:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")
     check_file("-o", output)
     check_file("--junit", junit)
-    if junit is not None and junit.resolve() == output.resolve():
+    if junit is not None and os.path.realpath(junit) == os.path.realpath(output):
         raise UserError(f"--junit {junit}: is the page of -o; choose another file")
     needed = [one.strip() for text in options.need for one in text.split(",")]
     if not all(needed):
@@ -34,7 +35,7 @@ def command(options: argparse.Namespace, progress: Progress) -> int:
     write_text(output, as_html(found, output))
     if junit is not None:
         write_text(junit, as_junit(found) + "\n")
-    for line in () if options.quiet else _failures(found):
+    for line in () if options.quiet else [*_failures(found), *_remarks(found)]:
         print(line)
     print(output)
     return found.code
@@ -55,8 +56,13 @@ def _failures(found: Suite) -> list[str]:
     return [printable(line) for line in lines]
 
 
+def _remarks(found: Suite) -> list[str]:
+    """Return how runs that are ok were judged, where that is not as usual, a line each."""
+    return [printable(f"{run.path}: {_reasons(run)}") for run in found.runs if run.ok and run.lines]
+
+
 def _reasons(run: suites.OneRun) -> str:
-    return "; ".join(run.problems)
+    return "; ".join(run.lines)
 
 
 def as_html(found: Suite, output: Path) -> str:

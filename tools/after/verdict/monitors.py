@@ -68,6 +68,12 @@ class Monitor:
         return math.floor(duration_s / self.period_s + EDGE_PERIODS)
 
     @property
+    def begin(self) -> int:
+        """The cycle with which its time begins, where no value decides that."""
+        at_s = self.timed.event.at_s if self.timed.event else 0.0
+        return max(self.window[0], int(edges(self.period_s, at_s, 0.0)[0]))
+
+    @property
     def open(self) -> int:
         """How many obligations were not over at the end."""
         return self.events - self.judged
@@ -102,8 +108,7 @@ class Monitor:
             x = np.broadcast_to(event.changes.at(rows), len(rows))
             found = np.concatenate(([False], _differ(x[1:], x[:-1])))
         else:
-            at_s = 0.0 if event is None else event.at_s
-            found = _rising(cycle >= max(first, edges(self.period_s, at_s, 0.0)[0]))
+            found = _rising(cycle >= self.begin)
         found[:new] = False
         return found & (cycle >= first) & (cycle < past)
 

@@ -23,7 +23,7 @@ from pcpc.executive.rig.requirements import (
 from pcpc.executive.rig.roles import PLANTS
 from pcpc.executive.rig.units import Unit, unit, unit_of_name
 from pcpc.plants.judging import Judged, Run
-from pcpc.tools.after.verdict.monitors import Monitor, monitor
+from pcpc.tools.after.verdict.monitors import Hold, Monitor, monitor
 
 Bound = list[TimedRequirement | str]  # a node that is missing
 LEADER = "executive"  # whose cycles count
@@ -92,7 +92,7 @@ class Result:
         if self.held is None:
             return f"{self.name}: not judged: {self.reason}"
         if self.held:
-            return f"{self.name}: held, margin {self.smallest}{of}"
+            return f"{self.name}: met, margin {self.smallest}{of}"
         return f"{self.name}: violated first at {self.first}, smallest margin {self.smallest}{of}"
 
 
@@ -277,6 +277,13 @@ def _why_not(one: Monitor) -> str:
     """Return why nothing of a requirement was judged."""
     if not one.rows:
         return "its variables were not recorded"
+    event, (_, past) = one.timed.event, one.window
+    if not one.events and event is not None and (event.becomes or event.changes):
+        return "its event never happened"
+    if one.begin >= past or (isinstance(one, Hold) and one.events and one.last >= past - 1):
+        return "no cycle lies in its time"
     if one.events:
         return "the run ended before its time was over"
-    return "its event never happened" if one.timed.event else "the run ended before its time began"
+    if one.last >= one.begin:
+        return "no cycle of its time was recorded"
+    return "its event never happened" if event else "the run ended before its time began"

@@ -10,11 +10,9 @@ from functools import partial
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError, printable
-from pcpc.tools.after.log.recorded import LATEST, folders_below, log_of
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.log.recorded import LATEST, log_of, logs_below
 from pcpc.tools.after.verify import table as tables
 from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified_row
-from pcpc.tools.start.folder import LOG
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.junit import Case, junit_text
@@ -68,6 +66,8 @@ def _check_words(options: argparse.Namespace) -> None:
     ):
         if getattr(options, name) is not None and not getattr(options, needed):
             raise UserError(f"--{name}: needs --{needed} too")
+    if options.node != "all" and (options.table or options.check):
+        raise UserError(f"--node {options.node}: a table is of whole logs; leave out --node")
     if options.table and options.check:
         raise UserError("--table and --check: choose one of them")
     check_file("--table", options.table)
@@ -76,7 +76,7 @@ def _check_words(options: argparse.Namespace) -> None:
         for path in (options.table, tables.signature_of(options.table)):
             if os.path.lexists(path):
                 raise UserError(f"{path}: exists; choose another name, or remove it")
-        if options.junit and options.junit.resolve() == options.table.resolve():
+        if options.junit and os.path.realpath(options.junit) == os.path.realpath(options.table):
             raise UserError(f"--junit {options.junit}: is the table; choose another file")
     if options.sign is not None:
         if not Path(options.sign).is_file():
@@ -137,18 +137,9 @@ def _logs(word: str) -> list[Path]:
         if not path.exists():
             raise UserError(f"{word}: no such log or folder; name logs, or a folder of logs")
         return [path]
-    if not (found := list(_logs_below(Path(word)))):
+    if not (found := list(logs_below(Path(word)))):
         raise UserError(f"{word}: no log below this folder; logs are called *.mcap")
     return found
-
-
-def _logs_below(top: Path) -> Iterator[Path]:
-    """Yield every *.mcap below a folder, and logs that runs have lost."""
-    for folder, folders, files in folders_below(top):
-        lost = [LOG] if summary_file.NAME in files and LOG not in (*files, *folders) else []
-        for name in (*files, *folders, *lost):
-            if name.lower().endswith(".mcap"):
-                yield folder / name
 
 
 # What is told
@@ -165,17 +156,27 @@ def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) 
         yield from screen.wrapped_lines(
             log, f"{verdict:{size[0]}}  {cycles:>{size[1]}}  {digest:{size[2]}}  "
         )
+        if row.checked:
+            yield from screen.wrapped_lines(_checked(row), "  ", "    ")
         for line in _reasons(row):
             yield from screen.wrapped_lines(printable(line), "  ", "    ")
     for what, line in problems:
         yield from screen.wrapped_lines(printable(line), f"{what:10}  ")
     counts = Counter(row.verdict for row in rows)
     told = ", ".join(f"{counts[word]} {word}" for word in CODES if counts[word])
-    yield f"{len(rows)} {'log' if len(rows) == 1 else 'logs'}: {told}"
+    left = sorted({role for row in rows for role in row.left_out})
+    without = f", without the {' and the '.join(left)}" if left else ""
+    yield f"{len(rows)} {'log' if len(rows) == 1 else 'logs'} recomputed{without}: {told}"
     if problems:
         yield "not as in the table"
     if note:
         yield from screen.wrapped_lines(printable(note))
+
+
+def _checked(row: Row) -> str:
+    """Return what was recomputed of a log, and which of its nodes were left out."""
+    left = f"; not asked for: {', '.join(row.left_out)}" if row.left_out else ""
+    return f"recomputed: {row.checked}{left}"
 
 
 def _reasons(row: Row) -> list[str]:
@@ -207,7 +208,7 @@ def _junit(rows: Sequence[Row], problems: Sequence[tuple[str, str]]) -> str:
             row.log,
             _FAILURES.get(row.verdict, "error"),
             row.verdict,
-            "; ".join([*_reasons(row), f"digest {row.digest}"]),
+            "; ".join([_checked(row), *_reasons(row), f"digest {row.digest}"]),
         )
         for row in rows
     ]

@@ -1,6 +1,6 @@
 """One log verified: recomputed as `pcpc replay` does it, its digest, and what has changed since.
 
-identical   of every node of the rig all was recorded, and was recomputed bit for bit
+identical   of every node asked for all was recorded, and was recomputed bit for bit
 differs     something was recomputed, and differs
 incomplete  nothing differs, but not all could be judged
 unreadable  no log
@@ -42,6 +42,8 @@ class Row:
     cycles: int = 0  # of the node with the fewest
     digest: str | None = None
     nodes: list[str] = field(default_factory=list)
+    checked: str = ""  # which nodes, how many cycles of how many, in words
+    left_out: list[str] = field(default_factory=list)  # nodes that were not asked for
     versions: dict[str, str] = field(default_factory=dict)
     first: dict[str, Any] | None = None
     why: list[str] = field(default_factory=list)
@@ -100,6 +102,8 @@ def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
                     if n not in known
                 }
     row.nodes = [node.verdict.role for node in nodes]
+    row.checked = ", ".join(f"{n.verdict.role} {n.verdict.extent}" for n in nodes)
+    row.left_out = [role for role in rig.nodes() if role not in (*wanted, *row.nodes)]
     row.cycles = min(node.verdict.cycles for node in nodes)
     there = {*row.nodes, *(["executive"] if "device" in row.nodes else [])}
     why = [f"no record of the {role}" for role in wanted if role not in there]
@@ -127,7 +131,7 @@ def _unjudged_causes(node: Any, external: Any, columns: dict[str, set[str]]) -> 
         yield f"{verdict.dropped} frames or events found no room in the recorder"
     if verdict.incomplete:
         yield verdict.incomplete
-    elif not verdict.cycles or not (verdict.variables or verdict.frames):
+    elif not verdict.anything:
         yield "nothing was compared"
     for block in external:
         yield f"{block} was stepped from outside; what it wrote is taken from the log"

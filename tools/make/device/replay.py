@@ -49,7 +49,7 @@ class DeviceComparison:
         self.verdict = Verdict(ROLE, rig.config.rate_hz)
         about = head.node["plant"].description
         self._answers = self._computed = np.empty(0, logs.frame_type(about))
-        self._cycles = cycles_of(rig)
+        self._cycles = self.verdict.planned = cycles_of(rig)
         self._ended = False
         self._begin_s = time.monotonic()
 
@@ -61,6 +61,8 @@ class DeviceComparison:
             self._advance(part)
             self._compare(int(part.rows[-1, K]))
         self.verdict.missing += piece.missing
+        if last and not self.verdict.anything and not self.verdict.differences:
+            self.verdict.incomplete = "the plant's log holds no cycle that a device has answered"
         self.verdict.spent_s = time.monotonic() - self._begin_s
 
     def _advance(self, part: Slice) -> None:

@@ -3,8 +3,7 @@
     payload = base64(SHA-256 of what follows; zstd(length of the JSON, 4 bytes little-endian; JSON;
               modules))
 
-The digest of a run is SHA-256 over the recorded states and outputs of all blocks: node after node
-from the executive down, a row a cycle, little-endian doubles, NaN as 7FF8000000000000.
+The digest of a run is that of `tools.after.run_digest`.
 """
 
 import base64
@@ -17,7 +16,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import zstandard
 
 from pcpc.drivers.errors import UserError
@@ -29,7 +27,7 @@ from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.plants.drawing import DrawingError, drawing_of, settings_of
-from pcpc.tools.make.generate.closed import NAN
+from pcpc.tools.after.run_digest import digest_of
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.web.disturbances import disturbances
 from pcpc.tools.make.web.judge_script import judge_data
@@ -173,17 +171,9 @@ def contents(
 
 
 def digest(program: Program, log: Log) -> str:
-    """Return the digest of a whole run."""
-    whole = hashlib.sha256()
-    for role, columns in program.rows.items():
-        recorded = log.node[role].columns
-        names = [one.name for one in columns if one.digested]
-        if not names:
-            continue
-        table = np.stack([recorded[name] for name in names])[:, : program.cycle_count]
-        words = np.ascontiguousarray(table.T, "<f8").view(np.uint64)
-        whole.update(np.where(np.isnan(table.T), np.uint64(NAN), words).tobytes())
-    return whole.hexdigest()
+    """Return the digest of a whole run, as `pcpc simulate --digest` prints it."""
+    names = {role: [c.name for c in rows if c.digested] for role, rows in program.rows.items()}
+    return digest_of(log, names, program.cycle_count)
 
 
 def _columns(program: Program, role: Role) -> list[list[Any]]:

@@ -285,7 +285,7 @@ def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun
     event = timed.event
     about: dict[str, Any] = {
         "form": type(watch).__name__, "holds": reader.condition(timed.holds),
-        "window": [first, "Infinity" if past == NEVER else past],
+        "window": [first, "Infinity" if past == NEVER else past], "begin": watch.begin,
         "within": watch.within, "ends": timed.within_s is not None,
         "lasts": watch.lasts if isinstance(watch, Respond) else 0,
     }  # fmt: skip
@@ -296,8 +296,6 @@ def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun
     elif event is not None and event.changes is not None:
         about["changes"] = reader.value(event.changes)
     else:
-        at_s = 0.0 if event is None else event.at_s
-        about["begin"] = max(first, edges(traced.period_s, at_s, 0.0)[0])
         about["waits"] = event is not None
     if (shot := timed.overshoot) is not None:
         about["overshoot"] = {

@@ -224,6 +224,32 @@ def test_the_figure_marks_violations(
     assert marked[0][0] == (0.5, "no large error") and len(marked[0]) == 4, marked
 
 
+@pytest.mark.parametrize(
+    ("entry", "why"),
+    [
+        ({"always": "controller.e_rad < 1", "after": "1.2ms", "before": "1.8ms"},
+         "no cycle lies in its time"),
+        ({"when": "3s", "then": "controller.e_rad < 1", "before": "2s"},
+         "no cycle lies in its time"),
+        ({"settles": "controller.e_rad", "into": "1 rad", "when": "0.1s", "within": "0.2s",
+          "before": "0.2s"},
+         "no cycle lies in its time"),
+        ({"always": "controller.e_rad < 1", "after": "90s"},
+         "the run ended before its time began"),
+        ({"when": "90s", "then": "controller.e_rad < 1"}, "its event never happened"),
+        ({"when": "controller.e_rad > 1000", "then": "controller.e_rad < 1"},
+         "its event never happened"),
+        ({"settles": "controller.e_rad", "into": "1 rad", "when": "0s", "within": "90s"},
+         "the run ended before its time was over"),
+    ],
+)  # fmt: skip
+def test_what_was_not_judged_says_the_true_reason(
+    entry: dict[str, str], why: str, run: Run
+) -> None:
+    with pytest.raises(NotOk, match=f"not judged: {why}$"):
+        run.require(**entry)
+
+
 def test_a_run_can_be_asked_from_python(run: Run) -> None:
     held = run.require(always="abs(controller.e_rad) < 20 deg")
     assert held.held and held.margin_unit == "rad" and isinstance(held, Result)
@@ -345,7 +371,7 @@ def test_an_id_stands_wherever_its_requirement_is_named(tmp_path: Path) -> None:
     assert told["expectations_failed"][0].startswith("REQ-12 muzzle_error_rms_mrad = ")
     shown = report.rows(run.result, tmp_path, 100)
     assert any("REQ-12 muzzle_error_rms_mrad" in line for line in shown["metrics"]), shown
-    assert any(line.startswith("REQ-8 no jump: held") for line in shown["require"]), shown
+    assert any(line.startswith("REQ-8 no jump: met") for line in shown["require"]), shown
     page = run.report(tmp_path / "report.html").read_text("utf-8")
     for text in ("REQ-7 never abs(", "REQ-8 no jump", "REQ-12 muzzle_error_rms_mrad"):
         assert text in page, text

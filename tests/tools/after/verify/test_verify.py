@@ -24,6 +24,7 @@ from processes import ROOT
 from pcpc.executive.log.mcap_records import CRC_KEY, metadata_crc
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.replayed import Verdict
 from pcpc.tools.after.verify import cli, one
 from pcpc.tools.after.verify.digest import _hashed_bytes, digest
 
@@ -224,7 +225,8 @@ def test_a_log_without_one_of_its_nodes_is_incomplete(
     path = rewritten(log, tmp_path / "a.mcap", edit, texts=texts)
     assert row(path)["why"] == [f"no record of the {node}"]
     assert row(path)["verdict"] == "incomplete"
-    assert row(path, "--node", left)["verdict"] == "identical"
+    only = row(path, "--node", left)
+    assert only["verdict"] == "identical" and only["left_out"] == [node], only
     assert node in str(row(path, "--node", node)["why"])
 
 
@@ -259,9 +261,7 @@ def test_a_column_that_nobody_recorded_is_no_pass(log: Path, tmp_path: Path) -> 
     node = argparse.Namespace(
         role="executive",
         both=["a"],
-        verdict=argparse.Namespace(
-            missing=[], from_record=[], incomplete="", dropped=0, cycles=1, variables=1, frames=0
-        ),
+        verdict=Verdict("executive", 1000.0, cycles=1, variables=1),
         replay=argparse.Namespace(names=["a", "b", "c"]),
     )
     assert [*one._unjudged_causes(node, (), {"executive": {"a"}})] == [
@@ -483,6 +483,24 @@ def test_a_verdict_that_is_another_one_now(runs: Path, monkeypatch: pytest.Monke
     assert done.code == 1 and "judged      a.mcap: identical in the table" in done.out, done
 
 
+@pytest.mark.parametrize("was", ["differs", "incomplete", "unreadable"])
+def test_a_verdict_that_has_become_better_is_not_as_in_the_table(was: str, runs: Path) -> None:
+    text = (runs / "t.txt").read_bytes().replace(b"identical", was.encode(), 1)
+    (runs / "t.txt").write_bytes(sealed(text.splitlines(keepends=True)[:-1]))
+    done = checked(runs)
+    assert done.code == 1 and f"judged      a.mcap: {was} in the table, identical" in done.out, done
+
+
+def test_a_line_says_which_nodes_and_how_many_cycles_were_recomputed(log: Path) -> None:
+    done = verify(log)
+    assert "\n  recomputed: executive 60 of 60 cycles, plant 61 of 61 cycles\n" in done.out
+    assert done.out.endswith("1 log recomputed: 1 identical\n"), done
+    done = verify(log, "--node", "executive")
+    told = "recomputed: executive 60 of 60 cycles; not asked for: plant"
+    assert told in " ".join(done.out.split()), done
+    assert done.out.endswith("1 log recomputed, without the plant: 1 identical\n"), done
+
+
 def sealed(lines: list[bytes]) -> bytes:
     above = b"".join(lines)
     return above + f"{hashlib.sha256(above).hexdigest()}  all lines above\n".encode()
@@ -594,6 +612,31 @@ def test_without_ssh_keygen_the_cure_is_said(runs: Path, monkeypatch: pytest.Mon
     assert done.code == 4 and "install openssh-client" in done.err, done
 
 
+@pytest.mark.parametrize(
+    ("status", "words", "code"),
+    [
+        (0, ["--check", "T", "--signers", "S", "--identity", "me"], 0),
+        (1, ["--check", "T", "--signers", "S", "--identity", "me"], 1),
+        (255, ["--check", "T", "--signers", "S", "--identity", "me"], 1),
+        (0, ["--check", "T", "--signers", "none", "--identity", "me"], 2),
+        (1, ["R", "--table", "U", "--sign", "S"], 2),
+    ],
+)
+def test_what_ssh_keygen_answers_is_the_exit_code(
+    status: int, words: list[str], code: int, runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = runs / "ssh-keygen"
+    program.write_text(f"#!/bin/sh\ncat > /dev/null\necho no >&2\nexit {status}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(runs), prepend=os.pathsep)
+    files = {"T": "t.txt", "U": "u.txt", "S": "signers", "none": "none", "R": ""}
+    for name in ("signers", "t.txt.sig"):
+        (runs / name).write_text("x")
+    done = verify(*(runs / files[word] if word in files else word for word in words))
+    assert done.code == code, done
+    assert done.err.count("\n") == (code > 0) and not (runs / "u.txt").exists(), done
+
+
 # Words, and processes
 
 
@@ -613,6 +656,8 @@ def test_without_ssh_keygen_the_cure_is_said(runs: Path, monkeypatch: pytest.Mon
         (["L", "--table", "t", "--junit", "t"], "is the table"), (["L", "--law", "no"], "no such"),
         (["L", "--table", "t", "--sign", "no"], "no such key"),
         (["L", "--rig", "nonesuch"], "nonesuch"), (["L", "--node", "moon"], "moon"),
+        (["L", "--table", "u", "--node", "plant"], "a table is of whole logs; leave out --node"),
+        (["--check", "T", "--node", "executive"], "a table is of whole logs; leave out --node"),
     ],
 )  # fmt: skip
 def test_wrong_words_are_a_line_and_leave_nothing(

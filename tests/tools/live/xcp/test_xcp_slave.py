@@ -259,6 +259,35 @@ def test_lists_start_together_or_not_at_all(session: Session) -> None:
     assert session.packets(np.array([0]), np.zeros((1, 3))) == []
 
 
+def test_what_was_selected_is_no_more_once_it_was_started_or_stopped(session: Session) -> None:
+    good(session, Cmd.FREE_DAQ)
+    good(session, Cmd.ALLOC_DAQ, 2)
+    for i in (0, 1):
+        good(session, Cmd.ALLOC_ODT, i, 1)
+    for i in (0, 1):
+        good(session, Cmd.ALLOC_ODT_ENTRY, i, 0, 1)
+    for i in (0, 1):
+        good(session, Cmd.SET_DAQ_PTR, i, 0, 0)
+        good(session, Cmd.WRITE_DAQ, 0xFF, 8, 0, 0)
+    stop_all, start, stop, select = 0, 1, 2, 2
+    for steps, sent in (
+        (((select, 0), (select, 1), stop_all, start), []),  # selected, then all stopped
+        (((select, 0), start), [0]),
+        (((select, 1), start), [0, 1]),  # the first is not selected any more, but runs on
+        ((stop,), [0, 1]),  # nothing is selected
+        (((select, 0), stop), [1]),
+        ((start,), [1]),
+        (((select, 0), stop_all), []),
+        ((start,), []),
+    ):
+        for step in steps:
+            if isinstance(step, tuple):
+                good(session, Cmd.START_STOP_DAQ_LIST, *step)
+            else:
+                good(session, Cmd.START_STOP_SYNCH, step)
+        assert [one[0] for one in session.packets(np.array([0]), np.zeros((1, 3)))] == sent, steps
+
+
 def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: Session) -> None:
     listed(session, [(0, 8)] * 175)
     assert bad(session, Cmd.START_STOP_DAQ_LIST, 1, 0) == Err.DAQ_CONFIG

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ from processes import PCPC, ROOT, Done, Running, own_bus, pcpc
 
 from pcpc.drivers.can import e2e, wire
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log import diff
+from pcpc.tools.make.device.replay import DeviceComparison
 
 FOLDER = ROOT / "plants" / "probe" / "device"
 RIG = str(FOLDER / "rig.yaml")
@@ -80,6 +83,14 @@ def test_a_device_gives_the_bits_of_the_same_law_in_virtual_time(
 def alone(log: logs.Log) -> logs.Log:
     """Return a log as if its plant had been recorded alone."""
     return logs.Log(log.path, {"plant": log.node["plant"]}, {}, log.metadata, [])
+
+
+def test_a_replay_of_a_device_without_a_cycle_is_no_pass(simulated: logs.Log) -> None:
+    head = alone(simulated)
+    comparison = DeviceComparison(head, load_rig(Path(RIG)))
+    comparison.take(replace(head, node={}), -1, True)
+    assert comparison.verdict.code == 3 and not comparison.verdict.identical
+    assert "no cycle that a device has answered" in comparison.verdict.incomplete
 
 
 def test_a_device_that_knows_no_duration_hears_of_the_end(tmp_path: Path) -> None:

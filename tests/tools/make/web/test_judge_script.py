@@ -40,6 +40,9 @@ ALL_KINDS: tuple[dict[str, str], ...] = (
     {"overshoot": "x", "over": "z", "at_most": "2.5", "when": "z changes"},
     {"rate": "x", "at_most": "3900"},
     {"always": "rate(x) / rate(y) < 1e4"},
+    {"always": "x < 2", "after": "1.2ms", "before": "1.8ms"},
+    {"settles": "x", "into": "1.5", "when": "20ms", "within": "30ms", "before": "40ms"},
+    {"when": "5s", "then": "x > 1", "before": "1s"},
 )
 
 

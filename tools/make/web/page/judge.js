@@ -86,7 +86,7 @@ function required(about, calculation, cut, periodS) {
   const own = (value, unit) => shortNumber(value, 4) + (unit ? ` ${unit}` : "");
   const smallest = `${own(margin, least.unit)} at ${pythonNumber(found.margin_s)} s`;
   const of = open ? `, ${judged} of ${events} events judged` : "";
-  found.words = `${text}: held, margin ${smallest}${of}`;
+  found.words = `${text}: met, margin ${smallest}${of}`;
   if (first) {
     const { what, value, limit, unit } = first;
     Object.assign(found, { first_s: time(first.cycle), what, value, limit });
@@ -99,9 +99,13 @@ function required(about, calculation, cut, periodS) {
 
 function unjudgedWhy({ n, events, about }) {
   if (!n) return "its variables were not recorded";
+  const past = Number(about.window[1]), decided = about.becomes || about.changes !== undefined;
+  if (!events && decided) return "its event never happened";
+  if (about.begin >= past || (about.form === "Hold" && events && n >= past)) {
+    return "no cycle lies in its time";
+  }
   if (events) return "the run ended before its time was over";
-  const event = about.becomes || about.changes !== undefined || about.waits;
-  return event ? "its event never happened" : "the run ended before its time began";
+  return about.waits ? "its event never happened" : "the run ended before its time began";
 }
 
 function drawnSignals(data, calculation) {

@@ -116,7 +116,7 @@ class WebPage {
       const own = this.about.schedule.flatMap((each) => Object.entries(each.set).map(([name, value]) => `{at_s: ${each.at_s}, set: {${name}: ${value}}}`));
       set(`schedule=[${[...own, ...later.map(entry)].join(", ")}]`);
     }
-    return words.join(" ");
+    return [...words, "--digest"].join(" ");
   }
 
   restart(keepsHash = false) {
@@ -235,8 +235,8 @@ class WebPage {
     const plain = !this.changed.size && !this.tunings.length && +byId("seed").value === this.controller.seed;
     const short = found.slice(0, 16), native = this.controller.digest;
     line.className = plain ? (found === native ? "good" : "bad") : "";
-    if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below gives the same natively" : "what was changed of the plant is in no command"}`;
-    else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}`;
+    if (!plain) line.textContent = `digest ${short}; ${this.command() ? "the command below prints the same" : "what was changed of the plant is in no command"}`;
+    else if (found === native) line.textContent = `equal to pcpc ${this.about.version} on ${this.about.machine}: ${short}, see the command below`;
     else line.textContent = `DIFFERS from pcpc ${this.about.version} on ${this.about.machine}: ${short}, not ${native.slice(0, 16)}`;
     line.title = found;
     this.judged();
