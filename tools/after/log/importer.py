@@ -49,12 +49,13 @@ def command(options: argparse.Namespace) -> int:
         from pcpc.tools.after.log import decode  # here, because they bring the compiler
 
         database = decode.load(options.dbc)
-        nodes = sorted(node.name for node in database.nodes)
+        nodes = sorted(database.nodes)
         if options.node is not None and options.node not in nodes:
             hint = did_you_mean(options.node, nodes)
             raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
         recording = read(options.recording, options.channel, progress)
-        found, unknown = decode.by_id(database, recording.frames, progress)
+        decoded = decode.by_id(database, recording.frames, progress)
+        found, unknown = decoded.frames, decoded.unknown
         if not any(len(one.place) for one in found):
             ids = _ids(dict(Counter(recording.frames["id"].tolist())))
             raise LogCommandError(
@@ -62,6 +63,10 @@ def command(options: argparse.Namespace) -> int:
                 "give the DBC file of this bus"
             )
         log = _ImportedLog(options, recording, found)
+        log.counts |= {
+            "not_in_dbc": [str(one) for one in database.odd], "no_signal": decoded.left_out,
+            "by_pgn": {one.name: f"0x{can_id.text_of(one.word)}" for one in decoded.by_pgn},
+        }  # fmt: skip
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
@@ -79,7 +84,7 @@ class _ImportedLog:
         self.frames = frames = recording.frames
         self.sent = {id(one) for one in found if options.node in one.message.senders}
         for one in found:
-            places = np.flatnonzero(frames["id"] == _id_of(one))
+            places = np.flatnonzero(frames["id"] == one.word)
             frames["e2e"][places] = one.state
             if options.node is not None:
                 frames["direction"][places] = id(one) not in self.sent
@@ -89,8 +94,8 @@ class _ImportedLog:
         gaps = np.diff(frames["stamp_ns"][self.rows])
         self.period_ns = max(1, round(float(np.median(gaps)))) if len(gaps) else 1_000_000_000
         self.variables = [
-            [f"{'tx' if id(one) in self.sent else 'rx'}.{one.message.name}.{name}", unit,
-             "sent" if id(one) in self.sent else "received", one.message.name, text]
+            [f"{'tx' if id(one) in self.sent else 'rx'}.{one.name}.{name}", unit,
+             "sent" if id(one) in self.sent else "received", one.name, text]
             for one in found for name, unit, text in one.signals
         ]  # fmt: skip
         duration_s = 1e-9 * int(frames["stamp_ns"][-1] - frames["stamp_ns"][0])
@@ -98,13 +103,13 @@ class _ImportedLog:
             "file": str(options.output), "frames": len(frames),
             "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
-            "clock_frame": self.clock.message.name, "rate_hz": round(1e9 / self.period_ns, 6),
+            "clock_frame": self.clock.name, "rate_hz": round(1e9 / self.period_ns, 6),
             "left_out": dict(recording.left_out), "unsorted": recording.unsorted,
             "declared": recording.declared,
             "channels": dict(recording.channels),
             "lost": sum(one.lost for one in found if one.checked),
             "not_decoded": sum(len(one.state) - len(one.place) for one in found),
-            "foreign_crc": [one.message.name for one in found if one.foreign_crc],
+            "foreign_crc": [one.name for one in found if one.foreign_crc],
         }  # fmt: skip
 
     def write(self, path: Path, progress: Progress) -> None:
@@ -143,7 +148,7 @@ class _ImportedLog:
             "node": "executive", "rig": "imported", "period_ns": self.period_ns,
             "cycles": len(self.rows), "watch": "", "variables": self.variables, "ranges": {},
             "state_columns": names, "timing_columns": [],
-            "frames": {str(_id_of(one)): one.message.name for one in self.found},
+            "frames": {str(one.word): one.name for one in self.found},
             "state_names": [], "fault_names": [], "metadata": metadata,
             **({} if self.most == 8 else {"data_bytes": self.most}),
         }  # fmt: skip
@@ -194,10 +199,6 @@ class _ImportedLog:
         return out
 
 
-def _id_of(one: "DecodedFrames") -> int:
-    return can_id.word_of(int(one.message.frame_id), one.message.is_extended_frame)
-
-
 def _clock_frame(found: "list[DecodedFrames]") -> "DecodedFrames":
     """Return the frame that makes the rows, see the head of this file."""
     most = max(len(one.place) for one in found)
@@ -234,6 +235,13 @@ def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[i
         lines.append(f"left out: {', '.join(kinds)} frames")
     if unknown:
         lines.append(f"not in {options.dbc.name}, kept as frames only: {_ids(unknown)}")
+    if counts["by_pgn"]:
+        found = ", ".join(f"{name} ({word})" for name, word in counts["by_pgn"].items())
+        lines.append(f"by their PGN, whatever the priority and source: {found}")
+    for kind, what in (("not_in_dbc", "left out of"), ("no_signal", "no signals in their frames,")):
+        if odd := counts[kind]:
+            more = f" and {len(odd) - _TOLD_IDS} more" if len(odd) > _TOLD_IDS else ""
+            lines.append(f"{what} {options.dbc.name}: {'; '.join(odd[:_TOLD_IDS])}{more}")
     if counts["lost"]:
         lines.append(f"missing by their counters: {counts['lost']} frames")
     if counts["not_decoded"]:
