@@ -1,8 +1,8 @@
 """The sections of an EDS or DCF file, and the variables that they describe. Source: CiA 306-1.
 
-Numbers are decimal, 0x hexadecimal, 0 octal, or with $NODEID+; # begins a comment. A line that is no key=value, a key
-or a section that comes twice (the first counts), is listed. The values of an array without sections
-of its own stand in [....Value].
+Numbers are decimal, 0x hexadecimal, 0 octal, or with $NODEID+; # begins a comment. A line that is
+no key=value, a key or a section that comes twice (the first counts), is listed. The values of an
+array without sections of its own stand in [....Value].
 """
 
 import re
