@@ -225,8 +225,9 @@ def column_names(signals: Sequence[DbcSignal]) -> list[str]:
         same = [one for one in signals if every[one.name] > 1 and one.name == signal.name]
         alike = all(one is other or _are_one(one, other) for one in same for other in same)
         found.append(signal.name if alike else f"{signal.name}_{signal.start}")
+    counts = Counter(found)
     for i, name in enumerate(found):
-        if found.count(name) > 1 and name != signals[i].name:  # begin with the same bit
+        if counts[name] > 1 and name != signals[i].name:  # begin with the same bit
             found[i] = f"{name}_{i}"
     return found
 
