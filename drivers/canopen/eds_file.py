@@ -106,7 +106,7 @@ def _take(found: EdsContent, entry: Variable, place: int | None, node: int) -> N
 def _ours(found: EdsContent, place: int, entry: Variable, node: int) -> Object:
     """Return an object of ours with what the file says of it."""
     one, text = found.every[place], entry.value
-    kind = number(entry.keys.get("datatype", ""), node)
+    kind = _type_of(entry)
     if one.kind == Kind.TEXT:
         if not (text.isascii() and text.isprintable() and len(text) <= at.TEXT_BYTES):
             raise ValueError(f"not {at.TEXT_BYTES} characters of ASCII")
@@ -133,6 +133,13 @@ def _ours(found: EdsContent, place: int, entry: Variable, node: int) -> Object:
     return replace(one, start=start, low=low, high=high)
 
 
+def _type_of(entry: Variable) -> int:
+    """Return the data type of CiA 301; ValueError without one."""
+    if text := entry.keys.get("datatype"):
+        return number(text, 0)
+    raise ValueError("no DataType")
+
+
 def _limits(entry: Variable, one: Object, node: int) -> tuple[int, int]:
     """Return the bounds that both have; those of the file count if they are two, and differ."""
     low, high = one.bounds
@@ -152,7 +159,7 @@ def _signed_value(value: int, one: Object) -> int:
 
 def _passive_object(found: EdsContent, entry: Variable, node: int) -> Object | None:
     """Return an object without an effect; None of a type that the drive cannot hold."""
-    kind = number(entry.keys.get("datatype", ""), node)
+    kind = _type_of(entry)
     kind = int(Kind.U8) if kind == _BOOLEAN else kind
     if kind not in _SIZES:
         return None

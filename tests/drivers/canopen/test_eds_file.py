@@ -176,7 +176,7 @@ def content_of(folder: Path, text: str | bytes) -> eds_file.EdsContent:
         ("[2040]\nDataType=8\nDefaultValue=1,5", "2040 (expected a number, got '1,5')"),
         ("[2040]\nDataType=8\nDefaultValue=1e99", "2040 (1e99 does not fit into a REAL32)"),
         ("[2040]\nDataType=8\nDefaultValue=nan", "2040 (expected a number, got 'nan')"),
-        ("[2040]\nObjectType=2\nAccessType=wo", "2040 (expected a number, got nothing)"),
+        ("[2040]\nObjectType=2\nAccessType=wo", "2040 (no DataType)"),
         ("[2040]\nDataType=x", "2040 (expected a number, got 'x')"),
         ("[2040]\nDataType=6\nAccessType=any", "2040 (AccessType any)"),
         ("[2040]\nDataType=6\nPDOMapping=yes", "2040 (expected a number, got 'yes')"),
