@@ -7,7 +7,7 @@ import cantools
 import numpy as np
 import pytest
 
-from pcpc.drivers.can import can_id, dbc
+from pcpc.drivers.can import can_id, dbc, e2e
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import decode
 from pcpc.tools.terminal.progress import Progress
@@ -183,3 +183,16 @@ def test_floats_are_what_cantools_decodes(bits: int, kind: int) -> None:
     reference: Any = cantools.database.load_string(text, "dbc")
     expected = [float(reference.decode_message(1, one.tobytes())["s"]) for one in data]
     assert columns(decoded(text, [(1, one.tobytes().hex()) for one in data]))["F.s"] == expected
+
+
+def test_counter_and_crc_are_checked_where_they_are_the_loops() -> None:
+    signals = ["level : 0|8@1+ (1,0)", "counter : 8|4@1+ (1,0)", "crc : 16|8@1+ (1,0)"]
+    text = described({"1 P: 3": signals})
+    data = [bytes([10 + i, i]) for i in (0, 1, 3, 3, 4)]
+    right = [one + bytes([int(e2e.crc8(1, np.frombuffer(one, np.uint8), 2))]) for one in data]
+    (one,) = (found := decoded(text, [(1, frame.hex()) for frame in right])).frames
+    assert columns(found) == {"P.level": [10, 11, 13, 14]}, "a repeated one is not used"
+    assert (one.lost, one.checked, one.foreign_crc) == (1, True, False)
+    (one,) = (found := decoded(text, [(1, f"{10 + i:02X}{i:02X}77") for i in range(3)])).frames
+    assert columns(found) == {"P.level": [10, 11, 12]}
+    assert (one.lost, one.checked, one.foreign_crc) == (0, False, True)
