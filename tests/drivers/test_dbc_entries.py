@@ -214,3 +214,26 @@ def test_of_a_file_with_many_odd_entries_the_others_are_in(seed: int) -> None:
 def test_a_file_without_any_entry_is_refused() -> None:
     with pytest.raises(DbcError, match=r"odd.dbc:1:1: not DBC syntax at >>!<<: >>!<<hello"):
         parsed("hello\nworld\n")
+
+
+@pytest.mark.parametrize(("length", "is_in"), [(0, True), (1785, True), (1786, False)])
+def test_a_frame_has_no_byte_or_as_many_as_the_longest_message(length: int, is_in: bool) -> None:
+    database = parsed(f"{HEAD}BO_ 300 EDGE: {length} NOBODY\n")
+    assert [one.name for one in database.messages[2:]] == ["EDGE"] * is_in
+    assert len(database.odd) == 1 - is_in
+
+
+@pytest.mark.parametrize(("value", "count"), [(2, 0), (3, 1), (-1, 1)])
+def test_a_value_is_one_of_the_choices(value: int, count: int) -> None:
+    text = f'{HEAD}BA_DEF_ BO_ "GenMsgSendType" ENUM "a","b","c";\n'
+    assert len(parsed(f'{text}BA_ "GenMsgSendType" BO_ 256 {value};\n').odd) == count
+
+
+def test_ranges_are_those_of_the_signal_of_this_name_whose_marker_is_in_them() -> None:
+    signals = ' SG_ {} : {}|8@1+ (1,0) [0|0] "" DEV\n'
+    text = "BU_: ECU DEV\nBO_ 1 F: 8 ECU\n" + "".join(
+        signals.format(name, 8 * i) for i, name in enumerate(("p M", "s m0", "s m2", "t m1"))
+    )
+    ranges = "SG_MUL_VAL_ 1 s p 0-1;\nSG_MUL_VAL_ 1 s p 2-3;\nSG_MUL_VAL_ 1 t p 5-6;\n"
+    found = [(one.name, one.multiplexer_ids) for one in parsed(text + ranges).messages[0].signals]
+    assert found == [("p", None), ("s", [0, 1]), ("s", [2, 3]), ("t", [5, 6])]
