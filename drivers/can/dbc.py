@@ -22,9 +22,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc_file import Database, DbcSignal, Message, load, parse, place, text
+from pcpc.drivers.can.frame_format import check_format, first_bit
 from pcpc.drivers.can.frames import Frame, Kind, Protection, Signal
-from pcpc.drivers.can.wire_layout import LENGTHS, Flag
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.rows import FRAME, SIGNAL
 from pcpc.drivers.errors import BusError, DbcError, printable
 
@@ -39,13 +41,16 @@ __all__ = [
     "Signal",
     "Table",
     "bus_load",
+    "first_bit",
     "frame",
     "frames",
     "load",
     "parse",
     "place",
+    "real",
     "table",
     "text",
+    "used_frame",
 ]
 
 Way = Literal["rx", "tx"]
@@ -67,31 +72,36 @@ class Table:
 def frames(database: Database, node: str, direction: Way) -> tuple[Frame, ...]:
     """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id.
 
-    DbcError: no such node.
+    DbcError: no such node, or an odd entry of the file is about one of its frames.
     """
-    names = sorted(entry.name for entry in database.nodes)
-    if node not in names:
-        known = ", ".join(names) or "none"
+    if node not in database.nodes:
+        known = ", ".join(sorted(database.nodes)) or "none"
         raise DbcError(f"node {node}: not in the DBC file; it has {printable(known)}")
+    for one in database.odd:
+        if node in one.nodes:
+            raise DbcError(f"{database.path}:{one.place}: {one.what}")
     messages = sorted(database.messages, key=lambda message: message.frame_id)
-    if direction == "tx":
-        return tuple(frame(message) for message in messages if node in message.senders)
-    return tuple(frame(message) for message in messages if node in message.receivers)
+    return tuple(
+        used_frame(database, message)
+        for message in messages
+        if node in (message.senders if direction == "tx" else message.receivers)
+    )
+
+
+def used_frame(database: Database, message: Message) -> Frame:
+    """Return a message that a node uses as a record; DbcError also if an odd entry is about it."""
+    word = can_id.word_of(message.frame_id, message.is_extended_frame)
+    for one in database.odd:
+        if one.frame == word:
+            raise DbcError(f"{database.path}:{one.place}: {one.what}")
+    return frame(message)
 
 
 @lru_cache(maxsize=1024)  # a rig's nodes ask for the same ones, several times each
 def frame(message: Message) -> Frame:
     """Return one message as a record; DbcError if the loop cannot handle it."""
     where = f"frame {message.name}"
-    if not message.is_fd and not 0 <= message.length <= 8:
-        what = f'{message.length} bytes need CAN FD; say VFrameFormat "StandardCAN_FD", or split it'
-        raise DbcError(f"{where}: {what}")
-    if message.length not in LENGTHS:
-        longer = next((n for n in LENGTHS if n >= message.length), LENGTHS[-1])
-        what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
-        raise DbcError(f"{where}: {what}")
-    if message.is_container:
-        raise DbcError(f"{where}: a container; give each of its PDUs a frame of its own")
+    check_format(message, where)
     tail = _tail(message)
     return Frame(
         name=message.name,
@@ -215,12 +225,8 @@ def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
 
 def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
     where = f"{where}: {signal.name}"
-    begins, big = signal.start, signal.byte_order == "big_endian"
-    first = begins // 8 * 8 + 7 - begins % 8 if big else begins  # from the frame's first bit
-    if not 0 <= first < first + signal.length <= 8 * dlc:
-        what = f"bits {begins}|{signal.length} do not lie in the {dlc} bytes"
-        raise DbcError(f"{where}: {what}; correct start and length")
-    factor, offset = _real(signal.scale), _real(signal.offset)
+    begins, first = signal.start, first_bit(signal)
+    factor, offset = real(signal.scale), real(signal.offset)
     if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
         what = f"factor {factor}, offset {offset}; must be finite, factor not 0"
         raise DbcError(f"{where}: {what}; correct (factor,offset)")
@@ -237,7 +243,7 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
     if not (signal.is_float or all(map(math.isfinite, limits))):
         raise DbcError(f"{where}: factor {factor} gives infinite values; correct (factor,offset)")
     if signal.minimum is not None and signal.maximum is not None:
-        limits = [_real(signal.minimum), _real(signal.maximum)]
+        limits = [real(signal.minimum), real(signal.maximum)]
         raw = sorted((limit - offset) / factor for limit in limits)
         low, high = (code if signal.is_float or math.isinf(code) else round(code) for code in raw)
         codes = (max(full[0], low), min(full[1], high))
@@ -264,7 +270,7 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
     )
 
 
-def _real(number: float) -> float:
+def real(number: float) -> float:
     """Return a number of a DBC file as float64; an integer beyond is infinite."""
     try:
         return float(number)
@@ -376,9 +382,10 @@ def bus_load(
     DbcError: an FD frame switches its bit rate, and there is no `data_bitrate`.
     """
     bits_per_s = 0.0
-    for entry in map(frame, database.messages):
-        if names is not None and entry.name not in names:
+    for message in database.messages:
+        if names is not None and message.name not in names:
             continue
+        entry = frame(message)
         frames_per_s = 1000 / entry.cycle_ms if entry.cycle_ms else rate_hz
         nominal, data = entry.bits()
         if data and data_bitrate is None:

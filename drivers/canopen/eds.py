@@ -1,5 +1,7 @@
 """The drive's EDS: its object dictionary as masters read it. Source: CiA 306-1."""
 
+import math
+import struct
 from collections.abc import Sequence
 from itertools import groupby
 
@@ -42,20 +44,39 @@ def _entries(index: int, group: list[Object]) -> list[str]:
 
 
 def _object(section: str, one: Object) -> str:
-    access = "rw" if one.access & at.WRITE else "ro"
     start = one.text if one.kind == Kind.TEXT else str(one.start)
     low, high = one.bounds
-    limits = {} if one.kind == Kind.TEXT else {"LowLimit": low, "HighLimit": high}
+    limits = {"LowLimit": low, "HighLimit": high}
+    if one.kind == Kind.TEXT:
+        limits = {}
+    elif one.kind == Kind.F32:
+        limits, start = {}, _real(one.start)
     return _section(
         section,
         ParameterName=one.name,
         ObjectType=f"0x{_VAR:X}",
         DataType=f"0x{int(one.kind):04X}",
         **limits,
-        AccessType=access,
+        AccessType=_access(one),
         DefaultValue=start,
         PDOMapping=int(bool(one.access & (at.TO_DRIVE | at.FROM_DRIVE))),
     )
+
+
+def _access(one: Object) -> str:
+    """Return how an object is read and written, and mapped if only one way."""
+    mapped = one.access & (at.TO_DRIVE | at.FROM_DRIVE)
+    if not one.access & at.WRITE:
+        return "ro"
+    if not one.access & at.READ:
+        return "wo"
+    return {at.TO_DRIVE: "rww", at.FROM_DRIVE: "rwr"}.get(mapped, "rw")
+
+
+def _real(bits: int) -> str:
+    """Return a REAL32 as a number that is read back as these bits."""
+    value = struct.unpack("<f", struct.pack("<I", bits))[0]
+    return f"{value:.9g}" if math.isfinite(value) else f"0x{bits:08X}"
 
 
 def _section(name: str, **entries: object) -> str:

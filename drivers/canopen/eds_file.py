@@ -6,27 +6,32 @@
     all others           belong to what our drive does not do, and do not exist; nor does a value
                          that it cannot have, as an option of a ramp: its own one stays
 
-An object that is measured or that a master reads as state has no value at the start. Numbers are
-decimal, 0x hexadecimal, 0 octal, or $NODEID+number. Source: CiA 306-1.
+An object that is measured or that a master reads as state has no value at the start. Whatever is
+not taken over is listed: one odd entry refuses no file. Source: CiA 306-1.
 """
 
-import configparser
 import re
-from collections.abc import Iterator, Sequence
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from pcpc.drivers.canopen import layout as at
+from pcpc.drivers.canopen.eds_sections import Sections, Variable, number, sections, variables
 from pcpc.drivers.canopen.layout import Row
-from pcpc.drivers.canopen.objects import BITS, NOT_VALID, RO, RW, Kind, Object
+from pcpc.drivers.canopen.objects import BITS, NOT_VALID, Kind, Object
+from pcpc.drivers.errors import printable
 
 _WANTED = "give an EDS or DCF file of CiA 306"
 _OWN = 0x2000, 0x5FFF  # indices of a manufacturer
-_SECTION = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]{1,2}))?", re.IGNORECASE)
 _SIZES = {int(kind): bits for kind, bits in BITS.items()}
-_REAL_32, _RECORDS = 0x08, (0x08, 0x09)
-_ALSO: dict[int, int] = {0x01: Kind.U8, _REAL_32: Kind.U32}  # truth values; bits of a float
+_BOOLEAN = 0x01
+_REAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d+)?", re.IGNORECASE)
+_ACCESS = {  # what may be done, and what a PDO may do where it can be mapped
+    "ro": (at.READ, at.FROM_DRIVE), "const": (at.READ, at.FROM_DRIVE),
+    "wo": (at.WRITE, at.TO_DRIVE), "rw": (at.READ | at.WRITE, at.FROM_DRIVE | at.TO_DRIVE),
+    "rwr": (at.READ | at.WRITE, at.FROM_DRIVE), "rww": (at.READ | at.WRITE, at.TO_DRIVE),
+}  # fmt: skip
 _NOT_POSSIBLE = (  # within the bounds
     (Row.QUICK_STOP_OPTION, 3),
     (Row.QUICK_STOP_OPTION, 4),
@@ -39,7 +44,7 @@ _STATED = (  # what a drive says of itself, though no master can write it
 
 @dataclass
 class EdsContent:
-    """The dictionary, and what of the file the drive does not have: 60B8, 605B=1."""
+    """The dictionary, and what of the file the drive does not have: 60B8, 605B=1, or with why."""
 
     every: list[Object]
     left_out: list[str] = field(default_factory=list)
@@ -48,85 +53,102 @@ class EdsContent:
 def read(path: Path, every: Sequence[Object], node: int) -> EdsContent:
     """Return what the file makes of a dictionary of the drive `node`.
 
-    OSError; ValueError says what is wrong, with the file's section.
+    OSError; ValueError: it is no such file, or that of another node.
     """
-    parser = configparser.RawConfigParser(strict=False, delimiters=("=",), comment_prefixes=(";",))
-    try:
-        parser.read_string(path.read_bytes().decode("latin-1").lstrip("\xef\xbb\xbf"))
-    except configparser.MissingSectionHeaderError as error:
-        raise ValueError(f"line {error.lineno}: no [section]; {_WANTED}") from None
-    except configparser.ParsingError as error:
-        raise ValueError(f"line {error.errors[0][0]}: expected key=value; {_WANTED}") from None
-    told = parser.get("DeviceComissioning", "NodeID", fallback="")
-    if told and _number(told, 0, "DeviceComissioning") != node:
-        raise ValueError(f"[DeviceComissioning]: NodeID {told}, the rig's node is {node}")
+    file = sections(path.read_bytes())
     found = EdsContent(list(every))
-    known = {(one.index, one.subindex): i for i, one in enumerate(every)}
-    entries = sorted(_entries(parser), key=lambda one: one[:2])
+    _check_node(file, node, found)
+    entries = sorted(variables(file), key=lambda one: (one.index, one.subindex))
     if not entries:
-        raise ValueError(f"has no object; {_WANTED}")
-    for index, subindex, section, entry in entries:
-        where = f"[{section}]"
-        if (place := known.get((index, subindex))) is not None:
-            one = _ours(found.every[place], place, entry, node, where)
-            found.every[place] = one or found.every[place]
-            if one is None:
-                value = entry.get("parametervalue") or entry.get("defaultvalue")
-                found.left_out.append(f"{found.every[place].key}={value}")
-        elif _OWN[0] <= index <= _OWN[1] and (
-            new := _passive_object(index, subindex, entry, node, where)
-        ):
-            found.every.append(new)
-        else:
-            found.left_out.append(f"{index:04X}" + (f".{subindex}" if subindex else ""))
-    if len(found.every) > at.MAX_OBJECTS:
-        raise ValueError(f"{len(found.every)} objects; the drive holds {at.MAX_OBJECTS}")
+        raise ValueError(f"has no object{', ' + file.odd[0] if file.odd else ''}; {_WANTED}")
+    known = {(one.index, one.subindex): i for i, one in enumerate(every)}
+    for entry in entries:
+        try:
+            _take(found, entry, known.get((entry.index, entry.subindex)), node)
+        except ValueError as error:
+            found.left_out.append(f"{entry.key} ({error})")
+    found.left_out += file.odd
     _let_go(found)
     return found
 
 
-def _entries(parser: Any) -> Iterator[tuple[int, int, str, dict[str, str]]]:
-    """Yield index, subindex, section and entries of each variable."""
-    for section in parser.sections():
-        match = _SECTION.fullmatch(section.strip())
-        if match is None:
+def _check_node(file: Sections, node: int, found: EdsContent) -> None:
+    """Raise ValueError if a DCF is that of another node."""
+    for section in ("DEVICECOMISSIONING", "DEVICECOMMISSIONING"):
+        text = file.of.get(section, {}).get("nodeid")
+        if not text:
             continue
-        index, subindex = int(match[1], 16), int(match[2] or "0", 16)
-        entry = {key: value.split(";")[0].strip() for key, value in parser.items(section)}
-        count = entry.get("compactsubobj", "0") or "0"
-        if match[2] is None and (n := _number(count, 0, f"[{section}]")) > 0:
-            yield index, 0, section, {"datatype": "5", "accesstype": "ro", "defaultvalue": str(n)}
-            for i in range(1, min(n, 254) + 1):
-                yield index, i, section, entry
-        elif match[2] or _number(entry.get("objecttype") or "7", 0, f"[{section}]") not in _RECORDS:
-            yield index, subindex, section, entry
+        try:
+            wanted = number(text, 0)
+        except ValueError as error:
+            found.left_out.append(f"[DeviceComissioning] NodeID ({error})")
+            continue
+        if not 1 <= wanted <= 127:  # 255: of a device that was not given any
+            found.left_out.append(f"[DeviceComissioning] NodeID {printable(text[:40])}")
+        elif wanted != node:
+            raise ValueError(f"[DeviceComissioning]: NodeID {text}, the rig's node is {node}")
 
 
-def _ours(one: Object, place: int, entry: dict[str, str], node: int, where: str) -> Object | None:
-    """Return an object of ours with what the file says of it; None if it cannot be so."""
-    kind = _number(entry.get("datatype", ""), node, where)
-    text = entry.get("parametervalue") or entry.get("defaultvalue") or ""
+def _take(found: EdsContent, entry: Variable, place: int | None, node: int) -> None:
+    """Take over what is said of an object; ValueError says why not."""
+    if place is not None:
+        found.every[place] = _ours(found, place, entry, node)
+    elif not _OWN[0] <= entry.index <= _OWN[1]:
+        found.left_out.append(entry.key)
+    elif len(found.every) >= at.MAX_OBJECTS:
+        raise ValueError(f"more than {at.MAX_OBJECTS} objects")
+    elif new := _passive_object(found, entry, node):
+        found.every.append(new)
+    else:
+        found.left_out.append(entry.key)
+
+
+def _ours(found: EdsContent, place: int, entry: Variable, node: int) -> Object:
+    """Return an object of ours with what the file says of it."""
+    one, text = found.every[place], entry.value
+    kind = _type_of(entry)
     if one.kind == Kind.TEXT:
-        fits = text.isascii() and text.isprintable()
-        return replace(one, text=text[: at.TEXT_BYTES]) if text and fits else one
-    if _SIZES.get(kind) != one.bits:
+        if not (text.isascii() and text.isprintable() and len(text) <= at.TEXT_BYTES):
+            raise ValueError(f"not {at.TEXT_BYTES} characters of ASCII")
+        return replace(one, text=text) if text else one
+    if _SIZES.get(kind) != one.bits or kind == Kind.F32:
         what = f"DataType 0x{kind:04X}, the drive has 0x{int(one.kind):04X}"
-        raise ValueError(f"{where}: {one.name}: {what}")
-    settable = one.access & at.WRITE and place != Row.ERROR_COUNT
-    if not text or not (settable or place in (*_STATED, Row.MODES)):
+        raise ValueError(f"{one.name}: {what}")
+    if not text:
         return one
-    start = _signed_value(_number(text, node, where), one)
+    start = _signed_value(number(text, node), one)
     if place == Row.MODES:
         return replace(one, start=start & one.start)
+    settable = one.access & at.WRITE and place != Row.ERROR_COUNT
+    if not (settable or place in _STATED):
+        if start != one.start and place != Row.ERROR_COUNT:
+            found.left_out.append(f"{entry.key}={text}")
+        return one
     low, high = one.bounds
     if one.access & at.WRITE and place >= at.OTHERS:
-        told = [entry.get(key) for key in ("lowlimit", "highlimit")]
-        if told[0] and told[1]:
-            ends = [_signed_value(_number(end, node, where), one) for end in told if end]
-            if ends[0] < ends[1]:  # 0 and 0 are no limits
-                low, high = max(low, ends[0]), min(high, ends[1])
-    possible = low <= start <= high and (place, start) not in _NOT_POSSIBLE
-    return replace(one, start=start, low=low, high=high) if possible else None
+        low, high = _limits(entry, one, node)
+    if not low <= start <= high or (place, start) in _NOT_POSSIBLE:
+        found.left_out.append(f"{entry.key}={text}")
+        return one
+    return replace(one, start=start, low=low, high=high)
+
+
+def _type_of(entry: Variable) -> int:
+    """Return the data type of CiA 301; ValueError without one."""
+    if text := entry.keys.get("datatype"):
+        return number(text, 0)
+    raise ValueError("no DataType")
+
+
+def _limits(entry: Variable, one: Object, node: int) -> tuple[int, int]:
+    """Return the bounds that both have; those of the file count if they are two, and differ."""
+    low, high = one.bounds
+    told = [entry.keys.get(key) for key in ("lowlimit", "highlimit")]
+    if told[0] and told[1]:
+        ends = [_signed_value(number(end, node), one) for end in told if end]
+        if ends[0] < ends[1]:  # 0 and 0 are no limits
+            return max(low, ends[0]), min(high, ends[1])
+    return low, high
 
 
 def _signed_value(value: int, one: Object) -> int:
@@ -135,41 +157,47 @@ def _signed_value(value: int, one: Object) -> int:
     return value - whole if one.signed and whole >> 1 <= value < whole else value
 
 
-def _passive_object(
-    index: int, subindex: int, entry: dict[str, str], node: int, where: str
-) -> Object | None:
+def _passive_object(found: EdsContent, entry: Variable, node: int) -> Object | None:
     """Return an object without an effect; None of a type that the drive cannot hold."""
-    told = _number(entry.get("datatype", ""), node, where)
-    kind = int(_ALSO.get(told, told))
+    kind = _type_of(entry)
+    kind = int(Kind.U8) if kind == _BOOLEAN else kind
     if kind not in _SIZES:
         return None
-    text = entry.get("parametervalue") or entry.get("defaultvalue") or "0"
-    access = entry.get("accesstype", "rw").lower()
-    mapped = entry.get("pdomapping", "0") == "1"
-    rights = RO if access in ("ro", "const") else RW
-    if mapped:
-        rights |= at.FROM_DRIVE | (at.TO_DRIVE if rights == RW else 0)
-    name = entry.get("parametername", "")
-    one = Object(name, index, subindex, Kind(kind), rights)
-    start = 0 if told == _REAL_32 else _signed_value(_number(text, node, where), one)
+    access = (entry.keys.get("accesstype") or "rw").split("#")[0].strip()
+    if access.lower() not in _ACCESS:
+        raise ValueError(f"AccessType {printable(access[:20])}")
+    rights, mapped = _ACCESS[access.lower()]
+    if number(entry.keys.get("pdomapping") or "0", node):
+        rights |= mapped
+    name = entry.keys.get("parametername", "")
+    one = Object(name, entry.index, entry.subindex, Kind(kind), rights)
+    if kind == Kind.F32:
+        return replace(one, start=_bits_of_float(entry.value or "0"))
+    start = _signed_value(number(entry.value or "0", node), one)
     low, high = one.bounds
     if not low <= start <= high:
-        raise ValueError(f"{where}: {start} does not fit into {one.bits} bits")
-    return replace(one, start=start)
+        raise ValueError(f"{start} does not fit into {one.bits} bits")
+    low, high = _limits(entry, one, node)
+    if not low <= start <= high:
+        found.left_out.append(f"{entry.key} (limits without {entry.value or 0})")
+        return replace(one, start=start)
+    return replace(one, start=start, low=low, high=high)
 
 
-def _number(text: str, node: int, where: str) -> int:
-    """Return a number of the file; ValueError."""
-    total, bare = 0, text.strip().replace(" ", "").upper()
-    if "$NODEID" in bare:
-        total, bare = node, bare.replace("+$NODEID", "").replace("$NODEID", "").lstrip("+")
-    try:
-        octal = re.fullmatch(r"0[0-7]+", bare)
-        return total + (
-            int(bare, 8) if octal else int(bare or "0", 0) if bare or total else int("")
-        )
-    except ValueError:
-        raise ValueError(f"{where}: expected a number, got '{text[:40]}'") from None
+def _bits_of_float(text: str) -> int:
+    """Return the bits of a REAL32: of a number, or as they stand there, with 0x."""
+    if text.upper().startswith("0X"):
+        bits = number(text, 0)
+    elif _REAL.fullmatch(text):
+        try:
+            bits = struct.unpack("<I", struct.pack("<f", float(text)))[0]
+        except OverflowError:
+            bits = -1
+    else:
+        raise ValueError(f"expected a number, got '{printable(text[:40])}'")
+    if not 0 <= bits < 1 << 32:
+        raise ValueError(f"{text[:40]} does not fit into a REAL32")
+    return bits
 
 
 def _let_go(found: EdsContent) -> None:

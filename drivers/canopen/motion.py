@@ -4,13 +4,16 @@
     velocity   u   = Kv (w_d - w + Ki int (w_d - w) dt),   |u| <= u_rated max_torque         (2)
 
     mode                 q_d, v and w_d
-    profile position     v = the fastest that still stops at the target                      (3)
-                         v_max = -a T/2 + sqrt((a T/2)^2 + 2 a |target - q_d|)
+    profile position     v = the fastest that still stops at the target, d ahead, in m more  (3)
+                         cycles of the deceleration: v = d/((m + 1) T) + m a T/2,
+                         m the whole part of (sqrt(1 + 8 d/(a T^2)) - 1)/2
     profile velocity     w_d goes to the target with acceleration or deceleration
     cyclic position      q_d goes to the target in the period of 0x60C2, v = 0
     cyclic velocity      w_d = target
     cyclic torque        u = target torque, without (1) and (2)
-    homing               35, 37: where the motor stands becomes the home offset
+    homing               35, 37: where the motor stands has the position home offset, as with
+                         many drives; in CiA 402's text zero lies at home plus offset, so that
+                         the motor would stand at the negative offset
 
     quick stop, fault, halt   w_d goes to 0; the motor is then off, or stands
 
@@ -36,7 +39,7 @@ from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
 NEW_SETPOINT, AT_ONCE, RELATIVE, HALT = 1 << 4, 1 << 5, 1 << 6, 1 << 8
 LARGEST, FINITE = 2147483647.0, 1e300  # beyond FINITE the last measured value stays
-NO_WINDOW = 0xFFFF_FFFF
+NO_WINDOW, ROUNDING = 0xFFFF_FFFF, 1.0 + 1e-9
 FIRST_SLOW = 1, 5  # options that take the deceleration of the profile
 
 
@@ -109,6 +112,13 @@ def take_setpoint(d: Any) -> None:
         x.target, x.moves, x.pends = x.pending, 1, 0
 
 
+@loop_inline
+def fastest_that_stops(left: Any, slow: Any, dt: Any) -> Any:
+    """Return the velocity of a cycle after which equal steps of deceleration end at `left` (3)."""
+    cycles = math.floor((math.sqrt(1.0 + 8.0 * left / (slow * dt * dt)) - 1.0) / 2.0)
+    return left / ((cycles + 1.0) * dt) + 0.5 * cycles * slow * dt
+
+
 @loop_function
 def profile_position(d: Any, dt: Any) -> Any:
     """Advance the demand to the target (3); return the velocity that is wanted (1)."""
@@ -116,9 +126,8 @@ def profile_position(d: Any, dt: Any) -> Any:
     take_setpoint(d)
     a, slow = position_of(d, Row.ACCELERATION), position_of(d, Row.DECELERATION)
     left = x.target - x.demand_position
-    half = 0.5 * slow * dt
     fastest = min(
-        math.sqrt(half * half + 2.0 * slow * abs(left)) - half,
+        fastest_that_stops(abs(left), slow, dt),
         velocity_of(d, Row.PROFILE_VELOCITY),
         velocity_of(d, Row.MAX_PROFILE_VELOCITY),
     )
@@ -127,8 +136,9 @@ def profile_position(d: Any, dt: Any) -> Any:
     goal = fastest if left > 0.0 else -fastest
     grows = abs(goal) > abs(x.demand_velocity)
     v = toward(x.demand_velocity, goal, (a if grows else slow) * dt)
-    if x.moves != 0 and abs(left) <= abs(v) * dt and abs(v) <= 2.0 * slow * dt:
-        x.demand_position, v, x.moves = x.target, 0.0, 0
+    stops = abs(v) <= slow * dt * ROUNDING  # in the next cycle
+    if x.moves != 0 and stops and abs(left - v * dt) <= abs(left) * (ROUNDING - 1.0):
+        x.demand_position, x.moves = x.target, 0
     else:
         x.demand_position += v * dt
     x.demand_velocity = v

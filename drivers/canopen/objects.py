@@ -23,10 +23,11 @@ class Kind(NumberedEnum):
     """Data types of CiA 301."""
 
     I8, I16, I32, U8, U16, U32 = range(2, 8)
-    TEXT = 9
+    F32, TEXT = 8, 9
 
 
 BITS = {Kind.I8: 8, Kind.I16: 16, Kind.I32: 32, Kind.U8: 8, Kind.U16: 16, Kind.U32: 32}
+BITS[Kind.F32] = 32  # as they are on the wire
 RO, RW = at.READ, at.READ | at.WRITE
 SENT, TAKEN = RO | at.FROM_DRIVE, RW | at.TO_DRIVE | at.FROM_DRIVE
 NOT_VALID = 1 << 31  # of a COB-ID

@@ -35,6 +35,7 @@ from pcpc.drivers.canopen.dictionary import (
     why_none,
 )
 from pcpc.drivers.canopen.frames import SDO_ANSWER, put
+from pcpc.drivers.canopen.layout import READ as MAY_READ
 from pcpc.drivers.canopen.layout import WRITE as MAY_WRITE
 from pcpc.drivers.canopen.layout import Mistake, Row
 from pcpc.drivers.canopen.mapping import PDO_ROWS, arrange, pdo_of, why_not
@@ -50,8 +51,8 @@ NO_COMMAND, TOGGLE, TIMED_OUT, WRONG_LENGTH = (
     why.NO_COMMAND, why.TOGGLE, why.TIMED_OUT, why.WRONG_LENGTH
 )  # fmt: skip
 BLOCK_SIZE, SEQUENCE, WRONG_CRC = why.BLOCK_SIZE, why.SEQUENCE, why.WRONG_CRC
-READ_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
-    why.READ_ONLY, why.TOO_HIGH, why.TOO_LOW, why.WRONG_VALUE
+READ_ONLY, WRITE_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
+    why.READ_ONLY, why.WRITE_ONLY, why.TOO_HIGH, why.TOO_LOW, why.WRONG_VALUE
 )  # fmt: skip
 
 
@@ -134,6 +135,9 @@ def begin_up(d: Any, row: Any, about: Any) -> None:
         return
     one, x = d.objects[row], d.state
     x.segment_row = 0
+    if one.access & MAY_READ == 0:
+        abort(d, about, WRITE_ONLY)
+        return
     if one.bits != 0:
         size = one.bits // 8
         put(d, SDO_ANSWER + d.node, 8, 0x43 | (4 - size) << 2 | about << 8, to_bits(d, row))
@@ -280,7 +284,9 @@ def begin_block_up(d: Any, row: Any, about: Any, data: Any) -> None:
         return
     one, x, size = d.objects[row], d.state, np.int64(data[4])
     length = one.bits // 8 if one.bits != 0 else one.sign
-    if not 1 <= size <= MOST_SEGMENTS:
+    if one.access & MAY_READ == 0:
+        abort(d, about, WRITE_ONLY)
+    elif not 1 <= size <= MOST_SEGMENTS:
         abort(d, about, BLOCK_SIZE)
     elif length <= data[5]:
         begin_up(d, row, about)

@@ -242,7 +242,7 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
 
 def _range_of(rig: Rig, fault: Fault) -> tuple[float, float]:
     """Return how large a fault may be."""
-    frames = map(dbc.frame, messages.database_of(rig).messages)
+    frames = messages.frames_of_rig(rig, messages.database_of(rig))
     if fault.kind == "length" and any(one.fd and one.name == fault.frame for one in frames):
         return 0.0, float(LENGTHS[-1])
     return RANGES.get(fault.kind, ANY)

@@ -93,8 +93,7 @@ def check_losses(rig: Rig, database: dbc.Database) -> None:
     """Raise RigError for losses of a frame that is not there, or that starts cycles."""
     if not rig.config.losses:
         return
-    known = _frames_of_rig(rig, database)
-    frames = [dbc.frame(message) for message in database.messages if message.name in known]
+    frames = frames_of_rig(rig, database)
     names = [frame.name for frame in frames if is_awaited(frame) and not is_heartbeat(frame)]
     beats = [frame.name for frame in frames if is_heartbeat(frame)]
     for name in rig.config.losses:
@@ -237,6 +236,12 @@ def _frames_of_rig(rig: Rig, database: dbc.Database) -> set[str]:
     return set[str]().union(*(_frame_names(database, node.node) for node in nodes))
 
 
+def frames_of_rig(rig: Rig, database: dbc.Database) -> list[dbc.Frame]:
+    """Return the frames that the rig's nodes send or receive; a DBC file may know more."""
+    known = _frames_of_rig(rig, database)
+    return [dbc.frame(message) for message in database.messages if message.name in known]
+
+
 def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...]:
     """Return the names of the frames on each of a rig's buses, the executive's first.
 
@@ -254,10 +259,9 @@ def check_no_drive(rig: Rig, what: str) -> None:
 
 
 def fd_frames(rig: Rig) -> list[dbc.Frame]:
-    """Return the frames of the rig's DBC file that are of CAN FD."""
-    database = database_of(rig)
+    """Return the rig's frames that are of CAN FD."""
     with errors_named(rig):
-        return [one for one in map(dbc.frame, database.messages) if one.fd]
+        return [one for one in frames_of_rig(rig, database_of(rig)) if one.fd]
 
 
 def has_fd_drive(rig: Rig) -> bool:

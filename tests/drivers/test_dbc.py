@@ -50,9 +50,9 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "part"),
     [
-        ("8 A\nBO_ 1 N: 8 A\n", "frames M and N (id 0x1) have the same id"),
-        ("8 A\nBO_ 2 M: 8 A\n", "have the same id or name"),
-        ("1 A\n" + SG.format("a : 4|8@1+ (1,0) [0|0]"), "does not fit in message M"),
+        ("8 A\nBO_ 1 N: 8 A\n", "M and N (id 0x1) have the same id; the first counts"),
+        ("8 A\nBO_ 2 M: 8 A\n", "frame M: another one has this name; read as M_2"),
+        ("1 A\n" + SG.format("a : 4|8@1+ (1,0) [0|0]"), "bits 4|8 do not lie in the 1 bytes"),
         ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("b : 0|4@1+ (1,0) [0|0]"),
          "are overlapping in message M"),
         ("64 A\n", "frame M: 64 bytes need CAN FD"),
@@ -64,9 +64,9 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
         ("8 A\n" + SG.format("a : -1|8@1+ (1,0) [0|0]"), "a: -1|8 lies in no frame"),
         ("8 A\n" + SG.format("a : 0|0@1+ (1,0) [0|0]"), "length 0 is not greater than 0"),
         ("8 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]")
-         + "SG_MUL_VAL_ 1 a m 0-5, 7+4000000000;\n", "a: 7-4000000000: more than 65536 values"),
+         + "SG_MUL_VAL_ 1 a m 0-5, 7-4000000000;\n", "a: 7-4000000000: more than 65536 values"),
         ("8 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("a : 8|8@1+ (1,0) [0|0]"),
-         "signals a and a are overlapping"),
+         "frame M: 2 signals a; give each"),
         ("1 A\n" + SG.format(f"a : 0|8@1+ (1{'0' * 400},0) [0|0]"), "M: a: factor inf"),
         ("1 A\n" + SG.format("a : 0|8@1+ (1,1e999) [0|0]"), "offset inf"),
         ("8 A\n" + SG.format("a : 0|8@1+ (1e308,0.5) [0|0]"), "gives infinite values"),
@@ -230,13 +230,15 @@ def test_a_cycle_time_that_is_none_is_refused(tmp_path: Path, given: str) -> Non
     assert "GenMsgCycleTime" in text and "expected 1 to" in text, text
 
 
-def test_a_long_name_that_is_no_name_is_refused(tmp_path: Path) -> None:
+def test_a_long_name_that_is_no_name_is_left_out_and_listed(tmp_path: Path) -> None:
     body = (
         'BO_ 1 M: 8 A\nBA_DEF_ BO_ "SystemMessageLongSymbol" STRING;\n'
         'BA_ "SystemMessageLongSymbol" BO_ 1 "a.b\x1b[2J";\n'
     )
-    text = refusal(written(tmp_path, body))
-    assert r"'a.b\x1b[2J' is no name" in text, text
+    database = dbc.load(written(tmp_path, body))
+    assert [entry.name for entry in dbc.frames(database, "A", "tx")] == ["M"]
+    (odd,) = database.odd
+    assert r"line 5: frame M: 'a.b\x1b[2J' is no name; use letters" in str(odd), odd
 
 
 @pytest.mark.parametrize("bits", ["60|8@1", "0|65@1", "200|8@1", "58|8@0", "3|66@0"])

@@ -33,6 +33,7 @@ from pcpc.tools.start.bus import traffic
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.rooms import parts_called
 
+_MOST_ODD = 20  # entries of a DBC file that are named
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
@@ -55,6 +56,7 @@ def command(options: argparse.Namespace) -> int:
         f"{rig.where('dbc')}: {unsent_text(rig, role, frame)}"
         for role, frame in unsent_frames(rig, database_of(rig))
     ]
+    report["warnings"] += _odd_entries(rig)
     for role in rig.config.drives:
         where = rig.where(f"{role}.drive")
         if left_out := taken_from_eds(rig, role).left_out:
@@ -66,6 +68,14 @@ def command(options: argparse.Namespace) -> int:
     else:
         show(report)
     return Exit.OK
+
+
+def _odd_entries(rig: Rig) -> list[str]:
+    """Return a line for each entry of the DBC file that is left out or read otherwise."""
+    odd = dbc.load(rig.dbc).odd
+    lines = [f"{rig.dbc}:{one.place}: {one.what}" for one in odd[:_MOST_ODD]]
+    more = len(odd) - len(lines)
+    return [*lines, *([f"{rig.dbc}: {more} more such entries"] if more else [])]
 
 
 def _try_laws(rig: Rig) -> list[str]:

@@ -142,20 +142,12 @@ def test_its_own_eds_then_has_the_manufacturers_objects(
     ("content", "said"),
     [
         (b"", "has no object"),
-        (b"\0\xff" * 4000, "line 1: no [section]; give an EDS"),
-        (b"1017=3", "line 1: no [section]"),
-        (b"[1017]\nnothing", "line 2: expected key=value"),
+        (b"\0\xff" * 4000, "has no object, line 1 (no [section] before it); give an EDS"),
+        (b"1017=3", "has no object, line 1 (no [section] before it)"),
         (FILE.replace("NodeID=0x05", "NodeID=7").encode(), "NodeID 7, the rig's node is 5"),
-        (FILE.replace("DataType=0x0006", "DataType=0x0007", 1).encode(),
-         "[1017]: Heartbeat ms: DataType 0x0007, the drive has 0x0006"),
-        (FILE.replace("=250", "=2x0").encode(), "[1017]: expected a number, got '2x0'"),
-        (FILE.replace("DefaultValue=-7", "DefaultValue=0x1FFFFFFFF").encode(),
-         "[2001]: 8589934591 does not fit into 32 bits"),
-        ("".join(f"[{i:04X}]\n{VAR.format(7, 'rw', '1')}" for i in range(0x2000, 0x2500)).encode(),
-         f"1457 objects; the drive holds {layout.MAX_OBJECTS}"),
     ],
 )  # fmt: skip
-def test_a_wrong_file_is_named_with_its_section(content: bytes, said: str, tmp_path: Path) -> None:
+def test_what_is_no_such_file_is_refused(content: bytes, said: str, tmp_path: Path) -> None:
     (tmp_path / "real.eds").write_bytes(content)
     drive = {"plant.drive.eds": str(tmp_path / "real.eds")}
     with pytest.raises(RigError) as error:
@@ -166,6 +158,140 @@ def test_a_wrong_file_is_named_with_its_section(content: bytes, said: str, tmp_p
         )
     text = str(error.value)
     assert said in text and "real.eds" in text and text.count("\n") == 0
+
+
+def content_of(folder: Path, text: str | bytes) -> eds_file.EdsContent:
+    (folder / "odd.eds").write_bytes(text.encode("latin-1") if isinstance(text, str) else text)
+    return eds_file.read(folder / "odd.eds", EVERY, NODE)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("[2040]\nDataType=6\nDefaultValue=08", "2040 (expected a number, got '08')"),
+        ("[2040]\nDataType=7\nDefaultValue=0.0", "2040 (expected a number, got '0.0')"),
+        ("[2040]\nDataType=7\nDefaultValue=1_0", "2040 (expected a number, got '1_0')"),
+        ("[2040]\nDataType=7\nDefaultValue=ten", "2040 (expected a number, got 'ten')"),
+        ("[2040]\nDataType=7\nDefaultValue=0x1FFFFFFFF", "2040 (8589934591 does not fit into 32"),
+        ("[2040]\nDataType=8\nDefaultValue=1,5", "2040 (expected a number, got '1,5')"),
+        ("[2040]\nDataType=8\nDefaultValue=1e99", "2040 (1e99 does not fit into a REAL32)"),
+        ("[2040]\nDataType=8\nDefaultValue=nan", "2040 (expected a number, got 'nan')"),
+        ("[2040]\nObjectType=2\nAccessType=wo", "2040 (no DataType)"),
+        ("[2040]\nDataType=x", "2040 (expected a number, got 'x')"),
+        ("[2040]\nDataType=6\nAccessType=any", "2040 (AccessType any)"),
+        ("[2040]\nDataType=6\nPDOMapping=yes", "2040 (expected a number, got 'yes')"),
+        ("[2040]\nObjectType=VAR\nDataType=6", "2040 (expected a number, got 'VAR')"),
+        ("[2040]\nDataType=0x0011", "2040"),
+        ("[2040sub1]\nDataType=6\nDefaultValue=-1", "2040.1 (-1 does not fit into 16 bits)"),
+        ("[2040]\nDataType=6\nDefaultValue=9\nLowLimit=1\nHighLimit=5", "2040 (limits without 9"),
+        ("[606D]\nDataType=7\nDefaultValue=100",
+         "606D (Velocity window: DataType 0x0007, the drive has 0x0006)"),
+        ("[1017]\nDataType=6\nDefaultValue=2x0", "1017 (expected a number, got '2x0')"),
+        ("[1017]\nDataType=0x0008\nDefaultValue=0.5", "1017 (Heartbeat ms: DataType 0x0008, the"),
+        ("[6065]\nDataType=8\nDefaultValue=0.5", "6065 (Following window: DataType 0x0008"),
+        ("[1000]\nDataType=7\nDefaultValue=0x00040192", "1000=0x00040192"),
+        ("[1008]\nDataType=9\nDefaultValue=" + 33 * "x", "1008 (not 32 characters of ASCII)"),
+        ("[DeviceComissioning]\nNodeID=five", "NodeID (expected a number, got 'five')"),
+        ("[DeviceComissioning]\nNodeID=0xff", "[DeviceComissioning] NodeID 0xff"),
+        ("[2040Value]\n1=5", "[2040VALUE] (no compact [2040])"),
+        ("[2040]\nDataType=6\nCompactSubObj=2\n[2040Value]\n3=5", "[2040Value] 3"),
+        ("[2040]\nDataType=6\nCompactSubObj=2\n[2040Value]\n2=x", "2040.2 (expected a number"),
+        ("[2040]\nDataType=6\nCompactSubObj=many", "2040 (expected a number, got 'many')"),
+        ("[2040]\nDataType=6\nDataType=7", "line 7 (DataType again)"),
+        ("[3000]\nDataType=6", "line 5 ([3000] again)"),
+        ("[2040]\nDataType=6\nnothing", "line 7 (no key=value)"),
+    ],
+)  # fmt: skip
+def test_one_odd_entry_is_left_out_and_listed(entry: str, said: str, tmp_path: Path) -> None:
+    good = "[3000]\nDataType=6\nDefaultValue=42\n; end\n"
+    found = content_of(tmp_path, good + entry + "\n[3001]\nDataType=7\nDefaultValue=43\n")
+    assert len(found.left_out) == 1 and said in found.left_out[0], found.left_out
+    of = {one.key: one.start for one in found.every}
+    assert (of["3000"], of["3001"]) == (42, 43)
+    ours = {one.key: one for one in EVERY}
+    assert all(one.start == ours[one.key].start for one in found.every if one.key in ours)
+
+
+@pytest.mark.parametrize(
+    ("text", "index", "subindex", "expected"),
+    [
+        ("[2000]\nDataType=8\nDefaultValue=0.5", 0x2000, 0, 0x3F000000),
+        ("[2000]\nDataType=8\nDefaultValue=0x3F000000", 0x2000, 0, 0x3F000000),
+        ("[2000]\nDataType=8\nDefaultValue=-.25e1", 0x2000, 0, 0xC0200000),
+        ("[2000]\nDataType=8\nDefaultValue=1", 0x2000, 0, 0x3F800000),
+        ("[2000]\nDataType=8\nDefaultValue=", 0x2000, 0, 0),
+        ("[2000]\nDataType=1\nDefaultValue=1", 0x2000, 0, 1),
+        ("[2000]\nDataType=6\nAccessType=wo\nDefaultValue=1", 0x2000, 0, -0x0601_0001),
+        ("  [2000]\n  ObjectType=7\n\tDataType=0x0006\n DefaultValue=42", 0x2000, 0, 42),
+        ("[2000]\nDataType=0X0006\nDefaultValue=$NodeID+0x10", 0x2000, 0, 0x15),
+        ("[2000]\nDataType=6\nDefaultValue=0x10 + $NODEID ; a comment", 0x2000, 0, 0x15),
+        ("[2000]\nObjectType=7 # VAR\nDataType=6 # U16\nAccessType=rw # r", 0x2000, 0, 0),
+        ("[2000]\nDataType=6\nDefaultValue=$NODEID", 0x2000, 0, 5),
+        ("[2000]\nDataType=3\nDefaultValue=0xFFFE\nLowLimit=0x8000\nHighLimit=0x7FFF", 0x2000, 0,
+         0xFFFE),
+        ("[2000]\nDataType=6\nDefaultValue=1\nParameterValue=2", 0x2000, 0, 2),
+        *(("[2020]\nObjectType=8\nDataType=6\nDefaultValue=7\nCompactSubObj=3\n"
+           "[2020Value]\nNrOfEntries=2\n1=100\n3=300", 0x2020, i, value)
+          for i, value in enumerate((3, 100, 7, 300))),
+    ],
+)  # fmt: skip
+def test_a_master_reads_what_the_file_says(
+    text: str, index: int, subindex: int, expected: int, tmp_path: Path
+) -> None:
+    found = content_of(tmp_path, text)
+    bench = bench_of(found.every)
+    assert (bench.read(index, subindex), found.left_out) == (expected, [])
+    (tmp_path / "own.eds").write_text(eds.text(found.every))
+    again = eds_file.read(tmp_path / "own.eds", EVERY, NODE)
+    ends = [[(one.key, one.kind, one.start, one.access, one.bounds) for one in every]
+            for every in (found.every, again.every)]  # fmt: skip
+    assert ends[0] == ends[1] and again.left_out == [], "the EDS that it writes says the same"
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_names_are_read_in_the_encodings_of_the_world(coding: str, tmp_path: Path) -> None:
+    text = "[2000]\r\nParameterName=Pr\u00fcfwert\r\nDataType=6\r\nDefaultValue=3\r\n"
+    found = content_of(tmp_path, text.encode(coding))
+    assert [(one.name, one.start) for one in found.every if one.index == 0x2000] == [
+        ("Pr\u00fcfwert", 3)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("access", "mapping", "readable", "writable", "sent", "taken"),
+    [
+        ("rw", "0x1", True, True, True, True), ("rwr", "01", True, True, True, False),
+        ("rww", "1", True, True, False, True), ("ro", "1", True, False, True, False),
+        ("const", "1", True, False, True, False), ("wo", "1", False, True, False, True),
+        ("RW", "0x0", True, True, False, False), ("", "", True, True, False, False),
+    ],
+)  # fmt: skip
+def test_rights_and_mapping_are_those_of_the_file(
+    access: str, mapping: str, readable: bool, writable: bool, sent: bool, taken: bool,
+    tmp_path: Path,
+) -> None:  # fmt: skip
+    text = f"[2000]\nDataType=6\nDefaultValue=7\nAccessType={access}\nPDOMapping={mapping}\n"
+    bench = bench_of(content_of(tmp_path, text).every)
+    assert bench.read(0x2000) == (7 if readable else -0x0601_0001)
+    assert bench.write(0x2000, 0, 8, 2) == (0 if writable else 0x0601_0002)
+    for index, may in ((0x1A02, sent), (0x1602, taken)):
+        assert bench.write(index, 0, 0, 1) == 0
+        assert bench.write(index, 1, 0x2000_0010, 4) == (0 if may else 0x0604_0041), hex(index)
+
+
+def test_a_manufacturers_object_has_the_files_limits(tmp_path: Path) -> None:
+    text = "[2000]\nDataType=6\nDefaultValue=7\nLowLimit=5\nHighLimit=0x9\n"
+    bench = bench_of(content_of(tmp_path, text).every)
+    answers = [bench.write(0x2000, 0, value, 2) for value in (4, 5, 9, 10)]
+    assert answers == [0x0609_0032, 0, 0, 0x0609_0031]
+
+
+def test_more_objects_than_the_drive_holds_are_listed(tmp_path: Path) -> None:
+    text = "".join(f"[{i:04X}]\nDataType=7\nDefaultValue=1\n" for i in range(0x2000, 0x2500))
+    found = content_of(tmp_path, text)
+    assert len(found.every) == layout.MAX_OBJECTS
+    assert len(found.left_out) == len(EVERY) + 0x500 - layout.MAX_OBJECTS
+    assert found.left_out[-1] == "24FF (more than 1024 objects)"
 
 
 def test_no_file_is_wrong_input(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from drives import RATE_HZ, Bench
+from drives import RATE_HZ, SCALE, Bench
 
 from pcpc.drivers.canopen.layout import Mode, Row
 
@@ -36,10 +36,41 @@ def test_a_profile_has_its_velocity_its_time_and_its_end() -> None:
     assert abs(n / RATE_HZ - ideal_s) < 0.01, n
     assert abs(max(v) - 2.0) < 1e-9 and min(left) > -1e-9, "it does not overshoot"
     steps = [b - a for a, b in pairwise(v)]
-    assert max(steps) < 10.0 / RATE_HZ + 1e-9 and min(steps) > -2 * 5.0 / RATE_HZ - 1e-9
+    assert max(steps) < 10.0 / RATE_HZ + 1e-9 and min(steps) > -5.0 / RATE_HZ - 1e-9
     assert bench[Row.POSITION_DEMAND] == 3000
     bench.cycles(1000)
     assert abs(bench.q - 3.0) < 0.005 and bench[Row.STATUSWORD] & REACHED
+
+
+@pytest.mark.parametrize(
+    ("velocity", "fast", "slow", "targets"),
+    [
+        (2000, 10_000, 5000, [3000, -1, 7, 2999]), (10**6, 11_900, 11_900, [1234, 0]),
+        (900, 30_000, 4000, [1, 2, 3, 5, 8, 13, 21]), (10**6, 1000, 50_000, [777, -778]),
+        (137, 9999, 700, [100, 50]), (10**6, 10**6, 10**6, [1, -1, 1000, 1003]),
+    ],
+)  # fmt: skip
+def test_no_step_of_a_profile_exceeds_its_acceleration(
+    velocity: int, fast: int, slow: int, targets: list[int]
+) -> None:
+    starts = {"6081": velocity, "6083": fast, "6084": slow}
+    bench = Bench(starts=starts).enabled(Mode.PROFILE_POSITION)
+    q = [float(bench.d.state.demand_position)] * 2
+    for target in targets:
+        bench[Row.TARGET_POSITION], bench[Row.CONTROLWORD] = target, 0x1F
+        for _ in range(5000):
+            bench.cycles(1)
+            q.append(float(bench.d.state.demand_position))
+            bench[Row.CONTROLWORD] = 0x0F
+            if bench.d.state.moves == 0 and bench.d.state.demand_velocity == 0.0:
+                break
+        assert q[-1] == target / SCALE, "it ends there"
+    v = [(b - a) * RATE_HZ for a, b in pairwise(q)]
+    gains = [(abs(b) - abs(a)) * RATE_HZ * SCALE for a, b in pairwise(v) if a * b >= 0.0]
+    assert max(gains) <= fast * (1 + 1e-6), f"{max(gains):.1f} of {fast} increments/s2"
+    assert -min(gains) <= slow * (1 + 1e-6), f"{-min(gains):.1f} of {slow} increments/s2"
+    crossings = [abs(b - a) * RATE_HZ * SCALE for a, b in pairwise(v) if a * b < 0.0]
+    assert max(crossings, default=0.0) <= max(fast, slow) * (1 + 1e-6)
 
 
 def test_a_second_setpoint_waits_or_is_taken_at_once_or_relative() -> None:

@@ -166,6 +166,37 @@ def test_a_master_that_dies_in_a_block_is_given_up_and_the_next_one_served(bench
     assert bench.read(0x1017) == 0
 
 
+STAGES = {  # the frames of a transfer up to each place where its master may die
+    "begin up": ((0xA4, 8, 0x10, 0, 3),),
+    "acknowledgement": ((0xA4, 8, 0x10, 0, 3), (0xA3,)),
+    "second block": ((0xA4, 8, 0x10, 0, 3), (0xA3,), (0xA2, 3, 3)),
+    "again": ((0xA4, 8, 0x10, 0, 3), (0xA3,), (0xA2, 0, 3)),
+    "end up": ((0xA4, 0x18, 0x10, 3, 3), (0xA3,), (0xA2, 1, 3)),
+    "begin down": ((0xC6, 0x17, 0x10, 0, 2),),
+    "segment again": ((0xC6, 0x17, 0x10, 0, 2), (2,)),
+    "end down": ((0xC6, 0x17, 0x10, 0, 2), (0x81, 7)),
+    "segments up": ((0x40, 8, 0x10, 0), (0x60,)),
+    "segments down": ((0x20, 0x17, 0x10, 0), (0x0C, 7)),
+}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_master_has_a_second_from_each_of_its_frames_on(bench: Bench, stage: str) -> None:
+    for frame in STAGES[stage]:
+        assert told(bench, *frame)[0][0] != 0x80, frame
+        before = len(bench.said)
+        bench.cycles(990)
+        assert bench.d.state.segment_row != 0 and len(bench.said) == before, frame
+    last_said = len(bench.said)
+    bench.cycles(11)
+    assert len(bench.said) == last_said and bench.d.state.segment_row != 0
+    (abort,) = bench.cycles(1).said[last_said:]
+    assert code_of(abort.data) == why.TIMED_OUT == 0x05040000
+    about = STAGES[stage][0][1:4]
+    assert tuple(abort.data[1:4]) == about and bench.d.state.segment_row == 0
+    assert bench.cycles(2000).said[last_said + 1 :] == [], "once"
+
+
 def test_foreign_frames_and_a_reset_in_a_block_change_nothing_else(bench: Bench) -> None:
     begin_down(bench, HEARTBEAT, 2, crc=False)
     assert bench.send(0x600 + NODE + 1, bytes([0x81, *bytes(7)])) == []

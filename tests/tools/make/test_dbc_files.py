@@ -57,7 +57,7 @@ def test_a_file_of_vectors_encoding_with_foreign_frames_runs_and_replays(
         ("CMD: 8 EXEC", "CMD: 1000000000 EXEC", "frame CMD: 1000000000 bytes"),
         ("CMD: 8 EXEC", "CMD: 64 EXEC", "frame CMD: 64 bytes"),
         ("command : 0|32@1- (1e-06,0)", "command : 0|32@1- (0,0)", "frame CMD: command: factor 0"),
-        ("command : 0|32@1-", "command : 40|32@1-", "signal command does not fit in message CMD"),
+        ("command : 0|32@1-", "command : 40|32@1-", "frame CMD: command: bits 40|32 do not lie"),
         ('[-2147.483648|2147.483647] "" PLANT', '[9|-9] "" PLANT', "frame CMD: command: no raw"),
         ('mode : 44|4@1+ (1,0) [0|15] "" PLANT\n SG_ counter :',
          'mode M : 44|4@1+ (1,0) [0|15] "" PLANT\n SG_ counter m0 :',

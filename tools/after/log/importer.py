@@ -37,7 +37,7 @@ from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
 if TYPE_CHECKING:
-    from pcpc.tools.after.log.decode import DecodedFrames
+    from pcpc.tools.after.log.decode import Decoded, DecodedFrames
 
 _ABOUT_AS_MANY = 0.99
 _FRAMES_AT_ONCE = 4000  # 71 bytes each as a message
@@ -50,13 +50,17 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     with new_file(options.output, options.force) as path:
         found, unknown = list["DecodedFrames"](), dict[int, int]()
+        about: dict[str, Any] = {"not_in_dbc": [], "no_signal": [], "by_pgn": {}}
         if options.dbc is None:
             if options.node is not None:
                 raise LogCommandError(f"--node {options.node}: needs --dbc, which names its frames")
             recording = read(options.recording, options.channel, progress)
         else:
-            recording, found, unknown = _decoded(options, progress)
+            recording, decoded, about["not_in_dbc"] = _decoded(options, progress)
+            found, unknown, about["no_signal"] = decoded.frames, decoded.unknown, decoded.left_out
+            about["by_pgn"] = {one.name: f"0x{can_id.text_of(one.word)}" for one in decoded.by_pgn}
         log = _ImportedLog(options, recording, found)
+        log.counts |= about
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
@@ -69,24 +73,24 @@ def command(options: argparse.Namespace) -> int:
 
 def _decoded(
     options: argparse.Namespace, progress: Progress
-) -> "tuple[Recording, list[DecodedFrames], dict[int, int]]":
-    """Return the recording, its decoded ids and the counts of all others; LogCommandError."""
+) -> "tuple[Recording, Decoded, list[str]]":
+    """Return the recording, what the DBC file makes of it, and its odd entries; LogCommandError."""
     from pcpc.tools.after.log import decode  # here, because they bring the compiler
 
     database = decode.load(options.dbc)
-    nodes = sorted(node.name for node in database.nodes)
+    nodes = sorted(database.nodes)
     if options.node is not None and options.node not in nodes:
         hint = did_you_mean(options.node, nodes)
         raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
     recording = read(options.recording, options.channel, progress)
-    found, unknown = decode.by_id(database, recording.frames, progress)
-    if not any(len(one.place) for one in found):
+    decoded = decode.by_id(database, recording.frames, progress)
+    if not any(len(one.place) for one in decoded.frames):
         ids = _ids(dict(Counter(recording.frames["id"].tolist())))
         raise LogCommandError(
             f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
             "give the DBC file of this bus, or none: then only frames are imported"
         )
-    return recording, found, unknown
+    return recording, decoded, [str(one) for one in database.odd]
 
 
 def _loss(account: Account) -> str:
@@ -109,7 +113,7 @@ class _ImportedLog:
         self.frames = frames = recording.frames
         self.sent = {id(one) for one in found if options.node in one.message.senders}
         for one in found:
-            places = np.flatnonzero(frames["id"] == _id_of(one))
+            places = np.flatnonzero(frames["id"] == one.word)
             frames["e2e"][places] = one.state
             if options.node is not None:
                 frames["direction"][places] = id(one) not in self.sent
@@ -120,8 +124,8 @@ class _ImportedLog:
         gaps = np.diff(frames["stamp_ns"][self.rows] if clock else frames["stamp_ns"])
         self.period_ns = max(1, round(float(np.median(gaps)))) if len(gaps) else 1_000_000_000
         self.variables = [
-            [f"{'tx' if id(one) in self.sent else 'rx'}.{one.message.name}.{name}", unit,
-             "sent" if id(one) in self.sent else "received", one.message.name, text]
+            [f"{'tx' if id(one) in self.sent else 'rx'}.{one.name}.{name}", unit,
+             "sent" if id(one) in self.sent else "received", one.name, text]
             for one in found for name, unit, text in one.signals
         ]  # fmt: skip
         account = recording.account
@@ -130,7 +134,7 @@ class _ImportedLog:
             "file": str(options.output), "frames": len(frames),
             "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
-            "clock_frame": clock.message.name if clock else "",
+            "clock_frame": clock.name if clock else "",
             "rate_hz": round(1e9 / self.period_ns, 6),
             "left_out": dict(account.left_out), "others": account.others,
             "damaged": account.damaged, "damage": account.damage, "notes": account.notes,
@@ -143,7 +147,7 @@ class _ImportedLog:
             "channels": dict(recording.channels),
             "lost": sum(one.lost for one in found if one.checked),
             "not_decoded": sum(len(one.state) - len(one.place) for one in found),
-            "foreign_crc": [one.message.name for one in found if one.foreign_crc],
+            "foreign_crc": [one.name for one in found if one.foreign_crc],
         }  # fmt: skip
 
     def write(self, path: Path, progress: Progress) -> None:
@@ -182,7 +186,7 @@ class _ImportedLog:
             "node": "executive", "rig": "imported", "period_ns": self.period_ns,
             "cycles": len(self.rows), "watch": "", "variables": self.variables, "ranges": {},
             "state_columns": names, "timing_columns": [],
-            "frames": {str(_id_of(one)): one.message.name for one in self.found},
+            "frames": {str(one.word): one.name for one in self.found},
             "state_names": [], "fault_names": [], "metadata": metadata,
             **({} if self.most == 8 else {"data_bytes": self.most}),
         }  # fmt: skip
@@ -232,10 +236,6 @@ class _ImportedLog:
             out[seen, begin:end] = one.values[latest[seen]]
             begin = end
         return out
-
-
-def _id_of(one: "DecodedFrames") -> int:
-    return can_id.word_of(int(one.message.frame_id), one.message.is_extended_frame)
 
 
 def _clock_frame(found: "list[DecodedFrames]") -> "DecodedFrames":
@@ -307,6 +307,13 @@ def _decoding_lines(
     lines = []
     if unknown:
         lines.append(f"not in {options.dbc.name}, kept as frames only: {_ids(unknown)}")
+    if counts["by_pgn"]:
+        found = ", ".join(f"{name} ({word})" for name, word in counts["by_pgn"].items())
+        lines.append(f"by their PGN, whatever the priority and source: {found}")
+    for kind, what in (("not_in_dbc", "left out of"), ("no_signal", "no signals in their frames,")):
+        if odd := counts[kind]:
+            more = f" and {len(odd) - _TOLD_IDS} more" if len(odd) > _TOLD_IDS else ""
+            lines.append(f"{what} {options.dbc.name}: {'; '.join(odd[:_TOLD_IDS])}{more}")
     if counts["lost"]:
         lines.append(f"missing by their counters: {counts['lost']} frames")
     if counts["not_decoded"]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cantools.database.can import Database
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
@@ -40,7 +39,7 @@ class Frames:
     `record` holds all of it as the loop's own does: arrays on their own are counted references.
     """
 
-    database: Database
+    database: dbc.Database
     names: list[str]
     table: dbc.Table
     record: Any
