@@ -207,6 +207,7 @@ FOR_PYTEST = (
     "tools/pytest_pcpc.py",
     "tools/make/template/test_motor.py",
     "tools/make/template/cart/test_cart.py",
+    "tools/make/template/bare/test_bare.py",
 )
 FOR_WEB = {
     f"tools/live/host/{name}.py": {"starlette", "uvicorn"}
