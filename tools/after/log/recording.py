@@ -34,6 +34,7 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.can.wire_layout import LENGTHS, flags_of
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.machine.patience import StalledError, patience
+from pcpc.executive.errors import near_file
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import mdf
 from pcpc.tools.terminal.extras import need
@@ -94,7 +95,8 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     import can
 
     if not path.is_file():
-        raise LogCommandError(f"{path}: no such file; give a .log, .blf, .asc or .mf4 file")
+        cure = near_file(path) or "; give a .log, .blf, .asc or .mf4 file"
+        raise LogCommandError(f"{path}: no such file{cure}")
     if _kind(path) == ".mf4":
         need("MDF needs", "asammdf")
     logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
