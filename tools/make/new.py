@@ -131,7 +131,7 @@ def write(
         raise UserError(f"--drive makes a drive of the motor; leave out --{template.rig}")
     if device and template is not MOTOR:
         what = "--device writes a program for the motor; leave it out"
-        raise UserError(f"{what}: pcpc generate c {folder} --device makes one of its law")
+        raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the law")
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
         cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or template.rig

@@ -8,12 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from copies import program
 from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.modules import module_of
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.new import (
     BARE,
@@ -258,6 +260,15 @@ def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
     assert (tmp_path / "full" / "file").read_text() == "mine"
 
 
+def test_the_motor_s_figure_shows_an_error_that_is_never_small() -> None:
+    evaluation = module_of("", MOTOR.folder / "evaluation.py")
+    swings, step = 500.0 * np.sin(np.arange(100.0)), np.where(np.arange(100) < 20, 3e3, 1.0)
+    assert np.isfinite(evaluation.near({"error_mrad": swings})).all()
+    assert np.isfinite(evaluation.near({"error_mrad": step})).sum() == 80
+    assert evaluation.settled({"settled_s": 0.135}) == "within 30 mrad after 0.135 s"
+    assert evaluation.settled({"settled_s": np.inf}) == "beyond 30 mrad at the end"
+
+
 @pytest.mark.parametrize("name", ["2tanks", "a.b-c", "class", "probe", "_x", "motor", "rig"])
 def test_a_rig_of_any_name_is_whole(name: str, tmp_path: Path) -> None:
     """Its files are named by it, as a module of Python can be; its own test is found by pytest."""
@@ -279,7 +290,7 @@ def test_a_rig_of_any_name_is_whole(name: str, tmp_path: Path) -> None:
         (["--bare"], "DIR is missing: name a new folder, as in pcpc new --bare bare"),
         (["--bare", "--cart", "x"], "--cart and --bare: choose one of them"),
         (["--bare", "--drive", "mit", "x"], "leave out --bare"),
-        (["--bare", "--device", "x"], "leave it out: pcpc generate c x --device makes one of its"),
+        (["--bare", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the law"),
         (["--cart", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the"),
     ],
 )
