@@ -106,8 +106,7 @@ class Document:
                 return file
         except (OSError, ValueError) as error:  # a loop of links, a name too long
             raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
-        shown = Path(display_path(file))
-        raise self.error(keys, f"no such file: {shown}{cure or near_file(shown)}")
+        raise self.error(keys, f"no such file: {display_path(file)}{cure or near_file(file)}")
 
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""
@@ -285,8 +284,7 @@ def _read_file(
             text = _text_of(file)
         except (OSError, ValueError) as error:
             why = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
-            if isinstance(error, FileNotFoundError):
-                why = f"no such file{near_file(Path(display_path(file)))}"
+            why = f"no such file{near_file(file)}" if isinstance(error, FileNotFoundError) else why
             raise RigError(f"{at}{display_path(file)}: {why}") from None
     sources[file] = text
     parsed = _parse(file, text)

@@ -290,7 +290,10 @@ def test_a_rig_of_any_name_is_whole(name: str, tmp_path: Path) -> None:
         (["--bare"], "DIR is missing: name a new folder, as in pcpc new --bare bare"),
         (["--bare", "--cart", "x"], "--cart and --bare: choose one of them"),
         (["--bare", "--drive", "mit", "x"], "leave out --bare"),
-        (["--bare", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the law"),
+        (
+            ["--bare", "--device", "x"],
+            "leave it out: pcpc generate c x --device makes one of the law",
+        ),
         (["--cart", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the"),
     ],
 )
