@@ -55,7 +55,8 @@ def near_file(path: Path) -> str:
         beside = os.listdir(path.parent)
     except (OSError, ValueError):
         return f"; there is no folder {one_line(str(path.parent))}"
-    best = _nearest(path.name, [name for name in sorted(beside) if not name.startswith(".")])
+    stems = {Path(name).stem: name for name in sorted(beside) if not name.startswith(".")}
+    best = stems.get(_nearest(path.stem, list(stems)))  # suffixes are alike where files are not
     return f"; did you mean {one_line(str(path.with_name(best)))}?" if best else ""
 
 
