@@ -55,9 +55,11 @@ def near_file(path: Path) -> str:
         beside = os.listdir(path.parent)
     except (OSError, ValueError):
         return f"; there is no folder {one_line(str(path.parent))}"
-    stems = {Path(name).stem: name for name in sorted(beside) if not name.startswith(".")}
-    best = stems.get(_nearest(path.stem, list(stems)))  # suffixes are alike where files are not
-    return f"; did you mean {one_line(str(path.with_name(best)))}?" if best else ""
+    names = [name for name in sorted(beside) if not name.startswith(".")]
+    best = _nearest(path.name, names)
+    if not _nearest(path.stem, [Path(best).stem]):  # only their suffixes are alike
+        return ""
+    return f"; did you mean {one_line(str(path.with_name(best)))}?"
 
 
 def _nearest(word: str, known: Sequence[str]) -> str:
