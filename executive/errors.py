@@ -1,9 +1,11 @@
 """What a user gets to see instead of a traceback, and the suggestion at its end."""
 
 import errno
+import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
+from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 
@@ -42,10 +44,28 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     A candidate is also compared without its unit: `kvv` finds `kv_Nms_rad`.
     """
     known = list(dict.fromkeys(candidates))
-    best = max(known, key=lambda name: _likeness(word, name), default="")
-    if best and _likeness(word, best) >= _CLOSE:
+    if best := _nearest(word, known):
         return f"; did you mean {best}?"
     return f"; known: {', '.join(known)}" if 0 < len(known) <= _LIST_AT_MOST else ""
+
+
+def near_file(path: Path) -> str:
+    """Return `; did you mean X?` for a file that is not there, `; there is no folder Y`, or ""."""
+    try:
+        beside = os.listdir(path.parent)
+    except (OSError, ValueError):
+        return f"; there is no folder {one_line(str(path.parent))}"
+    names = [name for name in sorted(beside) if not name.startswith(".")]
+    best = _nearest(path.name, names)
+    if not _nearest(path.stem, [Path(best).stem]):  # only their suffixes are alike
+        return ""
+    return f"; did you mean {one_line(str(path.with_name(best)))}?"
+
+
+def _nearest(word: str, known: Sequence[str]) -> str:
+    """Return the name that is like `word`, or ""."""
+    best = max(known, key=lambda name: _likeness(word, name), default="")
+    return best if best and _likeness(word, best) >= _CLOSE else ""
 
 
 def _likeness(word: str, name: str) -> float:

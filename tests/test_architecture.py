@@ -207,6 +207,7 @@ FOR_PYTEST = (
     "tools/pytest_pcpc.py",
     "tools/make/template/test_motor.py",
     "tools/make/template/cart/test_cart.py",
+    "tools/make/template/bare/test_bare.py",
 )
 FOR_WEB = {
     f"tools/live/host/{name}.py": {"starlette", "uvicorn"}
@@ -271,7 +272,7 @@ def test_what_pcpc_new_writes_and_the_shipped_systems_have_one_shape() -> None:
     """A system's further modules are parts of its model; a rig of its own has tests beside it."""
     for folder, rig in (("template", "motor"), ("template/cart", "cart")):
         written = {path.name for path in (ROOT / "tools/make" / folder).iterdir()}
-        others = {"__pycache__", "cart"}
+        others = {"__pycache__", "cart", "bare"}
         assert written - MORE - others == SHAPE | {f"{rig}.dbc", f"test_{rig}.py"}, folder
     shipped = [ROOT / "plants" / name for name in SYSTEMS if name != "probe"]  # no system: measures
     assert shipped

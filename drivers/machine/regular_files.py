@@ -1,7 +1,10 @@
 """Regular files, opened for reading: no pipe is waited for, no device is read without an end."""
 
+import errno
+import fcntl
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,3 +29,19 @@ def read_text(path: Path) -> str:
     """Return the text of a regular file; OSError, UnicodeDecodeError."""
     with open_regular(path) as file:
         return file.read().decode("utf-8")
+
+
+def show_being_written(file: BinaryIO) -> None:
+    """Lock a file until it is closed, for `is_being_written`; without effect where none can be."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_being_written(file: BinaryIO) -> bool:
+    """Return whether another open file shows that it is being written."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_UN)
+    except OSError as error:
+        return error.errno in (errno.EWOULDBLOCK, errno.EACCES)
+    return False

@@ -38,7 +38,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.machine.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import is_being_written, open_regular
 from pcpc.executive.log.inventory import CHUNK_HEAD, Inventory
 from pcpc.executive.log.mcap_records import (
     CHECKED,
@@ -66,6 +66,7 @@ _ALIKE = 11  # opcode, length and channel: equal for messages of one channel and
 _RUN = 256  # messages compared at once; longer runs come in pieces
 _WINDOWS = 1 << 12, 1 << 20  # bytes searched at once for the next whole record: first, at most
 _BYTES, _BYTES_PER_BYTE, _MESSAGES = 16 << 20, 200, 20_000
+_GOES_ON = "it is still being written"
 _NOTES = 100  # damaged places told one by one
 _TIME_TOP, _TIME_TOP_END = 22, 0x40  # the last byte of a message's log time; 2^62 ns is in 2116
 
@@ -96,6 +97,7 @@ class Scan:
     statistics: Statistics | None = None
     place: int = 0
     size: int = 0
+    is_written: bool = False  # by somebody else, now
     cost: int = 0  # bytes unpacked or searched so far
     records: int = 0  # in chunks
     untold: int = 0  # damaged places without a line of their own
@@ -144,6 +146,7 @@ def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
     try:
         with open_regular(path) as file:
             data: Any = _map(file.fileno()) or file.read()
+            found.is_written = is_being_written(file)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror}") from None
     begin = data[: len(MAGIC)]
@@ -233,9 +236,10 @@ def _walk_data(
             found.metadata.append(content)
         place = end
     if not summary:
+        why = _GOES_ON if found.is_written else "recorder killed, disk full, or file cut"
         found.missing.append(
             f"the end: nothing is readable after byte {place} of {len(data)} "
-            "(recorder killed, disk full, or file cut); the rest of the log is whole"
+            f"({why}); the rest of the log is whole"
         )
 
 

@@ -20,6 +20,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.regular_files import show_being_written
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import CRC_KEY, message_dtype, metadata_crc
@@ -92,6 +93,7 @@ class BulkWriter(Writer):
 
     def __init__(self, path: Path) -> None:
         self.file = path.open("wb")
+        show_being_written(self.file)
         super().__init__(
             self.file,
             chunk_size=CHUNK_BYTES,

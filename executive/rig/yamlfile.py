@@ -24,7 +24,7 @@ from typing import Any
 import yaml
 
 from pcpc.drivers.machine.regular_files import open_regular
-from pcpc.executive.errors import RigError
+from pcpc.executive.errors import RigError, near_file
 from pcpc.executive.rig.yaml_parser import compose, reads_the_same
 
 Keys = tuple[str | int, ...]
@@ -106,7 +106,7 @@ class Document:
                 return file
         except (OSError, ValueError) as error:  # a loop of links, a name too long
             raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
-        raise self.error(keys, f"no such file: {display_path(file)}{cure}")
+        raise self.error(keys, f"no such file: {display_path(file)}{cure or near_file(file)}")
 
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""
@@ -284,7 +284,7 @@ def _read_file(
             text = _text_of(file)
         except (OSError, ValueError) as error:
             why = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
-            why = "no such file" if isinstance(error, FileNotFoundError) else why
+            why = f"no such file{near_file(file)}" if isinstance(error, FileNotFoundError) else why
             raise RigError(f"{at}{display_path(file)}: {why}") from None
     sources[file] = text
     parsed = _parse(file, text)

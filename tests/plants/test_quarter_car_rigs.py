@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import numpy as np
 import pytest
 from quarter_car_reference import FOLDER
 
@@ -130,3 +131,19 @@ def test_stops_hurt_the_passive_car_above_the_wheel_frequency() -> None:
 def _passive(label: str) -> tuple[str, ...]:
     controller, settings = study.STRUTS[label]
     return (controller, *settings)
+
+
+@pytest.mark.parametrize(("controller", "least", "most"), [("pid", 0.5, 0.9), ("fl", 0.0, 0.02)])
+def test_on_the_slow_road_the_valve_mode_appears_with_pid_alone(
+    controller: str, least: float, most: float
+) -> None:
+    """The mode is a line between 40 and 70 rad/s of the body's acceleration, beside the road's."""
+    log = in_memory(load_rig(FOLDER / "rigs/suspension-8.yaml", controller))
+    rate_m_s = log.node["plant"].columns["car.body_rate_m_s"]
+    settled = np.diff(rate_m_s[len(rate_m_s) // 2 :])
+    lines = np.abs(np.fft.rfft(settled * np.hanning(len(settled))))
+    turns_rad_s = 2.0 * np.pi * np.fft.rfftfreq(len(settled), 1e-3)
+    road, mode = (
+        lines[(turns_rad_s > low) & (turns_rad_s < high)].max() for low, high in ((5, 12), (40, 70))
+    )
+    assert least <= mode / road <= most, f"{mode / road:.3f} of the road's line"

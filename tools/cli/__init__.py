@@ -18,8 +18,9 @@ from typing import Any
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.cli import completion
 from pcpc.tools.cli.commands import COMMANDS, overview
-from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.command import check_places
 from pcpc.tools.terminal.ending import exit_code
+from pcpc.tools.terminal.parsing import Parser
 
 _OPEN_FILES = 64  # at once: a run has 32, and its libraries theirs
 _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
@@ -42,6 +43,7 @@ def _carry_out(words: Sequence[str]) -> int:
     command = COMMANDS[options.command]
     options.begin_ns = _BEGIN_NS
     _allow_open_files()
+    check_places(options)
     _name_files(options)
     if command.compiles:
         from pcpc.tools.terminal.progress import Compiling
@@ -69,7 +71,7 @@ def _allow_open_files() -> None:
 
 
 def parsed_options(words: Sequence[str]) -> argparse.Namespace:
-    """Return the options of a command line; UserError, SystemExit."""
+    """Return the options of a command line; UserError. SystemExit of a help."""
     if not words:
         what = "no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"
         raise UserError(f"pcpc: {what}")
@@ -112,14 +114,13 @@ def _by_ssh(host: str, words: Sequence[str]) -> str:
     return shlex.join(["ssh", "-t", name, "pcpc", *map(shlex.quote, there)])
 
 
-def parser(name: str = "") -> argparse.ArgumentParser:
+def parser(name: str = "") -> Parser:
     """Return the parser of all commands, or of the one that is named: a twentieth of a start."""
-    found = argparse.ArgumentParser(
-        "pcpc",
+    found = Parser(
+        prog="pcpc",
         usage="pcpc COMMAND ...",
         description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
         epilog=overview(),
-        formatter_class=screen.Help,
     )
     found.add_argument("--version", action=_Version, nargs=0, help="of pcpc, Python and numba")
     commands = found.add_subparsers(
@@ -141,10 +142,7 @@ def _name_files(options: argparse.Namespace) -> None:
 
         for key in {"log", "a", "b"} & vars(options).keys():
             value = getattr(options, key)
-            path = log_of(str(value))
-            if not path.exists():
-                raise UserError(f"{path}: no such log; name a log, a run folder or `latest`")
-            setattr(options, key, type(value)(path))
+            setattr(options, key, type(value)(log_of(str(value))))
         if "words" in options:  # of `log plot`: logs and variables
             options.words = [
                 str(log_of(word)) if word == LATEST or Path(word).is_dir() else word

@@ -7,6 +7,7 @@ def new(add: Add) -> None:
     """Take a folder, and what is to be in it."""
     add("dir", nargs="?", metavar="DIR", help="a new or empty folder; names the rig")
     add("--cart", action="store_true", help="a pole on a cart in place of the motor")
+    add("--bare", action="store_true", help="one input, one output: for a plant of your own")
     add(
         "--device",
         action="store_true",
@@ -35,9 +36,10 @@ def dbc(add: Add) -> None:
 COMMANDS = (
     Command(
         "new",
-        "write a first rig of your own: a DC motor, or a pole on a cart",
+        "write a first rig of your own: a DC motor, a pole on a cart, or a bare one",
         "pcpc new my-motor\npcpc new my-motor --device\n"
-        "pcpc new my-motor --drive cia402\npcpc new --cart pole",
+        "pcpc new my-motor --drive cia402\npcpc new --cart pole\n"
+        "pcpc new --bare tanks",
         new,
         codes=codes(ENVIRONMENT="cannot be written"),
         module="make.new",

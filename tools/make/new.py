@@ -1,8 +1,9 @@
-"""`pcpc new DIR`: a rig of the user's own, a DC motor or a pole on a cart, to run and to change.
+"""`pcpc new DIR`: a rig of the user's own to run and to change: a motor, a cart, or nearly nothing.
 
-Its files are those of template/, with `--cart` of template/cart, a rig like any other; only its
-name becomes the folder's. How to run it stands in the README.md of the motor, for both; the table
-of files of the cart is that below.
+Its files are those of template/, with `--cart` of template/cart, with `--bare` of template/bare,
+rigs like any other; only their name becomes the folder's, also in the names of the DBC file and
+of the test. How to run it stands in the README.md of the motor, for all; the tables of files are
+those below.
 With `--drive` also the rig of a drive, with `--device` also the files of template/device, whose
 README.md continues that of the motor.
 """
@@ -42,6 +43,14 @@ CART_FILES = {
     "test_cart.py": FILES["test_motor.py"],
     "README.md": FILES["README.md"],
 }
+BARE_FILES = {
+    "rig.yaml": FILES["rig.yaml"],
+    "model.py": "the plant: one input, one output",
+    "laws/p.py": "the law: a gain on the error",
+    "bare.dbc": FILES["motor.dbc"],
+    "test_bare.py": FILES["test_motor.py"],
+    "README.md": "what to write in place of what",
+}
 DRIVE_FILES = {"drive.yaml": "the motor as a drive, for any master"}
 DEVICE_FILES = {
     "device.py": "the law as a program of its own, in place of the executive",
@@ -70,16 +79,27 @@ class Template:
     what: str
     files: Mapping[str, str]
 
+    def renamed(self, text: str, name: str) -> str:
+        """Return `text` with the rig's name, and with the files that are named by it."""
+        stem = re.sub(r"\W", "_", name, flags=re.ASCII)
+        text = text.replace(f"rig: {self.rig}\n", f"rig: {name}\n")
+        for file in (f"{self.rig}.dbc", f"test_{self.rig}.py"):
+            text = re.sub(rf"\b{re.escape(file)}\b", file.replace(self.rig, stem), text)
+        return text
+
 
 MOTOR = Template(TEMPLATE, "motor", "a DC motor with an encoder", FILES)
 CART = Template(TEMPLATE / "cart", "cart", "a pole on a cart", CART_FILES)
+BARE = Template(TEMPLATE / "bare", "bare", "a first-order lag to replace", BARE_FILES)
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the rig, and say what can be done with it. UserError: wrong input."""
-    template = CART if options.cart else MOTOR
+    if options.cart and options.bare:
+        raise UserError("--cart and --bare: choose one of them")
+    template = CART if options.cart else BARE if options.bare else MOTOR
     if not options.dir:
-        flag = "--cart " if options.cart else ""
+        flag = f"--{template.rig} " if template is not MOTOR else ""
         raise UserError(f"DIR is missing: name a new folder, as in pcpc new {flag}{template.rig}")
     folder = Path(options.dir)
     write(folder, options.device, template, options.drive)
@@ -88,7 +108,9 @@ def command(options: argparse.Namespace) -> int:
         **template.files, **(DEVICE_FILES if options.device else {}),
         **(DRIVE_FILES if options.drive else {}),
     }  # fmt: skip
-    print("\n".join(screen.table([(f"  {name}", what) for name, what in files.items()])))
+    rig = folder.resolve().name
+    rows = [(f"  {template.renamed(name, rig)}", what) for name, what in files.items()]
+    print("\n".join(screen.table(rows)))
     print(f"next:\n  cd {shlex.quote(str(folder))}")
     print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
     if options.device:
@@ -106,10 +128,10 @@ def write(
     UserError: wrong input, or it cannot be written.
     """
     if drive and template is not MOTOR:
-        raise UserError("--drive makes a drive of the motor; leave out --cart")
+        raise UserError(f"--drive makes a drive of the motor; leave out --{template.rig}")
     if device and template is not MOTOR:
         what = "--device writes a program for the motor; leave it out"
-        raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the cart's law")
+        raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the law")
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
         cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or template.rig
@@ -122,12 +144,10 @@ def write(
         if any(folder.iterdir()):
             raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
         for file, text in _texts(template, device, drive).items():
-            if file == "rig.yaml":
-                text = text.replace(f"rig: {template.rig}\n", f"rig: {name}\n")
-            path = folder / file
+            path = folder / template.renamed(file, name)
             path.parent.mkdir(exist_ok=True)
             written.append(path)
-            path.write_text(text, encoding="utf-8")
+            path.write_text(template.renamed(text, name), encoding="utf-8")
     except FileExistsError:
         raise RigError(f"{folder}: is a file; name a folder that is new or empty") from None
     except OSError as error:

@@ -10,14 +10,14 @@ import argparse
 import json
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError, did_you_mean, near_file
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.terminal import screen
 
@@ -49,8 +49,11 @@ def shipped_rigs() -> Iterator[ShippedRig]:
                 yield ShippedRig(folder.name, found[1], path)
 
 
-def find(text: str) -> str:
-    """Return the path of the rig file that `text` names; RigError if there is none."""
+def find(text: str, others: Iterable[str] = ()) -> str:
+    """Return the path of the rig file that `text` names; RigError if there is none.
+
+    `others` are names of what else would do, of which one may be meant.
+    """
     if not text:
         raise RigError("'' is not a rig; `pcpc rigs` lists all, and `.` is this folder")
     path = Path(text)
@@ -71,9 +74,10 @@ def find(text: str) -> str:
     if path.suffix in _SUFFIXES:
         there = any(path.stem in rig.names for rig in known)
         cure = f"; the rig that comes with pcpc is called {path.stem}" if there else ""
-        raise RigError(f"{text}: no such file{cure}")
+        raise RigError(f"{text}: no such file{cure or near_file(path)}")
     what = "a folder without rig.yaml" if path.is_dir() else "no file and no rig of this name"
-    raise RigError(f"{text}: {what}{did_you_mean(text, names)}; `pcpc rigs` lists all")
+    cure = did_you_mean(text, [*names, *others]) or near_file(path)
+    raise RigError(f"{text}: {what}{cure}; `pcpc rigs` lists all")
 
 
 def shell_name(file: str | Path) -> str:

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
@@ -104,20 +103,6 @@ def run_folder(add: Add) -> None:
     )
 
 
-def _file(option: str) -> Callable[[str], str]:
-    """Return what refuses a file that is not there, whether or not the log needs it."""
-
-    def existing_file(text: str) -> str:
-        try:
-            if Path(text).is_file():
-                return text
-        except ValueError:
-            pass
-        raise UserError(f"{option} {text}: no such file")
-
-    return existing_file
-
-
 def node(add: Add, help: str = "only this node; default: all", *more: str) -> None:
     """Take which node of a log is meant, or one of `more`."""
     add("--node", metavar="NODE", choices=(*ROLES, *more, "all"), default="all", help=help)
@@ -135,7 +120,7 @@ def code_of_laws(add: Add) -> None:
         "--law",
         "FILE",
         "a Python file of the run that has moved, or a file it reads",
-        type=_file("--law"),
+        reads=True,
     )
     add("--rig", metavar="RIG", help="the rig file that the run's files lie beside now")
     several(
@@ -143,7 +128,7 @@ def code_of_laws(add: Add) -> None:
         "--fmu",
         "FILE",
         "run this FMU of the run (native code, never in a log)",
-        type=_file("--fmu"),
+        reads=True,
     )
 
 
@@ -171,6 +156,14 @@ def seed(text: str) -> int:
     """Return the seed of random numbers. ArgumentTypeError: not a seed."""
     if not text.isdecimal() or int(text) > MOST_SEED:
         what = f"expected a whole number from 0 to {MOST_SEED}, got {text!r}"
+        raise argparse.ArgumentTypeError(what)
+    return int(text)
+
+
+def port(text: str) -> int:
+    """Return a port; 0: any that is free. ArgumentTypeError: not a port."""
+    if not text.isdecimal() or int(text) > 65535:
+        what = f"expected a port, 0 to 65535, 0 for any that is free, got {text!r}"
         raise argparse.ArgumentTypeError(what)
     return int(text)
 

@@ -3,14 +3,16 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.option_notes import note_options
+from pcpc.tools.terminal.outfile import check_file, check_folder, check_source
 
 Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 Attach = Callable[[str, argparse.Action], None]
+Check = Callable[[str, Path], None]  # of an option's place
 
 BASIC_CODES = {Exit.OK: "", Exit.WRONG_INPUT: ""}
 
@@ -31,6 +33,7 @@ OUTPUT_CODES = codes(
 
 PLACES = {"DIR": "a folder", "FILE": "a file", "OUT": "a file", "LOG": "a log", "A": "a log",
           "B": "a log"}  # fmt: skip
+CHECKS: dict[str, Check] = {"DIR": check_folder, "FILE": check_file, "OUT": check_file}
 
 
 def no_arguments(add: Add) -> None:
@@ -60,27 +63,28 @@ class Command:
     first: bool = False  # one that people begin with
     parts: Sequence["Command"] = ()
 
-    def add_to(
-        self, commands: "argparse._SubParsersAction[argparse.ArgumentParser]", attach: Attach
-    ) -> None:
+    def add_to(self, commands: "argparse._SubParsersAction[Any]", attach: Attach) -> None:
         """Register it; `attach` gives its arguments the words that a shell can complete."""
         parser = commands.add_parser(
             self.name,
             help=self.help,
             description=self.help,
             epilog=self._epilog(),
-            formatter_class=screen.Help,
             conflict_handler="resolve" if self.own_h else "error",
             usage=f"%(prog)s [options] -- {self.rest}" if self.rest else None,
         )
-        parser.set_defaults(registered=self)
+        places: list[tuple[argparse.Action, Check]] = []
+        parser.set_defaults(registered=self, places=places)
         note_options(parser)
 
         def add(*names: str, **about: Any) -> argparse.Action:
             kind = str(about.get("metavar", "")).partition(".")[0]
             if kind in PLACES and "nargs" not in about:
                 about["type"] = _nonempty_kind(names[0], PLACES[kind], about.get("type", str))
+            check = check_source if about.pop("reads", False) else CHECKS.get(kind)
             action = parser.add_argument(*names, **about)
+            if check and action.option_strings and action.nargs is None:
+                places.append((action, check))
             attach(self.name, action)
             return action
 
@@ -108,6 +112,15 @@ def _nonempty_kind(option: str, expected: str, kind: Callable[[str], Any]) -> Ca
         return kind(text)
 
     return nonempty_value
+
+
+def check_places(options: argparse.Namespace) -> None:
+    """Raise UserError for an option's file or folder that cannot be, before the work begins."""
+    for action, check in options.places:
+        value = getattr(options, action.dest)
+        for one in value if isinstance(value, list) else [value]:
+            if one is not None and one != action.default:
+                check(action.option_strings[0], Path(one))
 
 
 def exit_codes(codes: Mapping[Exit, str] | None = None) -> str:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import FULL, code_of
+from pcpc.executive.errors import FULL, code_of, near_file
 from pcpc.tools.terminal import screen
 
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -118,6 +118,8 @@ def refusal_text(error: OSError) -> str:
         cure = "; raise the limit with `ulimit -n`"
     if isinstance(error, FileNotFoundError) and not _folder_exists():
         return "the working folder is gone; change to another one"
+    if isinstance(error, FileNotFoundError) and len(files) == 1:
+        cure = near_file(Path(files[0]))
     return ": ".join([*files, reason]).replace("\n", " ") + cure
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.errors import code_of
+from pcpc.executive.errors import code_of, near_file
 
 
 class LogCommandError(UserError):
@@ -43,6 +43,23 @@ def check_file(option: str, path: Path | None) -> None:
     if path is not None and (path.is_dir() or not path.parent.is_dir()):
         what = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
         raise LogCommandError(f"{option} {path}: {what}; choose another file")
+
+
+def check_source(option: str, path: Path) -> None:
+    """Raise LogCommandError if `path` is no file that is there, as `option` named it."""
+    try:
+        if path.exists() and not path.is_dir():
+            return
+        what = "is a folder; expected a file" if path.is_dir() else ""
+    except (OSError, ValueError):  # no file can have this name
+        what = ""
+    raise LogCommandError(f"{option} {path}: {what or f'no such file{near_file(path)}'}")
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise LogCommandError if no folder can be `path`, as `option` named it."""
+    if path.exists() and not path.is_dir():
+        raise LogCommandError(f"{option} {path}: is not a folder; choose another folder")
 
 
 @contextmanager

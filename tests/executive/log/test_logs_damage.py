@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rings import PERIOD_NS, block_of, put_cycle, put_event
 
-from pcpc.executive.log import mcap_writer
+from pcpc.executive.log import mcap_reader, mcap_writer
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import FLUSH_NS, Recorder
 from pcpc.executive.loop.events import Event
@@ -212,3 +212,16 @@ def test_a_zeroed_block_is_told_and_all_else_is_read(
 def test_stamps_are_those_of_the_run(logs_written: dict[str, Written]) -> None:
     stamps = logs_written["finished"].log.node["executive"].stamp_ns
     assert np.array_equal(np.diff(stamps), np.full(CYCLES - 1, PERIOD_NS)), f"{stamps}"
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_a_log_that_is_being_written_is_no_killed_one(is_open: bool, tmp_path: Path) -> None:
+    writer = mcap_writer.BulkWriter(path := tmp_path / "log.mcap")
+    writer.start("pcpc", "test")
+    writer.file.flush()
+    if not is_open:
+        writer.file.close()
+    said = " ".join(mcap_reader.scan(path).missing)
+    writer.file.close()
+    assert ("it is still being written" in said) == is_open, said
+    assert ("recorder killed" in said) != is_open, said

@@ -222,7 +222,7 @@ WRONG = (
     (("--to", "-1"), "--to -1: expected 0 s or more"),
     (("--to", "inf"), "--to inf: expected 0 s or more"),
     (("--from", "1e300"), "there is no cycle"),
-    (("--from", "x"), "invalid float value"),
+    (("--from", "x"), "expected a number"),
     (("--show", "controller.w_9x"), "no such variable"),
     (("--show", "supervisor.state"), "choose one with --node"),
     (("--show", "controller.w_0", "--json"), "leave out --json"),

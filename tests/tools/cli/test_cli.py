@@ -343,7 +343,8 @@ def test_a_log_is_a_file_a_run_folder_or_the_latest_run(
     Path("runs/20260103-c/log.mcap").touch()  # a run that has not begun
     assert recorded.log_of("latest") == Path("runs/20260102-b/log.mcap")
     assert recorded.log_of("runs/20260101-a") == Path("runs/20260101-a/log.mcap")
-    assert recorded.log_of("nowhere") == Path("nowhere")
+    with pytest.raises(RigError, match=r"2026010-a: no such log; did you mean runs/20260101-a\?"):
+        recorded.log_of("2026010-a")
     with pytest.raises(RigError, match=r"runs: this folder holds no log.mcap"):
         recorded.log_of("runs")
     with pytest.raises(

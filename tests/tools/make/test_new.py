@@ -8,13 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from copies import program
 from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.modules import module_of
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.new import (
+    BARE,
     CART,
     DEVICE_FILES,
     DRIVE_FILES,
@@ -23,6 +27,7 @@ from pcpc.tools.make.new import (
     NEXT,
     NEXT_DEVICE,
     Template,
+    write,
 )
 
 FIGURES = {  # of a README: its controller, the words around it, the figure
@@ -39,8 +44,10 @@ FIGURES = {  # of a README: its controller, the words around it, the figure
         ("soft", r"It needs (\S+) s", "settled_s"),
         ("soft", r"and (\S+) N instead", "force_max_N"),
     ),
+    "bare": (),
 }
-LIMITS, CYCLES = {"motor": 5, "cart": 6}, {"motor": 1000, "cart": 5000}
+LIMITS = {"motor": 5, "cart": 6, "bare": 1}
+CYCLES = {"motor": 1000, "cart": 5000, "bare": 1000}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +59,7 @@ def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module", params=[MOTOR, CART], ids=lambda one: one.rig)
+@pytest.fixture(scope="module", params=[MOTOR, CART, BARE], ids=lambda one: one.rig)
 def template(request: pytest.FixtureRequest) -> Template:
     """Return each kind of rig that can be written."""
     return request.param
@@ -62,7 +69,7 @@ def template(request: pytest.FixtureRequest) -> Template:
 def new_rig(template: Template, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a new rig of this kind."""
     folder = tmp_path_factory.mktemp("elsewhere") / f"my-{template.rig}"
-    done = pcpc("new", *(["--cart"] if template is CART else []), str(folder))
+    done = pcpc("new", *([f"--{template.rig}"] * (template is not MOTOR)), str(folder))
     assert done.code == 0, str(done)
     return folder
 
@@ -72,20 +79,29 @@ def files_of(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in found}
 
 
+def named(template: Template, *files: str, rig: str = "my-motor") -> set[str]:
+    """Return the names that files of a template get."""
+    return {template.renamed(file, rig) for file in files}
+
+
 def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
-    others = ("device/", "cart/") if template is MOTOR else ("/",)
+    others = ("device/", "cart/", "bare/") if template is MOTOR else ("/",)
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
     known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus")}
-    assert known == set(template.files) == files_of(new_rig)
+    files = named(template, *template.files, rig=new_rig.name)
+    assert known == set(template.files) and files == files_of(new_rig)
+    assert {f"my_{template.rig}.dbc", f"test_my_{template.rig}.py"} <= files
     told = (new_rig / "README.md").read_text(encoding="utf-8")
-    named = [word for word in (*template.files, *NEXT) if word != "README.md"]
-    assert not [word for word in named if word not in told], told
+    words = [word for word in (*files, *NEXT) if word != "README.md"]
+    assert not [word for word in words if word not in told], told
+    text = "".join(path.read_text("utf-8") for path in new_rig.rglob("*") if path.is_file())
+    assert not re.search(rf"\b{template.rig}\.dbc|\btest_{template.rig}\b", text)
     assert told.count("## Four ways to run it\n") == 1 and "\n\n\n" not in told
     text = (new_rig / "rig.yaml").read_text(encoding="utf-8")
     assert f"\nrig: my-{template.rig}\n" in text
 
 
-@pytest.mark.parametrize("more", [[], ["--device"], ["--cart"]])
+@pytest.mark.parametrize("more", [[], ["--device"], ["--cart"], ["--bare"]])
 def test_what_it_prints_fits_80_columns(tmp_path: Path, more: list[str]) -> None:
     done = pcpc("new", "my-motor", *more, cwd=tmp_path)
     long = [line for line in done.out.splitlines() if len(line) > 80]
@@ -106,7 +122,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_device_runs_at_once_and_has_the_bits_of_the_law(device: Path) -> None:
     folder = device
-    assert files_of(folder) == {*FILES, *DEVICE_FILES}
+    assert files_of(folder) == named(MOTOR, *FILES, *DEVICE_FILES)
     told = (folder / "README.md").read_text(encoding="utf-8")
     assert NEXT_DEVICE in told and all(f"`{file}`" in told for file in DEVICE_FILES)
     words = NEXT_DEVICE.replace("--device python", f"--quiet --bus {own_bus()} --device python")
@@ -141,7 +157,7 @@ def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
     done = pcpc("new", str(folder), "--drive", drive)
     assert done.code == 0 and "pcpc plant drive.yaml" in done.out, str(done)
-    assert files_of(folder) == {*FILES, *DRIVE_FILES}
+    assert files_of(folder) == named(MOTOR, *FILES, *DRIVE_FILES)
     assert pcpc("check", str(folder / "drive.yaml")).code == 0
     assert f"profile: {drive}\n" in (folder / "drive.yaml").read_text(encoding="utf-8")
     done = pcpc("new", str(tmp_path / "pole"), "--cart", "--drive", "cia402")
@@ -168,7 +184,8 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
     template: Template, new_rig: Path, tmp_path: Path
 ) -> None:
     quiet = (str(new_rig), "--quiet", "--no-figure", "--judge")
-    judged = f"verdict  ok ({LIMITS[template.rig]} limits judged)"
+    limits = LIMITS[template.rig]
+    judged = f"verdict  ok ({limits} limit{'s' * (limits > 1)} judged)"
     bus = ("--bus", own_bus())
     lockstep = (*bus, "--pacing", "lockstep")
     patient = ("--set", "supervisor.fault_after_cycles=1000")  # a machine may stand still for 0.1 s
@@ -243,6 +260,25 @@ def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
     assert (tmp_path / "full" / "file").read_text() == "mine"
 
 
+def test_the_motor_s_figure_shows_an_error_that_is_never_small() -> None:
+    evaluation = module_of("", MOTOR.folder / "evaluation.py")
+    swings, step = 500.0 * np.sin(np.arange(100.0)), np.where(np.arange(100) < 20, 3e3, 1.0)
+    assert np.isfinite(evaluation.near({"error_mrad": swings})).all()
+    assert np.isfinite(evaluation.near({"error_mrad": step})).sum() == 80
+    assert evaluation.settled({"settled_s": 0.135}) == "within 30 mrad after 0.135 s"
+    assert evaluation.settled({"settled_s": np.inf}) == "beyond 30 mrad at the end"
+
+
+@pytest.mark.parametrize("name", ["2tanks", "a.b-c", "class", "probe", "_x", "motor", "rig"])
+def test_a_rig_of_any_name_is_whole(name: str, tmp_path: Path) -> None:
+    """Its files are named by it, as a module of Python can be; its own test is found by pytest."""
+    write(tmp_path / name, template=BARE)
+    stem = re.sub(r"\W", "_", name)
+    assert {f"{stem}.dbc", f"test_{stem}.py"} <= files_of(tmp_path / name)
+    loaded = load_rig(tmp_path / name / "rig.yaml")
+    assert loaded.config.rig == name and loaded.config.dbc == f"{stem}.dbc"
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [
@@ -251,6 +287,13 @@ def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
         (["--cart", "full"], "full: is not empty; name a folder that is new or empty"),
         (["--cart", "My Cart"], "'-'; try my-cart"),
         (["--cart", "--", "--"], "which is not its first; try cart"),
+        (["--bare"], "DIR is missing: name a new folder, as in pcpc new --bare bare"),
+        (["--bare", "--cart", "x"], "--cart and --bare: choose one of them"),
+        (["--bare", "--drive", "mit", "x"], "leave out --bare"),
+        (
+            ["--bare", "--device", "x"],
+            "leave it out: pcpc generate c x --device makes one of the law",
+        ),
         (["--cart", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the"),
     ],
 )

@@ -53,7 +53,7 @@ def _comparison(options: argparse.Namespace, how: Criteria, progress: Progress) 
     refuse(options, why, "controller", "jobs", "all_controllers")
     if len(options.words) != 2:
         cure = "name two, old and new, or a version with --against"
-        raise UserError(f"{len(options.words)} runs to compare; {cure}")
+        raise UserError(f"expected two runs to compare, got {len(options.words)}; {cure}")
     old, new = options.words
     return recorded_comparison(old, new, how, progress)
 

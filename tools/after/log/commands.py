@@ -85,12 +85,8 @@ def export(add: Add) -> None:
 def import_(add: Add) -> None:
     """Take a recording and perhaps its DBC file."""
     add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    add(
-        "--dbc",
-        type=Path,
-        metavar="FILE.dbc",
-        help="DBC file of its frames; without one only frames are imported",
-    )
+    about = "DBC file of its frames; without one only frames are imported"
+    add("--dbc", type=Path, reads=True, metavar="FILE.dbc", help=about)
     add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log to write")
     add("--node", metavar="NAME", help="direction of frames as seen by this node of the DBC file")
     add("--channel", metavar="NAME", help="only this channel of the recording")

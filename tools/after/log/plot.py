@@ -20,6 +20,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series
 from pcpc.tools.after.log.drawing import DPI, Source, page_of
+from pcpc.tools.after.log.recorded import no_log
 from pcpc.tools.after.log.series import Series
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
@@ -84,11 +85,11 @@ def logs_and_patterns(words: Sequence[str]) -> tuple[list[Path], list[str]]:
         if path.is_file():
             paths.append(path)
         elif "/" in word or word.endswith(".mcap"):
-            raise LogCommandError(f"{word}: no such log; give a file such as runs/RUN/log.mcap")
+            raise LogCommandError(f"{word}: {no_log(word)}")
         else:
             patterns.append(word)
     if not paths:
-        raise LogCommandError(f"{words[0]}: no such log; the first word is a log file")
+        raise LogCommandError(f"{words[0]}: {no_log(words[0])}")
     return paths, patterns
 
 

@@ -5,11 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.errors import RigError
+from pcpc.executive.errors import RigError, did_you_mean
 
 LATEST = "latest"
 RUNS = Path("runs")
 _LOG, _SUMMARY = "log.mcap", "summary.json"
+_CURE = "; name a log, a run folder or `latest`"
 
 
 def log_of(text: str) -> Path:
@@ -22,6 +23,8 @@ def log_of(text: str) -> Path:
     path = Path(text)
     if text == LATEST and not path.exists():
         return _newest()
+    if not path.exists():
+        raise RigError(f"{text}: {no_log(text)}")
     if not path.is_dir() or (path / _LOG).exists():
         return path / _LOG if path.is_dir() else path
     logs = sorted(path.glob("*.mcap"))
@@ -56,6 +59,19 @@ def logs_below(top: Path) -> Iterator[Path]:
         for name in (*files, *folders, *lost):
             if name.lower().endswith(".mcap"):
                 yield folder / name
+
+
+def no_log(text: str) -> str:
+    """Return that there is no log of this name, and which one was meant."""
+    return f"no such log{did_you_mean(text, known_logs(text)) or _CURE}"
+
+
+def known_logs(text: str) -> list[str]:
+    """Return the names of the runs below runs/, and of the logs where `text` would lie."""
+    beside = Path(text).parent
+    runs = [str(path.parent) for path in RUNS.glob(f"*/{_LOG}")]
+    near = [str(path.parent) for path in beside.glob(f"*/{_LOG}")]
+    return sorted({*map(str, beside.glob("*.mcap")), *near, *runs, *[LATEST] * bool(runs)})
 
 
 def _newest() -> Path:

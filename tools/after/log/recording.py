@@ -27,6 +27,7 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.can.wire_layout import LENGTHS
 from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.drivers.machine.patience import StalledError, patience
+from pcpc.executive.errors import near_file
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import mdf
 from pcpc.tools.after.log.bus_order import BusOrder, are_distances, bus_order
@@ -58,7 +59,8 @@ class Recording:
 def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     """Read a recording, of one channel if it is named; LogCommandError: one line."""
     if not path.is_file():
-        raise LogCommandError(f"{path}: no such file; give a .log, .blf, .asc or .mf4 file")
+        cure = near_file(path) or "; give a .log, .blf, .asc or .mf4 file"
+        raise LogCommandError(f"{path}: no such file{cure}")
     account = Account()
     counted, number = _FrameCollector(channel), 0
     try:

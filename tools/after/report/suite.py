@@ -156,10 +156,7 @@ def gather(
 def _paths(name: str) -> list[Path]:
     """Return the logs below a folder, also where they should be; or the one that is named."""
     if not name.strip() or not Path(name).is_dir() or (Path(name) / LOG).exists():
-        path = log_of(name)
-        if not path.exists():
-            raise UserError(f"{name}: no such log or folder; name a run, or a folder of runs")
-        return [path]
+        return [log_of(name)]
     found = sorted(_logs_below(Path(name)))
     if not found:
         cure = "name a folder that holds run folders, or the logs themselves"

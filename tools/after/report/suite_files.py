@@ -10,7 +10,7 @@ from pcpc.tools.after.report.suite import OK, RequirementResult, Suite, link
 from pcpc.tools.terminal.document import Code, Link, Part, Section, Strong, Table, Verdict, html
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.junit import Case, junit_text
-from pcpc.tools.terminal.outfile import LogCommandError, check_file, write_text
+from pcpc.tools.terminal.outfile import LogCommandError, write_text
 from pcpc.tools.terminal.progress import Progress
 
 _SUFFIXES = (".html", ".htm")
@@ -24,8 +24,6 @@ def command(options: argparse.Namespace, progress: Progress) -> int:
     output, junit = Path(options.output or "suite.html"), options.junit
     if output.suffix.lower() not in _SUFFIXES:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")
-    check_file("-o", output)
-    check_file("--junit", junit)
     if junit is not None and os.path.realpath(junit) == os.path.realpath(output):
         raise UserError(f"--junit {junit}: is the page of -o; choose another file")
     needed = [one.strip() for text in options.need for one in text.split(",")]

@@ -16,7 +16,7 @@ from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified_row
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.junit import Case, junit_text
-from pcpc.tools.terminal.outfile import check_file, new_file
+from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.progress import Progress
 
 _BYTES_A_PROCESS = 1 << 26  # as fast in one process
@@ -70,8 +70,6 @@ def _check_words(options: argparse.Namespace) -> None:
         raise UserError(f"--node {options.node}: a table is of whole logs; leave out --node")
     if options.table and options.check:
         raise UserError("--table and --check: choose one of them")
-    check_file("--table", options.table)
-    check_file("--junit", options.junit)
     if options.table:
         for path in (options.table, tables.signature_of(options.table)):
             if os.path.lexists(path):
@@ -133,10 +131,7 @@ def _processes(names: Sequence[str]) -> int:
 def _logs(word: str) -> list[Path]:
     """Return the logs that a word names, all below a folder; UserError where there is none."""
     if not word.strip() or word == LATEST or not Path(word).is_dir():
-        path = log_of(word)
-        if not path.exists():
-            raise UserError(f"{word}: no such log or folder; name logs, or a folder of logs")
-        return [path]
+        return [log_of(word)]
     if not (found := list(logs_below(Path(word)))):
         raise UserError(f"{word}: no log below this folder; logs are called *.mcap")
     return found

@@ -14,8 +14,9 @@ def verify(add: Add) -> None:
     )
     add("--table", type=Path, metavar="FILE", help="write digests and verdicts")
     add("--sign", metavar="KEY", help="sign the table with an SSH key: FILE.sig")
-    add("--check", type=Path, metavar="FILE", help="check the logs against a table")
-    add("--signers", metavar="FILE", help="check its signature: allowed signers of ssh-keygen")
+    add("--check", type=Path, reads=True, metavar="FILE", help="check the logs against a table")
+    about = "check its signature: allowed signers of ssh-keygen"
+    add("--signers", reads=True, metavar="FILE", help=about)
     add("--identity", metavar="WHO", help="who must have signed it")
     add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
     take.node(add)

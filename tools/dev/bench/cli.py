@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import BusError, Exit, UserError
+from pcpc.executive.errors import did_you_mean
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.dev.bench.commands import NEEDS, SUITES
 from pcpc.tools.machine.jitter.compiler import BenchError, find
 from pcpc.tools.start.native import native
 from pcpc.tools.terminal.extras import need
-from pcpc.tools.terminal.outfile import check_file
 from pcpc.tools.terminal.progress import Progress
 
 ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
@@ -28,10 +28,9 @@ ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
 def command(options: argparse.Namespace) -> int:
     """Measure suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
     if unknown := [name for name in options.names if name not in SUITES]:
-        raise UserError(f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}")
+        raise UserError(f"{unknown[0]}: no such suite{did_you_mean(unknown[0], SUITES)}")
     if options.rounds < 1:
         raise UserError(f"--rounds {options.rounds}: expected 1 or more")
-    check_file("--json", options.json)
     names = options.names or [name for name in SUITES if name not in ON_REQUEST]
     missing = {name: reason for name in names if (reason := _missing(name))}
     for reason in sorted(set(missing.values())):

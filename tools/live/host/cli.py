@@ -17,7 +17,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import live
 from pcpc.tools.after.log import source
-from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.after.log.recorded import LATEST, known_logs, log_of
 from pcpc.tools.live.host import guard
 from pcpc.tools.live.host.sources import FollowedRun, Source, of_log
 from pcpc.tools.start import rigs
@@ -131,16 +131,15 @@ def _source(what: str | None, node: str) -> Source | FollowedRun:
     if path.suffix == ".mcap" or what == LATEST or is_run:
         return of_log(source.read(log_of(what), Progress()))
     going_on = bool(what and live.running(what))
-    return FollowedRun(what if going_on else str(rigs.data_of(rigs.find(what))["rig"]), node)
+    return FollowedRun(
+        what if going_on else str(rigs.data_of(rigs.find(what, known_logs(what)))["rig"]), node
+    )
 
 
 def certificate_of(options: argparse.Namespace) -> tuple[str, str] | None:
     """Return certificate and key, None without; UserError, also for an address that needs them."""
     if bool(options.tls_cert) != bool(options.tls_key):
         raise UserError("--tls-cert and --tls-key belong together")
-    for path in filter(None, (options.tls_cert, options.tls_key)):
-        if not Path(path).is_file():
-            raise UserError(f"{path}: no such file")
     if not options.tls_cert:
         if not guard.is_loopback(options.address) and not options.plain:
             raise UserError(
@@ -158,8 +157,6 @@ def certificate_of(options: argparse.Namespace) -> tuple[str, str] | None:
 
 def _listener(address: str, port: int | None) -> socket.socket:
     """Return a socket at the port, or without one at the first free from guard.PORT on."""
-    if port is not None and not 0 <= port <= 65535:
-        raise UserError(f"--port {port}: not a port; expected 0..65535, 0 for a free one")
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     wanted = range(guard.PORT, guard.PORT + _TRIES) if port is None else [port]
     for one in wanted:

@@ -24,8 +24,8 @@ def host(add: Add) -> None:
         help="address to listen on; default: %(default)s, this machine only",
     )
     take.several(add, "--name", "HOST", "another name of this machine in browsers")
-    add("--tls-cert", metavar="FILE", help="TLS certificate (PEM)")
-    add("--tls-key", metavar="FILE", help="TLS key")
+    add("--tls-cert", reads=True, metavar="FILE", help="TLS certificate (PEM)")
+    add("--tls-key", reads=True, metavar="FILE", help="TLS key")
     add(
         "--plain",
         action="store_true",
@@ -48,7 +48,8 @@ def page_options(add: Add) -> None:
 def page(add: Add, of: str = "") -> None:
     """Take what a page may do, where it listens and records to; `of`: what else must be given."""
     add("--write", action="store_true", help=f"{of}let the page tune, stop, reset, begin faults")
-    add("--port", type=int, metavar="N", help=f"{of}port; default: the first free from 8642 on")
+    first = "the first free from 8642 on"
+    add("--port", type=take.port, metavar="N", help=f"{of}port; default: {first}")
     add(
         "--recordings",
         type=Path,

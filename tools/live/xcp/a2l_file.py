@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.live.xcp.a2l import a2l_text, ethernet, variables_of, version
@@ -18,7 +19,7 @@ def command(options: argparse.Namespace) -> int:
     """Write the file; return the exit code. RigError, UserError."""
     rig = load_rig(Path(rigs.find(options.rig)), options.controller, options.set)
     if options.node not in rig.roles:
-        raise UserError(f"{options.node}: no such node; {', '.join(rig.roles)}")
+        raise UserError(f"{options.node}: no such node{did_you_mean(options.node, rig.roles)}")
     described = variables_of(describe(plan(rig, options.node, "lockstep"), {}, kept=False))
     name, period_ns = rig.config.rig, rig.config.period_ns
     if can := CanPlace.of(rig, options.node):

@@ -7,7 +7,7 @@ from pcpc.tools.terminal.command import NODE_CODES, OUTPUT_CODES, Add, Command
 
 
 def _ports(add: Add) -> None:
-    add("--udp", type=int, metavar="PORT", help="port of XCP on UDP; default: 5555, 0: any")
+    add("--udp", type=take.port, metavar="PORT", help="port of XCP on UDP; default: 5555, 0: any")
     add("--address", metavar="ADDRESS", default="127.0.0.1", help="default: %(default)s")
 
 
@@ -15,7 +15,7 @@ def xcp(add: Add) -> None:
     """Take a node, and where it is served."""
     add("node", nargs="?", metavar="NODE", help="executive, plant, RIG.plant; default: executive")
     _ports(add)
-    add("--tcp", type=int, metavar="PORT", help="port of XCP on TCP; 0: any")
+    add("--tcp", type=take.port, metavar="PORT", help="port of XCP on TCP; 0: any")
     add("--can", action="store_true", help="XCP on CAN, on the node's bus")
 
 

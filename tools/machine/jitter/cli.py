@@ -19,13 +19,13 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.durations import duration_ns
-from pcpc.executive.errors import code_of
+from pcpc.executive.errors import code_of, did_you_mean
 from pcpc.tools.machine.jitter import loops, probe, report
 from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, Result, as_json
 from pcpc.tools.machine.jitter.limits import read_limits
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
 from pcpc.tools.machine.jitter.nines import HELD
-from pcpc.tools.terminal.outfile import check_file, whole_file
+from pcpc.tools.terminal.outfile import whole_file
 from pcpc.tools.terminal.picture import check_picture
 from pcpc.tools.terminal.progress import Progress
 
@@ -54,8 +54,8 @@ def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
         raise JitterError(f"-i {options.interval}: expected whole us from 50us to 1s")
     names = [] if options.against is None else list(dict.fromkeys(options.against.split(",")))
     if unknown := [name for name in names if name not in loops.NAMES]:
-        known = ", ".join(loops.NAMES)
-        raise JitterError(f"--against {unknown[0]}: no such loop; expected some of {known}")
+        cure = did_you_mean(unknown[0], loops.NAMES)
+        raise JitterError(f"--against {unknown[0]}: no such loop{cure}")
     rounds = options.rounds or (ROUNDS if names else 1)
     if options.rounds is not None and options.rounds < 1:
         raise JitterError(f"--rounds {options.rounds}: expected 1 or more")
@@ -95,8 +95,6 @@ def _cpus(text: str | None) -> tuple[int, ...]:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """Raise UserError for a file that cannot be written, before anything is measured."""
-    check_file("--json", options.json)
-    check_file("--plot", options.plot)
     check_picture("--plot", options.plot)
 
 

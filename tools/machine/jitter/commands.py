@@ -48,6 +48,7 @@ def jitter(add: Add) -> None:
     add(
         "--limits",
         type=Path,
+        reads=True,
         metavar="FILE",
         help="YAML file of limits; exit with 1 if one does not hold",
     )

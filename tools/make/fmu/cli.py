@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 from xml.sax.saxutils import quoteattr
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import RigError
+from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig import fmu
@@ -71,8 +71,10 @@ def chosen_block(made: Plan, name: str | None) -> BlockSpec:
     if name is None and len(blocks) == 1:
         return next(iter(blocks.values()))
     if name not in blocks:
+        known = f"; the plant has {', '.join(blocks)}"
         what = "say which with --block" if name is None else f"no block {name}"
-        raise RigError(f"{made.rig.path}: {what}; the plant has {', '.join(blocks)}")
+        cure = did_you_mean(name, blocks) if name else known
+        raise RigError(f"{made.rig.path}: {what}{cure}")
     return blocks[name]
 
 

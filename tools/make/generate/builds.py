@@ -35,8 +35,11 @@ _QEMU = (
 FIXED = ("codec.c", "codec.h", "startup.c", "soft_double.c", "mps2.ld")
 GCC = "apt install gcc"
 ZIG = "pip install ziglang, or a zig on the PATH"
-ARM = "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
-AARCH64 = "apt install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static"
+ARM = "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"
+QEMU_ARM = "apt install qemu-system-arm"
+AARCH64 = "apt install gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+QEMU_USER = "apt install qemu-user-static"
+WASMTIME = "pip install wasmtime"
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,8 @@ class Build:
     compiler: tuple[str, ...]  # () if this machine has none
     flags: tuple[str, ...]
     runner: tuple[str, ...] | None  # before the program's path; None: nothing here runs it
-    cure: str
+    compiler_cure: str
+    runner_cure: str = ""
     last: tuple[str, ...] = ()  # behind the sources
     refuses: bool = False  # it would give other bits, and has to say so
 
@@ -55,6 +59,12 @@ class Build:
     def possible(self) -> bool:
         """Return whether this machine has what it takes."""
         return bool(self.compiler) and self.runner is not None
+
+    @property
+    def cure(self) -> str:
+        """Return how to get what this machine lacks."""
+        lacks = {self.compiler_cure: not self.compiler, self.runner_cure: self.runner is None}
+        return "; ".join(cure for cure, is_missing in lacks.items() if is_missing)
 
     def digest(self, folder: Path) -> str:
         """Compile and run what lies in the folder; return what was printed. UserError."""
@@ -83,13 +93,14 @@ def builds() -> list[Build]:
         Build("clang -O3 native", clang, native, (), "apt install clang")
         if clang or not zig
         else Build("zig cc -O3 native", (*zig, "cc"), (*native, "-fno-sanitize=all"), (), ZIG),
-        Build("AArch64 -O2", aarch64, ("-O2", "-static"), user or None, AARCH64),
+        Build("AArch64 -O2", aarch64, ("-O2", "-static"), user or None, AARCH64, QEMU_USER),
         Build(
             "Cortex-M7 -O2",
             arm,
             ("-O2", *_BARE, *_M7),
             (*machine, "-M", "mps2-an500", *_QEMU) if machine else None,
             ARM,
+            QEMU_ARM,
             ("-lgcc",),
         ),
         Build(
@@ -98,6 +109,7 @@ def builds() -> list[Build]:
             ("-O2", *_BARE, *_M4),
             (*machine, "-M", "mps2-an386", *_QEMU) if machine else None,
             ARM,
+            QEMU_ARM,
             ("-lgcc",),
         ),
         Build(
@@ -105,7 +117,8 @@ def builds() -> list[Build]:
             (*zig, "cc") if zig else (),
             ("-target", "wasm32-wasi", "-O2", "-fno-sanitize=all"),
             _wasmtime(),
-            f"{ZIG}; pip install wasmtime",
+            ZIG,
+            WASMTIME,
         ),
     ]
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import did_you_mean
+from pcpc.executive.errors import did_you_mean, near_file
 from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import in_memory
@@ -110,7 +110,7 @@ def block_of(text: str) -> tuple[Block, str]:
     module, _, name = text.partition(":")
     path = Path(module).resolve()
     if module.endswith(".py") and not path.is_file():
-        raise UserError(f"{module}: no such file")
+        raise UserError(f"{module}: no such file{near_file(Path(module))}")
     try:
         dotted = "" if module.endswith(".py") else law_lookup.shipped_laws().get(module, module)
         found = module_of(dotted, path)

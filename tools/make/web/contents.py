@@ -12,6 +12,7 @@ import importlib.metadata
 import json
 import math
 import platform
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -159,8 +160,11 @@ def contents(
     made = Contents(rig, name, settings)
     first = rig.config.controller
     names = [only] if only else [first, *(one for one in rig.config.controllers if one != first)]
-    for controller in names:
-        say(controller)
+    begin_s = time.monotonic()
+    for number, controller in enumerate(names):
+        left_s = (time.monotonic() - begin_s) / max(number, 1) * (len(names) - number)
+        left = f", about {left_s:.0f} s left" if number else ""
+        say(f"{controller}, {number + 1} of {len(names)}{left}")
         try:
             made.add(load_rig(path, controller, settings))
         except (RigError, Untranslatable) as error:

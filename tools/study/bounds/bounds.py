@@ -24,7 +24,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.plants.judging import Run, effective_rig
 from pcpc.plants.lyapunov import Account
 from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
-from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.after.log.recorded import LATEST, known_logs, log_of
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.bounds import figure, observed, text
 from pcpc.tools.study.bounds.observed import BoundsError
@@ -106,7 +106,8 @@ def bounds_of(what: str, options: argparse.Namespace) -> Bounds:
     path = Path(what)
     if what == LATEST or path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap"))):
         return _of_log(log_of(what), options)
-    return of_rig(load_rig(find(what), options.controller, options.set), options.law_as)
+    rig = load_rig(find(what, known_logs(what)), options.controller, options.set)
+    return of_rig(rig, options.law_as)
 
 
 def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:

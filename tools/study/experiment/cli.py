@@ -17,6 +17,7 @@ from types import ModuleType
 
 from pcpc import plants
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.study import Result
@@ -125,8 +126,8 @@ def command(options: argparse.Namespace) -> int:
     name = str(options.name)
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
         known = ", ".join(names())
-        cure = f"expected {known}, or a study.py" if known else ONLY_IN_THE_REPOSITORY
-        raise StudyError(f"{name}: no such experiment; {cure}")
+        cure = f"; expected {known}, or a study.py" if known else f"; {ONLY_IN_THE_REPOSITORY}"
+        raise StudyError(f"{name}: no such experiment{did_you_mean(name, names()) or cure}")
     if options.jobs is not None and options.jobs < 1:
         raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
     need(f"{name}: its figures need", FIGURE)

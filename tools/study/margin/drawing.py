@@ -85,9 +85,11 @@ def limit_cycle(found: Any) -> "Figure":
     x = [row.factor for row in found.rows]
     shown = min(one.step_rms for one in found.branch)
     y = [row.alone if row.alone > shown else np.nan for row in found.rows]
-    ax.semilogy(x, y, "s", color=GREEN, fillstyle="none", label="the same rig, in a run")
+    ax.semilogy(
+        x, y, "s", color=GREEN, fillstyle="none", label="alone: no reference, noise, models"
+    )
     y = [row.run for row in found.rows]
-    ax.semilogy(x, y, "o", color=BLACK, fillstyle="none", label="the rig as it is")
+    ax.semilogy(x, y, "o", color=BLACK, fillstyle="none", label="the rig, with all of them")
     ax.axvline(
         found.linear_factor,
         color=VERMILION,

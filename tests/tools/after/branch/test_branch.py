@@ -295,7 +295,7 @@ WRONG: Sequence[tuple[Sequence[str], str]] = [
     (("--cycle", "301"), "cycle 301 is not there, the log ends with cycle 299"),
     (("--cycle", "100000"), "cycle 100000 is not there, the log ends with cycle 299"),
     (("--cycle", "99999999999999999999"), "expected 0 or more"),
-    (("--cycle", "1.5"), "invalid int value"),
+    (("--cycle", "1.5"), "expected a whole number"),
     (("--time", "nan"), "expected 0 s or more"),
     (("--time", "-1"), "expected 0 s or more"),
     (("--time", "1e300"), "expected 0 or more"),

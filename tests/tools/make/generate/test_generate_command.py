@@ -273,3 +273,13 @@ def test_a_build_that_must_refuse_and_gives_other_bits_is_wrong(
     monkeypatch.setattr(builds.Build, "digest", lambda *_: "0" * 16)
     (row,) = builds.table(tmp_path, [("Python", lambda: "1" * 16)])[1]
     assert row.wrong and row.verdict == "DIFFERS", row
+
+
+@pytest.mark.parametrize(
+    ("compiler", "runner", "cure"),
+    [((), None, "get cc; get qemu"), (("cc",), None, "get qemu"), ((), (), "get cc")],
+)
+def test_a_build_names_only_what_this_machine_lacks(
+    compiler: tuple[str, ...], runner: tuple[str, ...] | None, cure: str
+) -> None:
+    assert builds.Build("it", compiler, (), runner, "get cc", "get qemu").cure == cure
