@@ -241,7 +241,9 @@ def shares_of(results: Results, name: str) -> dict[str, list[Share]]:
     for controller in results.controllers if results.variations else ():
         y = results.values(name, controller)
         if np.count_nonzero(np.isfinite(y)) >= FEWEST_FOR_SHARES and np.nanvar(y) > 0.0:
-            found[controller] = shares(results.variations, results.varied_values(controller), y)
+            own = shares(results.variations, results.varied_values(controller), y)
+            if any(math.isfinite(one.first) for one in own):
+                found[controller] = own
     return found
 
 
@@ -249,7 +251,8 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
     """Draw first-order shares with their intervals; the variations that count most on top."""
     of = {controller: {share.name: share for share in own} for controller, own in found.items()}
     names = sorted(
-        results.variations, key=lambda name: -max(own[name].first for own in of.values())
+        results.variations,
+        key=lambda name: -np.nanmax([own[name].first for own in of.values()] + [-1.0]),
     )
     kept = names[:MOST_BARS]
     thick = 0.8 / len(found)

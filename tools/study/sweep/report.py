@@ -49,8 +49,8 @@ _OF_CURVES = (
     "same draw, with the same noise."
 )
 _OF_SHARES = (
-    " First-order shares are estimated from these draws; the rest up to 1 is due to "
-    "interactions and noise."
+    " First-order shares are estimated from these draws, and are exact on a full grid; the rest up "
+    "to 1 is due to interactions and noise."
 )
 
 

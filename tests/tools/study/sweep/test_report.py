@@ -309,7 +309,11 @@ def test_of_runs_that_were_not_judged_no_interval_is_drawn() -> None:
 
 
 def unjudged_table(controllers: tuple[str, ...] = ("pd",)) -> list[dict[str, object]]:
-    rows = table(50, controllers).to_pylist()
+    rows = [
+        {name: value for name, value in row.items() if not name.startswith("metric:")}
+        | {f"margin:{REQUIREMENT}": np.nan}
+        for row in table(50, controllers).to_pylist()
+    ]
     for row in rows:
         row.update({"outcome": "ran", "ok": True, "why": "", f"held:{REQUIREMENT}": True})
     return rows
