@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.tools.study.arrays import Complex, Vector
+from pcpc.tools.study.arrays import Complex, Flags, Vector
 
 _STEPS = 30  # between two lines
 _MORE, _MOVED = 2, 6  # others: with up to so many more terms, through so many moved lines
@@ -58,9 +58,9 @@ def rationals(z: Complex, g: Complex, error: Vector) -> Iterator[Rational]:
         terms = np.zeros((len(z), len(chosen)), complex)
         terms[rest] = cauchy * weights / np.einsum("ij,j->i", cauchy, weights)[:, None]
         terms[chosen, range(len(chosen))] = 1.0
-        values = np.linalg.lstsq(terms / error[:, None], g / error, rcond=1e-12)[0]
+        values: Complex = np.linalg.lstsq(terms / error[:, None], g / error, rcond=1e-12)[0]
         off = np.abs(g - np.einsum("ij,j->i", terms, values)) / error
-        yield Rational(z[chosen], values, weights, float(off.max()))
+        yield Rational(z[chosen], values.astype(complex), weights, float(off.max()))
         left = off.copy()
         left[chosen] = -1.0
 
@@ -109,11 +109,11 @@ def between(f_hz: Vector, response: Complex, noise: Vector, rate_hz: float) -> B
     for _ in range(_MOVED if noise.max() > 0.0 else 0):
         drawn = rng.standard_normal((2, len(g))) * noise / np.sqrt(2.0)
         moved.append(likeliest(z, g + drawn[0] + 1j * drawn[1], error)[0])
-    others = ([loop(one) for one in some] for some in (more, moved))
-    return Between(dense, loop(own), *others, own.off <= 1.0)
+    others, through = ([loop(one) for one in some] for some in (more, moved))
+    return Between(dense, loop(own), others, through, own.off <= 1.0)
 
 
-def lies_between(places: Vector, f_hz: Vector, flags: Vector) -> Vector:
+def lies_between(places: Vector, f_hz: Vector, flags: Flags) -> Flags:
     """Return which places lie between two lines, or on one, that all have their flag."""
     first = np.clip(np.searchsorted(f_hz, places * (1.0 + 1e-9), "right") - 1, 0, len(f_hz) - 1)
     on = np.abs(f_hz[first] / places - 1.0) < 1e-9

@@ -156,7 +156,7 @@ def _fit(parts: Sequence[Vector], y: Vector) -> tuple[Vector, Vector, float, int
     terms, centred = terms - terms.mean(axis=0), y - y.mean()
     gram, answer = _products(terms, terms), _products(terms, centred[:, None])[:, 0]
     size = max(float(np.trace(gram)), 1e-300) / max(len(gram), 1)
-    inverse = np.linalg.inv(gram + _RIDGE * size * np.eye(len(gram)))
+    inverse: Vector = np.linalg.inv(gram + _RIDGE * size * np.eye(len(gram))).astype(np.float64)
     factors = inverse @ answer
     left = centred - np.einsum("ij,j->i", terms, factors)
     rank = round(float((inverse * gram).sum()))
