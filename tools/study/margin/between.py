@@ -58,7 +58,7 @@ def rationals(z: Complex, g: Complex, error: Vector) -> Iterator[Rational]:
         terms = np.zeros((len(z), len(chosen)), complex)
         terms[rest] = cauchy * weights / np.einsum("ij,j->i", cauchy, weights)[:, None]
         terms[chosen, range(len(chosen))] = 1.0
-        values: Complex = np.linalg.lstsq(terms / error[:, None], g / error, rcond=1e-12)[0]
+        values = np.linalg.lstsq(terms / error[:, None], g / error, rcond=1e-12)[0]
         off = np.abs(g - np.einsum("ij,j->i", terms, values)) / error
         yield Rational(z[chosen], values.astype(complex), weights, float(off.max()))
         left = off.copy()
