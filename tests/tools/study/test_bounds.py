@@ -55,6 +55,25 @@ def test_an_infinite_bound_is_not_shown_and_ends_with_1() -> None:
     assert "VIOLATED   beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1" in done.out
 
 
+def test_an_error_outside_its_bound_has_not_settled_and_ends_with_1() -> None:
+    """A run that is shorter than the transient: within the level set, but not in the ball."""
+    rig = load_rig(RIG, settings=[SHORT])
+    account = bounds.of_rig(rig).account
+    error, level = account.own.error, min(account.own.level, account.stated.level)
+    for peak, holds_, verdict in (
+        (0.99 * error, True, "holds"),
+        (0.5 * (error + level), False, "not shown"),
+        (1.01 * level, False, "violated"),
+    ):
+        proof = replace(account.proof, error=account.proof.error / account.largest * peak)
+        own = replace(account, proof=proof)
+        check = next(one for one in own.checks() if one.name == "ultimate bound of the error")
+        assert (check.holds, check.shown) == (holds_, verdict != "not shown"), check
+        assert own.own.error == error and ("not yet within" in check.found) is (
+            verdict == "not shown"
+        )
+
+
 def test_a_rate_by_set_is_held_against_the_declared_one() -> None:
     """Also where the rate is none of the law's settings, but follows of one."""
     for given in (

@@ -1,5 +1,6 @@
 """The picture of a fit: each sensor with the model over it, and what the model leaves."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 from pcpc.tools.study.arrays import Array
 
 _WIDTH_IN, _ROW_IN, _REST_IN = 12.0, 1.5, 0.8
+_LETTERS = 18  # of a label beside a row
 
 
 def overlay(fit: Any) -> "Figure":
@@ -40,7 +42,8 @@ def _samples(axis: "Axes", t: Array, y: Array, model: Array, about: Any) -> None
     axis.plot(*decimated(t, y), color=BLACK, linewidth=1.6, label="log")
     axis.plot(*decimated(t, model), color=VERMILION, linewidth=0.8, label="model")
     unit = f" [{about.unit}]" if about.unit else ""
-    axis.set_ylabel(f"{about.name}\n{unit}".strip(), fontsize=8)
+    label = "\n".join(textwrap.wrap(about.name, _LETTERS)) + f"\n{unit}" * bool(unit)
+    axis.set_ylabel(label, fontsize=8)
     axis.tick_params(labelsize=8)
     axis.grid(alpha=0.3)
 

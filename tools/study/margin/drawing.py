@@ -47,7 +47,17 @@ def bode(found: Any) -> "Figure":
         for at, colour in ((numbers.gain_margin_hz, VERMILION), (numbers.crossover_hz, GREEN)):
             if np.isfinite(at):
                 ax.axvline(at, color=colour, linewidth=0.8, linestyle=":")
-    low.set_xlabel("frequency [Hz]; dotted: where |L| = 1 (green), where L < 0 is real (red)")
+    if found.measured is not None:
+        own = found.measured.margins
+        for at, size, colour in (
+            (own.gain_margin_hz, 1.0 / own.gain_margin, VERMILION),
+            (own.crossover_hz, 1.0, GREEN),
+        ):
+            if np.isfinite(at):  # nothing where it was not measured
+                top.loglog(at, size, "D", color=colour, markersize=5.0)
+    low.set_xlabel(
+        "frequency [Hz]; where |L| = 1 (green), where L < 0 is real (red); diamonds: as measured"
+    )
     top.legend(fontsize=8, frameon=False)
     for ax, label in zip(axes, ("|L|", "arg L [deg]", "|S| = 1/|1 + L|"), strict=True):
         ax.set_ylabel(label)

@@ -113,8 +113,8 @@ def margin_of(rig: Rig, question: Question) -> Margin:
         about = rate, question.lowest(rate), question.seed
         try:
             own = measured.best_measurement(rig, cut, held, about, sizes, question.settle_s)
-            visible = visible_margins(own.f_hz, own.response, own.noise, rate)
-            remarks += notes.measured_notes(own, cut, visible)
+            visible, unsure = visible_margins(own.f_hz, own.response, own.noise, rate)
+            remarks += notes.measured_notes(own, cut, visible) + notes.unsure_notes(unsure)
         except UserError as error:
             if point.found is None:
                 raise UserError("; ".join((str(error), *remarks)), error.code) from None

@@ -8,7 +8,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex
 from pcpc.tools.study.margin import impulse, linear, loops, measured, operating
 from pcpc.tools.study.margin.margins import Margins
-from pcpc.tools.study.margin.visible import STRONG, is_empty
+from pcpc.tools.study.margin.visible import STRONG, UNSURE, Unsure, is_empty
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
@@ -111,6 +111,20 @@ def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -
     return notes
 
 
+def unsure_notes(unsure: list[Unsure]) -> list[str]:
+    """Return which margins the lines leave open, and why."""
+    found = list[str]()
+    for why in dict.fromkeys(one.why for one in unsure):
+        own = [one for one in unsure if one.why == why]
+        named = ", ".join(one.name.replace("_deg", "").replace("_s", " ").replace("_", " ").strip()
+                          for one in own)  # fmt: skip
+        places = sorted({f"{one.f_hz:.4g} Hz" for one in own if np.isfinite(one.f_hz)})
+        about = f", about {' and '.join(places)}" if places else ""
+        what = f"not known within {100.0 * UNSURE:g} %, as {why}{about}"
+        found.append(f"measured: {named}: {what}; another --lowest or --amplitude may show it")
+    return found
+
+
 def _motion_text(moves: measured.Moves, unit: str) -> str:
     at = f", {100.0 * moves.at_limit:.0f} % of the time at its limit" if moves.at_limit else ""
     where = f" at {moves.f_hz:.4g} Hz" if moves.cycles else ""
@@ -126,7 +140,7 @@ def comparison(
 
     ours, response   of the linear loop, that at the measured lines (m,)
     """
-    better, worse = dict[str, str](), list[str]()  # of the better ones, why
+    better, worse, why_worse = dict[str, str](), list[str](), ""  # of the better ones, why
     for name, where, what in _PAIRS:
         linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
         if one > _NEAR * linear_one and not own.f_hz[0] <= f <= own.f_hz[-1]:
@@ -137,14 +151,17 @@ def comparison(
             off = abs(own.response[at] / response[at] - 1.0)
             better[what] = _reason(off, own.error[at], own.f_hz[at])
         elif one < _WORSE * linear_one:
+            place = getattr(seen, where)
+            at = int(np.argmin(np.abs(np.log(own.f_hz / (place if np.isfinite(place) else f)))))
+            off = abs(own.response[at] / response[at] - 1.0)
             worse.append(what)
+            why_worse = why_worse or _reason(off, own.error[at], own.f_hz[at])
     notes = list[str]()
     if better:
         why = next(iter(better.values()))
         notes.append(f"measured better than linearised: {', '.join(better)}: {why}")
     if worse:
-        what = "the run has limits, ramps, slow frames and what is not linear at this amplitude"
-        notes.append(f"measured worse than linearised: {', '.join(worse)}: {what}; it counts")
+        notes.append(f"measured worse than linearised: {', '.join(worse)}: {why_worse}")
     return seen, notes
 
 

@@ -6,32 +6,61 @@
 A line is sure of a side of |L| = 1, or of L < 0, if (1) or (2) leave no other. A crossing counts
 if what is not sure of a side lies between two that are, on different sides, and is known within a
 tenth. Elsewhere such lines may hide one: a margin that it would make worse is not measured, nor is
-a peak where S, or S - T, is not known within a tenth of it.
+a peak where S, or S - T, is not known within a tenth of it. Between lines L is that of
+`between.py`: a number that differs by more than UNSURE among all that meet the lines is not
+measured.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from pcpc.tools.study.arrays import Complex, Flags, Places, Vector
+from pcpc.tools.study.margin.between import between, lies_between
 from pcpc.tools.study.margin.margins import Margins, margins
 
 _SURE = 3.0  # standard errors
 STRONG = 0.1  # error of L at a line that counts, relative to it
+UNSURE = 0.04  # of a number
 _PEAK = 0.1
 
 
-def visible_margins(f_hz: Vector, response: Complex, noise: Vector, rate_hz: float) -> Margins:
-    """Return the margins of a response at rising lines (n,); nan for what errors hide."""
+@dataclass(frozen=True)
+class Unsure:
+    """A number of the margins that is not known, about where it would be, and why."""
+
+    name: str
+    f_hz: float
+    why: str
+
+
+def visible_margins(
+    f_hz: Vector, response: Complex, noise: Vector, rate_hz: float
+) -> tuple[Margins, list[Unsure]]:
+    """Return the margins of a response at rising lines (n,); nan for what errors hide.
+
+    And those that the lines leave open.
+    """
     g = -response / (1.0 + response)
     size, rest, e = np.abs(g), np.abs(1.0 + g), _SURE * noise
     low = np.maximum(size - e, 0.0) / (rest + e)
     high = np.where(rest > e, (size + e) / np.maximum(rest - e, 1e-300), math.inf)
     error = e / np.maximum(size * rest, 1e-300)
     strong = error <= _SURE * STRONG
-    own = margins(f_hz[strong], response[strong], rate_hz)
+    every = between(f_hz, response, noise, rate_hz)
+    counts = lies_between(every.f_hz, f_hz, strong)
+
+    def seen(loop: Complex) -> Margins:
+        """Return the margins of what lies between lines that count, and the peaks of all."""
+        whole, own = (
+            margins(every.f_hz, loop, rate_hz),
+            margins(every.f_hz[counts], loop[counts], rate_hz),
+        )
+        return replace(own, **{name: getattr(whole, name) for name in _OF_PEAKS})
+
+    own = seen(every.response)
     beyond = np.where(low > 1.0, 1, np.where(high < 1.0, -1, 0))
     if _hidden_lines(beyond, strong).any():
         nothing = dict.fromkeys(_OF_CROSSOVER, math.nan)
@@ -43,10 +72,40 @@ def visible_margins(f_hz: Vector, response: Complex, noise: Vector, rate_hz: flo
         own = replace(own, gain_margin=math.nan, gain_margin_hz=math.nan)
     if (turned & (high > 1.0) & (low * own.gain_reduction < 1.02)).any():
         own = replace(own, gain_reduction=math.nan, gain_reduction_hz=math.nan)
-    return _peaks(own, margins(f_hz, response, rate_hz), g, e)
+    own = _peaks(own, g, e)
+    others = {_CURVES: map(seen, every.more), _NOISE: map(seen, every.moved)}
+    unsure = {
+        name: why for why, some in others.items() for one in some for name in _unsure(own, one)
+    }
+    if not every.meets:
+        known = (name for name in _PLACES if not math.isnan(getattr(own, name)))
+        unsure |= dict.fromkeys(known, _CURVES)
+    at = {name: getattr(own, _PLACES[name]) for name in unsure}
+    for name in unsure:
+        own = replace(own, **dict.fromkeys(_WITH[name], math.nan))
+    return own, [Unsure(name, at[name], why) for name, why in unsure.items()]
 
 
-_OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", "delay_margin_s", "delay_margin_samples")
+_OF_DELAY = ("delay_margin_s", "delay_margin_samples")
+_OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", *_OF_DELAY)
+_OF_PEAKS = ("sensitivity_peak", "sensitivity_peak_hz", "disk_margin", "disk_margin_hz")
+_CURVES, _NOISE = "the loop turns between two lines", "noise or a nonlinearity moves the lines"
+_PLACES = {
+    "gain_margin": "gain_margin_hz", "gain_reduction": "gain_reduction_hz",
+    "phase_margin_deg": "crossover_hz", "delay_margin_s": "crossover_hz",
+    "sensitivity_peak": "sensitivity_peak_hz", "disk_margin": "disk_margin_hz",
+}  # fmt: skip
+_WITH = {name: (name, place) for name, place in _PLACES.items()} | {"delay_margin_s": _OF_DELAY}
+
+
+def _unsure(own: Margins, other: Margins) -> list[str]:
+    """Return the numbers that differ, of those that are known."""
+    pairs = ((name, getattr(own, name), getattr(other, name)) for name in _PLACES)
+    return [
+        name
+        for name, a, b in pairs
+        if not math.isnan(a) and a != b and (math.isinf(a) or not abs(b - a) <= UNSURE * abs(a))
+    ]
 
 
 def _hidden_lines(side: Places, strong: Flags) -> Flags:
@@ -61,16 +120,12 @@ def _hidden_lines(side: Places, strong: Flags) -> Flags:
     return found
 
 
-def _peaks(own: Margins, every: Margins, g: Complex, e: Vector) -> Margins:
-    """Return with the peaks of all lines: where L is large or small, S is known though L is not."""
-    found = {
-        "sensitivity_peak": every.sensitivity_peak, "disk_margin": every.disk_margin,
-        "sensitivity_peak_hz": every.sensitivity_peak_hz, "disk_margin_hz": every.disk_margin_hz,
-    }  # fmt: skip
+def _peaks(own: Margins, g: Complex, e: Vector) -> Margins:
+    """Return without peaks where errors hide one; where L is large or small, S is known."""
     for one, error in ((np.abs(1.0 + g), e), (np.abs(1.0 + 2.0 * g), 2.0 * e)):
         if (one + error).max() > (1.0 + _PEAK) * one.max():
-            return replace(own, **dict.fromkeys(found, math.nan))
-    return replace(own, **found)
+            return replace(own, **dict.fromkeys(_OF_PEAKS, math.nan))
+    return own
 
 
 def is_empty(one: Margins) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import REFUSED
 from pcpc.tools.study.sweep import statements
-from pcpc.tools.study.sweep.results import HELD, Results, failures
+from pcpc.tools.study.sweep.results import HELD, Counts, Results, counts
 
 LOOK, LATER = 64, 16  # draws between two looks at the statement, or this part of those done
 
@@ -45,16 +45,12 @@ def _decision(results: Results, name: str, statement: statements.Statement) -> D
     outcomes = results.column("outcome")[own].tolist()
     of = statement.requirement
     judged = results.column("ok" if of is None else HELD + of)[own].tolist()
-    failed = runs = done = 0
-    sizes = blocks()
-    while done < len(outcomes) and statement.outcome(failed, runs) == statements.OPEN:
+    found, done, sizes = Counts(), 0, blocks()
+    while done < len(outcomes) and statement.outcome(*found) == statements.OPEN:
         size = next(sizes)
-        more = failures(outcomes[done : done + size], judged[done : done + size])
-        failed, runs, done = failed + more[0], runs + more[1], done + size
-    seen = min(done, len(outcomes))
-    refused = outcomes[:seen].count(REFUSED)
-    others = (refused, "refused"), (seen - refused - runs, "not judged")
-    left = " and ".join(f"{count:,} {what}" for count, what in others if count)
-    text = (f"{name}: " if name else "") + statement.text(failed, runs)
-    text += f"; not counted: {left}" if left else ""
-    return Decision(name, statement.outcome(failed, runs), text)
+        more = counts(outcomes[done : done + size], judged[done : done + size])
+        found, done = found.plus(more), done + size
+    refused = outcomes[:done].count(REFUSED)
+    text = (f"{name}: " if name else "") + statement.text(*found)
+    text += f"; not counted: {refused:,} refused" if refused else ""
+    return Decision(name, statement.outcome(*found), text)

@@ -10,8 +10,7 @@ from pcpc.executive.rig.units import unit_of_name
 from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import plain_text
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.binomial import clopper_pearson
-from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Results, comparisons
+from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Counts, Results, comparisons
 from pcpc.tools.study.sweep.sensitivity import Share, shares
 
 if TYPE_CHECKING:
@@ -242,7 +241,9 @@ def shares_of(results: Results, name: str) -> dict[str, list[Share]]:
     for controller in results.controllers if results.variations else ():
         y = results.values(name, controller)
         if np.count_nonzero(np.isfinite(y)) >= FEWEST_FOR_SHARES and np.nanvar(y) > 0.0:
-            found[controller] = shares(results.variations, results.varied_values(controller), y)
+            own = shares(results.variations, results.varied_values(controller), y)
+            if any(math.isfinite(one.first) for one in own):
+                found[controller] = own
     return found
 
 
@@ -250,7 +251,8 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
     """Draw first-order shares with their intervals; the variations that count most on top."""
     of = {controller: {share.name: share for share in own} for controller, own in found.items()}
     names = sorted(
-        results.variations, key=lambda name: -max(own[name].first for own in of.values())
+        results.variations,
+        key=lambda name: -np.nanmax([own[name].first for own in of.values()] + [-1.0]),
     )
     kept = names[:MOST_BARS]
     thick = 0.8 / len(found)
@@ -279,26 +281,28 @@ def _short(name: str) -> str:
     return plain_text(name if len(name) <= 24 else f"...{name[-21:]}")
 
 
-def failures_page(results: Results, rows: Sequence[tuple[str, str, int, int]]) -> "Figure":
-    """Return the figure of failure probabilities: rows of (what, controller, failures, runs).
+def failures_page(results: Results, rows: Sequence[tuple[str, str, Counts]]) -> "Figure":
+    """Return the figure of failure probabilities: rows of (what, controller, counts).
 
-    The axis is logarithmic; no failure is a line from its left end to the bound.
+    The axis is logarithmic; no failure is a line from its left end to the bound. Of no run that was
+    judged nothing is drawn.
     """
     page, ax = pages.sheet((WIDTH_IN, 0.9 + 0.27 * len(rows)), DPI)
-    spans = [clopper_pearson(failures, runs, 0.95) for *_, failures, runs in rows]
+    spans = [found.interval(0.95) if found.runs else (0.0, 1.0) for *_, found in rows]
     ends = [high for _, high in spans] + [low for low, _ in spans if low > 0.0]
     left = min(0.3 * min(ends), 0.1)
-    for i, ((_, controller, failures, runs), (low, high)) in enumerate(
-        zip(rows, spans, strict=True)
-    ):
+    for i, ((_, controller, found), (low, high)) in enumerate(zip(rows, spans, strict=True)):
+        failures, runs, unjudged = found
         colour = style_of(results, controller)["color"]
-        ax.plot((max(low, left), high), (i, i), color=colour, linewidth=2.0)
+        if runs:
+            ax.plot((max(low, left), high), (i, i), color=colour, linewidth=2.0)
         if failures:
             ax.plot(failures / runs, i, "o", color=colour, markersize=5, clip_on=False, zorder=3)
-        else:
+        elif runs:
             ax.plot(high, i, "|", color=colour, markersize=9, clip_on=False)
+        left_out = f", {unjudged:,} not judged" if unjudged else ""
         ax.annotate(
-            f"{failures:,} of {runs:,}",
+            f"{failures:,} of {runs:,}{left_out}" if runs else "not judged",
             (1.0, i),
             xycoords=("axes fraction", "data"),
             xytext=(7, 0),

@@ -1,8 +1,9 @@
 """The report of a campaign: one HTML file that needs no network, and its figures as PNG.
 
 What it says, in this order: how it was drawn, the statement, failures with their intervals, why
-runs failed, the worst cases with the command that runs each again, then every metric and every
-requirement's margin: distribution, pairs of controllers on the same draws, what varied decides.
+runs failed or were not judged, the worst cases with the command that runs each again, then every
+metric and every requirement's margin: distribution, pairs of controllers on the same draws, what
+varied decides.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,13 +40,17 @@ _ENDED = (
     "The campaign was ended by its statement. The intervals in the figure and the table are those "
     "of a number of runs fixed beforehand; the statement holds whenever you look."
 )
+_UNJUDGED = (
+    "Of runs that were not judged nobody knows whether they failed. The intervals allow for both: "
+    "all of them failed, or none."
+)
 _OF_CURVES = (
     "A curve ends below 1 where runs have no value, as after a safety stop. Pairs are runs on the "
     "same draw, with the same noise."
 )
 _OF_SHARES = (
-    " First-order shares are estimated from these draws; the rest up to 1 is due to "
-    "interactions and noise."
+    " First-order shares are estimated from these draws, and are exact on a full grid; the rest up "
+    "to 1 is due to interactions and noise."
 )
 
 
@@ -63,7 +68,7 @@ def report(results: Results, folder: Path) -> Path:
     parts = [
         _draws_table(results),
         Section("Failures", _failures(results, pictures)),
-        Section("Why runs failed", [_reasons(results)]),
+        Section("Why runs failed, or were not judged", [_reasons(results)]),
         Section("Worst cases", _worst(results)),
         Section("Metrics and margins", _metrics(results, pictures)),
     ]
@@ -107,19 +112,17 @@ def _draws_table(results: Results) -> Table:
 def _failures(results: Results, pictures: _Pictures) -> list[Part]:
     named = {"any failure": None} | {name: name for name in results.requirements}
     rows = [
-        (what, controller, *results.failures(controller, requirement))
+        (what, controller, results.counts(controller, requirement))
         for what, requirement in named.items()
         for controller in results.controllers
     ]
-    rows = [row for row in rows if row[-1] > 0 or row[0] == "any failure"]  # of other controllers
+    rows = [row for row in rows if any(row[2]) or row[0] == "any failure"]  # of other controllers
     cells = []
-    for what, controller, failures, runs in rows:
-        low, high = binomial.clopper_pearson(failures, runs, CONFIDENCE)
-        rate, interval = (
-            f"{failures / runs:.3g}" if runs else "not judged",
-            f"{low:.3g} to {high:.3g}",
-        )
-        cells.append((what, controller, f"{failures:,}", f"{runs:,}", rate, interval))
+    for what, controller, found in rows:
+        low, high = found.interval(CONFIDENCE)
+        rate = f"{found.failures / found.runs:.3g}" if found.runs else "not judged"
+        interval = f"{low:.3g} to {high:.3g}" if found.runs else ""
+        cells.append((what, controller, *(f"{count:,}" for count in found), rate, interval))
     refused = int(results.refused.sum())
     notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
     if refused:
@@ -127,11 +130,14 @@ def _failures(results: Results, pictures: _Pictures) -> list[Part]:
         notes.append(f"{what}; they count neither as ok nor as failed.")
     if "until" in results.spec:
         notes.append(_ENDED)
-    head = ("requirement", "controller", "failures", "runs", "p_fail", "95 % interval")
+    if any(found.unjudged for *_, found in rows):
+        notes.append(_UNJUDGED)
+    head = ("requirement", "controller", "failures", "runs", "not judged", "p_fail",
+            "95 % interval")  # fmt: skip
     return [
         *_statements(results),
         pictures.of(figures.failures_page(results, rows), "failures", "failures"),
-        Table(head, cells, (2, 3, 4, 5)),
+        Table(head, cells, range(2, len(head))),
         *(Note(note) for note in notes if note),
     ]
 
@@ -142,23 +148,25 @@ def _statements(results: Results) -> list[str]:
         return [one.text for one in decision.decisions(results, until)]
     if results.spec.get("sampling") == "grid":
         return []
-    bounds = ((name, _bound(*results.failures(name))) for name in results.controllers)
+    bounds = ((name, _bound(*results.counts(name))) for name in results.controllers)
     return [f"{name}: {bound}" if name else bound for name, bound in bounds]
 
 
-def _bound(failures: int, runs: int) -> str:
-    """Return what so many failures say; where all failed, nothing is known from above."""
-    every = 0 < failures == runs
-    bound_of = binomial.lower_bound if every else binomial.upper_bound
-    bound = statements.bound_text(bound_of(failures, runs, CONFIDENCE))
+def _bound(failures: int, runs: int, unjudged: int) -> str:
+    """Return what so many failures say; where all may have failed, nothing is known from above."""
+    every, most = failures == runs, failures + unjudged
     said = f"{statements.count_text(failures, 'failure')} in {statements.count_text(runs, 'run')}"
-    if not runs:
+    if unjudged:
+        said += f"; {statements.unjudged_text(unjudged, every)}"
+    if not failures and every:
         return f"nothing is known of p_fail: {said}"
-    return f"p_fail {'>' if every else '<'} {bound} at 95 %: {said}"
+    bound_of = binomial.lower_bound if every else binomial.upper_bound
+    bound = bound_of(failures if every else most, runs + unjudged, CONFIDENCE)
+    return f"p_fail {'>' if every else '<'} {statements.bound_text(bound)} at 95 %: {said}"
 
 
 def _reasons(results: Results) -> Table:
-    failed = np.equal(results.column("ok"), False).astype(bool) & ~results.refused
+    failed = ~np.equal(results.column("ok"), True).astype(bool) & ~results.refused
     names = results.column("controller")
     found = [
         (controller, *one)

@@ -3,11 +3,12 @@
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pcpc.tools.study.arrays import Flags, Rows, Vector
+from pcpc.tools.study.binomial import clopper_pearson
 from pcpc.tools.study.engine import FAULT, RAN, REFUSED
 
 if TYPE_CHECKING:
@@ -27,18 +28,34 @@ def kind_of(column: str) -> str:
     return kind + colon
 
 
-def failures(outcomes: Iterable[str], judged: Iterable[bool | None]) -> tuple[int, int]:
-    """Return failures and runs; `judged`: of each the verdict, or whether a requirement held.
+class Counts(NamedTuple):
+    """Runs that failed, that were judged, and that ran but could not be judged: no pass."""
 
-    A fault is a failure; a refused run, or one that could not be judged, is not counted.
+    failures: int = 0
+    runs: int = 0
+    unjudged: int = 0
+
+    def interval(self, confidence: float) -> tuple[float, float]:
+        """Return the interval of p_fail that holds whatever those that were not judged are."""
+        low, _ = clopper_pearson(self.failures, self.runs + self.unjudged, confidence)
+        most = self.failures + self.unjudged
+        return low, clopper_pearson(most, self.runs + self.unjudged, confidence)[1]
+
+    def plus(self, more: "Counts") -> "Counts":
+        """Return the sum of both."""
+        return Counts(*(a + b for a, b in zip(self, more, strict=True)))
+
+
+def counts(outcomes: Iterable[str], judged: Iterable[bool | None]) -> Counts:
+    """Return the counts; `judged`: of each run the verdict, or whether a requirement held.
+
+    A fault is a failure; a refused run is none of them.
     """
-    pairs = zip(outcomes, judged, strict=True)
-    good = [
-        outcome != FAULT and bool(held)
-        for outcome, held in pairs
-        if outcome == FAULT or (outcome == RAN and held is not None)
-    ]
-    return good.count(False), len(good)
+    pairs = list(zip(outcomes, judged, strict=True))
+    failed = [outcome == FAULT or (outcome == RAN and held is False) for outcome, held in pairs]
+    unjudged = sum(outcome == RAN and held is None for outcome, held in pairs)
+    done = sum(outcome != REFUSED for outcome, _ in pairs)
+    return Counts(sum(failed), done - unjudged, unjudged)
 
 
 class Results:
@@ -84,9 +101,16 @@ class Results:
 
     def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
         """Return failures and runs, of a requirement or of the verdict."""
+        return self.counts(controller, requirement)[:2]
+
+    def counts(self, controller: str, requirement: str | None = None) -> Counts:
+        """Return the counts of a controller; none of a requirement that is not the controller's."""
         own = self.rows_of(controller)
-        judged = self.column("ok" if requirement is None else HELD + requirement)[own]
-        return failures(self.column("outcome")[own], judged)
+        outcomes, ok = (self.column(name)[own].tolist() for name in ("outcome", "ok"))
+        judged = ok if requirement is None else self.column(HELD + requirement)[own].tolist()
+        if all(one is None for one in judged) and True in ok:  # all of its own were judged
+            return Counts()
+        return counts(outcomes, judged)
 
     def values(self, name: str, controller: str) -> Vector:
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""

@@ -1,9 +1,10 @@
 """Campaigns whose next runs depend on the last: the worst case, the probability of a rare failure.
 
 A run is judged by a margin: the smallest of its requirements, or how far a metric is below a limit.
-A fault, and a run that could not tell it, is -inf; below 0 is a failure. All runs have noise of one
-seed, so that the margin is a function of what varies. The same campaign asks for the same points,
-so that one that goes on is answered by the rows that are there.
+A fault, and a run that could not tell it, is -inf; below 0 is a failure. Where no requirement
+failed, but one was not judged, nobody knows: no probability is told with such a run. All runs have
+noise of one seed, so that the margin is a function of what varies. The same campaign asks for the
+same points, so that one that goes on is answered by the rows that are there.
 """
 
 import math
@@ -14,7 +15,7 @@ import numpy as np
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.engine import FAULT, REFUSED, Pieces, Row, pieces
+from pcpc.tools.study.engine import FAULT, RAN, REFUSED, Pieces, Row, pieces
 from pcpc.tools.study.sweep import rare, statements, worst
 from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.store import Store
@@ -77,6 +78,7 @@ class Search:
             what = "no run could be judged; vary within the ranges, or name a metric with --of"
             raise RigError(f"--worst: {runs.controller}: {what}")
         head = f"{runs.controller}: the worst of {statements.count_text(runs.count, 'run')}"
+        head += f", {runs.unjudged:,} of which were not judged" if runs.unjudged else ""
         return [head, *(runs.line(runs.numbers[point.tobytes()]) for point in points)]
 
     def margin(self, row: Row) -> float:
@@ -87,9 +89,16 @@ class Search:
             return -math.inf
         if self.of is not None:
             value = row.metrics.get(self.of, math.nan)
-            return -math.inf if math.isnan(value) else (self.limit or 0.0) - value
-        told = [margin for margin in row.margins.values() if margin is not None]
-        return min(told, default=-math.inf if row.ok is False else math.inf)
+            return (self.limit or 0.0) - value if math.isfinite(value) else -math.inf
+        told = [one for one in row.margins.values() if one is not None and not math.isnan(one)]
+        least = min(told, default=math.inf)
+        failed = False in row.held.values() or (row.ok is False and not (row.metrics and told))
+        return -math.inf if failed and least >= 0.0 else least
+
+    def is_unjudged(self, row: Row) -> bool:
+        """Return whether nobody knows if a run failed: not all was judged, nothing failed."""
+        whole = bool(row.held) and None not in row.held.values()
+        return self.of is None and row.outcome == RAN and not whole and self.margin(row) >= 0.0
 
 
 def _rare(runs: "_ControllerRuns") -> list[str]:
@@ -119,7 +128,7 @@ class _ControllerRuns:
     first: int
 
     def __post_init__(self) -> None:
-        self.count = 0
+        self.count = self.unjudged = 0
         self.numbers: dict[bytes, int] = {}
 
     def margins(self, points: Vector) -> Vector:
@@ -145,11 +154,15 @@ class _ControllerRuns:
 
     def _check(self, rows: list[Row]) -> None:
         for row in rows:
-            if row.outcome == REFUSED and self.search.campaign.sampling == "rare":
+            unjudged = self.search.is_unjudged(row)
+            self.unjudged += unjudged
+            if self.search.campaign.sampling == "rare" and (unjudged or row.outcome == REFUSED):
                 cure = "draw values that a run can have, as normal(m,s,lo,hi)"
+                if unjudged:
+                    cure = "a run that is not judged is no good one; vary less, or give --of METRIC"
                 raise RigError(f"--rare: draw {row.draw}: {row.why}; {cure}")
         of, known = self.search.of, {name: None for row in rows for name in row.metrics}
-        if of is not None and known and of not in known:
+        if of is not None and of not in known and any(row.outcome == RAN for row in rows):
             what = f"{self.controller} has no metric {of}"
             raise RigError(f"--of {of}: {what}{did_you_mean(of, known)}")
 

@@ -17,6 +17,8 @@ alpha at most (Ville), and so it is where p > p0. Hence:
     not shown   L <= beta: p <= p1 is excluded, and to go on would seldom show that p < p0
     open        neither of these yet
 
+Power: of campaigns whose p is p1 or less, beta end as not shown at most (Ville, of 1/L).
+
 L grows with p0; the p0 at which it is 1/alpha is therefore an upper bound of p that holds at all n
 at once (a confidence sequence), and says p < p0 exactly when the test does. With R = p0/p1
 
@@ -126,9 +128,13 @@ class Statement:
         """Return (3) and (2): each holds with the statement's confidence, whenever it is looked."""
         return anytime_bounds(failures, runs, self.confidence, self.ratio)
 
-    def outcome(self, failures: int, runs: int) -> str:
-        """Return HOLDS, REFUTED, NOT_SHOWN or OPEN; a campaign ends with the first but OPEN."""
-        likelihood = self.likelihood(failures, runs)
+    def outcome(self, failures: int, runs: int, unjudged: int = 0) -> str:
+        """Return HOLDS, REFUTED, NOT_SHOWN or OPEN; a campaign ends with the first but OPEN.
+
+        `unjudged`: further runs, of which nobody knows: all failures, but none to refute it.
+        """
+        runs += unjudged
+        likelihood = self.likelihood(failures + unjudged, runs)
         if likelihood >= self._acceptance_threshold:
             return HOLDS
         if (
@@ -149,16 +155,31 @@ class Statement:
     def _drift(self, p: float) -> float:
         return (p * self._failed if p else 0.0) + (1.0 - p) * self._clean
 
+    @property
+    def power_text(self) -> str:
+        """How often campaigns show the statement where it is true: 1 - beta at p1, and below it."""
+        if not self.p1:
+            return "power: shown for sure if p_fail is 0 alone"
+        sure = f"{_short(100.0 * (1.0 - self.beta))} %"
+        return f"power: shown by {sure} of campaigns if p_fail is {_short(self.p1)} or less"
+
     def __str__(self) -> str:
         of = f"({self.requirement})" if self.requirement else ""
         return f"p_fail{of} < {_short(self.p0)}"
 
-    def text(self, failures: int, runs: int) -> str:
+    def text(self, failures: int, runs: int, unjudged: int = 0) -> str:
         """Return the outcome in words, in one line."""
+        outcome = self.outcome(failures, runs, unjudged)
+        if not unjudged:
+            return self._text(outcome, failures, runs, failures)
+        said = self._text(outcome, failures, runs + unjudged, failures + unjudged)
+        return f"{said}; {unjudged_text(unjudged, outcome == REFUTED)}"
+
+    def _text(self, outcome: str, failures: int, runs: int, most: int) -> str:
+        """Return it; `most`: failures, if all of those that were not judged are."""
         sure = f"at {_short(100.0 * self.confidence)} %"
         found = f"{count_text(failures, 'failure')} in {count_text(runs, 'run')}"
-        lower, upper = self.bounds(failures, runs)
-        outcome = self.outcome(failures, runs)
+        lower, upper = self.bounds(failures, runs)[0], self.bounds(most, runs)[1]
         if outcome == HOLDS:
             need = f"{self.without_failure:,} were needed without failure"
             return f"{self} holds {sure}: {found}, bound {bound_text(upper)}; {need}"
@@ -169,12 +190,13 @@ class Statement:
         between = f"p_fail is above {bound_text(lower)} and below {bound_text(upper)}, each {sure}"
         if outcome == NOT_SHOWN:
             near = f"p_fail <= {_short(self.p1)} is excluded at {_short(100 * (1 - self.beta))} %"
-            return f"{self} is not shown: {found}, {near}; {between}"
-        rest = self.more(failures, runs)
-        rising = self._drift(failures / max(runs, 1)) > 0.0
+            return f"{self} is not shown: {found}, {near}; {between}; {self.power_text}"
+        rest = self.more(most, runs)
+        rising = self._drift(most / max(runs, 1)) > 0.0
         end = "to show it" if rising else "until it is not shown"
         ahead = f"about {rest:,} more {end}, if it continues like this"
-        return f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
+        said = f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
+        return f"{said}; {self.power_text}"
 
 
 def parse(text: str) -> Statement:
@@ -216,6 +238,11 @@ def _short(number: float) -> str:
 def bound_text(number: float) -> str:
     """Return a bound with four digits, 9.998e-4."""
     return _short(float(f"{number:.4g}"))
+
+
+def unjudged_text(count: int, refutes: bool) -> str:
+    """Return what became of runs that were not judged, in a statement against them or for them."""
+    return f"{count:,} not judged, counted as {'no failures' if refutes else 'failures'}"
 
 
 def count_text(count: int, word: str) -> str:

@@ -14,7 +14,7 @@ from pcpc.tools.study.sweep import decision, shards, statements, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.cluster import Cluster
 from pcpc.tools.study.sweep.numbers import MOST_THREADS, check_whole
-from pcpc.tools.study.sweep.results import Results, failures
+from pcpc.tools.study.sweep.results import Counts, Results, counts
 from pcpc.tools.study.sweep.search import Rows, Search
 from pcpc.tools.terminal.progress import Progress
 
@@ -50,7 +50,7 @@ class Work:
         if self.search is not None:
             spec |= self.search.spec()
         self.store = store.Store(self.folder, spec, self.shard)
-        self._counts = {name: [0, 0] for name in self.campaign.controllers}  # failures, runs
+        self._counts = dict.fromkeys(self.campaign.controllers, Counts())
 
     def to_end(self, progress: Progress) -> str:
         """Do what is not done; return what became of the statement or the search, "" of neither."""
@@ -132,9 +132,8 @@ class Work:
                 rows = [self.store.rows[draw, name] for draw in draws]
                 of = statement.requirement
                 judged = (row.ok if of is None else row.held.get(of) for row in rows)
-                more = failures((row.outcome for row in rows), judged)
-                count[:] = count[0] + more[0], count[1] + more[1]
-                if count[1] == 0:
+                self._counts[name] = count.plus(counts((row.outcome for row in rows), judged))
+                if self._counts[name].runs == 0:
                     why = f"with draw {draws[0]} {rows[0].why or 'nothing was judged'}"
                     what = f"no run of {name} could be judged, {why}"
                     raise RigError(f"--until {self.until!r}: {what}; give the rig `require`")

@@ -21,7 +21,7 @@ from pcpc.tools.study.engine import Bench, Draw, Row
 from pcpc.tools.study.sweep import shards, statements, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.decision import LOOK
-from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED, failures
+from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED, Counts, counts
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal import extras
 from pcpc.tools.terminal.progress import Progress
@@ -259,8 +259,9 @@ def test_what_is_out_of_range_or_diverges_is_counted_and_the_rest_goes_on() -> N
 
 def test_a_fault_is_a_failure_and_a_refused_or_unjudged_run_is_not_counted() -> None:
     outcomes = [RAN, RAN, FAULT, REFUSED, RAN]
-    assert failures(outcomes, [True, False, False, False, True]) == (2, 4)
-    assert failures(outcomes, [True, False, None, None, None]) == (2, 3)
+    assert counts(outcomes, [True, False, False, False, True]) == (2, 4, 0)
+    assert counts(outcomes, [True, False, None, None, None]) == (2, 3, 1)
+    assert Counts(1, 4, 2).plus(Counts(2, 3, 5)) == (3, 7, 7)
 
 
 def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 
 from pcpc.drivers.errors import UserError
 from pcpc.tools.cli import parsed_options
+from pcpc.tools.study import binomial
 from pcpc.tools.study.sweep import figures, reasons
 from pcpc.tools.study.sweep.report import report as report_of
-from pcpc.tools.study.sweep.results import Results, comparisons
+from pcpc.tools.study.sweep.results import Counts, Results, comparisons
 from pcpc.tools.study.sweep.summary import summary
 
 pytestmark = pytest.mark.deep
@@ -280,7 +281,8 @@ def test_reasons_of_two_requirements_stay_two() -> None:
 
 
 def test_a_rate_of_1_is_drawn_whole_and_pairs_on_axes_of_one_kind() -> None:
-    page = figures.failures_page(drawn(50), [("any", "pd", 50, 50), ("any", "pd", 0, 50)])
+    rows = [("any", "pd", Counts(50, 50)), ("any", "pd", Counts(0, 50))]
+    page = figures.failures_page(drawn(50), rows)
     dots = [line for line in page.axes[0].lines if line.get_marker() in ("o", "|")]
     assert len(dots) == 2 and not any(line.get_clip_on() for line in dots)
     for x, y in (([1.0, 100.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 100.0]), ([1.0, 2.0], [1.0, 3.0])):
@@ -288,6 +290,65 @@ def test_a_rate_of_1_is_drawn_whole_and_pairs_on_axes_of_one_kind() -> None:
         pair = np.array(x), np.array(y)
         figures.scatter(ax, drawn(50), ERROR, [pair], positive=True)
         assert ax.get_xscale() == ax.get_yscale() == ("log" if 100.0 in x + y else "linear")
+
+
+def test_of_runs_that_were_not_judged_no_interval_is_drawn() -> None:
+    rows = [
+        ("any", "pd", Counts(0, 0, 50)),
+        ("any", "pd", Counts(0, 40, 10)),
+        ("a", "pd", Counts()),
+    ]
+    ax = figures.failures_page(drawn(50), rows).axes[0]
+    assert [text.get_text() for text in ax.texts] == [
+        "not judged",
+        "0 of 40, 10 not judged",
+        "not judged",
+    ]
+    ((low, high), _) = (line.get_xdata() for line in ax.lines)
+    assert low <= 0.1 and high == binomial.clopper_pearson(10, 50, 0.95)[1]
+
+
+def unjudged_table(controllers: tuple[str, ...] = ("pd",)) -> list[dict[str, object]]:
+    rows = [
+        {name: value for name, value in row.items() if not name.startswith("metric:")}
+        | {f"margin:{REQUIREMENT}": np.nan}
+        for row in table(50, controllers).to_pylist()
+    ]
+    for row in rows:
+        row.update({"outcome": "ran", "ok": True, "why": "", f"held:{REQUIREMENT}": True})
+    return rows
+
+
+def test_runs_that_were_not_judged_are_no_good_ones(tmp_path: Path) -> None:
+    """A requirement of which nobody knows stays on the page; another controller's does not."""
+    rows = unjudged_table(CONTROLLERS)
+    for row in rows:
+        if row["controller"] == "pd":
+            row.update(
+                {f"held:{REQUIREMENT}": None, "ok": None, "why": "a was not judged: no step"}
+            )
+        else:
+            row[f"held:{REQUIREMENT}"] = None  # not its own: all of it were judged
+    text = Page(report(pa.Table.from_pylist(rows), spec(50), tmp_path)).text
+    assert "pd: nothing is known of p_fail: 0 failures in 0 runs; 50 not judged" in text
+    assert f"{REQUIREMENT}pd0050not judged" in text and f"{REQUIREMENT}{CONTROLLERS[1]}" not in text
+    assert "pda was not judged: no step50" in text and "The intervals allow for both" in text
+    rows = unjudged_table()
+    for row in rows[:20]:
+        row.update({"ok": None, "why": "a was not judged: no step"})
+    text = Page(report(pa.Table.from_pylist(rows), spec(50), tmp_path)).text
+    bound = binomial.upper_bound(20, 50, 0.95)
+    assert f"p_fail < {bound:.4g} at 95 %: 0 failures in 30 runs; 20 not judged, counted as" in text
+    low, high = (binomial.clopper_pearson(k, 50, 0.95)[i] for i, k in ((0, 0), (1, 20)))
+    assert f"any failurepd030200{low:.3g} to {high:.3g}" in text
+    for row in rows[20:]:
+        row.update({"ok": False, "why": "it fell"})
+    text = Page(report(pa.Table.from_pylist(rows), spec(50), tmp_path)).text
+    bound = binomial.lower_bound(30, 50, 0.95)
+    assert (
+        f"p_fail > {bound:.4g} at 95 %: 30 failures in 30 runs; 20 not judged, counted as no"
+        in text
+    )
 
 
 def test_no_runs_and_a_place_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:

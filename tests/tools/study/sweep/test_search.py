@@ -112,6 +112,13 @@ def test_the_margin_of_a_row() -> None:
     assert by_requirement.margin(row(RAN, margins={"a": 0.5, "b": -0.25, "c": None})) == -0.25
     assert by_requirement.margin(row(RAN, margins={"c": None})) == math.inf
     assert by_requirement.margin(row(RAN, ok=False)) == -math.inf, "it could not be judged"
+    bare: dict[str, Any] = {"margins": {"a": 0.5}, "metrics": {"m": 0.0}, "held": {"a": True}}
+    assert by_requirement.margin(row(RAN, ok=False, **bare)) == 0.5, "a limit is no requirement"
+    assert by_requirement.margin(row(RAN, **bare | {"held": {"b": False}})) == -math.inf
+    assert by_requirement.margin(row(RAN, ok=False, **bare | {"metrics": {}})) == -math.inf
+    assert by_requirement.margin(row(RAN, ok=False, **bare | {"margins": {}})) == -math.inf
+    assert by_requirement.margin(row(RAN, margins={"a": math.nan, "b": 2.0})) == 2.0
+    assert by_metric.margin(row(RAN, metrics={"m": -math.inf})) == -math.inf
     assert by_metric.margin(row(RAN, metrics={"m": 5.0})) == -2.0
     assert by_metric.margin(row(RAN, metrics={"m": math.nan})) == -math.inf
     for search, (outcome, margin) in itertools.product(
@@ -119,6 +126,62 @@ def test_the_margin_of_a_row() -> None:
     ):
         told = row(outcome, margins={"a": 1.0}, metrics={"m": 0.0})
         assert search.margin(told) == margin
+
+
+HELD: dict[str, Any] = {"margins": {"a": 1.0, "b": 2.0}, "held": {"a": True, "b": True}}
+PARTLY: dict[str, Any] = {"margins": {"a": 1.0, "b": None}, "held": {"a": True, "b": None}}
+UNKNOWN: dict[str, Any] = {"margins": {"a": None}, "held": {"a": None}, "ok": None}
+FAILED: dict[str, Any] = {"margins": {"a": -1.0, "b": None}, "held": {"a": False, "b": None}}
+
+
+@pytest.mark.parametrize(
+    ("about", "of", "unjudged"),
+    [
+        (HELD, None, False),
+        (HELD | {"ok": None}, None, False),
+        (PARTLY, None, True),
+        (PARTLY | {"ok": None, "why": "b was not judged"}, None, True),
+        (UNKNOWN, None, True),
+        ({"ok": None}, None, True),
+        (FAILED | {"ok": False}, None, False),
+        ({"ok": False}, None, False),
+        (UNKNOWN | {"outcome": FAULT}, None, False),
+        (UNKNOWN | {"metrics": {"m": 1.0}}, "m", False),
+    ],
+)
+def test_a_run_that_was_not_judged_is_no_run_without_failure(
+    about: dict[str, Any], of: str | None, unjudged: bool, tmp_path: Path
+) -> None:
+    """With it there is no probability; the worst case of the others says how many there are."""
+
+    def rows_of(asked: Any) -> Any:
+        for name, draws in asked:
+            yield [
+                Row(
+                    **{"draw": one.number, "controller": name, "seed": 1, "values": one.values}
+                    | {"outcome": RAN, "ok": True, "metrics": {"m": 1.0}}
+                    | (about if one.number == 11 else HELD)
+                )
+                for one in draws
+            ]
+
+    def told(campaign: Campaign, *metric: Any) -> str:
+        search = Search(campaign, *metric)
+        folder = tmp_path / campaign.sampling
+        work = Work(campaign, Shard(), folder, None, 1, None, search)
+        try:
+            return search.outcome(rows_of, work.store, lambda: None)
+        finally:
+            work.store.close()
+
+    if unjudged:
+        with pytest.raises(RigError, match=r"--rare: draw 11: .*; a run that is not judged is no"):
+            told(RARE)
+    else:
+        assert "pid: no failure in 40 runs" in told(RARE, *((of, 3.0) if of else ())) or (
+            "p_fail = 0.025" in told(RARE)
+        )
+    assert ("70 runs, 1 of which were not judged" in told(WORST, of)) is unjudged
 
 
 def test_rows_of_other_points_are_no_answer(tmp_path: Path) -> None:

@@ -158,11 +158,13 @@ def test_outcomes_in_words() -> None:
     )
     assert statement.text(0, 1) == (
         "p_fail < 1e-3 is open after 0 failures in 1 run: bound 0.9548; "
-        "about 3,326 more to show it, if it continues like this"
+        "about 3,326 more to show it, if it continues like this; "
+        "power: shown by 95 % of campaigns if p_fail is 1e-4 or less"
     )
     assert statement.text(3, 500) == (
         "p_fail < 1e-3 is not shown: 3 failures in 500 runs, p_fail <= 1e-4 is excluded at 95 %; "
-        "p_fail is above 2.8e-4 and below 0.02187, each at 95 %"
+        "p_fail is above 2.8e-4 and below 0.02187, each at 95 %; "
+        "power: shown by 95 % of campaigns if p_fail is 1e-4 or less"
     )
     alone = st.parse("p_fail(peak error (slew)) < 1e-3 at 99.9% against 0")
     assert alone.requirement == "peak error (slew)"
@@ -170,6 +172,52 @@ def test_outcomes_in_words() -> None:
         "p_fail(peak error (slew)) < 1e-3 is not shown: 1 failure in 10 runs, "
         "and the test allowed for none"
     )
+    assert alone.text(0, 10).endswith("power: shown for sure if p_fail is 0 alone")
+
+
+def test_few_failures_refute_nothing_though_they_are_unlikely_at_p0() -> None:
+    """0 in 1,000 at p0 = 0.02 is evidence of another p, and that is a smaller one."""
+    near = st.parse("p_fail < 0.02 at 95% against 0.019")
+    assert st._log_mixture(0, 1000, 0.02) > math.log(20.0)
+    assert near.outcome(0, 1000) == st.OPEN and near.outcome(3, 1000) == st.OPEN
+    assert near.outcome(60, 1000) == st.REFUTED
+
+
+@pytest.mark.parametrize("p", [0.001, 0.002])
+def test_the_power_that_is_told_is_that_of_campaigns(p: float) -> None:
+    statement = st.parse("p_fail < 0.02 at 95%")
+    outcomes = [outcome for outcome, *_ in ended(statement, p, 8, 400)]
+    assert outcomes.count(st.HOLDS) >= (0.95 - SLACK) * REPETITIONS, statement.power_text
+
+
+@pytest.mark.parametrize(
+    ("counts", "outcome"),
+    [
+        ((0, 332, 0), st.HOLDS),
+        ((0, 300, 40), st.NOT_SHOWN),
+        ((0, 2000, 1), st.HOLDS),
+        ((0, 0, 100), st.NOT_SHOWN),
+        ((0, 10, 1), st.OPEN),
+        ((20, 100, 0), st.REFUTED),
+        ((20, 100, 100), st.REFUTED),
+        ((20, 100, 3000), st.NOT_SHOWN),
+        ((0, 0, 0), st.OPEN),
+    ],
+)
+def test_runs_that_were_not_judged_count_against_either_outcome(
+    counts: tuple[int, int, int], outcome: str
+) -> None:
+    """As failures before it holds, as none before it is refuted."""
+    statement = st.parse("p_fail < 0.01 at 95%")
+    assert statement.outcome(*counts) == outcome
+    failures, runs, unjudged = counts
+    if unjudged:
+        low = statement.bounds(failures, runs + unjudged)[0]
+        high = statement.bounds(failures + unjudged, runs + unjudged)[1]
+        said = {st.HOLDS: high, st.REFUTED: low, st.OPEN: high}.get(outcome, low)
+        assert st.bound_text(said) in statement.text(*counts)
+        assert st.count_text(runs + unjudged, "run") in statement.text(*counts)
+        assert f"{unjudged:,} not judged, counted as" in statement.text(*counts)
 
 
 @pytest.mark.parametrize(("failures", "runs"), [(0, 0), (0, 1500), (1, 1900), (0, 3326)])

@@ -208,11 +208,13 @@ def draw(found: dict[str, LoopComparison], path: Path) -> None:
     figure: Any = Figure(figsize=(7.5, 5.0), dpi=110, layout="constrained")
     ax = figure.subplots()
     marks = "osv^<>DPX*h"
+    told = np.concatenate([one.deviation for one in found.values()])
+    lowest = 100.0 * float(told[told > 0.0].min(initial=1e-3))  # where no deviation is drawn, too
     for (name, one), mark in zip(found.items(), marks, strict=False):
         share, colour = one.f_hz / one.f_hz.max(), "black" if name == "atb1000" else None
         ax.loglog(
             share,
-            np.maximum(100.0 * one.deviation, 1e-3),
+            np.maximum(100.0 * one.deviation, lowest),
             linestyle="none",
             marker=mark,
             markersize=3.5,

@@ -1,0 +1,111 @@
+"""What lies between the lines of a measured loop: exact loops with resonances, and their errors."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pcpc.tools.study.arrays import Complex, Vector
+from pcpc.tools.study.margin import notes
+from pcpc.tools.study.margin.between import between, lies_between, likeliest
+from pcpc.tools.study.margin.margins import Margins, margins
+from pcpc.tools.study.margin.measured import multisine
+from pcpc.tools.study.margin.visible import UNSURE, Unsure, visible_margins
+
+RATE_HZ = 1000.0
+LINES = multisine(RATE_HZ, RATE_HZ / 4000.0, 1.0, 1).lines * RATE_HZ / 4000.0
+NAMES = ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin", "sensitivity_peak")
+
+
+def loop(f_hz: Vector, mode_hz: float, damping: float, size: float) -> Complex:
+    """Return a mass behind 3 ms under PD, with a flexible mode: L at f."""
+    s = 2j * np.pi * f_hz
+    w = 2.0 * np.pi * mode_hz
+    plant = 1.0 / (s * (s + 0.5)) + size / (s**2 + 2.0 * damping * w * s + w**2)
+    return np.asarray(40.0 * (s + 20.0) * plant * np.exp(-3e-3 * s))
+
+
+def true_margins(mode_hz: float, damping: float, size: float) -> Margins:
+    near = mode_hz * (1.0 + np.linspace(-0.2, 0.2, 2001))
+    f = np.unique(np.concatenate((np.geomspace(LINES[0], LINES[-1], 3000), near)))
+    return margins(f, loop(f, mode_hz, damping, size), RATE_HZ)
+
+
+@pytest.mark.parametrize("mode_hz", [21.3, 45.7, 48.0, 90.1, 133.0])
+@pytest.mark.parametrize("damping", [0.005, 0.02])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_no_margin_beside_a_resonance_is_wrong(
+    mode_hz: float, damping: float, noise: float
+) -> None:
+    """The lines do not know of it; within 3 % or, with noise, not measured."""
+    about = mode_hz, damping, 0.3
+    true, rng = true_margins(*about), np.random.default_rng(1)
+    g = 1.0 / (1.0 + loop(LINES, *about)) - 1.0
+    g += noise * np.array([1.0, 1j]) @ rng.standard_normal((2, len(g))) / math.sqrt(2.0)
+    own, unsure = visible_margins(LINES, -g / (1.0 + g), np.full(len(g), noise), RATE_HZ)
+    assert noise or not unsure
+    for name in NAMES:
+        seen, exact = getattr(own, name), getattr(true, name)
+        assert (
+            math.isnan(seen)
+            if noise and math.isnan(seen)
+            else (seen == pytest.approx(exact, rel=0.03))
+        ), (name, seen, exact)
+    assert noise or not math.isnan(own.disk_margin)
+
+
+@pytest.mark.parametrize("every", [8, 9, 10, 12])
+@pytest.mark.parametrize("about", [(45.7, 0.005, 1.0), (45.7, 0.02, 0.3), (21.3, 0.005, 0.3)])
+def test_what_turns_where_no_line_is_has_no_number(
+    every: int, about: tuple[float, float, float]
+) -> None:
+    """Of 7 to 11 lines none shows a mode; that others meet them no worse says so."""
+    few = LINES[::every]
+    own, unsure = visible_margins(few, loop(few, *about), np.zeros(len(few)), RATE_HZ)
+    true = true_margins(*about)
+    assert unsure and all("turns between two lines" in one.why for one in unsure)
+    for one in unsure:
+        assert math.isnan(getattr(own, one.name)), one
+    for name in NAMES:
+        seen = getattr(own, name)
+        assert math.isnan(seen) or seen == pytest.approx(getattr(true, name), rel=0.05), name
+
+
+def test_noise_that_moves_a_margin_leaves_it_unknown() -> None:
+    g, rng = 1.0 / (1.0 + loop(LINES, 45.7, 0.02, 0.3)) - 1.0, np.random.default_rng(1)
+    g += 0.01 * np.array([1.0, 1j]) @ rng.standard_normal((2, len(g))) / math.sqrt(2.0)
+    own, unsure = visible_margins(LINES, -g / (1.0 + g), np.full(len(g), 0.01), RATE_HZ)
+    assert {one.name for one in unsure if "noise" in one.why} >= {"gain_margin", "delay_margin_s"}
+    assert all(math.isnan(getattr(own, one.name)) for one in unsure)
+    assert math.isnan(own.delay_margin_samples) and math.isnan(own.crossover_hz)
+
+
+def test_a_rational_function_is_found_again() -> None:
+    z = np.exp(2j * np.pi * LINES / RATE_HZ)
+    g = (0.2 * z + 0.1) / (z**2 - 1.2 * z + 0.5)
+    first, *more = likeliest(z, g, np.full(len(z), 1e-9))
+    at = np.exp(2j * np.pi * np.geomspace(LINES[0], LINES[-1], 500) / RATE_HZ)
+    exact = (0.2 * at + 0.1) / (at**2 - 1.2 * at + 0.5)
+    assert len(first.at) == 3 and np.abs(first(at) - exact).max() < 1e-8
+    assert first.off <= 1.0 and 0 < len(more) <= 2
+    assert np.abs(first(z) - g).max() < 1e-9, "also on a line that it goes through"
+
+
+def test_between_goes_through_the_lines_and_says_which_gaps_count() -> None:
+    own = between(LINES, loop(LINES, 45.7, 0.02, 0.3), np.zeros(len(LINES)), RATE_HZ)
+    assert not own.moved and len(own.f_hz) == 30 * (len(LINES) - 1) + 1
+    at = own.response[::30] / loop(LINES, 45.7, 0.02, 0.3)
+    assert np.abs(at - 1.0).max() < 3e-3
+    flags = np.array([True, False, True, True])
+    places = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
+    found = lies_between(places, np.array([1.0, 2.0, 3.0, 4.0]), flags)
+    assert found.tolist() == [True, False, False, False, True, True, True]
+
+
+def test_what_is_not_known_is_said_with_its_reason() -> None:
+    some = [Unsure("gain_margin", 45.2, "a"), Unsure("delay_margin_s", 45.2, "a")]
+    one, two = notes.unsure_notes([*some, Unsure("disk_margin", math.nan, "b")])
+    assert (
+        f"gain margin, delay margin: not known within {100 * UNSURE:g} %, as a, about 45.2" in one
+    )
+    assert "disk margin: not known within" in two and "about" not in two
