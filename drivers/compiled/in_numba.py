@@ -17,7 +17,8 @@ if _HIDDEN:
     sys.modules["scipy"] = None  # type: ignore[assignment] # an import of it fails
 import numba.np.arraymath  # noqa: E402  the environment must stand before numba reads it
 from numba import from_dtype, types  # noqa: E402
-from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
+from numba.core import ir  # noqa: E402
+from numba.core.errors import NumbaExperimentalFeatureWarning, TypingError  # noqa: E402
 from numba.core.registry import cpu_target  # noqa: E402
 from numba.extending import typeof_impl  # noqa: E402
 from numba.np.numpy_support import carray  # noqa: E402
@@ -64,11 +65,17 @@ def decorator(signature: Any, options: Any, for_callers: bool) -> Callable[[Any]
 
 
 def compiled(
-    source: ready_code.Source, key: str, function: Any, types_of: Any, options: Any
+    source: ready_code.Source,
+    key: str,
+    function: Any,
+    types_of: Any,
+    options: Any,
+    by_address: bool = False,
 ) -> ready_code.Code:
     """Compile what Python calls by its address, and keep it.
 
     `types_of()`: numba's signature, or the types of the arguments; any of numba's errors.
+    `by_address`: nothing but its address is of use; TypingError where it calls Python.
     """
     with source.claim():
         if (found := source.load(key)) is not None:
@@ -77,12 +84,19 @@ def compiled(
         if watch.listener is not None:
             watch.listener(watch.done)
         made: Any = numba.njit(**options)(function)
-        made.compile(types_of())
+        with inner.outermost():  # should a module be imported while another function is compiled
+            made.compile(types_of())
         (result,) = made.overloads.values()
         mark = _mark_of_result(result.signature.return_type)
         module = result.library._final_module
         declared = (one.name for one in module.functions if one.is_declaration)
-        if mark is None or ready_code.needs_runtime(declared):
+        calls_python = ready_code.needs_runtime(declared)
+        if by_address and calls_python:
+            at = ir.Loc(function.__code__.co_filename, function.__code__.co_firstlineno)
+            raise TypingError(
+                "a step cannot print or make text; write the value to an output", loc=at
+            )
+        if mark is None or calls_python:
             source.keep(key, "", "", b"")
             return ready_code.Code(0, "")
         watch.done += 1

@@ -120,6 +120,16 @@ def _deeper(root: bool) -> Iterator[None]:
             gc.set_threshold(*patience)
 
 
+@contextmanager
+def outermost() -> Iterator[None]:
+    """Let what is compiled in here be roots, even if another function is being compiled."""
+    above, _depth.now = _depth.now, 0
+    try:
+        yield
+    finally:
+        _depth.now = above
+
+
 def install() -> None:
     """Let numba compile so from now on, whoever's functions."""
     private: Any = dispatcher
@@ -141,11 +151,8 @@ def install() -> None:
                     self._cache.release()
 
     def with_address(self: Any, signature: Any) -> Any:
-        above, _depth.now = _depth.now, 0
-        try:
+        with outermost():
             self.compile(signature)
-        finally:
-            _depth.now = above
         return result_of(self, signature)
 
     def add(self: Any, result: Any) -> None:

@@ -5,17 +5,26 @@
     shipped with a wheel                     read, where the user has none; never written
 
 `install` puts it in the place of numba's own cache, whose errors end the program. A file is the
-SHA-256 of the rest and the rest, which is numba's: an index (source stamp, signature -> name) or
-the code of one function and signature. Of processes that want the same function one compiles it,
-the others wait. The one place that uses private parts of numba's cache.
+SHA-256 of the rest and the rest: what it is of, as a text, and numba's code of one function and
+signature. There is no index, in which processes would lose each other's entries. Of processes that
+want the same function one compiles it, the others wait. The one place that uses private parts of
+numba's cache.
+
+numba tells functions of one name and signature apart by a number, which it counts anew in each
+process: kept code of two processes could have one name for two functions, and whoever links or
+loads both gets one of them for both. So the numbers of a process begin where no other's do.
 """
 
+import hashlib
+import itertools
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from numba.core import caching, dispatcher, entrypoints
+import numba
+from numba.core import bytecode, caching, dispatcher, entrypoints, serialize, sigutils, types
 from numba.core.runtime.nrt import rtsys
 
 from pcpc.drivers.compiled import compile_cache, inner, kept_files
@@ -38,47 +47,35 @@ class _Place(caching.UserProvidedCacheLocator):
         """Do nothing."""
 
 
-class _Files(caching.CompileResultCacheImpl):
+class _Results(caching.CompileResultCacheImpl):
     _locator_classes = [_Place]  # noqa: RUF012  numba's name
 
 
-class _SealedFile(caching.IndexDataCacheFile):
-    """The index and the code of one function in one folder.
+class _Files:
+    """The code of one function in one folder: a file for each key.
 
-    Code says itself what it is of: of two processes that write at once one may take the other's
-    name for it.
+    What a file has is unpickled only if its name says that it is wanted. A signature may have
+    functions in it, of which unpickling makes new ones, of another process, and compiles them.
     """
 
-    def save(self, key: Any, data: Any) -> None:
+    def __init__(self, folder: Path, base: str, stamp: str) -> None:
+        self._folder, self._base, self._stamp = folder, base, stamp
+
+    def save(self, key: str, data: Any) -> None:
         """Keep `data`; OSError."""
-        super().save(key, (self._index_name, key, data))
+        kept_files.write_sealed(self._path(key), serialize.dumps((self._stamp, key, data)))
 
-    def load(self, key: Any) -> Any:
+    def load(self, key: str) -> Any:
         """Return what was kept; None if there is nothing, or nothing whole."""
-        found = super().load(key)
-        if found is None or found[:2] != (self._index_name, key):
-            return None
-        return found[2]
-
-    def _load_index(self) -> dict[Any, str]:
         try:
-            version, stamp, overloads = kept_files.read_sealed(Path(self._index_path))
-        except OSError:
-            return {}
-        fresh = (version, stamp) == (self._version, self._source_stamp)
-        return dict(overloads) if fresh else {}
+            stamp, of, data = kept_files.read_sealed(self._path(key))
+        except (OSError, ValueError):
+            return None
+        return data if (stamp, of) == (self._stamp, key) else None
 
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._seal(self._index_path, (self._version, self._source_stamp, overloads))
-
-    def _load_data(self, name: str) -> Any:
-        return kept_files.read_sealed(Path(self._data_path(name)))
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._seal(self._data_path(name), data)
-
-    def _seal(self, path: str, content: Any) -> None:
-        kept_files.write_sealed(Path(path), self._dump(content))
+    def _path(self, key: str) -> Path:
+        digest = hashlib.sha256(key.encode()).hexdigest()
+        return self._folder / f"{self._base}.{digest[:16]}.nbc"
 
 
 class CodeCache(caching.Cache):
@@ -88,7 +85,7 @@ class CodeCache(caching.Cache):
     is at a warm start, and there are two hundred.
     """
 
-    _impl_class: Any = _Files
+    _impl_class: Any = _Results
     keeps_inner = False  # also for those that call it, see `inner`
 
     def __init__(self, function: Any) -> None:
@@ -106,9 +103,10 @@ class CodeCache(caching.Cache):
         ):  # it is not this text that was imported
             stamp = f"{stamp} edited since {self._read}"
         self._folders = [folder / where for folder in compile_cache.folders()]
-        self._places = [_SealedFile(str(folder), base, stamp) for folder in self._folders]
+        stamp = f"{numba.__version__} {stamp}"
+        self._places = [_Files(folder, base, stamp) for folder in self._folders]
         brought = [folder / where for folder in compile_cache.shipped_folders()]
-        self._readable = [*self._places, *(_SealedFile(str(one), base, stamp) for one in brought)]
+        self._readable = [*self._places, *(_Files(one, base, stamp) for one in brought)]
         return getattr(self, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
@@ -116,18 +114,28 @@ class CodeCache(caching.Cache):
         rtsys.initialize(context)
         return self._load_overload(signature, context)
 
-    def _index_key(self, signature: Any, codegen: Any) -> Any:
-        return (*super()._index_key(signature, codegen), content(self._function))
+    def _key(self, signature: Any, codegen: Any, inner: bool) -> str:
+        """Return what the code is of; "" where no other process can know that it is the same.
+
+        That is so of a function that takes functions, or closes over them.
+        """
+        arguments, result = sigutils.normalize_signature(signature)
+        kinds = [_name_of(kind) for kind in arguments]
+        if not (self._enabled and all(kinds) and kept_files.is_closed(self._function)):
+            return ""
+        own = kept_files.meaning(self._function), content(self._function)
+        parts = (*kinds, str(result), *codegen.magic_tuple(), *own, "inner" if inner else "root")
+        return "\n".join(parts)
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
         if not inner.inside():
             return self._cached_code(signature, context) or self._wait(signature, context)
-        return self._cached_code(signature, context, "inner") if self.keeps_inner else None
+        return self._cached_code(signature, context, inner=True) if self.keeps_inner else None
 
-    def _cached_code(self, signature: Any, context: Any, *kind: str) -> Any:
+    def _cached_code(self, signature: Any, context: Any, inner: bool = False) -> Any:
         """Return what a folder has; None, and the progress of compiling is told."""
-        key = (*self._index_key(signature, context.codegen()), *kind)
-        for place in self._readable if self._enabled else ():
+        key = self._key(signature, context.codegen(), inner)
+        for place in self._readable if key else ():
             if found := place.load(key):
                 file, data = found
                 compile_cache.was_compiled(file, self._function.__code__.co_filename)
@@ -154,18 +162,38 @@ class CodeCache(caching.Cache):
 
     def _save_overload(self, signature: Any, data: Any) -> None:
         compile_cache.watch.done += 1
-        if not (self._enabled and self._impl.check_cachable(data)):
+        library = data.library
+        if data.lifted or library.has_dynamic_globals or (library.inner and not self.keeps_inner):
             return
-        if data.library.inner and not self.keeps_inner:
-            return
-        key = self._index_key(signature, data.codegen)
-        key = (*key, "inner") if data.library.inner else key
-        content = self._function.__code__.co_filename, self._impl.reduce(data)
-        kept_files.keep_first(self._folders, lambda place: self._places[place].save(key, content))
+        if key := self._key(signature, data.codegen, library.inner):
+            file = self._function.__code__.co_filename
+            content = file, self._impl.reduce(data)
+            kept_files.keep_first(
+                self._folders, lambda place: self._places[place].save(key, content)
+            )
 
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
         yield
+
+
+def _name_of(kind: Any) -> str:
+    """Return what a type of an argument is the same by in all processes; "" for a function."""
+    if isinstance(kind, types.Callable):
+        return ""
+    if not isinstance(kind, types.BaseTuple):
+        return str(kind)
+    members: Any = kind
+    names = [_name_of(member) for member in members]
+    made = getattr(kind, "instance_class", tuple)
+    of = made.__module__, made.__qualname__, getattr(kind, "fields", ()), names
+    return str(of) if all(names) else ""
+
+
+def _number_anew() -> None:
+    """Let the names of functions that are compiled from now on be those of no other process."""
+    identity: Any = bytecode.FunctionIdentity
+    identity._unique_ids = itertools.count(int.from_bytes(os.urandom(6)))
 
 
 def for_callers(function: Any) -> Any:
@@ -181,6 +209,8 @@ def for_callers(function: Any) -> Any:
 def install() -> None:
     """Let numba keep compiled code here, and look for others' extensions only to compile."""
     dispatcher.FunctionCache = CodeCache  # type: ignore[attr-defined]
+    _number_anew()
+    os.register_at_fork(after_in_child=_number_anew)
     made: Any = dispatcher.Dispatcher
     made._compilation_chain_init_hook = _extend
 

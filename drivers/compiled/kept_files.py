@@ -152,13 +152,16 @@ def meaning(function: FunctionType) -> str:
 
 def is_closed(function: FunctionType) -> bool:
     """Return whether a function closes over nothing but constants."""
-    for cell in function.__closure__ or ():
-        try:
-            if not isinstance(cell.cell_contents, _CONSTANT):
-                return False
-        except ValueError:  # nothing is in it yet
-            return False
-    return True
+    try:
+        return all(_is_constant(cell.cell_contents) for cell in function.__closure__ or ())
+    except ValueError:  # nothing is in it yet
+        return False
+
+
+def _is_constant(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_is_constant, value))
+    return isinstance(value, _CONSTANT)
 
 
 def _code(code: CodeType) -> str:

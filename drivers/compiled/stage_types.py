@@ -36,7 +36,9 @@ def step_of(
 ) -> ready_code.Code:
     """Return the code of a step on values that are each one number, or a lane."""
     views = [View(layout, _ELEMENTS[element]) for layout in layouts]
-    return compiled(source, key, function, lambda: types.void(f8, f8, *views), _OPTIONS)
+    return compiled(
+        source, key, function, lambda: types.void(f8, f8, *views), _OPTIONS, by_address=True
+    )
 
 
 @intrinsic

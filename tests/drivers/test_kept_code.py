@@ -114,7 +114,7 @@ def test_damaged_files_are_compiled_again_and_mended(machine: Machine) -> None:
     assert machine.run() == (0, "")
 
 
-def test_a_damaged_index_of_a_helper_is_written_again(tmp_path: Path) -> None:
+def test_a_damaged_file_of_a_helper_is_written_again(tmp_path: Path) -> None:
     (tmp_path / "law.py").write_text(
         "from pcpc.drivers.compiled.jit import compiled\n"
         "@compiled()\ndef helper(x):\n    return 2.0 * x\n"
@@ -133,9 +133,9 @@ def test_a_damaged_index_of_a_helper_is_written_again(tmp_path: Path) -> None:
 
     assert compiled(0) == "2.0 2"
     assert compiled(1) == "3.0 1", "the helper is kept"
-    (index,) = (tmp_path / "cache").rglob("*.nbi")
+    (kept,) = (tmp_path / "cache").rglob("law.helper-*.nbc")
     for i, damage in enumerate(DAMAGE):
-        index.write_bytes(damage(index.read_bytes()))
+        kept.write_bytes(damage(kept.read_bytes()))
         assert compiled(2 + i) == f"{4.0 + i} 2", "the helper again"
 
 

@@ -245,6 +245,7 @@ REFUSED = {  # by numba; the trial lets them pass: a body, its line, what is sai
         "it needs memory of its own (a list",
     ),
     "array": ("k = np.zeros(3)\n    y.command = k[0]", 0, "cannot be co"),
+    "prints": ("y.command = 1.0\n    print(u.position)", -2, "a step cannot print or make text; w"),
     "returns": ("y.command = 1.0\n    return u.position", 1, "cannot be compiled"),
     "plain": ("y.command = plain(u.position)", 0, "name 'plain' is plain Python; put @inline abo"),
     "deep": ("y.command = deep(u.position)", -3, "cannot be compiled"),
