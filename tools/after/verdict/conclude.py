@@ -59,7 +59,8 @@ def conclude(
 
 def unreadable(outcome: Outcome, error: logs.LogError) -> int:
     """Say why there is nothing to judge; return the exit code."""
-    if outcome.interrupted:  # before there was anything to record
+    if outcome.interrupted:
+        print("interrupted before anything was recorded", file=sys.stderr)
         return Exit.INTERRUPTED
     print(*outcome.faults, error, sep="\n", file=sys.stderr)
     return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS

@@ -60,6 +60,7 @@ class Outcome:
     begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
     cycles: int = 0
+    stall: str = ""  # how late a cycle was that may have cost input, and the cure
     short: str = ""  # how far the run came, where it ended early
     latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
