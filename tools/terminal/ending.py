@@ -155,6 +155,21 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
     except MemoryError:
         err.say("out of memory; end other programs, or give this one more")
         return Exit.ENVIRONMENT
+    except Exception as error:
+        if not _comes_of_an_interruption(error):
+            raise
+        err.say(_INTERRUPTED)
+        return Exit.INTERRUPTED
+
+
+def _comes_of_an_interruption(error: BaseException | None) -> bool:
+    """Return whether an exception came while a KeyboardInterrupt was on its way.
+
+    A compiler that was interrupted leaves things half made, and what tidies up finds them.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def leave_at_once() -> None:

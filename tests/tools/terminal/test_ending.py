@@ -194,6 +194,27 @@ def test_what_the_machine_refuses_is_a_line(
     assert (out, err.splitlines()) == ("", [line] if line else []), err
 
 
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_what_an_interruption_left_half_made_is_no_mistake(
+    interrupted: bool, capsys: Screen
+) -> None:
+    def command() -> int:
+        try:
+            try:
+                raise KeyboardInterrupt if interrupted else ValueError
+            finally:
+                raise RuntimeError("no compiled object yet")
+        except RuntimeError as error:
+            raise LookupError from error
+
+    if not interrupted:
+        with pytest.raises(LookupError):
+            ending.exit_code(command, goes_on=True)
+        return
+    assert ending.exit_code(command, goes_on=True) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
 def test_an_error_does_not_go_on_behind_a_progress(capsys: Screen) -> None:
     def command() -> int:
         sys.stderr.write("\r\x1b[Kcycle 5")

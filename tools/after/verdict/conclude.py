@@ -62,7 +62,8 @@ def unreadable(outcome: Outcome, error: logs.LogError) -> int:
     if outcome.interrupted:
         print("interrupted before anything was recorded", file=sys.stderr)
         return Exit.INTERRUPTED
-    print(*outcome.faults, error, sep="\n", file=sys.stderr)
+    why = outcome.missing or [str(error)]  # of a log that could not be written nothing else is true
+    print(*outcome.faults, *why, sep="\n", file=sys.stderr)
     return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
 
 
