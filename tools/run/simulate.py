@@ -16,6 +16,7 @@ from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.after.verdict.virtual_end import to_end
+from pcpc.tools.run.outlived import outlived
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.terminal.progress import Progress
@@ -60,6 +61,9 @@ class Simulation:
 def command(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
     rig = load_rig(options.rig, options.controller, options.set)
+    code = outlived(rig)
+    if code is not None:
+        return code
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
     outcome = Outcome(

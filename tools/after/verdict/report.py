@@ -23,7 +23,7 @@ LINES_SHOWN = 6  # of problems
 NARROWEST = 40
 _LABEL = 9  # letters
 _LEAST = "report", "stages", "slowest", "records", "frames", "timing", "require", "run"  # first
-_QUIET = {"problem", "verdict", "folder"}
+_QUIET = {"warning", "problem", "verdict", "folder"}
 _AS_THEY_ARE = {"stages", "metrics", "folder"}  # in columns, or in one piece: to be copied
 _PROMPT = 2  # lines of the terminal that are not ours: the command, the next prompt
 _ACCOUNTED = {  # counters that the account of all nodes tells
@@ -89,6 +89,7 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
         "injected": [", ".join(summary.injected)],
         "metrics": _metrics(summary, wide),
         "require": [one.text for one in summary.requirements if one.held],
+        "warning": summary.warned,
         "problem": screen.some(against, LINES_SHOWN, "and {} more, see summary.json")
         * (against != summary.reasons() or len(against) > 1),
         "changed": [", ".join(summary.changed)],
@@ -121,6 +122,8 @@ def verdict_text(summary: Summary) -> str:
     said = ": ".join([summary.verdict, *why[:1]])
     if more := len([line for line in summary.problems() if line not in why[:1]]):
         said += f", and {more} more above"
+    if warned := len(summary.warned):
+        said += f", with {warned} warning{'s' * (warned > 1)} above"
     if summary.verdict not in ("ok", "loss", "expectation not met"):
         return said
     if left:

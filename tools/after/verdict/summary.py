@@ -43,7 +43,7 @@ from pcpc.tools.after.verdict.frames import (
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
-from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
+from pcpc.tools.after.verdict.outcome import HEALTH, Outcome, warnings_of
 from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
 
 CODES = {code.meaning: code for code in Exit}
@@ -78,6 +78,7 @@ class Summary(msgspec.Struct, kw_only=True):
     frames: Counts = {}  # of all nodes, see `outcome.HEALTH`
     frames_too_many: list[str] = []
     lost: list[str] = []  # input that nothing took on purpose, rows of the log
+    warned: list[str] = []
     most_cut: str = ""
     frames_to: dict[str, Counts] = {}  # node -> account
     records: dict[str, int | bool] = {}
@@ -216,6 +217,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         frames=health,
         frames_too_many=frames_wrong,
         lost=lost,
+        warned=warnings_of(log.node),
         most_cut=most_clipped_signal(rig, log) if health["saturated_values"] else "",
         frames_to=frames_to(rig, log, each),
         records={
