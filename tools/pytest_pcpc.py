@@ -16,27 +16,44 @@
 
 What pcpc refuses is a line in the report. If a test fails, its report names log, figure and what
 was not met, and how to replay it. Metrics are properties of the test (`--junitxml`); with
-pytest-html the figure stands in the page. A test marked `paced` that fails while the machine could
-not keep time is repeated once, and says so.
+pytest-html the figure stands in the page. A test fails if a run of it ended as a safety stop and it
+did not ask for the verdict. A test marked `paced` that fails while the machine could not keep time
+is repeated once, and says so, but not for want of a file, a bus or a name.
 """
 
 import os
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from _pytest.runner import runtestprotocol
 
-from pcpc.drivers.errors import UserError
+from pcpc.drivers.errors import Exit, UserError
 
 if TYPE_CHECKING:
     import pcpc
 
-_RUNS = pytest.StashKey[list[tuple[str, Path]]]()
+
+@dataclass
+class _Kept:
+    """A run of a test; `asked`: whether the test knows what it came to."""
+
+    rig: str
+    folder: Path
+    asked: Callable[[], bool] = lambda: True  # of one that did not begin
+
+
+_RUNS = pytest.StashKey[list[_Kept]]()
+_NOT_OF_TIME = pytest.StashKey[bool]()  # a test failed for a reason that no time mends
+_OF_TIME = (AssertionError, pytest.fail.Exception, TimeoutError, subprocess.TimeoutExpired)
+_OF_TIME_CODES = (Exit.NOT_MET, Exit.LOSS, Exit.SAFETY_STOP)
+_STOPPED = Exit.SAFETY_STOP.meaning
 _PROBE_S, _LATE_S = 0.3, 0.002
 _WAKE_S = 0.001
 _WAIT_S, _STOOD_S = 0.01, 0.02  # this much late, a thread that waits for nothing but the clock
@@ -59,8 +76,11 @@ def simulate(request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[..., p
         import pcpc
 
         folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
-        _kept_runs(request).append((str(rig), Path(folder)))
-        return pcpc.simulate(rig, controller, folder=folder, quiet=True, **options)
+        kept = _Kept(str(rig), Path(folder))
+        _kept_runs(request).append(kept)
+        done = pcpc.simulate(rig, controller, folder=folder, quiet=True, **options)
+        kept.asked = lambda: done.asked
+        return done
 
     return run
 
@@ -78,9 +98,11 @@ def rig(
         import pcpc
 
         folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
-        _kept_runs(request).append((str(rig), Path(folder)))
+        kept = _Kept(str(rig), Path(folder))
+        _kept_runs(request).append(kept)
         with pcpc.running(rig, controller, folder=folder, **options) as live:
             yield live
+        kept.asked = lambda: live.asked
 
     return run
 
@@ -95,7 +117,7 @@ def bus() -> Iterator[str]:
     held.release()
 
 
-def _kept_runs(request: pytest.FixtureRequest) -> list[tuple[str, Path]]:
+def _kept_runs(request: pytest.FixtureRequest) -> list[_Kept]:
     return request.node.stash.setdefault(_RUNS, [])
 
 
@@ -111,20 +133,29 @@ def _folder(request: pytest.FixtureRequest, tmp_path: Path, rig: str | Path) -> 
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
     """Add metrics, and of a failed test what there is to look at."""
     report = yield
-    if call.excinfo is not None and isinstance(call.excinfo.value, UserError) and report.failed:
-        report.longrepr = call.excinfo.getrepr(style="value")  # a line, not how pcpc came to it
+    if call.excinfo is not None and report.failed:
+        item.stash[_NOT_OF_TIME] = not _may_want_time(call.excinfo.value)
+        if isinstance(call.excinfo.value, UserError):
+            report.longrepr = call.excinfo.getrepr(style="value")  # a line, not how pcpc came to it
     if report.when != "call":
         return report
-    runs: list[tuple[str, Path]] = item.stash.setdefault(_RUNS, [])
-    for number, (rig, folder) in enumerate(runs, 1):
-        if (folder / "log.mcap").is_file():
-            _report(item, report, f"run {number}: {rig}", folder)
+    for number, kept in enumerate(item.stash.setdefault(_RUNS, []), 1):
+        if (kept.folder / "log.mcap").is_file():
+            _report(item, report, f"run {number}: {kept.rig}", kept)
     return report
 
 
-def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Path) -> None:
+def _may_want_time(error: BaseException) -> bool:
+    """Return whether a test may have failed so because the machine did not keep time."""
+    if isinstance(error, UserError) and not isinstance(error, AssertionError):
+        return error.code in _OF_TIME_CODES
+    return isinstance(error, _OF_TIME)
+
+
+def _report(item: pytest.Item, report: pytest.TestReport, title: str, kept: _Kept) -> None:
     import pcpc
 
+    folder = kept.folder
     lines = [f"log      {folder / 'log.mcap'}"]
     try:
         run = pcpc.open(folder)
@@ -132,6 +163,10 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
         properties = [(f"{title}: {name}", value) for name, value in told.items()]
         item.user_properties += properties  # of the reports to come, as JUnit takes them
         report.user_properties += properties
+        if run.verdict == _STOPPED:
+            item.stash[_NOT_OF_TIME] = False  # whatever failed behind it
+            if report.passed and not kept.asked():
+                report.outcome, report.longrepr = "failed", _unseen_stop(title, run)
         if report.failed:
             lines += _verdict_lines(run)
             run.figure(path=folder / "figure.png")
@@ -142,6 +177,13 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
     lines.append(f"replay   pcpc replay {folder}")
     if report.failed:
         report.sections.append((f"pcpc, {title}", "\n".join(lines)))
+
+
+def _unseen_stop(title: str, run: "pcpc.Run") -> str:
+    """Return why a test failed that did not ask what its run came to."""
+    why = "; ".join(run.result.reasons())
+    cure = "assert `run.verdict` (`live.run.verdict`) where this is what the test wants"
+    return f"{title}: {run.verdict}: {why}; {cure}"
 
 
 def _requirements(run: "pcpc.Run") -> dict[str, str]:
@@ -198,10 +240,12 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 def _reports(item: pytest.Item, nextitem: pytest.Item | None) -> tuple[list[Any], str]:
     """Run a test; return its reports and, if it failed, why the machine could not keep time."""
+    item.stash[_NOT_OF_TIME] = False
     with _Watch() as watch:
         reports = runtestprotocol(item, nextitem=nextitem, log=False)
     failed = any(report.failed for report in reports)
-    return reports, (watch.why or _cannot_keep_time()) if failed else ""
+    mended = failed and not item.stash.get(_NOT_OF_TIME, False)
+    return reports, (watch.why or _cannot_keep_time()) if mended else ""
 
 
 class _Watch(threading.Thread):

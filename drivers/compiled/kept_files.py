@@ -48,7 +48,7 @@ def keep_first(folders: Sequence[Path], keep: Callable[[int], None]) -> None:
             compile_cache.make(folder)
             keep(place)
         except OSError as error:
-            refused = refused or f"{error.strerror or error}"
+            refused = refused or error.strerror or str(error) or type(error).__name__
             continue
         tell(refused, folder.parent)
         return
@@ -178,6 +178,7 @@ def _is_outside(file: str | None) -> bool:
 
 
 _told: list[str] = []  # once a process
+MENDED = "it was not fit for it when this process looked, and is now"
 
 
 def tell(refused: str, kept: Path | None) -> None:
@@ -185,7 +186,7 @@ def tell(refused: str, kept: Path | None) -> None:
     wanted = compile_cache.cache_folder()
     if _told or (kept == wanted and wanted != compile_cache.temporary_folder()):
         return
-    why = compile_cache.distrust(wanted) or refused
+    why = compile_cache.distrust(wanted) or refused or MENDED
     instead = "it is compiled again at every start" if kept is None else f"it goes to {kept}"
     what = f"compiled code cannot be kept in {wanted}: {why}; {instead}"
     if kept == wanted:

@@ -14,6 +14,7 @@ import tempfile
 import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -33,10 +34,28 @@ if TYPE_CHECKING:
 _FOLDER = "fmus"
 _MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "an end of the simulation")
+_DID = ("", "setting its inputs", "its step", "getting its outputs")  # by `fmi`'s FAILED
 _live: dict[str, int] = {}  # instances in this process by hash
 _keys = count(1)
-_said: dict[int, list[str]] = {}  # what instances said, by their keys
+_said: dict[int, "_Said"] = {}  # what instances said, by their keys
 _loggers: list[Any] = []  # for as long as the process lives
+
+
+@dataclass
+class _Said:
+    """What an instance said of discards and errors, and of warnings: the first, and how many."""
+
+    words: list[str] = field(default_factory=list)
+    warning: str = ""
+    warnings: int = 0
+
+    def take(self, status: int, text: bytes | None) -> None:
+        """Keep what an FMU says; its code calls it."""
+        told = " ".join((text or b"").decode(errors="replace").split())
+        if status >= 2 and len(self.words) < _MOST_WORDS:
+            self.words.append(told)
+        elif status == 1:
+            self.warning, self.warnings = self.warning or told, self.warnings + 1
 
 
 def step_of(spec: BlockSpec) -> Any:
@@ -62,10 +81,10 @@ def install(made: "Plan", loop: Any) -> None:
 
 
 def failures(made: "Plan") -> Iterator[str]:
-    """Yield a line for each FMU of a node that failed while it ran."""
+    """Yield a line for each FMU of a node that failed while it ran, or warned."""
     first = {one.name: one for one in reversed(made.opened)}  # others are of warm-ups
     for one in reversed(first.values()):
-        if text := one.failure():
+        if text := one.failure() or one.warning():
             yield text
 
 
@@ -82,9 +101,8 @@ class Instance:
         from pcpc.drivers.compiled import fmi
 
         self.name, self._where = spec.name, where
-        self.words: list[str] = []
         self._key = next(_keys)
-        _said[self._key] = self.words
+        self.said = _said[self._key] = _Said()
         self._step = step_of(spec)
         self.model = self._step.model
         self._kept: list[Any] = []  # arrays that the loop reads
@@ -112,18 +130,29 @@ class Instance:
         status = int(self.head[fmi.STATUS])
         if status <= fmi.WARNING:
             return ""
-        did = ("", "setting its inputs", "its step", "getting its outputs")
         k = int(self.head[fmi.STEPS]) - 1
-        what = did[int(self.head[fmi.FAILED])]
+        what = _DID[int(self.head[fmi.FAILED])]
         answer = _STATUS[status] if status < len(_STATUS) else f"status {status}"
         return self._message(f"{self.name}: {what} in cycle {k} returned {answer}")
 
+    def warning(self) -> str:
+        """Return of what it warned, and how often; "" if it did not."""
+        from pcpc.drivers.compiled import fmi
+
+        did, said = [], self.said
+        if int(self.head[fmi.STATUS]) == fmi.WARNING:
+            did.append(f"{_DID[int(self.head[fmi.FAILED])]} returned a warning")
+        if said.warnings:
+            did.append(f"{said.warnings:,} messages of warning, the first: {said.warning}")
+        return one_line(f"{self.name}: {'; '.join(did)}") if did else ""
+
     def _message(self, what: str) -> str:
-        return one_line(f"{what}: {'; '.join(self.words)}" if self.words else what)
+        words = self.said.words
+        return one_line(f"{what}: {'; '.join(words)}" if words else what)
 
     def _error(self, what: str, error: Exception) -> RigError:
         told = str(error)
-        own = "" if self.words and "Failed to instantiate" in told else f": {told}"
+        own = "" if self.said.words and "Failed to instantiate" in told else f": {told}"
         return RigError(
             self._message(f"{self._where}: {self.name}: {self.model.name}: {what}{own}")
         )
@@ -148,8 +177,8 @@ class Instance:
 
     def _instantiate(self) -> None:
         if self._three:
-            words = self.words
-            self._fmu.instantiate(logMessage=lambda _, status, __, text: _keep(words, status, text))
+            said = self.said
+            self._fmu.instantiate(logMessage=lambda _, status, __, text: said.take(status, text))
             return
         from fmpy import calloc, fmi2, free
 
@@ -253,12 +282,6 @@ def _method(kind: str, three: bool) -> str:
     return ("Int64" if three else "Integer") if kind == "Enumeration" else kind
 
 
-def _keep(words: list[str], status: int, text: bytes | None) -> None:
-    """Keep what an FMU says of a discard or an error; its code calls it."""
-    if status >= 2 and len(words) < _MOST_WORDS:
-        words.append(" ".join((text or b"").decode(errors="replace").split()))
-
-
 @cache
 def _logger() -> Any:
     """Return the logger of all FMUs of FMI 2.0, which are told apart by their environments.
@@ -269,11 +292,11 @@ def _logger() -> Any:
     from fmpy.logging import addLoggerProxy
 
     def listen(key: int | None, name: bytes, status: int, category: bytes, text: bytes) -> None:
-        words = _said.get(key or 0)
-        if words is None:
+        said = _said.get(key or 0)
+        if said is None:
             fmi2.printLogMessage(key, name, status, category, text)
         else:
-            _keep(words, status, text)
+            said.take(status, text)
 
     callbacks = fmi2.fmi2CallbackFunctions()
     _loggers.append(fmi2.fmi2CallbackLoggerTYPE(listen))

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from pcpc.drivers.compiled import compile_cache
+from pcpc.drivers.compiled import compile_cache, kept_files
 from pcpc.executive.rig import law_errors
 from pcpc.executive.rig.modules import module_of
 
@@ -145,6 +145,32 @@ def test_a_disk_without_room_costs_the_cache_and_nothing_else(machine: Machine) 
     assert said.count("\n") == 1, said
     assert f"compiled code cannot be kept in {machine.cache}" in said, said
     assert said.endswith(": File too large; it is compiled again at every start\n"), said
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (OSError(), "OSError"), (PermissionError(), "PermissionError"), (OSError("odd"), "odd"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (None, kept_files.MENDED),
+    ],
+)  # fmt: skip
+def test_a_place_that_takes_no_code_is_never_named_without_a_reason(
+    error: OSError | None, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(kept_files, "_told", [])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    wanted, other = compile_cache.cache_folder(), tmp_path / "other"
+
+    def keep(place: int) -> None:
+        if error is not None and place == 0:
+            raise error
+
+    folders = [wanted / "a", other / "a"] if error is not None else [other / "a"]
+    kept_files.keep_first(folders, keep)
+    said = capsys.readouterr().err
+    assert said == f"compiled code cannot be kept in {wanted}: {why}; it goes to {other}\n", said
 
 
 def test_a_cache_that_is_no_folder_is_bypassed(machine: Machine) -> None:

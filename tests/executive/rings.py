@@ -33,9 +33,9 @@ def absent(node: logs.Node) -> int:
 
 
 def block_of(
-    name: str, node: str = "executive", states: Sequence[str] = STATES
+    name: str, node: str = "executive", states: Sequence[str] = STATES, **more: Any
 ) -> shared.NodeMemory:
-    """Make a block as a node does, of `states` and two timing columns."""
+    """Make a block as a node does, of `states` and two timing columns; `more`: told besides."""
     variables = [
         [n, "rad/s", "state", "blocks", f"meaning of {n} # [1]\nin two lines"] for n in states
     ]
@@ -58,7 +58,7 @@ def block_of(
         "state_names": ["INIT", "READY", "RUN"],
         "fault_names": ["none", "STALE_FB_A"],
     }
-    return standing.stand(name, description)
+    return standing.stand(name, description | more)
 
 
 def put(block: shared.NodeMemory, ring: str, row: Sequence[int]) -> None:

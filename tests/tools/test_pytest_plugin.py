@@ -104,6 +104,73 @@ def test_a_paced_test_is_repeated_once_if_the_machine_cannot_keep_time(
     assert all("; it had failed at test_" in line and ": assert 1 == 2" in line for line in named)
 
 
+OF_ANY_KIND = """
+import pathlib, pytest, subprocess, pcpc
+from pcpc.drivers.errors import BusError, Exit, UserError
+MISSED = {"expect.pd.muzzle_error_rms_mrad": [0.0, 1e-9]}
+"""
+NOT_OF_TIME = (
+    "pathlib.Path('no such').read_text()", "raise BusError('vcan7: no such interface')",
+    "simulate('no-such-rig')", "simulate('slew10', set={'barrel.gapp': 1})",
+    "import no_such_module", "no_such_name", "{}['key']", "raise OSError(19, 'No such device')",
+)  # fmt: skip
+OF_TIME = (
+    "assert False", "pytest.fail('late')", "raise TimeoutError",
+    "raise subprocess.TimeoutExpired('pcpc', 1.0)", "simulate('slew10', set=MISSED).check()",
+    "raise UserError('it stopped', Exit.SAFETY_STOP)", "raise UserError('lost', Exit.LOSS)",
+)  # fmt: skip
+
+
+def test_only_what_may_come_of_want_of_time_is_repeated(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(
+        "from pcpc.tools import pytest_pcpc as p\np._cannot_keep_time = lambda: 'it was busy'"
+    )
+    bodies = {f"test_never_{i}": body for i, body in enumerate(NOT_OF_TIME)}
+    bodies |= {f"test_again_{i}": body for i, body in enumerate(OF_TIME)}
+    tests = [
+        f"@pytest.mark.paced\ndef {name}(simulate):\n    {body}\n" for name, body in bodies.items()
+    ]
+    pytester.makepyfile("".join([OF_ANY_KIND, *tests]))
+    result = run(pytester, "-p", "no:cacheprovider")
+    result.assert_outcomes(failed=len(bodies))
+    named = re.findall(r"::(\w+): repeated once: ", result.stdout.str())
+    assert set(named) == {name for name in bodies if "again" in name}, result.stdout.str()
+
+
+STOPPED = """
+def test_unseen(simulate):
+    simulate("own.yaml")
+def test_metrics_alone(simulate):
+    assert simulate("own.yaml").metrics is not None
+def test_unseen_on_a_bus(rig):
+    with rig("own.yaml", pacing="lockstep") as live:
+        live.wait(60)
+def test_known(simulate):
+    assert simulate("own.yaml").verdict == "safety stop"
+def test_known_by_its_summary(simulate):
+    assert simulate("own.yaml").summary["faults"]
+def test_known_on_a_bus(rig):
+    with rig("own.yaml", pacing="lockstep") as live:
+        live.wait(60)
+    assert live.run.verdict == "safety stop"
+def test_ok(simulate):
+    assert simulate("slew10", set={"duration_s": 0.2}).metrics is not None
+"""
+
+
+def test_a_run_that_ended_as_a_safety_stop_is_not_passed_over(pytester: pytest.Pytester) -> None:
+    fault = "faults: {gone: {kind: loss, frame: FB_A, from: 100ms}}\n"
+    (pytester.path / "own.yaml").write_text(f"base: {RIGS / 'slew10.yaml'}\n{fault}")
+    pytester.makepyfile(STOPPED)
+    result = run(pytester)
+    result.assert_outcomes(failed=3, passed=4)
+    text = result.stdout.str()
+    assert text.count("run 1: own.yaml: safety stop: ") >= 3, text
+    assert set(re.findall(r"^FAILED \S+::test_(\w+)", text, re.MULTILINE)) == {
+        "unseen", "metrics_alone", "unseen_on_a_bus",
+    }, text  # fmt: skip
+
+
 def test_a_machine_that_stood_still_during_a_test_is_named_though_it_does_not_after(
     pytester: pytest.Pytester,
 ) -> None:

@@ -38,4 +38,5 @@ def finished_run(log: Path, rig: Rig, outcome: Outcome, keep: Any) -> Run:
     run = Run(log, rig, outcome, keep)
     if keep is None:
         summary_file.write_json(run.result, log.with_name(summary_file.NAME))
+        run.asked = False  # by its user
     return run

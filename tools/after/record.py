@@ -99,6 +99,7 @@ class Run:
         self.path = path
         self._rig_given, self._outcome, self._keep = rig, outcome, keep
         self._options = argparse.Namespace(trust=trust, law=[], rig=None)
+        self.asked = False  # somebody wanted to know what it came to
 
     def __repr__(self) -> str:
         about = self.log.metadata[next(iter(self.log.node))]
@@ -243,9 +244,14 @@ class Run:
         """Whether the verdict is the run's own; a log alone lacks the run's settings."""
         return self._outcome is not None or self._bound_summary is not None
 
-    @cached_property
+    @property
     def result(self) -> summaries.Summary:
         """The result of the run; judged again if there is no summary of this log."""
+        self.asked = True
+        return self._result
+
+    @cached_property
+    def _result(self) -> summaries.Summary:
         if self._bound_summary is not None:
             return self._bound_summary
         outcome = self._outcome or summaries.outcome_of(self.log)
@@ -259,7 +265,7 @@ class Run:
     @property
     def metrics(self) -> dict[str, float]:
         """The figures of merit of the rig's evaluation."""
-        return dict(self.result.metrics)
+        return dict(self._result.metrics)
 
     @cached_property
     def requirements(self) -> list[Result]:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.errors import UserError
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
@@ -235,6 +235,11 @@ class Live:
             self._run = Run(self._folder / LOG, keep=self._keep)
         return self._run
 
+    @property
+    def asked(self) -> bool:
+        """Whether somebody asked for the verdict of the run."""
+        return self._run is not None and self._run.asked
+
     # Inside
 
     def _split(self, name: str) -> tuple[nodes.Live, str]:
@@ -275,7 +280,9 @@ class Live:
                     return
                 if (self._folder / LOG).is_file() and self._command.code in (0, 1):
                     return
-                raise UserError(self._complaint() or _verdict(self._folder, self._command.code))
+                code = self._command.code
+                said = self._complaint() or _verdict(self._folder, code)
+                raise UserError(said, Exit(code) if code in set(Exit) else None)
             for name, one in nodes.running().items():
                 if _parent(one.pid) == self._command.process.pid:
                     self._nodes.setdefault(name.rpartition(".")[2], one)

@@ -1,159 +1,26 @@
-"""The `pcpc` command: from the words of a command line to a command of `tools.cli.commands`."""
+"""The `pcpc` command; what it does is in `command_line`, which takes most of a start to load."""
 
-import argparse
 import gc
 import os
-import platform
-import re
-import resource
-import shlex
 import sys
 import time
 from collections.abc import Sequence
-from importlib import import_module
-from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
-from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.cli import completion
-from pcpc.tools.cli.commands import COMMANDS, overview
-from pcpc.tools.terminal.command import check_places
-from pcpc.tools.terminal.ending import exit_code
-from pcpc.tools.terminal.parsing import Parser
+from pcpc.tools.terminal.ending import exit_code, leave_at_once
 
-_OPEN_FILES = 64  # at once: a run has 32, and its libraries theirs
 _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `tools.terminal.ending` for how it ends."""
-    if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
-        completion.complete(parser())
     own = argv is None  # a process of its own
-    if own:  # to look for garbage in imports is a fifth of a start
-        gc.disable()
+    if own:
+        leave_at_once()
+        gc.disable()  # to look for garbage in imports is a fifth of a start
+    from pcpc.tools.cli import command_line  # here, so that a signal meanwhile is heard
+
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
+        command_line.complete()
     words = list(sys.argv[1:] if argv is None else argv)
-    goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
-    return exit_code(lambda: _carry_out(words), goes_on=goes_on, last=own)
-
-
-def _carry_out(words: Sequence[str]) -> int:
-    options = parsed_options(words)
-    command = COMMANDS[options.command]
-    options.begin_ns = _BEGIN_NS
-    _allow_open_files()
-    check_places(options)
-    _name_files(options)
-    if command.compiles:
-        from pcpc.tools.terminal.progress import Compiling
-
-        Compiling().told(getattr(options, "quiet", False))
-    if command.compiles and command.module.startswith("run.") and hasattr(options, "rig"):
-        from pcpc.executive.nodes import first_start
-
-        first_start.start_helper(str(options.rig))
-    module = import_module(f"pcpc.tools.{options.registered.module}")
-    if not gc.isenabled():
-        gc.freeze()
-        gc.enable()
-    return int(module.command(options))
-
-
-def _allow_open_files() -> None:
-    """Raise a low limit of open files as far as is allowed; UserError if that does not do."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if 0 <= soft < _OPEN_FILES:
-        if 0 <= hard < _OPEN_FILES:
-            what = f"{hard} open files are allowed, {_OPEN_FILES} are needed"
-            raise UserError(f"{what}; raise the limit with `ulimit -n`", Exit.ENVIRONMENT)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (_OPEN_FILES, hard))
-
-
-def parsed_options(words: Sequence[str]) -> argparse.Namespace:
-    """Return the options of a command line; UserError. SystemExit of a help."""
-    if not words:
-        what = "no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"
-        raise UserError(f"pcpc: {what}")
-    name = words[0]
-    if not name.startswith("-") and name not in COMMANDS:
-        from pcpc.executive.errors import did_you_mean
-
-        cure = did_you_mean(name, COMMANDS) or "; `pcpc --help` lists all"
-        raise UserError(f"pcpc {name}: no such command{cure}")
-    command = COMMANDS.get(name)
-    last = command.last if command is not None else ""
-    rest: list[str] = []
-    behind: list[str] = []
-    if command is not None and command.rest and "--" in words:
-        at = words.index("--")
-        words, rest = words[:at], list(words[at + 1 :])
-    if last and last in words:  # argparse would stop at a -- in it
-        at = words.index(last) + 1
-        words, behind = words[:at], list(words[at:])
-    options = parser(words[0]).parse_args(words, argparse.Namespace(rest=rest))
-    if any(value for name, value in vars(options).items() if name.startswith("elsewhere")):
-        raise UserError(
-            f"--at is gone; run it there: {_by_ssh(options.elsewhere or 'HOST', words)}"
-        )
-    if behind:
-        setattr(options, last.removeprefix("--"), behind)
-    return options
-
-
-def _by_ssh(host: str, words: Sequence[str]) -> str:
-    """Return the command line that does on another machine what `--at HOST:PORT` did."""
-    own, with_value = ("--at", "--token-file", "--ca", "--plain"), ("--at", "--token-file", "--ca")
-    there = [
-        word
-        for before, word in pairwise(("", *words))
-        if before not in with_value and word.partition("=")[0] not in own
-    ]
-    found = re.fullmatch(r"\[(.+)\](?::\d+)?|([^:]+):\d+", host)  # the port is that of `pcpc host`
-    name = (found[1] or found[2]) if found else host
-    return shlex.join(["ssh", "-t", name, "pcpc", *map(shlex.quote, there)])
-
-
-def parser(name: str = "") -> Parser:
-    """Return the parser of all commands, or of the one that is named: a twentieth of a start."""
-    found = Parser(
-        prog="pcpc",
-        usage="pcpc COMMAND ...",
-        description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
-        epilog=overview(),
-    )
-    found.add_argument("--version", action=_Version, nargs=0, help="of pcpc, Python and numba")
-    commands = found.add_subparsers(
-        prog="pcpc", dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS
-    )
-    for command in [COMMANDS[name]] if name in COMMANDS else COMMANDS.values():
-        command.add_to(commands, completion.attach)
-    return found
-
-
-def _name_files(options: argparse.Namespace) -> None:
-    """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
-    if getattr(options, "rig", None) is not None and getattr(options, "at", None) is None:
-        from pcpc.tools.start.rigs import find
-
-        options.rig = type(options.rig)(find(str(options.rig)))
-    if COMMANDS[options.command].reads_logs:
-        from pcpc.tools.after.log.recorded import LATEST, log_of
-
-        for key in {"log", "a", "b"} & vars(options).keys():
-            value = getattr(options, key)
-            setattr(options, key, type(value)(log_of(str(value))))
-        if "words" in options:  # of `log plot`: logs and variables
-            options.words = [
-                str(log_of(word)) if word == LATEST or Path(word).is_dir() else word
-                for word in options.words
-            ]
-
-
-class _Version(argparse.Action):
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        from importlib.metadata import version
-
-        versions = [f"{name} {version(name)}" for name in ("pcpc", "numba")]
-        print(", ".join((versions[0], f"Python {platform.python_version()}", versions[1])))
-        parser.exit()
+    goes_on = command_line.goes_on(words)
+    return exit_code(lambda: command_line.carry_out(words, _BEGIN_NS), goes_on=goes_on, last=own)

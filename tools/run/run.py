@@ -44,9 +44,8 @@ from pcpc.tools.terminal.rooms import need_room, part_of
 REFUSALS = Exit.WRONG_INPUT, Exit.ENVIRONMENT
 _POLL_S = 0.02
 _END_S, _SHORT_END_S = 3.0, 0.5  # the other node notices the end of the run, and its death
-_DRIVE_END_S = 0.05  # it takes the executive's last word
 _ASKED_S, _UNBORN_S = 15.0, 0.5  # from asking a node to end to its death; without a cycle
-_DRAIN_S = 60.0
+_DRAIN_S, _DRIVE_END_S = 60.0, 0.05  # of the rings; the drive takes the executive's last word
 
 
 class Host:
@@ -235,8 +234,7 @@ class Host:
         roles = self.rig.roles if self.leader == "executive" else self.roles
         judged = self.judged if self.leader == "executive" else {}
         names = [self._block_name(role) for role in roles]
-        log = str(self.folder / LOG)
-        words = [log, *names, "--judged", json.dumps(judged)]
+        words = [str(self.folder / LOG), *names, "--judged", json.dumps(judged)]
         self.children["recorder"] = Child.fork("recorder", recorder.main, words, survives=True)
 
     def _under_way(self) -> bool:
@@ -295,11 +293,13 @@ class Host:
                 self.outcome.missing += recording.complaint()
             elif recorder_first and recording.code > 0:
                 self.outcome.faults.append("recorder: ended before the nodes")
-        order = (*first, *(name for name in self.children if name not in first))
+        order = dict.fromkeys([*first, *self.children])
         for name in sorted(order, key=lambda name: follows(self.blocks.get(name))):
             self.outcome.judge(name, self.children[name].code, self.blocks.get(name))
+        paced = self.blocks if self.pacing != "lockstep" else {}
+        self.outcome.stall = pace.stall(paced, self.rig)
         if all(child.code >= 0 for child in self.children.values()):  # else their death explains it
-            self.outcome.faults += filter(None, [pace.silence(self.blocks, self.rig)])
+            self.outcome.faults += filter(None, [pace.silence(paced, self.rig)])
 
     def _await_end(self, child: Child, patience_s: float, asked_s: float) -> None:
         """Wait for the end of a node's loop; ask for it after `patience_s`."""

@@ -19,6 +19,7 @@ from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.after.verdict.virtual_end import to_end
+from pcpc.tools.run.outlived import outlived
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.terminal.progress import Progress
@@ -67,6 +68,9 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, options.controller, options.set)
     if options.digest and rig.config.record.keep is not None:
         raise UserError("--digest is of a whole run; leave out record.keep")
+    code = outlived(rig)
+    if code is not None:
+        return code
     judge = Judge.of(rig)
     judged = columns_to_keep(judge, "lockstep", not options.no_figure)
     outcome = Outcome(

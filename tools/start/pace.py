@@ -9,7 +9,8 @@ times slower and stands still for 10 ms and more, whatever the average.
     --pacing real or sync   as asked, with a warning
     exec, plant, local      as the rig says, with a warning: the other node must do the same
 
-After a fault for missing frames the longest stall that was seen is held against the limit.
+After a fault for missing frames the longest stall that was seen is held against the limit. Where
+input was stale the latest cycle is named.
 """
 
 import argparse
@@ -23,12 +24,14 @@ import numpy as np
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.ring_layout import OfRecord
+from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.rig.reading import Rig
 
 CYCLE_S = 20e-6
 SUM_S = 0.6e-3  # of the sum below, on the machine of CYCLE_S
 _SUM, _TIMES = 20_000, 7
 EMULATED = 12.0  # times slower than that: nothing but an emulated processor
+_ALLOWED_S = 0.1  # of a stall at least: on two busy processors without SCHED_FIFO 0.03 were seen
 EMULATED_HZ = 25.0  # three of its periods are longer than its stalls
 _CPU = Path("/proc/cpuinfo")
 
@@ -103,11 +106,34 @@ def silence(blocks: Mapping[str, sh.NodeMemory], rig: Rig) -> str:
     said = f"{limit} cycles are {1e-6 * limit * period_ns:g} ms"
     if stall_ns < (limit - 1) * period_ns:
         return said
-    cycles = math.ceil(1.5 * stall_ns / period_ns) + 1
-    return (
-        f"{said}, and here a cycle began {1e-6 * stall_ns:.1f} ms late: "
-        f"--set supervisor.fault_after_cycles={cycles}, a lower rate_hz, or --pacing lockstep"
+    cure = _cure(stall_ns, blocks, rig)
+    return f"{said}, and here a cycle began {1e-6 * stall_ns:.1f} ms late{cure}"
+
+
+def stall(blocks: Mapping[str, sh.NodeMemory], rig: Rig) -> str:
+    """Return how late a cycle woke that cost another node its input, and the cure; "" if none."""
+    worst = {name: _latest_ns(block) for name, block in blocks.items()}
+    late_ns = max(worst.values(), default=0)
+    if late_ns < rig.config.period_ns:
+        return ""
+    name = max(worst, key=lambda one: worst[one])
+    return f"{name}: a cycle woke {1e-6 * late_ns:.1f} ms late{_cure(late_ns, blocks, rig)}"
+
+
+def _cure(stall_ns: int, blocks: Mapping[str, sh.NodeMemory], rig: Rig) -> str:
+    """Return what to do about stalls like this one: others are three times as long."""
+    low = not all(block.control.realtime for block in blocks.values())
+    without = ", without SCHED_FIFO (see `pcpc doctor`)" * low
+    cycles = math.ceil(max(3.0 * stall_ns, 1e9 * _ALLOWED_S) / rig.config.period_ns)
+    allowed = (
+        f"--set supervisor.hold_cycles={cycles} --set supervisor.fault_after_cycles={2 * cycles}"
     )
+    return f"{without}; run it with --pacing lockstep, or allow for stalls: {allowed}"
+
+
+def _latest_ns(block: sh.NodeMemory) -> int:
+    """Return how late the latest cycle of a node woke."""
+    return max((int(row.stage_ns[Stage.WAKE_LATE]) for row in np.array(block["latest"])), default=0)
 
 
 def _longest_pause_ns(block: sh.NodeMemory) -> int:

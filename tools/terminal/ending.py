@@ -8,7 +8,7 @@
     a disk is full                     says which file                          3
     a name that no file can have       says it                                  2
     the machine refuses otherwise      says which file and why                  4
-    Ctrl-C, SIGTERM or SIGHUP          ends in order                            130
+    Ctrl-C, SIGTERM or SIGHUP          ends in order, and says so               130
     what a user can mend               one line that says how                   the error's
 
 A mistake in the program itself keeps its traceback.
@@ -29,6 +29,7 @@ from pcpc.executive.errors import FULL, code_of, near_file
 from pcpc.tools.terminal import screen
 
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_INTERRUPTED = "interrupted"
 
 
 class Output:
@@ -142,6 +143,7 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
             return Exit.OK
         return end.code if isinstance(end.code, int) else Exit.OK if end.code is None else 1
     except KeyboardInterrupt:
+        err.say(_INTERRUPTED)
         return Exit.INTERRUPTED
     except UserError as error:
         if str(error):  # else it was said already
@@ -155,20 +157,60 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
     except MemoryError:
         err.say("out of memory; end other programs, or give this one more")
         return Exit.ENVIRONMENT
+    except Exception as error:
+        if not _comes_of_an_interruption(error):
+            raise
+        err.say(_INTERRUPTED)
+        return Exit.INTERRUPTED
+
+
+def _comes_of_an_interruption(error: BaseException | None) -> bool:
+    """Return whether an exception came while a KeyboardInterrupt was on its way.
+
+    A compiler that was interrupted leaves things half made, and what tidies up finds them.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def leave_at_once() -> None:
+    """Let a signal that asks to end do so at once: nothing has begun that has to end in order."""
+    _hear(_leave)
+
+
+def end_in_order() -> None:
+    """Make such a signal a KeyboardInterrupt, if `leave_at_once` held until now."""
+    if any(signal.getsignal(number) is _leave for number in _ASK_TO_END):
+        _hear(signal.default_int_handler)
+
+
+def _leave(*_: Any) -> None:
+    with suppress(OSError):
+        os.write(2, f"{_INTERRUPTED}\n".encode())
+    os._exit(Exit.INTERRUPTED)
+
+
+def _hear(handler: Callable[[int, Any], Any]) -> None:
+    """Handle the signals, also where SIGINT is ignored from birth.
+
+    A shell ignores it for what runs in the background; SIGHUP stays ignored if it was: `nohup`.
+    """
+    for number in _ASK_TO_END:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 @contextmanager
 def _asked_to_end(last: bool) -> Iterator[None]:
-    """Make SIGINT, SIGTERM and SIGHUP a KeyboardInterrupt, also where SIGINT is ignored from birth.
+    """Make SIGINT, SIGTERM and SIGHUP a KeyboardInterrupt, unless `leave_at_once` holds.
 
-    A shell ignores it for what runs in the background; SIGHUP stays ignored if it was: `nohup`.
     Behind the `last` command all are ignored: libraries tidy up then, and would print them.
     """
     before = {number: signal.getsignal(number) for number in _ASK_TO_END}
     try:
-        for number, handler in before.items():
-            if handler != signal.SIG_IGN or number != signal.SIGHUP:
-                signal.signal(number, signal.default_int_handler)
+        if before[signal.SIGTERM] is not _leave:
+            _hear(signal.default_int_handler)
     except ValueError:  # only the main thread may; nobody sends a signal to another
         before = {}
     try:

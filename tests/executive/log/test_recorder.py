@@ -1,8 +1,10 @@
 """The recorder and the log: what is put into the rings is in the file, or counted as lost."""
 
+import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
 from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
@@ -243,3 +245,26 @@ def test_two_nodes_share_a_file_and_the_plant_may_come_later(name: str, tmp_path
     assert len(read.node["plant"].frames) == 220 and len(read.node["plant"].events) == 1
     assert read.attachments["rig-resolved.yaml"] == "# executive\n"
     assert read.attachments["plant/rig-resolved.yaml"] == "# plant\n"
+
+
+@pytest.mark.parametrize(
+    ("ended", "kept"),
+    [((True, True), 0), ((True, False), 50), ((False, True), 50), ((False, False), 50)],
+)
+def test_the_death_of_any_node_keeps_what_came_before_it(
+    ended: tuple[bool, bool], kept: int, name: str, tmp_path: Path
+) -> None:
+    keep = {"keep_ns": 50 * PERIOD_NS, "keep_on": ["fault"]}
+    blocks = [block_of(name, **keep), block_of(f"{name}-plant", "plant", **keep)]
+    log = Recorder(tmp_path / "log.mcap", blocks)
+    for cycle in range(150):
+        for block in blocks:
+            put_cycle(block, cycle)
+    for block, in_order in zip(blocks, ended, strict=True):
+        block.control.pid, block.control.done = os.getpid(), int(in_order)
+    log.finish()
+    read = logs.read(tmp_path / "log.mcap")
+    assert {role: len(node.cycle) for role, node in read.node.items()} == dict.fromkeys(
+        read.node, kept
+    ), read.node
+    assert (read.metadata["run"]["discarded"] == "0") is False

@@ -103,7 +103,35 @@ def test_a_command_in_the_background_ends_when_asked(number: signal.Signals) -> 
         one.send_signal(signal.SIGHUP)  # ignored from birth: it survives the terminal
         one.send_signal(number)
         assert one.wait(20.0) == 130
-        assert one.stderr.read() == b""
+        assert one.stderr.read() == b"interrupted\n"
+
+
+EARLY = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "{module}":
+            os.kill(os.getpid(), signal.{name})
+sys.meta_path.insert(0, Finder())
+sys.argv = ["pcpc", "simulate", "hull", "-o", "never"]
+from pcpc.tools.cli import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "module", ["pcpc.tools.cli.commands", "pcpc.tools.run.commands", "pcpc.tools.run.simulate"]
+)
+def test_a_command_that_is_still_loading_ends_at_once_with_a_word(
+    module: str, name: str, tmp_path: Path
+) -> None:
+    words = [sys.executable, "-c", EARLY.format(module=module, name=name)]
+    one = subprocess.run(
+        words, cwd=tmp_path, capture_output=True, text=True, preexec_fn=as_of_a_terminal
+    )
+    assert (one.returncode, one.stdout) == (130, ""), one
+    assert one.stderr.splitlines()[-1] == "interrupted" and "Traceback" not in one.stderr, one
 
 
 def test_a_command_ends_with_its_terminal() -> None:
@@ -153,7 +181,7 @@ def raising(error: BaseException) -> Callable[[], int]:
     (OSError("odd"), 4, "odd"),
     (OSError(), 4, "OSError"),
     (MemoryError(), 4, "out of memory; end other programs, or give this one more"),
-    (KeyboardInterrupt(), 130, ""),
+    (KeyboardInterrupt(), 130, "interrupted"),
     (UserError("a.yaml:3:1: rate_hz: above 0, please"), 2, "a.yaml:3:1: rate_hz: above 0, please"),
     (BusError("vcan7: no such interface"), 4, "vcan7: no such interface"),
     (UserError("", Exit.LOSS), 3, ""),
@@ -164,6 +192,27 @@ def test_what_the_machine_refuses_is_a_line(
     assert ending.exit_code(raising(error), goes_on=True) == code
     out, err = capsys.readouterr()
     assert (out, err.splitlines()) == ("", [line] if line else []), err
+
+
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_what_an_interruption_left_half_made_is_no_mistake(
+    interrupted: bool, capsys: Screen
+) -> None:
+    def command() -> int:
+        try:
+            try:
+                raise KeyboardInterrupt if interrupted else ValueError
+            finally:
+                raise RuntimeError("no compiled object yet")
+        except RuntimeError as error:
+            raise LookupError from error
+
+    if not interrupted:
+        with pytest.raises(LookupError):
+            ending.exit_code(command, goes_on=True)
+        return
+    assert ending.exit_code(command, goes_on=True) == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_an_error_does_not_go_on_behind_a_progress(capsys: Screen) -> None:

@@ -9,6 +9,7 @@ from pcpc.tools.after.log.rig import carried_by
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import RESOLVED, Record
 from pcpc.tools.after.report.sections import listed_section
+from pcpc.tools.after.verdict.report import timing_text
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
 from pcpc.tools.terminal.document import (
@@ -52,8 +53,7 @@ def timing(record: Record) -> list[Part]:
     ]
     words = (
         f"{summary.late_cycles:,} cycles late, {summary.skipped_cycles:,} skipped, "
-        f"{summary.held_cycles:,} held, of {summary.cycles:,}. {summary.timing_level}: lateness "
-        f"and work at p99.9 are {summary.timing_share:.1%} of a period."
+        f"{summary.held_cycles:,} held, of {summary.cycles:,}. {timing_text(summary)}."
     )
     keys = {"cycle": "cycle", "wake_late_us": "late [us]", "work_us": "work [us]", "cause": "why"}
     latest = [[one.get(key, "") for key in keys] for one in summary.latest_cycles]

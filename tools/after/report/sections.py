@@ -53,13 +53,6 @@ def verdict(record: Record) -> Verdict:
     word, lines = "not judged", [record.unjudged]
     if summary is not None:
         word, lines = summary.verdict, summary.problems()
-        if summary.verdict == "loss" and not (summary.frames_too_many or summary.log_missing):
-            counts = {
-                "frames lost": summary.frames.get("missed", 0),
-                "records dropped": summary.records.get("dropped", 0),
-                "cycles without a valid input": summary.frames.get("starved", 0),
-            }
-            lines += [f"{what}: {n:,}" for what, n in counts.items() if n > 0]
         left = summary.not_judged.items()
         lines += [f"{summary.named(name)} was not judged: {why}" for name, why in left]
         if not summary.judged and not summary.not_judged:

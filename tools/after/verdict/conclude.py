@@ -59,9 +59,11 @@ def conclude(
 
 def unreadable(outcome: Outcome, error: logs.LogError) -> int:
     """Say why there is nothing to judge; return the exit code."""
-    if outcome.interrupted:  # before there was anything to record
+    if outcome.interrupted:
+        print("interrupted before anything was recorded", file=sys.stderr)
         return Exit.INTERRUPTED
-    print(*outcome.faults, error, sep="\n", file=sys.stderr)
+    why = outcome.missing or [str(error)]  # of a log that could not be written nothing else is true
+    print(*outcome.faults, *why, sep="\n", file=sys.stderr)
     return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
 
 

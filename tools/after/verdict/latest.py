@@ -1,6 +1,6 @@
 """The executive's latest cycles and what its timing comes to, for the summary."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,14 +40,27 @@ def cause(cycle: Mapping[str, Any], period_us: float) -> str:
     return "woken late by timer, interrupts or hypervisor"
 
 
-def level(together: Mapping[str, float], rate_hz: float, limits: Timing) -> tuple[str, float]:
+def level(
+    together: Mapping[str, float], rate_hz: float, limits: Timing, missed: Sequence[int], due: int
+) -> tuple[str, float]:
     """Return OK, WARN or ERROR, and lateness plus work at p99.9 as a fraction of the period.
 
-    `together`: percentiles of their sum, us; without any, OK and 0.
+    `together`: percentiles of their sum, us, with a period for each one that was skipped; without
+    any, OK and 0. `missed`: how many of the `due` periods were skipped, and had a held input. Any
+    skipped one is a WARN, and so are more held ones than p99.9 leaves out; "not judged" without
+    limits.
     """
-    share = together.get(f"p{LEVEL_PERCENTILE:g}", 0.0) * 1e-6 * rate_hz
+    if limits.warn is None and limits.error is None:
+        return "not judged", share_of(together, rate_hz)
+    share, (skipped, held) = share_of(together, rate_hz), missed
     if limits.error is not None and share >= limits.error:
         return "ERROR", share
-    if limits.warn is not None and share >= limits.warn:
+    many = skipped > 0 or held * round(100.0 / (100.0 - LEVEL_PERCENTILE)) > due
+    if limits.warn is not None and together and (share >= limits.warn or many):
         return "WARN", share
     return "OK", share
+
+
+def share_of(together: Mapping[str, float], rate_hz: float) -> float:
+    """Return lateness plus work at p99.9 as a fraction of the period; 0 without any."""
+    return together.get(f"p{LEVEL_PERCENTILE:g}", 0.0) * 1e-6 * rate_hz

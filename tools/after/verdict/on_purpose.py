@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict.outcome import HEALTH
 
 EARLY_CYCLES = 2  # the cycles of two nodes on clocks of their own may be that far apart
@@ -34,17 +35,51 @@ def started_faults(log: logs.Log) -> list[str]:
     ]
 
 
-def is_input_missing(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> bool:
-    """Return whether input is missing that nothing took on purpose; `health`: at the end."""
+def missing_input(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return a line for each node whose input is missing and was not taken on purpose.
+
+    `health`: at the end.
+    """
+    lines = []
     for role, counters in health.items():
-        node = log.node.get(role)
+        node, frames, cycles = log.node.get(role), "missed", "starved"
         if node is not None and f"health.{HEALTH['missed'][1]}" not in node.timing:
-            alike = counters.get("lost", 0) > counters.get("lost_on_purpose", 0)
-            if alike or counters.get("stale", 0):
-                return True
-        if counters.get("missed", 0) or _starved(log, role, counters.get("starved", 0)):
-            return True
-    return False
+            frames, cycles = "lost", "stale"  # of an older log
+        gone = counters.get(frames, 0)
+        gone -= counters.get("lost_on_purpose", 0) if frames == "lost" else 0
+        without = counters.get(cycles, 0)
+        if cycles == "starved" and not _starved(log, role, without):
+            without = 0
+        told = [f"{gone:,} frames lost"] * (gone > 0)
+        told += [f"{without:,} cycles with stale input"] * (without > 0)
+        if told:
+            lines.append(f"{role}: {', '.join(told)}{_first(node, frames, cycles)}")
+    return lines
+
+
+def _first(node: logs.Node | None, *counts: str) -> str:
+    """Return when a node counted the first of these; "" where no record tells."""
+    columns = [node.timing.get(f"health.{HEALTH[key][1]}") for key in counts] if node else []
+    found = [int(np.argmax(one > 0.0)) for one in columns if one is not None and one.any()]
+    if not node or not found:
+        return ""
+    at = int(node.cycle[min(found)])
+    return f", first at {at * 1e-9 * _period_ns(node):.4g} s"
+
+
+def missed_by_the_machine(rig: Rig, log: logs.Log, health: Mapping[str, int]) -> tuple[int, int]:
+    """Return how many of the executive's periods were skipped, and had a held input.
+
+    Those in which it stood still on purpose are no such ones. Where frames were taken on purpose
+    nobody knows of the held ones.
+    """
+    leader = log.node.get("executive")
+    if leader is None:
+        return 0, 0
+    stalls = [(a, b) for _, a, b, about in fault_spans(leader) if about.get("kind") == "stall"]
+    skipped = health.get("skipped_cycles", 0) - round(sum(end - start for start, end in stalls))
+    taken = bool(rig.config.losses) or bool(started_faults(log))
+    return max(skipped, 0), 0 if taken else health.get("held_cycles", 0)
 
 
 def _starved(log: logs.Log, role: str, end: int) -> bool:

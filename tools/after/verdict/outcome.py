@@ -4,7 +4,7 @@ Counters are those of the nodes at their end.
 """
 
 import signal
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,6 +60,7 @@ class Outcome:
     begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
     cycles: int = 0
+    stall: str = ""  # how late a cycle was that may have cost input, and the cure
     short: str = ""  # how far the run came, where it ended early
     latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
@@ -136,6 +137,19 @@ def _of_an_fmu(block: sh.NodeMemory, name: str) -> str:
     status = int(block["snapshot"][names.index(f"{of}.fmi_status")])
     answer = {2: "discard", 3: "error", 4: "fatal", 5: "an end"}.get(status)
     return f"the FMU {of} returned {answer}: " if answer else ""
+
+
+def warnings_of(nodes: Mapping[str, Any]) -> list[str]:
+    """Return a line for each FMU in the nodes of a log that warned and went on."""
+    lines = []
+    for role, node in nodes.items():
+        for name in [name for name in node.columns if name.endswith(".fmi_status")]:
+            status = node.columns[name]
+            if len(status) and status.max() == 1.0:
+                first = int(node.cycle[np.argmax(status)])
+                of = name.removesuffix(".fmi_status")
+                lines.append(f"{role}: the FMU {of} returned a warning, first in cycle {first:,}")
+    return lines
 
 
 def changed_settings(settings: Sequence[str]) -> list[str]:

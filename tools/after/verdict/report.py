@@ -23,7 +23,7 @@ LINES_SHOWN = 6  # of problems
 NARROWEST = 40
 _LABEL = 9  # letters
 _LEAST = "report", "stages", "slowest", "records", "frames", "timing", "require", "run"  # first
-_QUIET = {"problem", "verdict", "folder"}
+_QUIET = {"warning", "problem", "verdict", "folder"}
 _AS_THEY_ARE = {"stages", "metrics", "folder"}  # in columns, or in one piece: to be copied
 _PROMPT = 2  # lines of the terminal that are not ours: the command, the next prompt
 _ACCOUNTED = {  # counters that the account of all nodes tells
@@ -77,10 +77,7 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
             f"{summary.controller}, {summary.pacing}, {summary.bus}, seed {summary.seed}{real}"
         ],
         "stages": _stages(summary, wide),
-        "timing": [
-            f"{summary.timing_level}; lateness and work at p99.9: {summary.timing_share:.1%} of a "
-            "period"
-        ] * (bool(summary.timing_us) and summary.pacing not in WITHOUT_CLOCK),
+        "timing": [timing_text(summary)],
         "slowest": [
             f"cycle {worst['cycle']}, {worst['wake_late_us']:g} us: {worst['cause']}"
             for worst in summary.latest_cycles[:LATEST_SHOWN]
@@ -92,7 +89,9 @@ def rows(summary: Summary, folder: Path, width: int) -> Rows:
         "injected": [", ".join(summary.injected)],
         "metrics": _metrics(summary, wide),
         "require": [one.text for one in summary.requirements if one.held],
-        "problem": screen.some(against, LINES_SHOWN, "and {} more, see summary.json"),
+        "warning": summary.warned,
+        "problem": screen.some(against, LINES_SHOWN, "and {} more, see summary.json")
+        * (against != summary.reasons() or len(against) > 1),
         "changed": [", ".join(summary.changed)],
         "verdict": [verdict_text(summary)],
         "folder": [str(folder)],
@@ -118,18 +117,34 @@ def _device(told: Mapping[str, Any]) -> str:
 
 
 def verdict_text(summary: Summary) -> str:
-    """Return the verdict, and what was not judged."""
-    judged, left = len(summary.judged), summary.not_judged
+    """Return the verdict, its first reason, and what was not judged."""
+    judged, left, why = len(summary.judged), summary.not_judged, summary.reasons()
+    said = ": ".join([summary.verdict, *why[:1]])
+    if more := len([line for line in summary.problems() if line not in why[:1]]):
+        said += f", and {more} more above"
+    if warned := len(summary.warned):
+        said += f", with {warned} warning{'s' * (warned > 1)} above"
     if summary.verdict not in ("ok", "loss", "expectation not met"):
-        return summary.verdict
+        return said
     if left:
-        why = ", ".join(dict.fromkeys(left.values()))
-        said = f"{len(left)} limit{'s' * (len(left) > 1)} not judged: {why}"
+        reasons = ", ".join(dict.fromkeys(left.values()))
+        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged: {reasons}"
     elif judged:
-        said = f"{judged} limit{'s' * (judged > 1)} judged"
+        limits = f"{judged} limit{'s' * (judged > 1)} judged"
     else:
-        said = f"nothing judged: the rig states no limits for {summary.controller}"
-    return f"{summary.verdict} ({said})"
+        limits = f"nothing judged: the rig states no limits for {summary.controller}"
+    return f"{said} ({limits})"
+
+
+def timing_text(summary: Summary) -> str:
+    """Return how late the executive was, and what it missed; "" without a clock."""
+    if not summary.timing_us or summary.pacing in WITHOUT_CLOCK:
+        return ""
+    missed = {"skipped": summary.skipped_cycles, "held": summary.held_cycles}
+    counts = ", ".join(f"{count:,} periods {name}" for name, count in missed.items() if count)
+    told = f"; {counts} of {summary.cycles:,}" * (bool(counts) and summary.timing_level != "OK")
+    share = f"lateness and work at p99.9: {summary.timing_share:.1%} of a period"
+    return f"{summary.timing_level}; {share}{told}"
 
 
 def _stages(summary: Summary, width: int) -> list[str]:

@@ -43,7 +43,7 @@ from pcpc.tools.after.verdict.frames import (
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
-from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
+from pcpc.tools.after.verdict.outcome import HEALTH, Outcome, warnings_of
 from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
 
 CODES = {code.meaning: code for code in Exit}
@@ -77,6 +77,8 @@ class Summary(msgspec.Struct, kw_only=True):
     latest_cycles: list[dict[str, Any]] = []  # see `latest.latest_cycles`
     frames: Counts = {}  # of all nodes, see `outcome.HEALTH`
     frames_too_many: list[str] = []
+    lost: list[str] = []  # input that nothing took on purpose, rows of the log
+    warned: list[str] = []
     most_cut: str = ""
     frames_to: dict[str, Counts] = {}  # node -> account
     records: dict[str, int | bool] = {}
@@ -98,8 +100,19 @@ class Summary(msgspec.Struct, kw_only=True):
     def problems(self) -> list[str]:
         """Return what keeps a run from being ok, a line each."""
         return [
-            *self.faults, *self.expectations_failed, *self.frames_too_many, *self.log_missing,
+            *self.faults, *self.expectations_failed, *self.lost, *self.frames_too_many,
+            *self.log_missing,
         ]  # fmt: skip
+
+    def reasons(self) -> list[str]:
+        """Return those problems that the verdict is of, a line each; [] of one that is ok."""
+        of = {
+            "safety stop": self.faults,
+            "loss": [*self.lost, *self.frames_too_many, *self.log_missing],
+            "expectation not met": self.expectations_failed,
+            "interrupted": [f"asked to end in cycle {self.cycles:,} (Ctrl-C or a signal)"],
+        }
+        return of.get(self.verdict, [])
 
     def named(self, limit: str) -> str:
         """Return the name of a limit behind its id, if it has one."""
@@ -151,16 +164,19 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     changed = [*dict.fromkeys((*branch_lines(log), *outcome.changed, *_live_tunings(rig, log)))]
     judge = judge or Judge.of(rig)
     found = judge.judge(log, changed, early)
-    timing = _timing(executive, log, outcome)
+    skipped, held = on_purpose.missed_by_the_machine(rig, log, health)
+    timing = _timing(executive, log, outcome, skipped)
     failed, limits = [*found.failed], rig.config.timing
     failed += [line for node in log.node.values() for line in mistakes(node)]
     if timing and limits.error is not None:
         found.judged.append("timing")
     worst_us = timing.pop("together", {})
-    timing_level, share = level(worst_us, rig.config.rate_hz, limits)
+    cycles = max(int(executive.cycle[-1]) + 1 if executive else 0, outcome.cycles)
+    timing_level, share = level(worst_us, rig.config.rate_hz, limits, (skipped, held), cycles)
     if timing_level == "ERROR":
         failed.append(
             f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
+            + f"; {skipped:,} periods were skipped" * (skipped > 0)
         )
     if outcome.short and not ended:
         failed.append(outcome.short)
@@ -173,7 +189,10 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     absent += _replacement_lines(executive, log, outcome)
     missing = [*log.missing, *absent, *outcome.missing]
     verdict = "expectation not met" if failed else "ok"
-    if on_purpose.is_input_missing(log, each) or dropped or frames_wrong or missing:
+    lost = on_purpose.missing_input(log, each)
+    lost += [outcome.stall] * bool(lost and outcome.stall)
+    lost += [f"{dropped:,} rows found a ring full and are not in the log"] * bool(dropped)
+    if lost or frames_wrong or missing:
         verdict = "loss"
     if ended:
         verdict = "interrupted" if outcome.interrupted else "safety stop"
@@ -186,7 +205,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         seed=rig.config.seed,
         rate_hz=rig.config.rate_hz,
         rig_git=log.metadata.get(LEADER, {}).get(RIG_COMMIT, ""),
-        cycles=max(int(executive.cycle[-1]) + 1 if executive else 0, outcome.cycles),
+        cycles=cycles,
         late_cycles=health.pop("late_cycles"),
         skipped_cycles=health.pop("skipped_cycles"),
         held_cycles=health.pop("held_cycles"),
@@ -197,6 +216,8 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         latest_cycles=outcome.latest,
         frames=health,
         frames_too_many=frames_wrong,
+        lost=lost,
+        warned=warnings_of(log.node),
         most_cut=most_clipped_signal(rig, log) if health["saturated_values"] else "",
         frames_to=frames_to(rig, log, each),
         records={
@@ -308,11 +329,12 @@ def _sum(each: dict[str, Counts]) -> Counts:
 
 
 def _timing(
-    executive: logs.Node | None, log: logs.Log, outcome: Outcome
+    executive: logs.Node | None, log: logs.Log, outcome: Outcome, skipped: int
 ) -> dict[str, dict[str, float]]:
     """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
 
-    Of a log too long to be read whole to one part in a million.
+    Each of the `skipped` periods counts as one together. Of a log too long to be read whole to one
+    part in a million.
     """
     if executive is None or outcome.pacing == "virtual":
         return {}
@@ -322,6 +344,10 @@ def _timing(
     for part in parts(log):
         timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
         timing["together"] = np.sum([timing[stage] for stage in _STAGES[:4]], axis=0)
+        lost = min(skipped, len(part.cycle))  # half of all are enough
+        period_us = 1e-3 * executive.description["period_ns"]
+        timing["together"] = np.concatenate([timing["together"], np.full(lost, period_us)])
+        skipped -= lost
         for stage, values in timing.items():
             if not isinstance(log, LongLog):
                 found[stage] = np.percentile(values, _PERCENTILES).tolist()

@@ -19,16 +19,18 @@ def to_end(run: VirtualRun, outcome: Outcome, progress: Progress, before: int = 
         for cycles in run.advance():
             speed = (cycles - before) * period_s / max(time.monotonic() - begin_s, 1e-9)
             progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-        run.close()
     except StepError as error:
         if str(error):
             print(error, file=sys.stderr)
-        run.close()
     except RecordError as error:
         outcome.missing.append(str(error))
     progress.close()
-    for line in (line for made in run.plans for line in fmus.failures(made)):
+    for line in (line for made in run.plans for line in fmus.failures(made)):  # while they are open
         print(line, file=sys.stderr)
+    try:
+        run.close()
+    except RecordError as error:
+        outcome.missing.append(str(error))
     for block in run.blocks:
         outcome.judge(block.description["node"], 0, block)
     outcome.realtime = None

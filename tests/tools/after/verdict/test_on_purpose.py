@@ -11,7 +11,7 @@ from processes import ROOT
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.verdict.on_purpose import is_input_missing
+from pcpc.tools.after.verdict.on_purpose import missing_input
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
 from pcpc.tools.after.verdict.summary import summarise
 
@@ -83,9 +83,11 @@ def test_a_stall_of_another_node_excuses_its_cycles_and_two_beside_them(
     names = [f"health.{HEALTH[key][1]}" for key in ("missed", "starved")]
     at = np.arange(300.0)
     columns = dict.fromkeys(names, np.where(at >= cycle, 1.0, 0.0))
-    own = SimpleNamespace(cycle=at, timing=columns, description={"faults": {}}, tunings=[])
+    about = {"faults": {}, "period_ns": 1_000_000}
+    own = SimpleNamespace(cycle=at, timing=columns, description=about, tunings=[])
     stall = [{"name": "fault.halt.left", "cycle": 100, "value": 20.0}]
     stall += [{"name": "fault.halt.left", "cycle": ended, "value": 0.0}] * (ended > 0)
     other = SimpleNamespace(description={"faults": {"halt": {"kind": "stall"}}}, tunings=stall)
     log: Any = SimpleNamespace(node={"executive": own, "plant": other})
-    assert is_input_missing(log, {"executive": {"starved": 1}}) == counts
+    told = f"executive: 1 cycles with stale input, first at {1e-3 * cycle:g} s"
+    assert missing_input(log, {"executive": {"starved": 1}}) == [told] * counts

@@ -9,7 +9,9 @@ import signal
 import tempfile
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from processes import RIGS, Done, Running, own_bus, pcpc
@@ -17,6 +19,7 @@ from processes import RIGS, Done, Running, own_bus, pcpc
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.run_counts import Absences
+from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict import judge as judging
@@ -318,6 +321,90 @@ def test_no_line_is_wider_than_the_terminal(width: int, metrics: int, problems: 
     lines = [f"{label:9}{line}" for label, own in shown.items() for line in own]
     wide = [line for line in lines if len(line) > width]
     assert not wide, "\n".join(wide)
+
+
+@pytest.mark.parametrize(
+    ("entries", "verdict", "said"),
+    [
+        ({"faults": ["plant: died"]}, "safety stop", "safety stop: plant: died"),
+        ({"lost": ["plant: 3 frames lost"]}, "loss", "loss: plant: 3 frames lost (2 limits"),
+        ({"frames_too_many": ["5 wrong"]}, "loss", "loss: 5 wrong (2 limits"),
+        ({"log_missing": ["figure.png: full"]}, "loss", "loss: figure.png: full (2 limits"),
+        (
+            {"expectations_failed": ["a = 3", "b = 4"]},
+            "expectation not met",
+            "expectation not met: a = 3, and 1 more above (2 limits",
+        ),
+        (
+            {"expectations_failed": ["a = 3"], "lost": ["plant: 3 frames lost"]},
+            "loss",
+            "loss: plant: 3 frames lost, and 1 more above (2 limits",
+        ),
+        ({"cycles": 5}, "interrupted", "interrupted: asked to end in cycle 5 (Ctrl-C or a signal)"),
+        ({}, "ok", "ok (2 limits judged)"),
+    ],
+)
+def test_a_verdict_says_why_on_its_own_line(
+    entries: dict[str, object], verdict: str, said: str
+) -> None:
+    found = Summary(metrics={}, verdict=verdict, judged=["a", "b"])
+    for name, lines in entries.items():
+        setattr(found, name, lines)
+    assert report.verdict_text(found).startswith(said), report.verdict_text(found)
+    shown = report.rows(found, Path("runs/x"), 80)
+    assert ("problem" in shown) == (len(found.problems()) > 1), shown
+    assert all(
+        line in " ".join(shown.get("problem", shown["verdict"])) for line in found.problems()
+    )
+
+
+def test_input_that_was_lost_says_how_late_the_machine_was_and_a_full_ring_says_so() -> None:
+    rig = load_rig(PROBE, settings=["duration_s=0.1"])
+    log = in_memory(rig)
+    starved = np.minimum(np.arange(len(log.node["plant"].cycle)) // 40, 1.0)
+    timing = {**log.node["plant"].timing, "health.starved_cycles": starved}
+    plant = dataclasses.replace(log.node["plant"], timing=timing)
+    well, log = log, dataclasses.replace(log, node={**log.node, "plant": plant})
+    outcome = Outcome("real", "", stall="executive: a cycle woke 9.1 ms late; run it otherwise")
+    whole = summarise(rig, well, outcome)
+    assert (whole.verdict, whole.lost) == ("ok", []), "a stall that cost nothing"
+    outcome.health = {"plant": {"starved": 33, "missed": 1}}
+    outcome.dropped = 7
+    found = summarise(rig, log, outcome)
+    first_s = 40 / rig.config.rate_hz
+    assert found.verdict == "loss" and found.lost == [
+        f"plant: 1 frames lost, 33 cycles with stale input, first at {first_s:g} s",
+        "executive: a cycle woke 9.1 ms late; run it otherwise",
+        "7 rows found a ring full and are not in the log",
+    ], found.lost
+
+
+@pytest.mark.parametrize(
+    ("skipped", "held", "changes", "level"),
+    [
+        (0, 0, {}, "OK"), (1, 0, {}, "WARN"), (0, 10, {}, "OK"), (0, 11, {}, "WARN"),
+        (9, 0, {"error": 0.9}, "WARN"), (11, 0, {"error": 0.9}, "ERROR"),
+        (11, 0, {"error": 1.1}, "WARN"), (11, 0, {"warn": None, "error": 1.1}, "OK"),
+        (11, 99, {"warn": None}, "not judged"), (10**15, 0, {"error": 0.9}, "ERROR"),
+    ],
+)  # fmt: skip
+def test_timing_is_judged_by_what_was_skipped_and_held(
+    skipped: int, held: int, changes: dict[str, float | None], level: str
+) -> None:
+    rig = load_rig(PROBE, settings=["duration_s=10.0", "rate_hz=1000"])
+    rig = rig.changed(timing=msgspec.structs.replace(rig.config.timing, **changes))
+    cycle = np.arange(10_000)
+    quick = {f"timing.{stage}_us": np.full(len(cycle), 10.0) for stage in Stage.words()}
+    about: Any = {"period_ns": 1_000_000, "variables": []}
+    frames = np.empty(0, logs.FRAME)
+    node = logs.Node(cycle, cycle * 1_000_000, {}, quick, frames, [], [], about)
+    log = logs.Log(Path("log.mcap"), {"executive": node}, {}, {}, [])
+    counts = {"skipped_cycles": skipped, "held_cycles": held}
+    found = summarise(rig, log, Outcome("real", "", health={"executive": counts}))
+    assert found.timing_level == level, found
+    told = report.timing_text(found)
+    assert ("periods skipped" in told) == (skipped > 0 and level != "OK"), told
+    assert (f"{held:,} periods held of 10,000" in told) == (held > 0 and level != "OK"), told
 
 
 def test_metrics_and_verdict_are_seen_on_24_lines() -> None:

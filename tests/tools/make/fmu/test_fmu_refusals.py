@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import pcpc
 from reference_fmus import PLATFORM, columns, fmu, made, rig
 
 from pcpc.executive.errors import RigError
@@ -173,3 +174,34 @@ def test_check_runs_it_in_a_process_of_its_own(tmp_path: Path) -> None:
     assert about["steps"] == checks.STEPS and 0.0 < about["median_us"] <= about["worst_us"]
     slow = rig(tmp_path, fmu("VanDerPol", 3), "fmu.x0", rate=20000.0)
     assert checks.report(plan(load_rig(slow), "plant", "real"))[0]["period_us"] == 50.0
+
+
+@pytest.mark.parametrize("crashes", [True, False])
+def test_a_crash_in_an_fmu_is_named_and_has_a_code(crashes: bool, tmp_path: Path) -> None:
+    file = made("VanDerPol", 3, tmp_path / "crash.fmu", code=CRASH if crashes else {})
+    path = rig(tmp_path, file, "fmu.x0", duration=1.0)
+    words = ("simulate", str(path), "-o", str(tmp_path / "run"), "--no-figure", "--quiet")
+    done = pcpc(*words)
+    assert done.code == (5 if crashes else 0), done
+    said = "fmu (van der Pol oscillator): ended by SIGSEGV in the code of an FMU; nothing is judged"
+    assert [line for line in done.err.splitlines() if "SIG" in line] == [said] * crashes, done
+    assert (tmp_path / "run" / "summary.json").is_file() != crashes
+
+
+def test_a_warning_of_an_fmu_is_told_and_counted(tmp_path: Path) -> None:
+    code = {r"\[\(\*index\)\+\+\] = M\(x0\);\n            return OK;":
+            "[(*index)++] = M(x0); return comp->time > 0.5 ? Warning : OK;"}  # fmt: skip
+    path = rig(tmp_path, made("VanDerPol", 3, tmp_path / "warm.fmu", code=code), "fmu.x0")
+    words = ("-o", str(tmp_path / "run"), "--no-figure", "--set", "duration_s=1.0")
+    done = pcpc("simulate", str(path), *words)
+    assert done.code == 0, done
+    assert "fmu: getting its outputs returned a warning" in done.err.splitlines(), done.err
+    assert "plant: the FMU fmu returned a warning, first in cycle 51" in done.out, done.out
+    assert "verdict  ok, with 1 warning above (" in done.out, done.out
+
+
+def test_messages_of_warning_are_counted_and_the_first_is_kept() -> None:
+    said = fmus._Said()
+    for status, text in ((0, b"fine"), (1, b"warm  \n"), (1, b"hot"), (2, b"cold"), (1, None)):
+        said.take(status, text)
+    assert (said.words, said.warning, said.warnings) == (["cold"], "warm", 3)
