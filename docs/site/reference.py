@@ -20,7 +20,7 @@ from typing import Any
 import pcpc
 from pcpc.drivers.errors import Exit
 from pcpc.executive.laws.block import Block
-from pcpc.tools.cli import command_line
+from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
 from pcpc.tools.terminal.command import Command
 
@@ -116,7 +116,7 @@ def commands() -> str:
     """Return the page of the command line."""
     codes = [(f"{code:<5d}{code.meaning}", _CODES[code]) for code in Exit]
     lines = [_COMMANDS, "```text", *_columns(codes), "```"]
-    parsers = _parts(command_line.parser())
+    parsers = _parts(cli.parser())
     told = [one for name, group in GROUPS.items() if name != _OURS for one in group]
     found = [(one, parsers[one.name]) for one in told]
     common = _common([leaf for one in found for leaf in _leaves(*one)])

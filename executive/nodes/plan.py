@@ -139,11 +139,8 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
         own = {frame.name for frame in (*made.rx_frames, *made.tx_frames)}
         made.below = protocol.frames_on_second(rig, database) & own
     made.senders = protocol.senders_below(rig, role, database)
-    planned_drive.check_senders(rig, database)
-    protocol.check_heartbeats(rig, planned_drive.frames_before_start(rig, database, made.pacing))
+    planned_drive.check_senders(rig, database, made.pacing)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
-    if made.pacing == "lockstep":
-        protocol.check_starters(rig, database)
     protocol.check_losses(rig, database)
     protocol.check_stops(rig, database)
 

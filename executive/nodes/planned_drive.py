@@ -21,7 +21,12 @@ from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
-from pcpc.executive.rig.messages import FD_PROFILES, database_of
+from pcpc.executive.rig.messages import (
+    FD_PROFILES,
+    check_heartbeats,
+    check_starters,
+    database_of,
+)
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -139,8 +144,14 @@ def frames_before_start(
     }
 
 
-def check_senders(rig: Rig, database: dbc.Database) -> None:
-    """Raise RigError if two plants on one bus send the same id, or hear one as the same drive."""
+def check_senders(rig: Rig, database: dbc.Database, pacing: str) -> None:
+    """Raise RigError if two plants on one bus send the same id, or hear one as the same drive.
+
+    Also for a frame that another node waits for and nobody sends.
+    """
+    check_heartbeats(rig, frames_before_start(rig, database, pacing))
+    if pacing == "lockstep":
+        check_starters(rig, database)
     taken: dict[tuple[bool, int], Role] = {}
     for role, plant in rig.config.plants.items():
         sent = {one.can_id for one in frames(rig, role, database, "tx") if not one.extended}

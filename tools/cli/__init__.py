@@ -5,6 +5,8 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
 
 from pcpc.tools.terminal.ending import exit_code, leave_at_once
 
@@ -24,3 +26,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     goes_on = command_line.goes_on(words)
     return exit_code(lambda: command_line.carry_out(words, _BEGIN_NS), goes_on=goes_on, last=own)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a part of `command_line`, which is loaded on use."""
+    if name.startswith("__") or name == "command_line":
+        raise AttributeError(name)
+    return getattr(import_module("pcpc.tools.cli.command_line"), name)

@@ -16,7 +16,7 @@ from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.cycle import run
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.nodes import plan as planning
+from pcpc.executive.nodes import planned_drive
 from pcpc.executive.nodes.install import install
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.process import open_buses
@@ -141,7 +141,7 @@ def test_a_heartbeat_cannot_be_lost_on_purpose(tmp_path: Path) -> None:
 def test_in_memory_a_meeting_that_cannot_be_ends_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edit: Edit
 ) -> None:
-    monkeypatch.setattr(planning.protocol, "check_heartbeats", lambda rig, sent: None)
+    monkeypatch.setattr(planned_drive, "check_heartbeats", lambda rig, sent: None)
     simulation = VirtualRun(motor(tmp_path, edit), None)
     work = threading.Thread(target=lambda: list(simulation.advance()), daemon=True)
     work.start()

@@ -15,9 +15,10 @@ import pytest
 from processes import ROOT, pcpc
 
 from pcpc.executive.errors import RigError
+from pcpc.tools import cli
 from pcpc.tools.after.log import recorded
 from pcpc.tools.after.verdict.judge import changes
-from pcpc.tools.cli import command_line, main
+from pcpc.tools.cli import main
 from pcpc.tools.cli.commands import COMMANDS, GROUPS, of_group
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.command import Command
@@ -60,7 +61,7 @@ def examples(text: str) -> Iterator[list[str]]:
 def check(words: list[str]) -> str:
     """Return what is wrong with a command line; nothing is carried out."""
     try:
-        options = command_line.parsed_options(words)
+        options = cli.parsed_options(words)
     except SystemExit:
         return "it does not parse"
     if words[0] == "vm":
@@ -85,7 +86,7 @@ def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
     text = of_group("all")
     registered = next(
         action.choices
-        for action in command_line.parser()._actions
+        for action in cli.parser()._actions
         if isinstance(action, argparse._SubParsersAction)
     )
     assert set(registered) == set(COMMANDS)
@@ -112,7 +113,7 @@ def places(found: argparse.ArgumentParser) -> Iterator[tuple[list[str], argparse
 
 def test_an_empty_name_of_a_file_or_folder_is_refused_by_every_command(capsys: Screen) -> None:
     count, written = 0, set(Path().iterdir())
-    for words, action in places(command_line.parser()):
+    for words, action in places(cli.parser()):
         ahead = action.option_strings[:1]
         if action.nargs is not None:
             continue

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcpc.tools.cli import main
-from pcpc.tools.cli.command_line import parsed_options
+from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.machine import vm
 from pcpc.tools.machine.vm import accelerator, initramfs, kernel, programs, unpack
 from pcpc.tools.machine.vm.job import Job, quote, script

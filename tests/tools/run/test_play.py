@@ -20,8 +20,7 @@ from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import PEER
-from pcpc.tools.cli import main
-from pcpc.tools.cli.command_line import parsed_options
+from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.dev.bench import play as bench
 from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.run import play

@@ -26,7 +26,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import Frames
-from pcpc.tools.cli.command_line import parsed_options
+from pcpc.tools.cli import parsed_options
 from pcpc.tools.machine.jitter.compiler import compile_to
 from pcpc.tools.terminal.ending import exit_code
 from pcpc.tools.terminal.progress import Progress
