@@ -139,8 +139,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
             report.longrepr = call.excinfo.getrepr(style="value")  # a line, not how pcpc came to it
     if report.when != "call":
         return report
-    runs: list[_Kept] = item.stash.setdefault(_RUNS, [])
-    for number, kept in enumerate(runs, 1):
+    for number, kept in enumerate(item.stash.get(_RUNS, list[_Kept]()), 1):
         if (kept.folder / "log.mcap").is_file():
             _report(item, report, f"run {number}: {kept.rig}", kept)
     return report

@@ -177,7 +177,7 @@ def contents(
 def digest(program: Program, log: Log) -> str:
     """Return the digest of a whole run, as `pcpc simulate --digest` prints it."""
     names: dict[str, list[str]] = {
-        role: [one.name for one in rows if one.digested] for role, rows in program.rows.items()
+        str(role): [one.name for one in rows if one.digested] for role, rows in program.rows.items()
     }
     return digest_of(log, names, program.cycle_count)
 
