@@ -139,7 +139,8 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
             report.longrepr = call.excinfo.getrepr(style="value")  # a line, not how pcpc came to it
     if report.when != "call":
         return report
-    for number, kept in enumerate(item.stash.get(_RUNS, list[_Kept]()), 1):
+    runs = item.stash.get(_RUNS, None) or []
+    for number, kept in enumerate(runs, 1):
         if (kept.folder / "log.mcap").is_file():
             _report(item, report, f"run {number}: {kept.rig}", kept)
     return report
