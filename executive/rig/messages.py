@@ -186,7 +186,9 @@ def check_heartbeats(rig: Rig, sent: Mapping[Role, Sequence[dbc.Frame]]) -> None
         pairs = [("executive", "local"), ("local", "plant")]
     for above, below in pairs:
         heard = {frame.name for frame in dbc.frames(database, nodes[above].node, "rx")}
-        if not any(is_heartbeat(frame) and frame.name in heard for frame in sent[below]):
+        if nodes[above].node != nodes[below].node and not any(
+            is_heartbeat(frame) and frame.name in heard for frame in sent[below]
+        ):
             sender, receiver = nodes[below].node, nodes[above].node
             what = f"{sender} sends no heartbeat that {receiver} receives, and the start waits"
             cure = f"give {rig.dbc.name} a frame from {sender} to {receiver}, id 0x701 to 0x77F"
@@ -194,11 +196,16 @@ def check_heartbeats(rig: Rig, sent: Mapping[Role, Sequence[dbc.Frame]]) -> None
 
 
 def unsent_frames(rig: Rig, database: dbc.Database) -> Iterator[tuple[Role, dbc.Frame]]:
-    """Yield what a node, but for a drive, awaits in each cycle and no node of the rig sends."""
+    """Yield what a node awaits in each cycle and no node of the rig sends.
+
+    Which frames a drive sends its objects say while it runs.
+    """
+    if rig.config.drives:
+        return
     nodes = rig.config.sections
     sent = {frame.name for one in nodes.values() for frame in dbc.frames(database, one.node, "tx")}
     for role, one in nodes.items():
-        for frame in () if role in rig.config.drives else dbc.frames(database, one.node, "rx"):
+        for frame in dbc.frames(database, one.node, "rx"):
             if (frame.has_sequence or is_awaited(frame)) and frame.name not in sent:
                 yield role, frame
 

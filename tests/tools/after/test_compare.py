@@ -205,7 +205,7 @@ def test_a_log_alone_is_judged_by_what_it_carries(folder: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "0 runs to compare; name two, old and new, or a version with --against"),
+        ((), "expected two runs to compare, got 0; name two, old and new, or a version"),
         (("/nowhere", "/nowhere"), "/nowhere"),
         (("{folder}/old", "{empty}"), "no log in this folder"),
         (("{folder}/old/gain", "{folder}/new/gain", "--tolerance", "-1"), "--tolerance -1"),

@@ -309,7 +309,7 @@ def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Pat
     [
         (("none.mcap",), 2, "none.mcap: "),
         (("LOG", "-o", "log.txt"), 2, "-o log.txt: not an HTML file; expected FILE.html"),
-        (("LOG", "-o", "none/a.html"), 4, "cannot be written"),
+        (("LOG", "-o", "none/a.html"), 2, "there is no folder none"),
         ((str(RELAY),), 2, "not an MCAP file"),
         (("LOG", "--law", "none.py"), 2, "--law none.py: no such file"),
     ],

@@ -218,9 +218,9 @@ def test_seeks_anywhere_agree_with_the_log(log: Path) -> None:
 WRONG = (
     (("--from", "9"), "there is no cycle 9000, the log comes to cycle 449"),
     (("--from", "0.3", "--to", "0.2"), "--to 0.2 is before --from 0.3"),
-    (("--from", "nan"), "--from nan: expected 0 s or more"),
+    (("--from", "nan"), "--from: expected a number"),
     (("--to", "-1"), "--to -1: expected 0 s or more"),
-    (("--to", "inf"), "--to inf: expected 0 s or more"),
+    (("--to", "inf"), "--to: expected a number"),
     (("--from", "1e300"), "there is no cycle"),
     (("--from", "x"), "expected a number"),
     (("--show", "controller.w_9x"), "no such variable"),

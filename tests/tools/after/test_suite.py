@@ -197,7 +197,7 @@ def test_a_loop_of_links_is_a_line(tmp_path: Path) -> None:
     ("words", "what"),
     [
         (("--suite", "EMPTY"), "no run below this folder"),
-        (("--suite", "EMPTY/none"), "no such log or folder"),
+        (("--suite", "EMPTY/none"), "no such log"),
         (("--suite", ""), "an empty name"),
         (("--suite",), "expected at least one argument"),
         (("LOG", "--suite", "EMPTY"), "after --suite"),

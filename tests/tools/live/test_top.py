@@ -123,7 +123,7 @@ def test_without_a_terminal_it_prints_a_screen_an_interval_until_ctrl_c(run: Run
         heads += top.stdout.readline().startswith("hull  pd  real")
     top.send_signal(signal.SIGINT)
     _, err = top.communicate(timeout=ANSWER_S)
-    assert (top.returncode, err) == (130, ""), f"{top.returncode}: {err}"
+    assert (top.returncode, err) == (130, "interrupted\n"), f"{top.returncode}: {err}"
 
 
 def test_what_is_not_there_is_told(capsys: Screen) -> None:

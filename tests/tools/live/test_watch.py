@@ -182,7 +182,7 @@ def test_watch_prints_a_line_an_interval_and_ends_on_ctrl_c_with_130(run: Run) -
     lines = [watching.stdout.readline() for _ in range(5)]
     watching.send_signal(signal.SIGINT)
     _, err = watching.communicate(timeout=ANSWER_S)
-    assert (watching.returncode, err) == (130, ""), f"{watching.returncode}: {err}"
+    assert (watching.returncode, err) == (130, "interrupted\n"), f"{watching.returncode}: {err}"
     cycles = [int(line.split()[0]) for line in lines]
     assert cycles == sorted(set(cycles)), f"cycles {cycles}"
     names = ["cycle", "controller.q_d_rad", "controller.q_d_rate_rad_s", ERROR]

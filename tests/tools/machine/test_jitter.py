@@ -254,7 +254,7 @@ def test_a_ratio_is_taken_within_its_round_and_needs_both_loops() -> None:
         (("-D", "9ms"), "-D 9ms: 9 cycles a round of 1; expected 10 or more, -D 10ms"),
         (("-D", "40ms", "--against", "c"), "8 cycles a round of 5; expected 10 or more, -D 50ms"),
         (("-D", "0s"), "-D 0s: not a duration above 0"),
-        (("--against", "rust"), "--against rust: no such loop; expected some of cyclictest"),
+        (("--against", "rust"), "--against rust: no such loop; known: cyclictest, c, python"),
         (("-a", "4095"), "-a 4095: no such processor here; expected some of"),
         (("-a", "x"), "-a x: no such processor here"),
         (("-p", "0"), "-p 0: expected a priority of 1 to 99"),

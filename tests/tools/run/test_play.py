@@ -223,11 +223,11 @@ def test_of_a_damaged_log_the_rest_is_played(
 
 
 WRONG = {
-    "no such log": (["NOWHERE"], "NOWHERE: no such log; name a log"),
+    "no such log": (["NOWHERE"], "NOWHERE: no such log"),
     "not a log": ([str(RIGS / "slew10.yaml")], "not an MCAP file"),
     "negative rate": (["LOG", "-r", "-1"], "-r -1: expected 0"),
-    "no number": (["LOG", "-r", "nan"], "-r nan"),
-    "negative loop": (["LOG", "--loop", "-2"], "--loop -2"),
+    "no number": (["LOG", "-r", "nan"], "--rate: expected a number, got 'nan'"),
+    "negative loop": (["LOG", "--loop", "-2"], "--loop: expected a whole number from 0 on"),
     "unknown name": (["LOG", "--only", "FB_X"], "did you mean FB_"),
     "unknown id": (["LOG", "--only", "0x7ab"], "no such frame"),
     "not of this node": (["LOG", "--as", "plant", "--only", "SYNC"], "no such frame"),

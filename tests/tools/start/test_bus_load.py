@@ -228,7 +228,7 @@ def test_the_fullest_cycle_is_drawn(tmp_path: Path, capsys: Screen) -> None:
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and "bus.txt: not a picture; expected" in err, err
     assert main(["bus", HULL, "--plot", str(tmp_path / "none" / "bus.png")]) == 2
-    assert capsys.readouterr().err.endswith(f"bus.png: there is no folder {tmp_path / 'none'}\n")
+    assert f"bus.png: there is no folder {tmp_path / 'none'}" in capsys.readouterr().err
 
 
 def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> None:

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from json_schemas import holds
 from processes import pcpc
@@ -56,7 +57,7 @@ def test_an_infinite_bound_is_not_shown_and_ends_with_1() -> None:
 
 
 def test_an_error_outside_its_bound_has_not_settled_and_ends_with_1() -> None:
-    """A run that is shorter than the transient: within the level set, but not in the ball."""
+    """A run that is shorter than the transient: within the level set, but not back in the ball."""
     rig = load_rig(RIG, settings=[SHORT])
     account = bounds.of_rig(rig).account
     error, level = account.own.error, min(account.own.level, account.stated.level)
@@ -65,7 +66,7 @@ def test_an_error_outside_its_bound_has_not_settled_and_ends_with_1() -> None:
         (0.5 * (error + level), False, "not shown"),
         (1.01 * level, False, "violated"),
     ):
-        proof = replace(account.proof, error=account.proof.error / account.largest * peak)
+        proof = replace(account.proof, error=np.full_like(account.proof.error, peak))
         own = replace(account, proof=proof)
         check = next(one for one in own.checks() if one.name == "ultimate bound of the error")
         assert (check.holds, check.shown) == (holds_, verdict != "not shown"), check
@@ -122,9 +123,9 @@ def test_what_it_refuses(log: Path) -> None:
 def test_a_file_that_is_not_there_is_refused_also_where_none_is_needed(
     command: str, option: str, log: Path
 ) -> None:
-    for name in ("none.py", "."):
+    for name, what in (("none.py", "no such file"), (".", "is a folder; expected a file")):
         done = pcpc(command, str(log), option, name)
-        assert done.code == 2 and f"{option} {name}: no such file" in done.err, done
+        assert done.code == 2 and f"{option} {name}: {what}" in done.err, done
 
 
 def test_a_log_whose_description_is_damaged_is_refused(log: Path) -> None:

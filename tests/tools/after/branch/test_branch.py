@@ -290,7 +290,7 @@ def test_a_branch_says_of_what_it_is_one(tmp_path: Path) -> None:
 WRONG: Sequence[tuple[Sequence[str], str]] = [
     ((), "which cycle? give --cycle N or --time S"),
     (("--cycle", "5", "--time", "1"), "which cycle? give --cycle N or --time S"),
-    (("--cycle", "-1"), "expected 0 or more"),
+    (("--cycle", "-1"), "expected a whole number from 0 on"),
     (("--cycle", "300"), "cycle 300 is not there, the log ends with cycle 299"),
     (("--cycle", "301"), "cycle 301 is not there, the log ends with cycle 299"),
     (("--cycle", "100000"), "cycle 100000 is not there, the log ends with cycle 299"),

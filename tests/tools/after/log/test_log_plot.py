@@ -127,7 +127,7 @@ def test_a_run_folder_stands_for_its_log_and_names_it(tmp_path: Path) -> None:
         (["{log}", "barel.theta_rad"], "did you mean barrel.theta_rad?"),
         (["{log}", "nothing.*"], "no variable nothing.*"),
         (["{log}", "{log}2", "controller.e_rad"], "no such log"),
-        (["controller.e_rad"], "the first word is a log"),
+        (["controller.e_rad"], "controller.e_rad: no such log"),
         (["{log}", "{pd}", "*"], "a picture has at most 12"),
         (["{log}", "time.t_s", "--start", "soon"], "soon: not a duration"),
         (["{log}", "time.t_s", "-o", "{out}/f.mcap"], "expected .png, .svg, .pdf"),

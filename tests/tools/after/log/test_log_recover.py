@@ -79,5 +79,5 @@ def test_report_tells_what_was_kept(tmp_path: Path) -> None:
 
 def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     done = run("recover", barrel_log("pd"), "-o", tmp_path / "none" / "new.mcap")
-    assert done.code == 4 and done.err.count("\n") == 1, done
+    assert done.code == 2 and done.err.count("\n") == 1, done
     assert str(tmp_path / "none" / "new.mcap") in done.err, done.err

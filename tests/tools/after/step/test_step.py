@@ -92,10 +92,10 @@ def test_a_limited_command_says_what_was_wanted(tmp_path: Path) -> None:
     [
         ((), "give --cycle N or --time S"),
         (("--cycle", "5", "--time", "0.1"), "give --cycle N or --time S"),
-        (("--cycle", "-1"), "expected 0 or more"),
+        (("--cycle", "-1"), "--cycle: expected a whole number from 0 on"),
         (("--cycle", str(CYCLES)), f"cycle {CYCLES} is not there"),
         (("--cycle", "999999"), "is not there"),
-        (("--time", "nan"), "expected 0 s or more"),
+        (("--time", "nan"), "--time: expected a number"),
         (("--cycle", "5", "--show", "nix"), "--show nix: no such variable"),
         (("--cycle", "5", "--show", "controller.e_rat"), "did you mean controller.e_rad"),
         (("--cycle", "5", "--node", "local"), "no record of node local"),

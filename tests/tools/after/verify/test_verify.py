@@ -645,10 +645,10 @@ def test_what_ssh_keygen_answers_is_the_exit_code(
     [
         ([], "which logs?"), (["."], "no log below"), ([""], "empty name"), (["no"], "no such log"),
         (["L", "no"], "no such log"), (["latest"], "latest"), (["L", "--jobs", "0"], "positive"),
-        (["L", "--sign", "k"], "needs --table"), (["L", "--signers", "s"], "needs --check"),
+        (["L", "--sign", "k"], "needs --table"), (["L", "--signers", "T"], "needs --check"),
         (["L", "--identity", "x"], "needs --signers"),
-        (["--check", "T", "--signers", "s"], "needs --identity"),
-        (["--check", "T", "--table", "t"], "choose one"), (["--check", "none"], "no such table"),
+        (["--check", "T", "--signers", "T"], "needs --identity"),
+        (["--check", "T", "--table", "t"], "choose one"), (["--check", "none"], "no such file"),
         (["--check", "."], "no such table"), (["--check", "/dev/zero"], "no such table"),
         (["L", "--table", "T"], "exists"), (["L", "--table", "."], "is a folder"),
         (["L", "--table", "no/t"], "no folder"), (["L", "--table", "/dev/full"], "exists"),

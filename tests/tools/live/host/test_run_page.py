@@ -109,7 +109,7 @@ def test_what_is_missing_or_wrong_is_told_before_the_run(
     assert "file: is not a folder" in capsys.readouterr().err
     (tmp_path / "file").unlink()
     assert main(["run", "hull", "--host", "--port", "70000", "-o", str(tmp_path / "b")]) == 2
-    assert "0..65535" in capsys.readouterr().err
+    assert "0 to 65535" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "uvicorn", None)  # as where it is not installed
     assert main(["run", "hull", "--host", "-o", str(tmp_path / "c")]) == 4
     assert "-m pip install 'uvicorn" in capsys.readouterr().err

@@ -248,8 +248,8 @@ def test_a_folder_that_is_a_file_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "there").write_text("")
-    assert main(["generate", "c", "pd", "-o", str(tmp_path / "there")]) == 4
-    assert "choose another with -o" in capsys.readouterr().err
+    assert main(["generate", "c", "pd", "-o", str(tmp_path / "there")]) == 2
+    assert "is not a folder; choose another folder" in capsys.readouterr().err
 
 
 def test_the_program_of_a_closed_loop_has_no_warning_as_c_of_every_kind(tmp_path: Path) -> None:
