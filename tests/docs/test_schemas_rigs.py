@@ -54,7 +54,8 @@ def test_a_bus_is_computed_and_emulated() -> None:
 
 def test_bounds_of_a_run_of_one_that_diverges_and_of_a_law_without_a_theorem() -> None:
     words = "bounds", "friction-c", "--set", "duration_s=0.5", "--json", "--quiet"
-    assert holds("bounds", told(0, *words).out)["constants"]["other_rate"] is None
+    short = holds("bounds", told(1, *words).out)  # it is over before the error is back in its ball
+    assert short["constants"]["other_rate"] is None and short["holds"] is False
     assert holds("bounds", told(1, *words, "--set", "controller.kappa=0.0").out)["holds"] is False
     none = told(0, "bounds", "slew10", "--set", "duration_s=0.1", "--json", "--quiet")
     assert holds("bounds", none.out)["theorem"] is None

@@ -127,7 +127,10 @@ def test_losses_on_purpose_are_replayed_and_no_fault_of_the_run(tmp_path: Path) 
     ("frame", "said"),
     [
         ("TEL", r"losses\.TEL: no frame TEL; did you mean TELL\?"),
-        ("HB_PLANT", r"HB_PLANT is a heartbeat, for which the start waits; losses work on ASK, .*FB"),
+        (
+            "HB_PLANT",
+            r"HB_PLANT is a heartbeat, for which the start waits; losses work on ASK, .*FB",
+        ),
     ],
 )
 def test_a_loss_of_a_frame_that_cannot_have_it_is_refused(

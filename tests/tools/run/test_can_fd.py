@@ -139,7 +139,7 @@ def test_a_frame_of_another_kind_has_a_wrong_length(row: str, flags: int) -> Non
 
 
 WRONG = {
-    "47 bytes": (("BO_ 160 CMD: 48", "BO_ 160 CMD: 47"), "do not lie in"),
+    "47 bytes": (("BO_ 160 CMD: 48", "BO_ 160 CMD: 47"), "47 bytes; CAN FD has 48"),
     "50 bytes": (("BO_ 160 CMD: 48", "BO_ 160 CMD: 50"), "frame CMD: 50 bytes; CAN FD has 64"),
     "classic": (('BA_ "VFrameFormat" BO_ 160 14;\n', ""), "48 bytes need CAN FD; say VFrameFormat"),
     "9 bytes": ((" SG_ command : 300|32@1-", " SG_ command : 284|64@1-"), "64 bits lie in 9 bytes"),

@@ -91,6 +91,9 @@ def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -
         cure = "give a lower --lowest; or no loop passes through the plant"
         raise UserError(f"{what}, or below: {cure}")
     notes, weak = list[str](), own.f_hz[own.error > STRONG]
+    if is_empty(seen) and not len(weak):
+        what = f"{len(own.f_hz)} lines from {lowest:.4g} Hz on are too few to know any margin"
+        raise UserError(f"{what}; give a lower --lowest")
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
