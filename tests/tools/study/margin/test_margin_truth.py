@@ -133,7 +133,7 @@ def test_a_lowest_line_hides_no_crossing_below_it(tmp_path: Path) -> None:
     whole = pcpc.margin(path, amplitude=10.0, lowest_hz=0.5)
     part = pcpc.margin(path, amplitude=10.0, lowest_hz=30.0)
     assert part.linearised is not None and part.measured is None, "four lines know no margin"
-    assert part.notes == ["not measured: 4 lines from 30 Hz on are too few to know any margin; "
+    assert part.notes == ["not measured: 4 lines from 31.25 Hz on are too few to know any margin; "
                           "give a lower --lowest"]  # fmt: skip
     some = pcpc.margin(path, amplitude=10.0, lowest_hz=10.0)
     assert some.measured is not None and np.isnan(some.measured.margins.phase_margin_deg)
