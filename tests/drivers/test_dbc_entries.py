@@ -46,6 +46,7 @@ HARMLESS = [  # nothing of a frame depends on it
     ("BO_ 2147483648000 FAR: 8 NOBODY", "frame FAR: id 0x1f400000000 is more than 29 bits"),
     ("BO_ 300 2x-5: 8 NOBODY", "not DBC syntax at >>!<<: BO_ 300 2x>>!<<-5: 8 NOBODY"),
     ("BO_ 300 LONG: 4000 NOBODY", "frame LONG: 4000 bytes; classic CAN has 8"),
+    ("BO_ 300 LONG: 4000 NOBODY\n SG_ q : 0|8", "frame LONG: 4000 bytes"),
     ('BO_ 256 TWICE: 4 NOBODY\n SG_ q : 0|8@1+ (1,0) [0|0] "" Vector__XXX', ""),
     ('BA_DEF_ BO_ "SystemMessageLongSymbol" STRING;\n'
      'BA_ "SystemMessageLongSymbol" BO_ 256 "no name";', "'no name' is no name"),
@@ -66,6 +67,8 @@ CHANGING = [  # the frame, which no node may use then
     ("BO_ 258 OTHER: 8 DEV", "frame OTHER: another one has this name; read as OTHER_102"),
     ("BO_ 4096 WIDE: 8 DEV", "frame WIDE: id 0x1000 is more than 11 bits, and bit 31 is not"),
     ("BO_ 259 LONG: 4000 DEV", "frame LONG: 4000 bytes"),
+    ('BO_ 259 LONG: 4000 NOBODY\n SG_ q : 0|8@1+ (1,0) [0|0] "" DEV', "frame LONG: 4000 bytes"),
+    ("BO_ 259 2x-5: 8 DEV", "not DBC syntax"),
 ]
 FINE = [  # as other programs write it
     "BS_: 500 : 1,28", "BS_: 1 : 2, 2", "VAL_ 256 v -1 \"a\" 1 \"b\"", "CM_ \"no end\"",
@@ -74,6 +77,7 @@ FINE = [  # as other programs write it
     'BA_DEF_ SG_ "SPN" STRING ;\nBA_ "SPN" SG_ 256 v "none";', "BU_:",
     'BA_DEF_ SG_ "GenSigStartValue" STRING;\nBA_ "GenSigStartValue" SG_ 256 v "x";',
     'BA_DEF_ "DBName" INT 0 1;\nBA_ "DBName" 1;', "CAT_DEF_ 1 x y;", "FILTER 0 CAT_ 1;",
+    'BA_ "GenMsgCycleTime" SG_ 256 v "of a signal";',
 ]  # fmt: skip
 
 
@@ -232,8 +236,61 @@ def test_a_value_is_one_of_the_choices(value: int, count: int) -> None:
 def test_ranges_are_those_of_the_signal_of_this_name_whose_marker_is_in_them() -> None:
     signals = ' SG_ {} : {}|8@1+ (1,0) [0|0] "" DEV\n'
     text = "BU_: ECU DEV\nBO_ 1 F: 8 ECU\n" + "".join(
-        signals.format(name, 8 * i) for i, name in enumerate(("p M", "s m0", "s m2", "t m1"))
+        signals.format(name, 8 * i) for i, name in enumerate(("p M", "s m1", "s m2", "t m1"))
     )
     ranges = "SG_MUL_VAL_ 1 s p 0-1;\nSG_MUL_VAL_ 1 s p 2-3;\nSG_MUL_VAL_ 1 t p 5-6;\n"
     found = [(one.name, one.multiplexer_ids) for one in parsed(text + ranges).messages[0].signals]
     assert found == [("p", None), ("s", [0, 1]), ("s", [2, 3]), ("t", [5, 6])]
+
+
+@pytest.mark.parametrize(
+    ("signals", "more", "expected", "said"),
+    [
+        ("n M, m M, a m0", "1 m n 0-0", "n None, m n, a n", ""),
+        ("p M, r M, q m1", "", "p None, r None", "q (m1): its multiplexer is not known; give it"),
+        ("p m0M, r m0M", "1 p r 0-0;SG_MUL_VAL_ 1 r p 0-0", "", "its multiplexer is not there"),
+        ("p M, q m0, q", "1 q p 0-0", "p None, q p, q None", "1 q: it is always there; mark it"),
+        ("p M, q m0", "1 q p 0-65535", "p None, q p", ""),
+        ("p M, q m0, r m0", "1 q p 0-40000;SG_MUL_VAL_ 1 r p 0-40000", "p None, q p, r p",
+         "1 r: 0-40000: more than 65536 values"),
+    ],
+)  # fmt: skip
+def test_a_signal_has_the_multiplexer_that_the_file_tells(
+    signals: str, more: str, expected: str, said: str
+) -> None:
+    lines = [f' SG_ {one} : {8 * i}|8@1+ (1,0) [0|0] "" DEV' for i, one in
+             enumerate(signals.split(", "))]  # fmt: skip
+    ranges = [f"SG_MUL_VAL_ {more};"] if more else []
+    database = parsed("\n".join(["BU_: ECU DEV", "BO_ 1 F: 8 ECU", *lines, *ranges, ""]))
+    found = [f"{one.name} {one.multiplexer_signal}" for one in database.messages[0].signals]
+    assert ", ".join(found) == expected
+    assert said in str(database.odd[:1]) and bool(database.odd) == bool(said), database.odd
+
+
+@pytest.mark.parametrize(
+    ("number", "can_id", "extended"),
+    [(2047, 0x7FF, False), (2048, 0x800, True), (2684354559, 0x1FFFFFFF, True)],
+)
+def test_the_highest_ids_are_ids(number: int, can_id: int, extended: bool) -> None:
+    database = parsed(f"{HEAD}BO_ {number} EDGE: 8 NOBODY\n")
+    edge = database.messages[2]
+    assert (edge.frame_id, edge.is_extended_frame) == (can_id, extended)
+    assert len(database.odd) == (number == 2048), "above 11 bits without bit 31"
+
+
+def test_what_refers_to_two_signals_of_a_name_is_about_both() -> None:
+    signal = ' SG_ s {} : {}|32@1- (1,0) [0|0] "" DEV\n'
+    text = "BU_: ECU DEV\nBO_ 1 F: 12 ECU\n" + ' SG_ p M : 0|8@1+ (1,0) [0|0] "" DEV\n'
+    text += signal.format("m0", 8) + signal.format("m1", 40) + "SIG_VALTYPE_ 1 s : 1;\n"
+    assert [one.is_float for one in parsed(text).messages[0].signals] == [False, True, True]
+
+
+def test_a_name_that_was_made_to_differ_is_taken() -> None:
+    database = parsed(f"{HEAD}BO_ 258 OTHER: 8 DEV\nBO_ 300 OTHER_102: 8 DEV\n")
+    names = [one.name for one in database.messages]
+    assert names == ["SPEED", "OTHER", "OTHER_102", "OTHER_102_12C"]
+
+
+def test_a_comment_of_several_lines_keeps_the_numbers_of_lines() -> None:
+    (odd,) = parsed(f"{HEAD}/* 1\n 2 */ // 3\nthis is no entry\n").odd
+    assert odd.place == f"{HEAD.count(chr(10)) + 3}:1"

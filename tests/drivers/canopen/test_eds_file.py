@@ -145,6 +145,7 @@ def test_its_own_eds_then_has_the_manufacturers_objects(
         (b"\0\xff" * 4000, "has no object, line 1 (no [section] before it); give an EDS"),
         (b"1017=3", "has no object, line 1 (no [section] before it)"),
         (FILE.replace("NodeID=0x05", "NodeID=7").encode(), "NodeID 7, the rig's node is 5"),
+        (b"[DeviceCommissioning]\nNodeID=1\n[2000]\nDataType=6", "NodeID 1, the rig's node is 5"),
     ],
 )  # fmt: skip
 def test_what_is_no_such_file_is_refused(content: bytes, said: str, tmp_path: Path) -> None:
@@ -190,6 +191,8 @@ def content_of(folder: Path, text: str | bytes) -> eds_file.EdsContent:
         ("[1017]\nDataType=0x0008\nDefaultValue=0.5", "1017 (Heartbeat ms: DataType 0x0008, the"),
         ("[6065]\nDataType=8\nDefaultValue=0.5", "6065 (Following window: DataType 0x0008"),
         ("[1000]\nDataType=7\nDefaultValue=0x00040192", "1000=0x00040192"),
+        ("[605A]\nDataType=3\nDefaultValue=3", "605A=3"),
+        ("[6098]\nDataType=2\nDefaultValue=36", "6098=36"),
         ("[1008]\nDataType=9\nDefaultValue=" + 33 * "x", "1008 (not 32 characters of ASCII)"),
         ("[DeviceComissioning]\nNodeID=five", "NodeID (expected a number, got 'five')"),
         ("[DeviceComissioning]\nNodeID=0xff", "[DeviceComissioning] NodeID 0xff"),
@@ -218,6 +221,7 @@ def test_one_odd_entry_is_left_out_and_listed(entry: str, said: str, tmp_path: P
         ("[2000]\nDataType=8\nDefaultValue=0.5", 0x2000, 0, 0x3F000000),
         ("[2000]\nDataType=8\nDefaultValue=0x3F000000", 0x2000, 0, 0x3F000000),
         ("[2000]\nDataType=8\nDefaultValue=-.25e1", 0x2000, 0, 0xC0200000),
+        ("[2000]\nDataType=8\nDefaultValue=0x7F800000", 0x2000, 0, 0x7F800000),
         ("[2000]\nDataType=8\nDefaultValue=1", 0x2000, 0, 0x3F800000),
         ("[2000]\nDataType=8\nDefaultValue=", 0x2000, 0, 0),
         ("[2000]\nDataType=1\nDefaultValue=1", 0x2000, 0, 1),
@@ -229,6 +233,7 @@ def test_one_odd_entry_is_left_out_and_listed(entry: str, said: str, tmp_path: P
         ("[2000]\nDataType=6\nDefaultValue=$NODEID", 0x2000, 0, 5),
         ("[2000]\nDataType=3\nDefaultValue=0xFFFE\nLowLimit=0x8000\nHighLimit=0x7FFF", 0x2000, 0,
          0xFFFE),
+        ("[2000]\nDataType=3\nDefaultValue=0x8000", 0x2000, 0, 0x8000),
         ("[2000]\nDataType=6\nDefaultValue=1\nParameterValue=2", 0x2000, 0, 2),
         *(("[2020]\nObjectType=8\nDataType=6\nDefaultValue=7\nCompactSubObj=3\n"
            "[2020Value]\nNrOfEntries=2\n1=100\n3=300", 0x2020, i, value)
@@ -279,11 +284,51 @@ def test_rights_and_mapping_are_those_of_the_file(
         assert bench.write(index, 1, 0x2000_0010, 4) == (0 if may else 0x0604_0041), hex(index)
 
 
-def test_a_manufacturers_object_has_the_files_limits(tmp_path: Path) -> None:
-    text = "[2000]\nDataType=6\nDefaultValue=7\nLowLimit=5\nHighLimit=0x9\n"
-    bench = bench_of(content_of(tmp_path, text).every)
+@pytest.mark.parametrize(
+    ("low", "high", "bounds"),
+    [("5", "0x9", (5, 9)), ("-5", "0x1FFFF", (0, 0xFFFF)), ("0", "0", (0, 0xFFFF)),
+     ("5", "", (0, 0xFFFF)), ("", "9", (0, 0xFFFF)), ("9", "5", (0, 0xFFFF))],
+)  # fmt: skip
+def test_a_manufacturers_object_has_the_files_limits(
+    low: str, high: str, bounds: tuple[int, int], tmp_path: Path
+) -> None:
+    text = f"[2000]\nDataType=6\nDefaultValue=7\nLowLimit={low}\nHighLimit={high}\n"
+    found = content_of(tmp_path, text)
+    assert found.left_out == [] and found.every[-1].bounds == bounds
+    bench = bench_of(found.every)
     answers = [bench.write(0x2000, 0, value, 2) for value in (4, 5, 9, 10)]
-    assert answers == [0x0609_0032, 0, 0, 0x0609_0031]
+    assert answers == ([0x0609_0032, 0, 0, 0x0609_0031] if bounds == (5, 9) else [0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("pdo", "mapped", "valid"),
+    [
+        (0x1402, [0x2000_0020, 0x2001_0020], True), (0x1802, [0x2002_0020], True),
+        (0x1402, [0x2000_0020, 0x2001_0020, 0x2003_0008], False), (0x1402, [0x2000_0010], False),
+        (0x1402, [0x2002_0020], False), (0x1802, [0x2000_0020], False),
+        (0x1802, [0x2FFF_0020], False),
+    ],
+)  # fmt: skip
+def test_a_pdo_is_valid_if_the_drive_can_send_or_take_all_of_it(
+    pdo: int, mapped: list[int], valid: bool, tmp_path: Path
+) -> None:
+    own = "[{:04X}]\nDataType={}\nAccessType={}\nPDOMapping=1\n"
+    kinds = ((0x2000, 7, "rww"), (0x2001, 7, "rww"), (0x2002, 7, "rwr"), (0x2003, 5, "rww"))
+    text = "".join(own.format(*one) for one in kinds)
+    text += f"[{pdo:04X}sub1]\nDataType=7\nDefaultValue=0x405\n"
+    for i, value in enumerate([len(mapped), *mapped]):
+        kind = 7 if i else 5
+        text += f"[{pdo + 0x200:04X}sub{i}]\nDataType={kind}\nDefaultValue={value}\n"
+    found = content_of(tmp_path, text)
+    of = {one.key: one.start for one in found.every}
+    assert found.left_out == [f"{pdo + 0x200:04X}"] * (not valid)
+    assert of[f"{pdo:04X}.1"] == 0x405 | objects.NOT_VALID * (not valid)
+    assert of[f"{pdo + 0x200:04X}"] == len(mapped) * valid
+
+
+def test_a_name_of_the_drive_has_all_its_letters(tmp_path: Path) -> None:
+    found = content_of(tmp_path, f"[1008]\nDataType=9\nDefaultValue={32 * 'x'}\n")
+    assert found.left_out == [] and found.every[Row.DEVICE_NAME].text == 32 * "x"
 
 
 def test_more_objects_than_the_drive_holds_are_listed(tmp_path: Path) -> None:
@@ -315,3 +360,11 @@ def test_a_log_carries_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_kinds_that_are_no_whole_numbers_are_named() -> None:
     assert {kind.name for kind in Kind} - {kind.name for kind in objects.BITS} == {"TEXT"}
+
+
+@pytest.mark.parametrize(("count", "listed"), [(254, []), (256, ["2020.255 to 256"])])
+def test_an_array_has_at_most_254_values(count: int, listed: list[str], tmp_path: Path) -> None:
+    text = f"[2020]\nObjectType=8\nDataType=5\nCompactSubObj={count}\n"
+    found = content_of(tmp_path, text)
+    own = [one.subindex for one in found.every if one.index == 0x2020]
+    assert found.left_out == listed and own == [*range(255)]

@@ -31,7 +31,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.channels import register_columns, register_entries
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.provenance import facts
-from pcpc.tools.after.log.readers.account import DATA_LOST, Account
+from pcpc.tools.after.log.readers.account import DATA_LOST
 from pcpc.tools.after.log.recording import Recording, read
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -65,9 +65,9 @@ def command(options: argparse.Namespace) -> int:
         log.write(path, progress)
     progress.close()
     print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
-    if recording.account.is_whole:
+    if recording.is_whole:
         return Exit.OK
-    print(f"{options.recording}: {_loss(recording.account)}", file=sys.stderr)
+    print(f"{options.recording}: {_loss(recording)}", file=sys.stderr)
     return Exit.LOSS
 
 
@@ -93,13 +93,16 @@ def _decoded(
     return recording, decoded, [str(one) for one in database.odd]
 
 
-def _loss(account: Account) -> str:
+def _loss(recording: Recording) -> str:
     """Return in a line what of a recording is not in the log."""
+    account = recording.account
     more = f", and {account.damaged - 1} more places" if account.damaged > 1 else ""
     parts = [f"damaged: {account.damage[0]}{more}"] if account.damaged else []
     kinds = [f"{account.left_out[kind]} {kind}" for kind in DATA_LOST if account.left_out[kind]]
     if kinds:
         parts.append(f"not in a log: {', '.join(kinds)} frames")
+    if recording.declared:
+        parts.append(f"not the {recording.declared} that it declares")
     return f"{'; '.join(parts)}; all else is imported"
 
 

@@ -30,11 +30,15 @@ _SUMMED = ("stamp_ns", "id", "dlc", "direction", "flags")  # of a frame, before 
 
 
 def frames_sum(frames: NDArray[Any], wall_ns: NDArray[np.int64]) -> str:
-    """Return number and checksum of data frames (n,), by their wall times (n,)."""
+    """Return number and checksum of data frames (n,), by their wall times (n,).
+
+    What lies in `data` behind a frame's length is none of it.
+    """
     rows = np.zeros(len(frames), [*((name, "<i8") for name in _SUMMED), ("data", "u1", (64,))])
     for name in _SUMMED:
         rows[name] = frames[name] if name != "stamp_ns" else wall_ns
-    rows["data"][:, : frames["data"].shape[1]] = frames["data"]
+    width = frames["data"].shape[1]
+    rows["data"][:, :width] = frames["data"] * (np.arange(width) < frames["dlc"][:, None])
     return f"{len(rows)} data frames, CRC-32 {zlib.crc32(rows.tobytes()):08X}"
 
 
@@ -58,9 +62,12 @@ class Content:
             header.tz_offset = header.daylight_save_time = 0
             if self.table:
                 self._add_table(file)
-            remote = self.frames["id"] & can_id.REMOTE != 0
-            header.comment = frames_sum(self.frames[~remote], self.frames_ns[~remote])
-            for kind, some in (("CAN_DataFrame", ~remote), ("CAN_RemoteFrame", remote)):
+            error = self.frames["id"] & can_id.ERROR != 0
+            remote = ~error & (self.frames["id"] & can_id.REMOTE != 0)
+            data = ~(error | remote)
+            header.comment = frames_sum(self.frames[data], self.frames_ns[data])
+            kinds = ("CAN_DataFrame", data), ("CAN_RemoteFrame", remote), ("CAN_ErrorFrame", error)
+            for kind, some in kinds:
                 if some.any():
                     self._add_frames(file, kind, some)
             file.events.extend(map(self._event, self.entries))

@@ -55,6 +55,11 @@ class Recording:
     order: BusOrder
     declared: str
 
+    @property
+    def is_whole(self) -> bool:
+        """Return whether its data frames are all that the file has, and says it has."""
+        return self.account.is_whole and not self.declared
+
 
 def read(path: Path, channel: str | None, progress: Progress) -> Recording:
     """Read a recording, of one channel if it is named; LogCommandError: one line."""

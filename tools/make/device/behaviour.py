@@ -48,12 +48,17 @@ Frames = NDArray[Any]
 
 @dataclass
 class Behaviour:
-    """What a device did. `frames`: counts by name; `timing`: us and Hz, on a clock."""
+    """What a device did. `frames`: counts by name; `timing`: us and Hz, on a clock.
+
+    `ages`: cycles, of the frames of every cycle, where known; see `age`.
+    """
 
     frames: dict[str, dict[str, int]] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     late_cycles: int = 0
+    ages: dict[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    warned: list[str] = field(default_factory=list)
 
     def json(self) -> dict[str, Any]:
         """Return it as summary.json has it."""
@@ -61,6 +66,7 @@ class Behaviour:
             "frames": self.frames,
             "timing": self.timing,
             "late_cycles": self.late_cycles,
+            "age_cycles": self.ages,
             "problems": self.problems,
         }
 

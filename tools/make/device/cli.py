@@ -42,6 +42,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     from pcpc.tools.after.verdict import summary as summaries  # time
     from pcpc.tools.after.verdict.conclude import publish, unreadable
     from pcpc.tools.after.verdict.judge import EvaluationError
+    from pcpc.tools.make.device.age import note_ages
     from pcpc.tools.make.device.behaviour import behaviour
     from pcpc.tools.make.device.record import judge_of_device, run_of_device
 
@@ -52,12 +53,14 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
         return unreadable(outcome, error)
     judge, left = judge_of_device(host.judge, log)
     found = behaviour(rig, log, outcome.pacing, host.counts)
+    note_ages(found, rig, log, outcome.pacing)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     summary.controller, summary.ids = "device", rig.config.limit_ids() or summary.ids
     summary.device = {"command": options.device, **found.json()}
     for key in _CYCLES:
         setattr(summary, key, outcome.health.get(host.leader, {}).get(key, 0))
     summary.not_judged |= left
+    summary.warned += found.warned
     own, summary.expectations_failed = summary.expectations_failed, []
     summary.note_failed(found.problems)
     summary.expectations_failed += own

@@ -9,6 +9,7 @@ the first cycle and what a device sends at its end, or beyond that of the rig, a
 """
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,11 +36,16 @@ def is_of_device(head: logs.Log) -> bool:
 
 
 class DeviceComparison:
-    """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay."""
+    """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay.
 
-    def __init__(self, head: logs.Log, rig: Rig) -> None:
+    `each` is called with the frames of a piece that are compared, the device's and the law's.
+    """
+
+    def __init__(
+        self, head: logs.Log, rig: Rig, each: Callable[..., object] = lambda *both: None
+    ) -> None:
         self.below, self.role = NodesBelow(rig), rig.config.below[0]  # the node whose record it is
-        self.recorded = Assembler([])
+        self.recorded, self._each = Assembler([]), each
         self.replay = Replay(rig, "executive", "lockstep", [])
         names = [one.name for one in self.replay.plan.table.variables]
         self._schedule = [(k, names[place], value) for k, place, value in self.replay.plan.schedule]
@@ -95,4 +101,5 @@ class DeviceComparison:
         computed = self._computed[self._computed["cycle"] < last]
         self._computed = self._computed[self._computed["cycle"] >= last]
         compare_frames(self.verdict, answered, computed)
+        self._each(answered, computed)
         self.verdict.cycles = last

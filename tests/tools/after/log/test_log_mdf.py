@@ -252,11 +252,36 @@ def test_damage_is_one_line_without_a_traceback(
     assert "damaged after" in said and "Traceback" not in said + "".join(capfd.readouterr()), said
 
 
-@pytest.mark.parametrize("kind", ["whole", "a bit", "a group"])
-def test_frames_that_are_not_those_of_the_export_are_told(kind: str, tmp_path: Path) -> None:
+def frames_of_an_export() -> NDArray[Any]:
+    """Return 64 frames, a millisecond apart."""
     frames = np.zeros(64, logs.FRAME)
     frames["id"], frames["dlc"], frames["stamp_ns"] = 0x120, 8, 10**6 * np.arange(64)
-    path = written(odd_log(frames), tmp_path / "made.mf4")
+    return frames
+
+
+@pytest.mark.parametrize(
+    ("of", "values", "left_out"),
+    [
+        ("stamp_ns", 86_400 * 10**9 * np.arange(64), ""),
+        ("stamp_ns", 10**6 * np.arange(64)[::-1], ""),
+        ("dlc", 3, ""),  # what lies behind the length is no data
+        ("id", np.where(np.arange(64) < 9, 0x60000004, 0x120), "9 error"),
+        ("id", np.where(np.arange(64) < 9, 0x40000120, 0x120), "9 remote"),
+    ],
+)
+def test_frames_of_any_kind_are_those_that_an_export_declares(
+    of: str, values: Any, left_out: str, tmp_path: Path
+) -> None:
+    frames = frames_of_an_export()
+    frames["data"], frames[of] = 7, values
+    done = run("import", written(odd_log(frames), tmp_path / "m.mf4"), "-o", tmp_path / "i.mcap")
+    assert (done.code, done.err) == (0, ""), done
+    assert f"left out: {left_out} frames" in done.out or not left_out, done
+
+
+@pytest.mark.parametrize("kind", ["whole", "a bit", "a group"])
+def test_frames_that_are_not_those_of_the_export_are_a_loss(kind: str, tmp_path: Path) -> None:
+    path = written(odd_log(frames_of_an_export()), tmp_path / "made.mf4")
     if kind != "whole":
         with MDF(path) as read, MDF(version="4.10") as changed:
             changed.header.comment, bits = read.header.comment, read.get("CAN_DataFrame")
@@ -268,9 +293,11 @@ def test_frames_that_are_not_those_of_the_export_are_told(kind: str, tmp_path: P
             changed.append(bits, acq_name="CAN", acq_source=source)
             changed.save(path, overwrite=True)
     done = run("import", path, "--dbc", DBC, "-o", tmp_path / "i.mcap")
-    assert done.code == 0, done
-    told = "not the frames that it declares (64 data frames, CRC-32 " in done.out + done.err
-    assert told == (kind != "whole"), done
+    assert done.code == (0 if kind == "whole" else 3), done
+    assert ("not the frames that it declares (64 data frames, CRC-32 " in done.out) == bool(
+        done.code
+    )
+    assert ("not the 64 data frames, CRC-32 " in done.err) == bool(done.code), done
 
 
 def test_what_unpacks_without_end_is_not_unpacked(tmp_path: Path) -> None:

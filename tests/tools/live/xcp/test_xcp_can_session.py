@@ -130,6 +130,23 @@ def test_a_list_has_parts_of_doubles_a_stamp_alone_and_a_budget(session: Session
     good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
 
 
+def test_what_runs_counts_in_the_budget_of_what_starts(session: Session) -> None:
+    good(session, Cmd.FREE_DAQ)
+    good(session, Cmd.ALLOC_DAQ, 2)
+    for number, count in ((0, 3), (1, 2)):
+        good(session, Cmd.ALLOC_ODT, number, count)
+    tables = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
+    for number, odt in tables:
+        good(session, Cmd.ALLOC_ODT_ENTRY, number, odt, 1)
+    for number, odt in tables:
+        good(session, Cmd.SET_DAQ_PTR, number, odt, 0)
+        good(session, Cmd.WRITE_DAQ, 0xFF, 4, 0, 0)
+    good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
+    assert bad(session, Cmd.START_STOP_DAQ_LIST, 1, 1) == Err.DAQ_CONFIG, "3 and 2 of 4 in a cycle"
+    good(session, Cmd.START_STOP_DAQ_LIST, 0, 0)
+    good(session, Cmd.START_STOP_DAQ_LIST, 1, 1)
+
+
 class Wire:
     """A bus in memory that takes what `room` says; all that was sent, and when."""
 

@@ -176,6 +176,15 @@ def test_a_list_sends_what_it_was_told_of_every_cycle(session: Session) -> None:
     assert session.packets(np.array([12]), rows[:1]) == []
 
 
+@pytest.mark.parametrize("packet", [b"\xff\x00", b"\xfe"])
+def test_a_connection_begins_and_ends_without_a_list(session: Session, packet: bytes) -> None:
+    listed(session, [(8, 8)])
+    good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
+    assert len(session.packets(np.array([0]), np.zeros((1, 3)))) == 1
+    session.answers(packet)
+    assert session.packets(np.array([0]), np.zeros((1, 3))) == []
+
+
 def test_event_channels_are_divisions_of_the_loop(session: Session) -> None:
     listed(session, [(0, 8)])
     rows = np.zeros((300, 3))
@@ -193,17 +202,19 @@ def test_event_channels_are_divisions_of_the_loop(session: Session) -> None:
     assert bad(session, Cmd.GET_DAQ_EVENT_INFO, 3) == Err.OUT_OF_RANGE
 
 
-@pytest.mark.parametrize("ns", [1, 250, 256, 333_333, 1_000_000, 2_500_000, 10**9, 2 * 10**11])
+@pytest.mark.parametrize("ns", [1, 250, 255, 256, 333_333, 1_000_000, 2_500_000, 10**9, 2 * 10**11])
 def test_a_period_has_three_digits(ns: int) -> None:
     count, unit = period(ns)
     assert 0 < count <= 255 and 0 <= unit <= 9
-    assert count * 10**unit == pytest.approx(ns, rel=0.02)
+    assert count * 10**unit == pytest.approx(ns, rel=0.02 if ns > 255 else 0.0)
 
 
 def test_lists_are_built_in_their_order_and_have_an_end(session: Session) -> None:
     good(session, Cmd.FREE_DAQ)
     assert bad(session, Cmd.ALLOC_ODT, 0, 1) == Err.SEQUENCE
     assert bad(session, Cmd.ALLOC_DAQ, MOST_ODTS + 1) == Err.MEMORY_OVERFLOW
+    good(session, Cmd.ALLOC_DAQ, MOST_ODTS)
+    good(session, Cmd.FREE_DAQ)
     good(session, Cmd.ALLOC_DAQ, 2)
     assert bad(session, Cmd.ALLOC_DAQ, 2) == Err.SEQUENCE
     assert bad(session, Cmd.ALLOC_ODT_ENTRY, 0, 0, 1) == Err.SEQUENCE
@@ -211,6 +222,7 @@ def test_lists_are_built_in_their_order_and_have_an_end(session: Session) -> Non
     good(session, Cmd.ALLOC_ODT, 0, 200)
     assert bad(session, Cmd.ALLOC_ODT, 1, 53) == Err.MEMORY_OVERFLOW
     good(session, Cmd.ALLOC_ODT, 1, 52)
+    good(session, Cmd.ALLOC_ODT, 0, 200)
     for odt in range(MOST_ENTRIES // 255):
         good(session, Cmd.ALLOC_ODT_ENTRY, 0, odt, 255)
     assert bad(session, Cmd.ALLOC_ODT_ENTRY, 0, 199, 255) == Err.MEMORY_OVERFLOW
@@ -286,6 +298,11 @@ def test_what_was_selected_is_no_more_once_it_was_started_or_stopped(session: Se
             else:
                 good(session, Cmd.START_STOP_SYNCH, step)
         assert [one[0] for one in session.packets(np.array([0]), np.zeros((1, 3)))] == sent, steps
+    good(session, Cmd.START_STOP_DAQ_LIST, select, 0)
+    good(session, Cmd.START_STOP_DAQ_LIST, select, 1)
+    good(session, Cmd.CLEAR_DAQ_LIST, 0)
+    good(session, Cmd.START_STOP_SYNCH, start)
+    assert [one[0] for one in session.packets(np.array([0]), np.zeros((1, 3)))] == [1]
 
 
 def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: Session) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "plants" / "probe" / "device"))
 
+import can
 import probe
 
 AT = 60  # the cycle from which on it is wrong
@@ -23,9 +24,19 @@ def number_in(file: Path) -> int:
 
 
 class Faulty(probe.Device):
-    """A device that is wrong in cycle AT."""
+    """A device that is wrong in cycle AT, or in all."""
 
     what, k = "", 0
+
+    def __init__(self, bus: can.BusABC) -> None:
+        super().__init__(bus)
+        self.commands: list[float] = []
+
+    def law(self) -> float:
+        """Return the command of this cycle, with `old=N` that of N cycles ago."""
+        self.commands.append(super().law())
+        age = int(self.what.removeprefix("old=")) if self.what.startswith("old=") else 0
+        return self.commands[-1 - age] if age < len(self.commands) else 0.0
 
     def meet(self) -> None:
         if self.what not in ("greets", "greets and more"):

@@ -78,6 +78,7 @@ def test_a_device_gives_the_bits_of_the_same_law_in_virtual_time(
     assert report.frames > 3 * CYCLES
     assert done.summary["device"]["frames"]["CMD"] == {"received": CYCLES + 1, "ok": CYCLES + 1}
     assert done.summary["judged"] == ["always abs(plant:lag.position - 0.8) < 0.01, after 0.3s"]
+    assert (done.summary["device"]["age_cycles"], done.summary["warned"]) == ({"CMD": 0}, [])
 
 
 def alone(log: logs.Log) -> logs.Log:
@@ -133,6 +134,16 @@ def test_of_a_device_that_falls_silent_the_plant_comes_to_rest(
     assert np.abs(command).max() > 0.5 and command[-1] == 0.0
 
 
+@pytest.mark.parametrize("cycles", [1, 256])
+def test_commands_that_are_old_behind_right_counters_are_named(cycles: int, tmp_path: Path) -> None:
+    loose = ("--set", "require=[]", "--no-figure", "--set", "duration_s=0.8")
+    device = faulty(f"old={cycles}", 800)
+    done = with_device(tmp_path / "run", device, "--pacing", "lockstep", *loose)
+    old = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    assert said(done.summary) == f"device: CMD: its commands are {old} old", done
+    assert (done.code, done.summary["device"]["age_cycles"]) == (1, {"CMD": cycles}), done
+
+
 def test_a_device_that_starts_again_is_named(tmp_path: Path) -> None:
     loose = ("--set", "supervisor.fault_after_cycles=1000000")
     device = faulty("again", 0, 100.0)
@@ -144,6 +155,8 @@ def test_a_wrong_rate_is_named(tmp_path: Path) -> None:
     device = (*PYTHON, "0", "125")
     done = with_device(tmp_path / "run", device, "--pacing", "sync", *CLOCK)
     assert "Hz, the rig's is 100 Hz" in said(done.summary), done
+    of_age = "device: CMD: the age of its commands is known modulo 16 cycles only: "
+    assert done.summary["warned"] == [of_age + "a run in lockstep compares them with the rig's law"]
     assert 110.0 < done.summary["device"]["timing"]["rate_hz"] < 140.0
 
 
