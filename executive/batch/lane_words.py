@@ -1,5 +1,7 @@
 """What keeps a step out of lanes, and what to write instead: told before a study is slow by it."""
 
+import re
+
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import Block
@@ -29,6 +31,7 @@ def lanes_problem(block: Block) -> str:
     except Exception as error:  # numba has many
         what = cause(error)
         reason = what.partition(", in `")[0]
-        cure = next((instead for word, instead in _INSTEAD.items() if word in reason), "")
+        words = re.findall(r"\w+", reason)
+        cure = next((instead for word, instead in _INSTEAD.items() if word in words), "")
         return f"{what}: a sweep runs it one by one{f'; write {cure}' if cure else ''}"
     return ""
