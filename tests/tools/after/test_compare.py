@@ -14,7 +14,7 @@ from logcommand import Done, run_here
 import pcpc
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.compare.comparison import Comparison
-from pcpc.tools.after.compare.pair import CHANGED, Change, Pair
+from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Change, Pair
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.start.folder import LOG
 
@@ -161,6 +161,32 @@ def test_a_run_that_nobody_can_judge_here_has_no_equal_metrics() -> None:
     assert fails == {"any": True, "metrics": True, "verdict": False}
 
 
+A_METRIC, A_VERDICT = [Change("m", 1.0, 2.0)], Change("verdict", "ok", "loss")
+
+
+@pytest.mark.parametrize(
+    ("states", "fails"),
+    [
+        ([], "any metrics verdict"), ([{}], ""), ([{"state": UNCHANGED}], ""),
+        ([{}, {"state": ALONE}], "any metrics verdict"),
+        ([{}, {"state": ALONE, "allowed": True}], ""),
+        ([{}, {"state": ALONE, "allowed": True}, {"state": ALONE}], "any metrics verdict"),
+        ([{"state": ALONE, "allowed": True}], "any metrics verdict"),
+        ([{}, {"state": FAILED}], "any metrics verdict"),
+        ([{}, {"unknown": ["verdict"]}], "verdict"),
+        ([{}, {"unknown": ["metrics"]}], "metrics"), ([{}, {"state": CHANGED}], "any"),
+        ([{"state": CHANGED, "metrics": A_METRIC}], "any metrics"),
+        ([{}, {"state": CHANGED, "verdict": A_VERDICT}], "any metrics verdict"),
+    ],
+)  # fmt: skip
+def test_a_gate_is_failed_by_what_it_names_and_by_what_is_not_compared(
+    states: list[dict[str, Any]], fails: str
+) -> None:
+    found = Comparison("a", "b", [Pair("rig", "pd", **{"state": EQUAL} | one) for one in states])
+    assert " ".join(on for on in ("any", "metrics", "verdict") if found.fails(on)) == fails
+    assert not found.fails("never")
+
+
 def test_where_nothing_has_a_partner_nothing_is_equal(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "old/gain", tmp_path / "old/gain")
     shutil.copytree(folder / "new/same", tmp_path / "new/same")
@@ -193,6 +219,9 @@ def test_a_tolerance_is_of_metrics_and_never_of_bits(folder: Path) -> None:
     words = (folder / "old/plant", folder / "new/plant", "--tolerance")
     for tolerance, code in (("1e-20", 1), ("1e9", 0)):
         compared(*words, tolerance, "--fail-on", "metrics", code=code)
+    changes = [Change(**one) for one in pairs(*words, "0", code=1)["hull/pd"]["metrics"]]
+    largest = max(abs(one.relative) for one in changes if one.differs)
+    compared(*words, repr(largest), "--fail-on", "metrics", code=0)
     pair = pairs(*words, "1e9", code=1)["hull/pd"]
     assert pair["state"] == "changed" and pair["first"], pair
 

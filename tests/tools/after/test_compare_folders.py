@@ -10,6 +10,8 @@ from json_schemas import holds
 from logcommand import Done, run_here
 
 import pcpc
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.compare import pairing
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.start.folder import LOG
 
@@ -210,6 +212,31 @@ def test_runs_behind_a_link_count(lay: Callable[..., tuple[Path, ...]]) -> None:
     os.symlink(new, new / "a" / "loop")
     assert compared(old, new).code == 0
     assert compared(old, new).out.count("equal to the bit") == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("a:1 b:2", "d:1 c:2", "a-d b-c"), ("b:1 a:2", "c:2 d:1", "b-d a-c"),
+        ("a:1 b:2:7", "c:1:7 d:2", "a-d b-c"), ("a:1:7", "a:1:8", "a- -a"),
+        ("a:1:7", "a:1", "a- -a"), ("a:1::5 b:2::6", "c:1::6 d:2::5", "a-d b-c"),
+    ],
+)  # fmt: skip
+def test_partners_are_of_one_kind_in_the_order_in_which_they_began(
+    old: str, new: str, expected: str
+) -> None:
+    def recorded(text: str) -> pairing.Recorded:
+        place, begin_ns, cycle, seed = (*text.split(":"), "", "")[:4]
+        about = {"rig": "r", "clock_wall_ns": begin_ns, "branch_cycle": cycle}
+        node: dict[str, logs.Node] = dict.fromkeys(("executive",))  # type: ignore[arg-type]
+        head = logs.Log(
+            Path(place), node, {}, {"executive": about}, [], rig={"seed": seed or place}
+        )
+        return pairing.Recorded(Path(place), place, head)
+
+    sides = [[recorded(text) for text in side.split()] for side in (old, new)]
+    found = [f"{a.place if a else ''}-{b.place if b else ''}" for a, b in pairing.partners(*sides)]
+    assert sorted(found) == sorted(expected.split())
 
 
 def test_two_rigs_by_name_pass_no_gate(made: Path) -> None:
