@@ -108,6 +108,7 @@ def test_an_experiment_that_is_none_is_refused_with_the_names(tmp_path: Path) ->
         ("1 +", "study.py:1: SyntaxError"), ("CHAPTER = 1", "no TITLE, cases, report, draw"),
         ("\nimport nosuch", "study.py:2: ModuleNotFoundError"),
         ("exit(3)", "study.py:1: ends the process"),
+        ("CHAPTER, TITLE = 1, ''\ncases = list\nreport = draw = print", "cases() has no run"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_study_is_refused_in_a_line(text: str, why: str, tmp_path: Path) -> None:

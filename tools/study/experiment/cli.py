@@ -103,6 +103,8 @@ def run_studies(
     """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
     with study_errors():
         cases = [(study, case) for study in parts for case in study.cases()]
+    if not cases:
+        raise StudyError(f"{parts[0].__file__}: cases() has no run; expected one at least")
     results = case_results([case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
     figures = folder / "figures"

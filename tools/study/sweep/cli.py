@@ -109,13 +109,17 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
             pyarrow.parquet.write_table(store.with_seal(table), unfinished)
     results, until = Results(table, spec), spec.get("until")
     found = decision.decisions(results, until) if until is not None else []
+    left = [] if until is not None else list(results.never_judged())
     print(printable(summary(results, folder), "\n"))
     if results.refused.all():
         raise RigError(f"{folder}: all runs were refused: {table['why'][0]}")
     for one in found:
         print(_filled_lines(printable(one.text)))
+    for line in left:
+        print(_filled_lines(printable(f"not ok: {line}")))
     print(f"report   {report(results, folder)}")
-    return Exit.OK if all(one.outcome == HOLDS for one in found) else Exit.NOT_MET
+    holds = all(one.outcome == HOLDS for one in found) and not left
+    return Exit.OK if holds else Exit.NOT_MET
 
 
 def _filled_lines(text: str) -> str:

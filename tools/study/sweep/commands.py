@@ -92,7 +92,8 @@ COMMANDS = (
         module="study.sweep.start",
         codes=codes(
             OK="done, with any verdicts of the runs",
-            NOT_MET="--until does not hold; rerun: not ok, or not as in the table",
+            NOT_MET="--until does not hold, or no run judged a requirement; "
+            "rerun: not ok, or not as in the table",
             LOSS="the disk is full",
             ENVIRONMENT="a package is missing",
             SAFETY_STOP="rerun: a node faulted",

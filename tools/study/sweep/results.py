@@ -112,6 +112,24 @@ class Results:
             return Counts()
         return counts(outcomes, judged)
 
+    def never_judged(self) -> Iterator[str]:
+        """Yield a line for each requirement that no run judged, or no run of its controller."""
+        for name in self.requirements:
+            found = {one: self.counts(one, name) for one in self.controllers}
+            silent = [one for one, n in found.items() if n.unjudged and not n.runs]
+            whys = {one: self._why_unjudged(one, name) for one in silent}
+            line = f"{name} was judged in no run"
+            if any(n.runs for n in found.values()):
+                yield from (f"{line} of {one}{why}" for one, why in whys.items() if why)
+            elif silent:
+                yield line + next(filter(None, whys.values()), "")
+
+    def _why_unjudged(self, controller: str, requirement: str) -> str:
+        """Return the first reason, behind a colon; "" where no run tells one."""
+        begin = f"{requirement} was not judged"
+        why = self.column("why")[self.rows_of(controller)].tolist()
+        return next((one.removeprefix(begin) for one in why if one.startswith(begin)), "")
+
     def values(self, name: str, controller: str) -> Vector:
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""
         own = self.rows_of(controller)

@@ -99,8 +99,9 @@ def test_an_age_that_nothing_tells_is_a_warning() -> None:
 def test_an_age_is_named_whatever_counter_and_crc_say() -> None:
     law = frames_of(LAW)
     law["data"][:, 6:] = 0
-    told = noted((frames_of(late(LAW, 16)), law))
-    assert told.problems == ["device: CMD: its commands are 16 cycles old"] and not told.warned
+    for by, old in ((1, "1 cycle"), (16, "16 cycles")):
+        told = noted((frames_of(late(LAW, by)), law))
+        assert told.problems == [f"device: CMD: its commands are {old} old"] and not told.warned
     fine = noted((frames_of(LAW), law))
     assert (fine.problems, fine.warned, fine.ages) == ([], [], {"CMD": 0})
 

@@ -1,6 +1,7 @@
 """What lies between the lines of a measured loop: exact loops with resonances, and their errors."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from pcpc.tools.study.margin import notes
 from pcpc.tools.study.margin.between import between, lies_between, likeliest
 from pcpc.tools.study.margin.margins import Margins, margins
 from pcpc.tools.study.margin.measured import multisine
-from pcpc.tools.study.margin.visible import UNSURE, Unsure, visible_margins
+from pcpc.tools.study.margin.visible import UNSURE, Unsure, _unsure, visible_margins
 
 RATE_HZ = 1000.0
 LINES = multisine(RATE_HZ, RATE_HZ / 4000.0, 1.0, 1).lines * RATE_HZ / 4000.0
@@ -54,12 +55,12 @@ def test_no_margin_beside_a_resonance_is_wrong(
     assert noise or not math.isnan(own.disk_margin)
 
 
-@pytest.mark.parametrize("every", [8, 9, 10, 12])
+@pytest.mark.parametrize("every", [6, 8, 9, 10, 12])
 @pytest.mark.parametrize("about", [(45.7, 0.005, 1.0), (45.7, 0.02, 0.3), (21.3, 0.005, 0.3)])
 def test_what_turns_where_no_line_is_has_no_number(
     every: int, about: tuple[float, float, float]
 ) -> None:
-    """Of 7 to 11 lines none shows a mode; that others meet them no worse says so."""
+    """Of 7 to 14 lines none shows a mode; that others meet them no worse says so."""
     few = LINES[::every]
     own, unsure = visible_margins(few, loop(few, *about), np.zeros(len(few)), RATE_HZ)
     true = true_margins(*about)
@@ -78,6 +79,26 @@ def test_noise_that_moves_a_margin_leaves_it_unknown() -> None:
     assert {one.name for one in unsure if "noise" in one.why} >= {"gain_margin", "delay_margin_s"}
     assert all(math.isnan(getattr(own, one.name)) for one in unsure)
     assert math.isnan(own.delay_margin_samples) and math.isnan(own.crossover_hz)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_unsure"),
+    [
+        (math.inf, math.inf, False),
+        (math.inf, 2.0, True),
+        (2.0, math.inf, True),
+        (2.0, 2.0 * (1.0 + 0.9 * UNSURE), False),
+        (2.0, 2.0 * (1.0 - 1.1 * UNSURE), True),
+        (2.0, math.nan, True),
+        (math.nan, 2.0, False),
+    ],
+)
+def test_a_number_is_unsure_if_another_curve_has_another(
+    one: float, other: float, is_unsure: bool
+) -> None:
+    own = true_margins(45.7, 0.02, 0.3)
+    pair = [replace(own, gain_margin=value) for value in (one, other)]
+    assert _unsure(*pair) == ["gain_margin"] * is_unsure
 
 
 def test_a_rational_function_is_found_again() -> None:

@@ -19,9 +19,12 @@ LEFT: dict[str, Any] = {"outcome": REFUSED, "ok": False}
 UNJUDGED: dict[str, Any] = {"outcome": RAN, "ok": None}
 
 
-def campaign(folder: Path, rows: dict[str, list[dict[str, Any]]]) -> Path:
+def campaign(
+    folder: Path, rows: dict[str, list[dict[str, Any]]], until: str | None = UNTIL
+) -> Path:
     """Write a campaign with a statement whose rows came to these, by controller."""
-    spec = SPEC | {"until": UNTIL, "draws": 10_000, "controllers": list(rows)}
+    spec = SPEC | {"draws": 10_000, "controllers": list(rows)}
+    spec |= {"until": until} if until else {"draws": len(next(iter(rows.values())))}
     own = store.Store(folder, spec, Shard())
     for name, all_of in rows.items():
         own.add(
@@ -75,6 +78,57 @@ def test_a_statement_is_met_by_its_rows_alone_and_the_exit_code_says_so(
     told = " ".join(capsys.readouterr().out.split())
     assert said in texts(folder)[0] and texts(folder)[0] in told
     assert said in " ".join((folder / "report.html").read_text().split())
+
+
+def of(held: bool | None, name: str = "calm", ok: bool | None = True) -> dict[str, Any]:
+    """Return what a run came to, of a requirement that it held or not, or was not judged by."""
+    ok, why = (None, f"{name} was not judged: no step") if held is None and ok else (ok, "")
+    return {"outcome": RAN, "ok": ok and held, "why": why, "margins": {name: None},
+            "held": {name: held}}  # fmt: skip
+
+
+NEVER = "calm was judged in no run"
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ({"pid": [of(None)] * 24}, f"{NEVER}: no step"),
+        ({"pid": [of(None), LEFT]}, f"{NEVER}: no step"),
+        ({"pid": [of(None), BAD | of(None, ok=False)]}, f"{NEVER}: no step"),
+        ({"pid": [BAD | of(None, ok=False)] * 2}, NEVER),
+        ({"pid": [of(None)] * 2, "pd": [of(True)] * 2}, f"{NEVER} of pid: no step"),
+        ({"pid": [of(True, "arrives")], "pd": [of(None)]}, f"{NEVER}: no step"),
+        ({"pid": [of(None)] * 2, "pd": [of(None)] * 2}, f"{NEVER}: no step"),
+        ({"pid": [BAD | of(None, ok=False)], "pd": [of(None)]}, f"{NEVER}: no step"),
+        ({"pid": [of(None)] * 23 + [of(True)]}, ""),
+        ({"pid": [of(None)] * 23 + [of(False)]}, ""),
+        ({"pid": [of(False)] * 2}, ""),
+        ({"pid": [STOPPED | {"margins": {"calm": None}, "held": {"calm": None}}]}, ""),
+        ({"pid": [of(True)], "pd": [of(True, "arrives")]}, ""),
+        ({"pid": [of(True)], "pd": [of(False, "arrives")]}, ""),
+        ({"pid": [GOOD] * 2}, ""),
+        ({"pid": [UNJUDGED] * 2}, ""),  # a rig that requires nothing
+    ],
+)
+def test_a_requirement_that_no_run_judges_is_no_pass(
+    rows: dict[str, list[dict[str, Any]]],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = campaign(tmp_path, rows, until=None)
+    assert main(["sweep", "merge", str(folder)]) == bool(said)
+    told = " ".join(capsys.readouterr().out.split())
+    lines = told.count("was judged in no run")
+    assert (lines, said in told) == (bool(said), True), told
+
+
+def test_a_statement_on_one_requirement_needs_no_other(tmp_path: Path) -> None:
+    rows = [{**of(None), "margins": {"calm": None, "arrives": 1.0},
+             "held": {"calm": None, "arrives": True}}] * 64  # fmt: skip
+    folder = campaign(tmp_path, {"pid": rows}, "p_fail(arrives) < 0.1 at 95%")
+    assert main(["sweep", "merge", str(folder)]) == 0
 
 
 def test_rows_behind_the_decision_are_not_counted(tmp_path: Path) -> None:

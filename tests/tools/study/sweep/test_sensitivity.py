@@ -137,6 +137,18 @@ def test_an_interaction_errs_by_the_part_of_a_grid_that_is_missing() -> None:
     assert np.mean(covered) > 0.7 and 0.0 < np.mean(widths) < 0.4, (np.mean(covered), widths[:3])
 
 
+def test_a_part_of_a_grid_has_no_bias_from_what_no_share_explains() -> None:
+    """Over random parts of one grid the mean is that of all of it, within 4 standard errors."""
+    rng, x = np.random.default_rng(7), grid(6, 6)
+    y = np.where(x[:, 0] * 5 % 2 < 1, 0.0, 0.5) + rng.standard_normal(36)
+    parts = (rng.permutation(36)[:24] for _ in range(200))
+    found = [by_name(shares("ab", x[rows], y[rows])) for rows in parts]
+    for name, share in by_name(shares("ab", x, y)).items():
+        firsts = [one[name].first for one in found]
+        error = np.nanstd(firsts) / math.sqrt(len(firsts))
+        assert abs(np.nanmean(firsts) - share.first) < 4.0 * error, (share, np.nanmean(firsts))
+
+
 @pytest.mark.parametrize(("sampling", "n", "near"), [("sobol", 64, 0.02), ("random", 400, 0.07)])
 def test_a_small_share_is_found_beside_a_large_one(sampling: str, n: int, near: float) -> None:
     """3 a^2 + b: 0.9057 and 0.0943; 4 a + 3 b + 2 c + d: 16, 9, 4, 1 of 30."""
