@@ -376,7 +376,9 @@ def test_each_bit_of_a_value_a_frame_and_a_tuning_is_in_the_digest(
     def same(topic: str, data: bytes) -> bytes:
         return data
 
+    facts = ("seed", "rig", "controller", "pacing", "period_ns", "rate_hz", "python", "git")
     for name, old, changed in (
+        *(("executive", f'"{key}": "'.encode(), f'"{key}": "1'.encode()) for key in facts),
         ("executive", b'"version_numba": "', b'"version_numba": "1'),
         ("plant", b'"git": "', b'"git": "1'),
         ("rig-resolved.yaml", b"gain", b"gaim"),
