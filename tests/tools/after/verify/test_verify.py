@@ -419,6 +419,13 @@ def test_the_cycle_of_a_state_is_in_the_digest_but_not_its_channel_and_times() -
         assert (_hashed_bytes("state", other) != _hashed_bytes("state", rows)) == told, place
 
 
+def test_the_length_of_a_frames_message_is_in_the_digest() -> None:
+    rows = np.arange(80, dtype=np.uint8)[None]
+    other = rows.copy()
+    other[0, 1] ^= 1
+    assert _hashed_bytes("can/frames", other) != _hashed_bytes("can/frames", rows)
+
+
 # The table
 
 
