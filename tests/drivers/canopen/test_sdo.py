@@ -1,9 +1,13 @@
 """The SDO server against CiA 301's frames: values, texts, segments, abort codes."""
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
+from pcpc.drivers.canopen import objects as objects_of
 from pcpc.drivers.canopen.layout import READ, WRITE, Row
 from pcpc.drivers.canopen.objects import Kind, Object, objects
 
@@ -20,8 +24,8 @@ def segments(bench: Bench, index: int) -> bytes:
         assert answer[0] >> 4 & 1 == toggle and answer[0] >> 5 == 0
         got += answer[1 : 8 - (answer[0] >> 1 & 7)]
         toggle = 1 - toggle
+        assert bool(answer[0] & 1) == (len(got) == length), "the last is marked"
         if answer[0] & 1:
-            assert len(got) == length
             return got
 
 
@@ -60,6 +64,27 @@ def test_a_write_is_taken_or_refused_for_its_reason(one: Object) -> None:
     assert int.from_bytes(wrong[4:8], "little") == why.WRONG_LENGTH
 
 
+def changed_bench(index: int, **about: Any) -> Bench:
+    """Return a bench one of whose objects is another one."""
+    bench = Bench()
+    every = [replace(one, **about) if one.index == index else one for one in EVERY]
+    objects_of.install(bench.d, NODE, every)
+    return bench
+
+
+@pytest.mark.parametrize("length", [1, 7, 8, 14, 32])
+def test_a_text_of_any_length_has_no_segment_too_many(length: int) -> None:
+    bench = changed_bench(0x1008, text="x" * length)
+    assert segments(bench, 0x1008) == b"x" * length
+
+
+def test_what_cannot_be_read_is_not_read_in_blocks_either() -> None:
+    bench = changed_bench(0x1017, access=WRITE)
+    for command in (0x40, 0xA0):
+        answer = bench.sdo(bytes([command, 0x17, 0x10, 0, 1]))
+        assert (answer[0], int.from_bytes(answer[4:], "little")) == (0x80, why.WRITE_ONLY)
+
+
 def test_what_is_not_there_is_told_apart_from_a_subindex_that_is_not() -> None:
     bench = Bench()
     assert bench.read(0x2000) == -why.NO_OBJECT
@@ -92,6 +117,8 @@ def test_segments_want_their_toggle_a_transfer_and_the_length() -> None:
     bench.sdo(bytes([0x20, 0x7A, 0x60, 0]))
     assert code(bench.sdo(bytes([0x10, 1]))) == why.TOGGLE
     bench.sdo(bytes([0x20, 0x7A, 0x60, 0]))
+    assert code(bench.sdo(bytes([5 << 1 | 1, 1, 2]))) == why.WRONG_LENGTH, "2 bytes of 4"
+    bench.sdo(bytes([0x20, 0x7A, 0x60, 0]))
     assert code(bench.sdo(bytes([0x01, 1, 2, 3, 4, 5, 6, 7]))) == why.WRONG_LENGTH
     assert code(bench.sdo(bytes([0x21, 0x7A, 0x60, 0, 3, 0, 0, 0]))) == why.WRONG_LENGTH
 
@@ -104,6 +131,21 @@ def test_a_client_that_falls_silent_is_given_up_after_a_second() -> None:
     bench.cycles(2)
     last = bench.sent(0x585)[-1].data
     assert last == bytes([0x80, 8, 0x10, 0]) + why.TIMED_OUT.to_bytes(4, "little")
+
+
+def test_a_client_that_goes_on_within_a_second_is_never_given_up() -> None:
+    bench = changed_bench(0x1008, text="x" * 32)
+    bench.sdo(bytes([0x40, 8, 0x10, 0]))
+    for i in range(5):
+        bench.d.k += 699
+        bench.cycles(1)
+        assert bench.sdo(bytes([0x60 | i % 2 << 4]))[0] >> 5 == 0
+    bench.sdo(bytes([0x20, 0x7A, 0x60, 0]))
+    for i in range(4):
+        bench.d.k += 699
+        bench.cycles(1)
+        assert bench.sdo(bytes([i % 2 << 4 | 6 << 1 | i // 3, 1]))[0] == 0x20 | i % 2 << 4
+    assert bench[Row.TARGET_POSITION] == 0x01010101
 
 
 def test_a_frame_that_is_no_sdo_has_no_answer() -> None:

@@ -86,7 +86,10 @@ def test_orders_switch_it(client: DaMiaoMotor) -> None:
     assert bench.send(NODE, ON)[0][0] == 1 << 4 | NODE
     bench.send(NODE, client.encode_cmd_msg(0.0, 0.0, 1.0, 0.0, 0.0))
     assert bench.cycles(500).q > 0.1
+    left = bench.x.target_position - bench.x.position
     bench.send(NODE, ZERO)
+    assert bench.x.target_position - bench.x.position == left != 0.0, "it does not move by that"
+    assert bench.send(NODE, FORGET)[0][0] == 1 << 4 | NODE, "there is no error"
     assert bench.x.position == 0.0 and abs(bench.cycles(1).x.position) < 1e-2
     assert bench.send(NODE, OFF)[0][0] == NODE and bench.cycles(1).u == 0.0
     assert bench.mistakes() == {"COMMAND_REFUSED": 1}
@@ -95,7 +98,7 @@ def test_orders_switch_it(client: DaMiaoMotor) -> None:
 def test_a_silent_master_is_noticed_and_the_error_forgotten() -> None:
     bench = Bench(MASTER | {"TIMEOUT": 2000})  # 100 ms
     bench.send(NODE, ON)
-    assert bench.cycles(100).x.power == 1 and bench.cycles(2).x.power == 13 and bench.u == 0.0
+    assert bench.cycles(101).x.power == 1 and bench.cycles(1).x.power == 13 and bench.u == 0.0
     assert bench.send(NODE, ON)[0][0] >> 4 == 13
     assert bench.mistakes() == {"SILENT": 1, "COMMAND_REFUSED": 1}
     bench.send(NODE, FORGET)
@@ -112,6 +115,8 @@ def test_the_other_modes_reach_their_targets() -> None:
     bench.send(0x200 + NODE, struct.pack("<f", -4.0))
     assert bench.cycles(4000).w == pytest.approx(-4.0, abs=1e-2)
     write(bench, 10, 4)
+    bench.send(0x300 + NODE, struct.pack("<fHH", 0.0, 300, 65535))
+    assert bench.x.most_torque == 10.0, "all of it, no more"
     bench.send(0x300 + NODE, struct.pack("<fHH", 0.0, 300, 500))
     most = max(abs(bench.cycles(1).u) for _ in range(8000))
     assert most == pytest.approx(0.05 * 10.0) and bench.mistakes() == {}
@@ -143,9 +148,9 @@ def test_registers_are_those_of_the_client() -> None:
     assert struct.unpack("<f", write(bench, 60, 12.0))[0] == 24.0, "it is read only"
     assert bench.send(0x7FF, bytes([NODE, 0, 0xAA, 1]) + bytes(4))[0][2] == 0xAA
     assert bench.send(0x7FF, bytes([NODE, 0, 0xCC, 0]) + bytes(4))[0][0] == NODE, "feedback"
-    for odd in (bytes([NODE, 0, 0x33, 99]) + bytes(4), bytes([NODE, 0, 0x11, 7]) + bytes(4)):
-        assert bench.send(0x7FF, odd) == []
-    assert bench.mistakes() == {"VALUE_REFUSED": 3}
+    for odd in ("33 63 00000000", "11 07 00000000", "55 17 000000"):
+        assert bench.send(0x7FF, bytes([NODE, 0]) + bytes.fromhex(odd)) == []
+    assert bench.mistakes() == {"VALUE_REFUSED": 4}
 
 
 @pytest.mark.parametrize(("can_id", "data", "kind"), [

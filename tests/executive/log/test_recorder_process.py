@@ -175,6 +175,21 @@ def test_what_others_write_into_the_taken_words_costs_no_record(
     assert logs.read(tmp_path / "log.mcap").node["executive"].cycle.tolist() == list(range(300))
 
 
+def test_a_recorder_that_is_told_too_little_is_taken_has_what_is_left(
+    block: shared.NodeMemory, tmp_path: Path
+) -> None:
+    count = len(block["record"])
+    for cycle in range(count + 5):
+        for ring in shared.RINGS:
+            block[f"{ring}_taken"][0] = block.ends(ring).head  # or the ring would be full
+        put_cycle(block, cycle)
+    for ring in shared.RINGS:
+        block[f"{ring}_taken"][0] = 0
+    Recorder(tmp_path / "log.mcap", [block]).finish()
+    cycles = logs.read(tmp_path / "log.mcap").node["executive"].cycle
+    assert cycles.tolist() == list(range(5, count + 5)), "what was overwritten is not there twice"
+
+
 def test_dropped_rows_make_the_process_end_with_loss(name: str, tmp_path: Path) -> None:
     block = block_of(name, states=WIDE)
     for cycle in range(len(block["record"]) + 4):

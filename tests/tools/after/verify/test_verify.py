@@ -376,7 +376,9 @@ def test_each_bit_of_a_value_a_frame_and_a_tuning_is_in_the_digest(
     def same(topic: str, data: bytes) -> bytes:
         return data
 
+    facts = ("seed", "rig", "controller", "pacing", "period_ns", "rate_hz", "python", "git")
     for name, old, changed in (
+        *(("executive", f'"{key}": "'.encode(), f'"{key}": "1'.encode()) for key in facts),
         ("executive", b'"version_numba": "', b'"version_numba": "1'),
         ("plant", b'"git": "', b'"git": "1'),
         ("rig-resolved.yaml", b"gain", b"gaim"),
@@ -415,6 +417,13 @@ def test_the_cycle_of_a_state_is_in_the_digest_but_not_its_channel_and_times() -
         other = rows.copy()
         other[0, place] ^= 1
         assert (_hashed_bytes("state", other) != _hashed_bytes("state", rows)) == told, place
+
+
+def test_the_length_of_a_frames_message_is_in_the_digest() -> None:
+    rows = np.arange(80, dtype=np.uint8)[None]
+    other = rows.copy()
+    other[0, 1] ^= 1
+    assert _hashed_bytes("can/frames", other) != _hashed_bytes("can/frames", rows)
 
 
 # The table
