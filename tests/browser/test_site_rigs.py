@@ -13,7 +13,7 @@ pytestmark = pytest.mark.browser
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "--site-dir"]
 LATER = 120_000  # ms
-EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}")
+EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}, see the command below")
 
 
 @pytest.fixture(scope="module")

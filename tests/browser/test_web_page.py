@@ -23,7 +23,7 @@ pytestmark = pytest.mark.browser
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
 PAINTED = """(canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
     .data.filter((value, i) => i % 4 === 3 && value).length"""  # pixels
-EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}")
+EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}, see the command below")
 
 
 @pytest.fixture(scope="module")
