@@ -194,7 +194,7 @@ _PARTS = (
         "import",
         "make a log of a recording: candump, BLF, ASC, TRC, MDF 4, python-can's CSV and SQLite",
         "pcpc log import drive.blf --dbc car.dbc -o drive.mcap\n"
-        "pcpc log import drive.log -o drive.mcap && pcpc play drive.mcap --bus vcan0",
+        "pcpc log import drive.log -o drive.mcap\npcpc play drive.mcap --bus vcan0",
         import_,
         module="after.log.importer",
         codes=codes(

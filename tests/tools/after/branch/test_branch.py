@@ -296,7 +296,7 @@ WRONG: Sequence[tuple[Sequence[str], str]] = [
     (("--cycle", "100000"), "cycle 100000 is not there, the log ends with cycle 299"),
     (("--cycle", "99999999999999999999"), "expected 0 or more"),
     (("--cycle", "1.5"), "expected a whole number"),
-    (("--time", "nan"), "expected 0 s or more"),
+    (("--time", "nan"), "--time: expected a number"),
     (("--time", "-1"), "expected 0 s or more"),
     (("--time", "1e300"), "expected 0 or more"),
     (("--cycle", "9", "--set", "controller.kv_Nms_rad"), "expected NAME=VALUE"),

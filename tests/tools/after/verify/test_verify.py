@@ -658,7 +658,7 @@ def test_what_ssh_keygen_answers_is_the_exit_code(
         (["L", "--identity", "x"], "needs --signers"),
         (["--check", "T", "--signers", "T"], "needs --identity"),
         (["--check", "T", "--table", "t"], "choose one"), (["--check", "none"], "no such file"),
-        (["--check", "."], "no such table"), (["--check", "/dev/zero"], "no such table"),
+        (["--check", "."], "is a folder; expected a file"), (["--check", "/dev/zero"], "no such table"),
         (["L", "--table", "T"], "exists"), (["L", "--table", "."], "is a folder"),
         (["L", "--table", "no/t"], "no folder"), (["L", "--table", "/dev/full"], "exists"),
         (["L", "--table", "t"], "does not lie below"), (["L", "--junit", "no/x"], "no folder"),
