@@ -165,7 +165,7 @@ def test_a_log_that_begins_later_is_refused_with_the_reason(tmp_path: Path) -> N
 
 def test_wrong_input_is_answered_in_a_line(engaged: Path, tmp_path: Path) -> None:
     for words, said in (
-        ((str(tmp_path / "absent.mcap"),), "no such log; name a log"),
+        ((str(tmp_path / "absent.mcap"),), "no such log"),
         ((str(RIGS / "slew10.yaml"),), "not an MCAP file"),
         ((str(engaged), "--controller", "nn_backsteping"), "did you mean nn_backstepping"),
         ((str(engaged), "--set", "controller.kv=1"), "did you mean kv_Nms_rad"),

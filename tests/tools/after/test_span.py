@@ -231,7 +231,7 @@ WRONG = (
     (("--cycle", "3", "--node", "device"), "cannot be shown"),
     (("--from", "0.1", "--node", "device"), "leave out --from"),
     (("--cycle", "3", "--time", "0.1"), "which cycle?"),
-    (("--cycle", "-3"), "--cycle -3: expected 0 or more"),
+    (("--cycle", "-3"), "--cycle: expected a whole number from 0 on"),
     (("--cycle", "450"), "choose another --cycle"),
     (("--node", "local", "--from", "0.1"), "no record of node local"),
 )
