@@ -69,7 +69,8 @@ def test_a_sweep_without_its_extra_loads_no_compiler(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [("hull --draws 0", "--draws 0: expected"), ("nix", "nix: no file and no rig of this name"),
-     ("hull --threads 0", "--threads 0: expected"), ("hull --worst -1", "pcpc sweep --worst: expected")],
+     ("hull --threads 0", "--threads 0: expected"),
+     ("hull --worst -1", "pcpc sweep --worst: expected")],
 )  # fmt: skip
 def test_a_sweep_that_its_words_refuse_loads_no_compiler(
     words: str, said: str, tmp_path: Path
