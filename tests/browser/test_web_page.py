@@ -108,6 +108,7 @@ def test_a_changed_run_is_judged_as_the_command_that_is_shown(page: Page, tmp_pa
         opened(page, file, f"#controller=pd&controller.{changed}")
         run_to_the_end(page)
         words = shlex.split(page.locator("#command").inner_text())
+        assert words.pop() == "--digest"  # a line of its own, which JSON has no room for
         done = pcpc(*words[1:], "--json", "--no-figure", "-o", str(tmp_path / changed))
         native = json.loads(done.out)
         state = f"{native['verdict']}, {len(native['judged'])} judged"
