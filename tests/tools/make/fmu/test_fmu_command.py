@@ -111,6 +111,6 @@ def test_an_fmu_of_a_plant_is_made_and_taken(tmp_path: Path) -> None:
     done = pcpc("check", str(other))
     assert done.code == 2 and "The communication step has to be 0.001 s." in done.err, done
     done = pcpc("generate", "fmu", "probe", "--block", "leg")
-    assert done.code == 2 and "no block leg; the plant has lag" in done.err, done
+    assert done.code == 2 and "no block leg; did you mean lag?" in done.err, done
     done = pcpc("generate", "fmu", "probe", "-o", str(tmp_path / "none" / "lag.fmu"))
     assert done.code == 4 and "lag.fmu" in done.err, done
