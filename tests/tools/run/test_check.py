@@ -168,7 +168,7 @@ def test_what_has_other_bits_elsewhere_is_a_warning_with_its_line(
             "y.e_rad = u.q_d_rad - u.encoder_rad", "y.e_rad = math.sin(u.q_d_rad)"
         ).replace("from pcpc", "import math\nfrom pcpc", 1)
     )
-    (warning, slow) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
+    (slow, warning) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
     assert "a sweep runs it one by one" in slow, slow
     assert "pid.py:70: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
     assert "not the same on every machine" in warning, warning
