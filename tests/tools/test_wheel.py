@@ -15,11 +15,17 @@ from wheel_file import PARTS, wheel_file
 pytestmark = pytest.mark.deep
 
 STUDY = """\
-CHAPTER, TITLE = 0, "A study of nothing"
+from pathlib import Path
+
+from pcpc import plants
+from pcpc.plants.study import Case
+
+RIG = Path(plants.__file__).parent / "probe" / "rig.yaml"
+CHAPTER, TITLE = 0, "A study of one run"
 
 
 def cases():
-    return []
+    return [Case("all", str(RIG), "proportional", "short", ("duration_s=0.1",))]
 
 
 def report(results):
@@ -92,7 +98,7 @@ def test_the_workshop_and_the_book_stay_in_the_repository(installed: Path, tmp_p
 def test_an_installation_takes_a_study_of_ones_own(installed: Path, tmp_path: Path) -> None:
     (tmp_path / "study.py").write_text(STUDY)
     pcpc(installed, "experiment", "study.py", "-o", "out", "--quiet", cwd=tmp_path)
-    assert "# A study of nothing\n\nruns: 0" in (tmp_path / "out" / "results.md").read_text()
+    assert "# A study of one run\n\nruns: 1" in (tmp_path / "out" / "results.md").read_text()
 
 
 def test_nothing_of_an_earlier_build_is_in_it(installed: Path) -> None:

@@ -38,7 +38,8 @@ def test_what_the_plant_is_does_not_depend_on_what_the_executive_does(tmp_path: 
 def test_a_changed_law_is_another_plant(tmp_path: Path) -> None:
     found = []
     for name in ("a", "b", "c"):
-        folder = tmp_path / name
+        (tmp_path / name).mkdir()
+        folder = tmp_path / name / "motor"
         assert pcpc("new", str(folder)).code == 0
         if name == "c":
             law = folder / "model.py"

@@ -10,6 +10,7 @@ Writes results.md, figures/ and, for studies of rigs, results.csv into a new fol
 import argparse
 import csv
 import importlib
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -118,8 +119,9 @@ def run_studies(
             study.draw(own, figures)
     (folder / "results.md").write_text("\n".join(texts))
     failed = [result for result in results if result.failed]
+    progress.close()
     for result in failed:
-        progress.say(f"{result.case.label} on {result.case.rig}: {result.failed}")
+        print(f"{result.case.label} on {result.case.rig}: {result.failed}", file=sys.stderr)
     return Exit.NOT_MET if failed else Exit.OK
 
 
