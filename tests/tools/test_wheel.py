@@ -20,12 +20,12 @@ from pathlib import Path
 from pcpc import plants
 from pcpc.plants.study import Case
 
-RIG = Path(plants.__file__).parent / "probe" / "rig.yaml"
+RIG = Path(plants.__file__).parent / "atb1000" / "rigs" / "hull.yaml"
 CHAPTER, TITLE = 0, "A study of one run"
 
 
 def cases():
-    return [Case("all", str(RIG), "proportional", "short", ("duration_s=0.1",))]
+    return [Case("all", str(RIG), "pd", "short", ("duration_s=4.0",))]
 
 
 def report(results):
