@@ -88,6 +88,13 @@ def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
 
 
 @loop_function
+def blank(frame: Any) -> None:
+    """Let what lies behind a frame's data be 0."""
+    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
+        frame[i] = 0
+
+
+@loop_function
 def _write_packet(frame: Any, packet: Any) -> Any:
     """Write `frame` into the msgpack template `packet`; return the packet's length.
 
@@ -206,8 +213,9 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
         frame[i] = (can_id >> (8 * i)) & 255
     frame[3] |= extended | remote
     frame[LENGTH], frame[FLAGS] = data_n, flags
-    for i in range(longest):
-        frame[8 + i] = b[data_at + i] if i < data_n else 0
+    for i in range(data_n):
+        frame[8 + i] = b[data_at + i]
+    blank(frame)
     return True
 
 
@@ -224,13 +232,6 @@ else:
     @loop_function
     def _get_python_can(wire: Any, block: Any) -> Any:
         return Arrival.FAILED
-
-
-@loop_function
-def blank(frame: Any) -> None:
-    """Let what lies behind a frame's data be 0."""
-    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
-        frame[i] = 0
 
 
 @loop_function
@@ -334,11 +335,13 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & odd == 0
         if n == FRAME_BYTES:
             known &= CAN_BE[wire.rx[LENGTH]] != 0
-            blank(wire.rx)
+        if wire.fd != 0:
+            blank(wire.rx)  # of a classic frame too, which lies over an FD frame's data
         if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
         said = wire.rx[FLAGS] & (Flag.BRS | Flag.ESI) | Flag.FD
         wire.rx[FLAGS] = said if n == FRAME_BYTES else 0
+        wire.rx[6] = wire.rx[7] = 0  # a sender's padding and raw DLC: no log has them
     elif wire.kind == Medium.UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)

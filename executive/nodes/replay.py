@@ -160,6 +160,7 @@ def hear(n: Any, frame: Any) -> None:
     """Take a recorded frame as the bus brought it; byte 6 says that it was foreign."""
     copy(n.wire.rx, frame)
     n.wire.source = STRANGER if frame[6] != 0 else 0
+    n.wire.rx[6] = 0
     if frame[3] & error_frames.FLAG != 0:
         note_bus_error(n)
     else:

@@ -341,3 +341,30 @@ if not LOOP_INTERPRETED:
         for switch, process in processes.items():
             output, _ = process.communicate(timeout=120)
             assert process.returncode == 0, f"{switch}\n{output[-3000:]}"
+
+
+@pytest.mark.parametrize("fd", [0, 1])
+@pytest.mark.parametrize("kind", [Medium.SOCKETCAN, Medium.UDP])
+def test_a_frame_is_what_a_log_has_of_it_and_nothing_of_the_frame_before(
+    kind: int, fd: int
+) -> None:
+    """A keyframe has whole frames: what no log keeps, a sender's padding, would differ in replay."""
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with here, there:
+        taker = new_wire(kind)
+        taker.fd_rx, taker.fd, taker.own[:] = here.fileno(), fd, -2
+        for data, flags in ((bytes(range(64)), Flag.FD), (b"\x01\x02\x03", Flag.NONE)):
+            if kind == Medium.SOCKETCAN and flags and not fd:
+                continue  # the kernel gives such a socket no FD frame
+            if kind == Medium.UDP:
+                message = can.Message(
+                    arbitration_id=0x123, data=data, is_extended_id=False, is_fd=bool(flags)
+                )
+                there.send(pack_message(message))
+            else:
+                raw = frame(0x123, data, flags=flags)
+                raw[6:8] = 7, 8  # struct can_frame: reserved, len8_dlc, as python-can sends it
+                there.send(raw[: 72 if flags else 16].tobytes())
+            came = wire.get_frame(taker, True)
+            assert came == (Arrival.FRAME if fd or not flags else Arrival.FOREIGN), data
+        assert taker.rx.tobytes() == frame(0x123, b"\x01\x02\x03").tobytes()
