@@ -1,7 +1,8 @@
 """One CAN frame out, one CAN frame in, on every kind of bus, compiled and without allocation.
 
 A frame is Linux' `struct canfd_frame`: [0:4] id little-endian with the flags of SocketCAN in its
-upper bits, [4] length, [5] `Flag`, [8:72] data; what a classic one has lies in the first 16 bytes.
+upper bits, [4] length, [5] `Flag`, [6:8] 0, [8:72] data, of a classic one [8:16]. What a log does
+not have, padding and what a longer frame left behind the data, is 0 in one that came.
 Three kinds of wire carry it:
 
     SOCKETCAN   the struct itself on a raw CAN socket
@@ -40,7 +41,6 @@ from pcpc.drivers.compiled.structures import copy, structure
 END = structure(WIRE)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.can.bus
 ERROR_FLAG, REMOTE_FLAG, ERROR_FLAGS = 0x20, 0x40, 0x60  # in the id's top byte; both
-NO_SUCH_KIND = errno.EPROTONOSUPPORT
 
 
 def _template() -> tuple[bytes, int, int, int]:
@@ -271,7 +271,7 @@ def _send(wire: Any) -> Any:
     elif wire.kind == Medium.UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
     else:
-        wire.errno = NO_SUCH_KIND
+        wire.errno = errno.EPROTONOSUPPORT
         return False
     fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
     flags = wire.tx[FLAGS]
@@ -332,16 +332,15 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
     if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
         odd = ERROR_FLAG if wire.remotes != 0 else ERROR_FLAGS
-        known = n in (CLASSIC_BYTES, FRAME_BYTES) and wire.rx[3] & odd == 0
-        if n == FRAME_BYTES:
-            known &= CAN_BE[wire.rx[LENGTH]] != 0
+        known = n == CLASSIC_BYTES or (n == FRAME_BYTES and CAN_BE[wire.rx[LENGTH]] != 0)
+        known &= wire.rx[3] & odd == 0
         if wire.fd != 0:
             blank(wire.rx)  # of a classic frame too, which lies over an FD frame's data
         if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
-        said = wire.rx[FLAGS] & (Flag.BRS | Flag.ESI) | Flag.FD
-        wire.rx[FLAGS] = said if n == FRAME_BYTES else 0
-        wire.rx[6] = wire.rx[7] = 0  # a sender's padding and raw DLC: no log has them
+        bits = Flag.BRS | Flag.ESI
+        wire.rx[FLAGS] = wire.rx[FLAGS] & bits | Flag.FD if n == FRAME_BYTES else 0
+        wire.rx[6] = wire.rx[7] = 0
     elif wire.kind == Medium.UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
@@ -352,7 +351,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
             return Arrival.OWN
         known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx, wire.remotes)
     else:
-        wire.errno = NO_SUCH_KIND
+        wire.errno = errno.EPROTONOSUPPORT
         return Arrival.FAILED
     if n < 0:
         e = libc.errno()
@@ -387,10 +386,7 @@ def carry(source: Any, target: Any) -> None:
 def deal(source: Any, first: Any, second: Any) -> None:
     """Move `source`'s outbox into the inboxes of the ends of its two buses (kind MEMORY)."""
     for k in range(source.outbox_put):
-        if on_second(source, source.outbox[k]):
-            deliver(source.outbox[k], second)
-        else:
-            deliver(source.outbox[k], first)
+        deliver(source.outbox[k], second if on_second(source, source.outbox[k]) else first)
     source.outbox_put = 0
 
 

@@ -366,10 +366,7 @@ class Replay:
         return part.rows[:, columns].view(np.float64)
 
     def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting.
-
-        Both (n,) records.
-        """
+        """Return those of `frames`, (n,) both, that a cycle sent: none of the first meeting."""
         return frames[(frames["direction"] == 0) & ~self._is_meeting(frames)]
 
     def _is_meeting(self, frames: NDArray[Any]) -> NDArray[np.bool_]:

@@ -348,7 +348,7 @@ if not LOOP_INTERPRETED:
 def test_a_frame_is_what_a_log_has_of_it_and_nothing_of_the_frame_before(
     kind: int, fd: int
 ) -> None:
-    """A keyframe has whole frames: what no log keeps, a sender's padding, would differ in replay."""
+    """A keyframe has whole frames: padding, which no log keeps, would differ in replay."""
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     with here, there:
         taker = new_wire(kind)

@@ -1,1 +1,1 @@
-"""Function approximators of the book, as compiled functions on views; family.py: one interface."""
+"""Two-layer networks as compiled functions on views, with and without jump nodes."""

@@ -5,8 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pcpc.executive.laws.approximators import jumps
-from pcpc.executive.laws.approximators.family import Cmac, Fuzzy, Grid, Rbf
 from pcpc.tools.study.book._approximation_training import (
     CASES,
     Net,
@@ -17,6 +15,8 @@ from pcpc.tools.study.book._approximation_training import (
 )
 from pcpc.tools.study.book._approximation_training import trained_net as trained_anew
 from pcpc.tools.study.book.approximation import fit_rms
+from pcpc.tools.study.book.approximators import jumps
+from pcpc.tools.study.book.approximators.family import Cmac, Fuzzy, Grid, rbf_net
 
 trained = cache(trained_anew)  # the standard net of sin1d is judged twice
 GRIDS = {n: Grid((-1.0, -1.0), (1.0, 1.0), (n, n)) for n in (5, 7)}
@@ -34,7 +34,7 @@ def test_the_least_squares_fit_has_the_error_of_the_reference_on_the_grids_that_
     kind: str, n: int, reference: float, within: float
 ) -> None:
     grid = GRIDS[n]
-    nets = {"rbf": Rbf(grid, 1), "cmac": Cmac(grid, 1), "spline": Cmac(grid, 1, order=4),
+    nets = {"rbf": rbf_net(grid, 1), "cmac": Cmac(grid, 1), "spline": Cmac(grid, 1, order=4),
             "fuzzy": Fuzzy(grid, 1)}  # fmt: skip
     error = fit_rms(nets[kind])
     assert abs(error - reference) < within, f"{kind} {n} x {n}: rms {error:.5f}"

@@ -7,10 +7,17 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.machine.packages import pip_install
-from pcpc.executive.laws.approximators import jumps
-from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from pcpc.tools.study.book._approximation_training import CASES, Array, Net, TrainedNet, output
+from pcpc.tools.study.book.approximators import jumps
+from pcpc.tools.study.book.approximators.family import (
+    Approximator,
+    Cmac,
+    Fuzzy,
+    Grid,
+    rbf_net,
+    rvfl_net,
+)
 
 DPI = 110
 SEED = 0  # of the nets drawn
@@ -212,11 +219,11 @@ def draw_fields(path: Path) -> None:
     """Draw the hidden vector of every approximator over one input."""
     grid, x = Grid((-1.0,), (1.0,), (5,)), np.linspace(-1.5, 1.5, 601)
     nets: dict[str, Approximator] = {
-        "RBF, one-sided edges": Rbf(grid, 1),
+        "RBF, one-sided edges": rbf_net(grid, 1),
         "CMAC, triangles": Cmac(grid, 1),
         "CMAC, splines of order 4": Cmac(grid, 1, order=4),
         "fuzzy basis of Gaussian sets": Fuzzy(grid, 1),
-        "RVFL, seed 0": Rvfl((-1.0,), (1.0,), 5, 1, 0),
+        "RVFL, seed 0": rvfl_net((-1.0,), (1.0,), 5, 1, 0),
     }
     figure, axes = page(2, 3, (10.0, 5.2))
     for ax, (title, net) in zip(axes.flat, nets.items(), strict=False):

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.compiled.jit import compiled, inline
-from pcpc.executive.laws.approximators import backprop, jumps
 from pcpc.executive.laws.approximators.activations import LOGISTIC
+from pcpc.tools.study.book.approximators import backprop, jumps
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.executive.laws.approximators import jumps
-from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
 from pcpc.plants.study import markdown
 from pcpc.tools.start.pool import workers
 from pcpc.tools.study.book import _approximation_figures as figures
@@ -27,6 +25,15 @@ from pcpc.tools.study.book._approximation_training import (
     TrainedNet,
     online_fit,
     trained_net,
+)
+from pcpc.tools.study.book.approximators import jumps
+from pcpc.tools.study.book.approximators.family import (
+    Approximator,
+    Cmac,
+    Fuzzy,
+    Grid,
+    rbf_net,
+    rvfl_net,
 )
 from pcpc.tools.terminal.progress import Progress
 
@@ -84,12 +91,12 @@ def fit_rms(net: Approximator) -> float:
 def fit_nets(n: int) -> Iterator[tuple[str, Approximator]]:
     """Yield a net of n x n nodes of each kind; RVFL once a seed."""
     grid = Grid((-1.0, -1.0), (1.0, 1.0), (n, n))
-    yield "RBF", Rbf(grid, 1)
+    yield "RBF", rbf_net(grid, 1)
     yield "CMAC, triangles", Cmac(grid, 1)
     yield "CMAC, splines of order 4", Cmac(grid, 1, order=4)
     yield "fuzzy, Gaussian", Fuzzy(grid, 1)
     for seed in RVFL_SEEDS:
-        yield "RVFL", Rvfl(grid.low, grid.high, n * n, 1, seed)
+        yield "RVFL", rvfl_net(grid.low, grid.high, n * n, 1, seed)
 
 
 def fit_errors(n: int) -> dict[str, list[float]]:

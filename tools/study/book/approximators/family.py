@@ -17,14 +17,14 @@ x (n,), E and y (m,), W (nodes, m). Source: Lewis, Campos, Selmic (SIAM 2002), c
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcpc.executive.laws.approximators import backprop, cmac, fuzzy, jumps, rbf, rvfl
 from pcpc.executive.laws.approximators.activations import LOGISTIC
+from pcpc.tools.study.book.approximators import backprop, cmac, fuzzy, jumps, rbf, rvfl
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,10 @@ def _smooth(kind: int, x: Array, v: Array) -> tuple[Array, Array]:
 
 
 class TwoLayer(Approximator):
-    """backprop.py: V (n+1, L) drawn uniformly in +-spread, jac = ds/dz (L+1, L)."""
+    """backprop.py: V (n+1, L) drawn uniformly in +-spread, jac = ds/dz (L+1, L).
+
+    With `count`, jumps.py (6): jump nodes k < count at x_1 = c beside it, W = [W_1; W_2].
+    """
 
     def __init__(
         self,
@@ -111,14 +114,21 @@ class TwoLayer(Approximator):
         seed: int,
         spread: float = 1.0,
         kind: int = LOGISTIC,
+        c: float = 0.0,
+        count: int = 0,
+        jump: int = jumps.SIGMOID,
     ) -> None:
-        super().__init__(inputs, nodes + 1, outputs)
-        self.kind = kind
+        super().__init__(inputs, nodes + 1 + count, outputs)
+        self.kind, self.c, self.count, self.jump = kind, c, count, jump
         self._v = np.random.default_rng(seed).uniform(-spread, spread, (inputs + 1, nodes))
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return s (L+1,) and s' (L+1, L)."""
-        return _smooth(self.kind, self._checked_input(x), self._v)
+        """Return [s; phi] (nodes,) and [s'; 0] (nodes, L): what the jump nodes are is fixed."""
+        point = self._checked_input(x)
+        s, jac = _smooth(self.kind, point, self._v)
+        phi = np.zeros(self.count)
+        jumps.jump_nodes(self.jump, float(point[0]) - self.c, self.count, phi, 0)
+        return np.concatenate((s, phi)), np.vstack((jac, np.zeros((self.count, jac.shape[1]))))
 
     def _inner(self, x: ArrayLike, back: Array) -> Array:
         return np.outer(np.concatenate(([1.0], self._checked_input(x))), back)
@@ -141,65 +151,52 @@ class TwoLayer(Approximator):
         backprop.tune_hebbian(f, g, leak, limit, e, self._checked_input(x), s, self._w, self._v)
 
 
-class Augmented(Approximator):
-    """jumps.py (6): a two-layer network with jump nodes k < count at x_1 = c; W = [W_1; W_2]."""
+class Fixed(Approximator):
+    """A net of which W alone is tuned: phi (nodes,) is a function of x, jac is empty."""
 
     def __init__(
-        self,
-        inputs: int,
-        nodes: int,
-        outputs: int,
-        seed: int,
-        spread: float = 1.0,
-        c: float = 0.0,
-        count: int = 2,
-        jump: int = jumps.SIGMOID,
+        self, inputs: int, nodes: int, outputs: int, phi: Callable[[Array], Array]
     ) -> None:
-        super().__init__(inputs, nodes + 1 + count, outputs)
-        self.c, self.count, self.jump = c, count, jump
-        self._v = np.random.default_rng(seed).uniform(-spread, spread, (inputs + 1, nodes))
-
-    def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return [s; phi] (nodes,) and [s'; 0] (nodes, L): V_2 is fixed."""
-        point = self._checked_input(x)
-        s, jac = _smooth(LOGISTIC, point, self._v)
-        phi = np.zeros(self.count)
-        jumps.jump_nodes(self.jump, float(point[0]) - self.c, self.count, phi, 0)
-        return np.concatenate((s, phi)), np.vstack((jac, np.zeros((self.count, jac.shape[1]))))
-
-    def _inner(self, x: ArrayLike, back: Array) -> Array:
-        return np.outer(np.concatenate(([1.0], self._checked_input(x))), back)
-
-
-class Rvfl(Approximator):
-    """rvfl.py: the first layer is drawn in the region low..high and stays; jac is empty."""
-
-    def __init__(
-        self, low: Sequence[float], high: Sequence[float], nodes: int, outputs: int, seed: int
-    ) -> None:
-        super().__init__(len(low), nodes + 1, outputs)
-        self.first_layer = rvfl.first_layer(seed, low, high, nodes)
-
-    def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return phi (L+1,)."""
-        s, _ = _smooth(LOGISTIC, self._checked_input(x), self.first_layer)
-        return s, np.zeros((self.nodes, 0))
-
-
-class Rbf(Approximator):
-    """rbf.py (2) to (4): Gaussians on a grid, one-sided edges; jac is empty."""
-
-    def __init__(self, grid: Grid, outputs: int) -> None:
-        super().__init__(len(grid.counts), math.prod(grid.counts), outputs)
-        self._low, self._d = np.array(grid.low, float), grid.spacing()
-        self._counts = np.array(grid.counts, float)
+        super().__init__(inputs, nodes, outputs)
+        self._phi = phi
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (nodes,)."""
-        phi, factors = np.zeros(self.nodes), np.zeros(int(self._counts.sum()))
-        point = self._checked_input(x)
-        rbf.grid(point, self._low, self._d, self._counts, factors, phi)
-        return phi, np.zeros((self.nodes, 0))
+        return self._phi(self._checked_input(x)), np.zeros((self.nodes, 0))
+
+
+def rvfl_net(
+    low: Sequence[float], high: Sequence[float], nodes: int, outputs: int, seed: int
+) -> Fixed:
+    """Return rvfl.py's: the first layer is drawn in the region low..high and stays."""
+    first_layer = rvfl.first_layer(seed, low, high, nodes)
+    return Fixed(len(low), nodes + 1, outputs, lambda x: _smooth(LOGISTIC, x, first_layer)[0])
+
+
+def rbf_net(grid: Grid, outputs: int) -> Fixed:
+    """Return rbf.py's (2) to (4): Gaussians on a grid, one-sided edges."""
+    low, spacing, counts = np.array(grid.low, float), grid.spacing(), np.array(grid.counts, float)
+
+    def phi(x: Array) -> Array:
+        nodes, factors = np.zeros(math.prod(grid.counts)), np.zeros(sum(grid.counts))
+        rbf.grid(x, low, spacing, counts, factors, nodes)
+        return nodes
+
+    return Fixed(len(low), math.prod(grid.counts), outputs, phi)
+
+
+def triangle_net(grid: Grid, outputs: int) -> Fixed:
+    """Return fuzzy.py's (4): a full grid of triangles, equal to Cmac of order 2."""
+    counts, centres = np.array(grid.counts, float), _centres(grid)
+    rules = fuzzy.full_grid(grid.counts)
+
+    def phi(x: Array) -> Array:
+        nodes, member = np.zeros(len(rules)), np.zeros(len(centres))
+        fuzzy.triangles(x, counts, centres, member)
+        fuzzy.by_product(member, rules, nodes)
+        return nodes
+
+    return Fixed(len(counts), len(rules), outputs, phi)
 
 
 class Cmac(Approximator):
@@ -234,22 +231,6 @@ class Cmac(Approximator):
         y = np.zeros(self.outputs)
         cmac.output(index, value, len(index), self._w, y)
         return y
-
-
-class FuzzyTriangle(Approximator):
-    """fuzzy.py (4): a full grid of triangles, equal to Cmac of order 2; jac is empty."""
-
-    def __init__(self, grid: Grid, outputs: int) -> None:
-        super().__init__(len(grid.counts), math.prod(grid.counts), outputs)
-        self._counts, self._centres = np.array(grid.counts, float), _centres(grid)
-        self._rules = fuzzy.full_grid(grid.counts)
-
-    def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return phi (rules,)."""
-        phi, member = np.zeros(self.nodes), np.zeros(len(self._centres))
-        fuzzy.triangles(self._checked_input(x), self._counts, self._centres, member)
-        fuzzy.by_product(member, self._rules, phi)
-        return phi, np.zeros((self.nodes, 0))
 
 
 class Fuzzy(Approximator):

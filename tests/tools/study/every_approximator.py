@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.executive.laws.approximators import activations, backprop, cmac, fuzzy, jumps, rbf
+from pcpc.executive.laws.approximators import activations
 from pcpc.executive.laws.block import Ports, inline, port, stage
+from pcpc.tools.study.book.approximators import backprop, cmac, fuzzy, jumps, rbf
 
 
 class Fixed(Ports):

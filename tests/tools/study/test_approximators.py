@@ -12,17 +12,17 @@ import every_approximator
 import numpy as np
 import pytest
 
-from pcpc.executive.laws.approximators import activations, backprop, cmac, fuzzy, jumps, rbf, rvfl
-from pcpc.executive.laws.approximators.family import (
+from pcpc.executive.laws.approximators import activations
+from pcpc.tools.study.book.approximators import backprop, cmac, fuzzy, jumps, rbf, rvfl
+from pcpc.tools.study.book.approximators.family import (
     Approximator,
-    Augmented,
     Cmac,
     Fuzzy,
-    FuzzyTriangle,
     Grid,
-    Rbf,
-    Rvfl,
     TwoLayer,
+    rbf_net,
+    rvfl_net,
+    triangle_net,
 )
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -31,12 +31,12 @@ POINTS = np.random.default_rng(5).uniform((-1.3, -2.4), (1.3, 1.4), (40, 2))
 INSIDE = np.random.default_rng(6).uniform((-1.0, -2.0), (1.0, 1.0), (40, 2))
 FAMILY = {
     "two_layer": lambda: TwoLayer(2, 7, 3, seed=1),
-    "augmented": lambda: Augmented(2, 7, 3, seed=1, c=0.2),
-    "rvfl": lambda: Rvfl(GRID.low, GRID.high, 7, 3, seed=1),
-    "rbf": lambda: Rbf(GRID, 3),
+    "augmented": lambda: TwoLayer(2, 7, 3, seed=1, c=0.2, count=2),
+    "rvfl": lambda: rvfl_net(GRID.low, GRID.high, 7, 3, seed=1),
+    "rbf": lambda: rbf_net(GRID, 3),
     "cmac": lambda: Cmac(GRID, 3),
     "spline": lambda: Cmac(GRID, 3, order=4),
-    "fuzzy_triangle": lambda: FuzzyTriangle(GRID, 3),
+    "fuzzy_triangle": lambda: triangle_net(GRID, 3),
     "fuzzy": lambda: Fuzzy(GRID, 3),
 }
 
@@ -212,7 +212,7 @@ def test_a_fuzzy_system_of_triangles_on_a_full_grid_is_a_cmac() -> None:
 
 
 def test_radial_basis_functions_are_gaussians_with_one_sided_edges() -> None:
-    net = Rbf(Grid((-1.0,), (1.0,), (5,)), 1)
+    net = rbf_net(Grid((-1.0,), (1.0,), (5,)), 1)
     centres, variance = np.linspace(-1.0, 1.0, 5), 0.5**2 / (8.0 * math.log(2.0))
     for x in np.linspace(-2.0, 2.0, 81):
         expected = np.exp(-((x - centres) ** 2) / (2.0 * variance))
@@ -224,7 +224,7 @@ def test_radial_basis_functions_are_gaussians_with_one_sided_edges() -> None:
 
 
 def test_of_25_nodes_on_a_grid_9_are_full_gaussians() -> None:
-    net = Rbf(Grid((-1.0, -1.0), (1.0, 1.0), (5, 5)), 1)
+    net = rbf_net(Grid((-1.0, -1.0), (1.0, 1.0), (5, 5)), 1)
     far = [net.hidden(x)[0] for x in ((9.0, 0.0), (-9.0, 0.0), (0.0, 9.0), (0.0, -9.0))]
     full = np.max(far, axis=0) < 1e-9  # a one-sided node stays 1 on its side
     one_sided = np.max([net.hidden(x)[0] for x in ((9, 9), (9, -9), (-9, 9), (-9, -9))], axis=0)
