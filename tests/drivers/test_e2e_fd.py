@@ -11,7 +11,7 @@ import pytest
 from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.tools.make.generate import frames as in_c
-from pcpc.tools.make.generate.long_frames import with_long_frames
+from pcpc.tools.make.generate.device import same_files
 
 DATA_ID = 0x1234
 FORMATS = ",".join([f'"f{i}"' for i in range(14)] + ['"StandardCAN_FD"', '"ExtendedCAN_FD"'])
@@ -69,9 +69,7 @@ def test_each_flipped_bit_and_a_shorter_frame_are_detected() -> None:
 def test_generated_c_protects_it_with_the_same_bytes(tmp_path: Path) -> None:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler; apt-get install gcc libc6-dev")
-    fixed = Path(in_c.__file__).with_name("c")
-    texts = {one.name: one.read_text() for one in fixed.iterdir() if one.is_file()}
-    for name, text in with_long_frames(texts).items():
+    for name, text in same_files(fd=True).items():
         (tmp_path / name).write_text(text)
     row = in_c.info(FRAME, 1000.0, True)
     (tmp_path / "row.c").write_text(

@@ -16,10 +16,10 @@ from cantools.database.conversion import BaseConversion
 from pcpc.drivers.can import codec, dbc, e2e
 from pcpc.drivers.can.dbc import Kind
 from pcpc.tools.make.generate import frames as in_c
+from pcpc.tools.make.generate.device import same_files
 from pcpc.tools.make.generate.words import identifier
 
 ROOT = Path(__file__).resolve().parents[3]
-FIXED = ROOT / "tools" / "make" / "generate" / "c"
 STRICT = "-std=c99 -O2 -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -ffp-contract=off"
 FACTORS = 1, -1, 1e-4, 0.25, -0.1, 2.3968449810713143e-05, 3, -7, 2.0, 1e7, 0.3
 OFFSETS = 0, 0, 0, 1, -40, 0.5, -273.15, 100000
@@ -82,8 +82,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dbc.Frame], An
     if shutil.which("cc") is None:
         pytest.skip("no C compiler; apt-get install gcc libc6-dev")
     folder, found = tmp_path_factory.mktemp("frames"), all_frames()
-    for name in ("codec.c", "codec.h"):
-        shutil.copy(FIXED / name, folder)
+    for name, text in same_files(fd=False).items():
+        (folder / name).write_text(text)
     (folder / "frames.h").write_text(in_c.header(found, found))
     (folder / "frames.c").write_text(in_c.source(found, found))
     rows = "".join(f"    {in_c.info(frame, 1000.0)},\n" for frame in found)

@@ -21,35 +21,20 @@ from pcpc.tools.live.xcp.slave import event_name, period
 _OURS = resources.files("pcpc.tools.live.xcp") / "c"
 _MOST = sys.float_info.max
 _EXTENDED = 0x80000000
-_HOOKS = {  # behind lines, another one
-    "run.c": (
-        ('#include "supervisor.h"\n', '#include "xcp.h"\n'),
-        ("    if (came > 0) {\n", "        (void)xcp_frame(&frame);\n"),
-        ("            device_cycle(periods);\n        }\n    }\n", "    xcp_end();\n"),
-    ),
-    "device.c": (
-        ('#include "supervisor.h"\n', '#include "xcp.h"\n'),
-        ("    rig_tune(d.k);\n", "    xcp_written(d.k);\n"),
-        ("    rig_publish(d.passes);\n", "    xcp_measure(d.k);\n"),
-    ),
-    "rig.c": (('#include "rig.h"\n', '#include "xcp_rig.h"\n'),),
-}
 
 
 def with_xcp(
     files: Mapping[str, str], rig: Rig, places: Sequence[tuple[Variable, str]], ids: str
 ) -> dict[str, str]:
-    """Return a device's files with an XCP slave; UserError: wrong ids.
+    """Return a device's files, its fixed ones with PCPC_XCP, with the slave; UserError: wrong ids.
 
     `places`: the node's variables with their expressions in C, "" for one that it does not hold.
     """
     if taken := [name for name in ("xcp.c", "xcp.h", "xcp_rig.h") if name in files]:
         raise UserError(f"--xcp: {taken[0]} is of a block of this rig; rename the block")
     found = dict(files)
-    for name, hooks in _HOOKS.items():
-        for line, more in hooks:
-            assert found[name].count(line) == 1, (name, line)
-            found[name] = found[name].replace(line, line + more)
+    first = '#include "rig.h"\n'
+    found["rig.c"] = found["rig.c"].replace(first, first + '#include "xcp_rig.h"\n', 1)
     found |= {name: (_OURS / name).read_text() for name in ("xcp.c", "xcp.h")}
     found["xcp_rig.h"] = "\n".join(_header(rig, len(places), _ids(rig, ids)))
     found["rig.c"] += "\n".join([*_table(places), *_events(rig.config.period_ns)])

@@ -9,13 +9,13 @@ main_linux.c, ...     for a machine: Linux with CAN; a Cortex-M with a UART
 Makefile              `make linux m7 m4`
 """
 
+import re
 from importlib import resources
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.generate import declared, frames, rig_source
-from pcpc.tools.make.generate.long_frames import with_long_frames
 from pcpc.tools.make.generate.rig_source import DeviceWiring
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.terminal.rooms import part_of
@@ -26,6 +26,8 @@ _SAME = (  # for all rigs
     "main_linux.c", "main_mps2.c", "slcan.c", "slcan.h", "startup.c", "soft_double.c", "mps2.ld",
     "qemu.sh", "Makefile",
 )  # fmt: skip
+_PART = re.compile(r"^#if PCPC_(\w+)\n(.*?)(?:^#else\n(.*?))?^#endif\n", re.MULTILINE | re.DOTALL)
+_ROOM = re.compile(r"\bROOM")
 
 
 def device(rig: Rig, xcp: str | None = None) -> dict[str, str]:
@@ -36,13 +38,7 @@ def device(rig: Rig, xcp: str | None = None) -> dict[str, str]:
     _check(rig)
     # faults on purpose are the executive's, not the device's
     made = plan(rig.changed(faults={}, losses={}), "executive", "lockstep")
-    files = (
-        {name: (_FIXED / name).read_text() for name in _SAME}
-        | elementary.files()
-        | declared.files()
-    )
-    if made.fd:
-        files = with_long_frames(files)
+    files = same_files(made.fd, xcp is not None) | elementary.files() | declared.files()
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     wiring = DeviceWiring(made)
@@ -56,6 +52,22 @@ def device(rig: Rig, xcp: str | None = None) -> dict[str, str]:
         places = [(one, wiring.held(i)) for i, one in enumerate(made.table.variables)]
         files = part_of("live/xcp", "firmware").with_xcp(files, rig, places, xcp)
     return dict(sorted(files.items()))
+
+
+def same_files(fd: bool, xcp: bool = False) -> dict[str, str]:
+    """Return what is the same for all rigs, with the parts `#if PCPC_...` that are wanted.
+
+    FD      a rig with a frame of CAN FD: each has room for ROOM = 64 bytes instead of 8, and its
+            kind in `flags`, as Linux' struct canfd_frame has it. One of another kind than the DBC
+            file says counts as one of a wrong length, as in `drivers.can.codec`.
+    XCP     a device with an XCP slave
+    """
+    chosen = {"FD": fd, "XCP": xcp}
+    texts = {name: (_FIXED / name).read_text() for name in _SAME}
+    for name, text in texts.items():
+        part = _PART.sub(lambda found: found[2] if chosen[found[1]] else found[3] or "", text)
+        texts[name] = _ROOM.sub("64" if fd else "8", part)
+    return texts
 
 
 def _check(rig: Rig) -> None:

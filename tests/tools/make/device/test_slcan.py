@@ -13,14 +13,12 @@ from typing import Any
 
 import can
 import pytest
-from processes import PCPC, ROOT, own_bus, pcpc, until
+from processes import PCPC, own_bus, pcpc, until
 
 from pcpc.drivers.can import plain_bus
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.tools.make.device import slcan
-from pcpc.tools.make.generate.long_frames import with_long_frames
-
-FIXED = ROOT / "tools" / "make" / "generate" / "c"
+from pcpc.tools.make.generate.device import same_files
 
 
 class Frame(ctypes.Structure):
@@ -56,10 +54,12 @@ class Line(ctypes.Structure):
     )  # fmt: skip
 
 
-def library_of(folder: Path) -> Any:
-    """Compile slcan.c of a folder, and load it."""
+def library_of(folder: Path, fd: bool) -> Any:
+    """Compile slcan.c in a folder, and load it."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler; apt-get install gcc libc6-dev")
+    for name, text in same_files(fd).items():
+        (folder / name).write_text(text)
     path = folder / "slcan.so"
     words = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", str(path)]
     subprocess.run([*words, str(folder / "slcan.c")], check=True)
@@ -70,7 +70,7 @@ def library_of(folder: Path) -> Any:
 
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return library_of(shutil.copytree(FIXED, tmp_path_factory.mktemp("slcan") / "c"))
+    return library_of(tmp_path_factory.mktemp("slcan"), fd=False)
 
 
 def long_frames(count: int) -> list[plain_bus.Frame]:
@@ -119,10 +119,7 @@ def test_frames_are_the_same_text_in_python_and_in_c(in_c: Any) -> None:
 def in_long_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Return the C of a rig on CAN FD."""
     folder = tmp_path_factory.mktemp("long")
-    texts = {file.name: file.read_text() for file in FIXED.iterdir() if file.is_file()}
-    for name, text in with_long_frames(texts).items():
-        (folder / name).write_text(text)
-    return library_of(folder)
+    return library_of(folder, fd=True)
 
 
 def test_frames_of_can_fd_are_the_same_text_in_python_can_too(

@@ -137,7 +137,7 @@ static uint8_t crc8_byte(uint8_t crc, uint8_t byte)
 }
 
 /* CRC-8 SAE J1850 over two bytes of the id, low first, and `n` of data. */
-static uint8_t crc8(uint32_t id, const uint8_t data[8], uint8_t n)
+static uint8_t crc8(uint32_t id, const uint8_t data[ROOM], uint8_t n)
 {
     uint8_t crc = crc8_byte(0xFFu, (uint8_t)(id & 0xFFu));
     crc = crc8_byte(crc, (uint8_t)((id >> 8) & 0xFFu));
@@ -157,7 +157,7 @@ static uint16_t crc16_byte(uint16_t crc, uint8_t byte)
 }
 
 /* CRC-16 CCITT-FALSE over all data but the two bytes at `place`, and two of the data id. */
-static uint16_t crc16(uint16_t data_id, const uint8_t data[8], uint8_t place, uint8_t n)
+static uint16_t crc16(uint16_t data_id, const uint8_t data[ROOM], uint8_t place, uint8_t n)
 {
     uint16_t crc = 0xFFFFu;
     for (uint8_t i = 0u; i < n; i++) {
@@ -169,7 +169,7 @@ static uint16_t crc16(uint16_t data_id, const uint8_t data[8], uint8_t place, ui
     return crc16_byte(crc, (uint8_t)(data_id >> 8));
 }
 
-static bool right_crc(const uint8_t data[8], const frame_info *frame)
+static bool right_crc(const uint8_t data[ROOM], const frame_info *frame)
 {
     uint8_t at = frame->crc_byte;
     if (frame->protection == (uint8_t)CRC_8) {
@@ -180,7 +180,7 @@ static bool right_crc(const uint8_t data[8], const frame_info *frame)
 }
 
 /* Write counter, modulo its width, and CRC into packed data. */
-void protect(uint8_t data[8], const frame_info *frame, uint32_t counter)
+void protect(uint8_t data[ROOM], const frame_info *frame, uint32_t counter)
 {
     uint8_t at = frame->crc_byte;
     if (frame->protection == (uint8_t)UNPROTECTED) {
@@ -201,7 +201,7 @@ void protect(uint8_t data[8], const frame_info *frame, uint32_t counter)
 
 /* Judge a frame that came. `lost` grows by those missing before it: a burst is counted in full, a
    counter that jumps at will is not believed. Decode it only if it is used. */
-judgement judge(const uint8_t data[8], uint8_t n, const frame_info *frame, receiver_t *state, uint32_t *lost)
+judgement judge(const uint8_t data[ROOM], uint8_t n, const frame_info *frame, receiver_t *state, uint32_t *lost)
 {
     if ((n != frame->n) || ((frame->protection != (uint8_t)UNPROTECTED) && !right_crc(data, frame))) {
         return WRONG_CRC;

@@ -15,8 +15,11 @@
 
 typedef struct {
     uint32_t id;
-    uint8_t n; /* bytes, at most 8 */
-    uint8_t data[8];
+    uint8_t n; /* bytes, at most ROOM */
+    uint8_t data[ROOM];
+#if PCPC_FD
+    uint8_t flags; /* 1 bit rate switch, 2 error state indicator, 4 CAN FD */
+#endif
 } frame_t;
 
 enum { UNPROTECTED = 0, CRC_8 = 1, CRC_16 = 2 };
@@ -36,6 +39,9 @@ typedef struct {
     bool awaited; /* of every cycle and no SYNC */
     bool heartbeat;
     bool emergency; /* sent when the error code changes */
+#if PCPC_FD
+    uint8_t flags; /* of its frame_t */
+#endif
 } frame_info;
 
 /* How a signal of integers lies between raw and value. */
@@ -70,7 +76,7 @@ uint64_t get_little(const uint8_t data[8]);
 uint64_t get_big(const uint8_t data[8]);
 void put_words(uint8_t data[8], uint64_t little, uint64_t big);
 
-void protect(uint8_t data[8], const frame_info *frame, uint32_t counter);
-judgement judge(const uint8_t data[8], uint8_t n, const frame_info *frame, receiver_t *state, uint32_t *lost);
+void protect(uint8_t data[ROOM], const frame_info *frame, uint32_t counter);
+judgement judge(const uint8_t data[ROOM], uint8_t n, const frame_info *frame, receiver_t *state, uint32_t *lost);
 
 #endif

@@ -2,6 +2,9 @@
 
 #include "rig.h"
 #include "supervisor.h"
+#if PCPC_XCP
+#include "xcp.h"
+#endif
 
 static struct device {
     device_send send;
@@ -35,7 +38,11 @@ static receiver_t heard[RIG_HEARD];
 
 static void send_row(uint32_t row, uint32_t counter)
 {
+#if PCPC_FD
+    frame_t frame = {rig_sent[row].id, rig_sent[row].n, {0u}, rig_sent[row].flags};
+#else
     frame_t frame = {rig_sent[row].id, rig_sent[row].n, {0u}};
+#endif
     uint32_t clamped = rig_pack(row, frame.data);
     if (clamped > 0u) {
         rig.supervisor.saturated = 1.0;
@@ -312,7 +319,7 @@ static void note_repeat(void)
     }
 }
 
-static void take(uint32_t row, const uint8_t data[8], uint8_t n)
+static void take(uint32_t row, const uint8_t data[ROOM], uint8_t n)
 {
     const frame_info *frame = &rig_heard[row];
     bool before = heard[row].fresh;
@@ -347,10 +354,10 @@ static void take(uint32_t row, const uint8_t data[8], uint8_t n)
     }
 }
 
-void device_frame(uint32_t id, const uint8_t data[8], uint8_t n)
+void device_frame(uint32_t id, const uint8_t data[ROOM], uint8_t n)
 {
-    uint8_t whole[8] = {0u};
-    for (uint8_t i = 0u; (i < n) && (i < 8u); i++) {
+    uint8_t whole[ROOM] = {0u};
+    for (uint8_t i = 0u; (i < n) && (i < ROOMu); i++) {
         whole[i] = data[i];
     }
     for (uint32_t row = 0u; row < RIG_HEARD; row++) {
@@ -442,10 +449,16 @@ void device_cycle(uint32_t periods)
         return;
     }
     rig_tune(d.k);
+#if PCPC_XCP
+    xcp_written(d.k);
+#endif
     rig_step((double)d.k * RIG_PERIOD_S);
     limit_commands();
     transmit();
     rig_publish(d.passes);
+#if PCPC_XCP
+    xcp_measure(d.k);
+#endif
     d.passes += 1u;
     if ((d.cycles != 0u) && ((d.k + 1u) >= d.cycles) && settled()) {
         d.k += 1u;

@@ -35,7 +35,7 @@ bool device_met(void);
 void device_sync(void);
 
 /* Take a frame that came; any may be given, also those of others. */
-void device_frame(uint32_t id, const uint8_t data[8], uint8_t n);
+void device_frame(uint32_t id, const uint8_t data[ROOM], uint8_t n);
 
 /* Without a clock: whether all is there that a cycle begins with. */
 bool device_ready(void);

@@ -62,7 +62,14 @@ static size_t to_packet(const frame_t *frame, uint8_t *text)
     at = append(text, at, "\xa4" "data\xc4", 6);
     text[at++] = frame->n;
     at = append(text, at, frame->data, frame->n);
+#if PCPC_FD
+    at = append(text, at, TAIL, sizeof TAIL - 1);
+    text[at - 40] = (frame->flags & 4) != 0 ? 0xC3 : 0xC2;
+    text[at - 24] = (frame->flags & 1) != 0 ? 0xC3 : 0xC2;
+    return at;
+#else
     return append(text, at, TAIL, sizeof TAIL - 1);
+#endif
 }
 
 /* Bytes behind the tag of a msgpack scalar, string or bytes, with the length where there is one; -1: another. */
@@ -97,6 +104,9 @@ static bool is(const uint8_t *key, size_t n, const char *word)
 
 static bool from_packet(const uint8_t *b, size_t end, frame_t *frame)
 {
+#if PCPC_FD
+    frame->flags = 0;
+#endif
     bool has_id = false, has_data = false, extended = false, other = false;
     if (end < 1 || (b[0] & 0xF0) != 0x80) {
         return false;
@@ -123,9 +133,21 @@ static bool from_packet(const uint8_t *b, size_t end, frame_t *frame)
             has_id = true;
         } else if (is(key, n, "is_extended_id")) {
             extended = b[value] == 0xC3;
+#if PCPC_FD
+        } else if (is(key, n, "is_remote_frame") || is(key, n, "is_error_frame")) {
+#else
         } else if (is(key, n, "is_remote_frame") || is(key, n, "is_error_frame") || is(key, n, "is_fd")) {
+#endif
             other = other || b[value] == 0xC3;
+#if PCPC_FD
+        } else if (is(key, n, "is_fd")) {
+            frame->flags |= b[value] == 0xC3 ? 4 : 0;
+        } else if (is(key, n, "bitrate_switch")) {
+            frame->flags |= b[value] == 0xC3 ? 1 : 0;
+        } else if (is(key, n, "data") && b[value] == 0xC4 && rest <= 65) {
+#else
         } else if (is(key, n, "data") && b[value] == 0xC4 && rest <= 9) {
+#endif
             frame->n = (uint8_t)(rest - 1);
             memcpy(frame->data, b + value + 2, frame->n);
             has_data = true;
@@ -133,7 +155,12 @@ static bool from_packet(const uint8_t *b, size_t end, frame_t *frame)
         at = value + 1 + (size_t)rest;
     }
     frame->id |= extended ? FRAME_EXTENDED : 0;
+#if PCPC_FD
+    frame->flags = (frame->flags & 4) != 0 ? frame->flags : 0;
+    return has_id && has_data && !other && (frame->n <= 8 || frame->flags != 0);
+#else
     return has_id && has_data && !other;
+#endif
 }
 
 /* ---------------------------------------------------------------- the bus */
@@ -141,7 +168,15 @@ static bool from_packet(const uint8_t *b, size_t end, frame_t *frame)
 static bool open_can(const char *name)
 {
     struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(name)};
+#if PCPC_FD
+    int on = 1;
+#endif
     bus.rx = bus.tx = socket(AF_CAN, SOCK_RAW, CAN_RAW);
+#if PCPC_FD
+    if (setsockopt(bus.rx, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on) != 0) {
+        return false;
+    }
+#endif
     return address.can_ifindex && bus.rx >= 0 && bind(bus.rx, (struct sockaddr *)&address, sizeof address) == 0;
 }
 
@@ -188,10 +223,21 @@ void port_send(const frame_t *frame)
         wanted = (ssize_t)n;
         sent = send(bus.tx, text, n, 0);
     } else {
+#if PCPC_FD
+        struct canfd_frame can = {
+            .can_id = frame->id, .len = frame->n, .flags = frame->flags};
+#else
         struct can_frame can = {.can_id = frame->id, .can_dlc = frame->n};
+#endif
         memcpy(can.data, frame->data, frame->n);
+#if PCPC_FD
+        size_t size = (frame->flags & 4) != 0 ? CANFD_MTU : CAN_MTU;
+        wanted = (ssize_t)size;
+        sent = send(bus.tx, &can, size, 0);
+#else
         wanted = (ssize_t)sizeof can;
         sent = send(bus.tx, &can, sizeof can, 0);
+#endif
     }
     if (sent != wanted) {
         fprintf(stderr, "bus: %s\n", strerror(errno));
@@ -220,13 +266,30 @@ int32_t port_receive(frame_t *frame, uint32_t wait_ms)
         ssize_t n = recv(bus.rx, text, sizeof text, 0);
         return n > 0 && from_packet(text, (size_t)n, frame) && !own(frame->id) ? 1 : -1;
     }
+#if PCPC_FD
+    struct canfd_frame can;
+#else
     struct can_frame can;
+#endif
     uint32_t other = CAN_RTR_FLAG | CAN_ERR_FLAG;
+#if PCPC_FD
+    ssize_t size = recv(bus.rx, &can, sizeof can, 0);
+    if ((size != CAN_MTU || can.len > 8) && (size != CANFD_MTU || can.len > 64)) {
+        return -1;
+    }
+    if ((can.can_id & other) != 0) {
+#else
     if (recv(bus.rx, &can, sizeof can, 0) != (ssize_t)sizeof can || can.can_dlc > 8 || (can.can_id & other) != 0) {
+#endif
         return -1;
     }
     frame->id = can.can_id;
+#if PCPC_FD
+    frame->n = can.len;
+    frame->flags = size == CANFD_MTU ? (uint8_t)(can.flags | 4) : 0;
+#else
     frame->n = can.can_dlc;
+#endif
     memcpy(frame->data, can.data, frame->n);
     return 1;
 }

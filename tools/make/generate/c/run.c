@@ -2,16 +2,43 @@
 
 #include "device.h"
 #include "port.h"
+#if PCPC_FD
+#include "rig.h"
+#endif
 #include "supervisor.h"
+#if PCPC_XCP
+#include "xcp.h"
+#endif
 
 #define GREET_MS 20u
+#if PCPC_FD
+
+/* 255, a length that no frame has, where a frame is of another kind than the DBC file says. */
+static uint8_t length_of(const frame_t *frame)
+{
+    for (uint32_t row = 0u; row < RIG_HEARD; row++) {
+        bool other = ((frame->flags ^ rig_heard[row].flags) & 5u) != 0u;
+        if ((rig_heard[row].id == frame->id) && other) {
+            return 255u;
+        }
+    }
+    return frame->n;
+}
+#endif
 
 static int32_t hear(uint32_t wait_ms)
 {
     frame_t frame;
     int32_t came = port_receive(&frame, wait_ms);
     if (came > 0) {
+#if PCPC_XCP
+        (void)xcp_frame(&frame);
+#endif
+#if PCPC_FD
+        device_frame(frame.id, frame.data, length_of(&frame));
+#else
         device_frame(frame.id, frame.data, frame.n);
+#endif
     }
     return came;
 }
@@ -72,6 +99,9 @@ run_end run(uint32_t cycles, bool clocked)
             device_cycle(periods);
         }
     }
+#if PCPC_XCP
+    xcp_end();
+#endif
     if (device_fault() == (uint32_t)FAULT_NONE) {
         return RUN_ENDED;
     }

@@ -2,6 +2,10 @@
 
 #define CR '\r'
 #define BEL '\a'
+#if PCPC_FD
+
+static const uint8_t LENGTHS[16] = {0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 12u, 16u, 20u, 24u, 32u, 48u, 64u};
+#endif
 
 static int32_t digit_of(char c)
 {
@@ -34,9 +38,22 @@ static bool hex(const slcan_t *slcan, uint32_t at, uint32_t n, uint32_t *value)
 static bool to_frame(const slcan_t *slcan, uint32_t digits, frame_t *frame)
 {
     uint32_t n = 0u;
+#if PCPC_FD
+    if (!hex(slcan, 1u, digits, &frame->id) || !hex(slcan, digits + 1u, 1u, &n)) {
+#else
     if (!hex(slcan, 1u, digits, &frame->id) || !hex(slcan, digits + 1u, 1u, &n) || (n > 8u)) {
+#endif
         return false;
     }
+#if PCPC_FD
+    char kind = slcan->line[0];
+    bool is_fd = (kind != 't') && (kind != 'T');
+    if (!is_fd && (n > 8u)) {
+        return false;
+    }
+    n = LENGTHS[n];
+    frame->flags = ((kind == 'b') || (kind == 'B')) ? 5u : (is_fd ? 4u : 0u);
+#endif
     frame->n = (uint8_t)n;
     for (uint32_t i = 0u; i < n; i++) {
         uint32_t byte = 0u;
@@ -57,8 +74,18 @@ static bool obey(slcan_t *slcan, frame_t *frame)
     slcan->reply = CR;
     switch (slcan->line[0]) {
     case 't':
+#if PCPC_FD
+    case 'd':
+    case 'D':
+    case 'b':
+    case 'B':
+#endif
     case 'T':
+#if PCPC_FD
+        came = slcan->open && to_frame(slcan, (slcan->line[0] >= 'a') ? 3u : 8u, frame);
+#else
         came = slcan->open && to_frame(slcan, (slcan->line[0] == 't') ? 3u : 8u, frame);
+#endif
         slcan->reply = came ? '\0' : BEL;
         break;
     case 'O':
@@ -98,12 +125,27 @@ uint32_t slcan_line(const frame_t *frame, char line[SLCAN_LINE + 1u])
     bool extended = (frame->id & FRAME_EXTENDED) != 0u;
     uint32_t digits = extended ? 8u : 3u;
     uint32_t at = 0u;
+#if PCPC_FD
+    line[at++] = ((frame->flags & 4u) == 0u) ? 't' : (((frame->flags & 1u) != 0u) ? 'b' : 'd');
+    if (extended) {
+        line[0] = (char)(line[0] - ('a' - 'A'));
+    }
+#else
     line[at++] = extended ? 'T' : 't';
+#endif
     for (uint32_t i = 0u; i < digits; i++) {
         uint32_t shift = 4u * (digits - 1u - i);
         line[at++] = DIGITS[((frame->id & ~FRAME_EXTENDED) >> shift) & 15u];
     }
+#if PCPC_FD
+    uint32_t code = 0u;
+    while ((code < 15u) && (LENGTHS[code] < frame->n)) {
+        code++;
+    }
+    line[at++] = DIGITS[code];
+#else
     line[at++] = (char)('0' + (char)frame->n);
+#endif
     for (uint32_t i = 0u; i < frame->n; i++) {
         line[at++] = DIGITS[frame->data[i] >> 4];
         line[at++] = DIGITS[frame->data[i] & 15u];

@@ -1,6 +1,10 @@
 /* slcan: CAN frames as text on a serial line, as adapters of LAWICEL speak it. This side is the adapter.
 
        tIIINDD..    a frame with an id of 11 bits, N data bytes     TIIIIIIIINDD..    of 29 bits
+#if PCPC_FD
+       dIIIN..      one of CAN FD; N: 9 to F are 12 to 64 bytes         DIIIIIIIIN..
+       bIIIN..      that switches its bit rate                          BIIIIIIIIN..
+#endif
        O            open: from now on frames pass                   C                 close
        S0 to S8     bit rate, of no meaning here
 
@@ -11,7 +15,11 @@
 
 #include "codec.h"
 
+#if PCPC_FD
+#define SLCAN_LINE 139u /* D, id, length, 64 bytes, CR: the longest */
+#else
 #define SLCAN_LINE 27u /* T, id, length, 8 bytes, CR: the longest */
+#endif
 
 typedef struct {
     char line[SLCAN_LINE + 1u];
