@@ -109,12 +109,12 @@ def rig(
 
 @pytest.fixture
 def bus() -> Iterator[str]:
-    """Hold a free bus for as long as the test lasts; its name, as --bus takes it."""
+    """Keep a free bus for as long as the test lasts; its name, as --bus takes it."""
     from pcpc.drivers.can import choice  # time
 
-    held = choice.take_bus(choice.BusRequest("auto", None, "", ()))
-    yield str(held.bus)
-    held.release()
+    taken = choice.take_bus(choice.BusRequest("auto", None, "", ()))
+    yield str(taken.bus)
+    taken.release()
 
 
 def _kept_runs(request: pytest.FixtureRequest) -> list[_Kept]:
@@ -189,11 +189,11 @@ def _unseen_stop(title: str, run: "pcpc.Run") -> str:
 
 def _requirements(run: "pcpc.Run") -> dict[str, str]:
     """Return what became of each requirement and limit that has an id."""
-    result, words = run.result, {True: "held", False: "violated", None: "not judged"}
+    result, words = run.result, {True: "met", False: "violated", None: "not judged"}
     found = {one.id: words[one.held] for one in result.requirements if one.id}
     for name, one in (result.ids or {}).items():
         failed = any(text.startswith(f"{one} {name} ") for text in result.expectations_failed)
-        word = "violated" if failed else "held"
+        word = "violated" if failed else "met"
         found[one] = word if name in result.judged else "not judged"
     return {str(name): word for name, word in found.items()}
 

@@ -1,9 +1,9 @@
 """A bus in Python, frame by frame: for programs beside a run, which need no compiled loop."""
 
 import errno
-import select
 import socket
 import sys
+import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, FRAME_BYTES, LENGTHS, Flag
 from pcpc.drivers.errors import BusError
 
+PATIENCE_S = 2.0  # a frame of 64 bytes takes 60 ms at 10 kbit/s
+_POLL_S = 1e-4
 _SAID = {
     "timestamp": 0.0, "is_remote_frame": False, "is_error_frame": False, "channel": None,
     "error_state_indicator": False,
@@ -105,9 +107,14 @@ class Can:
         self._can.close()
 
     def put(self, word: int, data: bytes, flags: int = Flag.NONE) -> None:
-        """Send a frame; where the queue is full, wait until it is not. BusError: it has no FD."""
+        """Send a frame; where the queue is full, wait. BusError: it takes none, or has no FD."""
+        end_s = time.monotonic() + PATIENCE_S
         while not self.offer(word, data, flags):
-            select.select((), (self._can,), ())
+            if time.monotonic() >= end_s:
+                what = f"{self._channel}: took no frame for {PATIENCE_S:g} s"
+                cure = "connect a node that acknowledges, and check bit rate and termination"
+                raise BusError(f"{what}; {cure}")
+            time.sleep(_POLL_S)  # `select` says of a full queue that it takes more
 
     def offer(self, word: int, data: bytes, flags: int = Flag.NONE) -> bool:
         """Send a frame; False where the queue is full. BusError: it has no FD."""
@@ -118,9 +125,9 @@ class Can:
         head = word.to_bytes(4, sys.byteorder) + bytes((len(data), flags, 0, 0))
         text = (head + data).ljust(size, b"\0")
         try:
-            return self._can.send(text) == size
+            return self._can.send(text, socket.MSG_DONTWAIT) == size
         except OSError as error:
-            if error.errno != errno.ENOBUFS:
+            if error.errno not in (errno.ENOBUFS, errno.EAGAIN):
                 raise
             return False
 

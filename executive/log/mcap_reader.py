@@ -50,6 +50,7 @@ from pcpc.executive.log.mcap_records import (
     READERS,
     RECORD,
     UNREADABLE,
+    ForeignMetadata,
     Times,
     places_of,
     read_channel,
@@ -68,6 +69,7 @@ _WINDOWS = 1 << 12, 1 << 20  # bytes searched at once for the next whole record:
 _BYTES, _BYTES_PER_BYTE, _MESSAGES = 16 << 20, 200, 20_000
 _GOES_ON = "it is still being written"
 _NOTES = 100  # damaged places told one by one
+_NAMED = 5
 _TIME_TOP, _TIME_TOP_END = 22, 0x40  # the last byte of a message's log time; 2^62 ns is in 2116
 
 
@@ -91,6 +93,7 @@ class Scan:
     pieces: list[Piece] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
+    foreign: list[ForeignMetadata] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     count: Counter[int] = field(default_factory=Counter)
     inventory: Inventory = field(default_factory=Inventory)
@@ -102,6 +105,8 @@ class Scan:
     records: int = 0  # in chunks
     untold: int = 0  # damaged places without a line of their own
     untimely: int = 0  # messages left out for their time
+    proved: bool = False  # the checksum of all data matches
+    copies: bool = False  # what `foreign` holds is no loss, as it is copied
 
     def pieces_of(self, name: str) -> list[NDArray[np.uint8]]:
         """Return the pieces of a topic. Each (n, bytes of a message)."""
@@ -168,6 +173,10 @@ def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
         closed = not (found.missing or found.untold)
         notes = found.inventory.notes(known, {one.name for one in found.attachments}, closed)
         found.missing += [line for line in notes if line not in found.missing]
+        if found.foreign and not (found.proved or found.copies):
+            names = ", ".join(repr(one.name[:80]) for one in found.foreign[:_NAMED])
+            what = f"metadata {names}, {len(found.foreign)} in all, of another tool"
+            found.missing.append(f"{what}: no checksum proves them; `pcpc log recover` keeps them")
     if found.untold:
         found.missing.append(f"{found.untold} further places are damaged")
     if found.untimely:
@@ -207,6 +216,7 @@ def _walk_data(
             place = after
             continue
         if opcode == Opcode.DATA_END:
+            found.proved = only is None and bool(content) and content == crc
             if content and content != crc and not (only or found.missing):
                 found.missing.append(
                     "the checksum of all data does not match though that of each part does: "
@@ -233,7 +243,8 @@ def _walk_data(
         elif opcode == Opcode.ATTACHMENT:
             found.attachments.append(content)
         elif opcode == Opcode.METADATA:
-            found.metadata.append(content)
+            foreign = isinstance(content, ForeignMetadata)
+            (found.foreign if foreign else found.metadata).append(content)
         place = end
     if not summary:
         why = _GOES_ON if found.is_written else "recorder killed, disk full, or file cut"
@@ -298,10 +309,11 @@ def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:
                 continue
             found.spend(length)
             try:
-                _read_record(data, place + i, stop, found)
+                *_, content = _read_record(data, place + i, stop, found)
             except UNREADABLE:
                 continue
-            return place + i
+            if not isinstance(content, ForeignMetadata):
+                return place + i
         place += max(len(starts), 1)
         size = min(2 * size, most)
     return stop

@@ -63,6 +63,10 @@ def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
     return f"{zlib.crc32(json.dumps([name, plain]).encode()):08x}"
 
 
+class ForeignMetadata(Metadata):  # type: ignore[misc]
+    """Metadata of another tool, which gives them no checksum: copied, but not believed."""
+
+
 def _read_chunk(body: bytes) -> bytes:
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     if not chunk.uncompressed_crc:
@@ -122,10 +126,13 @@ def read_channel(body: bytes) -> Channel:
 
 
 def _read_attachment(body: bytes) -> Attachment:
-    if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
+    crc = int.from_bytes(body[-4:], "little")
+    if crc and zlib.crc32(body[:-4]) != crc:
         raise ValueError("its checksum does not match")
     file: Attachment = Attachment.read(ReadDataStream(BytesIO(body)))
     file.name, file.media_type = printable(file.name), printable(file.media_type)
+    if not crc:  # another tool's
+        raise ValueError(f"{file.name[:80]!r} has no checksum")
     return file
 
 
@@ -133,9 +140,11 @@ def _read_metadata(body: bytes) -> Metadata:
     stream = ReadDataStream(BytesIO(body))
     record = Metadata.read(stream)
     crc = record.metadata.pop(CRC_KEY, None)
+    if stream.count != len(body):
+        raise ValueError("its lengths disagree")
     if crc is None:
-        raise ValueError(f"{printable(record.name[:80])!r} has no checksum")
-    if stream.count != len(body) or crc != metadata_crc(record.name, record.metadata):
+        return ForeignMetadata(name=printable(record.name), metadata=record.metadata)
+    if crc != metadata_crc(record.name, record.metadata):
         raise ValueError("its checksum does not match")
     texts = {printable(key): printable(value) for key, value in record.metadata.items()}
     return Metadata(name=printable(record.name), metadata=texts)

@@ -6,6 +6,7 @@ two chunks, so that a damaged one does not take the meaning of all others with i
 
 import io
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -24,8 +25,10 @@ from pcpc.drivers.machine.regular_files import show_being_written
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import CRC_KEY, message_dtype, metadata_crc
+from pcpc.executive.rig.roles import ROLES
 
 CHUNK_BYTES = 1 << 20
+_OWN = {*ROLES, "run", "frames", "away", "import", "recovered"}  # metadata of this project
 
 
 class RecordError(UserError):
@@ -186,10 +189,11 @@ def message_records(
 
 @dataclass
 class Recovery:
-    """What was written anew: messages by topic, and what is missing, in words."""
+    """What was written anew: messages by topic, what is missing, and what nothing proves."""
 
     messages: dict[str, int]
     missing: list[str]
+    unproved: list[str]
 
 
 class _Copy:
@@ -199,7 +203,9 @@ class _Copy:
         self.found, self.writer = found, writer
         self.messages: dict[str, int] = {}
         self._schemas, self._channels = {0: 0}, dict[int, int]()
-        self._notes = self._files = 0
+        self._notes = self._files = self._foreign = 0
+        self.unproved: list[str] = []
+        self._undescribed = Counter[str]()  # messages by topic
 
     def heads(self) -> None:
         """Write metadata and attachments that were found since the last call."""
@@ -209,33 +215,59 @@ class _Copy:
             self.writer.add_attachment(
                 file.create_time, file.log_time, file.name, file.media_type, file.data
             )
+        for note in self.found.foreign[self._foreign :]:
+            if is_own(note.name):
+                self.found.missing.append(f"metadata {note.name!r}: no checksum proves them")
+            else:
+                self.writer.add_metadata(note.name, note.metadata)
+                self.unproved.append(f"metadata {note.name!r} of another tool")
         self._notes, self._files = len(self.found.metadata), len(self.found.attachments)
+        self._foreign = len(self.found.foreign)
 
     def channel(self, number: int) -> int:
         """Return the new id of a channel, 0 if the file does not describe it."""
         channel = self.found.channels.get(number)
-        if channel is None or channel.schema_id not in self.found.schemas:
+        if channel is None or channel.schema_id not in (0, *self.found.schemas):
             return 0
         if number not in self._channels:
-            schema = self.found.schemas[channel.schema_id]
-            if schema.id not in self._schemas:
+            if channel.schema_id not in self._schemas:
+                schema = self.found.schemas[channel.schema_id]
                 new = self.writer.register_schema(schema.name, schema.encoding, schema.data)
                 self._schemas[schema.id] = new
             self._channels[number] = self.writer.register_channel(
-                channel.topic, channel.message_encoding, self._schemas[schema.id]
+                channel.topic,
+                channel.message_encoding,
+                self._schemas[channel.schema_id],
+                channel.metadata,
             )
-            self.messages[channel.topic] = 0
+            self.messages.setdefault(channel.topic, 0)
         return self._channels[number]
 
     def add(self, number: int, piece: NDArray[np.uint8]) -> None:
         """Write messages of a channel."""
         new = self.channel(number)
         if not new:
+            self._undescribed[self.found.topic(number)] += len(piece)
             return
         messages = piece.copy().view(message_dtype(piece.shape[1] - 31))[:, 0]
         messages["channel"] = new
         self.writer.add([messages])
         self.messages[self.found.channels[number].topic] += len(piece)
+
+    def end(self) -> None:
+        """Write what no message has brought; tell which messages nothing describes."""
+        self.heads()
+        for number in sorted(self.found.channels):
+            self.channel(number)
+        for name, count in sorted(self._undescribed.items()):
+            if name:  # else the reader has counted them
+                what = f"{name}: {count} messages, whose schema is not readable"
+                self.found.missing.append(what)
+
+
+def is_own(name: str) -> bool:
+    """Return whether logs of this project have metadata of this name."""
+    return name.startswith("variables:") or name in _OWN
 
 
 def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found: None) -> Recovery:
@@ -243,7 +275,7 @@ def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found:
 
     `watch` is told how far it is. Raises LogError; RecordError if `out` cannot be written.
     """
-    found = Scan()
+    found = Scan(copies=True)
     pieces = walk(path, found)
     begin = list(islice(pieces, 1))  # LogError comes before `out` is made
     try:
@@ -268,11 +300,10 @@ def _write_copy(
             copy.heads()
             copy.add(number, piece)
             watch(found)
-        copy.heads()
-        for number in sorted(found.channels):
-            copy.channel(number)
+        copy.end()
         notes = {f"missing {i}": line for i, line in enumerate(found.missing, 1)}
+        notes |= {f"unproved {i}": line for i, line in enumerate(copy.unproved, 1)}
         writer.flush()
         writer.add_metadata("recovered", {"from": name} | notes)
         writer.finish()
-    return Recovery(copy.messages, found.missing)
+    return Recovery(copy.messages, found.missing, copy.unproved)

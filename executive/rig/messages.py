@@ -224,6 +224,13 @@ def unsent_text(rig: Rig, role: Role, frame: dbc.Frame) -> str:
     return f"no node of the rig sends {name}, for which {node} waits in each cycle; {cure}"
 
 
+def unsent_lines(rig: Rig) -> list[str]:
+    """Return a line for each frame that a node awaits and no node of the rig sends."""
+    database = database_of(rig)
+    frames = unsent_frames(rig, database)
+    return [f"{rig.where('dbc')}: {unsent_text(rig, role, frame)}" for role, frame in frames]
+
+
 def received_frames(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
     """Return the names of the frames that each node receives."""
     return {

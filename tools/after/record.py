@@ -269,7 +269,7 @@ class Run:
 
     @cached_property
     def requirements(self) -> list[Result]:
-        """The results of the rig's requirements: held or not, where first, with which margin."""
+        """The results of the rig's requirements: met or not, where first, with which margin."""
         return self._judge.requirements(self.log)
 
     def require(self, **entry: Any) -> Result:

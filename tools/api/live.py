@@ -273,7 +273,7 @@ class Live:
             raise NotMet(str(error)) from None
 
     def _begin(self, roles: tuple[str, ...]) -> None:
-        """Wait until all nodes are there and the executive steps; pcpc.Error if it does not."""
+        """Wait until all nodes are there and the executive runs; pcpc.Error if it does not."""
         while len(self._nodes) < len(roles) or not self._node(self._leader).under_way:
             if self._command.ended:
                 if len(self._nodes) == len(roles):  # a run may last a millisecond

@@ -23,7 +23,7 @@ from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.bus_load import bus_load, check_rate
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.law_lookup import Use, users_case
-from pcpc.executive.rig.messages import database_of, unsent_frames, unsent_text
+from pcpc.executive.rig.messages import unsent_lines
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
@@ -53,11 +53,7 @@ def command(options: argparse.Namespace) -> int:
     late = traffic.warning(rig, rig.config.pacing)
     report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
     report["warnings"] += _try_drawing(rig)
-    report["warnings"] += [
-        f"{rig.where('dbc')}: {unsent_text(rig, role, frame)}"
-        for role, frame in unsent_frames(rig, database_of(rig))
-    ]
-    report["warnings"] += _odd_entries(rig)
+    report["warnings"] += [*unsent_lines(rig), *_odd_entries(rig)]
     for role in rig.config.drives:
         where = rig.where(f"{role}.drive")
         if left_out := taken_from_eds(rig, role).left_out:

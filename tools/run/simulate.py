@@ -13,6 +13,7 @@ from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.buses import on_line
+from pcpc.executive.rig.messages import unsent_lines
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.run_digest import run_digest
 from pcpc.tools.after.verdict.conclude import conclude
@@ -78,8 +79,8 @@ def command(options: argparse.Namespace) -> int:
     )
     with run_folder(options.output, rig) as folder:
         simulation = Simulation(rig, folder / LOG, judged, outcome)
-        if simulation.lacking:
-            print(simulation.lacking, file=sys.stderr)
+        for line in filter(None, [simulation.lacking, *unsent_lines(rig)]):
+            print(line, file=sys.stderr)
         on_request(simulation.interrupt)
         progress = Progress(options.quiet)
         simulation.to_end(progress)

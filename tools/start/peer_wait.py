@@ -38,7 +38,7 @@ class PeerWait:
     def message(self, leader: str, bus: str, rig_file: str) -> str:
         """Return what to say once it was too long."""
         missing = [role for role in self.rig.roles if role not in self.roles]
-        cure = "is the bus shared with another run?"
+        cure = "another run may use the bus, or it hands on nothing here; choose one with --bus"
         if missing:
             word = _COMMANDS.get(missing[-1], missing[-1])
             cure = f"start `pcpc {word} {rig_file}` on this bus, or raise supervisor.peer_timeout_s"

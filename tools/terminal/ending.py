@@ -30,6 +30,7 @@ from pcpc.tools.terminal import screen
 
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _INTERRUPTED = "interrupted"
+_asked = False  # to end, since the command began
 
 
 class Output:
@@ -165,10 +166,13 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
 
 
 def _comes_of_an_interruption(error: BaseException | None) -> bool:
-    """Return whether an exception came while a KeyboardInterrupt was on its way.
+    """Return whether an exception came after a KeyboardInterrupt, or while one was on its way.
 
-    A compiler that was interrupted leaves things half made, and what tidies up finds them.
+    A compiler that was interrupted leaves things half made, and what goes on or tidies up finds
+    them; where C calls Python, the KeyboardInterrupt itself is lost.
     """
+    if _asked:
+        return True
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -182,7 +186,13 @@ def leave_at_once() -> None:
 def end_in_order() -> None:
     """Make such a signal a KeyboardInterrupt, if `leave_at_once` held until now."""
     if any(signal.getsignal(number) is _leave for number in _ASK_TO_END):
-        _hear(signal.default_int_handler)
+        _hear(_interrupt)
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    global _asked
+    _asked = True
+    signal.default_int_handler(number, frame)
 
 
 def _leave(*_: Any) -> None:
@@ -207,10 +217,12 @@ def _asked_to_end(last: bool) -> Iterator[None]:
 
     Behind the `last` command all are ignored: libraries tidy up then, and would print them.
     """
+    global _asked
+    _asked = False
     before = {number: signal.getsignal(number) for number in _ASK_TO_END}
     try:
         if before[signal.SIGTERM] is not _leave:
-            _hear(signal.default_int_handler)
+            _hear(_interrupt)
     except ValueError:  # only the main thread may; nobody sends a signal to another
         before = {}
     try:

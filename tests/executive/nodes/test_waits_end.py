@@ -23,6 +23,7 @@ from pcpc.executive.nodes.process import open_buses
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.messages import parts_in_meeting, peers_of
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.cli import main
 
 TEMPLATE = Path(__file__).parents[3] / "tools/make/template"
 TELEROBOT = Path(__file__).parents[3] / "plants/telerobot"
@@ -125,6 +126,20 @@ def test_without_a_clock_a_frame_that_no_node_sends_is_refused(
     with pytest.raises(RigError, match=f"no node of the rig sends {words} in each cycle; give it"):
         VirtualRun(rig, None)
     plan(rig, "executive", "real")  # a node of no rig may send it on a bus
+
+
+@pytest.mark.parametrize("command", ["check", "simulate"])
+def test_what_a_plant_awaits_and_nobody_sends_is_told(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It begins without: its SYNC comes."""
+    rig = motor(tmp_path, another("EXEC PLANT", "THIRD", "PLANT"))
+    words = ["-o", str(tmp_path / "run"), "--no-figure"] if command == "simulate" else []
+    assert main([command, str(rig.path), "--set", "duration_s=0.05", *words]) == 0
+    shown = capsys.readouterr()
+    lines = "".join(shown.err if command == "simulate" else shown.out).split()
+    said = "no node of the rig sends EXTRA, for which PLANT waits in each cycle; give it a sender"
+    assert " ".join(lines).count(said) == 1, shown
 
 
 def test_a_heartbeat_cannot_be_lost_on_purpose(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -209,6 +210,26 @@ def test_what_an_interruption_left_half_made_is_no_mistake(
 
     if not interrupted:
         with pytest.raises(LookupError):
+            ending.exit_code(command, goes_on=True)
+        return
+    assert ending.exit_code(command, goes_on=True) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("swallowed", [True, False])
+def test_an_interruption_that_was_lost_explains_what_comes_later(
+    swallowed: bool, capsys: Screen
+) -> None:
+    """Where C calls Python, as in a compiler, a KeyboardInterrupt ends nothing."""
+
+    def command() -> int:
+        if swallowed:
+            with suppress(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGTERM)
+        raise RuntimeError("no compiled object yet")
+
+    if not swallowed:
+        with pytest.raises(RuntimeError):
             ending.exit_code(command, goes_on=True)
         return
     assert ending.exit_code(command, goes_on=True) == 130

@@ -3,6 +3,8 @@
 before    as in `branching`; the buses are opened once all nodes stand in their cycles
 at N - 2  what the node below the executive sent last goes out once more, from its own socket
 from N    each node blocks until its frames are here, so that the bits are those of virtual time
+
+A run that begins anew meets as `pcpc run` does, and waits for that no longer.
 """
 
 import os
@@ -19,7 +21,7 @@ from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.compiled.jit import i8, loop, types
 from pcpc.drivers.compiled.structures import copy
-from pcpc.drivers.errors import UserError
+from pcpc.drivers.errors import BusError, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.loop.clock import Time
@@ -30,6 +32,7 @@ from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_er
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.branch.branching import Branch
 from pcpc.tools.after.replay import pacing_of
+from pcpc.tools.start.peer_wait import PeerWait
 
 _DRAIN_S = 0.005  # between two drains of the recorder, whose rings hold several seconds
 
@@ -79,7 +82,8 @@ class BranchOnBus(Branch):
 
     def _let_go(self, loop: Any) -> None:
         super()._let_go(loop)
-        loop.clock.kind, loop.rings.wait_recorder, loop.control.recorded = Time.LOCKSTEP, 1, 1
+        loop.clock.kind, loop.rings.wait_recorder = Time.LOCKSTEP, 1
+        loop.control.recorded = loop.control.ready = 1
 
     def advance(self) -> Iterator[int]:
         """Run to the end; yield the cycles done now and then. Raises StepError."""
@@ -87,7 +91,7 @@ class BranchOnBus(Branch):
         works = [Work(call) for call in map(self._call, loops, self.steps, self._again)]
         for work in reversed(works):  # who waits first hears all
             work.start()
-        watch, looks = Watch(loops), 0.0
+        watch, looks, meeting = Watch(loops), 0.0, PeerWait(self.rig, self.rig.roles)
         while (alive := next((one for one in works if one.is_alive()), None)) is not None:
             alive.join(_DRAIN_S)
             self._drain()
@@ -98,12 +102,23 @@ class BranchOnBus(Branch):
                     standing.control.fault = Fault.STEP_HANGS
                     self._hangs = True
                     raise StepError
+                self._end_unmet(meeting)
                 yield int(loops[0].passes)
         self._drain()
+        if meeting.given_up_s:
+            raise BusError(meeting.message(self.rig.roles[0], str(self._bus.bus), "the rig"))
         for work in works:
             if work.error is not None:
                 raise loop_error(work.error, loops) from work.error
         yield int(loops[0].passes)
+
+    def _end_unmet(self, meeting: PeerWait) -> None:
+        """End nodes that have not met, once they should have, or the user wants the end."""
+        begun = all(block.loop.passes for block in self.blocks)
+        by_role = dict(zip(self.rig.roles, self.blocks, strict=True))
+        if meeting.too_long(by_role, begun) or (self._stopped and not begun):
+            for block in self.blocks:
+                block.control.stop = 1
 
     @staticmethod
     def _call(n: Any, steps: Any, again: NDArray[np.uint8]) -> Any:

@@ -36,10 +36,13 @@ def command(options: argparse.Namespace) -> int:
     if options.json:
         about = {"log": str(path), "file": str(out), "nodes": nodes}
         report = {**about, "messages": done.messages, "missing": done.missing}
+        report["unproved"] = done.unproved
         print(json.dumps(report, indent=2))
         return Exit.OK
     for line in done.missing or ["nothing: the log is whole"]:
         print(f"missing: {line}", file=sys.stderr)
+    for line in done.unproved:
+        print(f"kept as it reads, no checksum proves it: {line}", file=sys.stderr)
     kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes.items()]
     print(f"{out}: {'; '.join([*kept, f'{sum(done.messages.values())} messages'])}")
     return Exit.OK

@@ -7,7 +7,7 @@ slcan is text: tIIINDD.. a frame with an id of 11 bits, TIIIIIIIINDD.. with one 
 ends with CR; d, D one of CAN FD, b, B one that switches its bit rate, N from 9 to F 12 to 64 bytes,
 as CANable and python-can have them. Frames pass in their order, none is dropped here: what the line
 does not take waits. The line is opened (O) again and again until it answers, then all frames of the
-bus go to the device, but its own.
+bus go to the device, but its own. A line that does not answer, or takes nothing, is given up.
 """
 
 import argparse
@@ -17,10 +17,12 @@ import select
 import signal
 import subprocess
 import termios
+import time
 import tty
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import can_id, plain_bus
@@ -29,6 +31,8 @@ from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.drivers.errors import Exit, UserError
 
 OPENS_EVERY_MS = 50
+ANSWER_S = 60.0  # a board may still start, or be switched on by hand
+TAKE_S = 10.0
 _LONGEST_LINE = 160
 _READ_BYTES = 65536
 _DATA_RATES = {None: "", 2_000_000: "Y2\r", 5_000_000: "Y5\r"}
@@ -83,17 +87,21 @@ def open_port(path: Path, baud: int) -> int:
 class Bridge:
     """Frames from a bus to a line, `out`, and from the line, `into`, to the bus."""
 
-    def __init__(self, bus: Udp | Can, into: int, out: int) -> None:
-        self.bus, self.into, self.out = bus, into, out
+    def __init__(self, bus: Udp | Can, into: int, out: int, name: str) -> None:
+        self.bus, self.into, self.out, self._name = bus, into, out, name
+        os.set_blocking(out, False)
         self.opened = False
         self._rest = b""
 
     def open(self, bit_rate: int | None, data_rate: int | None = None) -> bool:
-        """Ask the line to open until it answers; return False if it ended before."""
+        """Ask the line to open until it answers; return False if it ended before. UserError."""
+        end_s = time.monotonic() + ANSWER_S
         rate = f"S{_BIT_RATES.index(bit_rate)}\r" if bit_rate in _BIT_RATES else ""
         rate += _DATA_RATES[data_rate]
         while not self.opened:
-            os.write(self.out, b"\rC\r" * bool(rate) + rate.encode() + b"O\r")
+            if time.monotonic() >= end_s:
+                self._give_up(f"no answer within {ANSWER_S:g} s")
+            self.write(b"\rC\r" * bool(rate) + rate.encode() + b"O\r")
             ready, _, _ = select.select((self.into,), (), (), 1e-3 * OPENS_EVERY_MS)
             if ready and not self.from_line():
                 return False
@@ -116,14 +124,27 @@ class Bridge:
 
     def from_bus(self) -> None:
         """Write the frames that are there to the line."""
-        text = b"".join(line_of(*frame) for frame in self.bus.frames())
+        self.write(b"".join(line_of(*frame) for frame in self.bus.frames()))
+
+    def write(self, text: bytes) -> None:
+        """Write to the line; UserError if it takes nothing."""
         while text:
-            text = text[os.write(self.out, text) :]
+            _, ready, _ = select.select((), (self.out,), (), TAKE_S)
+            if not ready:
+                self._give_up(f"took nothing for {TAKE_S:g} s")
+            with contextlib.suppress(BlockingIOError):
+                text = text[os.write(self.out, text) :]
+
+    def _give_up(self, what: str) -> NoReturn:
+        cure = "start the device, and check that it speaks slcan at this --baud"
+        raise UserError(f"{self._name}: {what}; {cure}", Exit.ENVIRONMENT)
 
     def from_line(self) -> bool:
         """Send what the line said; return False at its end."""
         try:
             text = os.read(self.into, _READ_BYTES)
+        except BlockingIOError:
+            return True
         except OSError:  # of a pseudo-terminal, nobody has the other end open
             return False
         if not text:
@@ -149,7 +170,7 @@ def command(options: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, _leave)
     if options.port is not None:
         line = open_port(options.port, options.baud)
-        bridge = Bridge(open_bus(options.bus), line, line)
+        bridge = Bridge(open_bus(options.bus), line, line, str(options.port))
         if bridge.open(options.bitrate, options.data_bitrate):
             bridge.run()
         return Exit.OK
@@ -172,7 +193,7 @@ def with_program(bus: Udp | Can, words: Sequence[str]) -> int:
     except OSError as error:
         raise UserError(f"{words[0]}: {error.strerror}") from None
     assert program.stdin is not None and program.stdout is not None, "as asked for"
-    bridge = Bridge(bus, program.stdout.fileno(), program.stdin.fileno())
+    bridge = Bridge(bus, program.stdout.fileno(), program.stdin.fileno(), words[0])
     try:
         with contextlib.suppress(BrokenPipeError):
             if bridge.open(None):

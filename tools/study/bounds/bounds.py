@@ -1,4 +1,4 @@
-"""`pcpc bounds RIG|LOG`: a run held against the theorem of its law.
+"""`pcpc bounds RIG|LOG`: a run compared with the theorem of its law.
 
 V and its two derivatives, w, the ultimate bound and S_r, as plants/lyapunov.py says, with the
 terms of the theorem.py that lies beside the plant's model or in `book/` there. A rig is run in

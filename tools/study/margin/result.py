@@ -57,7 +57,7 @@ class Margin(Result):
         found.gain_margin, found.phase_margin_deg, found.delay_margin_s, found.disk_margin
         found.linearised.f_hz, found.linearised.response       (n,) each; the same of found.measured
 
-    `reference`: the held reference; `command`: the command there; `poles` (p,): z of the closed
+    `reference`: the constant reference; `command`: the command there; `poles` (p,): z of the closed
     loop; `kinks`: states where it is not differentiable; `amplitude` of the injection; `moving_s`:
     time of the run at which the loop is taken, nan: at rest.
     """

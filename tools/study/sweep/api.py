@@ -110,7 +110,7 @@ def sweep(
     until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
     worst        search for the worst case, the smallest margin of the requirements, with this
                  many runs, in place of draws
-    rare         probability of a rare failure by subset simulation, with this many runs a step,
+    rare         probability of a rare failure by subset simulation, with this many runs a level,
                  as 1000, in place of draws
     of           the metric that `worst` maximises, or that fails above `limit` with `rare`
     limit        see `of`

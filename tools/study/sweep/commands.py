@@ -56,7 +56,7 @@ def sweep(add: Add) -> None:
         "--rare",
         type=int,
         metavar="RUNS",
-        help="estimate a rare failure: subset simulation, RUNS a step, as 1000",
+        help="estimate a rare failure: subset simulation, RUNS a level, as 1000",
     )
     add(
         "--of", metavar="METRIC", help="use this metric, not the requirements; --rare: with --limit"

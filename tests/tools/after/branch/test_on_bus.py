@@ -1,9 +1,14 @@
 """A branch on a bus: real sockets, nodes in lockstep, and the bits of virtual time."""
 
 import os
+import re
+import signal
+import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -11,14 +16,17 @@ from logcommand import run_here
 from processes import PATIENT, ROOT, own_bus, pcpc, until
 from test_branch import ALL_RIGS, branch, cycles, faulty, record, simulated
 
+from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice
 from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
-from pcpc.executive.nodes.plan import plan
-from pcpc.executive.nodes.process import claim_frames
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.nodes.process import claim_frames, open_buses
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.buses import wanted_bus
-from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.branch import on_bus as on_bus_module
+from pcpc.tools.after.branch.on_bus import BranchOnBus
 
 
 def on_bus(log: Path, out: Path, *words: str) -> Path:
@@ -145,6 +153,51 @@ def test_a_run_that_keeps_time_is_refused(tmp_path: Path) -> None:
     refused = branch(tmp_path / "a/log.mcap", tmp_path / "b", "--cycle", "90", "--bus", "auto")
     assert refused.code == 2 and "leave out --bus" in refused.err, refused
     assert refused.err.count("\n") == 1 and not (tmp_path / "b").exists()
+
+
+def apart(rig: Rig, _bus: object, made: Plan, end: Any) -> None:
+    """Open the bus of a node as one that brings it no frame of another."""
+    open_buses(rig, buses.bus_named(*buses.parse(own_bus())), made, end)
+
+
+@pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
+@pytest.mark.parametrize("cycle", [0, 1, 2])
+def test_nodes_that_never_meet_are_given_up_with_what_they_wait_for(
+    rig: str, cycle: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = "duration_s=0.1", "supervisor.peer_timeout_s=0.2"
+    parent, bus = simulated(tmp_path / "log.mcap", rig, *settings), own_bus()
+    monkeypatch.setattr(on_bus_module, "open_buses", apart)
+    done = branch(parent, tmp_path / "b", "--cycle", str(cycle), "--bus", bus)
+    silence = rf"executive: no frame of the other node on {bus} for 0 s, as HB_\w+.*--bus\n"
+    assert done.code == 4 and re.fullmatch(silence, done.err), done
+    assert not (tmp_path / "b").exists()
+
+
+def test_nodes_that_part_end_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1")
+    monkeypatch.setattr(on_bus_module, "open_buses", apart)
+    done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", own_bus())
+    assert done.code == 5 and "the other node fell silent" in done.out + done.err, done
+
+
+def test_an_interruption_ends_nodes_that_have_not_met(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1")
+    monkeypatch.setattr(on_bus_module, "open_buses", apart)
+    asked = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(BranchOnBus, "advance", started(asked, BranchOnBus.advance))
+    done = branch(parent, tmp_path / "b", "--cycle", "0", "--bus", own_bus())
+    assert done.code == 130 and "interrupted" in done.err + done.out, done
+
+
+def started(timer: threading.Timer, advance: Callable[..., Any]) -> Callable[..., Any]:
+    def started_advance(run: BranchOnBus) -> Iterator[int]:
+        timer.start()
+        yield from advance(run)
+
+    return started_advance
 
 
 @pytest.mark.parametrize(

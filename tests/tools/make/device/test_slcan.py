@@ -7,6 +7,7 @@ import random
 import select
 import shutil
 import subprocess
+import threading
 import tty
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from processes import PCPC, own_bus, pcpc, until
 
 from pcpc.drivers.can import plain_bus
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
+from pcpc.drivers.errors import UserError
 from pcpc.tools.make.device import slcan
 from pcpc.tools.make.generate.device import same_files
 
@@ -236,3 +238,56 @@ def test_what_cannot_be_a_line_is_refused(tmp_path: Path) -> None:
     ):
         done = pcpc(*words, cwd=tmp_path)
         assert done.code == 2 and what in done.err, done
+
+
+class Silence:
+    """A bus on which `frames` are, once."""
+
+    def __init__(self, frames: list[plain_bus.Frame]) -> None:
+        self._frames = frames
+
+    def frames(self) -> list[plain_bus.Frame]:
+        """Return what is there."""
+        found, self._frames = self._frames, []
+        return found
+
+
+@pytest.mark.parametrize(("limit", "said"), [
+    ("ANSWER_S", r"^sh q\.sh: no answer within 0\.1 s; start the device, and check .* --baud$"),
+    ("TAKE_S", r"^sh q\.sh: took nothing for 0\.1 s; start the device, and check .* --baud$"),
+])  # fmt: skip
+def test_a_line_that_says_or_takes_nothing_is_given_up(
+    limit: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slcan, limit, 0.1)
+    (into, never), (unread, out) = os.pipe(), os.pipe()
+    bus: Any = Silence(long_frames(3000))
+    bridge = slcan.Bridge(bus, into, out, "sh q.sh")
+    with pytest.raises(UserError, match=said) as refused:
+        if limit == "ANSWER_S":
+            bridge.open(500_000)
+        else:
+            bridge.from_bus()
+    assert refused.value.code == 4
+    for end in (into, never, unread, out):
+        os.close(end)
+
+
+def test_a_slow_line_gets_all_that_is_written() -> None:
+    (into, never), (unread, out) = os.pipe(), os.pipe()
+    sent = long_frames(3000)
+    bus: Any = Silence(sent)
+    wanted = b"".join(slcan.line_of(*frame) for frame in sent)
+    said = list[bytes]()
+
+    def read() -> None:
+        while sum(map(len, said)) < len(wanted):
+            said.append(os.read(unread, 1000))
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    slcan.Bridge(bus, into, out, "x").from_bus()
+    reader.join(30)
+    assert b"".join(said) == wanted
+    for end in (into, never, unread, out):
+        os.close(end)
