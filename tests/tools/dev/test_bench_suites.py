@@ -233,10 +233,10 @@ def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     table = tmp_path / "ratios.json"
-    words = ["bench", "codec", "steps", "--rounds", "1", "--quiet", "--json", str(table)]
+    words = ["bench", "codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
     assert main(words) == 0
     suites = [row["suite"] for row in holds("bench", table.read_text())]
-    assert suites[0] == "codec" and suites[-1] == "steps", f"{suites}"
+    assert suites[0] == "codec" and suites[-1] == "frame", f"{suites}"
     assert capfd.readouterr().out.count("ratio") == len(suites)
 
 

@@ -8,8 +8,6 @@ from pcpc.tools.terminal.command import Add, Command, codes
 
 MOST_ROUNDS = 10_000
 _SUITES = {  # by their modules, one of which may go with what it measures
-    "steps": "one step of controllers and plant against C at -O2",
-    "generated": "C that `pcpc generate c` makes of laws against C by hand",
     "wake": "how late the executive wakes, against cyclictest and C",
     "cycle": "one cycle of the executive, in memory and on a bus, against C",
     "frame": "one frame sent and received against C and python-can",

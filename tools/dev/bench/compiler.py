@@ -1,10 +1,7 @@
 """The C side of the bench: steps that `pcpc generate c` writes, headers, compilation.
 
-Generated C of a step is as fast as C by hand (docs/decisions/settled, 32; suite `generated`), so no
-step is written twice. It is compiled in two ways:
-
-    the same functions   -O2 -ffp-contract=off: the bits of Python
-    libm                 -O2, with those of this machine for the elementary functions
+Generated C of a step is as fast as C by hand (docs/decisions/settled, 32), so no step is written
+twice. It is compiled with -O2 -ffp-contract=off, which gives the bits of Python.
 
 A numpy record type becomes a struct with the same layout, checked by the compiler; the constants of
 a Python module become macros. So C works on the very memory of the compiled loop. The cache folder
@@ -37,40 +34,11 @@ void {name}({views});
 void {name}({views}) {{ {name}_step(t, dt{given}); }}
 """
 VIEWS = "double t, double dt, " + ", ".join(f"double *{LETTERS[role]}" for role in ROLES)
-LIBM = """
-#include <math.h>
-static inline double libm_expmsq(double x) { return exp(-(x * x)); }
-static inline double libm_floor(double x)
-{
-    double n = (double)(long long)x; /* what is taken the floor of is far below 2^63 */
-    return n > x ? n - 1.0 : n;
-}
-static inline double libm_logistic(double x)
-{
-    double e = exp(-fabs(x));
-    return (x < 0.0 ? e : 1.0) / (1.0 + e);
-}
-static inline void libm_sincos(double x, double *sine, double *cosine)
-{
-    *sine = sin(x); /* one call of sincos, which is no standard C */
-    *cosine = cos(x);
-}
-#define pcpc_exp exp
-#define pcpc_expmsq libm_expmsq
-#define pcpc_tanh tanh
-#define pcpc_logistic libm_logistic
-#define pcpc_floor libm_floor
-#define pcpc_sin sin
-#define pcpc_cos cos
-#define pcpc_sincos libm_sincos
-"""
 
 
-def step_sources(blocks: Mapping[str, Block], libm: bool = False) -> dict[str, str]:
+def step_sources(blocks: Mapping[str, Block]) -> dict[str, str]:
     """Return the generated files of steps; `NAME(t, dt, p, x, u, y)` calls one by pointers."""
     texts = elementary.files()
-    if libm:
-        texts["pcpc_math.h"] += LIBM
     for name, block in blocks.items():
         given = "".join(f", (void *){LETTERS[role]}" for role in signature(block))
         texts |= law_files(block, name)
@@ -82,15 +50,14 @@ def library(
     sources: Sequence[Path],
     blocks: Mapping[str, Block],
     headers: Mapping[str, str] | None = None,
-    libm: bool = False,
 ) -> ctypes.CDLL:
     """Return a library of `sources` and of steps, compiled if the cache has none; CompilerError.
 
     `headers`: texts by file name, of what a source includes from its own folder too.
     """
-    flags = ["-O2"] if libm else ["-O2", "-ffp-contract=off"]
+    flags = ["-O2", "-ffp-contract=off"]
     version = subprocess.run([find(), "--version"], capture_output=True, check=False).stdout
-    steps = step_sources(blocks, libm)
+    steps = step_sources(blocks)
     texts = steps | dict(headers or {})
     parts = [*(source.read_bytes() for source in sources), " ".join(flags).encode(), version]
     parts += [text.encode() for text in texts.values()]
