@@ -7,6 +7,8 @@ cubics of log |L| overshoot beside one. z_j: the lines where the function before
 more each time, until all are met within their errors; w_j: the least singular vector of Loewner's
 matrix (AAA); a_j: least squares over all lines, which evens out their noise.
 
+Behind the last line lies half the rate, where every loop is real: there it may cross, too.
+
 What lies between lines is not measured, it follows. How far it can be trusted is shown by others
 that meet the lines as well: with more terms, and through lines moved by their errors. Where a
 number differs among them by more than a share, it is not known.
@@ -98,11 +100,15 @@ def between(f_hz: Vector, response: Complex, noise: Vector, rate_hz: float) -> B
     error = np.maximum(3.0 * noise, _FINEST * np.abs(g) * np.abs(1.0 + g)) + 1e-12
     x, s = np.log(f_hz), np.linspace(0.0, 1.0, _STEPS, endpoint=False)
     dense = np.exp(np.append((x[:-1, None] + s * np.diff(x)[:, None]).ravel(), x[-1]))
+    half = 0.5 * rate_hz
+    beside = bool(f_hz[-1] < half <= 2.0 * f_hz[-1] - f_hz[-2])  # no further than the line before
+    dense = np.append(dense, [half] * beside)
     at, rng = np.exp(2j * np.pi * dense / rate_hz), np.random.default_rng(0)
 
     def loop(one: Rational) -> Complex:
-        """Return L of g at all of `dense`."""
-        return np.asarray(-one(at) / (1.0 + one(at)))
+        """Return L of g at all of `dense`; it is real at half the rate."""
+        found = -one(at) / (1.0 + one(at))
+        return np.where(dense == half, found.real, found)
 
     own, *more = likeliest(z, g, error)
     moved = list[Rational]()

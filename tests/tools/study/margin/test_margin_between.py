@@ -72,6 +72,24 @@ def test_what_turns_where_no_line_is_has_no_number(
         assert math.isnan(seen) or seen == pytest.approx(getattr(true, name), rel=0.05), name
 
 
+@pytest.mark.parametrize("gain", [0.02, 0.2, 1.8])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-2])
+def test_a_loop_that_is_negative_at_half_the_rate_alone_has_that_margin(
+    gain: float, noise: float
+) -> None:
+    """L = k/(z - 0.9): the margin 1.9/k lies behind the last line, and is no `any`."""
+    found, rng = gain / (np.exp(2j * np.pi * LINES / RATE_HZ) - 0.9), np.random.default_rng(1)
+    g = 1.0 / (1.0 + found) - 1.0
+    g += noise * np.array([1.0, 1j]) @ rng.standard_normal((2, len(g))) / math.sqrt(2.0)
+    own, _ = visible_margins(LINES, -g / (1.0 + g), np.full(len(g), noise), RATE_HZ)
+    unknown = noise > 0.0 and math.isnan(own.gain_margin)
+    assert unknown or own.gain_margin == pytest.approx(1.9 / gain, rel=0.02), own
+    assert noise or own.gain_margin_hz == pytest.approx(0.5 * RATE_HZ)
+    band = LINES < 0.3 * RATE_HZ
+    some = between(LINES[band], found[band], np.zeros(band.sum()), RATE_HZ)
+    assert some.f_hz[-1] == pytest.approx(LINES[band][-1]), "far from there nothing is known of it"
+
+
 def test_noise_that_moves_a_margin_leaves_it_unknown() -> None:
     g, rng = 1.0 / (1.0 + loop(LINES, 45.7, 0.02, 0.3)) - 1.0, np.random.default_rng(1)
     g += 0.01 * np.array([1.0, 1j]) @ rng.standard_normal((2, len(g))) / math.sqrt(2.0)
@@ -114,8 +132,9 @@ def test_a_rational_function_is_found_again() -> None:
 
 def test_between_goes_through_the_lines_and_says_which_gaps_count() -> None:
     own = between(LINES, loop(LINES, 45.7, 0.02, 0.3), np.zeros(len(LINES)), RATE_HZ)
-    assert not own.moved and len(own.f_hz) == 30 * (len(LINES) - 1) + 1
-    at = own.response[::30] / loop(LINES, 45.7, 0.02, 0.3)
+    assert not own.moved and len(own.f_hz) == 30 * (len(LINES) - 1) + 2
+    assert own.f_hz[-1] == 0.5 * RATE_HZ, "as near to the last line as that to the one before"
+    at = own.response[:-1:30] / loop(LINES, 45.7, 0.02, 0.3)
     assert np.abs(at - 1.0).max() < 3e-3
     flags = np.array([True, False, True, True])
     places = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
