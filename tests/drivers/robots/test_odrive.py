@@ -167,6 +167,15 @@ def test_the_velocity_is_limited_in_all_modes() -> None:
     assert bench.w <= 2.0 * 1.2, "in torque mode, too"
 
 
+@pytest.mark.parametrize(("command", "form"), [(0x0D, "ff"), (0x0E, "f")])
+def test_a_target_at_its_limit_is_not_clipped(command: int, form: str) -> None:
+    bench = ODriveBench({"axis0.config.motor.torque_constant": 0.5})
+    bench.do(0x0F, "ff", 2.0, 4.0)  # 2 turns/s, 2 N m
+    for target, clipped in ((2.0, 0), (-2.0, 0), (2.001, 1), (-2.001, 2)):
+        bench.do(command, form, *(target, 0.0)[: len(form)])
+        assert bench.mistakes().get("TARGET_CLIPPED", 0) == clipped, target
+
+
 @pytest.mark.parametrize(("cause", "error"), [
     ("stop", Error.ESTOP), ("silence", Error.WATCHDOG), ("speed", Error.VELOCITY),
     ("mode", Error.BAD_CONFIG), ("input", Error.BAD_CONFIG),
@@ -221,7 +230,7 @@ def test_settings_are_read_and_written_by_their_numbers() -> None:
     assert bench.mistakes() == {"VALUE_REFUSED": 2}
     bench = ODriveBench()
     for form, values in (
-        ("BHBI", (0, 99, 0, 0)),
+        ("BHBI", (0, len(odrive_settings.SETTINGS), 0, 0)),
         ("BHBI", (2, 0, 0, 0)),
         ("BHBI", (1, 0, 0, 65536)),
     ):

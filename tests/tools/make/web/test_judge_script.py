@@ -146,6 +146,20 @@ def test_a_run_that_was_cut_off_leaves_limits_and_obligations_open(tmp_path: Pat
     assert {one["met"] for one in page["metrics"] if "limit" in one} == {None}
 
 
+@pytest.mark.parametrize("at", [0, 40, 99])
+def test_one_value_that_is_none_fails_what_ignores_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+) -> None:
+    x = np.ones(100)
+    x[at] = math.nan
+    evaluation = Evaluation(merits={"peak": Peak(lambda run: run["x"])})
+    rig, log = required(monkeypatch, {"x": x, "y": np.ones(100), "z": np.ones(100)}, evaluation)
+    rig = rig.changed(expect={rig.config.controller: {"peak": [0.0, 2.0]}}, require=[])
+    native = Judge.of(rig).judge(log, [])
+    page = answer(tmp_path, rig, log, 100)
+    assert native.failed == page["failed"] != []
+
+
 def test_what_cannot_be_written_down_is_named_and_the_rest_is_judged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
