@@ -142,6 +142,16 @@ def test_the_filter_is_a_critically_damped_one() -> None:
         assert bench.x.way_position == pytest.approx(exact, abs=0.01), k
 
 
+def test_a_filter_is_no_faster_than_a_quarter_of_the_rate() -> None:
+    ways = []
+    for bandwidth in (1e4, 250.0, 249.0):
+        bench = ODriveBench(FAST | {"axis0.controller.config.input_filter_bandwidth": bandwidth})
+        bench.closed(3, 3).do(0x0C, "fhh", 1.0, 0, 0)
+        bench.held = True
+        ways.append([float(bench.cycles(1).x.way_position) for _ in range(20)])
+    assert ways[0] == ways[1] != ways[2]
+
+
 def test_ramps_of_velocity_and_torque_have_their_slope() -> None:
     bench = ODriveBench(FAST | {"axis0.controller.config.vel_ramp_rate": 5.0,
                                 "axis0.controller.config.torque_ramp_rate": 2.0,
