@@ -1,6 +1,7 @@
 """A bus in Python, frame by frame: for programs beside a run, which need no compiled loop."""
 
 import errno
+import select
 import socket
 import sys
 import time
@@ -114,7 +115,7 @@ class Can:
                 what = f"{self._channel}: took no frame for {PATIENCE_S:g} s"
                 cure = "connect a node that acknowledges, and check bit rate and termination"
                 raise BusError(f"{what}; {cure}")
-            time.sleep(_POLL_S)  # `select` says of a full queue that it takes more
+            select.select((), (), (), _POLL_S)  # a full queue too is ready to take, it says
 
     def offer(self, word: int, data: bytes, flags: int = Flag.NONE) -> bool:
         """Send a frame; False where the queue is full. BusError: it has no FD."""

@@ -63,7 +63,7 @@ def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
     return f"{zlib.crc32(json.dumps([name, plain]).encode()):08x}"
 
 
-class ForeignMetadata(Metadata):  # type: ignore[misc]
+class ForeignMetadata(Metadata):
     """Metadata of another tool, which gives them no checksum: copied, but not believed."""
 
 

@@ -153,6 +153,17 @@ def test_registers_are_those_of_the_client() -> None:
     assert bench.mistakes() == {"VALUE_REFUSED": 4}
 
 
+def test_a_register_takes_its_limits_and_a_mode_begins_where_it_stands() -> None:
+    bench = Bench(MASTER | {"CTRL_MODE": 2})
+    bench.send(NODE, ON)
+    bench.send(0x100 + NODE, struct.pack("<ff", 2.0, -1.0))
+    assert bench.x.most_velocity == 1.0
+    assert 0.0 < bench.cycles(200).x.position < bench.x.target_position == 2.0
+    for value, kept in ((4, 4), (1, 1), (5, 1), (0, 1)):
+        assert struct.unpack("<I", write(bench, 10, value))[0] == kept, value
+    assert bench.x.target_position == bench.x.position and bench.mistakes() == {"VALUE_REFUSED": 2}
+
+
 @pytest.mark.parametrize(("can_id", "data", "kind"), [
     (NODE, b"1234567", "FRAME_SHORT"), (0x100 + NODE, b"1234", "FRAME_SHORT"),
     (0x200 + NODE, b"123", "FRAME_SHORT"), (0x300 + NODE, b"", "FRAME_SHORT"),
@@ -181,8 +192,13 @@ def test_whose_a_frame_is() -> None:
     ):
         bench.send(can_id, bytes(8))
         assert bench.whose == whose, hex(can_id)
-    bench.send(0x7FF, bytes([NODE + 1, 0, 0x33, 7, 0, 0, 0, 0]))
-    assert bench.whose == Whose.OTHER
+    for data, whose in (
+        (bytes([NODE + 1, 0, 0x33, 7, 0, 0, 0, 0]), Whose.OTHER),
+        (bytes([NODE, 0, 0x33, 7]), Whose.OURS),
+        (bytes([NODE, 0, 0x33]), Whose.OTHER),
+    ):
+        bench.send(0x7FF, data)
+        assert bench.whose == whose, data
 
 
 def test_random_frames_leave_it_finite_and_alive() -> None:

@@ -154,7 +154,7 @@ def test_identity_and_what_is_not_there() -> None:
     assert bench.mistakes() == {"VALUE_REFUSED": 5}
     (data,) = bench.send(0x8000 | NODE, b"\x50")
     assert data == b"" and bench.send(NODE, bytes([0x13, 0x00])) == []
-    for stream in (0x40, 0x42, 0x44, 0x60):
+    for stream in (0x20, 0x42, 0x44, 0x60):
         bench.send(NODE, bytes([stream, 1, 0, 0x01, 0x00, 12]))
     assert bench.mistakes()["COMMAND_REFUSED"] == 4 and bench.x.power == 0
 
@@ -167,6 +167,8 @@ def test_an_answer_ends_where_a_frame_ends() -> None:
     assert found.errors == [(8, 1), (9, 1)]
     (data,) = bench.send(0x8000 | NODE, bytes([0x10, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F, 0x7F]))
     assert len(data) <= 64 and len(parse_registers(data).errors) > 10
+    (data,) = bench.send(0x8000 | NODE, bytes([0x15, 0x00, *[0x11, 0x77] * 20]))
+    assert len(parse_registers(data).errors) == 18, "of 4 + 3 n bytes; one may need 7"
 
 
 def test_an_answer_has_the_next_length_of_can_fd_and_whole_values() -> None:
@@ -318,6 +320,13 @@ def test_with_limits_it_gets_there_as_fast_as_they_let_it(
     assert found is not None and found.response[Register.TRAJECTORY_COMPLETE] == 1
 
 
+def test_a_limit_of_nought_is_a_limit_and_one_below_is_none() -> None:
+    for limit, moves in ((0.0, False), (-1.0, True)):
+        bench = MoteusBench(FREE)
+        bench.do(CLIENT.make_position(position=1.0, velocity_limit=limit, watchdog_timeout=10.0))
+        assert (bench.cycles(50).x.way_position != 0.0) == moves, limit
+
+
 def test_a_target_that_moves_is_met_with_its_velocity() -> None:
     bench = MoteusBench(FREE)
     bench.do(CLIENT.make_position(position=1.0, velocity=0.5, velocity_limit=2.0, accel_limit=4.0))
@@ -375,6 +384,20 @@ def test_a_silent_master_is_a_time_out_until_it_stops() -> None:
     bench = MoteusBench()
     bench.do(CLIENT.make_position(position=0.0, watchdog_timeout=math.nan))
     assert bench.cycles(100_000).x.power == Mode.POSITION and bench.mistakes() == {}
+
+
+def test_each_mode_that_moves_by_itself_is_left_when_the_master_is_silent() -> None:
+    for command, left in (
+        (CLIENT.make_stay_within(lower_bound=-0.5, upper_bound=0.5), True),
+        (CLIENT.make_zero_velocity(), True),
+        (CLIENT.make_current(q_A=0.0, d_A=0.0), False),
+        (CLIENT.make_brake(), False),
+    ):
+        bench = MoteusBench({"servo.default_timeout_s": 0.1})
+        bench.do(command)
+        mode = bench.cycles(100).x.power
+        assert mode not in (Mode.STOPPED, Mode.TIMEOUT)
+        assert bench.cycles(2).x.power == (Mode.TIMEOUT if left else mode)
 
 
 @pytest.mark.parametrize(("mode", "torque"), [(0, 0.0), (15, 0.0), (12, -10.0), (10, None)])

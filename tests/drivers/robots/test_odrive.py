@@ -142,6 +142,16 @@ def test_the_filter_is_a_critically_damped_one() -> None:
         assert bench.x.way_position == pytest.approx(exact, abs=0.01), k
 
 
+def test_a_filter_is_no_faster_than_a_quarter_of_the_rate() -> None:
+    ways = []
+    for bandwidth in (1e4, 250.0, 249.0):
+        bench = ODriveBench(FAST | {"axis0.controller.config.input_filter_bandwidth": bandwidth})
+        bench.closed(3, 3).do(0x0C, "fhh", 1.0, 0, 0)
+        bench.held = True
+        ways.append([float(bench.cycles(1).x.way_position) for _ in range(20)])
+    assert ways[0] == ways[1] != ways[2]
+
+
 def test_ramps_of_velocity_and_torque_have_their_slope() -> None:
     bench = ODriveBench(FAST | {"axis0.controller.config.vel_ramp_rate": 5.0,
                                 "axis0.controller.config.torque_ramp_rate": 2.0,
@@ -165,6 +175,15 @@ def test_the_velocity_is_limited_in_all_modes() -> None:
     bench.closed(1).do(0x0E, "f", 100.0)
     bench.cycles(2000)
     assert bench.w <= 2.0 * 1.2, "in torque mode, too"
+
+
+@pytest.mark.parametrize(("command", "form"), [(0x0D, "ff"), (0x0E, "f")])
+def test_a_target_at_its_limit_is_not_clipped(command: int, form: str) -> None:
+    bench = ODriveBench({"axis0.config.motor.torque_constant": 0.5})
+    bench.do(0x0F, "ff", 2.0, 4.0)  # 2 turns/s, 2 N m
+    for target, clipped in ((2.0, 0), (-2.0, 0), (2.001, 1), (-2.001, 2)):
+        bench.do(command, form, *(target, 0.0)[: len(form)])
+        assert bench.mistakes().get("TARGET_CLIPPED", 0) == clipped, target
 
 
 @pytest.mark.parametrize(("cause", "error"), [
@@ -221,7 +240,7 @@ def test_settings_are_read_and_written_by_their_numbers() -> None:
     assert bench.mistakes() == {"VALUE_REFUSED": 2}
     bench = ODriveBench()
     for form, values in (
-        ("BHBI", (0, 99, 0, 0)),
+        ("BHBI", (0, len(odrive_settings.SETTINGS), 0, 0)),
         ("BHBI", (2, 0, 0, 0)),
         ("BHBI", (1, 0, 0, 65536)),
     ):

@@ -115,7 +115,7 @@ class BranchOnBus(Branch):
     def _end_unmet(self, meeting: PeerWait) -> None:
         """End nodes that have not met, once they should have, or the user wants the end."""
         begun = all(block.loop.passes for block in self.blocks)
-        by_role = dict(zip(self.rig.roles, self.blocks, strict=True))
+        by_role = {str(role): one for role, one in zip(self.rig.roles, self.blocks, strict=True)}
         if meeting.too_long(by_role, begun) or (self._stopped and not begun):
             for block in self.blocks:
                 block.control.stop = 1

@@ -118,7 +118,7 @@ def test_requirements_of_every_kind_are_judged_as_natively(
         x[rng.integers(0, 100, 3)], y[rng.integers(0, 100, 3)] = math.nan, math.inf
     rig, log = required(monkeypatch, {"x": x, "y": y, "z": z}, None)
     assert_same(Judge.of(rig).judge(log, []), answer(tmp_path, rig, log, 100))
-    end = int(rng.integers(1, 100))
+    end = int(rng.integers(1, 100)) if seed else 40  # where the time of a requirement ends
     begun = Judge.of(rig).judge(_first_cycles(log, end), [], "the run did not finish")
     page = answer(tmp_path, rig, log, end)["requirements"]
     assert [one.text for one in begun.requirements] == [one["words"] for one in page]
@@ -144,6 +144,23 @@ def test_a_run_that_was_cut_off_leaves_limits_and_obligations_open(tmp_path: Pat
     page = answer(tmp_path, rig, log, 1000)
     assert page["word"] == "the run did not finish"
     assert {one["met"] for one in page["metrics"] if "limit" in one} == {None}
+
+
+@pytest.mark.parametrize("at", [0, 40, 99])
+def test_a_value_that_is_none_fails_what_ignores_it_in_the_order_of_the_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+) -> None:
+    x = np.ones(100)
+    x[at] = math.nan
+    merits = {"peak": Peak(lambda run: run["x"]), "mean": Mean(lambda run: run["y"])}
+    evaluation = Evaluation(merits=merits)
+    rig, log = required(monkeypatch, {"x": x, "y": np.ones(100), "z": np.ones(100)}, evaluation)
+    limits = {"mean": [2.0, 3.0], "peak": [0.0, 2.0]}
+    rig = rig.changed(expect={rig.config.controller: limits}, require=[])
+    native = Judge.of(rig).judge(log, [])
+    page = answer(tmp_path, rig, log, 100)
+    assert native.failed == page["failed"]
+    assert [line.split()[0] for line in page["failed"]] == ["mean", "peak"]
 
 
 def test_what_cannot_be_written_down_is_named_and_the_rest_is_judged(
