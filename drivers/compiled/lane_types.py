@@ -124,7 +124,8 @@ for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq"
 _binary(operator.ne, MASK, _comparison("unordered", "!="))
 _unary(operator.neg, LANE, LANE, lambda context, b, signature, x: b.fneg(x[0]))
 _unary(operator.pos, LANE, LANE, lambda context, b, signature, x: x[0])
-_unary(operator.invert, MASK, MASK, lambda context, b, signature, x: b.not_(x[0]))
+for _function in (operator.invert, operator.not_):
+    _unary(_function, MASK, MASK, lambda context, b, signature, x: b.not_(x[0]))
 
 
 def intrinsic_lowering(name: str) -> Callable[..., Any]:
@@ -143,7 +144,7 @@ def intrinsic_lowering(name: str) -> Callable[..., Any]:
 _unary(abs, LANE, LANE, intrinsic_lowering("llvm.fabs"))
 
 
-for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_")):
+for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_"), (operator.xor, "xor")):
 
     @type_callable(_function)
     def _type_of_both(context: Any) -> Any:

@@ -1,25 +1,15 @@
 """What keeps a step out of lanes, and what to write instead: told before a study is slow by it."""
 
-import re
+import ast
+from collections.abc import Iterator
 
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import Block
 from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.rig.purity import has_decorator
 
-_INSTEAD = {  # of a word in what numba says: what of executive.laws.emath does the same
-    "max": "where(a > b, a, b)",
-    "min": "where(a < b, a, b)",
-    "clip": "clip(x, low, high) of emath",
-    "floor": "floor(x) of emath",
-    "round": "floor(x + 0.5) of emath",
-    "sign": "sign(x) of emath",
-    "sqrt": "sqrt(x) of emath",
-    "sin": "sin(x) of emath",
-    "cos": "cos(x) of emath",
-    "exp": "exp(x) of emath",
-    "pow": "a product, or sqrt(x) of emath",
-}
+_WHERE = "where(c, a, b)"
 
 
 def lanes_problem(block: Block) -> str:
@@ -29,9 +19,62 @@ def lanes_problem(block: Block) -> str:
     try:
         _ = block.step.entry_of_lanes
     except Exception as error:  # numba has many
-        what = cause(error)
-        reason = what.partition(", in `")[0]
-        words = re.findall(r"\w+", reason)
-        cure = next((instead for word, instead in _INSTEAD.items() if word in words), "")
-        return f"{what}: a sweep runs it one by one{f'; write {cure}' if cure else ''}"
+        return f"{cause(error)}: a sweep runs it one by one"
     return ""
+
+
+def decisions(source: str) -> list[tuple[int, str]]:
+    """Return line and words for what the steps of a law decide by their states or inputs.
+
+    Eight runs decide it as one, or are done one by one. What depends on parameters may stay.
+    """
+    steps = (one for one in ast.parse(source).body if has_decorator(one, "stage"))
+    found = {
+        each for step in steps if isinstance(step, ast.FunctionDef) for each in _decisions(step)
+    }
+    return [
+        (line, f"`{word}` of a state or an input: runs that differ in it go one by one; {cure}")
+        for line, word, cure in sorted(found)
+    ]
+
+
+def _decisions(step: ast.FunctionDef) -> Iterator[tuple[int, str, str]]:
+    """Yield line, word and cure."""
+    vary = _varying_names(step)
+    for node in ast.walk(step):
+        if isinstance(node, ast.If | ast.IfExp | ast.While) and _mentions(node.test, vary):
+            word = "while" if isinstance(node, ast.While) else "if"
+            yield node.lineno, word, f"write {_WHERE}"
+        elif isinstance(node, ast.BoolOp) and any(_mentions(v, vary) for v in node.values[:-1]):
+            word, sign = ("and", "&") if isinstance(node.op, ast.And) else ("or", "|")
+            yield node.lineno, word, f"write (a > b) {sign} (c > d)"
+        elif isinstance(node, ast.Compare) and len(node.ops) > 1 and _mentions(node, vary):
+            yield node.lineno, "a < b < c", "write (a < b) & (b < c)"
+        elif isinstance(node, ast.Call) and _is_call(node, "int") and _mentions(node, vary):
+            yield node.lineno, "int", "write floor(x) of emath where it is no place in an array"
+
+
+def _varying_names(step: ast.FunctionDef) -> set[str]:
+    """Return the names of states, inputs, outputs, and of all that is made of them."""
+    found, before = {one.arg for one in step.args.args[3:]}, -1
+    while len(found) != before:
+        before = len(found)
+        for node in ast.walk(step):
+            if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign) and node.value:
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                if _mentions(node.value, found):
+                    found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+    return found
+
+
+def _mentions(node: ast.AST, names: set[str]) -> bool:
+    """Return whether a value of one of the names is in it; a length is none."""
+    if _is_call(node, "len"):
+        return False
+    if isinstance(node, ast.Name):
+        return node.id in names
+    return any(_mentions(one, names) for one in ast.iter_child_nodes(node))
+
+
+def _is_call(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name

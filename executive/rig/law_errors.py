@@ -16,6 +16,7 @@ from types import TracebackType
 
 from pcpc.drivers.compiled.compile_cache import present_place
 from pcpc.executive.errors import RigError
+from pcpc.executive.rig.instead import cure
 from pcpc.executive.rig.yamlfile import display_path
 
 _LIBRARIES = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
@@ -35,6 +36,7 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")
 _PLACE = re.compile(r'File "(?P<a>[^"\n]+)", line (?P<b>\d+)|at (?P<c>/[^\n]+?) \((?P<d>\d+)\)')
 _LINE = 100  # letters of a source line or a reason that are shown
+_REFUSED = "cannot be compiled: "
 _NO_MEMORY = "NRT required but not enabled"
 _NO_ROOM = "it needs memory of its own (a list, a new array, text), which a step cannot have"
 _MAKES = re.compile(r"(zeros|ones|full|empty|array|asarray|copy|arange|linspace|eye)(_like)?\(")
@@ -46,9 +48,7 @@ def cause(error: BaseException) -> str:
         place = f"{display_path(Path(error.filename))}:{error.lineno}"
         return f"{place}: {type(error).__name__}: {error.msg}"
     if is_numba_error(error):
-        return located_message(
-            _compile_place(error), f"cannot be compiled: {_compile_reason(error)}"
-        )
+        return located_message(_compile_place(error), _compile_reason(error))
     return located_message(users_place(error.__traceback__), error_text(error))
 
 
@@ -127,10 +127,10 @@ def _places(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _compile_reason(error: BaseException) -> str:
-    """Return the first line of numba's message that says something."""
+    """Return the first line of numba's message that says something, and what to write instead."""
     text = _COLOUR.sub("", str(error))
     if _NO_MEMORY in text:
-        return _NO_ROOM
+        return f"{_REFUSED}{_NO_ROOM}"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     lines = [line for line in lines if not line.startswith("Failed in nopython mode")]
     reason = lines[0] if lines else type(error).__name__
@@ -141,4 +141,7 @@ def _compile_reason(error: BaseException) -> str:
     reason = re.sub(r", defined at .*", "", reason).removesuffix(". Raised from None").rstrip(". ")
     if "<class 'function'>" in reason:
         reason = f"{reason.partition(':')[0]} is plain Python; put @inline above its def"
-    return _shortened_line(reason[:1].lower() + reason[1:] if reason[1:2].islower() else reason)
+    reason = reason[:1].lower() + reason[1:] if reason[1:2].islower() else reason
+    if re.search(r"\b(Lane|Mask)\(", reason):
+        return f"in lanes {reason.partition('(')[0]}{cure(reason)}"
+    return f"{_REFUSED}{_shortened_line(reason)}{cure(reason)}"

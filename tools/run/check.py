@@ -12,7 +12,7 @@ from typing import Any
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.errors import Exit, printable
-from pcpc.executive.batch.lane_words import lanes_problem
+from pcpc.executive.batch import lane_words
 from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import without_effect
@@ -92,8 +92,11 @@ def _try_laws(rig: Rig) -> list[str]:
             continue
         if problem := trial.trial_problem(case):
             raise rig.document.error(at, problem)
-        found += filter(None, [lanes_problem(block.block)])
-        for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
+        found += filter(None, [lane_words.lanes_problem(block.block)])
+        text = Path(case.file).read_text("utf-8")
+        found += [law_errors.located_message((case.file, line), what)
+                  for line, what in lane_words.decisions(text)]  # fmt: skip
+        for line, name in purity.warnings(text):
             where = law_errors.located_message((case.file, line), f"{name} in a step")
             found += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
     return list(dict.fromkeys(found))

@@ -24,6 +24,7 @@ from pcpc.tools.study.result import plain
 
 _NONE = math.inf
 _LEVEL = 1e-2  # in turns, and the slope of log |L|: a constant
+_SAME = 1e-9  # of a frequency: nearer ones have no slope between them
 _NOTHING = 1e-12  # of the largest |L|: a zero, whose logarithm bends the cubics
 
 
@@ -109,6 +110,7 @@ def _least(
 def _denser(f_hz: Vector, response: Complex) -> tuple[Vector, Vector, Vector]:
     """Return frequencies with 20 steps between any two, |L| and the unwrapped phase in rad."""
     keep = np.abs(response) > _NOTHING * np.abs(response).max(initial=0.0)
+    keep &= np.diff(f_hz, prepend=0.0) > _SAME * f_hz
     f_hz, response = f_hz[keep], response[keep]
     if len(f_hz) < 3:
         return np.array([1.0, 2.0]), np.full(2, 1e-300), np.zeros(2)

@@ -119,6 +119,17 @@ def test_a_number_is_unsure_if_another_curve_has_another(
     assert _unsure(*pair) == ["gain_margin"] * is_unsure
 
 
+@pytest.mark.parametrize("apart", [2.2e-16, 1e-13, 1e-10])
+def test_two_frequencies_that_differ_by_rounding_are_one(apart: float) -> None:
+    """Resonances and lines may meet: no slope is known there, and no number is lost by it."""
+    f = np.geomspace(LINES[0], LINES[-1], 800)
+    twice = np.unique(np.append(f, f[::7] * (1.0 + apart)))
+    assert len(twice) > len(f)
+    own, other = (margins(one, loop(one, 45.7, 0.02, 0.3), RATE_HZ) for one in (f, twice))
+    for name in NAMES:
+        assert getattr(other, name) == pytest.approx(getattr(own, name), rel=1e-6), name
+
+
 def test_a_rational_function_is_found_again() -> None:
     z = np.exp(2j * np.pi * LINES / RATE_HZ)
     g = (0.2 * z + 0.1) / (z**2 - 1.2 * z + 0.5)
