@@ -22,7 +22,7 @@ from pcpc.tools.start.native import native
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
-ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
+ON_REQUEST = ("host", "startup", "batch")  # one to three minutes each
 
 
 def command(options: argparse.Namespace) -> int:
