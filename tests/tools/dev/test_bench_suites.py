@@ -1,4 +1,4 @@
-"""The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
+"""The suites of the bench: C does the work of Python; ratios are there; nothing is silent."""
 
 import ctypes
 import resource
@@ -15,11 +15,12 @@ from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.wire import get_frame, put_frame
 from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.executive.nodes.virtual import in_memory
-from pcpc.tools.cli import main
 from pcpc.tools.dev.bench import batch, codec, cycle, frame, recorder, simulate, startup
-from pcpc.tools.dev.bench.cli import ON_REQUEST, SUITES
+from pcpc.tools.dev.bench.cli import ON_REQUEST
 from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.options import COMMAND, SUITES
 from pcpc.tools.dev.bench.ratio import Ratio
+from pcpc.tools.dev.command import main
 from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
 from pcpc.tools.terminal.progress import Progress
@@ -40,7 +41,7 @@ def test_a_folder_or_none_in_place_of_a_file_is_refused_before_anything_is_measu
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path, what in ((tmp_path, "is a folder"), (tmp_path / "no" / "such", "there is no folder")):
-        assert main(["bench", "codec", "--rounds", "1", "--quiet", "--json", str(path)]) == 2
+        assert main(COMMAND, ["codec", "--rounds", "1", "--quiet", "--json", str(path)]) == 2
         said = capsys.readouterr()
         assert said.out == "" and what in said.err and said.err.count("\n") == 1, said
 
@@ -201,13 +202,13 @@ def test_what_is_missing_is_named_before_anything_is_measured(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert main(["bench", "codec", "batch", "simulate", "--quiet"]) == 4
+    assert main(COMMAND, ["codec", "batch", "simulate", "--quiet"]) == 4
     printed, told = capfd.readouterr()
     assert printed == "" and len(told.splitlines()) == 1
     assert told.startswith("not measured: codec batch simulate: cc: no C compiler on PATH; `apt")
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert main(["bench", "batch", "simulate", "--quiet"]) == 4
+    assert main(COMMAND, ["batch", "simulate", "--quiet"]) == 4
     told = capfd.readouterr().err
     assert told.startswith("not measured: batch simulate: it needs scipy: ") and "pip" in told, told
 
@@ -216,8 +217,8 @@ def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     table = tmp_path / "ratios.json"
-    words = ["bench", "codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
-    assert main(words) == 0
+    words = ["codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
+    assert main(COMMAND, words) == 0
     suites = [row["suite"] for row in holds("bench", table.read_text())]
     assert suites[0] == "codec" and suites[-1] == "frame", f"{suites}"
     assert capfd.readouterr().out.count("ratio") == len(suites)

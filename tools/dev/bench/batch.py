@@ -3,7 +3,7 @@
     lanes    `executive.batch`: WIDTH runs of plant and executive at once, codec rounding, limits,
              supervisor and delay included, no CRC and no records
     C        one run after the other: the C of the suite `simulate`, -O2, with frames, without CRC
-    scipy    as in `pcpc bench simulate`: the plant alone, as accurate
+    scipy    as in the suite simulate: the plant alone, as accurate
 
 Processor time in ms per simulated second of one run; threads by wall time, the same groups in one
 thread and in two. Compiled for this machine's processor, as `pcpc sweep` is.

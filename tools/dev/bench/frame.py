@@ -115,7 +115,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
         progress.close()
         print(
             f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
-            "pcpc vm -- pcpc bench frame",
+            "pcpc vm -- python -m pcpc.tools.dev.bench frame",
             file=sys.stderr,
         )
     for name in names:

@@ -1,4 +1,4 @@
-"""Commands: bench."""
+"""The options of `python -m pcpc.tools.dev.bench`."""
 
 import argparse
 from pathlib import Path
@@ -42,15 +42,13 @@ def bench(add: Add) -> None:
     take.quiet(add)
 
 
-COMMANDS = (
-    Command(
-        "bench",
-        "measure ratios against C and others, interleaved in one run",
-        "pcpc bench steps --json steps.json",
-        bench,
-        codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
-        notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
-        compiles=True,
-        module="dev.bench.cli",
-    ),
+COMMAND = Command(
+    "pcpc.tools.dev.bench",
+    "measure ratios against C and others, interleaved in one run",
+    "python -m pcpc.tools.dev.bench cycle --json cycle.json",
+    bench,
+    codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
+    notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
+    compiles=True,
+    module="dev.bench.cli",
 )
