@@ -32,10 +32,6 @@ FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100
 _NAME = 30  # of them for a name with its meaning beside it
 _NOTE = "<!-- written by `make reference`; change its source, not this page -->"
-_OURS = "dev"  # the group that is not in the wheel: its help is enough
-_OUR = """
-The wheel does not have these commands. Their `--help` prints the options.
-"""
 _COMMANDS = f"""# Commands
 {_NOTE}
 
@@ -117,16 +113,13 @@ def commands() -> str:
     codes = [(f"{code:<5d}{code.meaning}", _CODES[code]) for code in Exit]
     lines = [_COMMANDS, "```text", *_columns(codes), "```"]
     parsers = _parts(cli.parser())
-    told = [one for name, group in GROUPS.items() if name != _OURS for one in group]
+    told = [one for group in GROUPS.values() for one in group]
     found = [(one, parsers[one.name]) for one in told]
     common = _common([leaf for one in found for leaf in _leaves(*one)])
     shared = [(one, said) for (_, said), one in common.items() if one]
     lines += [_SHARED, "```text", *_columns(shared), "```"]
     for name, group in GROUPS.items():
         lines.append(f"\n## {TITLES[name][0].upper()}{TITLES[name][1:]}")
-        if name == _OURS:
-            lines += [_OUR, *(f"- `pcpc {one.name}`: {one.help}" for one in group)]
-            continue
         for command in group:
             lines += _command(command, parsers[command.name], common)
     return "\n".join(lines) + "\n"

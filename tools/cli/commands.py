@@ -16,7 +16,6 @@ TITLES = {  # of the groups, which are the folders of tools/, in the order of us
     "study": "many runs and studies",
     "make": "write rigs, DBC files, C and FMUs",
     "machine": "this machine",
-    "dev": "development of pcpc",
 }
 
 

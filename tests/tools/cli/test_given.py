@@ -34,8 +34,6 @@ from pcpc.tools.cli import main
         ("check hull --standby=--", "pcpc check: --standby '--': expected a value"),
         ("get a --ca=--", "pcpc get: --ca '--': expected a value"),
         ("check hull --set=--", "pcpc check: --set '--': expected a value"),
-        ("bench cycle --rounds 0", "pcpc bench --rounds: expected a positive"),
-        ("bench cycle --rounds 99999", "pcpc bench --rounds: expected at most"),
         ("check hull --controller pd --controller pid", "pcpc check: --controller: given"),
         ("run hull -o a -o b", "pcpc run: -o: given twice, with two values"),
         ("log plot latest -o a.png --output b.png", "pcpc log plot: --output: given twice"),

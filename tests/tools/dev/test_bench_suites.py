@@ -1,11 +1,10 @@
-"""The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
+"""The suites of the bench: C does the work of Python; ratios are there; nothing is silent."""
 
 import ctypes
 import resource
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +14,15 @@ from json_schemas import holds
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.wire import get_frame, put_frame
 from pcpc.drivers.can.wire_layout import Arrival
-from pcpc.executive.loop import shared as sh
-from pcpc.tools.cli import main
-from pcpc.tools.dev.bench import batch, codec, cycle, frame, rate, recorder, simulate, startup
-from pcpc.tools.dev.bench.cli import ON_REQUEST, SUITES
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.tools.dev.bench import batch, codec, cycle, frame, recorder, simulate, startup
+from pcpc.tools.dev.bench.cli import ON_REQUEST
 from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.options import COMMAND, SUITES
 from pcpc.tools.dev.bench.ratio import Ratio
+from pcpc.tools.dev.command import main
 from pcpc.tools.machine.jitter.compiler import CompilerError
+from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
 from pcpc.tools.terminal.progress import Progress
 
 pytestmark = pytest.mark.deep
@@ -30,11 +31,17 @@ QUIET = Progress(quiet=True)
 CYCLES = 300
 
 
+class Kept(ctypes.Structure):
+    """A frame_t of codec.h."""
+
+    _fields_ = (("id", ctypes.c_uint32), ("n", ctypes.c_uint8), ("data", ctypes.c_uint8 * 8))
+
+
 def test_a_folder_or_none_in_place_of_a_file_is_refused_before_anything_is_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path, what in ((tmp_path, "is a folder"), (tmp_path / "no" / "such", "there is no folder")):
-        assert main(["bench", "codec", "--rounds", "1", "--quiet", "--json", str(path)]) == 2
+        assert main(COMMAND, ["codec", "--rounds", "1", "--quiet", "--json", str(path)]) == 2
         said = capsys.readouterr()
         assert said.out == "" and what in said.err and said.err.count("\n") == 1, said
 
@@ -48,39 +55,38 @@ def medians(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
     return {(r.what, r.against): r.ratio[1] for r in ratios}
 
 
-def differing(ours: Any, theirs: Any) -> list[str]:
-    """Return the fields of two LOOP records whose bytes differ."""
-    names = sh.LOOP.names or ()
-    return [n for n in names if np.asarray(ours[n]).tobytes() != np.asarray(theirs[n]).tobytes()]
-
-
 @pytest.fixture(scope="module")
 def recording() -> cycle.Recording:
     return cycle.record(cycles=CYCLES)
 
 
-def test_a_cycle_in_c_leaves_the_bytes_of_a_cycle_in_python(recording: cycle.Recording) -> None:
+def test_the_device_sends_the_frames_of_the_cycles_in_python(recording: cycle.Recording) -> None:
     made, c = recording.plan, cycle.library()
-    ours, theirs = cycle.new_loop(made), cycle.new_loop(made)
-    at, table = address(theirs[0]), cycle.in_c(made.steps, c)
-    frames, ends = recording.frames, recording.ends
-    cycle.drive_memory(ours, made.steps, frames, ends, 1)
-    views = address(frames), address(ends)
-    c.drive_memory(at, table, *views, ctypes.c_int64(CYCLES), ctypes.c_int64(1))
-    assert ours.control.received == len(frames) and ours.control.passes == CYCLES
-    assert ours.control.sent > 2 * CYCLES and not ours.control.crc_errors
-    differ = differing(ours, theirs)
-    assert not differ, f"after {CYCLES} cycles C differs in {differ}"
+    n, kept = cycle.new_loop(made), (Kept * 64).in_dll(c, "kept")
+    cycle.begin(c)
+    first, total = 0, 0
+    for end in recording.ends.tolist():
+        frames, ends = recording.frames[first:end], np.array([end - first])
+        cycle.drive_memory(n, made.steps, frames, ends, 1)
+        c.drive_memory(address(frames), address(ends), ctypes.c_int64(1), ctypes.c_int64(1))
+        count = int(n.wire.outbox_put)
+        ours = [(bytes(raw[:4]), raw[4], bytes(raw[8:16])) for raw in n.wire.outbox[:count]]
+        sent = ctypes.c_uint32.in_dll(c, "kept_frames").value
+        theirs = [(f.id.to_bytes(4, "little"), f.n, bytes(f.data)) for f in kept[:sent]]
+        assert theirs == ours, f"cycle {n.k}"
+        first, total = end, total + sent
+    assert n.control.received == len(recording.frames) and n.control.passes == CYCLES
+    assert total > 2 * CYCLES and not n.control.crc_errors
 
 
-def test_a_virtual_run_in_c_leaves_the_bytes_of_one_in_python() -> None:
-    ours, theirs = simulate.nodes(0.3), simulate.nodes(0.3)
-    simulate.in_python(ours)
-    simulate.in_plain_c(theirs, cycle.library())
-    assert ours.loops[0].control.done == 1 and ours.loops[0].k == CYCLES
-    for node, our, their in zip(("executive", "plant"), ours.loops, theirs.loops, strict=True):
-        differ = differing(our, their)
-        assert not differ, f"the {node} in C differs in {differ}"
+def test_a_virtual_run_in_c_has_the_records_of_one_in_python() -> None:
+    rig = simulate.slew10(0.3)
+    nodes = ClosedLoop(rig)
+    list(nodes.cycles())
+    expected = digest_of(in_memory(rig), nodes.columns(), CYCLES)
+    c = simulate.library(rig)
+    assert [f"{c.run(CYCLES):016x}" for _ in range(2)] == [expected, expected]
+    assert f"{c.run(CYCLES - 1):016x}" != expected
 
 
 def test_a_restored_run_gives_the_same_bytes_again() -> None:
@@ -94,7 +100,7 @@ def test_a_restored_run_gives_the_same_bytes_again() -> None:
 
 
 def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
-    c = cycle.library()
+    c = frame.library()
     bus = buses.bus_named(*buses.parse(own_bus()))
     ends = frame.open_end(bus), frame.open_end(bus)
     ours, theirs = ends[0][0], ends[1][0]
@@ -120,7 +126,7 @@ def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
 def test_python_c_and_cantools_pack_the_same_bytes_and_read_the_same_values() -> None:
     ours, theirs = codec.frames_of(), codec.frames_of()
     codec.in_python(ours, 1)
-    codec.in_c(theirs, 1, cycle.library())
+    codec.in_c(theirs, 1, frame.library())
     assert ours.data.any() and (ours.data == theirs.data).all()
     assert (ours.found.view(np.int64) == theirs.found.view(np.int64)).all()
     known = dict(zip(ours.table.variables, ours.found.tolist(), strict=True))
@@ -172,35 +178,13 @@ def test_the_recorder_gives_its_ratios() -> None:
     assert 0.0 < late_us < 1e6 and 0.0 < work_us < 1e6, f"{late_us}, {work_us} us"
 
 
-@pytest.mark.paced
-def test_two_processes_with_the_loop_in_c_close_it() -> None:
-    held = rate.run("C", 100, 0.5)  # Hz: three cycles, after which it ends, are 30 ms
-    assert held.p999_us > 0.0 and not held.lost and not held.fault, f"{held}"
-
-
-@pytest.mark.parametrize(
-    "held, ok",
-    [
-        (rate.RateResult(1000, 900.0, 0, 0, 0), True),
-        (rate.RateResult(1000, 1100.0, 0, 0, 0), False),
-        (rate.RateResult(1000, 900.0, 1, 0, 0), False),
-        (rate.RateResult(1000, 900.0, 0, 1, 0), False),
-        (rate.RateResult(1000, 900.0, 0, 0, 1), False),
-    ],
-)
-def test_a_rate_is_held_in_time_and_without_loss_only(held: rate.RateResult, ok: bool) -> None:
-    assert held.ok is ok, f"{held}"
-
-
 def test_the_start_is_timed() -> None:
     found = medians(startup.measure(QUIET, rounds=1, cold=False))
     (what, _), *rest = found
     assert what == "warm" and not rest
 
 
-@pytest.mark.parametrize(
-    "measure", [cycle.measure, frame.measure, codec.measure, simulate.measure, rate.measure]
-)
+@pytest.mark.parametrize("measure", [cycle.measure, frame.measure, codec.measure, simulate.measure])
 def test_without_a_compiler_the_cure_is_named(
     measure: Callable[..., list[Ratio]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,7 +194,7 @@ def test_without_a_compiler_the_cure_is_named(
 
 
 def test_suites_of_minutes_run_only_when_asked_by_name() -> None:
-    assert set(ON_REQUEST) == {"batch", "host", "rate", "startup"} and set(ON_REQUEST) < set(SUITES)
+    assert set(ON_REQUEST) == {"batch", "host", "startup"} and set(ON_REQUEST) < set(SUITES)
 
 
 def test_what_is_missing_is_named_before_anything_is_measured(
@@ -218,13 +202,13 @@ def test_what_is_missing_is_named_before_anything_is_measured(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert main(["bench", "codec", "batch", "simulate", "--quiet"]) == 4
+    assert main(COMMAND, ["codec", "batch", "simulate", "--quiet"]) == 4
     printed, told = capfd.readouterr()
     assert printed == "" and len(told.splitlines()) == 1
     assert told.startswith("not measured: codec batch simulate: cc: no C compiler on PATH; `apt")
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert main(["bench", "batch", "simulate", "--quiet"]) == 4
+    assert main(COMMAND, ["batch", "simulate", "--quiet"]) == 4
     told = capfd.readouterr().err
     assert told.startswith("not measured: batch simulate: it needs scipy: ") and "pip" in told, told
 
@@ -233,8 +217,8 @@ def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     table = tmp_path / "ratios.json"
-    words = ["bench", "codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
-    assert main(words) == 0
+    words = ["codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
+    assert main(COMMAND, words) == 0
     suites = [row["suite"] for row in holds("bench", table.read_text())]
     assert suites[0] == "codec" and suites[-1] == "frame", f"{suites}"
     assert capfd.readouterr().out.count("ratio") == len(suites)

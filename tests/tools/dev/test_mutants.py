@@ -19,7 +19,7 @@ COMPARISONS = (
 
 @pytest.mark.deep
 def test_the_compiled_code_is_as_expected_and_every_mutant_of_it_is_noticed() -> None:
-    """The whole of `pcpc evidence mutants`: 70 s of processor time to compile, 20 to compare."""
+    """All mutants: 70 s of processor time to compile, 20 to compare."""
     found = mutants.results()
     assert not [*cli.failures({"mutants": found})]
     assert found["mutants"] == found["noticed"] + sum(found["argued"].values()) > 1000

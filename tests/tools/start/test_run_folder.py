@@ -70,17 +70,6 @@ def test_a_title_stays_in_its_line(title: str, tmp_path: Path, capsys: Screen) -
         assert f"probe: {title}" in capsys.readouterr().out, words
 
 
-def test_evidence_that_cannot_be_written_is_told_before_any_work(
-    tmp_path: Path, capsys: Screen
-) -> None:
-    (tmp_path / "file").touch()
-    for folder in (tmp_path / "file", tmp_path / "file/below", Path("/proc/evidence")):
-        assert main(["evidence", "matrix", "-o", str(folder)]) in (2, 4)
-        out, err = capsys.readouterr()
-        assert out == "" and str(folder) in err and "part 1" not in err, err
-        assert err.count("\n") == 1, err
-
-
 def test_quiet_leaves_what_a_run_comes_to(tmp_path: Path, capsys: Screen) -> None:
     folder = tmp_path / ("long" * 30) / "good"  # in one piece, however long: it is copied
     assert main(["simulate", PROBE, "-o", str(folder), *SHORT]) == 0

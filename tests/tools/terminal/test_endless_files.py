@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from logcommand import barrel_log, run, run_here
-from processes import RIGS, pcpc
+from processes import RIGS
 
 from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.rig import modules
@@ -96,13 +96,6 @@ def test_a_limit_of_open_files_is_raised_or_told() -> None:
     low, raised = limited(16, 16), limited(16, 256)
     assert low.returncode == 4 and low.stderr.count("\n") == 1 and "ulimit -n" in low.stderr, low
     assert raised.returncode == 0, raised
-
-
-@pytest.mark.parametrize("hours", ["nan", "-1", "0", "inf", "1e300", "", "two"])
-@pytest.mark.parametrize("command", [("evidence", "alarms"), ("soak", "probe")])
-def test_hours_are_above_0_and_finite(command: tuple[str, ...], hours: str) -> None:
-    done = pcpc(*command, "--hours", hours)
-    assert done.code == 2 and "expected hours, above 0" in done.err, done
 
 
 @pytest.mark.parametrize("option", ["--start", "--end"])

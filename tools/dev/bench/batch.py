@@ -2,8 +2,8 @@
 
     lanes    `executive.batch`: WIDTH runs of plant and executive at once, codec rounding, limits,
              supervisor and delay included, no CRC and no records
-    C        one run after the other: the C of `pcpc bench simulate`, -O2, with frames and their CRC
-    scipy    as in `pcpc bench simulate`: the plant alone, as accurate
+    C        one run after the other: the C of the suite `simulate`, -O2, with frames, without CRC
+    scipy    as in the suite simulate: the plant alone, as accurate
 
 Processor time in ms per simulated second of one run; threads by wall time, the same groups in one
 thread and in two. Compiled for this machine's processor, as `pcpc sweep` is.
@@ -11,20 +11,17 @@ thread and in two. Compiled for this machine's processor, as `pcpc sweep` is.
 
 import threading
 import time
-from functools import partial
 
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Group
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dev.bench.cycle import RIG, library
+from pcpc.tools.dev.bench.cycle import RIG
 from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave
 from pcpc.tools.dev.bench.simulate import (
     DURATION_S,
-    in_plain_c,
-    nodes,
     quickest,
     rival_times,
-    run_time,
+    run_time_in_c,
     segment,
 )
 from pcpc.tools.terminal.progress import Progress
@@ -73,13 +70,13 @@ def in_threads(groups: list[Group], threads: int) -> float:
 
 def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return the ratios; CompilerError, BenchError, RigError."""
-    c, groups = library(), [group() for _ in range(2 * THREADS)]
+    in_c, groups = run_time_in_c(), [group() for _ in range(2 * THREADS)]
     progress.show("batch: matching scipy's accuracy")
     rivals = rival_times(segment())
     runs = 2 * THREADS * WIDTH * DURATION_S * 1e-3  # s to ms per simulated second
     sides: list[Measurement] = [
         lambda: in_lanes(groups[0]) / (DURATION_S * 1e6),
-        run_time(nodes(), partial(in_plain_c, c=c)),
+        in_c,
         lambda: in_threads(groups, THREADS) / runs,
         lambda: in_threads(groups, 1) / runs,
         *rivals.values(),

@@ -1,4 +1,4 @@
-"""`pcpc bench [NAME...]`: ratios against a yardstick, measured interleaved in one run.
+"""`python -m pcpc.tools.dev.bench`: ratios against a yardstick, measured interleaved in one run.
 
 Several suites are measured in a process each: what one compiles, and for which processor, is not
 what another one runs on. What is missing for a suite is named before the first one begins.
@@ -16,13 +16,13 @@ from typing import Any
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.dev.bench.commands import NEEDS, SUITES
+from pcpc.tools.dev.bench.options import NEEDS, SUITES
 from pcpc.tools.machine.jitter.compiler import BenchError, find
 from pcpc.tools.start.native import native
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
-ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
+ON_REQUEST = ("host", "startup", "batch")  # one to three minutes each
 
 
 def command(options: argparse.Namespace) -> int:
@@ -85,9 +85,9 @@ def _in_processes(names: list[str], options: argparse.Namespace) -> tuple[list[A
     with tempfile.TemporaryDirectory(prefix="pcpc-bench-") as folder:
         for name in names:
             table = Path(folder) / f"{name}.json"
-            words = ["bench", name, "--rounds", str(options.rounds), "--json", str(table)]
+            words = [name, "--rounds", str(options.rounds), "--json", str(table)]
             words += ["--quiet"] * options.quiet
-            command = [sys.executable, "-P", "-m", "pcpc.tools.cli", *words]
+            command = [sys.executable, "-P", "-m", "pcpc.tools.dev.bench", *words]
             ended = subprocess.run(command, check=False).returncode
             code = max(code, ended if ended >= 0 else Exit.ENVIRONMENT)
             if table.is_file():

@@ -21,7 +21,7 @@ from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import structure
 from pcpc.plants.atb1000 import model
 from pcpc.tools.dev.bench.compiler import address
-from pcpc.tools.dev.bench.cycle import library
+from pcpc.tools.dev.bench.frame import library
 from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time
 from pcpc.tools.terminal.progress import Progress
 

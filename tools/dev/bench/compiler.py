@@ -1,11 +1,9 @@
-"""The C side of the bench: steps that `pcpc generate c` writes, headers, compilation.
-
-Generated C of a step is as fast as C by hand (docs/decisions/settled, 32), so no step is written
-twice. It is compiled with -O2 -ffp-contract=off, which gives the bits of Python.
+"""The C side of the bench: generated C and frame.c, headers, compilation.
 
 A numpy record type becomes a struct with the same layout, checked by the compiler; the constants of
-a Python module become macros. So C works on the very memory of the compiled loop. The cache folder
-keeps the libraries.
+a Python module become macros. So C works on the very memory of the compiled loop. All of it is
+compiled with -O2 -ffp-contract=off, which gives the bits of Python. The cache folder keeps the
+libraries.
 """
 
 import ctypes
@@ -21,45 +19,20 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.compiled.compile_cache import writable_folder
 from pcpc.drivers.compiled.numbered import NumberedKind
-from pcpc.executive.laws.block import Block
 from pcpc.tools.machine.jitter.compiler import compile_to, find
-from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, law_files, signature
 
+FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 C_NAMES = {"errno": "errno_"}  # a macro of C
 C_TYPES = {"<i8": "int64_t", "<f8": "double", "|u1": "uint8_t"}
-ADAPTER = """\
-#include "{name}.h"
-void {name}({views});
-void {name}({views}) {{ {name}_step(t, dt{given}); }}
-"""
-VIEWS = "double t, double dt, " + ", ".join(f"double *{LETTERS[role]}" for role in ROLES)
 
 
-def step_sources(blocks: Mapping[str, Block]) -> dict[str, str]:
-    """Return the generated files of steps; `NAME(t, dt, p, x, u, y)` calls one by pointers."""
-    texts = elementary.files()
-    for name, block in blocks.items():
-        given = "".join(f", (void *){LETTERS[role]}" for role in signature(block))
-        texts |= law_files(block, name)
-        texts[f"{name}_views.c"] = ADAPTER.format(name=name, views=VIEWS, given=given)
-    return texts
+def library(sources: Sequence[Path], texts: Mapping[str, str]) -> ctypes.CDLL:
+    """Return a library of `sources`, compiled if the cache has none; CompilerError.
 
-
-def library(
-    sources: Sequence[Path],
-    blocks: Mapping[str, Block],
-    headers: Mapping[str, str] | None = None,
-) -> ctypes.CDLL:
-    """Return a library of `sources` and of steps, compiled if the cache has none; CompilerError.
-
-    `headers`: texts by file name, of what a source includes from its own folder too.
+    `texts`: headers, and what else is compiled, by file name.
     """
-    flags = ["-O2", "-ffp-contract=off"]
     version = subprocess.run([find(), "--version"], capture_output=True, check=False).stdout
-    steps = step_sources(blocks)
-    texts = steps | dict(headers or {})
-    parts = [*(source.read_bytes() for source in sources), " ".join(flags).encode(), version]
+    parts = [*(source.read_bytes() for source in sources), " ".join(FLAGS).encode(), version]
     parts += [text.encode() for text in texts.values()]
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
     folder = writable_folder(f"bench-{digest}")
@@ -67,8 +40,8 @@ def library(
     if not path.exists():
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-        every = [*sources, *(folder / name for name in steps if name.endswith(".c"))]
-        compile_to(path, every, [*flags, "-shared", "-fPIC", f"-I{folder}"])
+        every = [*sources, *(folder / name for name in texts if name.endswith(".c"))]
+        compile_to(path, every, [*FLAGS, f"-I{folder}"])
     return ctypes.CDLL(str(path))
 
 

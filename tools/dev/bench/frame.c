@@ -1,9 +1,10 @@
-/* Wire, codec and end-to-end protection in plain C: the yardstick of `tools.dev.bench`.
+/* Wire and codec in plain C: the yardstick of `tools.dev.bench`.
  *
- * The same tables, structs and results as drivers/can/wire.py, codec.py and e2e.py; loop.h, made from
+ * The same tables, structs and results as drivers/can/wire.py and codec.py; wire.h, made from
  * the Python modules, gives layouts and constants. For little-endian machines: 8 data bytes are
- * loaded as one word. Buses in memory, SocketCAN and python-can's udp_multicast. By hand: what
- * `pcpc generate` writes of a codec is code for each frame, without tables, and it has no sockets.
+ * loaded as one word. SocketCAN and python-can's udp_multicast. By hand: what `pcpc generate` writes
+ * of a codec is code for each frame, without tables, and main_linux.c of a device opens sockets of
+ * its own and polls them, so neither has the sockets and buffers of the Python side.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -12,11 +13,10 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#include "loop.h"
+#include "wire.h"
 
 typedef struct frames frame_row;
 typedef struct signals signal_row;
-typedef struct state receiver_row;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "for little-endian machines");
 
@@ -127,99 +127,6 @@ void drive_codec(int64_t repeats, int64_t n, const frame_row *frames, const sign
     }
 }
 
-/* ---------------------------------------------------------------------- drivers/can/e2e.py -------- */
-
-static inline uint8_t crc8(int64_t id, const uint8_t *data, int64_t n)
-{
-    uint8_t crc = CRC_TABLE[0xFF ^ (id & 0xFF)];
-    crc = CRC_TABLE[crc ^ ((id >> 8) & 0xFF)];
-    for (int64_t i = 0; i < n; i++)
-        crc = CRC_TABLE[crc ^ data[i]];
-    return crc ^ 0xFF;
-}
-
-static uint16_t crc16(int64_t id, const uint8_t *data, int64_t place, int64_t n)
-{
-    uint16_t crc = 0xFFFF;
-    for (int64_t i = 0; i < n + 2; i++)
-        if (i < place || i > place + 1) {
-            uint8_t byte = i < n ? data[i] : id >> 8 * (i - n);
-            crc = crc << 8 ^ CRC_16_TABLE[crc >> 8 ^ byte];
-        }
-    return crc;
-}
-
-static inline uint16_t right_crc(const uint8_t *data, const frame_row *frame)
-{
-    if (frame->protected == PROTECTION_CRC_16)
-        return crc16(frame->data_id, data, frame->crc_byte, frame->dlc);
-    return crc8(frame->can_id, data, frame->crc_byte);
-}
-
-static inline uint16_t crc_of(const uint8_t *data, const frame_row *frame)
-{
-    int64_t place = frame->crc_byte;
-    return data[place] | (frame->protected == PROTECTION_CRC_16 ? data[place + 1] << 8 : 0);
-}
-
-static inline void protect(uint8_t *data, const frame_row *frame, int64_t counter)
-{
-    if (!frame->protected)
-        return;
-    uint8_t *byte = data + frame->counter_byte;
-    int64_t shift = frame->counter_shift, mask = frame->counter_mask;
-    *byte = (*byte & ~(mask << shift)) | (counter & mask) << shift;
-    int64_t place = frame->crc_byte, crc = right_crc(data, frame);
-    data[place] = crc;
-    if (frame->protected == PROTECTION_CRC_16)
-        data[place + 1] = crc >> 8;
-}
-
-static inline void use(receiver_row *state, int64_t outcome)
-{
-    state->state = outcome;
-    state->received++;
-    state->age_cycles = 0;
-    state->fresh = 1;
-}
-
-static inline int64_t check(const uint8_t *data, int64_t length, const frame_row *frame,
-                            receiver_row *state, int64_t *lost)
-{
-    int64_t protected = frame->protected;
-    *lost = 0;
-    if (length != frame->dlc || (protected && right_crc(data, frame) != crc_of(data, frame))) {
-        state->errors++;
-        return state->state = FRAMESTATE_ERROR;
-    }
-    if (!protected) {
-        use(state, FRAMESTATE_OK);
-        return FRAMESTATE_OK;
-    }
-    int64_t mask = frame->counter_mask, before = state->last_counter;
-    int64_t counter = (data[frame->counter_byte] >> frame->counter_shift) & mask;
-    int64_t delta = before >= 0 ? (counter - before) & mask : 1;
-    if (delta == 0) {
-        state->repeated++;
-        return state->state = FRAMESTATE_REPEATED;
-    }
-    *lost = delta - 1;
-    if (delta > E2E_MAX_DELTA) {
-        int64_t turns = state->still_cycles / frame->every_n;
-        int64_t most = turns > 1 ? turns - 1 : 0;
-        *lost = *lost < most ? *lost : most;
-    }
-    state->last_counter = counter;
-    state->still_cycles = 0;
-    state->lost += *lost;
-    if (delta > E2E_MAX_DELTA) {
-        state->wrong_sequence++;
-        return state->state = FRAMESTATE_WRONG_SEQUENCE;
-    }
-    use(state, delta == 1 ? FRAMESTATE_OK : FRAMESTATE_OK_SOME_LOST);
-    return state->state;
-}
-
 /* --------------------------------------------------------------------- drivers/can/wire.py -------- */
 
 #define NO "\xC2"
@@ -324,12 +231,6 @@ static inline int put_frame(struct wire *wire)
 {
     const void *what = wire->tx;
     int64_t n = WIRE_CLASSIC_BYTES;
-    if (wire->kind == MEDIUM_MEMORY) {
-        if (wire->outbox_put >= WIRE_QUEUE_FRAMES)
-            return 0;
-        memcpy(wire->outbox[wire->outbox_put++], wire->tx, WIRE_CLASSIC_BYTES);
-        return 1;
-    }
     if (wire->kind == MEDIUM_UDP)
         what = wire->packet_tx, n = write_packet(wire->tx, wire->packet_tx);
     if (send(wire->fd_tx, what, n, MSG_DONTWAIT) == n)
@@ -342,12 +243,6 @@ static inline int get_frame(struct wire *wire, int block)
 {
     int64_t n;
     int known, flags = block ? 0 : MSG_DONTWAIT;
-    if (wire->kind == MEDIUM_MEMORY) {
-        if (wire->inbox_taken == wire->inbox_put)
-            return ARRIVAL_NOTHING;
-        memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_CLASSIC_BYTES);
-        return wire->rx[3] & WIRE_ERROR_FLAG ? ARRIVAL_BUS_ERROR : ARRIVAL_FRAME;
-    }
     if (wire->kind == MEDIUM_SOCKETCAN) {
         n = recv(wire->fd_rx, wire->rx, WIRE_CLASSIC_BYTES, flags);
         if (n == WIRE_CLASSIC_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
@@ -381,4 +276,29 @@ int64_t drive_frames(struct wire *wire, int64_t count)
         received += get_frame(wire, 1) == ARRIVAL_FRAME;
     }
     return received;
+}
+
+/* For device_cycle.c, which knows nothing of the record: frames as struct can_frame. */
+int put_raw(struct wire *wire, const uint8_t frame[WIRE_CLASSIC_BYTES])
+{
+    memcpy(wire->tx, frame, WIRE_CLASSIC_BYTES);
+    return put_frame(wire);
+}
+
+/* 1: a frame; 0: nothing is there; -1: something else came. */
+int get_raw(struct wire *wire, uint8_t frame[WIRE_CLASSIC_BYTES])
+{
+    int arrival = get_frame(wire, 0);
+    if (arrival == ARRIVAL_FRAME)
+        memcpy(frame, wire->rx, WIRE_CLASSIC_BYTES);
+    return arrival == ARRIVAL_FRAME ? 1 : arrival == ARRIVAL_NOTHING || arrival == ARRIVAL_FAILED ? 0 : -1;
+}
+
+/* The least that a snapshot of 256 variables costs; tools/dev/bench/cycle.py. */
+void drive_copy(uint8_t *to, const uint8_t *from, int64_t bytes, int64_t repeats)
+{
+    for (int64_t i = 0; i < repeats; i++) {
+        memcpy(to, from, bytes);
+        __asm__ volatile("" ::: "memory");
+    }
 }

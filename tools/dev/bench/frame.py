@@ -4,6 +4,7 @@
     C           the same two functions of frame.c at -O2, on the same sockets and buffers
     python-can  send, then recv, of one can.Bus that receives its own messages
 
+The C is by hand: a device in C has no sockets but those that its main_linux.c opens for itself.
 On udp_multicast over loopback, in python-can's format; on vcan0 too where it exists, that is on
 machines with that module, or inside `pcpc vm`. Processor time of the thread, kernel included.
 """
@@ -11,29 +12,53 @@ machines with that module, or inside `pcpc vm`. Processor time of the thread, ke
 import ctypes
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 
 from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import wire, wire_layout
 from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.can.wire import END, get_frame, put_frame
-from pcpc.drivers.can.wire_layout import WIRE, Arrival
+from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
 from pcpc.drivers.compiled.jit import i8, loop
+from pcpc.drivers.compiled.rows import FRAME, SIGNAL
+from pcpc.tools.dev.bench import compiler
 from pcpc.tools.dev.bench.compiler import address
-from pcpc.tools.dev.bench.cycle import library
 from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time
 from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "frame"
+SOURCE = Path(__file__).with_name("frame.c")
 AGAINST = "C -O2, the same sockets"
 UDP = "udp_multicast:239.74.163.62:43162"  # of its own: no rig's frames are here
 VCAN = "vcan0"
 CAN_ID = 0x120
 FRAMES = 2000  # a round
 PYTHON_CAN_FRAMES = 200
+
+
+def headers() -> dict[str, str]:
+    """Return wire.h, what frame.c includes: records, tables and constants of drivers/can."""
+    parts = [
+        compiler.macros("WIRE", wire_layout),
+        compiler.macros("WIRE", wire),
+        *map(compiler.numbers, (Medium, Arrival, Kind)),
+        "#include <stddef.h>\n#include <stdint.h>\n",
+        compiler.struct("wire", WIRE),
+        compiler.struct("frames", FRAME),
+        compiler.struct("signals", SIGNAL),
+    ]
+    return {"wire.h": "".join(parts)}
+
+
+def library() -> ctypes.CDLL:
+    """Return frame.c; CompilerError."""
+    return compiler.library([SOURCE], headers())
 
 
 @loop(i8(END, i8))
@@ -90,7 +115,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
         progress.close()
         print(
             f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
-            "pcpc vm -- pcpc bench frame",
+            "pcpc vm -- python -m pcpc.tools.dev.bench frame",
             file=sys.stderr,
         )
     for name in names:

@@ -2,7 +2,8 @@
 
     Python   `executive.loop.exchange`: both nodes, frames encoded, checked and decoded, 16
              Runge-Kutta steps a period, records in memory
-    C        the same, equal bits, in cycle.c and generated steps at -O2 with the functions of emath
+    C        the same, equal records, as `pcpc generate c slew10 --check` compiles it at -O2: no
+             counters, CRC or supervisor; a digest of each record instead of its row
     scipy    the plant alone, no control, no frames, no noise: solve_ivp on the compiled derivative
              over SEGMENT_S of the move with the torque held, a smooth stretch
 
@@ -13,9 +14,11 @@ the plant's own steps, the quicker one counts. Processor time, ms per simulated 
 """
 
 import ctypes
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,18 +27,21 @@ from numpy.typing import NDArray
 from pcpc.drivers.compiled.stage import stage
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
-from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.plan import cycles_of, plan
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.plants.atb1000 import dynamics, model
 from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
-from pcpc.tools.dev.bench.compiler import address
-from pcpc.tools.dev.bench.cycle import RIG, in_c, library, new_loop
+from pcpc.tools.dev.bench import compiler
+from pcpc.tools.dev.bench.cycle import RIG, new_loop
 from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave, processor_time
 from pcpc.tools.machine.jitter.compiler import BenchError
+from pcpc.tools.make.generate.closed import ClosedLoop
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "simulate"
+SOURCE = Path(__file__).with_name("both_nodes.c")
+FIXED = resources.files("pcpc.tools.make.generate") / "c"
 DURATION_S = 2.0  # a run: the move up and rest
 SEGMENT_AT_S, SEGMENT_S = 0.7, 0.05
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
@@ -60,9 +66,14 @@ class Nodes:
 KEPT = tuple(name for name in sh.LOOP.names or () if name not in ("record", "frame", "event"))
 
 
+def slew10(seconds: float = DURATION_S) -> Rig:
+    """Return the rig; RigError."""
+    return load_rig(RIG, settings=[f"duration_s={seconds}"])
+
+
 def nodes(seconds: float = DURATION_S) -> Nodes:
     """Return both nodes of slew10; RigError."""
-    rig = load_rig(RIG, settings=[f"duration_s={seconds}"])
+    rig = slew10(seconds)
     made = [plan(rig, role, "lockstep") for role in ("executive", "plant")]
     loops, starts = [], []
     for one in made:
@@ -78,11 +89,14 @@ def in_python(n: Nodes) -> None:
     run_of(2)(n.loops, n.steps, n.loops[0].guard.cycles + 1)
 
 
-def in_plain_c(n: Nodes, c: ctypes.CDLL) -> None:
-    """Run from start to end in C."""
-    laws, models = (in_c(steps, c) for steps in n.steps)
-    cycles = ctypes.c_int64(n.loops[0].guard.cycles + 1)
-    c.run_virtual(address(n.loops[0][0]), laws, address(n.loops[1][0]), models, cycles)
+def library(rig: Rig) -> ctypes.CDLL:
+    """Return both nodes of a rig in C; CompilerError, Untranslatable."""
+    texts = ClosedLoop(rig).files(cycles_of(rig))
+    texts["closed_loop.inc"] = texts.pop("main.c")
+    texts |= {name: (FIXED / name).read_text() for name in ("codec.c", "codec.h")}
+    c = compiler.library([SOURCE], texts)
+    c.run.restype = ctypes.c_uint64
+    return c
 
 
 @dataclass(frozen=True)
@@ -170,15 +184,23 @@ def matched_methods(s: Segment) -> list[tuple[str, float]]:
     return found
 
 
-def run_time(n: Nodes, run: Callable[[Nodes], None]) -> Measurement:
+def run_time() -> Measurement:
     """Return a measurement of a run from its start, ms per simulated second."""
-    once = processor_time(lambda: run(n), DURATION_S * 1e6)
+    n = nodes()
+    once = processor_time(lambda: in_python(n), DURATION_S * 1e6)
 
     def side() -> float:
         n.restore()
         return once()
 
     return side
+
+
+def run_time_in_c() -> Measurement:
+    """Return the same in C; CompilerError."""
+    rig = slew10()
+    c, cycles = library(rig), cycles_of(rig)
+    return processor_time(lambda: c.run(cycles), DURATION_S * 1e6)
 
 
 def rival_times(s: Segment) -> dict[str, Measurement]:
@@ -198,10 +220,10 @@ def quickest(names: Iterable[str], times: Iterable[NDArray[np.float64]]) -> tupl
 
 def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return the ratios to C and to solve_ivp; CompilerError, BenchError, RigError."""
-    c = library()
+    in_c = run_time_in_c()
     progress.show("simulate: matching scipy's accuracy")
-    n, rivals = nodes(), rival_times(segment())
-    sides = [run_time(n, in_python), run_time(n, partial(in_plain_c, c=c)), *rivals.values()]
+    rivals = rival_times(segment())
+    sides = [run_time(), in_c, *rivals.values()]
     own, plain, *others = interleave(progress, SUITE, rounds, sides)
     return [
         Ratio.from_rounds(SUITE, "slew10", against, own, base, "ms/s")

@@ -1,4 +1,4 @@
-"""`pcpc evidence`: inject every fault, count what noticed it, write it down."""
+"""`python -m pcpc.tools.dev.evidence`: inject every fault, count what noticed it, write it down."""
 
 import argparse
 import textwrap
@@ -18,7 +18,7 @@ from pcpc.tools.dev.evidence import (
     report,
     residual,
 )
-from pcpc.tools.dev.evidence.commands import PARTS
+from pcpc.tools.dev.evidence.options import PARTS
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress

@@ -1,15 +1,15 @@
-"""`pcpc evidence` in a process of its own: compiled for this machine's processor, equal bits."""
+"""The evidence in a process of its own: compiled for this machine's processor, equal bits."""
 
 import argparse
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.tools.dev.evidence.commands import PARTS
+from pcpc.tools.dev.evidence.options import PARTS
 from pcpc.tools.start.native import native
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `pcpc evidence`; return the exit code."""
+    """Carry it out; return the exit code."""
     for name in options.parts:
         if name not in PARTS:
             raise UserError(f"{name}: no such part{did_you_mean(name, PARTS)}")

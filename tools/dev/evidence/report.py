@@ -15,9 +15,9 @@ PAGE, NUMBERS, WIDTH = "faults.md", "faults.json", 120
 _HEAD = """\
 # What happens with each fault
 
-`pcpc evidence` injects every fault and writes this page. `faults.json` beside it has the command
-that repeats a single row ([how to inject faults](howto/faults.md)). [What protects the
-frames](bus-safety.md) explains the checks.
+`python -m pcpc.tools.dev.evidence` injects every fault and writes this page. `faults.json` beside
+it has the command that repeats a single row ([how to inject faults](howto/faults.md)).
+[What protects the frames](bus-safety.md) explains the checks.
 """
 _MATRIX = """
 ## Fault against detector
@@ -234,8 +234,9 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
         "cycles, other senders, reception, signs of a second sender, tunings, bus errors, "
         "end-to-end check and the codec's saturation. Of "
         f"{found['mutants']:,} changes, {found['noticed']:,} were noticed, {argued} make no "
-        f"difference, and {len(found['left'])} were neither. `pcpc evidence mutants` and "
-        "`faults.json` give the reason of each change that makes no difference."
+        f"difference, and {len(found['left'])} were neither. "
+        "`python -m pcpc.tools.dev.evidence mutants` and `faults.json` give the reason of each "
+        "change that makes no difference."
     )
     if found.get("elsewhere"):
         yield "\n" + _filled_text(

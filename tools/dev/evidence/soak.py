@@ -1,4 +1,6 @@
-"""`pcpc soak`: run after run with other seeds, tunings and faults, for hours; each log is judged.
+"""Run after run with other seeds, tunings and faults, for hours; each log is judged.
+
+    python -m pcpc.tools.dev.evidence.soak RIG [--hours H]
 
 Every second run is in virtual time, with faults of the rig's own `faults:` at drawn moments. The
 others are on a clock and last `each`: every few seconds a parameter of each node is tuned, a fault
@@ -16,6 +18,7 @@ import random
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -33,7 +36,9 @@ from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
+from pcpc.tools.dev import command as command_of_repository
 from pcpc.tools.dev.evidence.invariants import broken_promises
+from pcpc.tools.dev.evidence.options import SOAK
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG, run_folder
@@ -280,3 +285,7 @@ def _live(node: Live, draw: random.Random) -> dict[str, float]:
     name = draw.choice(sorted(known))
     low, high = known[name]
     return {name: min(max(now[name] * draw.uniform(*_FACTORS), low), high)}
+
+
+if __name__ == "__main__":
+    sys.exit(command_of_repository.main(SOAK, sys.argv[1:], own=True))

@@ -187,9 +187,9 @@ def compile_cache_row() -> Row:
 
 
 def c_compiler_row() -> Row:
-    """Return the compiler that only `pcpc bench` uses."""
+    """Return the compiler that only the bench of the repository uses."""
     for name in ("cc", "gcc", "clang"):
         if path := shutil.which(name):
             return Row("C compiler", "ok", path)
-    cost = "no comparison with C in `pcpc bench`; nothing else needs it"
+    cost = "no comparison with C in `pcpc jitter`; nothing else needs it"
     return Row("C compiler", "warn", "none", cost, "sudo apt-get install -y gcc libc6-dev")

@@ -12,10 +12,11 @@ from pcpc.executive.batch.runs import Case as One
 from pcpc.executive.batch.runs import Runs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.cli import main
+from pcpc.tools.dev.command import main
 from pcpc.tools.dev.evidence import alarms, campaign, cli, matrix, report, residual
 from pcpc.tools.dev.evidence.campaign import WARM, Bench
 from pcpc.tools.dev.evidence.cases import CASES, Case
+from pcpc.tools.dev.evidence.options import COMMAND
 
 pytestmark = pytest.mark.deep
 
@@ -162,9 +163,9 @@ def test_a_part_is_done_anew_beside_the_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report.write(tmp_path, {"frames": [], "residual": {}})
-    words = ["evidence", "residual", "--frames", "2000", "-q", "-o", str(tmp_path)]
-    assert main(words) == 0 and "all as stated" in capsys.readouterr().out
+    words = ["residual", "--frames", "2000", "-q", "-o", str(tmp_path)]
+    assert main(COMMAND, words) == 0 and "all as stated" in capsys.readouterr().out
     found = report.read(tmp_path)
     assert [*found] == ["residual", "frames"] and found["residual"]["drawn_frames"]["runs"] == 2000
     (tmp_path / report.NUMBERS).write_text("{")
-    assert main(words) == 2 and "faults.json: " in capsys.readouterr().err
+    assert main(COMMAND, words) == 2 and "faults.json: " in capsys.readouterr().err

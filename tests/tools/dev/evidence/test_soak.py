@@ -14,8 +14,9 @@ from json_schemas import holds
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools import cli
+from pcpc.tools.dev.command import main
 from pcpc.tools.dev.evidence import invariants, soak
+from pcpc.tools.dev.evidence.options import SOAK
 from pcpc.tools.start.children import Child
 
 pytestmark = pytest.mark.deep
@@ -156,6 +157,6 @@ def test_the_command_takes_hours_and_tells_rows_as_json(
     row = {"run": 0, "paced": False, "cycles": 9, "tuned": 1, "faults": 2, "resets": 0,
            "settled": {}, "wrong": ["broken"]}  # fmt: skip
     monkeypatch.setattr(soak, "judged_run", lambda *_: row)
-    assert cli.main(["soak", str(rig), "--hours", "1e-15", "--json", "--quiet"]) == 1
+    assert main(SOAK, [str(rig), "--hours", "1e-15", "--json", "--quiet"]) == 1
     rows = capsys.readouterr().out.splitlines()  # one and more: the clock says how many
     assert rows and all(holds("soak", one) == row for one in rows)

@@ -106,7 +106,6 @@ def test_merge_and_rerun_in_wrong_words_are_refused_and_leave_nothing(
     "words",
     [
         ["margin", RIG, "--seed", "-1"], ["margin", RIG, "--seed", HUGE],
-        ["soak", RIG, "--seed", "-1"], ["evidence", "frames", "--seed", "-1"],
     ],
     ids=" ".join,
 )  # fmt: skip

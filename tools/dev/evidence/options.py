@@ -1,4 +1,4 @@
-"""Commands: evidence, soak."""
+"""The options of `python -m pcpc.tools.dev.evidence`, and of `.evidence.soak`."""
 
 import argparse
 import math
@@ -94,32 +94,30 @@ def soak(add: Add) -> None:
     take.quiet(add, "-q")
 
 
-COMMANDS = (
-    Command(
-        "evidence",
-        "inject every fault and count what detects it",
-        "pcpc evidence\npcpc evidence mutants kills --kills 32",
-        evidence,
-        compiles=True,
-        module="dev.evidence.native_process",
-        codes=codes(
-            OK="all figures as stated",
-            NOT_MET="a figure is not as stated",
-            ENVIRONMENT="cannot be written",
-            INTERRUPTED="",
-        ),
+COMMAND = Command(
+    "pcpc.tools.dev.evidence",
+    "inject every fault and count what detects it",
+    "python -m pcpc.tools.dev.evidence\npython -m pcpc.tools.dev.evidence mutants kills --kills 32",
+    evidence,
+    compiles=True,
+    module="dev.evidence.native_process",
+    codes=codes(
+        OK="all figures as stated",
+        NOT_MET="a figure is not as stated",
+        ENVIRONMENT="cannot be written",
+        INTERRUPTED="",
     ),
-    Command(
-        "soak",
-        "run with random tunings and faults for hours; check each log",
-        "pcpc soak hull --hours 8",
-        soak,
-        compiles=True,
-        module="dev.evidence.soak",
-        codes=codes(
-            OK="no problem",
-            NOT_MET="a log has a problem",
-            INTERRUPTED="",
-        ),
+)
+SOAK = Command(
+    "pcpc.tools.dev.evidence.soak",
+    "run with random tunings and faults for hours; check each log",
+    "python -m pcpc.tools.dev.evidence.soak hull --hours 8",
+    soak,
+    compiles=True,
+    module="dev.evidence.soak",
+    codes=codes(
+        OK="no problem",
+        NOT_MET="a log has a problem",
+        INTERRUPTED="",
     ),
 )

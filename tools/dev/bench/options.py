@@ -1,4 +1,4 @@
-"""Commands: bench."""
+"""The options of `python -m pcpc.tools.dev.bench`."""
 
 import argparse
 from pathlib import Path
@@ -9,13 +9,12 @@ from pcpc.tools.terminal.command import Add, Command, codes
 MOST_ROUNDS = 10_000
 _SUITES = {  # by their modules, one of which may go with what it measures
     "wake": "how late the executive wakes, against cyclictest and C",
-    "cycle": "one cycle of the executive, in memory and on a bus, against C",
+    "cycle": "one cycle of the executive, in memory and on a bus, against a device in C",
     "frame": "one frame sent and received against C and python-can",
     "codec": "packing and unpacking of all frames of the DBC against cantools and C",
     "recorder": "the recorder's throughput against mcap, its effect on the loop",
     "simulate": "a virtual run against C and scipy",
     "batch": "runs in lanes against C and scipy, two threads against one",
-    "rate": "the highest closed-loop rate of two processes against C",
     "host": "lateness with the page of `pcpc host` and its clients against without",
     "startup": "the time from command to first cycle, warm and cold",
 }
@@ -43,15 +42,13 @@ def bench(add: Add) -> None:
     take.quiet(add)
 
 
-COMMANDS = (
-    Command(
-        "bench",
-        "measure ratios against C and others, interleaved in one run",
-        "pcpc bench steps --json steps.json",
-        bench,
-        codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
-        notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
-        compiles=True,
-        module="dev.bench.cli",
-    ),
+COMMAND = Command(
+    "pcpc.tools.dev.bench",
+    "measure ratios against C and others, interleaved in one run",
+    "python -m pcpc.tools.dev.bench cycle --json cycle.json",
+    bench,
+    codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
+    notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
+    compiles=True,
+    module="dev.bench.cli",
 )

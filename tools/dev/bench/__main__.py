@@ -1,0 +1,9 @@
+"""`python -m pcpc.tools.dev.bench`."""
+
+import sys
+
+from pcpc.tools.dev import command
+from pcpc.tools.dev.bench.options import COMMAND
+
+if __name__ == "__main__":
+    sys.exit(command.main(COMMAND, sys.argv[1:], own=True))
