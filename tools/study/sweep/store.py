@@ -84,11 +84,14 @@ class Store(Mapping[Run, Row]):
         self._count: int = db.execute("SELECT count(*) FROM run").fetchone()[0]
 
     def __getitem__(self, of: Run) -> Row:
+        if (text := self._text(of)) is None:
+            raise KeyError(of)
+        return _row(*of, text)
+
+    def _text(self, of: Run) -> str | None:
         where = "WHERE draw = ? AND controller = ?"
         found = self._db.execute(f"SELECT row FROM run {where}", of).fetchone()
-        if found is None:
-            raise KeyError(of)
-        return _row(*of, found[0])
+        return found and str(found[0])
 
     def __iter__(self) -> Iterator[Run]:
         return self._db.execute("SELECT draw, controller FROM run")
@@ -97,8 +100,15 @@ class Store(Mapping[Run, Row]):
         return self._count
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Keep rows, all or none of them; UserError."""
-        lines = [(row.draw, row.controller, _text(row)) for row in rows]
+        """Keep rows, all or none of them; UserError, also where one is there and differs."""
+        lines = []
+        for row in rows:
+            of, text = (row.draw, row.controller), _text(row)
+            if (there := self._text(of)) is None:
+                lines.append((*of, text))
+            elif there != text:
+                what = f"{self.path}: draw {of[0]} of {of[1]} had another result the second time"
+                raise RigError(f"{what}; begin again with another -o")
         total = self._sum + sum_of(lines)
         with refusals(self.path), self._db as db:
             db.execute("BEGIN")

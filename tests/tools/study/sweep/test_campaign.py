@@ -10,6 +10,7 @@ import sys
 import time
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet
 import pytest
@@ -61,6 +62,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def rows_of(folder: Path) -> list[dict[str, object]]:
     table, _ = shards.merge([folder])
     return [repr(sorted(row.items())) for row in table.to_pylist()]  # type: ignore[misc]
+
+
+def draws(campaign: Campaign, first: int, last: int) -> list[tuple[int, Any]]:
+    return list(itertools.islice(campaign.numbered(WHOLE), first, last))
 
 
 def pair(setting: str) -> tuple[str, object]:
@@ -130,11 +135,25 @@ def test_what_was_done_is_not_done_again(whole: Path, tmp_path: Path) -> None:
     kept = Work(BOTH, Shard(), tmp_path, None, 1).store
     rows = [row for row in done(BOTH, tmp_path / "other")[0].values() if row.draw < 9]
     kept.add(dataclasses.replace(row, alone="kept") for row in rows)
+    half = Bench(Path(RIG), "pid", SHORT).rows([BOTH.draw("pid", *d) for d in draws(BOTH, 9, 12)])
+    kept.add(half)
     kept.close()
     again, _ = done(BOTH, tmp_path)
     assert sum(row.alone == "kept" for row in again.values()) == 18 and len(again) == 42
     marked = [one.replace("'kept'", "''") for one in rows_of(tmp_path)]
-    assert marked == rows_of(whole)
+    assert marked == rows_of(whole), "draws 9 to 11 of pid were done again, beside those of pd"
+
+
+def test_a_row_that_is_done_again_and_differs_is_told(tmp_path: Path) -> None:
+    rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
+    row = Row(3, "pid", 7, {}, RAN, True, metrics={"nan": math.nan})
+    rows.add([row])
+    rows.add([row, dataclasses.replace(row, draw=4)])
+    assert sorted(rows) == [(3, "pid"), (4, "pid")]
+    with pytest.raises(RigError, match="draw 4 of pid had another result the second time; begin"):
+        rows.add([dataclasses.replace(row, draw=5), dataclasses.replace(row, draw=4, ok=False)])
+    assert sorted(rows) == [(3, "pid"), (4, "pid")], "all or none"
+    rows.close()
 
 
 def test_a_killed_campaign_loses_no_row_that_was_written(tmp_path: Path) -> None:
