@@ -42,8 +42,15 @@ _TABLES = (
     "PRIMARY KEY(draw, controller)) WITHOUT ROWID",
 )
 _DIGESTS = 1 << 256
-_NOT_KEPT = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
-_NOT_LET = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM)
+_ELSEWHERE = "choose another folder with -o"
+_FULL = "free space there, or choose another place"
+_REFUSED = {  # what is told of errors that are no damage, and the exit code
+    sqlite3.SQLITE_FULL: (_FULL, Exit.LOSS),
+    sqlite3.SQLITE_IOERR: (_FULL, Exit.LOSS),
+    sqlite3.SQLITE_CANTOPEN: (_ELSEWHERE, Exit.ENVIRONMENT),
+    sqlite3.SQLITE_READONLY: (_ELSEWHERE, Exit.ENVIRONMENT),
+    sqlite3.SQLITE_PERM: (_ELSEWHERE, Exit.ENVIRONMENT),
+}
 
 
 class Store(Mapping[Run, Row]):
@@ -56,15 +63,15 @@ class Store(Mapping[Run, Row]):
         self.folder, self.spec, self.shard = folder, dict(spec), shard
         self.path = folder / f"{shard}.sqlite"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._is_new = claim_spec(folder, self.spec)
-            if self.path.exists() and not is_ordinary(self.path):
-                raise OSError("it is not a readable file")
-        except OSError as error:
+            with refusals(self.path):
+                folder.mkdir(parents=True, exist_ok=True)
+                self._is_new = claim_spec(folder, self.spec)
+                if self.path.exists() and not is_ordinary(self.path):
+                    raise OSError("it is not a readable file")
+                self._db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
+        except UserError:
             self._drop_spec()
-            what = f"{folder}: {error.strerror or error}; choose another folder with -o"
-            raise UserError(what, code_of(error)) from None
-        self._db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
+            raise
         try:
             with refusals(self.path):
                 self._take()
@@ -168,7 +175,7 @@ def check_version(folder: Path) -> None:
 
 @contextmanager
 def refusals(path: Path) -> Iterator[None]:
-    """Let what SQLite refuses, or what is no row, be told in a line; RigError, UserError."""
+    """Let what the machine refuses, or what is no row, be told in a line; RigError, UserError."""
     try:
         yield
     except sqlite3.Error as error:
@@ -176,13 +183,13 @@ def refusals(path: Path) -> Iterator[None]:
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             what = "another process works on this shard; wait for it"
             raise RigError(f"{path}: {what}") from None
-        if code in _NOT_KEPT:
-            what = f"{path}: {error}; free space there, or choose another place"
-            raise UserError(what, Exit.LOSS) from None
-        if code in _NOT_LET:
-            what = f"{path}: {error}; choose another folder with -o"
-            raise UserError(what, Exit.ENVIRONMENT) from None
-        raise _no_shard(path, error) from None
+        if code not in _REFUSED:
+            raise _no_shard(path, error) from None
+        cure, exit_code = _REFUSED[code]
+        raise UserError(f"{path}: {error}; {cure}", exit_code) from None
+    except OSError as error:
+        what = f"{path}: {error.strerror or error}; {_ELSEWHERE}"
+        raise UserError(what, code_of(error)) from None
     except (ValueError, TypeError, RecursionError) as error:
         raise _no_shard(path, error) from None
 

@@ -255,6 +255,17 @@ def test_a_campaign_of_an_older_version_is_told(file: str, tmp_path: Path) -> No
         store.Store(tmp_path, SPEC, Shard())
 
 
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="Not a directory; choose another folder") as error:
+        store.Store(tmp_path / "file" / "a", SPEC, Shard())
+    assert error.value.code == Exit.ENVIRONMENT
+    path = shard(tmp_path / "a", 1, 2)
+    path.with_name(f"{path.name}-wal").mkdir()  # which SQLite has to write
+    with pytest.raises(UserError, match=r"1-of-2\.sqlite: .*; choose another folder"):
+        store.Store(tmp_path / "a", SPEC, Shard(1, 2))
+
+
 def test_a_file_that_another_program_holds_is_told(tmp_path: Path) -> None:
     path = shard(tmp_path, 1, 1)
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
