@@ -407,9 +407,13 @@ def test_a_spec_that_is_none_is_told(text: str, tmp_path: Path) -> None:
 def test_a_campaign_of_which_nothing_came_leaves_nothing(tmp_path: Path) -> None:
     store.Store(tmp_path / "a", SPEC, Shard()).close()
     assert not list((tmp_path / "a").iterdir())
-    shard(tmp_path / "b", 1, 2)
+    path = shard(tmp_path / "b", 1, 2)
     store.Store(tmp_path / "b", SPEC, Shard(2, 2)).close()
     assert len(list((tmp_path / "b").iterdir())) == 2, "sweep.json, and the rows of the other"
+    assert shard(tmp_path / "c", 5, 8, SPEC | {"draws": 4}).exists(), "it is complete"
+    path.unlink()
+    store.Store(tmp_path / "b", SPEC, Shard()).close()
+    assert [one.name for one in (tmp_path / "b").iterdir()] == [store.SPEC], "it was there before"
 
 
 def test_rows_of_a_run_without_a_value_are_the_same_alone_and_merged(tmp_path: Path) -> None:
