@@ -42,6 +42,7 @@ _TABLES = (
     "PRIMARY KEY(draw, controller)) WITHOUT ROWID",
 )
 _DIGESTS = 1 << 256
+_AGAIN = "remove it and do it again"
 _ELSEWHERE = "choose another folder with -o"
 _FULL = "free space there, or choose another place"
 _REFUSED = {  # what is told of errors that are no damage, and the exit code
@@ -178,25 +179,18 @@ def refusals(path: Path) -> Iterator[None]:
     """Let what the machine refuses, or what is no row, be told in a line; RigError, UserError."""
     try:
         yield
-    except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            what = "another process works on this shard; wait for it"
-            raise RigError(f"{path}: {what}") from None
-        if code not in _REFUSED:
-            raise _no_shard(path, error) from None
-        cure, exit_code = _REFUSED[code]
-        raise UserError(f"{path}: {error}; {cure}", exit_code) from None
     except OSError as error:
         what = f"{path}: {error.strerror or error}; {_ELSEWHERE}"
         raise UserError(what, code_of(error)) from None
-    except (ValueError, TypeError, RecursionError) as error:
-        raise _no_shard(path, error) from None
-
-
-def _no_shard(path: Path, error: Exception) -> RigError:
-    what = printable(" ".join(str(error).split()))
-    return RigError(f"{path}: no rows of a shard: {what}; remove it and do it again")
+    except (sqlite3.Error, ValueError, TypeError, RecursionError) as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code in _REFUSED:
+            cure, exit_code = _REFUSED[code]
+            raise UserError(f"{path}: {error}; {cure}", exit_code) from None
+        what = f"no rows of a shard: {printable(' '.join(str(error).split()))}; {_AGAIN}"
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            what = "another process works on this shard; wait for it"
+        raise RigError(f"{path}: {what}") from None
 
 
 def make_tables(db: sqlite3.Connection, spec: Mapping[str, Any], shard: Shard) -> None:
@@ -233,8 +227,7 @@ def checked(
     about = dict[str, str](db.execute(f"SELECT * FROM {name}.about"))
     total = sum_of(db.execute(f"SELECT * FROM {name}.run"))
     if about.get("digest") != _digest(about, total):
-        what = "its rows are not those that were written"
-        raise RigError(f"{path}: {what}; remove it and do it again")
+        raise RigError(f"{path}: its rows are not those that were written; {_AGAIN}")
     if about["shard"] != path.stem:
         raise RigError(f"{path}: holds rows that are not of {path.stem} but of {about['shard']}")
     if differ := differences(json.loads(about["spec"]), json.loads(json.dumps(dict(spec)))):

@@ -103,8 +103,11 @@ def test_a_shard_that_was_killed_is_missing(tmp_path: Path) -> None:
     shard(tmp_path, 1, 2)
     half = store.Store(tmp_path, SPEC, Shard(2, 2))
     half.add([row(1, "pid"), row(1, "pd"), row(3, "pid")])
+    while_it_goes_on = refused([tmp_path])
     half.close()
-    assert "32 of 64 draws are missing, those of shard 2 of 2" in refused([tmp_path])
+    assert "32 of 64 draws are missing, those of shard 2 of 2" in while_it_goes_on
+    assert refused([tmp_path]) == while_it_goes_on
+    assert shards.merge([tmp_path], whole=False)[0].num_rows == 64
 
 
 def test_rows_that_are_lost_with_their_digest_are_missing(tmp_path: Path) -> None:
