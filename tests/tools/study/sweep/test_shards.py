@@ -132,6 +132,7 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     first = tmp_path / "a" / "shard-1-of-1.sqlite"
     what = "draw 1 of pid had another result the second time; one of the two is wrong"
     assert refused(folders) == f"{first} and {path}: {what}"
+    assert refused(folders[::-1]) == f"{path} and {first}: {what}", "whichever is less"
 
 
 @pytest.mark.parametrize(
