@@ -11,7 +11,7 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.sweep import decision, rerun, shards, store
-from pcpc.tools.study.sweep.campaign import SEARCHES, Shard
+from pcpc.tools.study.sweep.campaign import SEARCHES
 from pcpc.tools.study.sweep.report import report
 from pcpc.tools.study.sweep.request import Request
 from pcpc.tools.study.sweep.results import Results
@@ -19,7 +19,6 @@ from pcpc.tools.study.sweep.statements import HOLDS
 from pcpc.tools.study.sweep.summary import COLUMNS, summary
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.option_notes import refuse
-from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.progress import Progress
 
 if TYPE_CHECKING:
@@ -61,15 +60,14 @@ def _run(work: Work, progress: Progress) -> int:
     except KeyboardInterrupt:
         progress.close()
         cure = f"to go on, the same command with -o {folder}"
-        print(f"{len(work.store.rows)} rows are in {folder}; {cure}")
+        print(f"{len(work.store)} rows are in {folder}; {cure}")
         return Exit.INTERRUPTED
     finally:
         work.store.close()
     progress.close()
     if work.shard.of > 1:
         cure = f"when all shards are done: pcpc sweep merge {folder}"
-        rows = shards.shard_table(work.store.table).num_rows
-        print(f"{work.store.table}: {rows} rows; {cure}")
+        print(f"{work.store.path}: {len(work.store)} rows; {cure}")
         return Exit.OK
     return _tell(*shards.merge([folder]), folder, outcome)
 
@@ -87,26 +85,24 @@ def _merge(options: argparse.Namespace) -> int:
     folders = [Path(name) for name in options.words[1:]]
     if not folders:
         raise RigError("pcpc sweep merge: name the folders of the shards")
-    table, spec = shards.merge(folders)
     named = str(folders[0]) if options.output is None else options.output
-    with folder_of(named, "") as folder:
+    with shards.merged(folders) as (db, spec), folder_of(named, "") as folder:
+        table = shards.table(db, spec)
+        if spec["sampling"] not in SEARCHES:
+            if folder.resolve() not in [one.resolve() for one in folders]:
+                shards.write(db, spec, folder)
+            store.export(table, folder)
         return _tell(table, spec, folder, "")
 
 
 def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome: str) -> int:
-    """Write the whole table, if it is not one shard's, and tell what it says."""
-    import pyarrow.parquet
-
+    """Tell what a table says, and write the report."""
     if spec["sampling"] in SEARCHES:  # its rows are no sample: no share of them says a thing
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
         print(
             _filled_lines(outcome) or "pcpc sweep with its -o prints the result", folder, sep="\n"
         )
         return Exit.OK
-    store.claim_spec(folder, spec)
-    if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:
-        with new_file(folder / shards.WHOLE, force=True) as unfinished:
-            pyarrow.parquet.write_table(store.with_seal(table), unfinished)
     results, until = Results(table, spec), spec.get("until")
     found = decision.decisions(results, until) if until is not None else []
     left = [] if until is not None else list(results.never_judged())

@@ -1,12 +1,8 @@
 """Draws to rows on a Dask cluster, its own of this machine or one that is there.
 
-A task is some hundred runs. Its worker writes each row to the task's own journal, in the campaign's
-folder, before the next; a task that is sent again, as its worker is gone, takes the rows that are
-there. The client takes the rows of a finished task into the shard's journal and drops the task's;
-one that a killed client or scheduler left is taken in at the next start (`store`).
-
-So folder and rig have to be on a disk that client and workers share: without one, the rows of a
-lost worker would be lost, too. Who does a task, and when, is Dask's affair.
+A task is some dozen runs, whose rows come back to the client: it alone writes. Workers need the
+rig at the same path, and no folder. Who does a task, and when, is Dask's affair; one of a worker
+that is lost is done again, and so are those that were on their way when a client was killed.
 """
 
 import dataclasses
@@ -27,19 +23,20 @@ from typing import Any
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import AHEAD, Engine, Piece, Pieces, Row
-from pcpc.tools.study.sweep import store
-from pcpc.tools.study.sweep.campaign import Campaign, read
+from pcpc.tools.study.sweep.campaign import Campaign
+from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.terminal.extras import need
 
-TASK = 32  # pieces of WIDTH runs; a second or more of work
+TASK = 8  # pieces of WIDTH runs; some tenths of a second of work, which a kill loses
 ANSWER_S = 10.0  # within which a scheduler answers and has a worker
+Origin = tuple[tuple[str, str], ...]
 _LOCAL = re.compile(r"local(?::([1-9]\d*))?")
 
 
 class Cluster:
     """The workers of a scheduler, for one shard; ends what it has started when it is left."""
 
-    def __init__(self, scheduler: str, campaign: Campaign, into: "store.Store") -> None:
+    def __init__(self, scheduler: str, campaign: Campaign, into: Store) -> None:
         """Connect to it. UserError: no package, no answer, no worker."""
         need("--scheduler needs", "distributed")
         import distributed
@@ -48,6 +45,7 @@ class Cluster:
             if name.partition(".")[0] == "distributed":
                 logging.getLogger(name).setLevel(logging.CRITICAL)
         self._scheduler, self._store = scheduler, into
+        self._origin = tuple(into.spec["origin"].items())
         rig = str(Path(campaign.rig).resolve())
         self._campaign = dataclasses.replace(campaign, rig=rig)
         local = _LOCAL.fullmatch(scheduler)
@@ -80,28 +78,25 @@ class Cluster:
             self._own.close()
 
     def rows(self, pieces: Pieces) -> Iterator[list[Row]]:
-        """Yield the rows of tasks as they are done; what was yielded is on disk when asked on.
+        """Yield the rows of tasks as they are done.
 
         UserError: the scheduler is gone, or a task that its workers do not survive.
         """
         from distributed import KilledWorker, as_completed
 
         try:
-            tasks, flying = self._tasks(pieces), dict[Any, Path]()
+            tasks, flying = self._tasks(pieces), 0
             queue = as_completed()
             while True:
-                wanted = AHEAD * self._threads() - len(flying)  # below 0 where a worker was lost
+                wanted = AHEAD * self._threads() - flying  # below 0 where a worker was lost
                 for task in itertools.islice(tasks, max(wanted, 0)):
-                    journal = self._store.task_journal(task[0][1][0].number, task[0][0])
-                    about = self._campaign, journal.resolve(), task
-                    future = self._client.submit(run_task, *about, pure=False)
-                    flying[future] = journal
-                    queue.add(future)
+                    about = self._campaign, self._origin, task
+                    queue.add(self._client.submit(run_task, *about, pure=False))
+                    flying += 1
                 if not flying:
                     return
-                future = next(queue)
-                yield future.result()
-                flying.pop(future).unlink(missing_ok=True)
+                yield next(queue).result()
+                flying -= 1
         except KilledWorker as error:
             what = f"{self._scheduler}: workers die at a task, again and again: {error}"
             raise UserError(what, Exit.ENVIRONMENT) from None
@@ -132,30 +127,17 @@ def dask_setup(worker: object) -> None:
 _turn = threading.Lock()
 
 
-def run_task(campaign: Campaign, path: Path, pieces: list[Piece]) -> list[Row]:
-    """Return a task's rows, on a worker; each is in the journal at `path` before the next piece."""
+def run_task(campaign: Campaign, origin: Origin, pieces: list[Piece]) -> list[Row]:
+    """Return a task's rows, on a worker. RigError: its rig or code is not that of `origin`."""
     with _turn:  # compiled once
-        engine = _engine(campaign, path.parent)
-    journal = store.Journal(path, wait=True)
-    try:
-        for controller, draws in pieces:
-            left = [draw for draw in draws if (draw.number, controller) not in journal.rows]
-            if left:
-                journal.add(engine.piece(controller, left))
-        return [
-            journal.rows[draw.number, controller] for controller, draws in pieces for draw in draws
-        ]
-    finally:
-        journal.close()
+        engine = _engine(campaign, origin)
+    return [row for piece in pieces for row in engine.piece(*piece)]
 
 
 @functools.lru_cache(maxsize=1)
-def _engine(campaign: Campaign, folder: Path) -> Engine:
-    """Return this process's own, for any number of threads. RigError: another rig or no folder."""
-    here = f"a worker on {socket.gethostname()}"
-    if not (folder / store.SPEC).exists():
-        cure = "give -o a folder on a disk that all of them share"
-        raise RigError(f"{folder}: {here} does not see it; {cure}")
-    if differ := campaign.changed(read(folder / store.SPEC)):
+def _engine(campaign: Campaign, origin: Origin) -> Engine:
+    """Return this process's own, for any number of threads."""
+    if differ := campaign.changed({"origin": dict(origin)}):
+        here = f"a worker on {socket.gethostname()}"
         raise RigError(f"{campaign.rig}: {here} differs from the campaign in {differ}")
     return Engine(Path(campaign.rig), campaign.controllers, campaign.settings, threads=1)

@@ -133,7 +133,7 @@ class _ControllerRuns:
 
     def margins(self, points: Vector) -> Vector:
         """Return the margins of points (n, d)."""
-        campaign, rows, name = self.search.campaign, self.store.rows, self.controller
+        campaign, rows, name = self.search.campaign, self.store, self.controller
         numbered = list(enumerate(points, self.first + self.count))
         self.count += len(points)
         left = []
@@ -168,7 +168,7 @@ class _ControllerRuns:
 
     def line(self, number: int) -> str:
         """Return a run in a line."""
-        row = self.store.rows[number, self.controller]
+        row = self.store[number, self.controller]
         value = row.metrics.get(self.search.of or "", math.nan)
         said = f"margin {self.search.margin(row):.4g}" if self.search.of is None else f"{value:.4g}"
         values = ", ".join(f"{name} = {value:.6g}" for name, value in row.values.items())

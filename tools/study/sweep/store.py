@@ -1,29 +1,30 @@
-"""The rows of a campaign on disk: a journal while it runs, one Parquet file a shard at its end.
+"""The rows of a campaign on disk: a SQLite file a shard, and a Parquet table for other programs.
 
-    sweep.json               what the campaign is; another one is refused in the same folder
-    shard-1-of-4.jsonl       a row a line, written before anybody is told that it is done
-    shard-1-of-4.0.64.jsonl  the same of a worker's task, until its rows are in the journal
-    shard-1-of-4.parquet     the same rows in the order of draws and controllers; takes its place
+    sweep.json           what the campaign is; another one is refused in the same folder
+    shard-1-of-4.sqlite  run: a row by draw and controller; about: spec, shard, outcome, digest
+    sweep.parquet        all rows, written at the end and never read here
 
-A process that is killed loses no finished row: a line that is not whole is dropped, and the draws
-that are there are not done again. A row stays on disk and is read when it is asked for: what a
-process holds of it is its place in the file. Each line has a seal, and so has a table: a line that
-was changed is dropped as one that is not whole, with all behind it, and a table is refused.
+A process that is killed loses no row that was added, and the draws that are there are not done
+again. The process that adds rows has the file to itself: its write-ahead log then needs no memory
+that processes share, so that the file may be on a network disk. The digest is of all rows and of
+what they were made from. Each transaction moves it on, and whoever reads checks it.
 """
 
-import dataclasses
-import fcntl
 import hashlib
-import itertools
 import json
 import math
-import os
+import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from pcpc.drivers.errors import UserError
+import msgspec
+
+from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.executive.errors import RigError, code_of
+from pcpc.executive.rig.carried_files import is_ordinary
 from pcpc.tools.study.engine import Row
 from pcpc.tools.study.sweep.campaign import Shard, differences, read
 from pcpc.tools.study.sweep.results import COLUMNS, HELD, MARGIN, METRIC, VARY, kind_of
@@ -32,156 +33,129 @@ from pcpc.tools.terminal.outfile import new_file, write_text
 if TYPE_CHECKING:
     import pyarrow
 
-SPEC = "sweep.json"
-SEAL = "seal"  # of a line of a journal, and of a table
-OUTCOME = b"outcome"  # of a search, beside the spec in its table
+Run = tuple[int, str]  # draw and controller
+SPEC, EXPORT = "sweep.json", "sweep.parquet"
 CHUNK = 4096  # rows of a table that are in memory at once, about 5 kB each
+_TABLES = (
+    "CREATE TABLE about(key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
+    "CREATE TABLE run(draw INTEGER, controller TEXT, row TEXT NOT NULL, "
+    "PRIMARY KEY(draw, controller)) WITHOUT ROWID",
+)
+_DIGESTS = 1 << 256
+_AGAIN = "remove it and do it again"
+_ELSEWHERE = "choose another folder with -o"
+_FULL = "free space there, or choose another place"
+_REFUSED = {  # what is told of errors that are no damage, and the exit code
+    sqlite3.SQLITE_FULL: (_FULL, Exit.LOSS),
+    sqlite3.SQLITE_IOERR: (_FULL, Exit.LOSS),
+    sqlite3.SQLITE_CANTOPEN: (_ELSEWHERE, Exit.ENVIRONMENT),
+    sqlite3.SQLITE_READONLY: (_ELSEWHERE, Exit.ENVIRONMENT),
+    sqlite3.SQLITE_PERM: (_ELSEWHERE, Exit.ENVIRONMENT),
+}
 
 
-class Rows(Mapping[tuple[int, str], Row]):
-    """The rows in an open file, a line each, by draw and controller."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self._places: dict[str, dict[int, int]] = {}  # of each controller's draws
-
-    def note_place(self, row: Row, place: int) -> None:
-        """Take note where a row's line begins."""
-        self._places.setdefault(row.controller, {})[row.draw] = place
-
-    def __getitem__(self, of: tuple[int, str]) -> Row:
-        draw, controller = of
-        self._file.seek(self._places[controller][draw])
-        return row_of(self._file.readline())
-
-    def __contains__(self, of: object) -> bool:
-        draw, controller = cast(tuple[int, str], of)
-        return draw in self._places.get(controller, ())
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        return ((draw, name) for name, places in self._places.items() for draw in places)
-
-    def __len__(self) -> int:
-        return sum(map(len, self._places.values()))
-
-
-class Journal:
-    """Rows in a file, a row a line; one process at a time has it. `rows`: until it is closed."""
-
-    def __init__(self, path: Path, wait: bool = False) -> None:
-        """Open it and take its rows; OSError. BlockingIOError, or `wait`: another one has it."""
-        self.path = path
-        self._file: IO[bytes] = path.open("a+b")
-        self.rows = Rows(self._file)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
-            self._file.close()
-            raise
-        self._read()
-
-    def _read(self) -> None:
-        """Take the whole lines; cut off what a killed process, or somebody else, left of others."""
-        self._file.seek(0)
-        whole = 0
-        for line in iter(self._file.readline, b""):
-            try:
-                row = row_of(line) if line.endswith(b"\n") else None
-            except (ValueError, TypeError, KeyError):
-                row = None
-            if row is None:
-                break
-            self.rows.note_place(row, whole)
-            whole += len(line)
-        self._file.seek(whole)
-        self._file.truncate()
-
-    def add(self, rows: Iterable[Row]) -> None:
-        """Write rows; OSError."""
-        place = self._file.seek(0, os.SEEK_END)
-        for row in rows:
-            line = _line_of(row)
-            self._file.write(line.encode())
-            self.rows.note_place(row, place)
-            place += len(line)
-        self._file.flush()
-
-    def close(self, drop: bool = False) -> None:
-        """Let it go, and the file with it if it is to be dropped."""
-        if drop:
-            self.path.unlink(missing_ok=True)
-        self._file.close()
-
-
-class Store:
-    """The folder of a campaign, and one shard in it; one process at a time has a shard."""
+class Store(Mapping[Run, Row]):
+    """One shard in the folder of a campaign, its rows by draw and controller."""
 
     _is_new = False  # its spec was written here
 
     def __init__(self, folder: Path, spec: Mapping[str, Any], shard: Shard) -> None:
         """Make or continue it. RigError: it is another campaign's, or somebody works on it."""
         self.folder, self.spec, self.shard = folder, dict(spec), shard
+        self.path = folder / f"{shard}.sqlite"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._is_new = claim_spec(folder, self.spec)
-            self._journal = Journal(folder / f"{shard}.jsonl")
-            self.journal, self.rows = self._journal.path, self._journal.rows
-            self.add = self._journal.add
-            self._take_tasks()
-        except BlockingIOError:
-            what = f"{folder / str(shard)}.jsonl: another process works on this shard; wait for it"
-            raise RigError(what) from None
-        except OSError as error:
+            with refusals(self.path):
+                folder.mkdir(parents=True, exist_ok=True)
+                self._is_new = claim_spec(folder, self.spec)
+                if self.path.exists() and not is_ordinary(self.path):
+                    raise OSError("it is not a readable file")
+                self._db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
+        except UserError:
             self._drop_spec()
-            what = f"{folder}: {error.strerror or error}; choose another folder with -o"
-            raise UserError(what, code_of(error)) from None
+            raise
+        try:
+            with refusals(self.path):
+                self._take()
+        except UserError:
+            self._let_go()
+            raise
 
-    @property
-    def table(self) -> Path:
-        """The Parquet file."""
-        return self.folder / f"{self.shard}.parquet"
+    def _take(self) -> None:
+        """Lock the file, and take note of what is in it."""
+        db = self._db
+        for pragma in ("locking_mode = EXCLUSIVE", "journal_mode = WAL", "synchronous = NORMAL"):
+            db.execute(f"PRAGMA {pragma}")
+        if not db.execute("SELECT 1 FROM sqlite_master").fetchone():
+            make_tables(db, self.spec, self.shard)
+        about, self._sum = checked(db, "main", self.path, self.spec)
+        self.outcome = about.get("outcome")  # None: it is not complete
+        self._count: int = db.execute("SELECT count(*) FROM run").fetchone()[0]
 
-    def task_journal(self, draw: int, controller: str) -> Path:
-        """Return the journal of a worker's task that begins with this run."""
-        which = list(self.spec["controllers"]).index(controller)
-        return self.folder / f"{self.shard}.{which}.{draw}.jsonl"
+    def __getitem__(self, of: Run) -> Row:
+        if (text := self._text(of)) is None:
+            raise KeyError(of)
+        return _row(*of, text)
 
-    def _take_tasks(self) -> None:
-        """Take the rows of tasks whose client was killed; one that goes on keeps its journal."""
-        for path in self.folder.glob(f"{self.shard}.*.*.jsonl"):
-            try:
-                task = Journal(path)
-            except BlockingIOError:
-                continue
-            self._journal.add(task.rows[of] for of in task.rows if of not in self.rows)
-            task.close(drop=True)
+    def _text(self, of: Run) -> str | None:
+        where = "WHERE draw = ? AND controller = ?"
+        found = self._db.execute(f"SELECT row FROM run {where}", of).fetchone()
+        return found and str(found[0])
 
-    def complete(self, outcome: str = "") -> Path:
-        """Write the Parquet file, drop the journal, return the file; OSError, LogCommandError."""
-        import pyarrow.parquet
+    def __iter__(self) -> Iterator[Run]:
+        return self._db.execute("SELECT draw, controller FROM run")
 
-        table = table_of(self.rows, self.spec)
-        with new_file(self.table, force=True) as unfinished:
-            pyarrow.parquet.write_table(with_seal(table, outcome), unfinished)
-        for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
-            path.unlink(missing_ok=True)
-        return self.table
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Keep rows, all or none of them; UserError, also where one is there and differs."""
+        lines = []
+        for row in rows:
+            of, text = (row.draw, row.controller), _text(row)
+            if (there := self._text(of)) is None:
+                lines.append((*of, text))
+            elif there != text:
+                what = f"{self.path}: draw {of[0]} of {of[1]} had another result the second time"
+                raise RigError(f"{what}; begin again with another -o")
+        total = self._sum + sum_of(lines)
+        with refusals(self.path), self._db as db:
+            db.execute("BEGIN")
+            db.executemany("INSERT INTO run VALUES (?, ?, ?)", lines)
+            write_digest(db, total)
+        self._sum, self._count = total, self._count + len(lines)
+
+    def complete(self, outcome: str = "") -> None:
+        """Note that all rows are there, and what came out of them; UserError."""
+        with refusals(self.path):
+            complete(self._db, self._sum, outcome)
+        self.outcome = outcome
+
+    def table(self) -> "pyarrow.Table":
+        """Return the rows as a table."""
+        return table_of(self._db, self.spec)
 
     def close(self) -> None:
-        """Let the shard go; a journal without a row goes, too, and a spec of which nothing came."""
-        self._journal.close(drop=not self.rows or self.table.exists())
+        """Let the shard go; a file without a row goes, too, and a spec of which nothing came."""
+        if not self and self.outcome is None:
+            self.path.unlink(missing_ok=True)
+        self._let_go()
+
+    def _let_go(self) -> None:
+        with suppress(sqlite3.Error):  # a full disk: the log stays beside the file
+            self._db.execute("PRAGMA journal_mode = DELETE")
+        self._db.close()
         self._drop_spec()
 
     def _drop_spec(self) -> None:
         """Remove a new campaign's spec where there is no row of any shard."""
-        rows = (path for path in self.folder.glob("shard-*") if path.is_file())
-        if self._is_new and not any(rows):
+        if self._is_new and not any(map(Path.is_file, self.folder.glob("shard-*"))):
             (self.folder / SPEC).unlink(missing_ok=True)
 
 
 def claim_spec(folder: Path, spec: Mapping[str, Any]) -> bool:
     """Write a campaign's spec if there is none; return whether; RigError for another campaign's."""
     path = folder / SPEC
+    check_version(folder)
     text = json.dumps(spec, indent=1)
     is_new = not path.exists()
     if is_new:
@@ -192,70 +166,118 @@ def claim_spec(folder: Path, spec: Mapping[str, Any]) -> bool:
     return is_new
 
 
-def row_of(line: bytes) -> Row:
-    """Return a row of a journal; ValueError, TypeError, KeyError where it is none, or changed."""
-    data = json.loads(line)
-    if data.pop(SEAL) != _seal_of(data):
-        raise ValueError("it is not as it was written")
-    row = Row(**data)
-    hash((row.draw, row.controller))
-    return row
+def check_version(folder: Path) -> None:
+    """Raise RigError for a campaign that an older pcpc has written."""
+    older = (path for kind in ("parquet", "jsonl") for path in folder.glob(f"shard-*.{kind}"))
+    if path := next(older, None):
+        cure = "go on with the version that wrote it, or begin again with another -o"
+        raise RigError(f"{path}: rows as an older pcpc kept them; {cure}")
 
 
-def _line_of(row: Row) -> str:
-    data = dataclasses.asdict(row)
-    return json.dumps(data | {SEAL: _seal_of(data)}) + "\n"
+@contextmanager
+def refusals(path: Path) -> Iterator[None]:
+    """Let what the machine refuses, or what is no row, be told in a line; RigError, UserError."""
+    try:
+        yield
+    except OSError as error:
+        what = f"{path}: {error.strerror or error}; {_ELSEWHERE}"
+        raise UserError(what, code_of(error)) from None
+    except (sqlite3.Error, ValueError, TypeError, RecursionError) as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code in _REFUSED:
+            cure, exit_code = _REFUSED[code]
+            raise UserError(f"{path}: {error}; {cure}", exit_code) from None
+        what = f"no rows of a shard: {printable(' '.join(str(error).split()))}; {_AGAIN}"
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            what = "another process works on this shard; wait for it"
+        raise RigError(f"{path}: {what}") from None
 
 
-def _seal_of(data: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(data).encode()).hexdigest()[:16]
+def make_tables(db: sqlite3.Connection, spec: Mapping[str, Any], shard: Shard) -> None:
+    """Write what stands in a file before its first row."""
+    with db:
+        db.execute("BEGIN")
+        for text in _TABLES:
+            db.execute(text)
+        about = {"spec": json.dumps(dict(spec)), "shard": str(shard), "digest": ""}
+        db.executemany("INSERT INTO about VALUES (?, ?)", about.items())
+        write_digest(db, 0)
 
 
-def with_seal(table: "pyarrow.Table", outcome: str = "") -> "pyarrow.Table":
-    """Return a table with the digest of its rows, and of what came out, beside its spec."""
-    about = {**(table.schema.metadata or {}), OUTCOME: outcome.encode()}
-    table = table.replace_schema_metadata(about)
-    return table.replace_schema_metadata({**about, SEAL.encode(): digest_of(table)})
+def complete(db: sqlite3.Connection, total: int, outcome: str = "") -> None:
+    """Note that all rows are there, and what came out of them."""
+    with db:
+        db.execute("BEGIN")
+        db.execute("INSERT INTO main.about VALUES ('outcome', ?)", (outcome,))
+        write_digest(db, total)
 
 
-def outcome_of(table: "pyarrow.Table") -> str:
-    """Return what came out of a search, "" of none."""
-    return str((table.schema.metadata or {}).get(OUTCOME, b"").decode("utf-8", "replace"))
+def checked(
+    db: sqlite3.Connection, name: str, path: Path, spec: Mapping[str, Any]
+) -> tuple[dict[str, str], int]:
+    """Return what a database says about its rows, and their sum.
+
+    RigError, sqlite3.Error, ValueError for one that is damaged, changed or of another campaign.
+    """
+    if tuple(text for (text,) in db.execute(f"SELECT sql FROM {name}.sqlite_master")) != _TABLES:
+        raise ValueError("it has other tables")
+    for (text,) in db.execute(f"PRAGMA {name}.integrity_check(1)"):
+        if text != "ok":
+            raise ValueError(text)
+    about = dict[str, str](db.execute(f"SELECT * FROM {name}.about"))
+    total = sum_of(db.execute(f"SELECT * FROM {name}.run"))
+    if about.get("digest") != _digest(about, total):
+        raise RigError(f"{path}: its rows are not those that were written; {_AGAIN}")
+    if about["shard"] != path.stem:
+        raise RigError(f"{path}: holds rows that are not of {path.stem} but of {about['shard']}")
+    if differ := differences(json.loads(about["spec"]), json.loads(json.dumps(dict(spec)))):
+        what = "belongs to another campaign than its folder; it differs in"
+        raise RigError(f"{path}: {what} {differ}")
+    return about, total
 
 
-def digest_of(table: "pyarrow.Table") -> str:
-    """Return a digest of all values of a table, by column, in their order, and of its outcome."""
+def sum_of(lines: Iterable[tuple[int, str, str]]) -> int:
+    """Return the sum of the digests of rows: the same in any order, another of one row twice."""
+    return sum(int.from_bytes(_hash(*line)) for line in lines)
+
+
+def write_digest(db: sqlite3.Connection, total: int) -> None:
+    """Write the digest for what the database is about and its rows' sum."""
+    digest = _digest(dict(db.execute("SELECT * FROM main.about")), total)
+    db.execute("UPDATE main.about SET value = ? WHERE key = 'digest'", (digest,))
+
+
+def _digest(about: Mapping[str, str], total: int) -> str:
+    parts = chain(*sorted((key, value) for key, value in about.items() if key != "digest"))
+    return f"{(int.from_bytes(_hash(*parts)) + total) % _DIGESTS:064x}"
+
+
+def _hash(*parts: object) -> bytes:
+    return hashlib.sha256(repr(parts).encode("utf-8", "backslashreplace")).digest()
+
+
+def _text(row: Row) -> str:
+    return json.dumps({k: v for k, v in vars(row).items() if k not in ("draw", "controller")})
+
+
+def _row(draw: int, controller: str, text: str) -> Row:
+    return msgspec.convert({**json.loads(text), "draw": draw, "controller": controller}, Row)
+
+
+def table_of(db: sqlite3.Connection, spec: Mapping[str, Any]) -> "pyarrow.Table":
+    """Return rows as a table, by draw and controller; `sweep.results` has its columns.
+
+    NaN stands where a run told no number.
+    """
     import pyarrow as pa
-
-    digest = hashlib.sha256(outcome_of(table).encode())
-    for name, begin in itertools.product(table.column_names, range(0, table.num_rows, CHUNK)):
-        column = table[name].slice(begin, CHUNK)
-        digest.update(f"{name} {len(column)}\n".encode())
-        if pa.types.is_string(column.type):
-            digest.update(json.dumps(column.to_pylist()).encode())
-            continue
-        digest.update(column.is_null().to_numpy().tobytes())
-        digest.update(column.fill_null(False if pa.types.is_boolean(column.type) else 0).to_numpy())
-    return digest.hexdigest()
-
-
-def table_of(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyarrow.Table":
-    """Return rows as a table, by draw and controller; `sweep.results` has its columns."""
-    import pyarrow as pa
-
-    order = {name: i for i, name in enumerate(spec["controllers"])}
-    left = iter(sorted(rows, key=lambda of: (of[0], order[of[1]])))
-    parts = [_part([])]
-    while some := [rows[of] for of in itertools.islice(left, CHUNK)]:
-        parts.append(_part(some))
-    table = pa.concat_tables(parts, promote_options="default")
-    return complete_table(table, spec)
-
-
-def complete_table(table: "pyarrow.Table", spec: Mapping[str, Any]) -> "pyarrow.Table":
-    """Return a table with its columns in order, NaN where a run told no number, and its spec."""
     import pyarrow.compute
 
+    db.create_function("place", 1, list(spec["controllers"]).index)
+    found = db.execute("SELECT * FROM main.run ORDER BY draw, place(controller)")
+    parts = [_part([])]
+    while some := found.fetchmany(CHUNK):
+        parts.append(_part([_row(*one) for one in some]))
+    table = pa.concat_tables(parts, promote_options="default")
     for i, name in enumerate(table.column_names):
         if kind_of(name) in (METRIC, MARGIN):
             table = table.set_column(i, name, pyarrow.compute.fill_null(table[name], math.nan))
@@ -275,6 +297,14 @@ def _part(rows: Sequence[Row]) -> "pyarrow.Table":
         if kind not in kinds:
             columns[kind] = pa.array(found, type_)
             continue
-        for name in dict.fromkeys(itertools.chain(*found)):
+        for name in dict.fromkeys(chain(*found)):
             columns[kind + name] = pa.array([one.get(name) for one in found], type_)
     return pa.table(columns)
+
+
+def export(table: "pyarrow.Table", folder: Path) -> None:
+    """Write a table as Parquet into a folder; LogCommandError."""
+    import pyarrow.parquet
+
+    with new_file(folder / EXPORT, force=True) as unfinished:
+        pyarrow.parquet.write_table(cast(Any, table), unfinished)

@@ -10,7 +10,7 @@ from typing import Any
 
 from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import Engine, pieces
-from pcpc.tools.study.sweep import decision, shards, statements, store
+from pcpc.tools.study.sweep import decision, statements, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.cluster import Cluster
 from pcpc.tools.study.sweep.numbers import MOST_THREADS, check_whole
@@ -54,17 +54,28 @@ class Work:
 
     def to_end(self, progress: Progress) -> str:
         """Do what is not done; return what became of the statement or the search, "" of neither."""
-        if self.store.table.exists():
-            table = shards.shard_table(self.store.table)
-            progress.say(f"{self.store.table}: complete")
-            return self._outcome_text(store.outcome_of(table))
+        if self.store.outcome is None:
+            self._complete(progress)
+        else:
+            progress.say(f"{self.store.path}: complete")
+        if self.shard.of > 1:
+            return ""
+        table = self.store.table()
+        store.export(table, self.folder)
+        if self.until is None:
+            return str(self.store.outcome)
+        found = decision.decisions(Results(table, self.store.spec), self.until)
+        return "\n".join(one.text for one in found)
+
+    def _complete(self, progress: Progress) -> None:
+        """Do what is not done."""
         progress.show("compiling")
         campaign = self.campaign
         path = Path(campaign.rig).resolve()
         engine = Engine(path, campaign.controllers, campaign.settings, self.threads)
         for name, why in engine.why_alone().items():
             progress.say(f"{name}: runs one by one: {why}")
-        if had := len(self.store.rows):
+        if had := len(self.store):
             progress.say(f"{had} rows are there, going on")
         with self._runner(engine) as runner:
             outcome_text = self._run(runner.rows, progress)
@@ -74,15 +85,6 @@ class Work:
         if outcome_text:
             (self.folder / "outcome.txt").write_text(outcome_text, encoding="utf-8")
         self.store.complete(outcome_text)
-        return self._outcome_text(outcome_text)
-
-    def _outcome_text(self, outcome: str) -> str:
-        """Return what came out: of a statement what its rows say, else `outcome`."""
-        if self.until is None:
-            return outcome
-        table, spec = shards.merge([self.folder])
-        found = decision.decisions(Results(table, spec), self.until)
-        return "\n".join(one.text for one in found)
 
     def _runner(self, engine: Engine) -> AbstractContextManager[Engine | Cluster]:
         if self.scheduler is None:
@@ -91,7 +93,7 @@ class Work:
 
     def _run(self, rows_of: Rows, progress: Progress) -> str:
         """Do the draws that are not there; return what came out."""
-        campaign, names, rows = self.campaign, self.campaign.controllers, self.store.rows
+        campaign, names, rows = self.campaign, self.campaign.controllers, self.store
         total = -(-campaign.draws // self.shard.of) * len(names)
         clock = _Clock(progress, None if campaign.sampling == "rare" else total, len(rows))
         if self.search is not None:
@@ -116,20 +118,20 @@ class Work:
 
     def _is_done(self, number: int, point: Any) -> bool:
         """Return whether a draw's rows are there; RigError where they are of other values."""
-        names, rows = self.campaign.controllers, self.store.rows
+        names, rows = self.campaign.controllers, self.store
         there = [rows[number, name] for name in names if (number, name) in rows]
         for row in there:
             draw = self.campaign.draw(row.controller, number, point)
             if (row.seed, row.values) != (draw.seed, draw.values):
                 what = f"draw {number} of {row.controller} has other values in its row"
-                raise RigError(f"{self.store.journal}: {what}; begin again with another -o")
+                raise RigError(f"{self.store.path}: {what}; begin again with another -o")
         return len(there) == len(names)
 
     def _is_decided(self, draws: Sequence[int], statement: statements.Statement) -> bool:
         """Count draws where the statement was open; return whether it is for nobody any more."""
         for name, count in self._counts.items():
             if statement.outcome(*count) == statements.OPEN:
-                rows = [self.store.rows[draw, name] for draw in draws]
+                rows = [self.store[draw, name] for draw in draws]
                 of = statement.requirement
                 judged = (row.ok if of is None else row.held.get(of) for row in rows)
                 self._counts[name] = count.plus(counts((row.outcome for row in rows), judged))

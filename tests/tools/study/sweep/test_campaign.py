@@ -1,6 +1,8 @@
 """Campaigns: each row is the run that `pcpc simulate` does, whoever did it, when, beside whom."""
 
 import dataclasses
+import itertools
+import math
 import os
 import signal
 import subprocess
@@ -8,6 +10,7 @@ import sys
 import time
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet
 import pytest
@@ -44,7 +47,7 @@ def done(
     work = Work(campaign, shard, folder, until, threads)
     try:
         told = work.to_end(QUIET)
-        return dict(work.store.rows), told
+        return dict(work.store), told
     finally:
         work.store.close()
 
@@ -59,6 +62,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def rows_of(folder: Path) -> list[dict[str, object]]:
     table, _ = shards.merge([folder])
     return [repr(sorted(row.items())) for row in table.to_pylist()]  # type: ignore[misc]
+
+
+def draws(campaign: Campaign, first: int, last: int) -> list[tuple[int, Any]]:
+    return list(itertools.islice(campaign.numbered(WHOLE), first, last))
 
 
 def pair(setting: str) -> tuple[str, object]:
@@ -120,24 +127,33 @@ def test_shards_in_any_order_by_any_number_of_threads_make_the_same_table(
 ) -> None:
     for number in (3, 1, 2):
         done(BOTH, tmp_path, Shard(number, 3), threads)
-    assert len(list(shards.table_files(tmp_path))) == 3
+    assert len(list(tmp_path.glob("*.sqlite"))) == 3
     assert rows_of(tmp_path) == rows_of(whole)
 
 
-def test_what_was_done_is_not_done_again_and_a_torn_line_is_dropped(
-    whole: Path, tmp_path: Path
-) -> None:
-    work = Work(BOTH, Shard(), tmp_path, None, 1)
-    kept, spec = shards.merge([whole])
+def test_what_was_done_is_not_done_again(whole: Path, tmp_path: Path) -> None:
+    kept = Work(BOTH, Shard(), tmp_path, None, 1).store
     rows = [row for row in done(BOTH, tmp_path / "other")[0].values() if row.draw < 9]
-    marked = [dataclasses.replace(row, why="kept") for row in rows]
-    work.store.add(marked)
-    work.store.close()
-    with work.store.journal.open("a") as journal:
-        journal.write('{"draw": 9, "controller": "pid", "se')
+    kept.add(dataclasses.replace(row, alone="kept") for row in rows)
+    half = Bench(Path(RIG), "pid", SHORT).rows([BOTH.draw("pid", *d) for d in draws(BOTH, 9, 12)])
+    kept.add(half)
+    kept.close()
     again, _ = done(BOTH, tmp_path)
-    assert sum(row.why == "kept" for row in again.values()) == 18 and len(again) == 42
-    assert kept.num_rows == 42 and spec["draws"] == 21
+    assert sum(row.alone == "kept" for row in again.values()) == 18 and len(again) == 42
+    marked = [one.replace("'kept'", "''") for one in rows_of(tmp_path)]
+    assert marked == rows_of(whole), "draws 9 to 11 of pid were done again, beside those of pd"
+
+
+def test_a_row_that_is_done_again_and_differs_is_told(tmp_path: Path) -> None:
+    rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
+    row = Row(3, "pid", 7, {}, RAN, True, metrics={"nan": math.nan})
+    rows.add([row])
+    rows.add([row, dataclasses.replace(row, draw=4)])
+    assert sorted(rows) == [(3, "pid"), (4, "pid")]
+    with pytest.raises(RigError, match="draw 4 of pid had another result the second time; begin"):
+        rows.add([dataclasses.replace(row, draw=5), dataclasses.replace(row, draw=4, ok=False)])
+    assert sorted(rows) == [(3, "pid"), (4, "pid")], "all or none"
+    rows.close()
 
 
 def test_a_killed_campaign_loses_no_row_that_was_written(tmp_path: Path) -> None:
@@ -147,21 +163,24 @@ def test_a_killed_campaign_loses_no_row_that_was_written(tmp_path: Path) -> None
              "--threads", "1", "--quiet", "-o", str(tmp_path)]  # fmt: skip
     words += [word for one in VARY for word in ("--vary", one)]
     process = subprocess.Popen(words, env=os.environ | {"PCPC_CPU": "generic"})
-    journal, give_up = tmp_path / "shard-1-of-1.jsonl", time.monotonic() + 240.0
+    log, give_up = tmp_path / "shard-1-of-1.sqlite-wal", time.monotonic() + 240.0
     while time.monotonic() < give_up and process.poll() is None:
-        if journal.exists() and journal.read_text().count("\n") >= 24:
+        if log.exists() and log.stat().st_size > 60_000:
             break
         os.sched_yield()
     assert process.poll() is None, "it ended before it could be killed"
     process.send_signal(signal.SIGKILL)
     process.wait()
-    lines = journal.read_bytes().splitlines(keepends=True)
-    before = [store.row_of(line) for line in lines if line.endswith(b"\n")]
-    assert 24 <= len(before) < 800
-    work = Work(long, Shard(), tmp_path, None, 1)
-    there = dict(work.store.rows)
-    work.store.close()
-    assert there == {(row.draw, row.controller): row for row in before}
+    kept = store.Store(tmp_path, long.spec(), WHOLE)
+    there = dict(kept)
+    kept.close()
+    assert 16 <= len(there) < 800 and len(there) % 8 == 0, "whole pieces"
+    bench = {name: Bench(Path(RIG), name, []) for name in long.controllers}
+    for name, (number, point) in itertools.product(
+        bench, itertools.islice(long.numbered(WHOLE), 8)
+    ):
+        draw = long.draw(name, number, point)
+        assert repr(bench[name].rows([draw])) == repr([there[number, name]])
 
 
 def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: Path) -> None:
@@ -175,45 +194,32 @@ def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: P
     first.close()
 
 
-def test_a_row_costs_its_place_in_the_file_and_is_read_back_from_there(tmp_path: Path) -> None:
-    metrics = {f"metric_{i}": i / 3.0 for i in range(20)}
-    journal = store.Journal(tmp_path / "rows.jsonl")
+def test_a_row_costs_no_memory_and_is_read_back_as_it_was(tmp_path: Path) -> None:
+    metrics = {f"metric_{i}": i / 3.0 for i in range(20)} | {"inf": -math.inf}
+    rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
     tracemalloc.start()
-    journal.add(Row(i, "pid", 2**30 + i, {}, RAN, None, metrics=metrics) for i in range(4000))
-    each = tracemalloc.get_traced_memory()[0] / len(journal.rows)
+    for i in range(4000):
+        rows.add([Row(i, "pid", 2**30 + i, {}, RAN, None, metrics=metrics)])
+    each = tracemalloc.get_traced_memory()[0] / len(rows)
     tracemalloc.stop()
-    assert each < 200, f"{each:.0f} B a row in memory"
-    assert journal.rows[3999, "pid"] == Row(
-        3999, "pid", 2**30 + 3999, {}, RAN, None, metrics=metrics
-    )
-    assert (4000, "pid") not in journal.rows and (1, "pd") not in journal.rows
-    journal.close()
+    assert each < 50, f"{each:.0f} B a row in memory"
+    assert rows[3999, "pid"] == Row(3999, "pid", 2**30 + 3999, {}, RAN, None, metrics=metrics)
+    assert (4000, "pid") not in rows and (1, "pd") not in rows
+    rows.close()
 
 
 def test_a_table_in_chunks_has_the_columns_of_all_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    journal = store.Journal(tmp_path / "rows.jsonl")
+    rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
     some = ({"a": 1.0}, {}, {"b": 2.0, "a": 3.0}, {"c": 4.0}, {})
-    journal.add(
-        Row(
-            i,
-            "pid",
-            i,
-            {"x": 0.5},
-            RAN,
-            True,
-            "",
-            own,
-            {"m": None},
-            {f"held {n}": None for n in own},
-        )
-        for i, own in reversed(list(enumerate(some)))
-    )
-    whole = store.table_of(journal.rows, {"controllers": ["pid"]})
+    for i, own in reversed(list(enumerate(some))):
+        held = dict.fromkeys((f"held {n}" for n in own), None)
+        rows.add([Row(i, "pid", i, {"x": 0.5}, RAN, True, "", own, {"m": None}, held)])
+    whole = rows.table()
     monkeypatch.setattr(store, "CHUNK", 1)
-    chunked = store.table_of(journal.rows, {"controllers": ["pid"]})
-    journal.close()
+    chunked = rows.table()
+    rows.close()
     assert whole.schema.equals(chunked.schema, check_metadata=True)
     assert repr(whole.to_pylist()) == repr(chunked.to_pylist())
     assert whole.column_names == [
@@ -271,7 +277,7 @@ def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: P
     assert found[0][1] == found[1][1] and "holds at 90 %: 0 failures" in found[0][1]
     enough = -(-statements.parse(until).without_failure // LOOK) * LOOK
     assert LOOK < len(found[0][0]) == len(found[1][0]) == enough
-    read = pyarrow.parquet.read_table(tmp_path / "1" / "shard-1-of-1.parquet")
+    read = pyarrow.parquet.read_table(tmp_path / "1" / "sweep.parquet")
     assert read.num_rows == len(found[0][0])
 
 

@@ -1,13 +1,16 @@
 """Campaigns on Dask's workers: the same table, and no finished row is lost or done again."""
 
 import dataclasses
-import json
 import os
 import re
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 
 import distributed
@@ -16,9 +19,10 @@ from copies import end_with_the_tests
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
-from pcpc.tools.study.engine import WIDTH, Engine, pieces
-from pcpc.tools.study.sweep import cluster, shards, store
+from pcpc.tools.study.engine import Engine, pieces
+from pcpc.tools.study.sweep import cluster, shards
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
+from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
@@ -30,7 +34,7 @@ VARY = ("motor.coulomb_Nm=x0.5:2",)
 MANY = Campaign(RIG, ("pid", "pd"), VARY, 160, "random", 5, SHORT)
 GENERIC = os.environ | {"PCPC_CPU": "generic"}
 GIVE_UP_S = 240.0
-TASK, JOURNAL, OF_TASKS = 4, "shard-1-of-1.jsonl", "shard-1-of-1.*.*.jsonl"
+TASK = 4
 
 Start = Callable[..., "subprocess.Popen[str]"]
 
@@ -113,63 +117,39 @@ def client(start: Start, address: str, folder: Path) -> "subprocess.Popen[str]":
     return start("-c", code, "sweep", RIG, *words, pipe=True)
 
 
-def written(folder: Path, files: str = "*.jsonl") -> int:
-    found = set()
-    for path in folder.glob(files):
+def written(folder: Path) -> int:
+    """Return how many rows a process has kept so far, which has their file to itself."""
+    with tempfile.TemporaryDirectory() as copy:
+        with suppress(FileNotFoundError):
+            for path in folder.glob("*.sqlite*"):
+                shutil.copy(path, copy)
         try:
-            lines = path.read_text().splitlines(keepends=True)
-        except FileNotFoundError:  # taken into the journal just now
-            continue
-        rows = [json.loads(line) for line in lines if line.endswith("\n")]
-        found |= {(row["draw"], row["controller"]) for row in rows}
-    return len(found)
+            with closing(sqlite3.connect(f"{copy}/shard-1-of-1.sqlite")) as db:
+                return int(db.execute("SELECT count(*) FROM run").fetchone()[0])
+        except sqlite3.OperationalError:  # it has not begun
+            return 0
 
 
-def wait_for(
-    rows: int, folder: Path, process: "subprocess.Popen[str]", files: str = "*.jsonl"
-) -> None:
+def wait_for(rows: int, folder: Path, process: "subprocess.Popen[str]") -> None:
     """Wait until this many rows are on disk; `process` has to go on meanwhile."""
     for _ in range(int(GIVE_UP_S / 0.02)):
         try:
             process.wait(0.02)
         except subprocess.TimeoutExpired:
-            if written(folder, files) >= rows:
+            if written(folder) >= rows:
                 return
             continue
         raise AssertionError(f"it ended: {process.stderr.read() if process.stderr else ''}")
     raise AssertionError(f"{written(folder)} rows of {rows}")
 
 
-def killed_within_a_task(
-    worker: "subprocess.Popen[str]", folder: Path, process: "subprocess.Popen[str]"
-) -> Path:
-    """Kill a worker that has written some rows of a task, not all; `process` goes on.
-
-    Returns the journal of that task, which nobody writes or takes in until another worker comes.
-    """
-    for _ in range(int(GIVE_UP_S / 0.005)):
-        worker.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, worker.pid, os.WSTOPPED)
-        for path in folder.glob(OF_TASKS):
-            if 0 < written(folder, path.name) < TASK * WIDTH:
-                worker.kill()
-                worker.wait()
-                return path
-        worker.send_signal(signal.SIGCONT)
-        try:
-            process.wait(0.005)
-        except subprocess.TimeoutExpired:
-            continue
-        raise AssertionError(f"it ended: {process.stderr.read() if process.stderr else ''}")
-    raise AssertionError("it was never within a task")
-
-
 def test_workers_make_the_table_that_threads_make(whole: Path, tmp_path: Path) -> None:
     done(tmp_path, "local:2")
     assert table(tmp_path) == table(whole)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "shard-1-of-1.parquet",
+        "shard-1-of-1.sqlite",
         "sweep.json",
+        "sweep.parquet",
     ]
 
 
@@ -180,24 +160,25 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
     first = worker(start, address)
     sweep = client(start, address, tmp_path)
     wait_for(24, tmp_path, sweep)
-    path = killed_within_a_task(first, tmp_path, sweep)
-    journal = store.Journal(path)  # nobody works at it: its rows get a mark
-    rows = [dataclasses.replace(row, why="kept") for row in journal.rows.values()]
-    journal.close(drop=True)
-    journal = store.Journal(path)
-    journal.add(rows)
-    journal.close()
-    kept = len(rows)
+    first.kill()
+    first.wait()
     before = written(tmp_path)
 
     worker(start, address)
-    wait_for(before + 24, tmp_path, sweep)
+    wait_for(before + 8, tmp_path, sweep)
     sweep.kill()
     sweep.wait()
     before = written(tmp_path)
+    rows = Store(tmp_path, MANY.spec(), Shard())
+    kept = [dataclasses.replace(row, why="kept") for row in rows.values()]
+    rows.close()
+    (tmp_path / "shard-1-of-1.sqlite").unlink()
+    rows = Store(tmp_path, MANY.spec(), Shard())
+    rows.add(kept)
+    rows.close()
 
     sweep = client(start, address, tmp_path)
-    wait_for(before + 8 * TASK + 1, tmp_path, sweep, JOURNAL)  # more than what was on its way
+    wait_for(before + 8, tmp_path, sweep)
     dask.kill()
     _, error = sweep.communicate(timeout=GIVE_UP_S)
     assert sweep.returncode == Exit.ENVIRONMENT
@@ -207,7 +188,7 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
 
     done(tmp_path)
     marked, plain = table(tmp_path), table(whole)
-    assert sum(row["why"] == "'kept'" for row in marked) == kept
+    assert sum(row["why"] == "'kept'" for row in marked) == len(kept) == before
     without = [{k: v for k, v in row.items() if k != "why"} for row in plain]
     assert [{k: v for k, v in row.items() if k != "why"} for row in marked] == without
 
@@ -236,35 +217,15 @@ def test_ctrl_c_ends_a_local_cluster_without_a_traceback(tmp_path: Path, start: 
     assert 8 <= written(tmp_path) < 320
 
 
-def test_a_task_that_is_sent_again_goes_on_where_it_was(tmp_path: Path) -> None:
-    folder = store.Store(tmp_path, MANY.spec(), Shard())
+def test_a_task_is_what_this_process_would_do_or_is_refused() -> None:
     engine = Engine(Path(RIG), MANY.controllers, SHORT, 1)
     task = list(pieces([(i, [0.01 * i + 0.1]) for i in range(12)], MANY.controllers, MANY.draw))
-    path = folder.task_journal(0, "pid")
-    fresh = engine.piece(*task[0])
-    journal = store.Journal(path)
-    journal.add(dataclasses.replace(row, why="kept") for row in fresh[:3])
-    journal.close()
-    with path.open("a") as file:
-        file.write('{"draw": 3, "contr')
-    rows = cluster.run_task(MANY, path, task)
-    assert [(row.draw, row.controller) for row in rows] == [
-        (draw.number, name) for name, draws in task for draw in draws
-    ]
-    assert [row.why for row in rows[:3]] == ["kept"] * 3
-    assert rows[3:8] == fresh[3:] and path.read_text().count("\n") == 24
-    folder.close()
-    assert len(store.Store(tmp_path, MANY.spec(), Shard()).rows) == 24 and not path.exists()
-
-
-def test_a_worker_without_the_folder_or_with_another_rig_is_told(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match="does not see it; give -o a folder"):
-        cluster.run_task(MANY, tmp_path / "there" / "shard-1-of-1.0.0.jsonl", [])
-    spec = MANY.spec()
-    spec["origin"] |= {"motor.dbc": "another"}
-    (tmp_path / store.SPEC).write_text(json.dumps(spec))
-    with pytest.raises(RigError, match=r"differs from the campaign in motor\.dbc"):
-        cluster.run_task(MANY, tmp_path / "shard-1-of-1.0.0.jsonl", [])
+    origin = tuple(MANY.spec()["origin"].items())
+    rows = [row for piece in task for row in engine.piece(*piece)]
+    assert cluster.run_task(MANY, origin, task) == rows and len(rows) == 24
+    other = tuple({**dict(origin), "motor.dbc": "another"}.items())
+    with pytest.raises(RigError, match=r"a worker on .* differs from the campaign in motor\.dbc"):
+        cluster.run_task(MANY, other, task)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "there", "tcp://no_such_host:8786"])

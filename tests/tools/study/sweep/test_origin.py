@@ -216,6 +216,8 @@ def test_rows_of_other_draws_are_not_gone_on_with(wrong: dict[str, Any], tmp_pat
     own = Row(0, "pid", draw.seed, draw.values, RAN, True)
     work.store.add([own])
     assert not work._is_done(*first), "that of pd is not there"
+    work.store.close()
+    work = Work(whole, Shard(), tmp_path / "other", None, 1)
     work.store.add([replace(own, **wrong)])
     with pytest.raises(RigError, match="draw 0 of pid has other values in its row; begin again"):
         work._is_done(*first)
@@ -240,7 +242,7 @@ def test_a_campaign_does_not_end_well_if_its_code_changed_meanwhile(
     with pytest.raises(RigError, match=rf"{file}.* changed (while|since)"):
         work.to_end(Progress(quiet=True))
     work.store.close()
-    assert not work.store.table.exists()
+    assert not (tmp_path / "rows" / store.EXPORT).exists()
 
 
 def test_runs_one_by_one_are_of_the_rig_file_of_the_first(tmp_path: Path) -> None:

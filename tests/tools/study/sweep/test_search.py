@@ -15,7 +15,7 @@ import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.study.engine import Engine, Row
-from pcpc.tools.study.sweep import shards
+from pcpc.tools.study.sweep import shards, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED
 from pcpc.tools.study.sweep.search import Search
@@ -47,7 +47,7 @@ def broken_off(search: Search, folder: Path, rows: int) -> None:
     work = Work(search.campaign, Shard(), folder, None, 1, None, search)
 
     def shown() -> None:
-        if len(work.store.rows) >= rows:
+        if len(work.store) >= rows:
             raise Killed
 
     engine = Engine(Path(RIG), search.campaign.controllers, SHORT, 1)
@@ -67,7 +67,7 @@ def test_a_search_that_was_broken_off_comes_to_the_same_rows(
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     told = done(search, whole, 1)
     broken_off(search, parts, 24)
-    assert not (parts / "shard-1-of-1.parquet").exists()
+    assert not (parts / store.EXPORT).exists()
     again = done(search, parts, 3)
     assert told.replace(str(whole), "") == again.replace(str(parts), "") != ""
     rows, others = (shards.merge([folder])[0].to_pylist() for folder in (whole, parts))

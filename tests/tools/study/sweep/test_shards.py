@@ -3,16 +3,18 @@
 import json
 import os
 import shutil
+import sqlite3
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 
-from pcpc.drivers.errors import UserError
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.study.engine import Row
@@ -38,7 +40,20 @@ def shard(folder: Path, number: int, of: int, spec: dict[str, Any] = SPEC) -> Pa
     own.add(row(draw, name) for draw in draws for name in spec["controllers"])
     own.complete()
     own.close()
-    return own.table
+    return own.path
+
+
+def changed(path: Path, *statements: str) -> None:
+    """Change a file as any program may."""
+    with closing(sqlite3.connect(path)) as db, db:
+        for one in statements:
+            db.execute(one)
+
+
+def with_its_digest(path: Path) -> None:
+    """Write the digest of the rows that are there now."""
+    with closing(sqlite3.connect(path)) as db, db:
+        store.write_digest(db, store.sum_of(db.execute("SELECT * FROM run")))
 
 
 def refused(folders: Sequence[Path]) -> str:
@@ -88,14 +103,18 @@ def test_a_shard_that_was_killed_is_missing(tmp_path: Path) -> None:
     shard(tmp_path, 1, 2)
     half = store.Store(tmp_path, SPEC, Shard(2, 2))
     half.add([row(1, "pid"), row(1, "pd"), row(3, "pid")])
+    while_it_goes_on = refused([tmp_path])
     half.close()
-    assert "32 of 64 draws are missing, those of shard 2 of 2" in refused([tmp_path])
+    assert "32 of 64 draws are missing, those of shard 2 of 2" in while_it_goes_on
+    assert refused([tmp_path]) == while_it_goes_on
+    assert shards.merge([tmp_path], whole=False)[0].num_rows == 64
 
 
-def test_a_table_that_lost_rows_is_not_whole(tmp_path: Path) -> None:
+def test_rows_that_are_lost_with_their_digest_are_missing(tmp_path: Path) -> None:
     for number in (1, 2):
         path = shard(tmp_path, number, 2)
-    pyarrow.parquet.write_table(store.with_seal(pyarrow.parquet.read_table(path)[:-1]), path)
+    changed(path, "DELETE FROM run WHERE draw = 63 AND controller = 'pd'")
+    with_its_digest(path)
     assert "1 of 64 draws are missing, those of shard 2 of 2" in refused([tmp_path])
 
 
@@ -107,13 +126,13 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     assert shards.merge(folders)[0].num_rows == 128
     shard(tmp_path / "a", 1, 1)
     assert shards.merge([*folders, tmp_path / "a"])[0].num_rows == 128, "overlapping, and twice"
-    table = pyarrow.parquet.read_table(path)
-    metric = pa.array([1.0, *table["metric:rms"].to_pylist()[1:]])
-    place = table.column_names.index("metric:rms")
-    other = store.with_seal(table.set_column(place, "metric:rms", metric))
-    pyarrow.parquet.write_table(other, path)
-    said = refused(folders)
-    assert str(path) in said and "draw 1 of pid had another result the second time" in said
+    change = "replace(row, 'rms', 'RMS')"
+    changed(path, f"UPDATE run SET row = {change} WHERE draw = 1 AND controller = 'pid'")
+    with_its_digest(path)
+    first = tmp_path / "a" / "shard-1-of-1.sqlite"
+    what = "draw 1 of pid had another result the second time; one of the two is wrong"
+    assert refused(folders) == f"{first} and {path}: {what}"
+    assert refused(folders[::-1]) == f"{path} and {first}: {what}", "whichever is less"
 
 
 @pytest.mark.parametrize(
@@ -144,72 +163,153 @@ def test_shards_of_two_campaigns_are_refused_also_in_one_folder(
     )
 
 
-def test_a_table_of_other_runs_than_its_name_says_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["shard-2-of-2", "shard-1-of-1", "shard-3-of-4"])
+def test_a_file_with_the_name_of_another_shard_is_refused(name: str, tmp_path: Path) -> None:
     path = shard(tmp_path, 1, 2)
-    path.rename(tmp_path / "shard-2-of-2.parquet")
-    shard(tmp_path, 1, 2)
-    assert "rows that are not of shard 2 of 2; do it again" in refused([tmp_path])
+    shard(tmp_path, 2, 2)
+    shutil.copy(path, tmp_path / f"{name}.sqlite")
+    assert f"holds rows that are not of {name} but of shard-1-of-2" in refused([tmp_path])
+
+
+OTHER_ROWS = "its rows are not those that were written; remove it and do it again"
+CHANGES = {
+    "UPDATE run SET row = replace(row, 'true', 'false') WHERE draw = 9": OTHER_ROWS,
+    "UPDATE run SET row = replace(row, '1.5', '1.6') WHERE draw = 9": OTHER_ROWS,
+    "UPDATE run SET draw = 99 WHERE draw = 9": OTHER_ROWS,
+    "UPDATE run SET controller = 'lqr' WHERE draw = 9 AND controller = 'pd'": OTHER_ROWS,
+    "UPDATE run SET row = CAST(row AS BLOB) WHERE draw = 9": OTHER_ROWS,
+    "DELETE FROM run WHERE draw = 63": OTHER_ROWS,
+    "DELETE FROM run": OTHER_ROWS,
+    "INSERT INTO run SELECT 99, controller, row FROM run WHERE draw = 9": OTHER_ROWS,
+    "UPDATE about SET value = replace(value, 'law.py', 'new.py') WHERE key = 'spec'": OTHER_ROWS,
+    "UPDATE about SET value = 'p_fail = 0' WHERE key = 'outcome'": OTHER_ROWS,
+    "UPDATE about SET value = 'shard-2-of-2' WHERE key = 'shard'": OTHER_ROWS,
+    "UPDATE about SET value = upper(value) WHERE key = 'digest'": OTHER_ROWS,
+    "DELETE FROM about WHERE key = 'digest'": OTHER_ROWS,
+    "DELETE FROM about": OTHER_ROWS,
+    "DROP TABLE run": "it has other tables",
+    "CREATE TABLE more(x)": "it has other tables",
+    "CREATE TRIGGER more AFTER INSERT ON run BEGIN DELETE FROM run; END": "it has other tables",
+}
+
+
+@pytest.mark.parametrize("statement", CHANGES)
+def test_what_another_program_has_changed_is_refused_by_all(statement: str, tmp_path: Path) -> None:
+    path = shard(tmp_path, 1, 1)
+    changed(path, statement)
+    assert f"{path}: " in refused([tmp_path]) and CHANGES[statement] in refused([tmp_path])
+    with pytest.raises(RigError, match=CHANGES[statement]):
+        store.Store(tmp_path, SPEC, Shard())
+
+
+def test_a_row_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    """It needs another table, or bytes that no database has."""
+    path = shard(tmp_path, 1, 1)
+    old = "PRIMARY KEY(draw, controller)) WITHOUT ROWID"
+    with closing(sqlite3.connect(path)) as db, db:
+        (text,) = db.execute("SELECT sql FROM sqlite_master WHERE name = 'run'").fetchone()
+        rows = db.execute("SELECT * FROM run").fetchall()
+        db.execute("DROP TABLE run")
+        db.execute(text.replace(f", {old}", ")"))
+        db.executemany("INSERT INTO run VALUES (?, ?, ?)", [*rows, rows[7]])
+    assert "it has other tables" in refused([tmp_path])
+    changed(path, "PRAGMA writable_schema = 1",
+            f"UPDATE sqlite_master SET sql = '{text}' WHERE name = 'run'")  # fmt: skip
+    assert "no rows of a shard: " in refused([tmp_path])
+
+
+@pytest.mark.parametrize("kind", ["complete", "broken off"])
+def test_a_file_that_was_cut_or_damaged_is_refused(kind: str, tmp_path: Path) -> None:
+    """At every page, and within one; what was cut to nothing has no rows."""
+    own = store.Store(tmp_path, SPEC, Shard())
+    own.add(row(draw, name) for draw in range(64) for name in SPEC["controllers"])
+    if kind == "complete":
+        own.complete()
+    own.close()
+    whole = own.path.read_bytes()
+    for size in [99, *range(512, len(whole), 4096)]:
+        for rest in (b"", bytes(64) + whole[size + 64 :]):
+            if whole[:size] + rest == whole:  # nothing stands there
+                continue
+            own.path.write_bytes(whole[:size] + rest)
+            with pytest.raises(RigError) as error:
+                store.Store(tmp_path, SPEC, Shard())
+            assert str(error.value).endswith("remove it and do it again"), (size, error.value)
+            if kind == "complete":
+                assert f"{own.path}: " in refused([tmp_path])
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        {"draw": -1}, {"draw": 64}, {"draw": None}, {"controller": "lqr"}, {"controller": None},
-        {"outcome": "fine"}, {"outcome": None},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_rows_that_no_campaign_writes_are_refused(wrong: dict[str, Any], tmp_path: Path) -> None:
+    "text", ["[]", "{", "{}", "null", '{"seed": "x"}', "[" * 100_000], ids=lambda text: text[:9]
+)
+def test_what_is_no_row_is_told_with_its_digest_too(text: str, tmp_path: Path) -> None:
     path = shard(tmp_path, 1, 1)
-    table = pyarrow.parquet.read_table(path)
-    rows = table.to_pylist()
-    rows[0] |= wrong
-    pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
-    assert "rows that are not of shard 1 of 1" in refused([tmp_path])
+    changed(path, f"UPDATE run SET row = '{text}' WHERE draw = 9")
+    with_its_digest(path)
+    assert "no rows of a shard: " in refused([tmp_path])
 
 
-CHANGES: list[dict[str, Any]] = [
-    {"seed": 9}, {"vary:arm.m": 1.25}, {"metric:rms": 0.0}, {"metric:rms": float("nan")},
-    {"ok": False}, {"ok": None}, {"why": "x"}, {"alone": "x"},
-]  # fmt: skip
+@pytest.mark.parametrize("file", ["shard-1-of-1.parquet", "shard-2-of-4.jsonl"])
+def test_a_campaign_of_an_older_version_is_told(file: str, tmp_path: Path) -> None:
+    (tmp_path / store.SPEC).write_text(json.dumps(SPEC))
+    (tmp_path / file).touch()
+    said = f"{tmp_path / file}: rows as an older pcpc kept them; go on with the version that wrote"
+    assert said in refused([tmp_path])
+    with pytest.raises(RigError, match="rows as an older pcpc kept them"):
+        store.Store(tmp_path, SPEC, Shard())
 
 
-@pytest.mark.parametrize("change", CHANGES, ids=str)
-def test_a_table_with_a_changed_row_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
-    for number in (1, 2):
-        path = shard(tmp_path, number, 2)
-    table = pyarrow.parquet.read_table(path)
-    rows = table.to_pylist()
-    rows[3] |= change
-    pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
-    what = "its rows are not those that were written; remove it and do it again"
-    assert refused([tmp_path]) == f"{path}: {what}"
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="Not a directory; choose another folder") as error:
+        store.Store(tmp_path / "file" / "a", SPEC, Shard())
+    assert error.value.code == Exit.ENVIRONMENT
+    path = shard(tmp_path / "a", 1, 2)
+    path.with_name(f"{path.name}-wal").mkdir()  # which SQLite has to write
+    with pytest.raises(UserError, match=r"1-of-2\.sqlite: .*; choose another folder"):
+        store.Store(tmp_path / "a", SPEC, Shard(1, 2))
 
 
-def test_a_table_without_its_last_rows_or_with_one_twice_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_another_program_holds_is_told(tmp_path: Path) -> None:
     path = shard(tmp_path, 1, 1)
-    table = pyarrow.parquet.read_table(path)
-    for wrong in (table[:-3], pa.concat_tables([table, table[:1]]), table[:0]):
-        pyarrow.parquet.write_table(wrong, path)
-        assert "its rows are not those that were written" in refused([tmp_path])
-    other = table.replace_schema_metadata(table.schema.metadata | {b"outcome": b"p_fail = 0"})
-    pyarrow.parquet.write_table(other, path)
-    assert "its rows are not those that were written" in refused([tmp_path])
-    pyarrow.parquet.write_table(table, path, compression="zstd", row_group_size=7)
-    assert shards.merge([tmp_path])[0].equals(table), "rows in other groups are the same rows"
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        said = f"{path}: another process works on this shard; wait for it"
+        assert refused([tmp_path]) == said
+        with pytest.raises(RigError) as error:
+            store.Store(tmp_path, SPEC, Shard())
+        assert str(error.value) == said
+    assert shards.merge([tmp_path])[0].num_rows == 128
 
 
-@pytest.mark.parametrize("change", [("true", "false"), ("1.5", "1.6"), ('"ran"', '"fault"')])
-def test_a_changed_line_of_a_journal_is_done_again(change: tuple[str, str], tmp_path: Path) -> None:
-    own = store.Store(tmp_path, SPEC, Shard())
-    own.add(row(draw, "pid") for draw in range(4))
-    own.close()
-    lines = own.journal.read_text().splitlines(keepends=True)
-    changed = lines[2].replace(*change)
-    assert changed != lines[2]
-    own.journal.write_text("".join([*lines[:2], changed, *lines[3:]]))
+FULL = """
+import resource, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_shards import SPEC, Shard, row, store
+own = store.Store(Path(sys.argv[1]), SPEC, Shard())
+own.add(row(0, name) for name in SPEC["controllers"])
+resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+try:
+    for draw in range(1, 64):
+        own.add([row(draw, name) for name in SPEC["controllers"]])
+except Exception as error:
+    print(type(error).__name__, int(error.code), error, sep="|")
+own.close()
+print(len(own))
+"""
+
+
+def test_a_full_disk_is_told_and_loses_no_row_that_was_kept(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", FULL, str(tmp_path), str(Path(__file__).parent)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    said, kept = done.stdout.splitlines()
+    kind, code, text = said.split("|")
+    assert (kind, int(code)) == ("UserError", Exit.LOSS), done
+    assert f"{tmp_path / 'shard-1-of-1.sqlite'}: " in text and "; free space there, or" in text
     again = store.Store(tmp_path, SPEC, Shard())
-    assert sorted(again.rows) == [(0, "pid"), (1, "pid")]
+    assert len(again) == int(kept) and 2 <= len(again) < 128
+    assert dict(again) == {of: row(*of) for of in again}
     again.close()
 
 
@@ -225,35 +325,7 @@ def test_what_was_merged_into_another_folder_is_a_campaign_too(tmp_path: Path) -
     assert sorted((tmp_path / "other").iterdir()) == before
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("more", [1.0]), ("metric:rms", ["x"]), ("draw", [0.0]), ("ok", [1.0]), ("draw", None),
-        ("held:x", [1.0]), ("vary:arm.k", [1.0]), ("why", None), ("seed", ["1"]),
-    ],
-)  # fmt: skip
-def test_columns_that_no_campaign_writes_are_refused(
-    name: str, values: list[Any] | None, tmp_path: Path
-) -> None:
-    path = shard(tmp_path, 1, 1)
-    table = pyarrow.parquet.read_table(path)
-    rest = [one for one in table.column_names if one != name]
-    made = table.select(rest)
-    if values:
-        made = made.append_column(name, pa.array(values * table.num_rows))
-    pyarrow.parquet.write_table(made, path)
-    assert f"no table of a shard: {'' if values else 'no '}column {name}" in refused([tmp_path])
-
-
-@pytest.mark.parametrize("name", ["shard-0-of-2", "shard-1-of-0", "shard-9-of-2", "shard-3-of-4"])
-def test_a_table_with_the_name_of_another_shard_is_refused(name: str, tmp_path: Path) -> None:
-    path = shard(tmp_path, 1, 2)
-    shard(tmp_path, 2, 2)
-    shutil.copy(path, tmp_path / f"{name}.parquet")
-    assert "holds rows that are not of shard" in refused([tmp_path])
-
-
-@pytest.mark.parametrize("file", ["sweep.json", "shard-1-of-1.parquet"])
+@pytest.mark.parametrize("file", ["sweep.json", "shard-1-of-1.sqlite"])
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
 def test_what_is_no_file_is_told_at_once(
     make: Callable[[Path], None], file: str, tmp_path: Path
@@ -262,17 +334,6 @@ def test_what_is_no_file_is_told_at_once(
     (tmp_path / file).unlink()
     make(tmp_path / file)
     assert "it is not a readable file" in refused([tmp_path])
-
-
-@pytest.mark.parametrize("meta", [None, {"pcpc": "{"}, {"pcpc": "[1]"}, {"pcpc": "3"}])
-def test_a_table_that_does_not_say_of_which_campaign_is_refused(
-    meta: dict[str, str] | None, tmp_path: Path
-) -> None:
-    path = shard(tmp_path, 1, 1)
-    table = pyarrow.parquet.read_table(path)
-    pyarrow.parquet.write_table(table.replace_schema_metadata(meta), path)
-    what = "belongs to another campaign" if meta is None else "no table of a shard"
-    assert what in refused([tmp_path])
 
 
 @pytest.mark.parametrize(
@@ -318,19 +379,17 @@ def test_a_campaign_whose_runs_were_all_refused_is_wrong_input(
     assert "refused" in told.out and "\x1b" not in told.out
 
 
-def test_a_journal_that_is_no_file_leaves_no_campaign(tmp_path: Path) -> None:
-    (tmp_path / "shard-1-of-1.jsonl").mkdir()
-    with pytest.raises(UserError, match="Is a directory; choose another"):
+def test_a_shard_that_is_no_file_leaves_no_campaign(tmp_path: Path) -> None:
+    (tmp_path / "shard-1-of-1.sqlite").mkdir()
+    with pytest.raises(UserError, match="it is not a readable file; choose another"):
         store.Store(tmp_path, SPEC, Shard())
-    assert [path.name for path in tmp_path.iterdir()] == ["shard-1-of-1.jsonl"]
+    assert [path.name for path in tmp_path.iterdir()] == ["shard-1-of-1.sqlite"]
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" * 100, b"\0" * 4096])
-def test_what_is_no_table_is_told(content: bytes, tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", [b"text\n", b"SQLite format 3\0", b"\0" * 4096])
+def test_what_is_no_database_is_told(content: bytes, tmp_path: Path) -> None:
     shard(tmp_path, 1, 1).write_bytes(content)
-    assert "shard-1-of-1.parquet: no table of a shard: " in refused([tmp_path])
-    pyarrow.parquet.write_table(pa.table({"x": [1]}), tmp_path / "shard-1-of-1.parquet")
-    assert "no table of a shard" in refused([tmp_path])
+    assert "shard-1-of-1.sqlite: no rows of a shard: " in refused([tmp_path])
 
 
 @pytest.mark.parametrize(
@@ -352,9 +411,13 @@ def test_a_spec_that_is_none_is_told(text: str, tmp_path: Path) -> None:
 def test_a_campaign_of_which_nothing_came_leaves_nothing(tmp_path: Path) -> None:
     store.Store(tmp_path / "a", SPEC, Shard()).close()
     assert not list((tmp_path / "a").iterdir())
-    shard(tmp_path / "b", 1, 2)
+    path = shard(tmp_path / "b", 1, 2)
     store.Store(tmp_path / "b", SPEC, Shard(2, 2)).close()
-    assert len(list((tmp_path / "b").iterdir())) == 2, "sweep.json, and the table of the other"
+    assert len(list((tmp_path / "b").iterdir())) == 2, "sweep.json, and the rows of the other"
+    assert shard(tmp_path / "c", 5, 8, SPEC | {"draws": 4}).exists(), "it is complete"
+    path.unlink()
+    store.Store(tmp_path / "b", SPEC, Shard()).close()
+    assert [one.name for one in (tmp_path / "b").iterdir()] == [store.SPEC], "it was there before"
 
 
 def test_rows_of_a_run_without_a_value_are_the_same_alone_and_merged(tmp_path: Path) -> None:
