@@ -48,6 +48,8 @@ DECIDED = {
     "0.0\n    n = 0.0\n    n += u.a\n    while n > 1.0:\n        n -= 1.0": [
         ("`while`", "where(c, a, b)")
     ],
+    "where(x.n > 0.2 and u.a < 0.5, 0.3, u.a)": [("`and`", "(a > b) & (c > d)")],
+    "float(int(p.on))": [],
     "float(int(u.a) + int(p.on))": [("`int`", "floor(x) of emath")],
 }
 
@@ -100,6 +102,7 @@ def test_what_is_written_instead_is_for_lanes(tmp_path: Path) -> None:
         ("unknown attribute 'fmod' of type Module(...", "; write x - d * floor(x / d) of emath"),
         ("untyped global name 'any': cannot determine", "; write (a > b) | (c > d)"),
         ("there is no float(bool)", "; write where(c, 1.0, 0.0)"),
+        ("there is no mul(Mask(8), float64)", "; write where(c, 1.0, 0.0)"),
         ("there is no float(Lane(8))", "; write x without float()"),
         ("there is no min(Lane(8), float64)", "; write where(a < b, a, b)"),
         ("there is no round(Lane(8))", "; write floor(x + 0.5) of emath"),

@@ -159,6 +159,9 @@ def comparison(
             off = abs(own.response[at] / response[at] - 1.0)
             worse.append(what)
             why_worse = why_worse or _reason(off, own.error[at], own.f_hz[at])
+    f = ours.gain_reduction_hz
+    if ours.gain_reduction > _NEAR * seen.gain_reduction and not own.f_hz[0] <= f <= own.f_hz[-1]:
+        seen = replace(seen, gain_reduction=np.nan, gain_reduction_hz=np.nan)
     notes = list[str]()
     if better:
         why = next(iter(better.values()))

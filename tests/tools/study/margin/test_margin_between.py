@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -145,12 +147,25 @@ def test_between_goes_through_the_lines_and_says_which_gaps_count() -> None:
     own = between(LINES, loop(LINES, 45.7, 0.02, 0.3), np.zeros(len(LINES)), RATE_HZ)
     assert not own.moved and len(own.f_hz) == 30 * (len(LINES) - 1) + 2
     assert own.f_hz[-1] == 0.5 * RATE_HZ, "as near to the last line as that to the one before"
+    assert own.response[-1].imag == 0.0
     at = own.response[:-1:30] / loop(LINES, 45.7, 0.02, 0.3)
     assert np.abs(at - 1.0).max() < 3e-3
     flags = np.array([True, False, True, True])
     places = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
     found = lies_between(places, np.array([1.0, 2.0, 3.0, 4.0]), flags)
     assert found.tolist() == [True, False, False, False, True, True, True]
+
+
+@pytest.mark.parametrize(("at_hz", "known"), [(0.1, False), (0.3, True), (499.9, False)])
+def test_a_gain_reduction_where_no_line_is_was_not_measured(at_hz: float, known: bool) -> None:
+    """The linear loop knows of a crossing below the lowest line; `0` would say there is none."""
+    ours = replace(true_margins(45.7, 0.02, 0.3), gain_reduction=0.14, gain_reduction_hz=at_hz)
+    seen = replace(ours, gain_reduction=0.0, gain_reduction_hz=math.nan)
+    own: Any = SimpleNamespace(f_hz=LINES, response=LINES + 0j, error=0.0 * LINES)
+    told, _ = notes.comparison(ours, own, seen, own.response)
+    assert math.isnan(told.gain_reduction) != known
+    same, _ = notes.comparison(ours, own, ours, own.response)
+    assert same.gain_reduction == 0.14, "seen as the linear loop has it"
 
 
 def test_what_is_not_known_is_said_with_its_reason() -> None:
