@@ -142,3 +142,26 @@ def test_a_drive_that_is_stopped_reacts_as_its_option_says(option: int, end: Pow
     assert bench.cycles(200).d.state.power == end
     assert bench[Row.ERROR_CODE] == (0x8100 if option == 1 else 0)
     assert not [one for one in bench.sent(0x085) if one.cycle > 500], "stopped, it says nothing"
+
+
+@pytest.mark.parametrize(("key", "word", "end"), [("605B", 6, READY), ("605C", 7, ON)])
+@pytest.mark.parametrize("option", [0, 1])
+def test_a_drive_that_is_switched_off_slows_down_first_if_its_option_says_so(
+    key: str, word: int, end: Power, option: int
+) -> None:
+    bench = Bench(starts={key: option}).operational().enabled(9)
+    bench[Row.TARGET_VELOCITY] = 1000
+    bench.cycles(500)
+    bench[Row.CONTROLWORD] = word
+    assert bench.cycles(2).d.state.power == (ENABLED if option else end)
+    assert bench.cycles(1000).d.state.power == end and bench.u == 0.0
+
+
+def test_a_lost_connection_disables_only_what_has_power_and_cyclic_modes_follow() -> None:
+    bench = Bench(starts={"6007": 2}).operational()
+    bench[Row.CONTROLWORD] = 6
+    assert bench.cycles(2).d.state.power == READY
+    bench.send(0, bytes([2, 5]))
+    assert bench.cycles(2).d.state.power == READY
+    bench = Bench().operational().enabled(8).cycles(1)
+    assert bench[Row.STATUSWORD] & 1 << 12
