@@ -144,24 +144,12 @@ def test_a_drive_that_is_stopped_reacts_as_its_option_says(option: int, end: Pow
     assert not [one for one in bench.sent(0x085) if one.cycle > 500], "stopped, it says nothing"
 
 
-@pytest.mark.parametrize(("key", "word", "end"), [("605B", 6, READY), ("605C", 7, ON)])
-@pytest.mark.parametrize("option", [0, 1])
-def test_a_drive_that_is_switched_off_slows_down_first_if_its_option_says_so(
-    key: str, word: int, end: Power, option: int
-) -> None:
-    bench = Bench(starts={key: option}).operational().enabled(9)
-    bench[Row.TARGET_VELOCITY] = 1000
-    bench.cycles(500)
-    bench[Row.CONTROLWORD] = word
-    assert bench.cycles(2).d.state.power == (ENABLED if option else end)
-    assert bench.cycles(1000).d.state.power == end and bench.u == 0.0
-
-
 def test_a_lost_connection_disables_only_what_has_power_and_cyclic_modes_follow() -> None:
-    bench = Bench(starts={"6007": 2}).operational()
-    bench[Row.CONTROLWORD] = 6
-    assert bench.cycles(2).d.state.power == READY
-    bench.send(0, bytes([2, 5]))
-    assert bench.cycles(2).d.state.power == READY
+    bench = Bench(starts={"6007": 2, "1016.1": 0x01_0032}).operational()
+    for word, power in ((6, READY), (7, ON)):
+        bench[Row.CONTROLWORD] = word
+        assert bench.cycles(2).d.state.power == power
+    bench.send(0x701, b"\x05")
+    assert bench.cycles(100).d.state.power == ON
     bench = Bench().operational().enabled(8).cycles(1)
     assert bench[Row.STATUSWORD] & 1 << 12
