@@ -119,6 +119,9 @@ def test_only_a_command_that_changes_nothing_and_is_no_wish_to_stay_is_ignored(
         wanted = command_of(word)
         expected = NEXT[power, wanted] == power and wanted not in stays
         assert is_ignored(power, word, 2) == expected, word
+        wants_power = wanted >= Command.SHUTDOWN
+        assert is_ignored(Power.FAULT, word, 2) == wants_power, word
+        assert not is_ignored(Power.FAULT, word | 0x80, 2), word
 
 
 @pytest.mark.parametrize(

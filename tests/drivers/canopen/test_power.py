@@ -142,3 +142,14 @@ def test_a_drive_that_is_stopped_reacts_as_its_option_says(option: int, end: Pow
     assert bench.cycles(200).d.state.power == end
     assert bench[Row.ERROR_CODE] == (0x8100 if option == 1 else 0)
     assert not [one for one in bench.sent(0x085) if one.cycle > 500], "stopped, it says nothing"
+
+
+def test_a_lost_connection_disables_only_what_has_power_and_cyclic_modes_follow() -> None:
+    bench = Bench(starts={"6007": 2, "1016.1": 0x01_0032}).operational()
+    for word, power in ((6, READY), (7, ON)):
+        bench[Row.CONTROLWORD] = word
+        assert bench.cycles(2).d.state.power == power
+    bench.send(0x701, b"\x05")
+    assert bench.cycles(100).d.state.power == ON
+    bench = Bench().operational().enabled(8).cycles(1)
+    assert bench[Row.STATUSWORD] & 1 << 12

@@ -151,7 +151,9 @@ def test_identity_and_what_is_not_there() -> None:
     assert [one.type for one in mp.parse_frame(data)] == [mp.SubframeType.WRITE_ERROR] * 3
     (data,) = bench.send(0x8000 | NODE, bytes([0x11, 0x80, 0x02]))
     assert parse_registers(data).errors == [(0x100, 1)], "an int32 only"
-    assert bench.mistakes() == {"VALUE_REFUSED": 5}
+    (data,) = bench.send(0x8000 | NODE, bytes([0x01, 0xE0, 0x02, 5, 0x11, 0xE0, 0x02]))
+    assert parse_registers(data).errors == [(0x160, 1)] * 2, "behind the last one"
+    assert bench.mistakes() == {"VALUE_REFUSED": 7}
     (data,) = bench.send(0x8000 | NODE, b"\x50")
     assert data == b"" and bench.send(NODE, bytes([0x13, 0x00])) == []
     for stream in (0x20, 0x42, 0x44, 0x60):
