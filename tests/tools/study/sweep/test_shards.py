@@ -132,7 +132,9 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     first = tmp_path / "a" / "shard-1-of-1.sqlite"
     what = "draw 1 of pid had another result the second time; one of the two is wrong"
     assert refused(folders) == f"{first} and {path}: {what}"
-    assert refused(folders[::-1]) == f"{path} and {first}: {what}", "whichever is less"
+    shard(tmp_path / "c", 1, 2)
+    others = [tmp_path / "c", *reversed(folders)]
+    assert refused(others) == f"{path} and {first}: {what}", "whichever is less"
 
 
 @pytest.mark.parametrize(
@@ -237,6 +239,26 @@ def test_a_file_that_was_cut_or_damaged_is_refused(kind: str, tmp_path: Path) ->
             assert str(error.value).endswith("remove it and do it again"), (size, error.value)
             if kind == "complete":
                 assert f"{own.path}: " in refused([tmp_path])
+
+
+def test_a_page_that_no_row_has_is_refused(tmp_path: Path) -> None:
+    path = shard(tmp_path, 1, 1)
+    whole = path.read_bytes()
+    pages = (len(whole) // 4096 + 1).to_bytes(4, "big")
+    path.write_bytes(whole[:28] + pages + whole[32:] + bytes(4096))
+    assert f"{path}: no rows of a shard: " in refused([tmp_path])
+    path.write_bytes(whole)
+    assert shards.merge([tmp_path])[0].num_rows == 128
+
+
+def test_the_last_draw_of_a_campaign_that_its_statement_ended_is_one_of_its_draws(
+    tmp_path: Path,
+) -> None:
+    own = store.Store(tmp_path, SPEC | {"until": "p_fail < 0.1 at 90%"}, Shard())
+    own.add([row(0, "pid"), row(0, "pd"), row(1, "pid")])
+    own.complete()
+    own.close()
+    assert "1 of 2 draws are missing; do them" in refused([tmp_path])
 
 
 @pytest.mark.parametrize(
