@@ -10,11 +10,11 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.make.generate.device import same_files
 from pcpc.tools.make.generate.library import WARNINGS, run
 from pcpc.tools.make.generate.translator.elementary import FLAGS
 
@@ -136,9 +136,9 @@ def hard_float(build: Build) -> Build:
 
 def fixed_files(folder: Path) -> None:
     """Put the parts that are the same for all rigs into a folder."""
-    source = resources.files("pcpc.tools.make.generate") / "c"
+    texts = same_files(fd=False)
     for name in FIXED:
-        (folder / name).write_text((source / name).read_text(encoding="utf-8"), encoding="utf-8")
+        (folder / name).write_text(texts[name], encoding="utf-8")
 
 
 class Row(NamedTuple):
