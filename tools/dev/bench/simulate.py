@@ -17,7 +17,6 @@ import ctypes
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +36,11 @@ from pcpc.tools.dev.bench.cycle import RIG, new_loop
 from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave, processor_time
 from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.make.generate.closed import ClosedLoop
+from pcpc.tools.make.generate.device import same_files
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "simulate"
 SOURCE = Path(__file__).with_name("both_nodes.c")
-FIXED = resources.files("pcpc.tools.make.generate") / "c"
 DURATION_S = 2.0  # a run: the move up and rest
 SEGMENT_AT_S, SEGMENT_S = 0.7, 0.05
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
@@ -93,7 +92,8 @@ def library(rig: Rig) -> ctypes.CDLL:
     """Return both nodes of a rig in C; CompilerError, Untranslatable."""
     texts = ClosedLoop(rig).files(cycles_of(rig))
     texts["closed_loop.inc"] = texts.pop("main.c")
-    texts |= {name: (FIXED / name).read_text() for name in ("codec.c", "codec.h")}
+    fixed = same_files(fd=False)
+    texts |= {name: fixed[name] for name in ("codec.c", "codec.h")}
     c = compiler.library([SOURCE], texts)
     c.run.restype = ctypes.c_uint64
     return c
