@@ -15,6 +15,9 @@ from logcommand import barrel_log, run_here
 from processes import RIGS, pcpc
 
 from pcpc.tools import cli
+from pcpc.tools.dev.bench.options import COMMAND as BENCH
+from pcpc.tools.dev.evidence.options import COMMAND as EVIDENCE
+from pcpc.tools.dev.evidence.options import SOAK
 from pcpc.tools.terminal.command import Command
 
 OPTIONAL = {"ids", "device", "bound", "rig_git"}  # of a summary
@@ -31,8 +34,9 @@ def with_json(commands: Sequence[Command], above: str = "") -> Iterator[str]:
 
 
 def test_every_command_with_json_has_a_schema_and_there_is_no_other() -> None:
-    found = {name.replace(" ", "-") for name in with_json([*cli.COMMANDS.values()])}
-    assert SCHEMAS.keys() == found | {COMMON}
+    commands = [*cli.COMMANDS.values(), BENCH, EVIDENCE, SOAK]
+    names = (name.rpartition(".")[2].replace(" ", "-") for name in with_json(commands))
+    assert SCHEMAS.keys() == {*names, COMMON}
 
 
 @pytest.mark.parametrize("name", SCHEMAS)
