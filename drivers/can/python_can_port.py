@@ -59,6 +59,6 @@ def get(wire: Any, block: bool) -> int:
     word = can_id.word_of(message.arbitration_id, message.is_extended_id)
     word |= can_id.REMOTE if remote else 0
     head = word.to_bytes(4, "little") + bytes([len(message.data), flags_of(message), 0, 0])
-    for i, byte in enumerate(head + bytes(message.data).ljust(64, b"\0")):
+    for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte
     return Arrival.FRAME

@@ -1,8 +1,8 @@
 """One CAN frame out, one CAN frame in, on every kind of bus, compiled and without allocation.
 
 A frame is Linux' `struct canfd_frame`: [0:4] id little-endian with the flags of SocketCAN in its
-upper bits, [4] length, [5] `Flag`, [6:8] 0, [8:72] data, of a classic one [8:16]. What a log does
-not have, padding and what a longer frame left behind the data, is 0 in one that came.
+upper bits, [4] length, [5] `Flag`, [6:8] 0 in one that came, since a log has nothing of a sender's
+padding there, [8:72] data; what a classic one has lies in the first 16 bytes.
 Three kinds of wire carry it:
 
     SOCKETCAN   the struct itself on a raw CAN socket
@@ -85,13 +85,6 @@ def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
     wire.kind, wire.fd_tx, wire.fd_rx = kind, fd_tx, fd_rx
     wire.fd_tx2 = wire.fd_rx2 = -1
     wire.packet_tx[:TEMPLATE_BYTES] = np.frombuffer(TEMPLATE, np.uint8)
-
-
-@loop_function
-def blank(frame: Any) -> None:
-    """Let what lies behind a frame's data be 0."""
-    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
-        frame[i] = 0
 
 
 @loop_function
@@ -213,9 +206,8 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
         frame[i] = (can_id >> (8 * i)) & 255
     frame[3] |= extended | remote
     frame[LENGTH], frame[FLAGS] = data_n, flags
-    for i in range(data_n):
-        frame[8 + i] = b[data_at + i]
-    blank(frame)
+    for i in range(longest):
+        frame[8 + i] = b[data_at + i] if i < data_n else 0
     return True
 
 
@@ -232,6 +224,13 @@ else:
     @loop_function
     def _get_python_can(wire: Any, block: Any) -> Any:
         return Arrival.FAILED
+
+
+@loop_function
+def blank(frame: Any) -> None:
+    """Let what lies behind a frame's data be 0."""
+    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
+        frame[i] = 0
 
 
 @loop_function
@@ -334,8 +333,8 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         odd = ERROR_FLAG if wire.remotes != 0 else ERROR_FLAGS
         known = n == CLASSIC_BYTES or (n == FRAME_BYTES and CAN_BE[wire.rx[LENGTH]] != 0)
         known &= wire.rx[3] & odd == 0
-        if wire.fd != 0:
-            blank(wire.rx)  # of a classic frame too, which lies over an FD frame's data
+        if n == FRAME_BYTES:
+            blank(wire.rx)
         if n == CLASSIC_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return Arrival.BUS_ERROR
         bits = Flag.BRS | Flag.ESI
