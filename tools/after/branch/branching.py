@@ -249,10 +249,10 @@ def _meeting_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[st
         near = here + int(theirs) - int(ours) if ours and theirs else None
         cycles = [sender_cycle(one, sent, near) for one in taken]
         known = [one for one in cycles if one >= 0]
-        if not known:
+        if not known and (frames[above]["cycle"] >= here).any():  # else `before` tells it
             what = f"in cycle {here} the {above} took no frame of the {role}"
             raise UserError(f"{head.path}: {what}; choose another --cycle")
-        found[role] = max(known)
+        found[role] = max(known, default=here)
     return found
 
 

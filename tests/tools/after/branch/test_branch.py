@@ -151,6 +151,8 @@ def test_a_paced_run_goes_on_from_its_bits_and_can_be_replayed(rig: str, tmp_pat
             assert new.tobytes() == values[old].tobytes(), (path, name)
         assert run_here("replay", path, "--quiet").code == 0, path
     assert record(later) == record(first)
+    behind = run_here("branch", parent, "--cycle", "99999", "-o", tmp_path / "e", "--quiet")
+    assert behind.code == 2 and "is not there, the log ends with cycle" in behind.err, behind
 
 
 def test_a_cycle_far_before_the_end_of_a_paced_run_is_found(tmp_path: Path) -> None:
