@@ -20,6 +20,8 @@ from pcpc.tools.terminal.ending import end_in_order
 from pcpc.tools.terminal.parsing import Parser
 
 _OPEN_FILES = 64  # at once: a run has 32, and its libraries theirs
+# words that were commands, and the modules that they are now
+_OF_THE_REPOSITORY = {"bench": "bench", "evidence": "evidence", "soak": "evidence.soak"}
 
 
 def complete() -> None:
@@ -76,6 +78,8 @@ def parsed_options(words: Sequence[str]) -> argparse.Namespace:
         from pcpc.executive.errors import did_you_mean
 
         cure = did_you_mean(name, COMMANDS) or "; `pcpc --help` lists all"
+        if module := _OF_THE_REPOSITORY.get(name):
+            cure = f" any more; in the repository, `python -m pcpc.tools.dev.{module}` is it"
         raise UserError(f"pcpc {name}: no such command{cure}")
     command = COMMANDS.get(name)
     last = command.last if command is not None else ""

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -165,6 +166,13 @@ def test_a_fault_of_no_kind_is_told_all_kinds(capsys: Screen, tmp_path: Path) ->
 def test_an_unknown_command_is_refused_with_the_likely_one(capsys: Screen) -> None:
     assert main(["rnu", "hull"]) == 2
     assert capsys.readouterr().err == "pcpc rnu: no such command; did you mean run?\n"
+
+
+@pytest.mark.parametrize("name", ["bench", "evidence", "soak"])
+def test_a_command_that_the_repository_has_now_names_its_place(capsys: Screen, name: str) -> None:
+    assert main([name]) == 2
+    found = re.search(r"`python -m (\S+)`", capsys.readouterr().err)
+    assert found and find_spec(found[1]) is not None, found
 
 
 @pytest.mark.parametrize("option", ["--bus", "--pacing"])
