@@ -9,8 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.plants.atb1000.book.study_figures import draw_all, draw_monte_carlo
-from pcpc.plants.book.tables import by_case, case_maker
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.book.tables import (
+    Column,
+    Table,
+    across,
+    case_maker,
+    controller_of,
+    group_of,
+    grouped,
+    label_of,
+    page,
+    recorded,
+    rig_name,
+)
+from pcpc.plants.study import Case, Result, of_group
 
 CHAPTER = 9
 TITLE = "Chapter 9: the flexible barrel"
@@ -20,6 +32,8 @@ SCENARIOS = ("slew10", "slew25", "bang10", "step10", "step25", "sin0.2", "sin0.5
 CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
 DRAWN = ("pd", "pid", "pd_nn_fast", "nn_backstepping")
 CORE = ("slew10", "sin0.5", "hull")
+ABLATED = ("slew10", "sin0.2", "sin0.5", "hull", "lowspeed", "fire")
+SEEDED = ("pd", "pd_nn_fast", "nn_backstepping")
 VARIED = ("pd", "pid", "pd_fast", "pd_nn_fast", "nn_backstepping")
 
 NOMINAL = {
@@ -77,7 +91,7 @@ def cases() -> Iterator[Case]:
             traces = TRACES if controller in DRAWN else ()
             yield _case("main", scenario, controller, controller, traces=traces)
     for label, (controller, settings) in ABLATIONS.items():
-        for scenario in ("slew10", "sin0.2", "sin0.5", "hull", "lowspeed", "fire"):
+        for scenario in ABLATED:
             yield _case("ablation", scenario, controller, label, *settings)
     for scenario in CORE:
         for controller in VARIED:
@@ -87,7 +101,7 @@ def cases() -> Iterator[Case]:
                 yield _case("rate", scenario, controller, str(rate), f"rate_hz={rate}.0")
     for scenario, seeds in SEEDS.items():
         for seed in range(1, seeds + 1):
-            for controller in ("pd", "pd_nn_fast", "nn_backstepping"):
+            for controller in SEEDED:
                 yield _case("seeds", scenario, controller, str(seed), f"seed={seed}")
     yield from monte_carlo()
 
@@ -132,98 +146,110 @@ def draw(results: Sequence[Result], folder: Path) -> None:
     draw_monte_carlo(of_group(results, "monte carlo"), folder / "monte-carlo.png")
 
 
-def _rms(result: Result) -> float:
+Pairs = Sequence[tuple[float, float]]  # of a run and PD's, of the same barrel and noise
+
+
+def rms(result: Result) -> float:
+    """Return the muzzle error of a run, mrad."""
     return result.metric("muzzle_error_rms_mrad")
 
 
-def _short(result: Result) -> str:
-    return f"{_rms(result):.3g} \\| {result.metrics.get('command_step_rms_Nm', float('nan')):.2g}"
+def rms_and_step(result: Result) -> str:
+    """Return the muzzle error and the step of the command."""
+    return f"{rms(result):.3g} \\| {recorded('command_step_rms_Nm')(result):.2g}"
+
+
+def percentiles(pairs: Pairs) -> str:
+    """Return the least error, the median, the 95th percentile and the largest."""
+    points = np.percentile([own for own, _ in pairs], (0, 50, 95, 100))
+    return " / ".join(f"{point:.3g}" for point in points)
+
+
+def ratios(pairs: Pairs) -> list[float]:
+    """Return errors over PD's."""
+    return [own / base for own, base in pairs]
+
+
+def at_least(times: float) -> Callable[[Pairs], str]:
+    """Return what counts the runs that are so many times better than PD's."""
+    return lambda pairs: str(sum(times * own <= base for own, base in pairs))
+
+
+def main_table(title: str, source: Callable[[Result], float], text: str = "{:.3g}") -> Table:
+    """Return a row a scenario, a column a controller."""
+    columns = across(controller_of, CONTROLLERS, Column("{}", source, text=text))
+    return Table("main", columns, title, {"scenario": rig_name})
+
+
+def grid(group: str, title: str) -> Table:
+    """Return a row a label and scenario, a column a controller."""
+    columns = across(controller_of, VARIED, Column("{}", rms_and_step))
+    return Table(
+        group,
+        columns,
+        f"{title}: rms mrad | command step N m",
+        {group: label_of, "scenario": rig_name},
+        nested=True,
+    )
+
+
+TABLES = (
+    main_table("Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.", rms),
+    main_table("Largest muzzle error in mrad.", recorded("muzzle_error_max_mrad")),
+    main_table(
+        "Step of the command from cycle to cycle, rms, N m at the output: what the gear feels.",
+        recorded("command_step_rms_Nm"),
+        "{:.2g}",
+    ),
+    Table(
+        "ablation",
+        across(rig_name, ABLATED, Column("{}", rms_and_step)),
+        "Ablations: rms mrad | command step N m",
+    ),
+    grid("variation", "Variations"),
+    grid("rate", "Rates in Hz"),
+)
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    return "\n".join((
-        "Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n",
-        _main(results, lambda r: f"{_rms(r):.3g}"),
-        "Largest muzzle error in mrad.\n",
-        _main(results, lambda r: f"{r.metrics['muzzle_error_max_mrad']:.3g}"),
-        "Step of the command from cycle to cycle, rms, N m at the output: what the gear feels.\n",
-        _main(results, lambda r: f"{r.metrics['command_step_rms_Nm']:.2g}"),
-        _ablations(results),
-        _grid(results, "variation", "Variations: rms mrad | command step N m", list(VARIATIONS)),
-        _grid(results, "rate", "Rates in Hz: rms mrad | command step N m",
-              ["500", "1000", "2000", "4000"]),
-        _seeds(results),
-        _draws(results),
-    ))  # fmt: skip
+    pd = {
+        names: rms(runs[0])
+        for names, runs in grouped(results, group_of, rig_name, label_of, controller_of).items()
+        if names[-1] == "pd"
+    }
 
+    def pair(result: Result) -> tuple[float, float]:
+        """Return the error of a run, and PD's of the same barrel and noise."""
+        return rms(result), pd[result.case.group, rig_name(result), label_of(result), "pd"]
 
-def _main(results: Sequence[Result], cell: Callable[[Result], str]) -> str:
-    """Return a row a scenario, a column a controller."""
-    main = by_case(results, "main")
-    rows = [[s, *(cell(main[s, c, c]) for c in CONTROLLERS)] for s in SCENARIOS]
-    return markdown(("scenario", *CONTROLLERS), rows)
-
-
-def _ablations(results: Sequence[Result]) -> str:
-    found = by_case(results, "ablation")
-    scenarios = list(dict.fromkeys(key[0] for key in found))
-    rows = [
-        [label, *(_short(found[s, controller, label]) for s in scenarios)]
-        for label, (controller, _) in ABLATIONS.items()
-    ]
-    return "Ablations: rms mrad | command step N m\n\n" + markdown(("", *scenarios), rows)
-
-
-def _grid(results: Sequence[Result], group: str, title: str, labels: Sequence[str]) -> str:
-    found = by_case(results, group)
-    rows = [
-        [label, scenario, *(_short(found[scenario, c, label]) for c in VARIED)]
-        for label in labels
-        for scenario in CORE
-    ]
-    return f"{title}\n\n" + markdown((group, "scenario", *VARIED), rows)
-
-
-def _percentiles(values: Sequence[float]) -> str:
-    points = np.percentile(values, (0, 50, 95, 100))
-    return " / ".join(f"{p:.3g}" for p in points)
-
-
-def _seeds(results: Sequence[Result]) -> str:
-    found = by_case(results, "seeds")
-    rows = []
-    for scenario, seeds in SEEDS.items():
-        row = [scenario, str(seeds)]
-        for c in ("pd", "pd_nn_fast", "nn_backstepping"):
-            own = [_rms(found[scenario, c, str(seed)]) for seed in range(1, seeds + 1)]
-            base = [_rms(found[scenario, "pd", str(seed)]) for seed in range(1, seeds + 1)]
-            row.append(
-                f"{_percentiles(own)} ({max(a / b for a, b in zip(own, base, strict=True)):.3f})"
-            )
-        rows.append(row)
-    text = "Noise seeds, nominal plant: rms mrad min / median / p95 / max (worst ratio to pd)\n\n"
-    return text + markdown(("scenario", "seeds", "pd", "pd_nn_fast", "nn_backstepping"), rows)
-
-
-def _draws(results: Sequence[Result]) -> str:
-    found = by_case(results, "monte carlo")
-    rows = []
-    for scenario in ("slew10", "sin0.5", "hull"):
-        base = [_rms(found[scenario, "pd", str(i)]) for i in range(DRAWS)]
-        for c in ("pd", "pid", "pd_nn_fast", "nn_backstepping"):
-            own = [_rms(found[scenario, c, str(i)]) for i in range(DRAWS)]
-            ratio = [a / b for a, b in zip(own, base, strict=True)]
-            diverged = sum(not np.isfinite(a) for a in own)
-            rows.append(
-                [scenario, c, _percentiles(own), f"{np.median(ratio):.3f} (worst {max(ratio):.3f})",
-                 *(str(sum(times * a <= b for a, b in zip(own, base, strict=True)))
-                   for times in (1.0, 2.3, 5.0)), str(diverged)]
-            )  # fmt: skip
-    text = (
-        f"Monte Carlo, {DRAWS} draws of ten plant factors (hull: first 8 s): rms mrad "
-        "min / median / p95 / max\n\n"
+    seeds = Table(
+        "seeds",
+        across(
+            controller_of,
+            SEEDED,
+            Column("{}", pair, lambda own: f"{percentiles(own)} ({max(ratios(own)):.3f})"),
+        ),
+        "Noise seeds, nominal plant: rms mrad min / median / p95 / max (worst ratio to pd)",
+        {"scenario": rig_name, "seeds": lambda result: SEEDS[rig_name(result)]},
     )
-    head = ("scenario", "controller", "rms", "ratio to pd", "draws better than pd", "2.3 times",
-            "5 times", "diverged")  # fmt: skip
-    return text + markdown(head, rows)
+    draws = Table(
+        "monte carlo",
+        (
+            Column("rms", pair, percentiles),
+            Column(
+                "ratio to pd",
+                pair,
+                lambda own: f"{np.median(ratios(own)):.3f} (worst {max(ratios(own)):.3f})",
+            ),
+            Column("draws better than pd", pair, at_least(1.0)),
+            Column("2.3 times", pair, at_least(2.3)),
+            Column("5 times", pair, at_least(5.0)),
+            Column("diverged", pair, lambda own: str(sum(not np.isfinite(a) for a, _ in own))),
+        ),
+        f"Monte Carlo, {DRAWS} draws of ten plant factors (hull: first 8 s): rms mrad "
+        "min / median / p95 / max",
+        {"scenario": rig_name, "controller": controller_of},
+        nested=True,
+    )
+    return page(results, (*TABLES, seeds, draws))

@@ -4,22 +4,29 @@ Network seed 1 unless a table says otherwise. Tuning is chaotic: a repeat change
 parts in 1e11, and what differs between repeats is not a property of the law.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pcpc.plants.backlash_map.book.study_figures import draw_laws, draw_steps
 from pcpc.plants.book.tables import (
-    bracketed_cells,
+    Column,
+    Sentence,
+    Table,
+    across,
+    by_label,
     case_maker,
     expected_figures,
-    labels,
-    least_to_largest,
-    results_of_label,
-    rig_name,
+    group_of,
+    label_of,
+    page,
+    run_count,
+    share,
+    span,
+    true_count,
 )
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.3: a map behind backlash"
@@ -34,24 +41,19 @@ TRACES = (
 )  # fmt: skip
 SHORT = ("duration_s=1.0",)  # every step is in its traces
 
-COLUMNS = (  # metric, digits
-    ("early_error_rms", 4), ("early_error_max", 4), ("error_rms", 4), ("error_max", 4),
-    ("settled_s", 2),
-)  # fmt: skip
 TOLD = (  # of the seeds
     "early_error_rms", "early_error_max", "error_rms", "error_max", "settled_early_s", "x2_max",
     "command_jump_median", "command_jumps_share",
 )  # fmt: skip
-MANY = {"repeats": "nn, repeats", "model": "nn, c = 0.15 in the law, repeats"}
-SIGNS = {  # label: settings, and what an independent implementation says
-    "cr = +1": (("controller.cr=1.0", UNGUARDED), "runs away"),
-    "cr = +0.3": (("controller.cr=0.3", UNGUARDED), "runs away"),
-    "cr = +1, guarded": (("controller.cr=1.0",), ""),
-    "cr = 0": (("controller.cr=0.0",), ""),
-    "Kb = -0.3": (("controller.kb=-0.3",), "works"),
-    "Kb = 0.8": (("controller.kb=0.8",), "works"),
-    "rho = 0": (("controller.smoothing=0.0",), "works"),
-    "rho = 0.99": (("controller.smoothing=0.99",), "works"),
+SIGNS = {  # label: settings
+    "cr = +1": ("controller.cr=1.0", UNGUARDED),
+    "cr = +0.3": ("controller.cr=0.3", UNGUARDED),
+    "cr = +1, guarded": ("controller.cr=1.0",),
+    "cr = 0": ("controller.cr=0.0",),
+    "Kb = -0.3": ("controller.kb=-0.3",),
+    "Kb = 0.8": ("controller.kb=0.8",),
+    "rho = 0": ("controller.smoothing=0.0",),
+    "rho = 0.99": ("controller.smoothing=0.99",),
 }
 
 
@@ -87,108 +89,98 @@ def cases() -> Iterator[Case]:
         coarse = (f"map.x_lsb={lsb}", f"map.tau_lsb={lsb}", f"map.command_lsb={lsb}")
         for i in range(5):
             yield _case("coarse", MAIN, "nn", lsb, seed(i), *coarse)
-    for label, (settings, _) in SIGNS.items():
+    for label, settings in SIGNS.items():
         yield _case("signs", MAIN, "nn", label, *settings)
 
 
-def figure(value: float, digits: int) -> str:
-    """Return the text of a metric; what never settles does so in the last period."""
-    if digits == 2 and value > 19.99:
-        return "never"
-    return f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:.1e}"
+def figure(digits: int) -> Callable[[float], str]:
+    """Return what writes a metric; one that is as large is written with an exponent."""
+    return lambda value: f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:.1e}"
 
 
-def span(results: Sequence[Result], name: str, digits: int = 4) -> str:
-    """Return `least-largest` of a metric, or one number where they print alike."""
-    return least_to_largest(results, lambda r: r.metric(name), lambda v: figure(v, digits))
+def settled(value: float) -> str:
+    """Return the text of a time; what never settles does so in the last period."""
+    return "never" if value > 19.99 else figure(2)(value)
 
 
-def _spans(results: Sequence[Result]) -> list[str]:
-    return [span(results, name, digits) for name, digits in COLUMNS]
+def ranges(digits: int, *columns: tuple[str, str]) -> list[Column]:
+    """Return columns of metrics, each with its head, from the least to the largest."""
+    return [
+        Column(head, metric, span, settled if metric == "settled_s" else figure(digits))
+        for metric, head in columns
+    ]
 
 
-def late_peaks(runs: Sequence[Result]) -> str:
-    """Return in how many runs |e| is above 0.05 once more after 5 s."""
-    return f"{sum(run.metric('settled_s') > 5.0 for run in runs)} of {len(runs)}"
+def late_peak(result: Result) -> bool:
+    """Return whether |e| is above 0.05 once more after 5 s."""
+    return result.metric("settled_s") > 5.0
+
+
+def kind(result: Result) -> str:
+    """Return what the main table calls a law."""
+    of = {"repeats": "nn, repeats", "model": "nn, c = 0.15 in the law, repeats"}
+    return of.get(group_of(result), label_of(result))
+
+
+EARLY, SETTLED = ("early_error_rms", "rms 1-5 s"), ("settled_s", "last abs(e) > 0.05")
+LATER = (("error_rms", "rms 10-20 s"), ("error_max", "max 10-20 s"))
+TABLES = (
+    Table(
+        ("main", "repeats", "model"),
+        ranges(4, EARLY, ("early_error_max", "max 1-5 s"), *LATER, SETTLED),
+        "e = x2 - x_d; in brackets an independent implementation without a bus; a single run of a "
+        "tuning law is one realisation.",
+        {"law": kind},
+    ),
+    Table(
+        "seeds",
+        (
+            Column("median", "", np.median), Column("independent", 0), Column("worst", "", max),
+            Column("independent", 1),
+        ),
+        f"{SEEDS} seeds of V; independent: 20.",
+        {"nn": label_of},
+        metrics={name: name for name in TOLD},
+    ),
+    Sentence(
+        ("seeds", "repeats"),
+        across(group_of, ("seeds", "repeats"), Column("{}", late_peak, share)),
+        "A peak above 0.05 after 5 s: {} seeds, {} repeats (independent: 5 %).\n",
+    ),
+    Table(
+        "late",
+        (
+            Column("seeds", "diverged", run_count), *ranges(3, EARLY, *LATER, SETTLED),
+            Column("latched off", "diverged", true_count),
+        ),
+        "One sample of delay more. Independent: nn up to 7 and single peaks of 149 and 277, beyond "
+        "1e8 without a limit of u (here the wire ends at 7e3); nn_detuned 0.12-0.22, then "
+        "0.038-0.048, settled at 17-19 s.",
+        {"law": label_of},
+    ),
+    Table(
+        "coarse",
+        (*ranges(4, *LATER), Column("independent", 0)),
+        "Coarse sensors and commands, seeds 0 to 4.",
+        {"quantum of x, tau, u": label_of},
+    ),
+    Table(
+        "signs",
+        (*ranges(3, *LATER, ("diverged", "latched off")), Column("independent", 0)),
+        "Signs and the prediction.",
+        {"nn": label_of},
+    ),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    parts = (_main(results), _seeds(results), _late(results), _coarse(results), _signs(results))
-    return "\n".join(parts)
-
-
-def _main(results: Sequence[Result]) -> str:
-    rows = []
-    for result in of_group(results, "main"):
-        other = known("main", rig_name(result), result.case.controller)
-        rows.append([result.case.label, *bracketed_cells(_spans([result]), other)])
-    for group, title in MANY.items():
-        rows.append(
-            [title, *bracketed_cells(_spans(of_group(results, group)), known("many", group))]
-        )
-    head = ("law", "rms 1-5 s", "max 1-5 s", "rms 10-20 s", "max 10-20 s", "last abs(e) > 0.05")
-    return (
-        "e = x2 - x_d; in brackets an independent implementation without a bus; a single run of a "
-        "tuning law is one realisation.\n\n" + markdown(head, rows)
-    )
-
-
-def _seeds(results: Sequence[Result]) -> str:
-    runs = of_group(results, "seeds")
-    rows = []
-    for name in TOLD:
-        median, worst = known("seeds", name)
-        values = [result.metric(name) for result in runs]
-        rows.append([name, f"{np.median(values):.4f}", median, f"{max(values):.4f}", worst])
-    head = ("nn", "median", "independent", "worst", "independent")
-    return (
-        f"{SEEDS} seeds of V; independent: 20.\n\n"
-        + markdown(head, rows)
-        + f"\nA peak above 0.05 after 5 s: {late_peaks(runs)} seeds, "
-        f"{late_peaks(of_group(results, 'repeats'))} repeats (independent: 5 %).\n"
-    )
-
-
-def _late(results: Sequence[Result]) -> str:
-    rows = []
-    for label in labels(results, "late"):
-        runs = results_of_label(results, "late", label)
-        cut = sum(result.metric("diverged") > 0.5 for result in runs)
-        names = ("early_error_rms", "error_rms", "error_max", "settled_s")
-        values = [span(runs, name, 2 if name == "settled_s" else 3) for name in names]
-        rows.append([label, str(len(runs)), *values, str(cut)])
-    head = ("law", "seeds", "rms 1-5 s", "rms 10-20 s", "max 10-20 s", "last abs(e) > 0.05",
-            "latched off")  # fmt: skip
-    return (
-        "One sample of delay more. Independent: nn up to 7 and single peaks of 149 and 277, beyond "
-        "1e8 without a limit of u (here the wire ends at 7e3); nn_detuned 0.12-0.22, then "
-        "0.038-0.048, settled at 17-19 s.\n\n" + markdown(head, rows)
-    )
-
-
-def _coarse(results: Sequence[Result]) -> str:
-    rows = []
-    for lsb, there in (("1e-4", "fine"), ("1e-3", "0.019-0.029, largest 0.28-0.43")):
-        runs = results_of_label(results, "coarse", lsb)
-        rows.append([lsb, span(runs, "error_rms"), span(runs, "error_max"), there])
-    head = ("quantum of x, tau, u", "rms 10-20 s", "max 10-20 s", "independent")
-    return "Coarse sensors and commands, seeds 0 to 4.\n\n" + markdown(head, rows)
-
-
-def _signs(results: Sequence[Result]) -> str:
-    rows = []
-    for label, (_, there) in SIGNS.items():
-        (run,) = results_of_label(results, "signs", label)
-        names = ("error_rms", "error_max", "diverged")
-        rows.append([label, *(figure(run.metric(name), 3) for name in names), there])
-    head = ("nn", "rms 10-20 s", "max 10-20 s", "latched off", "independent")
-    return "Signs and the prediction.\n\n" + markdown(head, rows)
+    return page(results, TABLES, known)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD and NN beside each other, and what u does from step to step."""
-    main = {r.case.label: r for r in of_group(results, "main")}
+    main = by_label(results, "main")
     wanted = ("pd without gap", "pd", "nn_sigmoid", "nn")
     draw_laws([main[label] for label in wanted], folder / "backlash-map.png")
     draw_steps(of_group(results, "short")[0], folder / "backlash-map-steps.png")

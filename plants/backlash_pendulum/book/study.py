@@ -11,15 +11,24 @@ import numpy as np
 
 from pcpc.plants.backlash_pendulum.book.study_figures import draw_attribution, draw_cases
 from pcpc.plants.book.tables import (
-    bracketed_cells,
+    Column,
+    Sentence,
+    Table,
+    across,
+    at,
+    by_label,
     case_maker,
+    controller_of,
     expected_figures,
-    labels,
-    least_to_largest,
-    results_of_label,
+    group_of,
+    label_of,
+    page,
+    part,
     rig_name,
+    share,
+    span,
 )
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result
 
 CHAPTER = 5
 TITLE = "Chapter 5.2: a pendulum behind backlash"
@@ -128,129 +137,111 @@ def layers() -> Iterator[Case]:
             yield _case("layer", MAIN, "nn", f"rho = {ratio:.2f}, 3", steep, *drawn)
 
 
-def in_mrad(result: Result, name: str) -> float:
-    """Return a metric as the tables show it: angles and rates in mrad, mrad/s."""
-    return (1e3 if "_rad" in name else 1.0) * result.metric(name)
+def mrad(value: float) -> str:
+    """Return the text of an angle or a rate."""
+    return f"{1e3 * value:.1f}"
 
 
-def span(results: Sequence[Result], name: str, digits: int = 1) -> str:
-    """Return `least-largest` of a metric, or one number where they print alike."""
-    return least_to_largest(results, lambda r: in_mrad(r, name), lambda v: f"{v:.{digits}f}")
+RMS, LARGEST, TORQUE = "error_rms_rad", "error_max_rad", "torque_error_rms_Nm"
+TABLES = (
+    Table(
+        "main",
+        (
+            Column("rms e1", RMS, text=mrad),
+            Column("max e1", LARGEST, text=mrad),
+            Column("rms e2", "rate_error_rms_rad_s", text=mrad),
+            Column("rms tt", TORQUE, text="{:.3f}"),
+            Column("rms e1 0.5-2 s", "transient_error_rms_rad", text=mrad),
+            Column("last abs(e1) > 10", "settled_s", text="{:.2f}"),
+            Column("max abs(u)", "command_max_Nm", text="{:.1f}"),
+        ),
+        "mrad, mrad/s, N m, s over 2 to 20 s; in brackets an independent implementation without a "
+        "bus.",
+        {"rig": rig_name, "law": controller_of},
+    ),
+    Table(
+        ("varied", "coarse"),
+        (
+            Column("rms e1", RMS, span, mrad), Column("independent", 0),
+            Column("max e1", LARGEST, span, mrad), Column("independent", 1),
+        ),
+        f"Delay and rate: ranges over {REPEATS} repeats. Coarse: 1e-4 rad, 1e-2 rad/s, N m.",
+        {"nn": label_of},
+    ),
+    Table(
+        ("seeds", "minute"),
+        (
+            *at(
+                group_of,
+                "seeds",
+                Column("median rms e1", RMS, np.median, mrad),
+                Column("worst", RMS, max, mrad),
+                Column("independent", 0),
+                Column("worst last abs(e1) > 10", "settled_s", max, "{:.2f}"),
+            ),
+            *at(group_of, "minute", Column("worst in 60 s", RMS, max, mrad)),
+            *at(
+                group_of,
+                "seeds",
+                Column("largest abs(W)", "norm_w_max", max, "{:.0f}"),
+                Column("worst rms tt", TORQUE, max, "{:.2f}"),
+            ),
+        ),
+        f"nn over {SEEDS} seeds of V.",
+        {"samples late": label_of},
+    ),
+    Table(
+        "attribution",
+        (
+            *at(
+                part(1),
+                0,
+                Column("rms e1", RMS, text=mrad),
+                Column("independent", 0),
+                Column("rms tt", TORQUE, text="{:.2f}"),
+            ),
+            *at(part(1), 3, Column("rms e1, 3 samples late", RMS, text=mrad)),
+        ),
+        "Where the gain comes from.",
+        {"law": part(0)},
+    ),
+    Table(
+        "layer",
+        (
+            Column("latched off", "diverged", share),
+            Column("rms e1", RMS, span, mrad),
+            Column("rms tt", TORQUE, span, "{:.1f}"),
+            Column("max abs(u)", "command_max_Nm", span, "{:.0f}"),
+        ),
+        "Boundary layers; without one the guard on u was raised to 1e9 N m.",
+        {"layer": part(0, ", "), "samples late": part(1, ", ")},
+    ),
+    Table(
+        "model",
+        across(
+            lambda result: " ".join(label_of(result).split()[-2:]),
+            {"pd 0": "pd", "robust 0": "robust", "nn 0": "nn", "nn 1": "nn, 1 sample late"},
+            Column("{}", RMS, text=mrad),
+        ),
+        "The book's equation of motion is lost; the law knows the one in use.",
+        {"right side of the plant": part(0, " ", 2)},
+    ),
+    Sentence(
+        "filter",
+        [Column("", RMS, span, mrad)],
+        "nn with a filter of 20 to 300 rad/s: rms e1 {} mrad.\n",
+    ),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    return "\n".join(
-        (_main(results), _variation_table(results), _seeds(results), _attribution(results),
-         _layers(results), _models(results))
-    )  # fmt: skip
-
-
-def _main(results: Sequence[Result]) -> str:
-    figures = (
-        ("error_rms_rad", 1), ("error_max_rad", 1), ("rate_error_rms_rad_s", 1),
-        ("torque_error_rms_Nm", 3), ("transient_error_rms_rad", 1),
-    )  # fmt: skip
-    rows = []
-    for result in of_group(results, "main"):
-        rig, law = rig_name(result), result.case.controller
-        cells = [f"{in_mrad(result, name):.{digits}f}" for name, digits in figures]
-        pairs = bracketed_cells(cells, known("main", rig, law))
-        rest = [f"{result.metric('settled_s'):.2f}", f"{result.metric('command_max_Nm'):.1f}"]
-        rows.append([rig, law, *pairs, *rest])
-    head = ("rig", "law", "rms e1", "max e1", "rms e2", "rms tt", "rms e1 0.5-2 s",
-            "last abs(e1) > 10", "max abs(u)")  # fmt: skip
-    return (
-        "mrad, mrad/s, N m, s over 2 to 20 s; in brackets an independent implementation without a "
-        "bus.\n\n" + markdown(head, rows)
-    )
-
-
-def _variation_table(results: Sequence[Result]) -> str:
-    rows = []
-    for label in (*VARIED, "coarse sensors"):
-        found = results_of_label(results, "varied" if label in VARIED else "coarse", label)
-        rms, largest = known("varied", label)
-        pair = (span(found, "error_rms_rad"), rms, span(found, "error_max_rad"), largest)
-        rows.append([label, *pair])
-    head = ("nn", "rms e1", "independent", "max e1", "independent")
-    return (
-        f"Delay and rate: ranges over {REPEATS} repeats. Coarse: 1e-4 rad, 1e-2 rad/s, N m.\n\n"
-        + markdown(head, rows)
-    )
-
-
-def _seeds(results: Sequence[Result]) -> str:
-    rows = []
-    for samples in range(4):
-        runs, minutes = (
-            results_of_label(results, group, str(samples)) for group in ("seeds", "minute")
-        )
-        values = [in_mrad(result, "error_rms_rad") for result in runs]
-        settled = [result.metric("settled_s") for result in runs]
-        rows.append([
-            str(samples), f"{np.median(values):.1f}", f"{max(values):.1f}",
-            *known("seeds", samples),
-            f"{max(settled):.2f}", f"{max(in_mrad(r, 'error_rms_rad') for r in minutes):.1f}",
-            f"{max(r.metric('norm_w_max') for r in runs):.0f}",
-            f"{max(r.metric('torque_error_rms_Nm') for r in runs):.2f}",
-        ])  # fmt: skip
-    head = ("samples late", "median rms e1", "worst", "independent", "worst last abs(e1) > 10",
-            "worst in 60 s", "largest abs(W)", "worst rms tt")  # fmt: skip
-    return f"nn over {SEEDS} seeds of V.\n\n" + markdown(head, rows)
-
-
-def _attribution(results: Sequence[Result]) -> str:
-    rows = []
-    for label in ATTRIBUTION:
-        now = results_of_label(results, "attribution", f"{label} 0")
-        later = results_of_label(results, "attribution", f"{label} 3")
-        tt = span(now, "torque_error_rms_Nm", 2)
-        (there,) = known("attribution", label) or ("",)
-        rows.append([label, span(now, "error_rms_rad"), there, tt, span(later, "error_rms_rad")])
-    head = ("law", "rms e1", "independent", "rms tt", "rms e1, 3 samples late")
-    return "Where the gain comes from.\n\n" + markdown(head, rows)
-
-
-def _layers(results: Sequence[Result]) -> str:
-    rows = []
-    for label in labels(results, "layer"):
-        runs = results_of_label(results, "layer", label)
-        cut = sum(result.metric("diverged") > 0.5 for result in runs)
-        width, samples = label.rsplit(", ", 1)
-        rows.append([
-            width, samples, f"{cut} of {len(runs)}", span(runs, "error_rms_rad"),
-            span(runs, "torque_error_rms_Nm"), span(runs, "command_max_Nm", 0),
-        ])  # fmt: skip
-    head = ("layer", "samples late", "latched off", "rms e1", "rms tt", "max abs(u)")
-    return "Boundary layers; without one the guard on u was raised to 1e9 N m.\n\n" + markdown(
-        head, rows
-    )
-
-
-def _models(results: Sequence[Result]) -> str:
-    rows = []
-    for label in MODELS:
-        kinds = ("pd 0", "robust 0", "nn 0", "nn 1")
-        values = [
-            span(results_of_label(results, "model", f"{label} {kind}"), "error_rms_rad")
-            for kind in kinds
-        ]
-        rows.append([label, *values])
-    filters = span(of_group(results, "filter"), "error_rms_rad")
-    head = ("right side of the plant", "pd", "robust", "nn", "nn, 1 sample late")
-    return (
-        "The book's equation of motion is lost; the law knows the one in use.\n\n"
-        + markdown(head, rows)
-        + f"\nnn with a filter of 20 to 300 rad/s: rms e1 {filters} mrad.\n"
-    )
+    return page(results, TABLES, known)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the three cases beside each other, and where the gain comes from."""
-    main = {r.case.label: r for r in of_group(results, "main")}
+    main, parts = (by_label(results, group) for group in ("main", "attribution"))
     draw_cases([main[f"{MAIN} {law}"] for law in LAWS], folder / "backlash-pendulum.png")
-    gains = {
-        label: results_of_label(results, "attribution", f"{label} 0")[0] for label in ATTRIBUTION
-    }
+    gains = {label: parts[f"{label} 0"] for label in ATTRIBUTION}
     draw_attribution(gains, folder / "backlash-pendulum-gain.png")

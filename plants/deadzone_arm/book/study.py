@@ -4,14 +4,30 @@ Errors are rms in rad over 3-5 s and 8-10 s. A draw is a `network_seed`, 0 to 19
 out depends on the last bit of every weight (README), so that only statistics mean anything.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, rig_name
+from pcpc.plants.book.tables import (
+    Column,
+    Table,
+    at,
+    by_case,
+    case_maker,
+    expected_figures,
+    grouped,
+    joined,
+    label_of,
+    page,
+    rig_name,
+    true_count,
+)
 from pcpc.plants.deadzone_arm.book.study_figures import draw_beside, draw_seeds
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, of_group
 
 CHAPTER = 4
 TITLE = "Chapter 4.2: deadzone compensation with two neural networks"
@@ -55,9 +71,6 @@ DRAWN: dict[str, tuple[str, ...]] = {  # of `nn`, all seeds
 STEP_ONLY = ("u_max 100 N m", "u_max 60 N m")  # the sine asks for 82 N m
 
 
-Runs = Mapping[tuple[str, str], list[Result]]
-
-
 def cases() -> Iterator[Case]:
     """Yield all runs of the study."""
     for scenario in SCENARIOS:
@@ -82,17 +95,14 @@ def scenario_of(result: Result) -> str:
     return rig_name(result).removeprefix("deadzone-")
 
 
-def groups(results: Iterable[Result]) -> dict[tuple[str, str], list[Result]]:
-    """Return results by (label, scenario), in the order of the cases."""
-    found: dict[tuple[str, str], list[Result]] = {}
-    for result in results:
-        found.setdefault((result.case.label, scenario_of(result)), []).append(result)
-    return found
+def errors(result: Result) -> np.ndarray:
+    """Return the four errors of a run, (4,); infinite where it diverged."""
+    return np.array([result.metric(name) for name in COLUMNS])
 
 
-def values(drawn: Sequence[Result]) -> np.ndarray:
-    """Return the four errors of each run, (runs, 4); infinite where one diverged."""
-    return np.array([[result.metric(name) for name in COLUMNS] for result in drawn])
+def pd_errors(results: Sequence[Result]) -> dict[str, np.ndarray]:
+    """Return PD's four errors, (4,), by scenario."""
+    return {scenario_of(r): errors(r) for r in of_group(results, "single") if label_of(r) == "pd"}
 
 
 def error_cells(four: Sequence[float]) -> str:
@@ -100,98 +110,88 @@ def error_cells(four: Sequence[float]) -> str:
     return "{:.4f} {:.4f} \\| {:.4f} {:.4f}".format(*four)
 
 
+def median_and_worst(values: Sequence[float]) -> str:
+    """Return the text of both."""
+    return f"{np.median(values):.2f}, {max(values):.2f}"
+
+
+def joints(head: str, metric: str, digits: int) -> Column:
+    """Return a column of both joints."""
+    return Column(head, metric, text=f"{{:.{digits}f}}", between=" ")
+
+
+ERRORS = Column("here", errors, text=error_cells)
+SINGLE_RUNS = Table(
+    "single",
+    (ERRORS, Column("expected", 0)),
+    rows={"PD, and seed 11 with": joined(label_of, scenario_of)},
+)
+TRANSIENT = Table(
+    "single",
+    (
+        *at(
+            scenario_of, "step", joints("step: settled s", "settle_{}_s", 2),
+            joints("overshoot rad", "overshoot_{}_rad", 3),
+            joints("hang-off rad", "error_bias_{}_rad", 4),
+        ),
+        *at(
+            scenario_of, "sine", joints("sine: 0-1.5 s", "start_error_rms_{}_rad", 4),
+            joints("1.5-3 s", "adapted_error_rms_{}_rad", 4),
+        ),
+    ),
+)  # fmt: skip
+
+
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    single = groups(of_group(results, "single"))
-    base = {scenario: values(single["pd", scenario])[0] for scenario in SCENARIOS}
-    parts = [
-        "Errors: rms in rad, joint 1 joint 2 over 3-5 s | joint 1 joint 2 over 8-10 s.\n",
-        single_table(single),
-        transient_table(single),
-        "\nTwenty draws of the networks:\n",
-        seeds_table(groups(of_group(results, "seeds")), base),
-        "\nFresh draws of the rig, of 40 each, in all four windows:\n",
-        fresh_table(groups(of_group(results, "fresh")), base),
-    ]
-    return "\n".join(parts)
+    base = pd_errors(results)
 
-
-def single_table(single: Runs) -> str:
-    """Return the errors of PD and of seed 11."""
-    rows = [
-        [
-            f"{label}, {scenario}",
-            error_cells(values(drawn)[0]),
-            *(known("single", label, scenario) or ("",)),
-        ]
-        for (label, scenario), drawn in single.items()
-    ]
-    return markdown(("PD, and seed 11 with", "here", "expected"), rows)
-
-
-def transient_table(single: Runs) -> str:
-    """Return what happens at the start, PD and seed 11."""
-    rows = []
-    for label in ("pd", "no delay", "1 sample"):
-        step, sine = single[label, "step"][0], single[label, "sine"][0]
-        each = [
-            " ".join(form.format(of.metric(name.format(joint))) for joint in (1, 2))
-            for of, name, form in (
-                (step, "settle_{}_s", "{:.2f}"), (step, "overshoot_{}_rad", "{:.3f}"),
-                (step, "error_bias_{}_rad", "{:.4f}"),
-                (sine, "start_error_rms_{}_rad", "{:.4f}"),
-                (sine, "adapted_error_rms_{}_rad", "{:.4f}"),
-            )
-        ]  # fmt: skip
-        rows.append([label, *each])
-    head = ("", "step: settled s", "overshoot rad", "hang-off rad", "sine: 0-1.5 s", "1.5-3 s")
-    return markdown(head, rows)
-
-
-def seeds_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
-    """Return medians, 90th percentiles, shares better than PD and the overshoot.
-
-    `base`: PD's four errors, (4,), by scenario.
-    """
-    rows = []
-    for (label, scenario), runs in drawn.items():
-        found = values(runs)
-        times = base[scenario] / found
-        overshoot = [run.metric("overshoot_1_rad") for run in runs]
-        over = f"{np.median(overshoot):.2f}, {max(overshoot):.2f}" if scenario == "step" else ""
-        cells = (
-            error_cells(np.median(found, axis=0)),
-            error_cells(np.percentile(found, 90, axis=0)),
-            f"{np.mean((times > 1).all(axis=1)):.2f}",
-            f"{np.mean((times >= 5).all(axis=1)):.2f}",
+    def better(head: str, more: np.ufunc, least: float, of: Any, text: str) -> Column:
+        """Return a column of the runs all of whose errors are so many times below PD's."""
+        return Column(
+            head,
+            lambda r: more(base[scenario_of(r)] / errors(r), least).all(),
+            of,
+            text,
         )
-        ended = str(sum(run.metric("diverged") > 0.5 for run in runs))
-        known_cells = bracketed_cells(cells, known("seeds", label, scenario))
-        rows.append([f"{label}, {scenario}", *known_cells, over, ended])
-    head = ("20 seeds (expected)", "median", "90th percentile", "better than PD", "5 times better",
-            "overshoot: median, worst", "ended by the guard")  # fmt: skip
-    return markdown(head, rows)
 
-
-def fresh_table(drawn: Runs, base: Mapping[str, np.ndarray]) -> str:
-    """Return how many of the fresh draws are better than PD, and five times better.
-
-    `base`: PD's four errors, (4,), by scenario.
-    """
-    rows = []
-    for (label, scenario), runs in drawn.items():
-        times = base[scenario] / values(runs)
-        counts = [str(np.sum((times > least).all(axis=1))) for least in (1, 5)]
-        rows.append([f"seeds {label}, {scenario}", *counts])
-    return markdown(("", "better than PD", "5 times better"), rows)
+    started = [r for r in results if label_of(r) in ("pd", "no delay", "1 sample")]
+    drawn = (
+        replace(ERRORS, head="median", of=partial(np.median, axis=0)),
+        replace(ERRORS, head="90th percentile", of=partial(np.percentile, q=90, axis=0)),
+        better("better than PD", np.greater, 1, np.mean, "{:.2f}"),
+        better("5 times better", np.greater_equal, 5, np.mean, "{:.2f}"),
+        *at(
+            scenario_of,
+            "step",
+            Column("overshoot: median, worst", "overshoot_1_rad", median_and_worst),
+        ),
+        Column("ended by the guard", "diverged", true_count),
+    )
+    fresh = (
+        better("better than PD", np.greater, 1, true_count, ""),
+        better("5 times better", np.greater, 5, true_count, ""),
+    )
+    draw_of = joined(label_of, scenario_of)
+    parts = (
+        "Errors: rms in rad, joint 1 joint 2 over 3-5 s | joint 1 joint 2 over 8-10 s.\n",
+        SINGLE_RUNS,
+        TRANSIENT.markdown(started, known),
+        "\nTwenty draws of the networks:\n",
+        Table("seeds", drawn, rows={"20 seeds (expected)": draw_of}),
+        "\nFresh draws of the rig, of 40 each, in all four windows:\n",
+        Table("fresh", fresh, rows={"": lambda r: f"seeds {draw_of(r)}"}),
+    )
+    return page(results, parts, known)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the network on both rigs, and all draws of the main variants."""
-    single = groups(of_group(results, "single"))
+    single = by_case(results, "single")
     for scenario in SCENARIOS:
-        pair = [single["pd", scenario][0], single["no delay", scenario][0]]
-        draw_beside(pair, folder / f"deadzone-{scenario}.png")
-    base = {scenario: values(single["pd", scenario])[0] for scenario in SCENARIOS}
-    found = {k: values(runs) for k, runs in groups(of_group(results, "seeds")).items()}
-    draw_seeds(found, base, folder / "deadzone-seeds.png")
+        rig = f"deadzone-{scenario}"
+        pair = [single[rig, "pd", "pd"], single[rig, "nn", "no delay"]]
+        draw_beside(pair, folder / f"{rig}.png")
+    drawn = grouped(of_group(results, "seeds"), label_of, scenario_of)
+    found = {names: np.array([errors(run) for run in runs]) for names, runs in drawn.items()}
+    draw_seeds(found, pd_errors(results), folder / "deadzone-seeds.png")

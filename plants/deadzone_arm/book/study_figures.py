@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.plants.book.figures import REFERENCE, dress, name_rows
-from pcpc.plants.book.tables import rig_name
+from pcpc.plants.book.tables import Words, rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result
 
@@ -72,7 +72,7 @@ def _draw_run(axes: Any, result: Result) -> None:
 
 
 def draw_seeds(
-    found: Mapping[tuple[str, str], np.ndarray], base: Mapping[str, np.ndarray], path: Path
+    found: Mapping[Words, np.ndarray], base: Mapping[str, np.ndarray], path: Path
 ) -> None:
     """Draw the worse joint's error over 8-10 s of each draw against PD's.
 

@@ -7,9 +7,22 @@ where the run does not diverge.
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.tables import bracketed_cells, by_case, case_maker, expected_figures
+from pcpc.plants.book.tables import (
+    Column,
+    Part,
+    Table,
+    across,
+    by_case,
+    case_maker,
+    controller_of,
+    expected_figures,
+    joined,
+    label_of,
+    page,
+    rig_name,
+)
 from pcpc.plants.deadzone_map.book.study_figures import draw_beside
-from pcpc.plants.study import Case, Result, markdown
+from pcpc.plants.study import Case, Result
 
 CHAPTER = 4
 TITLE = "Chapter 4.3: deadzone compensation with fuzzy logic, in discrete time"
@@ -31,10 +44,10 @@ TRACES = (
 def cases() -> Iterator[Case]:
     """Yield all runs of the study."""
     for rig in RIG_NAMES:
-        for controller in CONTROLLERS:
-            for label, settings in MODELS.items():
-                yield _case("main", rig, controller, label, *settings, traces=TRACES)
-                yield _case("delayed", rig, controller, label, *settings, *DELAYED)
+        for law in CONTROLLERS:
+            for model, settings in MODELS.items():
+                yield _case("main", rig, law, model, *settings, traces=TRACES)
+                yield _case("delayed", rig, law, model, *settings, *DELAYED)
     for rig in RIG_NAMES[1:]:
         for name, law, values in RATES:
             for value in values:
@@ -51,42 +64,30 @@ def result_text(result: Result) -> str:
     return text
 
 
+LAW_ON_RIG = {"": joined(controller_of, rig_name)}
+BY_MODEL = across(label_of, [*MODELS], Column("{}", result_text))
+WIDTHS = {rig: f"d = 0.{rig[-1]}" for rig in RIG_NAMES[1:]}
+TABLES: tuple[Part, ...] = (
+    "Error rms, largest; widths learned d+ d-, (expected).\n",
+    Table("main", BY_MODEL, rows=LAW_ON_RIG),
+    "\nThe same with one sample more of delay:\n",
+    Table("delayed", BY_MODEL, rows=LAW_ON_RIG),
+    "\nLearning rates of `fuzzy`, then of `inverse`, cf 0.15:\n",
+    *(
+        Table(name, across(rig_name, WIDTHS, Column("{}", result_text)), rows={name: label_of})
+        for name, _, _ in RATES
+    ),
+)
+
+
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    return "\n".join((
-        "Error rms, largest; widths learned d+ d-, (expected).\n",
-        _models(results, "main"),
-        "\nThe same with one sample more of delay:\n",
-        _models(results, "delayed"),
-        "\nLearning rates of `fuzzy`, then of `inverse`, cf 0.15:\n",
-        *(_rates(results, *one) for one in RATES),
-    ))  # fmt: skip
-
-
-def _models(results: Sequence[Result], group: str) -> str:
-    """Return a row a rig and controller, a column a model."""
-    found, rows = by_case(results, group), []
-    for rig in RIG_NAMES:
-        for controller in CONTROLLERS:
-            cells = [result_text(found[rig, controller, label]) for label in MODELS]
-            rows.append(
-                [f"{controller}, {rig}", *bracketed_cells(cells, known(group, rig, controller))]
-            )
-    return markdown(("", *MODELS), rows)
-
-
-def _rates(results: Sequence[Result], name: str, law: str, values: Sequence[float]) -> str:
-    found = by_case(results, name)
-    rows = [
-        [str(value), *(result_text(found[rig, law, str(value)]) for rig in RIG_NAMES[1:])]
-        for value in values
-    ]
-    return markdown((name, "d = 0.1", "d = 0.3"), rows)
+    return page(results, TABLES, known)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the fuzzy precompensator behind both deadzones."""
     found = by_case(results, "main")
     for rig in RIG_NAMES[1:]:
-        pair = [found[rig, controller, "cf 0.15"] for controller in ("pd", "fuzzy")]
+        pair = [found[rig, law, "cf 0.15"] for law in ("pd", "fuzzy")]
         draw_beside(pair, folder / f"{rig}.png")

@@ -4,14 +4,27 @@ Figures are medians over the seeds of the network's first layer; in brackets, be
 independent implementation of the same equations gave.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures
+from pcpc.plants.book.tables import (
+    Column,
+    Part,
+    Sentence,
+    Table,
+    Text,
+    across,
+    at,
+    case_maker,
+    controller_of,
+    expected_figures,
+    label_of,
+    page,
+)
 from pcpc.plants.friction_arm.book.study_figures import draw_all
-from pcpc.plants.study import Case, Result, markdown, of_group, statistic
+from pcpc.plants.study import Case, Result
 
 CHAPTER = 3
 TITLE = "Chapter 3: the two-link arm with friction"
@@ -105,167 +118,121 @@ def _sampling_cases() -> Iterator[Case]:
         yield from _seed_cases("steps", "a", "nn_standard", step, range(1, 4), f"arm.step_s={step}")
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
-    """Draw cases A to D, phase planes, the chatter of the step node and the step weights."""
-    draw_all(results, folder)
-
-
-Key = tuple[str, str]
 EARLY, LATE = "early_error_abs_mean_{}_rad", "error_abs_mean_{}_rad"
+OVERSHOOT_1 = "overshoot_1_rad"
 
 
-def _runs(results: Sequence[Result], group: str) -> dict[Key, list[Result]]:
-    """Return the runs of a group by (controller, label), the seeds of each."""
-    found: dict[Key, list[Result]] = {}
-    for result in of_group(results, group):
-        found.setdefault((result.case.controller, result.case.label), []).append(result)
-    return found
-
-
-def _number(value: float) -> str:
-    """Return four decimals below 1, else three digits."""
+def number(value: float) -> str:
+    """Return four decimals below 10, else no decimal."""
     if not np.isfinite(value):
         return "-" if np.isnan(value) else "inf"
     return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.0f}"
 
 
-def _pair(runs: Sequence[Result], metric: str, of: Callable[..., float] = np.median) -> str:
-    names = [metric.format(joint) for joint in (1, 2)]
-    return " / ".join(_number(statistic(runs, name, of)) for name in names)
+def median(head: str, metric: str, text: Text = number) -> Column:
+    """Return a column of medians over the seeds."""
+    return Column(head, metric, np.median, text)
 
 
-def _peak(runs: Sequence[Result]) -> str:
-    return f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}"
+def variation(head: str = "variation") -> Column:
+    """Return the column of the torque's variation."""
+    return median(head, "torque_variation_Nm_s", "{:.0f}")
 
 
-def _variation(runs: Sequence[Result]) -> str:
-    return f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}"
+def peak(head: str = "peak") -> Column:
+    """Return the column of the largest torque of all seeds."""
+    return Column(head, "torque_peak_Nm", np.max, "{:.0f}")
 
 
-def _overshoot(runs: Sequence[Result]) -> str:
-    return _number(statistic(runs, "overshoot_1_rad", np.median))
+def drawn(result: Result) -> bool:
+    """Return whether a result is of a network, whose first layer is drawn."""
+    return controller_of(result) in NETWORKS
+
+
+ERRORS = (median("4 to 5 s", EARLY), median("9 to 10 s", LATE))
+HELD = (
+    *ERRORS,
+    *at(
+        drawn, True,
+        Column("worst seed, 9 to 10 s", LATE, np.max, number, absent="-"),
+        Column("overshoot", "overshoot_{}_rad", np.median, number, absent="-"),
+    ),
+    peak(), variation(),
+)  # fmt: skip
+BY_LAW = {"": controller_of}
+OF_STEP = ("nn_step",)
+TABLES: tuple[Part, ...] = (
+    "Joint 1 / joint 2; rad, N m, N m/s. Medians over the seeds 1 to 10 of the first layer; in "
+    "brackets the figures of an independent implementation of the same equations. Errors are "
+    "means of |e|; overshoot is beyond the target; variation is the sum of |tau_k - tau_k-1| "
+    "of both joints per second; the peak torque is that of all seeds.\n",
+    Table("a", HELD, "Case A: unit step under gravity", BY_LAW),
+    Table("b", HELD, "Case B: unit step without gravity", BY_LAW),
+    Table("d", HELD, "Case D: LuGre friction, unit step under gravity", BY_LAW),
+    Table("e", HELD, "Case E: stiction a1 = 10 N m, unit step under gravity", BY_LAW),
+    Table("kz", HELD, "Case A without the robust term, Kz = 0", BY_LAW),
+    Table(
+        "c",
+        (
+            median("rms, 10 to 20 s", "error_rms_{}_rad"),
+            median("largest, 10 to 20 s", "error_max_{}_rad"),
+            variation(),
+        ),
+        "Case C: tracking sin t, cos t",
+        BY_LAW,
+    ),
+    Sentence(
+        "stiff pd",
+        ERRORS[1:],
+        "PD with the damping that the robust term adds, Kv = 23, case A: {}\n",
+    ),
+    *(
+        Table(group, (*ERRORS, peak("peak torque")), title, {"": label_of, "law": controller_of})
+        for group, title in (
+            ("gains", "Tuning gains instead of T 10 E 35, with S = 10, case A"),
+            ("nodes", "Hidden nodes instead of 10, case A"),
+        )
+    ),
+    Table(
+        "rates",
+        (
+            *across(controller_of, ("nn_standard", "nn_step"), median("{}, 9 to 10 s", LATE)),
+            *across(controller_of, ("nn_step", "nn_ramp"), variation("{} variation")),
+            *across(controller_of, OF_STEP, median("{} overshoot 1", OVERSHOOT_1)),
+            *across(
+                controller_of, OF_STEP,
+                median("{} median T G", "tuning_gain_median_Nms_rad", "{:.3g}"),
+            ),
+        ),
+        "Sampling rate, case A, medians over 5 seeds; Kv is 20",
+        {"Hz": label_of},
+    ),
+    Table(
+        "quanta",
+        (ERRORS[1], Column("worst of 5 seeds", LATE, np.max, number), variation()),
+        "Quantisation, case A",
+        {"quantum": label_of, "law": controller_of},
+    ),
+    Table(
+        "delays",
+        (ERRORS[1], median("overshoot 1", OVERSHOOT_1)),
+        "Delay of the torque in samples, case A, nn_step, medians over 5 seeds",
+        {"samples": label_of},
+    ),
+    Table(
+        "steps",
+        ERRORS,
+        "Integration step, case A, nn_standard, medians over 3 seeds",
+        {"step [s]": label_of},
+    ),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    heads = {
-        "a": "Case A: unit step under gravity",
-        "b": "Case B: unit step without gravity",
-        "d": "Case D: LuGre friction, unit step under gravity",
-        "e": "Case E: stiction a1 = 10 N m, unit step under gravity",
-        "kz": "Case A without the robust term, Kz = 0",
-    }
-    parts = [
-        "Joint 1 / joint 2; rad, N m, N m/s. Medians over the seeds 1 to 10 of the first layer; in "
-        "brackets the figures of an independent implementation of the same equations. Errors are "
-        "means of |e|; overshoot is beyond the target; variation is the sum of |tau_k - tau_k-1| "
-        "of both joints per second; the peak torque is that of all seeds.\n"
-    ]
-    for group, head in heads.items():
-        parts.append(f"{head}\n\n" + _regulation(results, group))
-    parts.append("Case C: tracking sin t, cos t\n\n" + _tracking(results))
-    stiff = of_group(results, "stiff pd")
-    parts.append(
-        "PD with the damping that the robust term adds, Kv = 23, case A: "
-        f"{bracketed_cells([_pair(stiff, LATE)], known('stiff pd', 'pd'))[0]}\n"
-    )
-    parts += [_tunings(results), _rates(results), _quanta(results), _delays(results)]
-    return "\n".join(parts)
+    return page(results, TABLES, known)
 
 
-def _regulation(results: Sequence[Result], group: str) -> str:
-    rows = []
-    for (controller, _), runs in _runs(results, group).items():
-        cells = (
-            _pair(runs, EARLY),
-            _pair(runs, LATE),
-            _pair(runs, LATE, np.max) if controller != "pd" else "-",
-            _pair(runs, "overshoot_{}_rad") if controller != "pd" else "-",
-            _peak(runs),
-            _variation(runs),
-        )
-        rows.append([controller, *bracketed_cells(cells, known(group, controller))])
-    head = ("", "4 to 5 s", "9 to 10 s", "worst seed, 9 to 10 s", "overshoot", "peak", "variation")
-    return markdown(head, rows)
-
-
-def _tracking(results: Sequence[Result]) -> str:
-    rows = []
-    for (controller, _), runs in _runs(results, "c").items():
-        cells = (
-            _pair(runs, "error_rms_{}_rad"),
-            _pair(runs, "error_max_{}_rad"),
-            _variation(runs),
-        )
-        rows.append([controller, *bracketed_cells(cells, known("c", controller))])
-    return markdown(("", "rms, 10 to 20 s", "largest, 10 to 20 s", "variation"), rows)
-
-
-def _tunings(results: Sequence[Result]) -> str:
-    parts = []
-    for group, title in (
-        ("gains", "Tuning gains instead of T 10 E 35, with S = 10, case A"),
-        ("nodes", "Hidden nodes instead of 10, case A"),
-    ):
-        rows = []
-        for (controller, label), runs in _runs(results, group).items():
-            cells = (
-                _pair(runs, EARLY),
-                _pair(runs, LATE),
-                _peak(runs),
-            )
-            other = known(group, controller, label)
-            rows.append([label, controller, *bracketed_cells(cells, other)])
-        parts.append(
-            f"{title}\n\n" + markdown(("", "law", "4 to 5 s", "9 to 10 s", "peak torque"), rows)
-        )
-    return "\n".join(parts)
-
-
-def _rates(results: Sequence[Result]) -> str:
-    found = _runs(results, "rates")
-    rows = []
-    for rate in map(str, RATES_HZ):
-        standard, step, ramp = (found[c, rate] for c in ("nn_standard", "nn_step", "nn_ramp"))
-        cells = (
-            _pair(standard, LATE),
-            _pair(step, LATE),
-            _variation(step),
-            _variation(ramp),
-            _overshoot(step),
-        )
-        gain = statistic(step, "tuning_gain_median_Nms_rad", np.median)
-        rows.append([rate, *bracketed_cells(cells, known("rates", rate)), f"{gain:.3g}"])
-    head = ("Hz", "nn_standard, 9 to 10 s", "nn_step, 9 to 10 s", "nn_step variation",
-            "nn_ramp variation", "nn_step overshoot 1", "nn_step median T G")  # fmt: skip
-    return "Sampling rate, case A, medians over 5 seeds; Kv is 20\n\n" + markdown(head, rows)
-
-
-def _quanta(results: Sequence[Result]) -> str:
-    rows = []
-    for (controller, label), runs in _runs(results, "quanta").items():
-        cells = (
-            _pair(runs, LATE),
-            _pair(runs, LATE, np.max),
-            _variation(runs),
-        )
-        rows.append(
-            [label, controller, *bracketed_cells(cells, known("quanta", controller, label))]
-        )
-    head = ("quantum", "law", "9 to 10 s", "worst of 5 seeds", "variation")
-    return "Quantisation, case A\n\n" + markdown(head, rows)
-
-
-def _delays(results: Sequence[Result]) -> str:
-    rows = []
-    for (_, label), runs in _runs(results, "delays").items():
-        other = bracketed_cells([_overshoot(runs)], known("delays", label))
-        rows.append([label, _pair(runs, LATE), *other])
-    text = "Delay of the torque in samples, case A, nn_step, medians over 5 seeds\n\n"
-    text += markdown(("samples", "9 to 10 s", "overshoot 1"), rows)
-    rows = [
-        [label, _pair(runs, EARLY), _pair(runs, LATE)]
-        for (_, label), runs in _runs(results, "steps").items()
-    ]
-    text += "\nIntegration step, case A, nn_standard, medians over 3 seeds\n\n"
-    return text + markdown(("step [s]", "4 to 5 s", "9 to 10 s"), rows)
+def draw(results: Sequence[Result], folder: Path) -> None:
+    """Draw cases A to D, phase planes, the chatter of the step node and the step weights."""
+    draw_all(results, folder)

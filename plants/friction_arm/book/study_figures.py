@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows
-from pcpc.plants.book.tables import labels, rig_name
+from pcpc.plants.book.tables import grouped, label_of, rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, sheet
 from pcpc.plants.study import Result, of_group, statistic
 
@@ -176,11 +176,9 @@ def _over_rate(
 ) -> tuple[list[float], list[float]]:
     """Return rates and medians."""
     own = [r for r in results if r.case.controller == controller]
-    rates = labels(own, "rates")
-    values = [
-        statistic((r for r in own if r.case.label == rate), metric, np.median) for rate in rates
-    ]
-    return [float(rate) for rate in rates], values
+    rates = grouped(own, label_of)
+    values = [statistic(runs, metric, np.median) for runs in rates.values()]
+    return [float(rate) for (rate,) in rates], values
 
 
 def _finish(figure: Any, axes: Any, legend_of: Any, title: str, path: Path) -> None:

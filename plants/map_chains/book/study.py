@@ -8,9 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.book.tables import by_case, case_maker, rig_name
+from pcpc.plants.book.tables import (
+    Column,
+    Table,
+    across,
+    case_maker,
+    controller_of,
+    grouped,
+    joined,
+    label_of,
+    page,
+    part,
+    rig_name,
+)
 from pcpc.plants.map_chains.book.study_figures import draw_pair
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result
 
 CHAPTER = 5
 TITLE = "Chapters 4.3 and 5.3 with two inputs and third order"
@@ -20,6 +32,7 @@ LAWS = {ZONES: ("pd", "pd_exact", "fuzzy"), GAPS: ("pd_slow", "nn", "nn_unaware"
 COUPLINGS = (0.0, 0.05, 0.2, 0.5)
 SEEDS = range(101, 121)
 SECOND = ("chains.order=2.0", "controller.order=2.0", "controller.lam_2=0.0")
+SHOWN = ("error_a_rms", "error_b_rms", "error_a_max", "error_b_max", "jump_a_median")
 TRACES = tuple(
     name.format(chain)
     for chain in "ab"
@@ -61,38 +74,33 @@ def result_text(result: Result) -> str:
     return f"{result.metric('error_a_rms'):.4f}, {result.metric('error_b_rms'):.4f}"
 
 
+TABLES = (
+    "Error rms of chain a, of chain b; a column for each coupling of the plant.\n",
+    Table(
+        "main",
+        across(part(1, ", "), COUPLINGS, Column("kappa {}", result_text)),
+        rows={"rig, law": joined(rig_name, controller_of), "order": part(0, ", ")},
+    ),
+    "\nOne sample of delay more:\n",
+    Table("late", across(label_of, sum(LAWS.values(), ()), Column("{}", result_text)), rows={}),
+    f"\n`nn`, seeds {SEEDS[0]} to {SEEDS[-1]} of V:\n",
+    Table(
+        "seeds",
+        (
+            Column("median", "", np.median), Column("least", "", min), Column("largest", "", max),
+        ),
+        metrics={name: name for name in SHOWN},
+    ),
+)  # fmt: skip
+
+
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    main, rows = by_case(results, "main"), []
-    for rig, laws in LAWS.items():
-        for law in laws:
-            for order in "23":
-                found = [main[rig, law, f"{order}, {kappa}"] for kappa in COUPLINGS]
-                rows.append([f"{rig}, {law}", order, *map(result_text, found)])
-    late = {r.case.label: result_text(r) for r in of_group(results, "late")}
-    return "\n".join(
-        (
-            "Error rms of chain a, of chain b; a column for each coupling of the plant.\n",
-            markdown(("rig, law", "order", *(f"kappa {kappa}" for kappa in COUPLINGS)), rows),
-            "\nOne sample of delay more:\n",
-            markdown(tuple(late), [list(late.values())]),
-            f"\n`nn`, seeds {SEEDS[0]} to {SEEDS[-1]} of V:\n",
-            _seeds(of_group(results, "seeds")),
-        )
-    )
-
-
-def _seeds(runs: Sequence[Result]) -> str:
-    rows = []
-    for name in ("error_a_rms", "error_b_rms", "error_a_max", "error_b_max", "jump_a_median"):
-        values = [run.metric(name) for run in runs]
-        rows.append([name, f"{np.median(values):.4f}", f"{min(values):.4f}", f"{max(values):.4f}"])
-    return markdown(("", "median", "least", "largest"), rows)
+    return page(results, TABLES)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw both rigs with their best law and without it."""
-    drawn = (r for r in of_group(results, "main") if r.traces)
-    found = {(rig_name(r), r.case.controller): r for r in drawn}
-    draw_pair(found[ZONES, "pd"], found[ZONES, "fuzzy"], folder / "two-deadzones.png")
-    draw_pair(found[GAPS, "pd_slow"], found[GAPS, "nn"], folder / "two-gaps.png")
+    found = grouped((r for r in results if r.traces), rig_name, controller_of)
+    for rig, pair in {ZONES: ("pd", "fuzzy"), GAPS: ("pd_slow", "nn")}.items():
+        draw_pair([found[rig, law][0] for law in pair], folder / f"{rig}.png")

@@ -1,5 +1,6 @@
 """The figures of the chains' study: a law beside another, both chains."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pcpc.plants.book.figures import REFERENCE, dress, name_rows
@@ -15,10 +16,10 @@ TITLES = {
 }
 
 
-def draw_pair(left: Result, right: Result, path: Path) -> None:
+def draw_pair(pair: Sequence[Result], path: Path) -> None:
     """Draw newest states and inputs of both chains, a column a law."""
     figure, axes = sheet((11.0, 8.0), 110, 4, 2, sharex=True, sharey="row")
-    for column, result in enumerate((left, right)):
+    for column, result in enumerate(pair):
         traces = result.traces
         for i, chain in enumerate("ab"):
             state, inputs = axes[2 * i : 2 * i + 2, column]

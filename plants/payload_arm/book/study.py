@@ -5,17 +5,29 @@ figure is one run. In brackets what an independent implementation gave, where it
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, results_of_label
+from pcpc.plants.book.tables import (
+    Column,
+    Table,
+    at,
+    by_label,
+    case_maker,
+    expected_figures,
+    label_of,
+    page,
+)
 from pcpc.plants.payload_arm.book.study_figures import draw_beside, draw_long, draw_parts
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, of_group
 
 CHAPTER = 7
 TITLE = "Chapter 7: adaptive critic on the two-link arm"
 _case, known = case_maker(__file__, "payload-"), expected_figures(__file__)
-COLUMNS = ("early_error_rms", "payload_error_rms", "error_rms", "error_max", "after_error_max")
-HEADS = ("3-5 s", "5-7 s", "8-10 s", "largest 8-10 s", "largest 5-8 s")
+COLUMNS = {  # metric: head
+    "early_error_rms": "3-5 s", "payload_error_rms": "5-7 s", "error_rms": "8-10 s",
+    "error_max": "largest 8-10 s", "after_error_max": "largest 5-8 s",
+}  # fmt: skip
 TRACES = (
     "executive:reference_1.q_d_rad", "executive:reference_2.q_d_rad",
     "plant:arm.q_1_rad", "plant:arm.q_2_rad", "plant:arm.acting_1_Nm", "plant:arm.acting_2_Nm",
@@ -25,11 +37,12 @@ NETWORK_TRACES = (
     *TRACES, "critic", "executive:controller.norm_w1", "executive:controller.norm_w2",
     "executive:controller.norm_rho",
 )  # fmt: skip
+CASE_4 = "4 PD + critic, payload"
 MAIN = {  # label: rig, controller
     "1 PD": ("none", "pd"),
     "2 PD + critic": ("none", "critic"),
     "3 PD, payload": ("on", "pd"),
-    "4 PD + critic, payload": ("on", "critic"),
+    CASE_4: ("on", "critic"),
     "PD + robust term": ("none", "robust_only"),
     "PD + robust term, payload": ("on", "robust_only"),
 }
@@ -56,11 +69,11 @@ LONG = {  # label: rig, settings
     "case 4, integrator, no critic": ("on", "controller.v2_size=0.0", "controller.beta=0.0"),
 }
 NORMS = {
-    "critic_max": "norm of R",
-    "w1_max": "norm of W1",
-    "w2_max": "norm of W2",
-    "rho_max": "norm of rho",
-    "torque_peak_Nm": "torque N m",
+    "norm of R": "critic_max",
+    "norm of W1": "w1_max",
+    "norm of W2": "w2_max",
+    "norm of rho": "rho_max",
+    "torque N m": "torque_peak_Nm",
 }
 
 
@@ -86,52 +99,48 @@ def cases() -> Iterator[Case]:
         )
 
 
-def pair(result: Result, metric: str) -> str:
-    """Return the metric of both joints."""
-    return " ".join(f"{result.metric(f'{metric}_{joint}_rad'):.4f}" for joint in (1, 2))
+def errors(group: str, title: str = "") -> Table:
+    """Return the table of the errors of a group."""
+    columns = [Column(head, f"{name}_{{}}_rad", between=" ") for name, head in COLUMNS.items()]
+    return Table(group, columns, title)
 
 
-def table(title: str, results: Sequence[Result], first: Sequence[list[str]] = ()) -> str:
-    """Return label and errors of each, in brackets beside each what was expected."""
-    rows = []
-    for result in results:
-        other = known(result.case.group, result.case.label)
-        cells = [pair(result, name) for name in COLUMNS]
-        rows.append([result.case.label, *bracketed_cells(cells, other)])
-    return f"{title}\n\n" + markdown(("", *HEADS), [*first, *rows])
+def delays(results: Sequence[Result]) -> str:
+    """Return the table of the torque's age, which is 0 in case 4."""
+    four = by_label(results, "main")[CASE_4]
+    now = replace(four, case=replace(four.case, group="delays", label="0"))
+    return errors("delays", "Case 4, age of the torque in samples").markdown([now, *results], known)
+
+
+TABLES = (
+    "Errors of joint 1 and 2, rad: rms, then the largest; in brackets as expected.\n",
+    errors("main"),
+    errors("parts", "Parts of the law"),
+    Table(
+        ("norms", "main"),
+        at(label_of, CASE_4, Column("here", "", text="{:.3g}"), Column("expected", 0)),
+        "Largest values of case 4",
+        metrics=NORMS,
+    ),
+    delays,
+    errors("quanta", "Case 4, quanta of angles, rates and torques"),
+    errors("seeds", "Case 4, seed of V1 and V2; expected of 0 to 3 at 8-10 s: "
+           "0.0034-0.0067 0.0042-0.0069"),
+    Table("long", (Column("here", "error_rms_{}_rad", between=" "), Column("expected", 0)),
+          "60 s, rms of 50-60 s"),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    (four,) = results_of_label(results, "main", "4 PD + critic, payload")
-    norms = [
-        [name, f"{four.metric(key):.3g}", *known("norms", name)] for key, name in NORMS.items()
-    ]
-    long = [
-        [r.case.label, pair(r, "error_rms"), *(known("long", r.case.label) or ("",))]
-        for r in of_group(results, "long")
-    ]
-    return "\n".join((
-        "Errors of joint 1 and 2, rad: rms, then the largest; in brackets as expected.\n",
-        table("", of_group(results, "main")).lstrip(),
-        table("Parts of the law", of_group(results, "parts")),
-        "Largest values of case 4\n\n" + markdown(("", "here", "expected"), norms),
-        table("Case 4, age of the torque in samples", of_group(results, "delays"),
-              [["0", *(pair(four, name) for name in COLUMNS)]]),
-        table("Case 4, quanta of angles, rates and torques", of_group(results, "quanta")),
-        table("Case 4, seed of V1 and V2; expected of 0 to 3 at 8-10 s: "
-              "0.0034-0.0067 0.0042-0.0069", of_group(results, "seeds")),
-        "60 s, rms of 50-60 s\n\n" + markdown(("", "here", "expected"), long),
-    ))  # fmt: skip
+    return page(results, TABLES, known)
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the critic under the payload, the parts of the law, and the weights."""
-    main = {result.case.label: result for result in of_group(results, "main")}
-    beside = ("3 PD, payload", "PD + robust term, payload", "4 PD + critic, payload")
+    main, parts, long = (by_label(results, group) for group in ("main", "parts", "long"))
+    beside = ("3 PD, payload", "PD + robust term, payload", CASE_4)
     draw_beside([main[label] for label in beside], folder / "payload-beside.png")
-    parts = {result.case.label: result for result in of_group(results, "parts")}
-    long = {result.case.label: result for result in of_group(results, "long")}
     shown = {
         "PD": main["3 PD, payload"],
         "PD, robust term": main["PD + robust term, payload"],
@@ -139,7 +148,7 @@ def draw(results: Sequence[Result], folder: Path) -> None:
         "PD, action network, critic": parts["4 without robust term, kz 0"],
         "PD, robust term, action network": parts["4 critic asleep, beta 0"],
         "PD, robust term, integrator": parts["4 integrator, no critic"],
-        "all: PD, robust term, action network, critic": main["4 PD + critic, payload"],
+        "all: PD, robust term, action network, critic": main[CASE_4],
         "all, beta 15": parts["4 beta 15"],
         "all, beta 30": parts["4 beta 30"],
     }

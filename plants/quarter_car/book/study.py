@@ -4,15 +4,28 @@ In brackets, beside each figure, what an independent implementation of the same 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.book.tables import bracketed_cells, case_maker, expected_figures, labels, rig_name
+from pcpc.plants.book.tables import (
+    Column,
+    Part,
+    Sentence,
+    Table,
+    across,
+    bracketed_cells,
+    case_maker,
+    controller_of,
+    expected_figures,
+    label_of,
+    page,
+)
 from pcpc.plants.quarter_car.book import bode
-from pcpc.plants.quarter_car.book.study_figures import ROADS, draw_all
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.quarter_car.book.study_figures import ROADS, draw_all, road_of
+from pcpc.plants.study import Case, Result, markdown
 
 CHAPTER = 6
 TITLE = "Chapter 6: quarter car with a hydraulic strut"
@@ -93,133 +106,107 @@ def nominal() -> tuple[Mapping[str, float], Mapping[str, float]]:
     return car, law
 
 
-def _speed(value: float) -> str:
+def shown_speed(value: float) -> str:
+    """Return the text of a speed."""
     return f"{value:.4f}".removeprefix("0")
 
 
-def _number(value: float) -> str:
+def shown_force(value: float) -> str:
+    """Return the text of a force error; "" of a strut without one."""
+    return "" if np.isnan(value) else f"{value:.0f}"
+
+
+def shown_spool(value: float) -> str:
+    """Return the text of the largest magnitude of the spool; "" of a strut without one."""
+    return f"{1e3 * value:.3f}" if value > 0.0 else ""
+
+
+def shown_oscillation(value: float) -> str:
+    """Return the text of a frequency."""
     return "none" if np.isnan(value) else f"{value:.1f}"
 
 
-def _travel(result: Result) -> str:
+def travel(result: Result) -> str:
+    """Return the ends of a strut's travel."""
     low, high = (result.metric(f"extension_{end}_m") for end in ("min", "max"))
     return f"{low:.3f} to {high:.3f}".replace("0.", ".")
 
 
-def _row(result: Result) -> list[str]:
-    """Return the cells of the main table; "" where a strut has no such figure."""
-    ef, spool = result.metric("force_error_rms_N"), 1e3 * result.metric("spool_max_m")
-    return [
-        _speed(result.metric("speed_rms_m_s")),
-        _speed(result.metric("speed_max_m_s")),
-        f"{result.metric('acceleration_rms_m_s2'):.2f}",
-        _travel(result),
-        "" if np.isnan(ef) else f"{ef:.0f}",
-        f"{spool:.3f}" if spool > 0.0 else "",
-    ]
+def step_s(result: Result) -> str:
+    """Return the integration step of a result."""
+    return result.case.settings[-1].partition("=")[2]
+
+
+SPEED = Column("v_rms m/s", "speed_rms_m_s", text=shown_speed)
+FORCE = Column("ef_rms N", "force_error_rms_N", text=shown_force)
+ON_ROADS = across(road_of, ROADS, replace(SPEED, head="{} rad/s"))
+ACCELERATION = Column("a_rms m/s2", "acceleration_rms_m_s2", text="{:.2f}")
+MM = Column("", "", text=lambda value: f"{1e3 * value:.2f}")
+TABLES: tuple[Part, ...] = (
+    Table(
+        "table",
+        (
+            SPEED, Column("v_max m/s", "speed_max_m_s", text=shown_speed), ACCELERATION,
+            Column("extension m", travel), FORCE,
+            Column("spool mm", "spool_max_m", text=shown_spool),
+        ),
+        "6 s at 1 kHz, figures of 3 to 6 s; v and a of the body, spool: its largest magnitude. In "
+        "brackets the figures of an independent implementation of the same equations.",
+        {"strut": label_of, "rad/s": road_of},
+        nested=True,
+    ),
+    Table(
+        "preloaded",
+        ON_ROADS,
+        "Passive, preloaded so that it rests at mid stroke, stops on: v_rms (computed with g = 0)",
+        rows={},
+    ),
+    Table(
+        "kick",
+        (
+            replace(SPEED, text="{:.3g}"),
+            Column("spool mm", "spool_max_m", text=lambda value: f"{1e3 * value:.2g}"),
+            Column("oscillation rad/s", "oscillation_rad_s", text=shown_oscillation),
+        ),
+        "Flat road, body kicked with 0.05 m/s, 3 to 6 s",
+        {"": controller_of},
+    ),
+    Table("delay", ON_ROADS, "fl, command late by so many samples: v_rms"),
+    Table("kap", ON_ROADS, "fl, other kap (100 in the rigs): v_rms"),
+    Table("quanta", ON_ROADS, "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms"),
+    Table(
+        "pid delay",
+        across(label_of, PID_DELAYS, replace(ACCELERATION, head="{} samples")),
+        "pid at 8 rad/s, command late: a_rms",
+        rows={},
+    ),
+    Sentence(
+        "long",
+        (replace(MM, source="theta_norm_max_m"), replace(MM, source="theta_max_m")),
+        "fl, 30 s at 58 rad/s: norm of Th at most {} mm, largest entry {} mm\n",
+    ),
+    Table(
+        "causes",
+        (
+            replace(FORCE, text="{:.0f}"),
+            Column("correlation of F with Fd", "force_correlation", text="{:.2f}"),
+            SPEED,
+        ),
+        "Why the strut does not follow Fd at 150 rad/s; faster: tf 0.5 ms, lam 400/s, k1 200/s",
+    ),
+    Table(
+        "steps",
+        across(step_s, STEPS_S, Column("{}", "speed_rms_m_s", text="{:.5f}")),
+        "Integration step: v_rms",
+        {"": label_of, "rad/s": road_of},
+        nested=True,
+    ),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    rows = []
-    ordered = sorted(of_group(results, "table"), key=lambda r: [*STRUTS].index(r.case.label))
-    for result in ordered:
-        label, road = result.case.label, _road(result)
-        rows.append([label, road, *bracketed_cells(_row(result), known("table", label, road))])
-    head = ("strut", "rad/s", "v_rms m/s", "v_max m/s", "a_rms m/s2", "extension m", "ef_rms N",
-            "spool mm")  # fmt: skip
-    text = (
-        "6 s at 1 kHz, figures of 3 to 6 s; v and a of the body, spool: its largest magnitude. In "
-        "brackets the figures of an independent implementation of the same equations.\n\n"
-    )
-    text += markdown(head, rows)
-    parts = (_preload_table, _kick, _robust, _pid_delay, _long, _causes, _steps)
-    return "\n".join([text, *(part(results) for part in parts), _bode()])
-
-
-def _road(result: Result) -> str:
-    return rig_name(result).rpartition("-")[2]
-
-
-def _preload_table(results: Sequence[Result]) -> str:
-    own = of_group(results, "preloaded")
-    found = [_speed(r.metric("speed_rms_m_s")) for r in own]
-    cells = bracketed_cells(found, ["".join(known("preloaded", _road(r))) for r in own])
-    title = (
-        "Passive, preloaded so that it rests at mid stroke, stops on: v_rms (computed with g = 0)"
-    )
-    return f"{title}\n\n" + markdown([f"{road} rad/s" for road in ROADS], [cells])
-
-
-def _kick(results: Sequence[Result]) -> str:
-    rows = []
-    for result in of_group(results, "kick"):
-        cells = (
-            f"{result.metric('speed_rms_m_s'):.3g}",
-            f"{1e3 * result.metric('spool_max_m'):.2g}",
-            _number(result.metric("oscillation_rad_s")),
-        )
-        name = result.case.controller
-        rows.append([name, *bracketed_cells(cells, known("kick", name))])
-    head = ("", "v_rms m/s", "spool mm", "oscillation rad/s")
-    return "Flat road, body kicked with 0.05 m/s, 3 to 6 s\n\n" + markdown(head, rows)
-
-
-def _robust(results: Sequence[Result]) -> str:
-    parts = []
-    for group, title in (
-        ("delay", "fl, command late by so many samples: v_rms"),
-        ("kap", "fl, other kap (100 in the rigs): v_rms"),
-        ("quanta", "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms"),
-    ):
-        own = of_group(results, group)
-        rows = []
-        for label in labels(own, group):
-            values = [_speed(r.metric("speed_rms_m_s")) for r in own if r.case.label == label]
-            rows.append([label, *bracketed_cells(values, known(group, label))])
-        parts.append(f"{title}\n\n" + markdown(("", *(f"{w} rad/s" for w in ROADS)), rows))
-    return "\n".join(parts)
-
-
-def _pid_delay(results: Sequence[Result]) -> str:
-    own = of_group(results, "pid delay")
-    found = [f"{r.metric('acceleration_rms_m_s2'):.2f}" for r in own]
-    cells = bracketed_cells(found, [known("pid delay", r.case.label)[0] for r in own])
-    head = [f"{r.case.label} samples" for r in own]
-    return "pid at 8 rad/s, command late: a_rms\n\n" + markdown(head, [cells])
-
-
-def _long(results: Sequence[Result]) -> str:
-    (run,) = of_group(results, "long")
-    values = [f"{1e3 * run.metric(name):.2f}" for name in ("theta_norm_max_m", "theta_max_m")]
-    norm, largest = bracketed_cells(values, known("long", run.case.label))
-    return f"fl, 30 s at 58 rad/s: norm of Th at most {norm} mm, largest entry {largest} mm\n"
-
-
-def _causes(results: Sequence[Result]) -> str:
-    rows = []
-    for result in of_group(results, "causes"):
-        cells = (
-            f"{result.metric('force_error_rms_N'):.0f}",
-            f"{result.metric('force_correlation'):.2f}",
-            _speed(result.metric("speed_rms_m_s")),
-        )
-        rows.append(
-            [result.case.label, *bracketed_cells(cells, known("causes", result.case.label))]
-        )
-    head = ("", "ef_rms N", "correlation of F with Fd", "v_rms m/s")
-    title = "Why the strut does not follow Fd at 150 rad/s; faster: tf 0.5 ms, lam 400/s, k1 200/s"
-    return f"{title}\n\n" + markdown(head, rows)
-
-
-def _steps(results: Sequence[Result]) -> str:
-    own = of_group(results, "steps")
-    rows = []
-    for label in ("passive", "pid", "fl", "no_fl"):
-        for road in ROADS:
-            runs = [r for r in own if r.case.label == label and _road(r) == str(road)]
-            rows.append([label, str(road), *(f"{r.metric('speed_rms_m_s'):.5f}" for r in runs)])
-    return "Integration step: v_rms\n\n" + markdown(("", "rad/s", *STEPS_S), rows)
+    return page(results, (*TABLES, _bode()), known)
 
 
 def _bode() -> str:

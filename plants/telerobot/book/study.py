@@ -4,17 +4,26 @@ Figures are rms errors of joint 1 / joint 2; in brackets, beside each, what an i
 implementation of the same equations gave.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from pcpc.plants.book.tables import (
-    bracketed_cells,
-    by_case,
+    Column,
+    Sentence,
+    Table,
+    across,
+    at,
+    by_label,
     case_maker,
+    controller_of,
     expected_figures,
-    results_by_run,
+    label_of,
+    page,
+    part,
+    recorded,
+    rig_name,
 )
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result
 from pcpc.plants.telerobot.book.study_figures import draw_all
 
 CHAPTER = 8
@@ -81,100 +90,93 @@ def _lossy(echo: int, frames: Sequence[str]) -> Iterator[Case]:
         yield _case("losses", "u2", "rnn", label, *settings)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
-    """Draw the default scenario, and errors over delay, wrong delay and bursts."""
-    draw_all(results, results_by_run(results, "losses"), BURSTS, folder)
+def error(part: str = "") -> Callable[[Result], str]:
+    """Return what gives the rms errors of both joints; STOPPED where a joint tripped."""
+
+    def text(result: Result) -> str:
+        if "tripped_s" in result.metrics:
+            return STOPPED
+        values = [result.metrics.get(f"{part}error_rms_{j}_rad", float("nan")) for j in (1, 2)]
+        return " / ".join(f"{value:.4f}".removeprefix("0") for value in values)
+
+    return text
 
 
-def pair(result: Result, part: str = "") -> str:
-    """Return the rms errors of both joints; STOPPED where a joint tripped."""
-    if "tripped_s" in result.metrics:
-        return STOPPED
-    values = [result.metrics.get(f"{part}error_rms_{j}_rad", float("nan")) for j in (1, 2)]
-    return " / ".join(f"{value:.4f}".removeprefix("0") for value in values)
+def error_or_end(result: Result) -> str:
+    """Return the rms errors of both joints of a run that was not ended."""
+    return "ended by the supervisor" if result.diverged else error()(result)
+
+
+def held(result: Result) -> str:
+    """Return the cycles without a frame, of either way."""
+    return "{held_u:.0f} / {held_x:.0f}".format_map(result.metrics)
+
+
+def lost(result: Result) -> str:
+    """Return the share of frames that are lost."""
+    return f"{float(label_of(result).split()[1]):.0%}"
+
+
+ERROR = Column("rms error", error())
+NORMS = ("norm_w_low", "norm_w_high", "late_norm_w_low", "late_norm_w_high")
+TABLES = (
+    "rms error of joint 1 / joint 2, rad, against the reference of T ago; in brackets the "
+    "figures of an independent implementation of the same equations. Unstable: a joint "
+    "came to 20 rad/s and the robot's node stopped the arm.\n",
+    Table(
+        "scenarios",
+        (
+            *across(label_of, {"u0": "U0", "u1": "U1"}, Column("{}, 15 to 20 s", error())),
+            *at(
+                label_of, "u2", Column("U2, 5 to 10 s", error("before_")),
+                Column("U2, 10 to 15 s", error("load_")), Column("U2, 15 to 20 s", error()),
+            ),
+        ),
+        "Scenarios, T = 0.2 s",
+        {"": controller_of},
+    ),
+    Table(
+        "delays",
+        across(controller_of, DELAYED, Column("{}", error())),
+        "Delay, U2, 15 to 20 s",
+        {"T [s]": label_of},
+    ),
+    Table(
+        "limit",
+        across(rig_name, {"telerobot-u0": "U0", "telerobot-u1": "U1"}, Column("{}", error())),
+        "pd_match at its limit of 0.044 s, 15 to 20 s",
+        {"T [s]": label_of},
+    ),
+    Table("changed", [ERROR], "rnn, U2, 15 to 20 s", {"changed": label_of}),
+    Table(
+        "offsets",
+        [ERROR],
+        "z looked up too early by so many ms, twice the error of the one-way delay",
+        {"ms": label_of},
+    ),
+    Sentence(
+        "long",
+        [*(Column("", recorded(n), text="{:.2f}") for n in NORMS), Column("", error("late_"))],
+        "100 s: |W| from 15 to 20 s {} to {}; from 20 s on {} to {} (.95 to 12.5), rms error there"
+        " {}\n",
+    ),
+    Table(
+        "losses",
+        (
+            *across(part(-1), {1: "echo", 0: "delay"}, Column("z by {}", error_or_end)),
+            *at(part(-1), 1, Column("held u / x", held)),
+        ),
+        "Losses, rnn, U2, 15 to 20 s; bursts in cycles on average",
+        {"frames": part(0, " ", 3), "lost": lost, "burst": part(2, " ", 3)},
+    ),
+)  # fmt: skip
 
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    return "\n".join(
-        (
-            "rms error of joint 1 / joint 2, rad, against the reference of T ago; in brackets the "
-            "figures of an independent implementation of the same equations. Unstable: a joint "
-            "came to 20 rad/s and the robot's node stopped the arm.\n",
-            _scenarios(results),
-            _delays(results),
-            _change_tables(results),
-            _losses(results),
-        )
-    )
+    return page(results, TABLES, known)
 
 
-def _scenarios(results: Sequence[Result]) -> str:
-    runs, rows = results_by_run(results, "scenarios"), []
-    for controller in CONTROLLERS:
-        u0, u1, u2 = (runs[controller, rig] for rig in ("u0", "u1", "u2"))
-        cells = (pair(u0), pair(u1), pair(u2, "before_"), pair(u2, "load_"), pair(u2))
-        rows.append([controller, *bracketed_cells(cells, known("scenarios", controller))])
-    head = ("", "U0, 15 to 20 s", "U1, 15 to 20 s", "U2, 5 to 10 s", "U2, 10 to 15 s",
-            "U2, 15 to 20 s")  # fmt: skip
-    return "Scenarios, T = 0.2 s\n\n" + markdown(head, rows)
-
-
-def _delays(results: Sequence[Result]) -> str:
-    runs, limits = results_by_run(results, "delays"), by_case(results, "limit")
-    rows = [
-        [d, *bracketed_cells([pair(runs[c, d]) for c in DELAYED], known("delays", d))]
-        for d in map(str, DELAYS_S)
-    ]
-    limit = [
-        [d, *(pair(limits[f"telerobot-{rig}", "pd_match", d]) for rig in ("u0", "u1"))]
-        for d in map(str, LIMIT_S)
-    ]
-    return (
-        "Delay, U2, 15 to 20 s\n\n"
-        + markdown(("T [s]", *DELAYED), rows)
-        + "\npd_match at its limit of 0.044 s, 15 to 20 s\n\n"
-        + markdown(("T [s]", "U0", "U1"), limit)
-    )
-
-
-def _change_tables(results: Sequence[Result]) -> str:
-    text = "rnn, U2, 15 to 20 s\n\n" + _errors(results, "changed", "changed")
-    text += "\nz looked up too early by so many ms, twice the error of the one-way delay\n\n"
-    text += _errors(results, "offsets", "ms")
-    (long,) = of_group(results, "long")
-    metrics = long.metrics
-    text += (
-        f"\n100 s: |W| from 15 to 20 s {metrics['norm_w_low']:.2f} to {metrics['norm_w_high']:.2f};"
-        f" from 20 s on {metrics['late_norm_w_low']:.2f} to {metrics['late_norm_w_high']:.2f}"
-        f" (.95 to 12.5), rms error there {pair(long, 'late_')}\n"
-    )
-    return text
-
-
-def _errors(results: Sequence[Result], group: str, head: str) -> str:
-    """Return a row a run of a group."""
-    rows = [
-        [r.case.label, *bracketed_cells([pair(r)], known(group, r.case.label))]
-        for r in of_group(results, group)
-    ]
-    return markdown((head, "rms error"), rows)
-
-
-def _losses(results: Sequence[Result]) -> str:
-    runs, rows = results_by_run(results, "losses"), []
-    for frames in ("U", "TELL_Q", "+".join(UPLINK)):
-        for share, burst in LOSSES:
-            by_echo, by_delay = (runs["rnn", f"{frames} {share} {burst} {e}"] for e in (1, 0))
-            cells = bracketed_cells(
-                [_or_end(by_echo), _or_end(by_delay)], known("losses", frames, share, burst)
-            )
-            held = by_echo.metrics
-            rows.append([frames, f"{share:.0%}", str(burst), *cells,
-                         f"{held['held_u']:.0f} / {held['held_x']:.0f}"])  # fmt: skip
-    head = ("frames", "lost", "burst", "z by echo", "z by delay", "held u / x")
-    return "Losses, rnn, U2, 15 to 20 s; bursts in cycles on average\n\n" + markdown(head, rows)
-
-
-def _or_end(result: Result) -> str:
-    return "ended by the supervisor" if result.diverged else pair(result)
+def draw(results: Sequence[Result], folder: Path) -> None:
+    """Draw the default scenario, and errors over delay, wrong delay and bursts."""
+    draw_all(results, by_label(results, "losses"), BURSTS, folder)

@@ -17,9 +17,9 @@ DETAIL_RAD = (0.15, 0.15)
 
 
 def draw_all(
-    results: Sequence[Result], losses: Mapping[Any, Result], bursts: Sequence[int], folder: Path
+    results: Sequence[Result], losses: Mapping[str, Result], bursts: Sequence[int], folder: Path
 ) -> None:
-    """Draw all figures of `results` into the folder; `losses`: runs by controller and label."""
+    """Draw all figures of `results` into the folder; `losses`: runs by label."""
     drawn = [r for r in of_group(results, "scenarios") if r.traces]
     _errors(drawn, folder / "telerobot-u2.png")
     _margins(results, losses, bursts, folder / "margins.png")
@@ -62,7 +62,7 @@ def _errors(results: Sequence[Result], path: Path) -> None:
 
 
 def _margins(
-    results: Sequence[Result], runs: Mapping[Any, Result], bursts: Sequence[int], path: Path
+    results: Sequence[Result], runs: Mapping[str, Result], bursts: Sequence[int], path: Path
 ) -> None:
     """Draw rms errors over delay, over the error of the delay's model and over bursts."""
     figure, axes = sheet((12, 4), 100, 1, 3)
@@ -75,7 +75,7 @@ def _margins(
     _lines(wrong, [0.5 * float(r.case.label) for r in own], own, COLOURS["rnn"], "rnn")
     wrong.set(xlabel="one-way delay of the predictor wrong by [ms]", ylim=(0.0, None))
     for echo, colour, label in ((1, VERMILION, "z by echo"), (0, BLUE, "z by delay")):
-        own = [runs["rnn", f"U 0.1 {burst} {echo}"] for burst in bursts]
+        own = [runs[f"U 0.1 {burst} {echo}"] for burst in bursts]
         _lines(losses, [float(b) for b in bursts], own, colour, label)
     losses.set(xlabel="mean burst of 10 % losses of u [cycles]", ylim=(0.0, None))
     for ax in axes:
