@@ -11,18 +11,22 @@ A law reads its weights at the start of a cycle and writes them at its end: what
 is recorded in k - 1, so that proofs begin with the second cycle; see `Cycles.used`.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.plants.judging import Run
-from pcpc.plants.lyapunov import Assumption, Proof
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
+from pcpc.plants.weights import Layer, State, Vector, Weights, norm
+from pcpc.plants.weights import inner as inner  # a part of this contract
+from pcpc.plants.weights import size as size
 
 LEAST = 20  # cycles of a stretch
+MARGIN = 1.25  # of a compact set over the run
 Derived = Callable[[Mapping[str, float]], float]
 
 
@@ -92,8 +96,12 @@ class Cycles:
         return np.stack([self.column(name.format(i + 1)) for i in range(count)], axis=1)
 
     def after(self, values: Vector) -> Vector:
-        """Return the values of the next cycle; the last one stays. Both (n,)."""
+        """Return the values of the next cycle; the last one stays. Both (n, ...)."""
         return np.concatenate((values[1:], values[-1:]))
+
+    def slope(self, values: Vector) -> Vector:
+        """Return the difference quotient to the next cycle; 0 of the last one. Both (n, ...)."""
+        return (self.after(values) - values) / self.period_s
 
     def setting(self, name: str) -> float:
         """Return a parameter `NODE:NAME` as the stretch ended."""
@@ -126,6 +134,10 @@ class Cycles:
     def moved(self, name: str, *shape: int) -> Vector:
         """Return what each cycle adds to a state of a block, (n, *shape)."""
         return self.array(name, *shape) - self.used(name, *shape)
+
+    def state(self, name: str, *shape: int) -> State:
+        """Return weights of a block as each cycle found them and moves them, (n, *shape)."""
+        return State(self.used(name, *shape), self.moved(name, *shape))
 
     def _array(self, name: str, *shape: int) -> Vector:
         size = int(np.prod(shape))
@@ -163,10 +175,19 @@ class Theorem:
 def fitted_weights(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
     """Return W (k, m) of least |nodes W - wanted|^2/n + ridge |W|^2; nodes (n, k), wanted (n, m).
 
-    The ridge keeps weights small that the run does not tell.
+    Of `wanted` (n,) it is (k,). The ridge keeps weights small that the run does not tell.
     """
+    columns = wanted.reshape(len(nodes), -1)
     square = nodes.T @ nodes / len(nodes) + ridge * np.eye(nodes.shape[1])
-    return np.asarray(np.linalg.solve(square, nodes.T @ wanted / len(nodes)), np.float64)
+    found = np.linalg.solve(square, nodes.T @ columns / len(nodes))
+    return np.asarray(found.reshape(-1, *wanted.shape[1:]), np.float64)
+
+
+def around(values: Vector, draw: np.random.Generator, count: int) -> Vector:
+    """Return values drawn from 1.25 times the ranges of a run's, (n, ...) to (count, ...)."""
+    high, low = values.max(axis=0), values.min(axis=0)
+    middle, half = 0.5 * (high + low), 0.5 * MARGIN * (high - low)
+    return draw.uniform(middle - half, middle + half, (count, *values.shape[1:]))
 
 
 def logistic(z: Vector) -> Vector:
@@ -177,16 +198,6 @@ def logistic(z: Vector) -> Vector:
 def with_threshold(nodes: Vector) -> Vector:
     """Return nodes (n, k) behind a column of 1."""
     return np.concatenate((np.ones((len(nodes), 1)), nodes), axis=1)
-
-
-def size(values: Vector) -> Vector:
-    """Return the Euclidean or Frobenius norm of each cycle's entry. (n, ...) to (n,)."""
-    return np.sqrt(np.sum(values.reshape(len(values), -1) ** 2, axis=1))
-
-
-def inner(a: Vector, b: Vector) -> Vector:
-    """Return tr(a'b) of each cycle. (n, p, q) to (n,)."""
-    return np.sum((a * b).reshape(len(a), -1), axis=1)
 
 
 def read_out(w: Vector, nodes: Vector) -> Vector:
@@ -205,6 +216,99 @@ def linearised(phi: Vector, v: Vector, x: Vector, v_lacks: Vector) -> tuple[Vect
     flat = phi.copy()
     flat[:, inside] -= slope * np.einsum("nij,ni->nj", v, x)
     return flat, slope, slope * np.einsum("nij,ni->nj", v_lacks, x)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Logistic nodes s(z), z = V'x, of a law over n cycles; V* is V as drawn, the first of the run.
+
+    v: V (n, i, k); x (n, i); nodes (n, 1 + k + ...): 1, s, and nodes that V does not reach.
+    """
+
+    v: State
+    x: Vector
+    nodes: Vector
+
+    @classmethod
+    def of(cls, v: State, x: Vector) -> "Hidden":
+        """Return those whose nodes are 1 and s(V'x)."""
+        return cls(v, x, with_threshold(logistic(np.einsum("nij,ni->nj", v.w, x))))
+
+    @property
+    def ideal(self) -> Vector:
+        """V* (i, k)."""
+        return self.v.w[0]
+
+    @cached_property
+    def known(self) -> Vector:
+        """The nodes as V* has them; as `nodes`."""
+        inside = with_threshold(logistic(self.x @ self.ideal))
+        return np.concatenate((inside, self.nodes[:, inside.shape[1] :]), axis=1)
+
+    @cached_property
+    def linear(self) -> tuple[Vector, ...]:
+        """What `linearised` returns of them."""
+        return linearised(self.nodes, self.v.w, self.x, self.ideal - self.v.w)
+
+    def layer(self, name: str, rate: float, back: Vector, leak: Vector | float) -> Layer:
+        """Return V with V' = rate (x back' - leak V); `back` (n, k), what comes back through s'."""
+        return self.v.layer(name, rate, self.ideal, dyads(self.x, back), leak)
+
+    def constants(self, w: float, eps: float) -> tuple[float, float, float]:
+        """Return |Z*|, c0, c1 of lyapunov.py for |W*| and the largest eps, with x of the run.
+
+        s, s* are within 0 and 1, |s'| <= 1/4: |s* - s - s'(z* - z)| <= sqrt(k) + |V~||x|/4.
+        """
+        v, nodes = float(np.linalg.norm(self.ideal)), self.v.w.shape[2]
+        reach = float(size(self.x @ self.ideal).max()) + w * float(size(self.x).max())
+        return math.hypot(w, v), eps + w * math.sqrt(nodes), reach / 4.0
+
+
+def dyads(a: Vector, b: Vector) -> Vector:
+    """Return ab' of each cycle, (n, p, q); a (n, p), b (n, q)."""
+    return a[:, :, None] * b[:, None, :]
+
+
+def layered(
+    run: Cycles,
+    about: tuple[str, str],
+    layers: Sequence[Layer],
+    *,
+    v: Vector,
+    damping: Vector,
+    terms: Mapping[str, Vector],
+    error: Vector,
+    rest: Vector,
+    constants: Constants,
+    asked: Sequence[Assumption],
+    rates: Sequence[Layer] = (),
+    scale: float = 1.0,
+    beyond: Mapping[str, Vector] | None = None,
+    extra: Vector | None = None,
+    step_s: float | None = None,
+) -> Proof:
+    """Return a proof with what follows from its layers: their part of V, Z~, gamma, the rates.
+
+    `about`: theorem and error; `v`: V without the layers, which come in times `scale`; `rates`:
+    the layers' parts by rate, if those are not the layers. As of `constants`, gamma is found.
+    """
+    tuned = rates or layers
+    return Proof(
+        *about,
+        t_s=run.t_s,
+        v=v + scale * np.asarray(sum(one.energy for one in tuned)),
+        damping=damping,
+        terms=terms,
+        error=error,
+        weights=norm(*(one.lacks for one in layers)),
+        rest=rest,
+        constants=replace(constants, gamma=min(one.metric for one in tuned) / scale),
+        tuned=tuned,
+        beyond=beyond or {},
+        asked=(rates_positive(tuned), *asked),
+        step_s=step_s,
+        extra=extra,
+    )
 
 
 def rates_positive(weights: Sequence[Weights]) -> Assumption:

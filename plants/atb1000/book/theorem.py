@@ -17,128 +17,119 @@ this costs. V* is V as drawn, W* comes of least squares. rad, rad/s, N m. Source
 Selmic (SIAM 2002), chapters 3 and 9.
 """
 
-import math
-
 import numpy as np
+from numpy.typing import NDArray
 
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
+    Hidden,
     Theorem,
     fitted_weights,
     inner,
-    linearised,
-    logistic,
+    layered,
     never,
     positive,
-    rates_positive,
-    size,
-    with_threshold,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Layer, State, Vector, norm
 
 INPUTS, NODES, JUMPS = 7, 10, 4
+ALL, NEAR, FAR = 1 + NODES + JUMPS, slice(0, 1 + NODES), slice(1 + NODES, None)
 R_MAX_RAD_S, DEAD_BAND_RAD = 0.3, 1e-4
 LAW, PLANT, REFERENCE = "executive:controller.", "plant:barrel.", "executive:reference."
 
 
-def prove(run: Cycles) -> Proof:
-    """Return the proof of a run."""
-    lam, kv, kz, z_bound, kappa, limit = run.laws(
-        "lam_per_s", "kv_Nms_rad", "kz", "z_bound", "kappa", "tau_max_Nm"
-    )
-    rotor = run.setting(f"{PLANT}motor_inertia_kg_m2") * run.setting(f"{PLANT}gear_ratio") ** 2
-    m = run.setting(f"{PLANT}rigid_inertia_kg_m2") + rotor
-    turns = run.column(f"{PLANT}theta_rate_rad_s")
+def signals(run: Cycles, m: float) -> tuple[Vector, Vector]:
+    """Return r and M r' of (1), (n,) each."""
+    lam, turns = run.law("lam_per_s"), run.column(f"{PLANT}theta_rate_rad_s")
     e = run.column(f"{REFERENCE}q_d_rad") - run.column(f"{PLANT}theta_rad")
     e_rate = run.column(f"{REFERENCE}q_d_rate_rad_s") - turns
     acc_d = run.column(f"{REFERENCE}q_d_acc_rad_s2")
-    r = e_rate + lam * e
-    m_r_rate = m * (acc_d + lam * e_rate - (run.after(turns) - turns) / run.period_s)
+    return e_rate + lam * e, m * (acc_d + lam * e_rate - run.slope(turns))
 
-    w = run.used(f"{LAW}w", 1 + NODES + JUMPS)
-    v = run.used(f"{LAW}v", INPUTS, NODES)
-    x, phi = run.array(f"{LAW}x", INPUTS), run.array(f"{LAW}phi", 1 + NODES + JUMPS)
-    y, norm = inner(w, phi), np.sqrt(size(w) ** 2 + size(v) ** 2)
-    asked = kv * r + y + kz * (norm + z_bound) * r
-    f = m_r_rate + asked  # less u_F, which is the run's as well
-    v_ideal = v[0]
-    known = np.concatenate((with_threshold(logistic(x @ v_ideal)), phi[:, 1 + NODES :]), axis=1)
-    w_ideal = fitted_weights(known[:-1], f[:-1, None])[:, 0]
-    w_lacks, v_lacks = w_ideal - w, v_ideal - v
-    flat, slope, turned = linearised(phi, v, x, v_lacks)
-    cancelled = inner(w_lacks, flat) + inner(w[:, 1 : 1 + NODES], turned)
-    rest = f - y - cancelled
 
-    seen, off = run.column(f"{LAW}r_rad_s"), run.column(f"{LAW}e_rad")
-    inside = 0.5 * m * (run.after(r) ** 2 - r**2) / run.period_s - r * m_r_rate
-    engaged = run.column(f"{LAW}network_on") > 0.5
-    tunes = (np.abs(off) > DEAD_BAND_RAD) | (np.abs(acc_d) > 1e-6)
-    tuned = np.clip(seen, -R_MAX_RAD_S, R_MAX_RAD_S) * tunes * engaged
-    moved = run.moved(f"{LAW}w", 1 + NODES + JUMPS)
-    held = kappa * np.abs(tuned)
-    back = slope * w[:, 1 : 1 + NODES] * tuned[:, None]
-    drive = flat * tuned[:, None] - held[:, None] * w
-    drive_v = x[:, :, None] * back[:, None, :] - held[:, None, None] * v
-    near, far = slice(0, 1 + NODES), slice(1 + NODES, None)
-    weights = (
-        Weights("F", run.rate("f_rate"), w_lacks[:, near], moved[:, near], drive[:, near]),
-        Weights("FJ", run.rate("fj_rate"), w_lacks[:, far], moved[:, far], drive[:, far]),
-        Weights("G", run.rate("g_rate"), v_lacks, run.moved(f"{LAW}v", INPUTS, NODES), drive_v),
+def moving(run: Cycles) -> NDArray[np.bool_]:
+    """Return in which cycles the law is not in its dead band, (n,)."""
+    accelerates = np.abs(run.column(f"{REFERENCE}q_d_acc_rad_s2")) > 1e-6
+    return (np.abs(run.column(f"{LAW}e_rad")) > DEAD_BAND_RAD) | accelerates
+
+
+def layers(run: Cycles, f: Vector, w: State, hidden: Hidden) -> tuple[Vector, Layer, Layer]:
+    """Return r_t, and W and V as it tunes them."""
+    seen = np.clip(run.column(f"{LAW}r_rad_s"), -R_MAX_RAD_S, R_MAX_RAD_S)
+    r_t = seen * moving(run) * (run.column(f"{LAW}network_on") > 0.5)
+    flat, slope, _ = hidden.linear
+    leak = run.law("kappa") * np.abs(r_t)
+    back = slope * w.w[:, 1 : 1 + NODES] * r_t[:, None]
+    ideal = fitted_weights(hidden.known[:-1], f[:-1])
+    return (
+        r_t,
+        w.layer("F", run.rate("f_rate"), ideal, flat * r_t[:, None], leak),
+        hidden.layer("G", run.rate("g_rate"), back, leak),
     )
-    leak = kappa * (inner(w_lacks, w) + inner(v_lacks, v))
-    outer, first = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(v_ideal))
-    eps = float(np.abs(f - known @ w_ideal)[:-1].max())
-    tau, opened = run.column(f"{LAW}tau_Nm"), run.column(f"{PLANT}penetration_rad") == 0.0
-    damping = kv + kz * z_bound
-    return Proof(
-        theorem="Theorem 3.2.2, for a rigid hub",
-        error_is="|r| [rad/s]",
-        t_s=run.t_s,
-        v=0.5 * m * r**2 + sum(one.energy for one in weights),
-        tuned=weights,
-        damping=kv * r**2 + kz * (norm + z_bound) * r**2,
+
+
+def asked(run: Cycles) -> tuple[Assumption, ...]:
+    """Return what the theorem asks of a run."""
+    engaged, tau = run.column(f"{LAW}network_on") > 0.5, np.abs(run.column(f"{LAW}tau_Nm"))
+    kappa, limit = run.laws("kappa", "tau_max_Nm")
+    opened = run.column(f"{PLANT}penetration_rad") == 0.0
+    return (
+        positive("leak kappa", kappa),
+        Assumption(
+            "the network is on in the end",
+            bool(engaged[-1]),
+            f"it is in {100.0 * float(engaged.mean()):.3g} % of the cycles",
+            needed=True,
+        ),
+        Assumption(
+            "the hub is rigid, tau turns it", False, "bending, shaft and current loop are in w"
+        ),
+        never("the gap is never open", opened, "it is in {}"),
+        never("tuning rests in no cycle", ~moving(run), "the dead band holds it in {}"),
+        Assumption(
+            "tau is not limited",
+            bool((tau < limit).all()),
+            f"up to {tau.max():.3g} of {limit:g} N m",
+        ),
+    )
+
+
+def prove(run: Cycles) -> Proof:
+    """Return the proof of a run."""
+    kv, kz, z_bound, kappa = run.laws("kv_Nms_rad", "kz", "z_bound", "kappa")
+    rotor = run.setting(f"{PLANT}motor_inertia_kg_m2") * run.setting(f"{PLANT}gear_ratio") ** 2
+    m = run.setting(f"{PLANT}rigid_inertia_kg_m2") + rotor
+    r, m_r_rate = signals(run, m)
+    state, phi = run.state(f"{LAW}w", ALL), run.array(f"{LAW}phi", ALL)
+    hidden = Hidden(run.state(f"{LAW}v", INPUTS, NODES), run.array(f"{LAW}x", INPUTS), phi)
+    y, robust = inner(state.w, phi), kz * (norm(state.w, hidden.v.w) + z_bound)
+    f = m_r_rate + (kv * r + y + robust * r)  # (1) (2), less u_F, which is the run's as well
+    r_t, w, v = layers(run, f, state, hidden)
+    flat, _, turned = hidden.linear
+    cancelled = inner(w.lacks, flat) + inner(w.w[:, 1 : 1 + NODES], turned)
+    rest = f - y - cancelled  # (3)
+    inside = 0.5 * m * (run.after(r) ** 2 - r**2) / run.period_s - r * m_r_rate
+    found = hidden.constants(w.norm, float(np.abs(f - hidden.known @ w.ideal)[:-1].max()))
+    return layered(
+        run,
+        ("Theorem 3.2.2, for a rigid hub", "|r| [rad/s]"),
+        (w, v),
+        rates=(w.part("F", w.rate, NEAR), w.part("FJ", run.rate("fj_rate"), FAR), v),
+        v=0.5 * m * r**2,  # (4)
+        damping=kv * r**2 + robust * r**2,  # (5)
         terms={
             "r w, what no network cancels": r * rest,
-            "leak of the weights": np.abs(tuned) * leak,
+            "leak of the weights": np.abs(r_t) * (kappa * (w.leaked + v.leaked)),
         },
         beyond={
-            "tuning by what is measured, clipped, in a dead band": (r - tuned) * cancelled,
+            "tuning by what is measured, clipped, in a dead band": (r - r_t) * cancelled,
             "r within a cycle, jumps of the reference": inside,
         },
         error=np.abs(r),
-        weights=np.sqrt(size(w_lacks) ** 2 + size(v_lacks) ** 2),
         rest=np.abs(rest),
-        constants=Constants(
-            damping=damping,
-            kappa=kappa,
-            ideal=math.hypot(outer, first),
-            c0=eps + outer * math.sqrt(NODES),
-            c1=(float(size(x @ v_ideal).max()) + outer * float(size(x).max())) / 4.0,
-            low=m,
-            high=m,
-            gamma=min(one.metric for one in weights),
-        ),
-        asked=(
-            rates_positive(weights),
-            positive("leak kappa", kappa),
-            Assumption(
-                "the network is on in the end",
-                bool(engaged[-1]),
-                f"it is in {100.0 * float(engaged.mean()):.3g} % of the cycles",
-                needed=True,
-            ),
-            Assumption(
-                "the hub is rigid, tau turns it", False, "bending, shaft and current loop are in w"
-            ),
-            never("the gap is never open", opened, "it is in {}"),
-            never("tuning rests in no cycle", ~tunes, "the dead band holds it in {}"),
-            Assumption(
-                "tau is not limited",
-                bool((np.abs(tau) < limit).all()),
-                f"up to {np.abs(tau).max():.3g} of {limit:g} N m",
-            ),
-        ),
+        constants=Constants(kv + kz * z_bound, kappa, *found, low=m, high=m),
+        asked=asked(run),
     )
 
 

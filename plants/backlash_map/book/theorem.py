@@ -23,103 +23,104 @@ from pcpc.plants.theorem import (
     Theorem,
     fitted_weights,
     inner,
+    layered,
     never,
     positive,
-    rates_positive,
-    size,
     switched_on,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Layer, State, Vector
 
 NODES, JUMPS = 10, 2
 STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 
-def prove(run: Cycles) -> Proof:
-    """Return the proof of a run."""
-    lam, kv, kb, gam, cr = run.laws("lam", "kv", "kb", "gamma", "cr")
-    alpha, m = run.rate("alpha"), run.setting("plant:map.slope")
-    rate = abs(alpha) or 1.0
-    gap = run.setting("plant:map.d_plus") - run.setting("plant:map.d_minus")
+def signals(run: Cycles) -> tuple[Vector, ...]:
+    """Return r, sg, Y of (1) (2), (n,) each."""
+    lam, kb, cr = run.laws("lam", "kb", "cr")
     x1, x2, tau = (run.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
-    x_d, x_d_before = run.column(GOAL), run.earlier(GOAL)
-    r = x2 - x_d + lam * (x1 - x_d_before)
+    r = x2 - run.column(GOAL) + lam * (x1 - run.earlier(GOAL))
     tau_d, foretold = run.column(f"{STATE}tau_d"), run.column(f"{STATE}foretold")
     tt = tau_d - tau
-    sg = tt + cr * r
-    after = run.after(sg)
-    s = run.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
-    w = run.array(f"{STATE}w", NODES + JUMPS)
-    wanted = run.after(tau_d) - m * (foretold - kb * tt) + cr * run.after(r)
-    ideal = fitted_weights(s[:-1], wanted[:-1, None] / m)[:, 0]
-    lacks, square = ideal - w, inner(s, s)
-    rest = after - m * inner(lacks, s)
-    forgets = gam * np.maximum(1.0, np.abs(1.0 - alpha * square))
-    leak = (
-        (m / rate) * forgets * inner(lacks, w)
-        - m * forgets * after * inner(s, w)
-        + 0.5 * m * forgets**2 * inner(w, w) / rate
+    predicted = run.setting("plant:map.slope") * (foretold - kb * tt)
+    return r, tt + cr * r, run.after(tau_d) - predicted + cr * run.after(r)
+
+
+def bound(run: Cycles, w: Layer, eps: float, extra: float) -> Constants:
+    """Return the constants for the largest eps of Y and the largest `extra`."""
+    m = run.setting("plant:map.slope")
+    gap = run.setting("plant:map.d_plus") - run.setting("plant:map.d_minus")
+    return Constants(
+        damping=0.5 * (1.0 - m * w.rate * (NODES + 1.0)),
+        kappa=m * run.law("gamma") / w.metric,
+        ideal=w.norm,
+        c0=eps + 0.5 * m * gap,
+        leak="constant",
+        extra=extra,
     )
-    moved = np.concatenate((np.diff(w, axis=0), np.zeros_like(w[:1])))
-    drive = s * after[:, None] - (forgets / rate)[:, None] * w
-    weights = Weights("alpha", alpha, lacks, moved, drive)
-    kappa = m * gam / rate
-    extra = np.maximum(leak - kappa * inner(lacks, w), 0.0)
-    damping = 0.5 * (1.0 - m * alpha * (NODES + 1.0))
-    eps = float(np.abs(wanted - m * (s @ ideal))[:-1].max())
-    command, limit = run.column(f"{STATE}command"), run.law("u_max")
-    resting = run.after(tau) == tau
-    contracts = 1.0 - abs(kv + cr)
+
+
+def asked(run: Cycles, r: Vector, sg: Vector, damping: float) -> tuple[Assumption, ...]:
+    """Return what the theorem asks of a run."""
+    kv, cr, known, limit = run.laws("kv", "cr", "model_c", "u_max")
+    true, contracts = run.setting("plant:map.c"), 1.0 - abs(kv + cr)
+    tau, command = run.column("plant:map.tau"), np.abs(run.column(f"{STATE}command"))
     late = run.t_s >= run.t_s[len(run.t_s) // 2]
-    reach = float(np.abs(sg[late]).max()) / max(contracts, 1e-9)
-    return Proof(
-        theorem="theorem of chapter 5.3",
-        error_is="|tt + c_r r| after the step",
-        t_s=run.t_s,
-        v=0.5 * sg**2 + m * weights.energy,
-        tuned=(weights,),
-        damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,
+    largest, reach = np.abs(r[late]).max(), np.abs(sg[late]).max() / max(contracts, 1e-9)
+    return (
+        positive("forgetting Gam", run.law("gamma")),
+        switched_on(run, "the network is on", "network_on"),
+        Assumption(
+            "11 m alpha < 1, |Kv + c_r| < 1",
+            damping > 0.0 and contracts > 0.0,
+            f"K {damping:.3g}, Kv + c_r {kv + cr:.3g}",
+            needed=True,
+        ),
+        Assumption("the model is exact", known == true, f"c {true:g}, as known {known:g}"),
+        never("the gap is never open", run.after(tau) == tau, "tau rests in {}"),
+        Assumption(
+            "u is not limited",
+            bool((command < limit).all()),
+            f"|u| up to {command.max():.3g} of {limit:g}",
+        ),
+        Assumption(
+            "|r| <= |tt + c_r r|/(1 - |Kv + c_r|) in the second half",
+            bool(largest <= reach),
+            f"{largest:.3g} of {reach:.3g}",
+        ),
+    )
+
+
+def prove(run: Cycles) -> Proof:
+    """Return the proof of a run."""
+    m, alpha, gam = run.setting("plant:map.slope"), run.rate("alpha"), run.law("gamma")
+    r, sg, wanted = signals(run)
+    after, s = run.after(sg), run.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
+    square, state = inner(s, s), State.of_steps(run.array(f"{STATE}w", NODES + JUMPS))
+    forgets = gam * np.maximum(1.0, np.abs(1.0 - alpha * square))  # (3)
+    ideal, rate = fitted_weights(s[:-1], wanted[:-1] / m), abs(alpha) or 1.0
+    w = state.layer("alpha", alpha, ideal, s * after[:, None], forgets / rate)
+    leak = (  # of (5)
+        (m / rate) * forgets * w.leaked
+        - m * forgets * after * inner(s, w.w)
+        + 0.5 * m * forgets**2 * inner(w.w, w.w) / rate
+    )
+    rest = after - m * inner(w.lacks, s)  # w of (1)
+    extra = np.maximum(leak - m * gam / rate * w.leaked, 0.0)
+    eps = float(np.abs(wanted - m * (s @ ideal))[:-1].max())
+    constants = bound(run, w, eps, float(extra.max()))
+    return layered(
+        run,
+        ("theorem of chapter 5.3", "|tt + c_r r| after the step"),
+        (w,),
+        scale=m,
+        v=0.5 * sg**2,  # (4)
+        damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,  # (5)
         terms={"sg+ w, prediction and gap": after * rest, "forgetting of the weights": leak},
         error=np.abs(after),
-        weights=size(lacks),
         rest=np.abs(rest),
         extra=extra,
-        constants=Constants(
-            damping=damping,
-            kappa=kappa,
-            ideal=float(np.linalg.norm(ideal)),
-            c0=eps + 0.5 * m * gap,
-            gamma=rate / m,
-            leak="constant",
-            extra=float(extra.max()),
-        ),
-        asked=(
-            rates_positive([weights]),
-            positive("forgetting Gam", gam),
-            switched_on(run, "the network is on", "network_on"),
-            Assumption(
-                "11 m alpha < 1, |Kv + c_r| < 1",
-                damping > 0.0 and contracts > 0.0,
-                f"K {damping:.3g}, Kv + c_r {kv + cr:.3g}",
-                needed=True,
-            ),
-            Assumption(
-                "the model is exact",
-                run.law("model_c") == run.setting("plant:map.c"),
-                f"c {run.setting('plant:map.c'):g}, as known {run.law('model_c'):g}",
-            ),
-            never("the gap is never open", resting, "tau rests in {}"),
-            Assumption(
-                "u is not limited",
-                bool((np.abs(command) < limit).all()),
-                f"|u| up to {np.abs(command).max():.3g} of {limit:g}",
-            ),
-            Assumption(
-                "|r| <= |tt + c_r r|/(1 - |Kv + c_r|) in the second half",
-                float(np.abs(r[late]).max()) <= reach,
-                f"{np.abs(r[late]).max():.3g} of {reach:.3g}",
-            ),
-        ),
+        constants=constants,
+        asked=asked(run, r, sg, constants.damping),
         step_s=1.0,
     )
 

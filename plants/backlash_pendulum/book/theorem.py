@@ -25,103 +25,95 @@ import numpy as np
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
+    Hidden,
     Theorem,
     fitted_weights,
     inner,
-    linearised,
-    logistic,
+    layered,
     never,
     positive,
-    rates_positive,
-    size,
     switched_on,
-    with_threshold,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Layer, Vector
 
 INPUTS, NODES = 6, 10
 STATE, PLANT = "executive:controller.", "plant:pendulum."
 
 
-def prove(run: Cycles) -> Proof:
-    """Return the proof of a run."""
-    period = run.period_s
-    lam, kv, kb, kz1, z_bound, kappa = run.laws(
-        "lam_per_s", "kv_Nms_rad", "kb_per_s", "kz1_per_s", "z_bound", "kappa"
-    )
+def signals(run: Cycles) -> tuple[Vector, ...]:
+    """Return r, tt, phi, and the left side of (3), (n,) each."""
+    lam, kb = run.laws("lam_per_s", "kb_per_s")
     e1 = run.column(f"{PLANT}q_rad") - run.column("executive:reference.q_d_rad")
     e2 = run.column(f"{PLANT}rate_rad_s") - run.column("executive:reference.q_d_rate_rad_s")
-    r = e2 + lam * e1
     tau, tau_d = run.column(f"{PLANT}torque_Nm"), run.column(f"{STATE}tau_d_Nm")
-    tt, command = tau_d - tau, run.column(f"{STATE}u_Nm")
-    phi = (command - run.earlier(f"{STATE}u_Nm")) / period
-    y, robust = run.column(f"{STATE}network_Nm_s"), run.column(f"{STATE}robust_Nm_s")
-    derivative = phi - kb * tt - robust + y
-    taken = (run.after(tau) - tau) / period - phi
-    lags = (run.after(tau_d) - tau_d) / period - derivative
+    phi = (run.column(f"{STATE}u_Nm") - run.earlier(f"{STATE}u_Nm")) / run.period_s
+    y, v2 = run.column(f"{STATE}network_Nm_s"), run.column(f"{STATE}robust_Nm_s")
+    tt = tau_d - tau
+    taken = run.slope(tau) - phi  # B of (1)
+    lags = run.slope(tau_d) - (phi - kb * tt - v2 + y)  # tau_d' - D of (2)
+    return e2 + lam * e1, tt, phi, taken - lags
 
-    w = run.used(f"{STATE}w", 1 + NODES)
-    v = run.used(f"{STATE}v", INPUTS, NODES)
-    x = run.array(f"{STATE}x", INPUTS)
-    s = with_threshold(logistic(np.einsum("nij,ni->nj", v, x)))
-    v_ideal, target = v[0], taken - lags
-    known = with_threshold(logistic(x @ v_ideal))
-    w_ideal = fitted_weights(known[:-1], target[:-1, None])[:, 0]
-    w_lacks, v_lacks = w_ideal - w, v_ideal - v
-    flat, slope, turned = linearised(s, v, x, v_lacks)
-    rest = y - target + inner(w_lacks, flat) + inner(w[:, 1:], turned)
 
-    leak = kappa * np.abs(tt)
-    back = -slope * w[:, 1:] * tt[:, None]
-    drive = -flat * tt[:, None] - leak[:, None] * w
-    drive_v = x[:, :, None] * back[:, None, :] - leak[:, None, None] * v
-    moved, moved_v = run.moved(f"{STATE}w", 1 + NODES), run.moved(f"{STATE}v", INPUTS, NODES)
-    weights = (
-        Weights("S", run.rate("s_rate"), w_lacks, moved, drive),
-        Weights("T_V", run.rate("t_rate"), v_lacks, moved_v, drive_v),
+def layers(run: Cycles, tt: Vector, target: Vector, hidden: Hidden) -> tuple[Layer, Layer]:
+    """Return W, with W* of (3), and V; what tunes them cancels the last two terms of (4)."""
+    w = run.state(f"{STATE}w", 1 + NODES)
+    ideal = fitted_weights(hidden.known[:-1], target[:-1])
+    flat, slope, _ = hidden.linear
+    leak = run.law("kappa") * np.abs(tt)
+    back = -slope * w.w[:, 1:] * tt[:, None]
+    return (
+        w.layer("S", run.rate("s_rate"), ideal, -flat * tt[:, None], leak),
+        hidden.layer("T_V", run.rate("t_rate"), back, leak),
     )
-    lacks = np.sqrt(size(w_lacks) ** 2 + size(v_lacks) ** 2)
-    outer = float(np.linalg.norm(w_ideal))
-    eps = float(np.abs(target - known @ w_ideal)[:-1].max())
-    acts = run.after(run.column(f"{PLANT}acting_Nm"))
-    resting = (run.after(tau) == tau) & (phi != 0.0)
+
+
+def model_exact(run: Cycles) -> Assumption:
+    """Return whether the law knows the pendulum's G and T_m."""
     weight = run.settings(PLANT, ("mass_kg", "gravity_m_s2", "length_m"))
     off_weight = abs(run.law("model_gravity_Nm") - math.prod(weight))
     off_time = abs(run.law("model_time_constant_s") - run.setting(f"{PLANT}time_constant_s"))
+    return Assumption(
+        "the model of the pendulum is exact",
+        max(off_weight, off_time) < 1e-9,
+        f"G is off by {off_weight:.3g} N m, T_m by {off_time:.3g} s",
+    )
+
+
+def prove(run: Cycles) -> Proof:
+    """Return the proof of a run."""
+    kv, kb, kz1, z_bound, on, kappa = run.laws(
+        "kv_Nms_rad", "kb_per_s", "kz1_per_s", "z_bound", "robust_on", "kappa"
+    )
+    r, tt, phi, target = signals(run)
+    y, v2 = run.column(f"{STATE}network_Nm_s"), run.column(f"{STATE}robust_Nm_s")
+    hidden = Hidden.of(run.state(f"{STATE}v", INPUTS, NODES), run.array(f"{STATE}x", INPUTS))
+    w, v = layers(run, tt, target, hidden)
+    flat, _, turned = hidden.linear
+    rest = y - target + inner(w.lacks, flat) + inner(w.w[:, 1:], turned)  # (4)
+    eps = float(np.abs(target - hidden.known @ w.ideal)[:-1].max())
+    k = kb + kz1 * z_bound * on - 0.5 / kv
+    tau, acts = run.column(f"{PLANT}torque_Nm"), run.after(run.column(f"{PLANT}acting_Nm"))
     late = float(np.abs(acts - run.column(f"{STATE}command_Nm"))[:-1].max())
-    return Proof(
-        theorem="theorem of chapter 5.2",
-        error_is="|tt| [N m]",
-        t_s=run.t_s,
-        v=0.5 * (r**2 + tt**2) + sum(one.energy for one in weights),
-        tuned=weights,
-        damping=kv * r**2 + r * tt + kb * tt**2 + robust * tt,
+    return layered(
+        run,
+        ("theorem of chapter 5.2", "|tt| [N m]"),
+        (w, v),
+        v=0.5 * (r**2 + tt**2),  # (5)
+        damping=kv * r**2 + r * tt + kb * tt**2 + v2 * tt,  # (6)
         terms={
             "tt w, gap and filter": tt * rest,
-            "leak of the weights": leak * (inner(w_lacks, w) + inner(v_lacks, v)),
+            "leak of the weights": kappa * np.abs(tt) * (w.leaked + v.leaked),
         },
         error=np.abs(tt),
-        weights=lacks,
         rest=np.abs(rest),
-        constants=Constants(
-            damping=kb + kz1 * z_bound * run.law("robust_on") - 0.5 / kv,
-            kappa=kappa,
-            ideal=math.hypot(outer, float(np.linalg.norm(v_ideal))),
-            c0=eps + outer * math.sqrt(NODES),
-            c1=(float(size(x @ v_ideal).max()) + outer * float(size(x).max())) / 4.0,
-            gamma=min(one.metric for one in weights),
-            other_rate=0.5 * kv,
-        ),
+        constants=Constants(k, kappa, *hidden.constants(w.norm, eps), other_rate=0.5 * kv),
         asked=(
-            rates_positive(weights),
             positive("leak kappa", kappa),
             switched_on(run, "the network is on", "network_on"),
-            Assumption(
-                "the model of the pendulum is exact",
-                max(off_weight, off_time) < 1e-9,
-                f"G is off by {off_weight:.3g} N m, T_m by {off_time:.3g} s",
+            model_exact(run),
+            never(
+                "the gap is never open", (run.after(tau) == tau) & (phi != 0.0), "tau rests in {}"
             ),
-            never("the gap is never open", resting, "tau rests in {}"),
             Assumption("what acts is u", late < 1e-9, f"they differ by up to {late:.2g} N m"),
         ),
     )

@@ -16,10 +16,18 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2.
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import TwoLinks, motion, times
+from pcpc.plants.families.two_link.book.theory import (
+    LINKS,
+    TwoLinks,
+    acting_torque,
+    forward_torque,
+    motion,
+)
 from pcpc.plants.lyapunov import Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
@@ -27,18 +35,20 @@ from pcpc.plants.theorem import (
     acting,
     fitted_weights,
     inner,
+    layered,
     logistic,
     never,
     positive,
-    rates_positive,
     size,
     switched_on,
 )
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.weights import Layer, Vector
 
 JOINTS, ROOM, JUMPS = 2, 40, 2
 MARGIN = 1.25  # of the range that eps is looked for in, over that of the run
 POINTS = 4001
+STATE = "executive:controller."
+DRAWN = ("v", "v0", "vi", "v0i")
 GAP = ("d_plus_Nm", "d_minus_Nm", "m_plus", "m_minus")
 
 
@@ -48,18 +58,11 @@ def deadzone(run: Cycles, u: Vector) -> Vector:
     return rise * np.maximum(u - above, 0.0) + fall * np.minimum(u + below, 0.0)
 
 
-def inverse(run: Cycles, tau: Vector) -> Vector:
-    """Return D^-1(tau), N m; 0 of 0. The shape is that of tau."""
+def added(run: Cycles, tau: Vector) -> Vector:
+    """Return D^-1(tau) - tau, N m; 0 of 0. The shape is that of tau."""
     above, below, rise, fall = run.settings("plant:arm.", GAP)
     ahead = np.where(tau < 0.0, tau / fall - below, 0.0)
-    return np.where(tau > 0.0, tau / rise + above, ahead)
-
-
-def compensator(run: Cycles, vi: Vector, v0i: Vector, w_d: Vector) -> Vector:
-    """Return s (n, L + 2) of one joint at w_d (n,); `vi`, `v0i` (L,)."""
-    right = np.where(w_d >= 0.0, run.law("jumps_on"), 0.0)
-    nodes = logistic(w_d[:, None] * vi + v0i)
-    return np.column_stack((nodes, right, right * (1.0 - np.exp(-np.abs(w_d)))))
+    return np.where(tau > 0.0, tau / rise + above, ahead) - tau
 
 
 def points(values: Vector) -> Vector:
@@ -68,99 +71,110 @@ def points(values: Vector) -> Vector:
     return np.linspace(-most, most, POINTS)
 
 
-def largest_eps(run: Cycles, u: Vector, w_d: Vector, nets: tuple[Vector, ...]) -> float:
-    """Return the largest eps of (2) of one joint; `nets`: V, v0, W*, Vi, v0i, Wi*.
+@dataclass(frozen=True)
+class Joint:
+    """u and w_d of a joint (n,), and its networks as drawn, (L,) each."""
 
-    `u`, `w_d` (n,); `nets` (L,) each, the last (L + 2,).
-    """
-    v, v0, w, vi, v0i, wi = nets
-    over_u, over_w = points(u), points(w_d)
-    seen = np.abs(deadzone(run, over_u) - logistic(over_u[:, None] * v + v0) @ w)
-    undone = np.abs(deadzone(run, over_w + compensator(run, vi, v0i, over_w) @ wi) - over_w)
-    return float(seen.max() + undone.max())
+    run: Cycles
+    u: Vector
+    w_d: Vector
+    v: Vector
+    v0: Vector
+    vi: Vector
+    v0i: Vector
+
+    def observer(self, u: Vector) -> Vector:
+        """Return sgm (n, L) at u (n,)."""
+        return logistic(u[:, None] * self.v + self.v0)
+
+    def compensator(self, w_d: Vector) -> Vector:
+        """Return s (n, L + 2) at w_d (n,)."""
+        right = np.where(w_d >= 0.0, self.run.law("jumps_on"), 0.0)
+        nodes = logistic(w_d[:, None] * self.vi + self.v0i)
+        return np.column_stack((nodes, right, right * (1.0 - np.exp(-np.abs(w_d)))))
+
+    @property
+    def ideal(self) -> tuple[Vector, Vector]:
+        """W* (L,) and Wi* (L + 2,) of (2)."""
+        return (
+            fitted_weights(self.observer(self.u), deadzone(self.run, self.u)),
+            fitted_weights(self.compensator(self.w_d), added(self.run, self.w_d)),
+        )
+
+    def largest_eps(self, w: Vector, wi: Vector) -> float:
+        """Return the largest eps of (2)."""
+        u, w_d = points(self.u), points(self.w_d)
+        seen = np.abs(deadzone(self.run, u) - self.observer(u) @ w)
+        undone = np.abs(deadzone(self.run, w_d + self.compensator(w_d) @ wi) - w_d)
+        return float(seen.max() + undone.max())
+
+
+def layers(run: Cycles, joints: Sequence[Joint], r: Vector) -> tuple[Layer, Layer, Vector, Vector]:
+    """Return Wi, W as (6) tunes them, and both products of (3) that this cancels, (n, 2)."""
+    nodes, (k1, k2) = len(joints[0].v), run.laws("k1", "k2")
+    y, jacobian = run.columns(f"{STATE}y_{{}}_Nm"), run.columns(f"{STATE}slope_{{}}")
+    kept = np.r_[:nodes, ROOM : ROOM + JUMPS]
+    wi = run.state(f"{STATE}wi", JOINTS, ROOM + JUMPS)[:, :, kept]
+    w = run.state(f"{STATE}w", JOINTS, ROOM)[:, :, :nodes]
+    b = run.array(f"{STATE}b", JOINTS, ROOM)[:, :, :nodes]
+    s = np.stack([one.compensator(one.w_d) for one in joints], 1)
+    ideal, ideal_i = (np.array(found) for found in zip(*(one.ideal for one in joints), strict=True))
+    leak, drive = k1 * size(r), -b * (y * r)[:, :, None]
+    observer = w.layer("S", run.rate("s_rate"), ideal, drive, leak)
+    leak, drive = size(r) * (k1 + k2 * size(wi.w)), s * (r * jacobian)[:, :, None]
+    compensator = wi.layer("T", run.rate("t_rate"), ideal_i, drive, leak)
+    seen = np.sum(observer.lacks * b, axis=2) * y
+    return compensator, observer, seen, np.sum(compensator.lacks * s, axis=2) * jacobian
+
+
+def bound(run: Cycles, links: TwoLinks, joints: Sequence[Joint], wi: Layer, w: Layer) -> Constants:
+    """Return the constants."""
+    eps = [one.largest_eps(*pair) for one, *pair in zip(joints, w.ideal, wi.ideal, strict=True)]
+    most = max(float(np.abs(added(run, points(one.w_d))).max()) for one in joints)
+    spread = max(float(np.linalg.norm(one.v)) for one in joints)
+    nodes, (low, high) = len(joints[0].v), links.inertia_range()
+    return Constants(
+        damping=run.law("kv_Nms_rad"),
+        kappa=run.law("k1"),
+        ideal=math.hypot(w.norm, wi.norm),
+        c0=float(np.linalg.norm(eps))
+        + w.norm * math.sqrt(nodes)
+        + 0.5 * run.law("k2") * wi.norm**3,
+        c1=spread * (most + w.norm * math.sqrt(nodes + JUMPS)) / 4.0,
+        low=low,
+        high=high,
+    )
 
 
 def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
     nodes = int(run.law("nodes"))
     kv, lam, k1, k2 = run.laws("kv_Nms_rad", "lam_per_s", "k1", "k2")
-    links = TwoLinks(*run.settings("plant:arm.", ("a1_m", "a2_m", "m1_kg", "m2_kg")))
+    links = TwoLinks(*run.settings("plant:arm.", LINKS))
     one = motion(run, np.array([lam, lam]))
-    r, m = one.r, links.inertia(one.q)
-    ahead, along = one.forward
-    w_d = times(m, ahead) + times(links.coriolis(one.q, one.v), along) + kv * r
-    tau = run.after(run.columns("plant:arm.acting_{}_Nm"))
-    y = run.columns("executive:controller.y_{}_Nm")
-    seen_slope = run.columns("executive:controller.slope_{}")
-    u = run.columns("executive:controller.tau_d_{}_Nm") + y
-    state = "executive:controller."
-    w = run.used(f"{state}w", JOINTS, ROOM)[:, :, :nodes]
-    keep = np.r_[:nodes, ROOM : ROOM + JUMPS]
-    wi = run.used(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
-    b = run.array(f"{state}b", JOINTS, ROOM)[:, :, :nodes]
-    first = [
-        run.used(f"{state}{name}", JOINTS, ROOM)[0, :, :nodes] for name in ("v", "v0", "vi", "v0i")
-    ]
-
-    s = np.stack([compensator(run, first[2][j], first[3][j], w_d[:, j]) for j in range(JOINTS)], 1)
-    w_ideal, wi_ideal = np.empty((JOINTS, nodes)), np.empty((JOINTS, nodes + JUMPS))
-    eps, spread, most = np.zeros(JOINTS), 0.0, 0.0
-    for j in range(JOINTS):
-        v, v0, vi, v0i = (values[j] for values in first)
-        w_ideal[j] = fitted_weights(
-            logistic(u[:, j, None] * v + v0), deadzone(run, u[:, j])[:, None]
-        )[:, 0]
-        missing = inverse(run, w_d[:, j]) - w_d[:, j]
-        wi_ideal[j] = fitted_weights(s[:, j], missing[:, None])[:, 0]
-        nets = (v, v0, w_ideal[j], vi, v0i, wi_ideal[j])
-        eps[j] = largest_eps(run, u[:, j], w_d[:, j], nets)
-        spread = max(spread, float(np.linalg.norm(v)))
-        edge = points(w_d[:, j])
-        most = max(most, float(np.abs(inverse(run, edge) - edge).max()))
-    w_lacks, wi_lacks = w_ideal - w, wi_ideal - wi
-    rest = w_d - tau + np.sum(w_lacks * b, axis=2) * y - np.sum(wi_lacks * s, axis=2) * seen_slope
-
-    error, norm = size(r), size(wi)
-    moved = run.moved(f"{state}w", JOINTS, ROOM)[:, :, :nodes]
-    moved_wi = run.moved(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
-    leak, leak_wi = k1 * error[:, None, None], (error * (k1 + k2 * norm))[:, None, None]
-    drive = -b * (y * r)[:, :, None] - leak * w
-    drive_wi = s * (r * seen_slope)[:, :, None] - leak_wi * wi
-    weights = (
-        Weights("T", run.rate("t_rate"), wi_lacks, moved_wi, drive_wi),
-        Weights("S", run.rate("s_rate"), w_lacks, moved, drive),
-    )
-    further = norm * inner(wi_lacks, wi)
-    outer, wide = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(wi_ideal))
-    low, high = links.inertia_range()
+    r, m, error = one.r, links.inertia(one.q), size(one.r)
+    w_d = forward_torque(links, one) + kv * r  # (1)
+    u = run.columns(f"{STATE}tau_d_{{}}_Nm") + run.columns(f"{STATE}y_{{}}_Nm")
+    drawn = np.array([run.used(STATE + name, JOINTS, ROOM)[0, :, :nodes] for name in DRAWN])
+    joints = [Joint(run, u[:, j], w_d[:, j], *drawn[:, j]) for j in range(JOINTS)]
+    wi, w, seen, undone = layers(run, joints, r)
+    tau, further = acting_torque(run), size(wi.w) * wi.leaked
+    rest = w_d - tau + seen - undone  # (3)
     clipped = np.clip(u, -run.law("u_max_Nm"), run.law("u_max_Nm"))
-    return Proof(
-        theorem="theorem of chapter 4.2",
-        error_is="|r| [rad/s]",
-        t_s=run.t_s,
-        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r) + sum(one.energy for one in weights),
-        tuned=weights,
-        damping=kv * error**2,
+    return layered(
+        run,
+        ("theorem of chapter 4.2", "|r| [rad/s]"),
+        (wi, w),
+        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r),  # (4)
+        damping=kv * error**2,  # (5)
         terms={
             "r'w, what no network cancels": inner(r, rest),
-            "leak of the weights": error
-            * (k1 * (inner(w_lacks, w) + inner(wi_lacks, wi)) + k2 * further),
+            "leak of the weights": error * (k1 * (w.leaked + wi.leaked) + k2 * further),
         },
         error=error,
-        weights=np.sqrt(size(w_lacks) ** 2 + size(wi_lacks) ** 2),
         rest=size(rest) + k2 * np.maximum(further, 0.0),
-        constants=Constants(
-            damping=kv,
-            kappa=k1,
-            ideal=math.hypot(outer, wide),
-            c0=float(np.linalg.norm(eps)) + outer * math.sqrt(nodes) + 0.5 * k2 * wide**3,
-            c1=spread * (most + outer * math.sqrt(nodes + JUMPS)) / 4.0,
-            low=low,
-            high=high,
-            gamma=min(one.metric for one in weights),
-        ),
+        constants=bound(run, links, joints, wi, w),
         asked=(
-            rates_positive(weights),
             positive("leak k1", k1),
             switched_on(run, "W, Wi, y, u are in use", "network_on"),
             acting(deadzone(run, u), tau, "N m"),
@@ -169,5 +183,5 @@ def prove(run: Cycles) -> Proof:
     )
 
 
-STATES = tuple(f"controller.{name}_*" for name in ("w", "wi", "v", "v0", "vi", "v0i", "b"))
+STATES = tuple(f"controller.{name}_*" for name in ("w", "wi", *DRAWN, "b"))
 THEOREMS = {"deadzone_nn": Theorem(prove, STATES, ("t_rate", "s_rate"))}

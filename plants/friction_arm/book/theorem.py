@@ -18,40 +18,43 @@ s' <= 1/4; x over references of the run, |r| up to 1.25 times the largest of the
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 """
 
-import math
+from dataclasses import replace
 
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, drawn_states, motion, times
+from pcpc.plants.families.two_link.book.theory import (
+    LINKS,
+    Motion,
+    TwoLinks,
+    acting_torque,
+    drawn_states,
+    forward_torque,
+    motion,
+)
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
+    Hidden,
     Theorem,
     acting,
+    dyads,
     fitted_weights,
     inner,
-    linearised,
+    layered,
     logistic,
     never,
     positive,
-    rates_positive,
     read_out,
     size,
     with_threshold,
 )
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.weights import Layer, Vector, norm
 
 INPUTS, ROOM, JUMPS = 11, 16, 4
 STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0
 NO_FRICTION, LUGRE = 0.0, 2.0
 FRICTION = ("coulomb_{}_Nm", "stiction_{}_Nm", "viscous_{}_Nm", "beta1_{}_s_rad", "beta2_{}_s_rad")
-LINKS = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
-
-
-def network_input(one: Motion) -> Vector:
-    """Return x (n, 11)."""
-    parts = (one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d)
-    return with_threshold(np.concatenate(parts, axis=1))
+STATE = "executive:controller."
 
 
 def friction_torque(run: Cycles, v: Vector) -> Vector:
@@ -77,42 +80,50 @@ def jump_nodes(run: Cycles, v: Vector) -> Vector:
 
 def frictionless(links: TwoLinks, one: Motion) -> Vector:
     """Return f (1) without friction, (n, 2), N m."""
-    ahead, along = one.forward
-    moved = times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
-    return moved + links.gravity(one.q)
+    return forward_torque(links, one) + links.gravity(one.q)
 
 
-def projection(run: Cycles, w2: Vector, driven: Vector, rate: float) -> Vector:
-    """Return what the projection of own-joint step weights to 0 and more adds to `driven` of W2.
-
-    `w2`, `driven` and the result: (n, 4, 2).
-    """
-    added = np.zeros_like(driven)
-    if run.law("jump_nodes") == PROJECT and rate != 0.0:
-        free = w2 + run.period_s * rate * driven
+def projection(run: Cycles, w2: Layer) -> Vector:
+    """Return what the projection of own-joint step weights to 0 and more adds to (6), (n, 4, 2)."""
+    added = np.zeros_like(w2.driven)
+    if run.law("jump_nodes") == PROJECT and w2.rate != 0.0:
+        free = w2.w + run.period_s * w2.rate * w2.driven
         for j in range(2):
             own = free[:, 2 * j, j]
-            added[:, 2 * j, j] = (np.maximum(own, 0.0) - own) / (rate * run.period_s)
+            added[:, 2 * j, j] = (np.maximum(own, 0.0) - own) / (w2.rate * run.period_s)
     return added
 
 
-def tuning_drives(
-    run: Cycles, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
-) -> list[Vector]:
-    """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi.
+def layers(
+    run: Cycles, r: Vector, f: Vector, hidden: Hidden, phi: Vector
+) -> tuple[Layer, Layer, Layer]:
+    """Return W1, V, W2 as (6) tunes them, W2 without its projection."""
+    nodes = hidden.nodes.shape[1]
+    w1, w2 = run.state(f"{STATE}w1", ROOM + 1, 2)[:, :nodes], run.state(f"{STATE}w2", JUMPS, 2)
+    both = fitted_weights(np.concatenate((hidden.known, phi), axis=1), f)
+    flat, slope, _ = hidden.linear
+    back = slope * np.einsum("njm,nm->nj", w1.w[:, 1:], r)
+    leak = run.law("kappa") * size(r)
+    return (
+        w1.layer("S", run.rate("s_rate"), both[:nodes], dyads(flat, r), leak),
+        hidden.layer("T", run.rate("t_rate"), back, leak),
+        w2.layer("E", run.rate("e_rate"), both[nodes:], dyads(phi, r), leak),
+    )
 
-    `used` and the results: (n, L + 1, 2), (n, 11, L), (n, 4, 2); `nodes`: (n, L + 1), (n, L),
-    (n, 11), (n, 4); `r`: (n, 2).
-    """
-    flat, slope, x, phi = nodes
-    w1, v, w2 = used
-    back = slope * np.einsum("njm,nm->nj", w1[:, 1:], r)
-    leak = run.law("kappa") * size(r)[:, None, None]
-    return [
-        flat[:, :, None] * r[:, None, :] - leak * w1,
-        x[:, :, None] * back[:, None, :] - leak * v,
-        phi[:, :, None] * r[:, None, :] - leak * w2,
-    ]
+
+def bound(
+    run: Cycles, links: TwoLinks, one: Motion, hidden: Hidden, w: tuple[Layer, Layer]
+) -> Constants:
+    """Return the constants; `w`: W1, W2."""
+    far, both = drawn_states(one), np.concatenate([one.ideal for one in w])
+    nodes = with_threshold(logistic(far.inputs @ hidden.ideal))
+    known = np.concatenate((nodes, jump_nodes(run, far.v)), axis=1)
+    eps = size(frictionless(links, far) + friction_torque(run, far.v) - known @ both).max()
+    found = replace(hidden, x=far.inputs).constants(float(np.linalg.norm(both)), float(eps))
+    kv = min(run.laws("kv_1_Nms_rad", "kv_2_Nms_rad"))
+    low, high = links.inertia_range()
+    k = kv + run.law("kz") * run.law("z_bound")
+    return Constants(k, run.law("kappa"), *found, low=low, high=high)
 
 
 def friction_without_memory(run: Cycles, one: Motion) -> Assumption:
@@ -129,93 +140,45 @@ def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
     nodes = int(run.law("nodes"))
     kv = np.array(run.laws("kv_1_Nms_rad", "kv_2_Nms_rad"))
-    lam = np.array(run.laws("lam_1_per_s", "lam_2_per_s"))
     kappa, kz, z_bound = run.laws("kappa", "kz", "z_bound")
-    links = TwoLinks(*run.settings("plant:arm.", LINKS))
-    one = motion(run, lam)
-    r, inertia = one.r, links.inertia(one.q)
-
-    w1 = run.used("executive:controller.w1", ROOM + 1, 2)[:, : nodes + 1]
-    w2 = run.used("executive:controller.w2", JUMPS, 2)
-    v = run.used("executive:controller.v", INPUTS, ROOM)[:, :, :nodes]
-    x, phi = network_input(one), run.array("executive:controller.phi", JUMPS)
-    s = with_threshold(logistic(np.einsum("nij,ni->nj", v, x)))
-    friction = run.after(run.columns("plant:arm.friction_{}_Nm"))
-    f = frictionless(links, one) + friction
-
-    v_ideal = v[0]
-    both = fitted_weights(np.concatenate((with_threshold(logistic(x @ v_ideal)), phi), axis=1), f)
-    w1_lacks, w2_lacks, v_lacks = both[: nodes + 1] - w1, both[nodes + 1 :] - w2, v_ideal - v
-    learned = read_out(w1, s) + read_out(w2, phi)
-    flat, slope, turned = linearised(s, v, x, v_lacks)
-    cancelled = read_out(w1_lacks, flat) + read_out(w1[:, 1:], turned) + read_out(w2_lacks, phi)
+    links = TwoLinks(*run.settings("plant:arm.", (*LINKS, "gravity_m_s2")))
+    one = motion(run, np.array(run.laws("lam_1_per_s", "lam_2_per_s")))
+    r, error = one.r, size(one.r)
+    f = frictionless(links, one) + run.after(run.columns("plant:arm.friction_{}_Nm"))  # (1)
+    hidden = Hidden.of(run.state(f"{STATE}v", INPUTS, ROOM)[:, :, :nodes], one.inputs)
+    phi = run.array(f"{STATE}phi", JUMPS)
+    w1, v, w2 = layers(run, r, f, hidden, phi)
+    held = projection(run, w2)
+    all_layers = w1, v, replace(w2, driven=w2.driven + held)
+    flat, _, turned = hidden.linear
+    learned = read_out(w1.w, hidden.nodes) + read_out(w2.w, phi)
+    cancelled = read_out(w1.lacks, flat) + read_out(w1.w[:, 1:], turned) + read_out(w2.lacks, phi)
     rest = f - learned - cancelled  # (3)
-
-    used, lacks = (w1, v, w2), (w1_lacks, v_lacks, w2_lacks)
-    state = "executive:controller."
-    moved = (
-        run.moved(f"{state}w1", ROOM + 1, 2)[:, : nodes + 1],
-        run.moved(f"{state}v", INPUTS, ROOM)[:, :, :nodes],
-        run.moved(f"{state}w2", JUMPS, 2),
-    )
-    drives = tuning_drives(run, used, (flat, slope, x, phi), r)
-    held = projection(run, w2, drives[2], run.rate("e_rate"))
-    drives[2] = drives[2] + held
-    names = "ST" if run.law("jump_nodes") == STANDARD else "STE"
-    weights = [
-        Weights(name, run.rate(f"{name.lower()}_rate"), *parts)
-        for name, *parts in zip(names, lacks, moved, drives, strict=False)
-    ]
-    lack = np.sqrt(sum(size(one) ** 2 for one in lacks))
-    norm = np.sqrt(size(w1) ** 2 + size(v) ** 2 + size(w2) ** 2)
-    lyapunov = 0.5 * np.einsum("ni,nij,nj->n", r, inertia, r)
-    error = size(r)
-    asked = run.columns("executive:controller.torque_{}_Nm")
-    acts = run.after(run.columns("plant:arm.acting_{}_Nm"))
-    leak = sum(inner(a, b) for a, b in zip(lacks, used, strict=True))
-
-    far = drawn_states(one)
-    far_x = network_input(far)
-    known = np.concatenate(
-        (with_threshold(logistic(far_x @ v_ideal)), jump_nodes(run, far.v)), axis=1
-    )
-    eps = size(frictionless(links, far) + friction_torque(run, far.v) - known @ both).max()
-    outer, reach = float(np.linalg.norm(both)), float(size(far_x).max())
-    ideal = math.hypot(outer, float(np.linalg.norm(v_ideal)))
-    low, high = links.inertia_range()
-    return Proof(
-        theorem="Theorem 3.2.2",
-        error_is="|r| [rad/s]",
-        t_s=run.t_s,
-        v=lyapunov + sum(one.energy for one in weights),
-        tuned=weights,
-        damping=np.sum(r * kv * r, axis=1) + kz * (norm + z_bound) * error**2,
+    asked = run.columns(f"{STATE}torque_{{}}_Nm")
+    acts = acting_torque(run)
+    constants = bound(run, links, one, hidden, (w1, w2))
+    return layered(
+        run,
+        ("Theorem 3.2.2", "|r| [rad/s]"),
+        all_layers,
+        rates=all_layers[: 2 if run.law("jump_nodes") == STANDARD else 3],
+        v=0.5 * np.einsum("ni,nij,nj->n", r, links.inertia(one.q), r),  # (4)
+        damping=np.sum(r * kv * r, axis=1) + kz * (norm(w1.w, v.w, w2.w) + z_bound) * error**2,
         terms={
             "r'w, what no network cancels": inner(r, rest),
-            "leak of the weights": kappa * error * leak,
-            **({"projection": -inner(w2_lacks, held)} if held.any() else {}),
+            "leak of the weights": kappa * error * (w1.leaked + v.leaked + w2.leaked),
+            **({"projection": -inner(w2.lacks, held)} if held.any() else {}),
         },
         beyond={"limits, quanta, delay": inner(r, asked - acts)},
         error=error,
-        weights=lack,
         rest=size(rest + asked - acts),
-        constants=Constants(
-            damping=float(kv.min()) + kz * z_bound,
-            kappa=kappa,
-            ideal=ideal,
-            c0=float(eps) + outer * np.sqrt(nodes),
-            c1=float(size(far_x @ v_ideal).max()) / 4.0 + outer * reach / 4.0,
-            low=low,
-            high=high,
-            gamma=min(one.metric for one in weights),
-        ),
+        constants=constants,
         asked=(
-            rates_positive(weights),
             positive("leak kappa", kappa),
             Assumption(
                 "Z_B is above |Z*|",
-                z_bound >= ideal,
-                f"Z_B {z_bound:g}, |Z*| {ideal:.3g}",
+                z_bound >= constants.ideal,
+                f"Z_B {z_bound:g}, |Z*| {constants.ideal:.3g}",
             ),
             acting(asked, acts, "N m"),
             friction_without_memory(run, one),

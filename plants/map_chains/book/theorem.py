@@ -42,19 +42,18 @@ def prove(run: Cycles) -> Proof:
         both(run, "executive:reference_{}." + name) for name in ("now", "previous", "older")
     )
     r = x[2] - now + lam * (x[1] - previous) + lam_2 * (x[0] - older)
-    after = np.stack([run.after(column) for column in r.T], axis=1)
     d, fired = (
         np.stack([both(run, f"{LAW}{{}}_{name}_{side}") for side in SIDES], axis=2)
         for name in ("width", "fired")
     )
-    acts = np.stack([run.after(column) for column in both(run, PLANT + "{}_tau").T], axis=1)
+    acts = run.after(both(run, PLANT + "{}_tau"))
     off = drift(x, actual, true, kappa) - drift(x, order, known, known_kappa)
     reach = MARGIN * max(float(np.abs(one).max()) for one in x)
     apart = (abs(known - true) + abs(known_kappa - kappa)) * reach
     return proof(
         run,
         r,
-        after,
+        run.after(r),
         d,
         fired,
         np.broadcast_to(width[:, None], d.shape),

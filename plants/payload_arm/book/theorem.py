@@ -23,10 +23,13 @@ from dataclasses import replace
 import numpy as np
 
 from pcpc.plants.families.two_link.book.theory import (
+    LINKS,
     Motion,
     TwoLinks,
     acceleration,
+    acting_torque,
     drawn_states,
+    inertia_known,
     motion,
 )
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
@@ -34,28 +37,26 @@ from pcpc.plants.theorem import (
     Cycles,
     Theorem,
     acting,
+    dyads,
     fitted_weights,
     inner,
+    layered,
     logistic,
     positive,
-    rates_positive,
     read_out,
     size,
     switched_on,
-    with_threshold,
 )
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.weights import Layer, Vector
 
 INPUTS, NODES = 11, 10
 STATE = "executive:controller."
 WIDTH = "plant:arm.smooth_rad_s"
 
 
-def network_input(one: Motion) -> Vector:
-    """Return x (n, 11) of the action network."""
-    return with_threshold(
-        np.concatenate((one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d), axis=1)
-    )
+def action_nodes(run: Cycles, one: Motion) -> Vector:
+    """Return s2 (n, 10) of the action network."""
+    return logistic(one.inputs @ run.used(f"{STATE}v2", INPUTS, NODES)[0])
 
 
 def unknown_part(run: Cycles, links: TwoLinks, one: Motion) -> Vector:
@@ -79,92 +80,89 @@ def damping(run: Cycles, s1: Vector) -> tuple[float, float]:
     return left, most
 
 
-def prove(run: Cycles) -> Proof:
-    """Return the proof of a run."""
-    kv, lam, kz, delta, beta, kap1, kap2 = run.laws(
-        "kv_per_s", "lam_per_s", "kz", "delta_rad_s", "beta", "kap1", "kap2"
+def critic(run: Cycles, r: Vector, sc: Vector) -> tuple[Vector, Vector]:
+    """Return V (2) without W2, and D of (3)."""
+    kv, beta, kap1, kz, delta = run.laws("kv_per_s", "beta", "kap1", "kz", "delta_rad_s")
+    w1, s1 = run.used(f"{STATE}w1", NODES, 2), run.array(f"{STATE}s1", NODES)
+    told, error, judged = run.columns(f"{STATE}critic_{{}}"), size(r), size(sc)
+    dissipated = (
+        kv * error**2
+        - beta * inner(told, r)
+        + size(s1) ** 2 * size(told) ** 2
+        + inner(told, read_out(w1, s1))
+        + kap1 * size(w1) ** 2
+        + kz * judged**2 / (judged + delta)
     )
-    names = ("a1_m", "a2_m", "m1_kg", "m2_kg")
-    known = TwoLinks(*run.laws(*names))
-    plain = TwoLinks(*run.settings("plant:arm.", (*names, "gravity_m_s2")))
-    links = replace(plain, m2=run.after(run.column("plant:arm.outer_mass_kg")))
-    one = motion(run, np.array([lam, lam]))
-    r, acts = one.r, run.after(run.columns("plant:arm.acting_{}_Nm"))
-    moved = acceleration(run, links, one.q, one.v, run.setting(WIDTH), acts)
-    r_rate = one.forward[0] - moved
+    return 0.5 * (error**2 + size(told) ** 2 + size(w1) ** 2), dissipated
 
-    w1 = run.used(f"{STATE}w1", NODES, 2)
-    w2 = run.used(f"{STATE}w2", NODES, 2)
-    v2 = run.used(f"{STATE}v2", INPUTS, NODES)[0]
-    s1, s2 = run.array(f"{STATE}s1", NODES), logistic(network_input(one) @ v2)
-    sc, critic = run.array(f"{STATE}sc", 2), run.columns("executive:controller.critic_{}")
-    robust = run.columns("executive:controller.robust_{}_rad_s2")
-    learned = run.columns("executive:controller.learned_{}_rad_s2")
-    f = r_rate + kv * r + learned + robust
-    ideal = fitted_weights(s2, f)
-    lacks, rest = ideal - w2, f - s2 @ ideal
 
-    drive = s2[:, :, None] * sc[:, None, :] - kap2 * w2
-    moved_w2 = run.moved(f"{STATE}w2", NODES, 2)
-    weights = Weights("Gam", run.rate("gam"), lacks, moved_w2, drive)
-
-    error, back, judged = size(r), size(s1), size(sc)
-    unhelped = np.maximum(size(rest) - kz, 0.0)
-    sway = size(sc - r)
-    k, mu = damping(run, back)
+def bound(
+    run: Cycles, plain: TwoLinks, one: Motion, f: Vector, w2: Layer, sway: float
+) -> Constants:
+    """Return the constants, of the arm without payload beside f; `sway`: the largest |sc - r|."""
+    kz, delta, kap2 = run.laws("kz", "delta_rad_s", "kap2")
+    k, mu = damping(run, size(run.array(f"{STATE}s1", NODES)))
     at = drawn_states(one)
-    eps = size(unknown_part(run, plain, at) - logistic(network_input(at) @ v2) @ ideal).max()
+    eps = size(unknown_part(run, plain, at) - action_nodes(run, at) @ w2.ideal).max()
     payload = size(f - unknown_part(run, plain, one)).max()
     c0 = max(float(eps + payload) - kz, 0.0)
-    asked = run.columns("executive:controller.torque_{}_Nm")
-    wrong = float(np.abs(known.inertia(one.q) - links.inertia(one.q)).max())
-    return Proof(
-        theorem="Theorem 7.3.1",
-        error_is="|r| [rad/s]",
-        t_s=run.t_s,
-        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2) + weights.energy,
-        tuned=(weights,),
-        damping=kv * error**2
-        - beta * inner(critic, r)
-        + back**2 * size(critic) ** 2
-        + inner(critic, read_out(w1, s1))
-        + kap1 * size(w1) ** 2
-        + kz * judged**2 / (judged + delta),
+    extra = kz * delta + sway * c0
+    return Constants(k, kap2, w2.norm, c0, leak="constant", extra=extra, other_rate=mu)
+
+
+def condition(run: Cycles, k: float) -> Assumption:
+    """Return whether K is positive where alpha is kap1."""
+    kv, beta, kap1, alpha = run.laws("kv_per_s", "beta", "kap1", "alpha")
+    return Assumption(
+        "beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1",
+        k > 0.0 and alpha == kap1,
+        f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, kap1 {kap1:g}, alpha {alpha:g}",
+        needed=True,
+    )
+
+
+def prove(run: Cycles) -> Proof:
+    """Return the proof of a run."""
+    kv, lam, kz, delta, kap2 = run.laws("kv_per_s", "lam_per_s", "kz", "delta_rad_s", "kap2")
+    plain = TwoLinks(*run.settings("plant:arm.", (*LINKS, "gravity_m_s2")))
+    links = replace(plain, m2=run.after(run.column("plant:arm.outer_mass_kg")))
+    one, acts = motion(run, np.array([lam, lam])), acting_torque(run)
+    r, sc = one.r, run.array(f"{STATE}sc", 2)
+    moved = acceleration(run, links, one.q, one.v, run.setting(WIDTH), acts)
+    robust = run.columns(f"{STATE}robust_{{}}_rad_s2")
+    learned = run.columns(f"{STATE}learned_{{}}_rad_s2")
+    f = one.forward[0] - moved + kv * r + learned + robust  # (1)
+    s2, state = action_nodes(run, one), run.state(f"{STATE}w2", NODES, 2)
+    w2 = state.layer("Gam", run.rate("gam"), fitted_weights(s2, f), dyads(s2, sc), kap2)
+    rest, sway = f - s2 @ w2.ideal, size(sc - r)
+    unhelped = np.maximum(size(rest) - kz, 0.0)  # w_k of (4)
+    constants = bound(run, plain, one, f, w2, float(sway.max()))
+    v, dissipated = critic(run, r, sc)
+    return layered(
+        run,
+        ("Theorem 7.3.1", "|r| [rad/s]"),
+        (w2,),
+        v=v,
+        damping=dissipated,
         terms={
             "sc'w, what no network cancels": inner(sc, rest),
-            "leak of the weights": kap2 * inner(lacks, w2),
+            "leak of the weights": kap2 * w2.leaked,
         },
-        error=error,
-        weights=size(lacks),
+        error=size(r),
         rest=unhelped,
         extra=kz * delta + sway * unhelped,
-        constants=Constants(
-            damping=k,
-            kappa=kap2,
-            ideal=float(np.linalg.norm(ideal)),
-            c0=c0,
-            gamma=weights.metric,
-            leak="constant",
-            extra=kz * delta + float(sway.max()) * c0,
-            other_rate=mu,
-        ),
+        constants=constants,
         asked=(
-            rates_positive([weights]),
             positive("leak kap2", kap2),
             switched_on(run, "both networks are on", "action_on", "critic_on"),
-            Assumption(
-                "beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1",
-                k > 0.0 and run.law("alpha") == kap1,
-                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, kap1 {kap1:g}, alpha {run.law('alpha'):g}",
-                needed=True,
-            ),
+            condition(run, constants.damping),
             Assumption(
                 "kz is above |w|",
                 bool((unhelped == 0.0).all()),
                 f"kz {kz:g}, |w| up to {size(rest).max():.3g}",
             ),
-            Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
-            acting(asked, acts, "N m"),
+            inertia_known(TwoLinks(*run.laws(*LINKS)).inertia(one.q), links.inertia(one.q)),
+            acting(run.columns(f"{STATE}torque_{{}}_Nm"), acts, "N m"),
         ),
     )
 

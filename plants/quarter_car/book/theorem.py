@@ -25,19 +25,21 @@ from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
     Theorem,
+    around,
     fitted_weights,
     inner,
+    layered,
     never,
     positive,
-    rates_positive,
 )
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.weights import Layer, Vector
 
 P_MIN_PA, DP_SMOOTH_PA, SPOOL_SMOOTH_M, PSI_MIN_PA, FLOOR = 1e5, 1e5, 1e-5, 1e4, 0.05
 RANGE, SCALES = 1.2, (0.1, 2.0, 10e6)
 COUNTS, WIDTHS = (3, 7, 7), (0.5, 0.2, 0.2)
-RULES, DRAWN, MARGIN, RIDGE = 147, 20_000, 1.25, 1e-4
+RULES, DRAWN, RIDGE = 147, 20_000, 1e-4
 HYDRAULIC = 1.0
+STATE = "executive:controller."
 
 
 @dataclass(frozen=True)
@@ -93,14 +95,44 @@ def largest_eps(strut: Strut, states: list[Vector], spool: Vector, ideal: Vector
     `states` and `spool`: (n,) each; `ideal`: (147,).
     """
     draw = np.random.default_rng(0)
-    rows = []
-    for one in states:
-        middle, half = 0.5 * (one.max() + one.min()), 0.5 * MARGIN * (one.max() - one.min())
-        rows.append(draw.uniform(middle - half, middle + half, DRAWN))
-    x3, v3, p1, p2 = rows
+    x3, v3, p1, p2 = (around(one, draw, DRAWN) for one in states)
     gain = strut.gain(x3, p1, draw.choice(np.sign(spool), DRAWN))
     return float(
         np.abs(-strut.drift(x3, v3, p1, p2) - gain * (memberships(x3, v3, p1 - p2) @ ideal)).max()
+    )
+
+
+def bound(run: Cycles, w: Layer, known: Vector, eps: float) -> Constants:
+    """Return the constants for the largest of all that stands in w beside the leak, N/s."""
+    k1, kap = run.laws("k1_per_s", "kap_per_m")
+    least = float(known.min())
+    surplus = float((kap * (known - least)).max())
+    return Constants(k1, kap * least, w.norm, eps + surplus * w.norm**2 / 4.0)
+
+
+def asked(run: Cycles, wanted: Vector, e: Vector) -> tuple[Assumption, ...]:
+    """Return what the theorem asks of a run."""
+    kap, lam, limit, on, exact = run.laws(
+        "kap_per_m", "lam_per_s", "spool_max_m", "fl_on", "exact_drift"
+    )
+    off = float(np.linalg.norm(run.slope(e)[:-1] + lam * e[:-1]))
+    follows = off / max(lam * float(np.linalg.norm(e)), 1e-300)
+    return (
+        positive("leak kap", kap),
+        Assumption(
+            "the rules are on",
+            on > 0.5 and exact < 0.5,
+            f"fl_on {on:g}, exact_drift {exact:g}",
+            needed=True,
+        ),
+        Assumption(
+            "e' = -lam e",
+            follows < 0.01,
+            f"filters, limits and sampling add {100.0 * follows:.3g} % of lam e, rms",
+        ),
+        never(
+            "the spool's travel is enough", ~(np.abs(wanted) < limit), "x7d is at its limit in {}"
+        ),
     )
 
 
@@ -109,78 +141,41 @@ def prove(run: Cycles) -> Proof:
     if run.setting("plant:car.strut") != HYDRAULIC:
         raise NoTheorem("the strut of this rig is not the hydraulic one")
     strut = Strut(*run.settings("plant:car.h_", [*Strut.__annotations__]))
-    k1, kap, lam, limit = run.laws("k1_per_s", "kap_per_m", "lam_per_s", "spool_max_m")
-    period = run.period_s
+    k1, kap = run.laws("k1_per_s", "kap_per_m")
     x3, p1, p2, spool = (
         run.column(f"plant:car.{name}") for name in ("extension_m", "p1_Pa", "p2_Pa", "spool_m")
     )
     v3 = run.column("plant:car.body_rate_m_s") - run.column("plant:car.wheel_rate_m_s")
-    wanted = run.column("executive:controller.wanted_spool_m")
-    before = run.earlier("executive:controller.wanted_spool_m")
-    force, desired = run.column("plant:car.strut_N"), run.column("executive:controller.desired_N")
-    ef, e = desired - force, wanted - spool
-    gain, known = strut.gain(x3, p1, spool), strut.gain(x3, p1, before)
-    drift = strut.drift(x3, v3, p1, p2)
-    ef_rate = (run.after(desired) - desired) / period - drift - gain * spool
+    desired, wanted = run.column(f"{STATE}desired_N"), run.column(f"{STATE}wanted_spool_m")
+    ef, e = desired - run.column("plant:car.strut_N"), wanted - spool
+    known = strut.gain(x3, p1, run.earlier(f"{STATE}wanted_spool_m"))  # Gh
+    gain, drift = strut.gain(x3, p1, spool), strut.drift(x3, v3, p1, p2)
+    ef_rate = run.slope(desired) - drift - gain * spool  # (1)
 
-    theta = run.used("executive:controller.theta", RULES)
-    m = memberships(x3, v3, p1 - p2)
-    ideal = fitted_weights(m, (-drift / gain)[:, None], RIDGE)[:, 0]
-    lacks = ideal - theta
-    rest = ef_rate + k1 * ef - known * (e + inner(lacks, m))
-    drive = m * (known * ef)[:, None] - kap * np.abs(known * ef)[:, None] * theta
-    moved = run.moved("executive:controller.theta", RULES)
-    weights = Weights("Gam", run.rate("gam_m2_N2"), lacks, moved, drive)
-    leak, least = inner(lacks, theta), float(known.min())
-    norm, error = float(np.linalg.norm(ideal)), np.abs(ef)
+    m, state, back = memberships(x3, v3, p1 - p2), run.state(f"{STATE}theta", RULES), known * ef
+    ideal = fitted_weights(m, -drift / gain, RIDGE)
+    rate, leak = run.rate("gam_m2_N2"), kap * np.abs(back)
+    w = state.layer("Gam", rate, ideal, m * back[:, None], leak)
+    rest = ef_rate + k1 * ef - known * (e + inner(w.lacks, m))  # w of (2)
     apart = known * e + rest
-    eps = largest_eps(strut, [x3, v3, p1, p2], spool, ideal)
     off_rules = np.abs(apart - known * (-drift / gain - m @ ideal)).max()
-    surplus = kap * (known - least)
-    e_rate = (run.after(e) - e)[:-1] / period + lam * e[:-1]
-    follows = float(np.linalg.norm(e_rate)) / max(lam * float(np.linalg.norm(e)), 1e-300)
-    return Proof(
-        theorem="Theorem 6.3.1",
-        error_is="|ef| [N]",
-        t_s=run.t_s,
-        v=0.5 * ef**2 + weights.energy,
-        tuned=(weights,),
-        damping=k1 * ef**2,
+    eps = largest_eps(strut, [x3, v3, p1, p2], spool, ideal)
+    surplus = kap * (known - float(known.min()))
+    return layered(
+        run,
+        ("Theorem 6.3.1", "|ef| [N]"),
+        (w,),
+        v=0.5 * ef**2,  # (3)
+        damping=k1 * ef**2,  # (4)
         terms={
             "ef Gh e, the spool on its way": ef * known * e,
             "ef w, what the rules do not cancel": ef * rest,
-            "leak of the rules": kap * np.abs(known * ef) * leak,
+            "leak of the rules": leak * w.leaked,
         },
-        error=error,
-        weights=np.sqrt(inner(lacks, lacks)),
-        rest=np.abs(apart) + surplus * np.maximum(leak, 0.0),
-        constants=Constants(
-            damping=k1,
-            kappa=kap * least,
-            ideal=norm,
-            c0=float(eps + off_rules) + float(surplus.max()) * norm**2 / 4.0,
-            gamma=weights.metric,
-        ),
-        asked=(
-            rates_positive([weights]),
-            positive("leak kap", kap),
-            Assumption(
-                "the rules are on",
-                run.law("fl_on") > 0.5 and run.law("exact_drift") < 0.5,
-                f"fl_on {run.law('fl_on'):g}, exact_drift {run.law('exact_drift'):g}",
-                needed=True,
-            ),
-            Assumption(
-                "e' = -lam e",
-                follows < 0.01,
-                f"filters, limits and sampling add {100.0 * follows:.3g} % of lam e, rms",
-            ),
-            never(
-                "the spool's travel is enough",
-                ~(np.abs(wanted) < limit),
-                "x7d is at its limit in {}",
-            ),
-        ),
+        error=np.abs(ef),
+        rest=np.abs(apart) + surplus * np.maximum(w.leaked, 0.0),
+        constants=bound(run, w, known, float(eps + off_rules)),
+        asked=asked(run, wanted, e),
     )
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.plants.families.two_link.book.theory import LINKS, TwoLinks
 from pcpc.plants.study import markdown
 from pcpc.plants.telerobot.equations import A21, A22
 
@@ -97,17 +98,9 @@ def recorded(*settings: str) -> tuple[Array, Array, Array, Array, float, Any]:
     tau = np.stack([columns[f"arm.acting_{j}_Nm"] for j in (1, 2)], axis=1)[1:]
     acceleration = np.diff(v, axis=0) / period_s
     servo = {spec.name: spec for spec in rig.nodes()["local"].blocks}["servo"].settings
-    known = np.linalg.solve(_believed_mass(servo, q[:-1, 1]), tau[..., None])[..., 0]
+    believed = TwoLinks(*(servo[name] for name in LINKS)).inertia(q[:-1])
+    known = np.linalg.solve(believed, tau[..., None])[..., 0]
     return q[:-1], v[:-1], known, acceleration - known, period_s, log
-
-
-def _believed_mass(arm: Any, q2_rad: Array) -> Array:
-    """Return Mhat, (ticks, 2, 2), at the angles of joint 2, by families/two_link."""
-    a1, a2, m1, m2 = arm["a1_m"], arm["a2_m"], arm["m1_kg"], arm["m2_kg"]
-    both = m2 * a1 * a2 * np.cos(q2_rad)
-    m11 = (m1 + m2) * a1 * a1 + m2 * a2 * a2 + 2.0 * both
-    m12, m22 = m2 * a2 * a2 + both, np.full_like(both, m2 * a2 * a2)
-    return np.stack((np.stack((m11, m12), 1), np.stack((m12, m22), 1)), 1)
 
 
 def features(q: Array, v: Array) -> Array:

@@ -13,43 +13,47 @@ without payload, and the payload's part of the run. rad, rad/s. Source: Lewis, C
 2002), chapter 8.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from pcpc.plants.families.two_link.book.theory import TwoLinks, acceleration
+from pcpc.plants.families.two_link.book.theory import (
+    LINKS,
+    TwoLinks,
+    acceleration,
+    acting_torque,
+    inertia_known,
+)
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
     Theorem,
     acting,
+    around,
+    dyads,
     fitted_weights,
     inner,
+    layered,
     positive,
-    rates_positive,
     read_out,
     size,
     with_threshold,
 )
-from pcpc.plants.weights import Vector, Weights
+from pcpc.plants.weights import Layer, Vector
 
 INPUTS, NODES, ROBUST, NETWORK = 5, 20, 3.0, 4.0
 P, Q = np.array([[150.0, 10.0], [10.0, 2.0]]), np.diag([500.0, 20.0])
+SCALE = float(np.sqrt(P[1, 1]))  # of |st| over the error
 WIDTH_RAD_S = 0.05  # of the plant's friction
-DRAWN, MARGIN = 4000, 1.25
+DRAWN = 4000
 SERVO = "local:servo."
-ARM = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
+ARM = (*LINKS, "gravity_m_s2")
 
 
 def hidden_nodes(v: Vector, q: Vector, rate: Vector) -> Vector:
     """Return ph (n, 20) at q and q' (n, 2); `v` (5, 20)."""
     return np.tanh(with_threshold(np.concatenate((q, rate), axis=1)) @ v)
-
-
-def states_drawn(values: Vector, draw: np.random.Generator) -> Vector:
-    """Return values (DRAWN, m) from 1.25 times the ranges of the columns of values (n, m)."""
-    middle = 0.5 * (values.max(axis=0) + values.min(axis=0))
-    half = 0.5 * MARGIN * (values.max(axis=0) - values.min(axis=0))
-    return draw.uniform(middle - half, middle + half, (DRAWN, values.shape[1]))
 
 
 def damping(kr: float) -> float:
@@ -59,6 +63,24 @@ def damping(kr: float) -> float:
     return float(np.linalg.eigvalsh(root @ (0.5 * Q + kr * np.outer(st, st)) @ root.T)[0])
 
 
+def quadratic(vectors: Vector, matrix: Vector) -> Vector:
+    """Return the sum of x'Ax over both joints, (n,); `vectors` (n, 2, 2): x of each joint."""
+    return np.einsum("nji,ik,njk->n", vectors, matrix, vectors)
+
+
+def bound(run: Cycles, plain: TwoLinks, v: Vector, f: Vector, w: Layer) -> Constants:
+    """Return the constants, of the arm without payload beside f."""
+    q, rate = run.columns("plant:arm.q_{}_rad"), run.columns("plant:arm.rate_{}_rad_s")
+    draw = np.random.default_rng(0)
+    at, moving = around(q, draw, DRAWN), around(rate, draw, DRAWN)
+    falls = acceleration(run, plain, at, moving, WIDTH_RAD_S)
+    eps = size(falls - hidden_nodes(v, at, moving) @ w.ideal).max()
+    payload = size(f - acceleration(run, plain, q, rate, WIDTH_RAD_S)).max()
+    kr, kap = run.settings(SERVO, ("kr_per_s", "kap"))
+    c0 = SCALE * float(eps + payload)
+    return Constants(damping(kr), kap, w.norm, c0, leak="constant")
+
+
 def prove(run: Cycles) -> Proof:
     """Return the proof of a run; NoTheorem where the robot has no identifier."""
     if run.law("local_law") < ROBUST:
@@ -66,64 +88,37 @@ def prove(run: Cycles) -> Proof:
     kr, kw, kap = run.settings(SERVO, ("kr_per_s", "kw", "kap"))
     known = TwoLinks(*run.settings(SERVO, ARM))
     plain = TwoLinks(*run.settings("plant:arm.", ARM))
-    loaded = run.after(run.column("plant:arm.mass_kg"))
-    links = TwoLinks(plain.a1, plain.a2, plain.m1, loaded, plain.g)
+    links = replace(plain, m2=run.after(run.column("plant:arm.mass_kg")))
     q, rate = run.columns("plant:arm.q_{}_rad"), run.columns("plant:arm.rate_{}_rad_s")
-    acts = run.after(run.columns("plant:arm.acting_{}_Nm"))
-    asked = run.columns(f"{SERVO}torque_{{}}_Nm")
+    acts, asked = acting_torque(run), run.columns(f"{SERVO}torque_{{}}_Nm")
     far = q - run.columns(f"{SERVO}model_{{}}_rad")
     far_rate = rate - run.columns(f"{SERVO}model_rate_{{}}_rad_s")
+    spread = np.stack((far, far_rate), axis=2)  # x~
+    st = spread @ P[:, 1]
 
-    v = run.settings(SERVO, [f"v_{i}" for i in range(INPUTS * NODES)])
-    first = np.array(v).reshape(INPUTS, NODES)
-    w = run.used(f"{SERVO}w", NODES, 2)
-    ph, st = hidden_nodes(first, q, rate), np.stack((far, far_rate), axis=2) @ P[:, 1]
-    norm = size(w)
-    robust = (kr + kw * norm)[:, None] * st
-    learned = read_out(w, ph)
+    v = np.reshape(run.settings(SERVO, [f"v_{i}" for i in range(INPUTS * NODES)]), (INPUTS, NODES))
+    ph, state = hidden_nodes(v, q, rate), run.state(f"{SERVO}w", NODES, 2)
+    gain = kr + kw * size(state.w)
+    learned, robust = read_out(state.w, ph), gain[:, None] * st
     drive = np.linalg.solve(known.inertia(q), asked[:, :, None])[:, :, 0] + learned + robust
-    f = acceleration(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
-    ideal = fitted_weights(ph, f)
-    lacks, rest = ideal - w, f - ph @ ideal
-    drive = ph[:, :, None] * st[:, None, :] - kap * w
-    moved = run.moved(f"{SERVO}w", NODES, 2)
-    weights = Weights("Gam", run.rate("gam"), lacks, moved, drive)
-
-    spread = np.stack((far, far_rate), axis=2)
-    error = np.sqrt(np.einsum("nji,ik,njk->n", spread, P, spread))
-    draw = np.random.default_rng(0)
-    at, moving = states_drawn(q, draw), states_drawn(rate, draw)
-    falls = acceleration(run, plain, at, moving, WIDTH_RAD_S)
-    eps = size(falls - hidden_nodes(first, at, moving) @ ideal).max()
-    payload = size(f - acceleration(run, plain, q, rate, WIDTH_RAD_S)).max()
-    scale = float(np.sqrt(P[1, 1]))
-    wrong = float(np.abs(known.inertia(q) - links.inertia(q)).max())
-    missed = float(run.column(f"{SERVO}held_u")[-1])
-    return Proof(
-        theorem="Theorem 8.3.1",
-        error_is="sqrt(x~'P x~) of the identifier",
-        t_s=run.t_s,
-        v=0.5 * error**2 + weights.energy,
-        tuned=(weights,),
-        damping=0.5 * np.einsum("nji,ik,njk->n", spread, Q, spread)
-        + (kr + kw * norm) * size(st) ** 2,
+    f = acceleration(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust  # (1)
+    w = state.layer("Gam", run.rate("gam"), fitted_weights(ph, f), dyads(ph, st), kap)
+    rest = f - ph @ w.ideal
+    error, missed = np.sqrt(quadratic(spread, P)), float(run.column(f"{SERVO}held_u")[-1])
+    return layered(
+        run,
+        ("Theorem 8.3.1", "sqrt(x~'P x~) of the identifier"),
+        (w,),
+        v=0.5 * error**2,  # (2)
+        damping=0.5 * quadratic(spread, Q) + gain * size(st) ** 2,  # (3)
         terms={
             "st'w, what the network does not cancel": inner(st, rest),
-            "leak of the weights": kap * inner(lacks, w),
+            "leak of the weights": kap * w.leaked,
         },
         error=error,
-        weights=size(lacks),
-        rest=scale * size(rest),
-        constants=Constants(
-            damping=damping(kr),
-            kappa=kap,
-            ideal=float(np.linalg.norm(ideal)),
-            c0=scale * float(eps + payload),
-            gamma=weights.metric,
-            leak="constant",
-        ),
+        rest=SCALE * size(rest),
+        constants=bound(run, plain, v, f, w),
         asked=(
-            rates_positive([weights]),
             positive("leak kap", kap),
             Assumption(
                 "the network is on",
@@ -131,7 +126,7 @@ def prove(run: Cycles) -> Proof:
                 f"local_law {run.law('local_law'):g}",
                 needed=True,
             ),
-            Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
+            inertia_known(known.inertia(q), links.inertia(q)),
             Assumption("every u is there in time", missed == 0.0, f"{missed:g} are not"),
             acting(asked, acts, "N m"),
         ),

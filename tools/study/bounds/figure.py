@@ -31,9 +31,10 @@ def draw(account: Account, title: str, path: Path) -> None:
     for axis, bound in ((axes[2], account.own.error), (axes[3], account.own.weights)):
         axis.axhline(bound, color=VERMILION, linewidth=1.1, label=f"bound {bound:.3g}")
     axes[2].set_yscale("log")
-    seen = proof.error[proof.error > 0.0]
+    seen = proof.error[(proof.error > 0.0) & np.isfinite(proof.error)]
     if len(seen):
-        axes[2].set_ylim(max(float(np.quantile(seen, 0.02)), 1e-6 * account.own.error))
+        reach = account.own.error if np.isfinite(account.own.error) else 0.0
+        axes[2].set_ylim(max(float(np.quantile(seen, 0.02)), 1e-6 * reach))
     axes[3].set_ylim(0.0)
     if account.start_within > 0.0:
         axes[2].axhline(
@@ -63,4 +64,4 @@ def _mean(account: Account, values: Vector) -> Vector:
 
 def _scale(values: Vector) -> float:
     found = float(np.quantile(np.abs(values), 0.7))
-    return found if found > 0.0 else 1.0
+    return found if 0.0 < found < np.inf else 1.0

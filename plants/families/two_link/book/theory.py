@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.plants.theorem import Cycles
+from pcpc.plants.lyapunov import Assumption
+from pcpc.plants.theorem import Cycles, with_threshold
 from pcpc.plants.weights import Vector
 
+LINKS = ("a1_m", "a2_m", "m1_kg", "m2_kg")  # settings of `TwoLinks`
 DRAWN = 4000  # points of the compact set
 MARGIN = 1.25  # of the compact set over the run
 
@@ -95,6 +97,12 @@ class Motion:
         """q_d'' + Lam e', q_d' + Lam e: what M and Vm multiply in f."""
         return self.acc_d + self.lam * self.e_rate, self.rate_d + self.lam * self.e
 
+    @property
+    def inputs(self) -> Vector:
+        """What the laws' networks take, x (n, 11): 1, e, e', q_d, q_d', q_d''."""
+        parts = (self.e, self.e_rate, self.q_d, self.rate_d, self.acc_d)
+        return with_threshold(np.concatenate(parts, axis=1))
+
 
 def motion(run: Cycles, lam: Vector) -> Motion:
     """Return the motion of an arm whose blocks are `arm`, `reference_1` and `reference_2`.
@@ -109,6 +117,23 @@ def motion(run: Cycles, lam: Vector) -> Motion:
         run.columns("executive:reference_{}.q_d_acc_rad_s2"),
         lam,
     )
+
+
+def forward_torque(links: TwoLinks, one: Motion) -> Vector:
+    """Return M (q_d'' + Lam e') + Vm (q_d' + Lam e), (n, 2), N m."""
+    ahead, along = one.forward
+    return times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
+
+
+def acting_torque(run: Cycles) -> Vector:
+    """Return what acts on the arm in the cycle behind each, (n, 2), N m."""
+    return run.after(run.columns("plant:arm.acting_{}_Nm"))
+
+
+def inertia_known(known: Vector, true: Vector) -> Assumption:
+    """Return whether a law's Mhat is M; (n, 2, 2) both."""
+    wrong = float(np.abs(known - true).max())
+    return Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2")
 
 
 def drawn_states(one: Motion) -> Motion:
