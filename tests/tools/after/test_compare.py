@@ -231,24 +231,6 @@ def test_a_log_alone_is_judged_by_what_it_carries(folder: Path, tmp_path: Path) 
     assert compared(folder / "new/gain", moved, code=0)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ((), "expected two runs to compare, got 0; name two, old and new, or a version"),
-        (("/nowhere", "/nowhere"), "/nowhere"),
-        (("{folder}/old", "{empty}"), "no log in this folder"),
-        (("{folder}/old/gain", "{folder}/new/gain", "--tolerance", "-1"), "--tolerance -1"),
-        (("{folder}/old", "{folder}/new", "--jobs", "2"), "--jobs: only with --against"),
-        (("{folder}/old", "{folder}/new", "--all-controllers"), "--all-controllers: only with"),
-    ],
-)
-def test_wrong_input_is_a_line(
-    words: tuple[str, ...], said: str, folder: Path, tmp_path: Path
-) -> None:
-    done = compared(*(word.format(folder=folder, empty=tmp_path) for word in words), code=2)
-    assert said in done.err and done.err.count("\n") == 1, done
-
-
 def test_from_python_it_is_an_object(folder: Path) -> None:
     runs = [pcpc.open(folder / side / "gain") for side in ("old", "new")]
     for found in (pcpc.compare(*runs), pcpc.compare(folder / "old/gain", runs[1])):

@@ -163,19 +163,6 @@ def test_a_log_that_begins_later_is_refused_with_the_reason(tmp_path: Path) -> N
     assert "not with the start of the run" in done.out, done
 
 
-def test_wrong_input_is_answered_in_a_line(engaged: Path, tmp_path: Path) -> None:
-    for words, said in (
-        ((str(tmp_path / "absent.mcap"),), "no such log"),
-        ((str(RIGS / "slew10.yaml"),), "not an MCAP file"),
-        ((str(engaged), "--controller", "nn_backsteping"), "did you mean nn_backstepping"),
-        ((str(engaged), "--set", "controller.kv=1"), "did you mean kv_Nms_rad"),
-    ):
-        done = pcpc("replay", *words)
-        assert done.code == 2, done
-        assert said in done.err, done
-        assert done.err.count("\n") == 1, done
-
-
 def here(log: Path) -> list[replaying.Verdict]:
     """Replay in this process."""
     options = argparse.Namespace(controller=None, set=[], node="all")

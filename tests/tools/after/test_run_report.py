@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from html_page import Page
-from logcommand import barrel_log, run, run_here
+from logcommand import run, run_here
 from processes import own_bus, pcpc
 from spring import spring_run
 
@@ -302,25 +302,6 @@ def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Pat
 
 
 # ------------------------------------------------------------------------- how to get it
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "said"),
-    [
-        (("none.mcap",), 2, "none.mcap: "),
-        (("LOG", "-o", "log.txt"), 2, "-o log.txt: not an HTML file; expected FILE.html"),
-        (("LOG", "-o", "none/a.html"), 2, "there is no folder none"),
-        ((str(RELAY),), 2, "not an MCAP file"),
-        (("LOG", "--law", "none.py"), 2, "--law none.py: no such file"),
-    ],
-)
-def test_wrong_input_is_one_line(
-    words: tuple[str, ...], code: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log = shutil.copy(barrel_log("pd"), tmp_path)
-    monkeypatch.chdir(tmp_path)
-    done = run_here("report", *(str(log) if word == "LOG" else word for word in words))
-    assert done.code == code and said in done.err and done.err.count("\n") == (code != 0), done
 
 
 def test_the_run_says_how_to_get_it_and_python_writes_it(folder: Path, tmp_path: Path) -> None:

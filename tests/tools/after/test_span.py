@@ -213,33 +213,3 @@ def test_seeks_anywhere_agree_with_the_log(log: Path) -> None:
             index, loop = node.replay.plan.table.index, node.replay.block.loop
             for name, values in read.node[node.role].columns.items():
                 assert loop.v[index[name]].tobytes() == values[cycle].tobytes(), (name, cycle)
-
-
-WRONG = (
-    (("--from", "9"), "there is no cycle 9000, the log comes to cycle 449"),
-    (("--from", "0.3", "--to", "0.2"), "--to 0.2 is before --from 0.3"),
-    (("--from", "nan"), "--from: expected a number"),
-    (("--to", "-1"), "--to -1: expected 0 s or more"),
-    (("--to", "inf"), "--to: expected a number"),
-    (("--from", "1e300"), "there is no cycle"),
-    (("--from", "x"), "expected a number"),
-    (("--show", "controller.w_9x"), "no such variable"),
-    (("--show", "supervisor.state"), "choose one with --node"),
-    (("--show", "controller.w_0", "--json"), "leave out --json"),
-    (("--cycle", "3", "--set", "controller.kv_Nms_rad=9"), "leave out --set"),
-    (("--cycle", "3", "--from", "0.1"), "leave out --from"),
-    (("--cycle", "3", "--node", "device"), "cannot be shown"),
-    (("--from", "0.1", "--node", "device"), "leave out --from"),
-    (("--cycle", "3", "--time", "0.1"), "which cycle?"),
-    (("--cycle", "-3"), "--cycle: expected a whole number from 0 on"),
-    (("--cycle", "450"), "choose another --cycle"),
-    (("--node", "local", "--from", "0.1"), "no record of node local"),
-)
-
-
-@pytest.mark.parametrize(("words", "said"), WRONG, ids=lambda one: " ".join(one)[:40])
-def test_what_cannot_be_shown_is_said_in_a_line(words: Sequence[str], said: str, log: Path) -> None:
-    done = run_here("replay", log, "--quiet", *words)
-    lines = [line for line in done.err.splitlines() if "compiling" not in line]
-    assert done.code == 2 and said in done.err, done
-    assert len(lines) == 1 or lines[0].startswith("usage"), done.err

@@ -205,11 +205,6 @@ def test_a_wrong_file_is_refused_with_its_line_and_nothing_is_set(
     assert parameters(run) == before
 
 
-def test_a_file_that_is_not_there_is_wrong_input(run: Run, capsys: Screen) -> None:
-    code, out, err = said(capsys, run, "load", "nowhere.yaml")
-    assert (code, out, err) == (2, "", "nowhere.yaml: no such file\n")
-
-
 # A rig takes them over
 
 

@@ -241,37 +241,6 @@ def test_a_ratio_is_taken_within_its_round_and_needs_both_loops() -> None:
     assert jitter_figures.ratios([], theirs) == {}
 
 
-# Wrong input
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("-i", "49us"), "-i 49us: expected whole us from 50us to 1s"),
-        (("-i", "1001ms"), "-i 1001ms: expected whole us from 50us to 1s"),
-        (("-i", "100.5"), "-i 100.5: expected whole us"),
-        (("-i", "fast"), "-i fast: not a duration above 0; expected like 500us"),
-        (("-D", "9ms"), "-D 9ms: 9 cycles a round of 1; expected 10 or more, -D 10ms"),
-        (("-D", "40ms", "--against", "c"), "8 cycles a round of 5; expected 10 or more, -D 50ms"),
-        (("-D", "0s"), "-D 0s: not a duration above 0"),
-        (("--against", "rust"), "--against rust: no such loop; known: cyclictest, c, python"),
-        (("-a", "4095"), "-a 4095: no such processor here; expected some of"),
-        (("-a", "x"), "-a x: no such processor here"),
-        (("-p", "0"), "-p 0: expected a priority of 1 to 99"),
-        (("-h", "0"), "-h 0: expected 1 to"),
-        (("--rounds", "0"), "--rounds 0: expected 1 or more"),
-        (("--json", "/nowhere/x.json"), "--json /nowhere/x.json: there is no folder /nowhere"),
-        (("--plot", "x.txt"), "--plot x.txt: not a picture"),
-        (("--bus", "udp_multicast:10.0.0.1:1"), "10.0.0.1"),
-        (("--bus", "nothing:0"), "no bus interface nothing"),
-    ],
-)
-def test_wrong_input_is_told_in_one_line(words: tuple[str, ...], told: str) -> None:
-    done = run(*words)
-    assert (done.code, done.out) == (2, ""), done
-    assert told in done.err and done.err.count("\n") == 1, done.err
-
-
 @pytest.mark.parametrize("interval_us", [50, 51, 62, 125, 333, 999, 1000, 3003, 1_000_000])
 def test_the_rig_runs_exactly_the_interval_and_the_periods(interval_us: int) -> None:
     setup = Setup(1000 * interval_us, 12345, 80)

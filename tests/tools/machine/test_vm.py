@@ -176,28 +176,6 @@ def test_a_busybox_that_needs_a_loader_is_not_static(tmp_path: Path) -> None:
     assert not programs.is_static(loader)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "no command; put it after --"),
-        (["--"], "no command"),
-        (["true"], "'true' is a word too many"),
-        (
-            ["--timeout", "10", "--", "true"],
-            "10: not a duration above 0; expected like 500us, 5ms, 10s, 2min",
-        ),
-        (["--cpus", "0", "--", "true"], "expected a positive whole number"),
-        (["--accel", "xen", "--", "true"], "known: auto, kvm, tcg"),
-    ],
-)
-def test_wrong_arguments_end_with_2_and_say_why(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code = main(["vm", *arguments])
-    text = capsys.readouterr().err
-    assert code == 2 and message in text, f"exit code {code}, {text!r}"
-
-
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["vm", "--help"])
     text = capsys.readouterr().out

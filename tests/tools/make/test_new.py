@@ -236,30 +236,6 @@ def test_its_readme_says_the_figures_that_a_run_has(template: Template, new_rig:
         assert f"{run.metrics[name]:.{digits}f}" == found[1], (controller, name)
 
 
-@pytest.mark.parametrize(
-    ("folder", "code", "why"),
-    [
-        ("full", 2, "full: is not empty; name a folder that is new or empty"),
-        ("full/file", 2, "full/file: is a file; name a folder"),
-        ("My Motor", 2, "cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'; try my-m"),
-        ("-x", 2, "'-x' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-', which is"),
-        ("--", 2, "which is not its first; try motor"),
-        ("m" * 65, 2, f"'{'m' * 65}' cannot be a rig's name"),
-        ("/proc/motor", 4, "/proc/motor: cannot be written: No such file or directory; choose"),
-        ("full/file/motor", 4, "Not a directory; choose another folder"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
-    folder: str, code: int, why: str, tmp_path: Path
-) -> None:
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("mine")
-    done = pcpc("new", "--", folder, cwd=tmp_path)
-    assert done.code == code and why in done.err and len(done.err.splitlines()) == 1, str(done)
-    assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]
-    assert (tmp_path / "full" / "file").read_text() == "mine"
-
-
 def test_the_motor_s_figure_shows_an_error_that_is_never_small() -> None:
     evaluation = module_of("", MOTOR.folder / "evaluation.py")
     swings, step = 500.0 * np.sin(np.arange(100.0)), np.where(np.arange(100) < 20, 3e3, 1.0)
@@ -277,31 +253,3 @@ def test_a_rig_of_any_name_is_whole(name: str, tmp_path: Path) -> None:
     assert {f"{stem}.dbc", f"test_{stem}.py"} <= files_of(tmp_path / name)
     loaded = load_rig(tmp_path / name / "rig.yaml")
     assert loaded.config.rig == name and loaded.config.dbc == f"{stem}.dbc"
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["--cart"], "DIR is missing: name a new folder, as in pcpc new --cart cart"),
-        ([""], "DIR is missing: name a new folder, as in pcpc new motor"),
-        (["--cart", "full"], "full: is not empty; name a folder that is new or empty"),
-        (["--cart", "My Cart"], "'-'; try my-cart"),
-        (["--cart", "--", "--"], "which is not its first; try cart"),
-        (["--bare"], "DIR is missing: name a new folder, as in pcpc new --bare bare"),
-        (["--bare", "--cart", "x"], "--cart and --bare: choose one of them"),
-        (["--bare", "--drive", "mit", "x"], "leave out --bare"),
-        (
-            ["--bare", "--device", "x"],
-            "leave it out: pcpc generate c x --device makes one of the law",
-        ),
-        (["--cart", "--device", "x"], "leave it out: pcpc generate c x --device makes one of the"),
-    ],
-)
-def test_a_cart_that_cannot_be_is_refused_in_a_line_with_the_cure(
-    words: list[str], why: str, tmp_path: Path
-) -> None:
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("mine")
-    done = pcpc("new", *words, cwd=tmp_path)
-    assert done.code == 2 and why in done.err and len(done.err.splitlines()) == 1, str(done)
-    assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]

@@ -213,20 +213,3 @@ def test_the_summary_names_the_signal_that_was_cut_most(tmp_path: Path) -> None:
     assert said in lines, lines
     whole = simulate(narrow(tmp_path / "b").parent / "rig.yaml", set={"duration_s": 0.05})
     assert whole.summary["most_cut"] == "", "it has not moved"
-
-
-@pytest.mark.parametrize(
-    ("setting", "code", "message"),
-    [
-        ("controller.kvv=1", 2, "did you mean kv_Nms_rad?"),
-        ("executive.transmit.CTL.e=controller.r_rad_s", 2, "is in 'rad'"),
-        ("executive.node=NOBODY", 2, "node NOBODY: not in the DBC file; it has EXEC, PLANT"),
-    ],
-)
-def test_an_error_is_one_line_on_stderr(
-    capsys: Screen, setting: str, code: int, message: str
-) -> None:
-    given = main(["check", HULL, "--set", setting])
-    out, err = capsys.readouterr()
-    assert (given, out) == (code, ""), f"exit code {given}: {err}"
-    assert err.count("\n") == 1 and message in err, err

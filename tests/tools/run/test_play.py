@@ -223,35 +223,6 @@ def test_of_a_damaged_log_the_rest_is_played(
     assert result["missing"] and f"{cut}: missing: {result['missing'][0]}" in err, err
 
 
-WRONG = {
-    "no such log": (["NOWHERE"], "NOWHERE: no such log"),
-    "not a log": ([str(RIGS / "slew10.yaml")], "not an MCAP file"),
-    "negative rate": (["LOG", "-r", "-1"], "-r -1: expected 0"),
-    "no number": (["LOG", "-r", "nan"], "--rate: expected a number, got 'nan'"),
-    "negative loop": (["LOG", "--loop", "-2"], "--loop: expected a whole number from 0 on"),
-    "unknown name": (["LOG", "--only", "FB_X"], "did you mean FB_"),
-    "unknown id": (["LOG", "--only", "0x7ab"], "no such frame"),
-    "not of this node": (["LOG", "--as", "plant", "--only", "SYNC"], "no such frame"),
-    "past the end": (["LOG", "--start", "9"], "lasts 0.301 s"),
-    "no duration": (["LOG", "--duration", "0"], "--duration 0"),
-    "priority": (["LOG", "-p", "100"], "1 to 99"),
-    "unknown bus": (["LOG", "--bus", "smoke"], "no bus interface smoke"),
-    "no group": (["LOG", "--bus", "udp_multicast:1.2.3.4"], "multicast group"),
-    "step and loop": (["LOG", "--step", "--loop"], "leave out one"),
-}
-
-
-@pytest.mark.parametrize("case", WRONG)
-def test_wrong_input_is_said_in_one_line(
-    path: Path, case: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words, expected = WRONG[case]
-    code = main(["play", *(str(path) if word == "LOG" else word for word in words)])
-    err = capsys.readouterr().err
-    assert (code, err.count("\n")) == (2, 1), f"exit code {code}: {err}"
-    assert expected in err, err
-
-
 def test_a_node_opposite_that_nobody_starts_is_given_up_with_its_frames(
     path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,30 +25,6 @@ from pcpc.tools.start.children import Child
 Screen = pytest.CaptureFixture[str]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["vcan0"], "expected two buses"),
-        (["auto", "vcan0"], "name the bus"),
-        (["udp_multicast:239.74.163.9:43777"] * 2, "both are one bus"),
-        (["udp_multicast:10.0.0.1:1", "vcan0"], "expected an IPv4 multicast group"),
-        (["virtual:x", "vcan0"], "expected socketcan or udp_multicast"),
-        (["vcan0", "vcan1", "--errors", "p=2"], "p=2: expected 0, or 1e-9 to 1"),
-        (["vcan0", "vcan1", "--errors", "q=2"], "q=2: expected p=1e-5,burst=2,seed=7"),
-        (["vcan0", "vcan1", "--errors", "p=0.1,burst=0"], "burst=0: expected 1"),
-        (["vcan0", "vcan1", "--queue", "300"], "at most 256"),
-        (["vcan0", "vcan1", "--bitrate", "2M"], "classic CAN ends at 1 Mbit/s"),
-        (["vcan0", "vcan1", "--data-bitrate", "500k"], "slower than the nominal 1000000"),
-    ],
-)
-def test_what_makes_no_line_is_refused_in_a_line(
-    words: list[str], said: str, capsys: Screen
-) -> None:
-    assert main(["bus", "emulate", *words]) == 2
-    (told,) = capsys.readouterr().err.splitlines()
-    assert said in told
-
-
 def test_errors_are_given_in_any_order() -> None:
     assert Errors.from_text("seed=7, p=1e-5") == Errors(1e-5, 1.0, 7)
     assert Errors.from_text(None) == Errors()
@@ -89,23 +65,6 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
 
 
 # --------------------------------------------------------------------------- a rig with bus.emulate
-
-
-@pytest.mark.parametrize(
-    ("rig", "settings", "said"),
-    [
-        ("hull", ["bus.emulate=1M", "pacing=lockstep"], "no clock runs"),
-        ("hull", ["bus.emulate=2 Mbit/s"], "classic CAN has 1 kbit/s to 1 Mbit/s"),
-        ("hull", ["bus.emulate=fast"], "of the form"),
-        ("hull", ["bus.emulate=100k"], "lower rate_hz"),
-    ],
-)
-def test_a_rig_whose_line_cannot_be_emulated_is_refused(
-    rig: str, settings: list[str], said: str, capsys: Screen
-) -> None:
-    words = [word for setting in settings for word in ("--set", setting)]
-    assert main(["run", rig, *words, "--bus", own_bus(), "--quiet"]) == 2
-    assert said in capsys.readouterr().err
 
 
 def test_a_refusal_stays_one_when_the_gateway_has_to_be_killed(

@@ -238,24 +238,6 @@ def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> No
     assert (bus["bitrate"], bus["bitrate_from"]) == (500_000, "--bitrate")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--bitrate", "0"], "expected a rate like 500k, 2M, got '0'"),
-        (["--bitrate", "fast"], "expected a rate like 500k, 2M, got 'fast'"),
-        (["--rate", "2kbit/s"], "expected a rate like 500, 2kHz, got '2kbit/s'"),
-        (["--rate", "1MHz"], "rate_hz=1000000.0: expected a number <= 20000.0"),
-        (["--jitter", "5"], "--jitter 5: not a duration above 0"),
-        (["--jitter", "1.1ms"], "--jitter 1.1ms: longer than a cycle, 1 ms: frames would meet the"),
-        (["--data-bitrate", "500k"], "500 kbit/s: slower than the nominal 1 Mbit/s"),
-    ],
-)
-def test_a_wrong_option_is_told_in_a_line(words: list[str], message: str, capsys: Screen) -> None:
-    assert main(["bus", HULL, *words]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and message in " ".join(err.split()), err
-
-
 def test_what_is_wrong_in_a_dbc_file_is_told_with_its_name(tmp_path: Path, capsys: Screen) -> None:
     text = (ROOT / "plants/probe/probe.dbc").read_text().replace("BO_ 288 FB: 8", "BO_ 288 FB: 64")
     for name in ("rig.yaml", "law.py", "model.py"):

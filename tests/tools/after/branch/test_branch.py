@@ -8,7 +8,6 @@ import json
 import random
 import shutil
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -289,54 +288,10 @@ def test_a_branch_says_of_what_it_is_one(tmp_path: Path) -> None:
     assert "no run: a branch at cycle 100" in (tmp_path / "suite.html").read_text()
 
 
-WRONG: Sequence[tuple[Sequence[str], str]] = [
-    ((), "which cycle? give --cycle N or --time S"),
-    (("--cycle", "5", "--time", "1"), "which cycle? give --cycle N or --time S"),
-    (("--cycle", "-1"), "expected a whole number from 0 on"),
-    (("--cycle", "300"), "cycle 300 is not there, the log ends with cycle 299"),
-    (("--cycle", "301"), "cycle 301 is not there, the log ends with cycle 299"),
-    (("--cycle", "100000"), "cycle 100000 is not there, the log ends with cycle 299"),
-    (("--cycle", "99999999999999999999"), "expected 0 or more"),
-    (("--cycle", "1.5"), "expected a whole number"),
-    (("--time", "nan"), "--time: expected a number"),
-    (("--time", "-1"), "expected 0 s or more"),
-    (("--time", "1e300"), "expected 0 or more"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad"), "expected NAME=VALUE"),
-    (("--cycle", "9", "--set", "=4"), "expected NAME=VALUE"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad=x"), "is not a number"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad=nan"), "outside"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad=inf"), "outside"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad=-1e9"), "outside"),
-    (("--cycle", "9", "--set", "controller.kvv=1"), "no parameter controller.kvv; did you mean"),
-    (("--cycle", "9", "--set", "controller.e_rad=1"), "no parameter"),
-    (("--cycle", "9", "--set", "rate_hz=500"), "no parameter"),
-    (("--cycle", "9", "--set", "roof:barrel.gap_rad=0"), "no node roof"),
-    (("--cycle", "9", "--set", "controller.kv_Nms_rad=1", "--set", "controller.kv_Nms_rad=2"),
-     "given twice"),
-    (("--cycle", "9", "--fault", "stuck"), "no such fault; its rig has no faults"),
-    (("--cycle", "9", "--controller", "nobody"), "nobody"),
-    (("--cycle", "9", "--controller", "pd_nn_fast"), "the controller of this run already"),
-    (("--cycle", "9", "--duration", "0s"), "0s"),
-    (("--cycle", "9", "--rig", "nowhere.yaml"), "nowhere.yaml"),
-]  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def hull(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("hull") / "log.mcap"
     return simulated(path, "hull", "duration_s=0.3", controller="pd_nn_fast")
-
-
-@pytest.mark.parametrize(("words", "message"), WRONG, ids=lambda one: " ".join(one)[:40])
-def test_wrong_words_are_one_line_and_leave_nothing(
-    words: Sequence[str], message: str, hull: Path, tmp_path: Path
-) -> None:
-    done = branch(hull, tmp_path / "out", *words)
-    assert done.code == 2, done
-    assert message in done.err, done
-    lines = [line for line in done.err.strip().splitlines() if "compiling" not in line]
-    assert len(lines) == 1 or lines[0].startswith("usage"), done.err
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_damaged_a_foreign_and_a_changed_log_are_refused(hull: Path, tmp_path: Path) -> None:

@@ -200,25 +200,6 @@ def started(timer: threading.Timer, advance: Callable[..., Any]) -> Callable[...
     return started_advance
 
 
-@pytest.mark.parametrize(
-    ("bus", "code", "said"),
-    [
-        ("vcan77", 4, "vcan77"),
-        ("nix", 4, "nix"),
-        ("", 4, "interface"),
-        ("udp_multicast:1.2.3.4", 4, "1.2.3.4"),
-        ("udp_multicast:239.74.163.2:99999", 4, "99999"),
-    ],
-)
-def test_a_bus_that_is_none_is_said_in_a_line(
-    bus: str, code: int, said: str, tmp_path: Path
-) -> None:
-    parent = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1")
-    done = branch(parent, tmp_path / "b", "--cycle", "50", "--bus", bus)
-    assert done.code == code and said in done.err and done.err.count("\n") == 1, done
-    assert not (tmp_path / "b").exists()
-
-
 def test_a_bus_where_another_sends_its_frames_is_refused_and_let_go(tmp_path: Path) -> None:
     parent, bus = simulated(tmp_path / "log.mcap", "engage", "duration_s=0.1"), own_bus()
     rig = load_rig(ROOT / "plants/atb1000/rigs/engage.yaml")

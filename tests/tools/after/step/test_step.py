@@ -87,27 +87,6 @@ def test_a_limited_command_says_what_was_wanted(tmp_path: Path) -> None:
     assert "0.01  N m limited, " in done.out, done
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "give --cycle N or --time S"),
-        (("--cycle", "5", "--time", "0.1"), "give --cycle N or --time S"),
-        (("--cycle", "-1"), "--cycle: expected a whole number from 0 on"),
-        (("--cycle", str(CYCLES)), f"cycle {CYCLES} is not there"),
-        (("--cycle", "999999"), "is not there"),
-        (("--time", "nan"), "--time: expected a number"),
-        (("--cycle", "5", "--show", "nix"), "--show nix: no such variable"),
-        (("--cycle", "5", "--show", "controller.e_rat"), "did you mean controller.e_rad"),
-        (("--cycle", "5", "--node", "local"), "no record of node local"),
-    ],
-)
-def test_wrong_words_are_a_line_each(words: tuple[str, ...], message: str, log: Path) -> None:
-    done = run_here("step", log, *words, "--quiet")
-    assert done.code == 2, done
-    assert message in done.err, done
-    assert not done.out
-
-
 def test_a_part_of_a_log_is_shown_as_far_as_it_goes(log: Path, tmp_path: Path) -> None:
     data = log.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: 2 * len(data) // 3])

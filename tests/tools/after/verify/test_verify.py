@@ -649,38 +649,6 @@ def test_what_ssh_keygen_answers_is_the_exit_code(
 # Words, and processes
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([], "which logs?"), (["."], "no log below"), ([""], "empty name"), (["no"], "no such log"),
-        (["L", "no"], "no such log"), (["latest"], "latest"), (["L", "--jobs", "0"], "positive"),
-        (["L", "--sign", "k"], "needs --table"), (["L", "--signers", "T"], "needs --check"),
-        (["L", "--identity", "x"], "needs --signers"),
-        (["--check", "T", "--signers", "T"], "needs --identity"),
-        (["--check", "T", "--table", "t"], "choose one"), (["--check", "none"], "no such file"),
-        (["--check", "."], "is a folder; expected a file"),
-        (["--check", "/dev/zero"], "no such table"),
-        (["L", "--table", "T"], "exists"), (["L", "--table", "."], "is a folder"),
-        (["L", "--table", "no/t"], "no folder"), (["L", "--table", "/dev/full"], "exists"),
-        (["L", "--table", "t"], "does not lie below"), (["L", "--junit", "no/x"], "no folder"),
-        (["L", "--table", "t", "--junit", "t"], "is the table"), (["L", "--law", "no"], "no such"),
-        (["L", "--table", "t", "--sign", "no"], "no such key"),
-        (["L", "--rig", "nonesuch"], "nonesuch"), (["L", "--node", "moon"], "moon"),
-        (["L", "--table", "u", "--node", "plant"], "a table is of whole logs; leave out --node"),
-        (["--check", "T", "--node", "executive"], "a table is of whole logs; leave out --node"),
-    ],
-)  # fmt: skip
-def test_wrong_words_are_a_line_and_leave_nothing(
-    words: list[str], message: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "T").write_text("x")
-    given = [{"L": str(log)}.get(word, word) for word in words]
-    done = run_here("verify", *given, "--quiet", *([] if "--jobs" in words else ["--jobs", "1"]))
-    assert done.code == 2 and message in done.err and not done.out, done
-    assert [path.name for path in tmp_path.iterdir()] == ["T"]
-
-
 def test_a_full_disk_is_a_line(log: Path, tmp_path: Path) -> None:
     done = verify(log, "--junit", "/dev/full")
     assert done.code in (2, 3, 4) and done.err.count("\n") == 1, done

@@ -101,21 +101,7 @@ def test_a_phase_plane_pairs_values_of_the_same_cycle(shown: Host, run: pcpc.Run
     np.testing.assert_array_equal(y, run[ERROR][part].astype(np.float32))
 
 
-def test_a_wrong_log_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wrong = tmp_path / "log.mcap"
-    wrong.write_bytes(b"no log")
-    for words in (
-        ["host", "--tls-cert", str(wrong), "--tls-key", str(wrong)],
-        ["host", "--name", "a b"],
-        ["host", "--recordings", str(wrong)],
-        ["host", str(tmp_path)],
-        ["host", "nowhere"],
-        ["host", "--address", "0.0.0.0"],
-        ["host", "--tls-cert", "a.pem"],
-        ["host", "--port", "99999999"],
-    ):
-        assert main(words) == 2
-        assert capsys.readouterr().err.count("\n") == 1
+def test_a_port_in_use_is_named_with_the_cure(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["host", "--port", str(taken.getsockname()[1])]) == 4
         assert "choose another --port" in capsys.readouterr().err

@@ -219,31 +219,6 @@ def test_the_cost_of_a_step_is_counted() -> None:
     assert 0 < stack <= 256, stack
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nonsense"], "no file and no rig of this name"),
-        (["pd:OTHER"], "no law OTHER"),
-        (["missing.py"], "no such file"),
-        (["pd", "--check"], "for that name a rig"),
-        (["hull", "--set", "faults={off: {kind: stuck, signal: FB_A.encoder}}"], "faults"),
-        (["telerobot-u2", "--check", "--set", "losses.U.share=0.1"], "losses.U.share=0"),
-    ],
-)
-def test_what_cannot_be_is_one_line(
-    words: list[str],
-    said: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["generate", "c", "-q", *words]) == 2
-    error = capsys.readouterr().err.strip()
-    assert said in error and "\n" not in error and "Traceback" not in error, error
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_that_is_a_file_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -155,25 +155,6 @@ def test_the_digest_is_of_every_recorded_value() -> None:
     assert whole.hexdigest() == digest(program, log)
 
 
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
-        (("no-such-rig",), "no rig of this name"),
-        (("probe", "--controller", "nobody"), "nobody"),
-        (("hull", "--set", "duration_s=100000"), "duration_s"),
-        (("hull", "--set", "losses.CMD.share=0.1", "--controller", "pd"), "losses.CMD.share=0"),
-        (("hull", "--set", "supervisor.arm=manual"), "--set supervisor.arm=automatic"),
-        (("probe", "-o", "/no/such/place.html"), "/no/such/place.html"),
-    ],
-)
-def test_what_cannot_be_a_page_is_one_line(
-    words: tuple[str, ...], what: str, tmp_path: Path
-) -> None:
-    done = pcpc("generate", "web", *words, "-q", cwd=tmp_path)
-    assert done.code in (2, 4) and what in done.err, done
-    assert len(done.err.splitlines()) == 1 and not [*tmp_path.iterdir()]
-
-
 def test_equal_rigs_give_equal_pages(tmp_path: Path) -> None:
     """Markup in a title is text, and nothing is loaded from anywhere."""
     rig = tmp_path / "rig.yaml"

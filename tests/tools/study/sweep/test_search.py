@@ -236,15 +236,6 @@ def test_python_is_told_what_decides_and_what_a_statement_came_to() -> None:
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ("--worst 20 --rare 20", "--worst and --rare: give one of them"),
-        ("--rare 25", "--rare 25: expected a multiple of 10"),
-        ("--worst 0", "--worst 0: expected a whole number from 1 to"),
-        ("--worst 20 --draws 9", "--draws: --worst chooses all its own draws"),
-        ("--worst 20 --shard 1/2", "--shard: --worst chooses all its own draws"),
-        ("--rare 20 --of settled_s", "--limit X is only for --rare with --of METRIC"),
-        ("--worst 20 --of settled_s --limit 1", "--limit X is only for --rare"),
-        ("--of settled_s", "--of and --limit need --worst or --rare"),
-        ("--worst 20 --controllers pd", "pd has no requirement; name a metric"),
         ("--worst 20 --of setled_s", "no metric setled_s; did you mean settled_s?"),
         ("--rare 20 --vary motor.resistance_ohm=choice(-1,4)", "draw values that a run can have"),
     ],
