@@ -6,8 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import legend_below, name_rows
-from pcpc.plants.book.tables import rig_name
+from pcpc.plants.book.figures import (
+    draw_lines,
+    legend_below,
+    name_rows,
+    overlay,
+    reference,
+    save,
+    times,
+)
+from pcpc.plants.book.tables import grouped, rig_name
 from pcpc.plants.pages import sheet
 from pcpc.plants.study import Result
 
@@ -18,16 +26,9 @@ TIMES = (1.0, 2.3, 5.0)  # counted in the table too
 
 def draw_all(results: Sequence[Result], folder: Path) -> None:
     """Draw all scenarios that `results` hold traces of."""
-    for scenario, own in _by_scenario(results).items():
+    for (scenario,), own in grouped(results, rig_name).items():
         _signals(scenario, own, folder / f"{scenario}.png")
         _networks(scenario, own, folder / f"{scenario}-networks.png")
-
-
-def _by_scenario(results: Sequence[Result]) -> dict[str, list[Result]]:
-    found: dict[str, list[Result]] = {}
-    for result in results:
-        found.setdefault(rig_name(result), []).append(result)
-    return found
 
 
 def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
@@ -37,26 +38,18 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
     """
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-    scenarios = _by_scenario(results)
+    scenarios = grouped(results, rig_name)
     figure, axes = sheet((12, 4.6), 110, 1, len(scenarios), sharey=True)
-    for ax, (scenario, own) in zip(axes, scenarios.items(), strict=True):
+    for ax, ((scenario,), own) in zip(axes, scenarios.items(), strict=True):
         base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
         for name in (n for n in COLOURS if n != "pd"):
             mine = [r for r in own if r.case.controller == name]
             better = np.sort([base[r.case.label] / _rms(r) for r in mine])
             left = np.arange(len(better), 0, -1)  # of so many plants it is at least this
-            ax.plot(
-                better,
-                left,
-                ".-",
-                drawstyle="steps-pre",
-                color=COLOURS[name],
-                label=name,
-                linewidth=1.0,
-                markersize=5,
-            )
-        for times in TIMES:
-            ax.axvline(times, color="k", linestyle=":", linewidth=0.8)
+            look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.0, "markersize": 5}
+            ax.plot(better, left, ".-", drawstyle="steps-pre", label=name, **look)
+        for ratio in TIMES:
+            ax.axvline(ratio, color="k", linestyle=":", linewidth=0.8)
         ax.set_xscale("log")
         ax.set_xticks((0.5, *TIMES, 10.0))
         ax.xaxis.set_major_formatter(ScalarFormatter())
@@ -80,45 +73,42 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
     q_d = results[0].traces["executive:reference.q_d_rad"]
     in_degrees = np.abs(q_d).max() >= 1.0 / DEG  # else in the unit of the error below
     unit, scale = ("deg", DEG) if in_degrees else ("mrad", MRAD)
-    for result in results:
-        x, name = result.traces, result.case.controller
-        style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
-        t = x["t"]
-        axes[0].plot(t, scale * x["plant:barrel.theta_rad"], **style)
-        axes[1].plot(t, MRAD * x["muzzle_error_rad"], **style)
-        axes[2].plot(t, MRAD * x["plant:barrel.elastic_slope_rad"], **style)
-        axes[3].plot(t, x["command_Nm"], **style)
-    t = results[0].traces["t"]
-    axes[0].plot(t, scale * q_d, "k--", linewidth=0.8, label="reference")
+    for ax, (source, by) in zip(
+        axes,
+        (
+            ("plant:barrel.theta_rad", scale),
+            ("muzzle_error_rad", MRAD),
+            ("plant:barrel.elastic_slope_rad", MRAD),
+            ("command_Nm", 1.0),
+        ),
+        strict=True,
+    ):
+        overlay(ax, results, times(by, source), COLOURS, 0.9)
+        ax.grid(alpha=0.3)
+    wanted = reference(times(scale, "executive:reference.q_d_rad"), width=0.8)
+    draw_lines(axes[0], [wanted], results[0].traces)
     labels = (f"hub [{unit}]", "muzzle error [mrad]", "elastic slope [mrad]", "command [N m]")
-    _finish(figure, axes, labels, f"{scenario}: reference, error, bending, command", path)
+    name_rows(axes[:, None], labels, "time [s]")
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes[0].legend(frameon=False, fontsize=8, ncols=5, **place)
+    save(figure, path, f"{scenario}: reference, error, bending, command")
 
 
 def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
     figure, axes = sheet((12, 3.6), 110, 1, 3)
+    network, norm, plane = axes
+    overlay(network, results, "executive:controller.network_Nm", COLOURS, 0.9)
+    overlay(norm, results, "executive:controller.norm_z", COLOURS, 0.9)
     for result in results:
         x, name = result.traces, result.case.controller
-        style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
-        axes[0].plot(x["t"], x["executive:controller.network_Nm"], **style)
-        axes[1].plot(x["t"], x["executive:controller.norm_z"], **style)
         rate = x["executive:reference.q_d_rate_rad_s"] - x["plant:barrel.theta_rate_rad_s"]
-        axes[2].plot(MRAD * x["hub_error_rad"], MRAD * rate, **style)
-    axes[0].set(xlabel="time [s]", ylabel="network [N m]")
-    axes[1].set(xlabel="time [s]", ylabel="norm of weights")
-    axes[2].set(xlabel="e [mrad]", ylabel="e' [mrad/s]")
+        look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
+        plane.plot(MRAD * x["hub_error_rad"], MRAD * rate, **look)
+    network.set(xlabel="time [s]", ylabel="network [N m]")
+    norm.set(xlabel="time [s]", ylabel="norm of weights")
+    plane.set(xlabel="e [mrad]", ylabel="e' [mrad/s]")
     for ax in axes:
         ax.grid(alpha=0.3)
-    legend_below(figure, axes[2], 5, size=8)
-    figure.suptitle(f"{scenario}: network output, weight norm, phase plane of the hub", fontsize=11)
-    figure.savefig(path)
-
-
-def _finish(figure: Any, axes: Any, labels: Sequence[str], title: str, path: Path) -> None:
-    name_rows(axes[:, None], labels, "time [s]")
-    for ax in axes:
-        ax.grid(alpha=0.3)
-    axes[0].legend(
-        frameon=False, fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0)
-    )
-    figure.suptitle(title, fontsize=12)
-    figure.savefig(path)
+    legend_below(figure, plane, 5, size=8)
+    title = f"{scenario}: network output, weight norm, phase plane of the hub"
+    save(figure, path, title, 11)

@@ -3,39 +3,43 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows
-from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
+from pcpc.plants.book.figures import columns, dress, legends, reference, save, times
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, Line, Panel, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}
 COLOURS = {"pd": VERMILION, "robust": ORANGE, "nn": BLUE}
-MRAD = 1e3
+PANELS = (
+    Panel("error q - q_d [mrad]", (Line(times(1e3, "error_rad"), "", "", 1.0),)),
+    Panel(
+        "torque [N m]",
+        (
+            Line("plant:pendulum.acting_Nm", "command u", GREY, 0.9),
+            reference("executive:controller.tau_d_Nm", "desired torque", 1.4),
+            Line("plant:pendulum.torque_Nm", "torque behind the gap", "", 1.0),
+        ),
+    ),
+    Panel("torque error [N m]", (Line("torque_error_Nm", "", "", 0.8),)),
+)
+LIMITS = ((-60.0, 60.0), (-36.0, 66.0), (-11.0, 11.0))
+
+
+def title(result: Result) -> str:
+    """Return the name of a case, and its errors."""
+    rms, largest = (1e3 * result.metric(f"error_{of}_rad") for of in ("rms", "max"))
+    name = NAMES[result.case.controller]
+    return f"{name}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s"
 
 
 def draw_cases(results: Sequence[Result], path: Path) -> None:
     """Draw error, torque and command of the three cases, a column each, same scales in a row."""
-    made, axes = sheet((12.0, 7.2), 130, 3, len(results), sharex=True, sharey="row")
-    for column, result in enumerate(results):
-        tr, law = result.traces, result.case.controller
-        t = tr["t"]
-        top, middle, bottom = axes[:, column]
-        rms, largest = (1e3 * result.metric(f"error_{of}_rad") for of in ("rms", "max"))
-        top.set_title(
-            f"{NAMES[law]}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s", size=10
-        )
-        top.plot(t, MRAD * tr["error_rad"], color=COLOURS[law], linewidth=1.0)
-        tau, tau_d = tr["plant:pendulum.torque_Nm"], tr["executive:controller.tau_d_Nm"]
-        middle.plot(t, tr["plant:pendulum.acting_Nm"], color=GREY, linewidth=0.9, label="command u")
-        middle.plot(t, tau_d, linewidth=1.4, label="desired torque", **REFERENCE)
-        middle.plot(t, tau, color=COLOURS[law], linewidth=1.0, label="torque behind the gap")
-        middle.legend(fontsize=7, loc="upper right", ncols=1, framealpha=0.9)
-        bottom.plot(t, tr["torque_error_Nm"], color=COLOURS[law], linewidth=0.8)
-    for ax, ends in zip(axes[:, 0], ((-60.0, 60.0), (-36.0, 66.0), (-11.0, 11.0)), strict=True):
-        ax.set(ylim=ends, xlim=(0.0, 20.0), xticks=(0, 5, 10, 15, 20))
-    names = ("error q - q_d [mrad]", "torque [N m]", "torque error [N m]")
-    name_rows(axes, names, "time [s]")
+    made, axes = columns(
+        results, PANELS, LIMITS, (12.0, 7.2), title, COLOURS, until_s=20.0, dpi=130, sharey="row"
+    )
+    legends(axes.flat, fontsize=7, ncols=1)
+    axes[0, 0].set_xticks((0, 5, 10, 15, 20))
     dress(axes.flat)
-    made.savefig(path)
+    save(made, path)
 
 
 def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:

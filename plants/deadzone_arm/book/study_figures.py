@@ -1,14 +1,14 @@
 """The figures of the study: PD beside the network, and what twenty draws come to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows
+from pcpc.plants.book.figures import SHADE, Traces, columns, dress, legends, reference, save
 from pcpc.plants.book.tables import Words, rig_name
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, Line, Panel, sheet
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "nn": "PD and two networks a joint"}
@@ -17,58 +17,61 @@ SHOWN = ("rig", "rig + 1 sample", "rig + 2 samples", "L = 40", "no jump nodes", 
          "S = 240", "random signs S = 24", "random signs S = 0", "as in the book")  # fmt: skip
 
 
+def size(joint: int) -> Callable[[Traces], Any]:
+    """Return what gives the magnitude of a joint's error."""
+    return lambda traces: np.maximum(np.abs(traces[f"error_{joint}_rad"]), SMALLEST_RAD)
+
+
+def torques(joint: int) -> Panel:
+    """Return the panel of a joint's torques."""
+    lines = (
+        Line(f"executive:controller.torque_{joint}_Nm", "command u", GREEN, 0.8),
+        Line(f"plant:arm.acting_{joint}_Nm", "torque behind the deadzone", BLACK, 0.8),
+    )
+    return Panel(f"joint {joint} [N m]", lines, 3.0)
+
+
+JOINTS = ((1, BLUE), (2, VERMILION))
+ANGLES = tuple(Line(f"plant:arm.q_{j}_rad", f"joint {j}", colour) for j, colour in JOINTS)
+PANELS = (
+    Panel("angle [rad]", (*ANGLES, reference("executive:reference_1.q_d_rad")), 4.0),
+    Panel("|error| [rad]", [Line(size(j), f"joint {j}", c, 0.8) for j, c in JOINTS], 4.0),
+    torques(1),
+    torques(2),
+)
+LIMITS = (None, None, (-160.0, 200.0), (-160.0, 200.0))
+
+
+def shade(column: Sequence[Any], result: Result) -> None:
+    """Shade the deadzone in the panels of the torques."""
+    ends = -result.settings["arm.d_minus_Nm"], result.settings["arm.d_plus_Nm"]
+    for ax in column[2:]:
+        ax.axhspan(*ends, label="deadzone of u", **SHADE)
+
+
+def name(result: Result) -> str:
+    """Return the name of a law."""
+    return NAMES[result.case.controller]
+
+
 def draw_beside(pair: Sequence[Result], path: Path) -> None:
     """Draw PD in the left column, the network in the right: angles, errors, torques."""
-    figure, axes = sheet(
-        (11.0, 10.0), 120, 4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3)
+    figure, axes = columns(
+        pair, PANELS, LIMITS, (11.0, 10.0), name, below=shade, until_s=10.0, left=11.0, sharey="row"
     )
-    for column, result in zip(axes.T, pair, strict=True):
-        _draw_run(column, result)
-        column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
-    labels = ("angle [rad]", "|error| [rad]", "joint 1 [N m]", "joint 2 [N m]")
-    name_rows(axes, labels, "time [s]")
-    scenario = rig_name(pair[0]).removeprefix("deadzone-")
-    figure.suptitle(f"Two-link arm behind deadzones: {scenario}", fontsize=13)
+    for ax, result in zip(axes[1], pair, strict=True):
+        if np.ptp(result.traces["executive:reference_1.q_d_rad"]) == 0.0:
+            of = result.settings
+            edge_Nm = of["controller.kv_Nms_rad"] * of["controller.lam_per_s"]  # per rad
+            look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": ":"}
+            ax.axhline(of["arm.d_minus_Nm"] / edge_Nm, label="d/(Kv Lam)", **look)
     low, high = axes[0, 0].get_ylim()
     axes[0, 0].set_ylim(low, high + 0.15 * (high - low))  # room for the legend
-    axes[1, 0].set_yscale("log")
-    axes[1, 0].set_ylim(SMALLEST_RAD, 10.0)
-    axes[2, 0].set_ylim(-160.0, 200.0)
-    axes[3, 0].set_ylim(-160.0, 200.0)
+    axes[1, 0].set(yscale="log", ylim=(SMALLEST_RAD, 10.0))
     dress(axes.flat)
-    axes[0, 0].set_xlim(0.0, 10.0)
-    for ax in axes[:3, 1]:
-        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
-    figure.savefig(path)
-
-
-def _draw_run(axes: Any, result: Result) -> None:
-    x, of = result.traces, result.settings
-    t, q_d = x["t"], x["executive:reference_1.q_d_rad"]
-    deadzone_Nm = -of["arm.d_minus_Nm"], of["arm.d_plus_Nm"]
-    for joint, colour in ((1, BLUE), (2, VERMILION)):
-        style: dict[str, Any] = {"color": colour, "label": f"joint {joint}"}
-        axes[0].plot(t, x[f"plant:arm.q_{joint}_rad"], linewidth=1.1, **style)
-        size = np.maximum(np.abs(x[f"error_{joint}_rad"]), SMALLEST_RAD)
-        axes[1].plot(t, size, linewidth=0.8, **style)
-        command, torque = (
-            x[f"executive:controller.torque_{joint}_Nm"],
-            x[f"plant:arm.acting_{joint}_Nm"],
-        )
-        ax = axes[1 + joint]
-        ax.axhspan(*deadzone_Nm, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
-        ax.plot(t, command, color=GREEN, linewidth=0.8, label="command u")
-        ax.plot(t, torque, color=BLACK, linewidth=0.8, label="torque behind the deadzone")
-    axes[0].plot(t, q_d, linewidth=0.9, label="reference", **REFERENCE)
-    if np.ptp(q_d) == 0.0:
-        edge_Nm = of["controller.kv_Nms_rad"] * of["controller.lam_per_s"]  # per rad
-        axes[1].axhline(
-            of["arm.d_minus_Nm"] / edge_Nm,
-            color=GREY,
-            linewidth=0.8,
-            linestyle=":",
-            label="d/(Kv Lam)",
-        )
+    legends(axes[:3, 1])
+    scenario = rig_name(pair[0]).removeprefix("deadzone-")
+    save(figure, path, f"Two-link arm behind deadzones: {scenario}", 13)
 
 
 def draw_seeds(
@@ -94,5 +97,4 @@ def draw_seeds(
         ax.set_title(f"{scenario}: 20 draws, median black, PD orange", fontsize=10, loc="left")
     dress(axes, which="both", axis="x", alpha=0.6)
     axes[0].set_yticks(range(len(SHOWN)), list(reversed(SHOWN)))
-    figure.suptitle("Twenty draws of the networks; red ones are worse than PD", fontsize=13)
-    figure.savefig(path)
+    save(figure, path, "Twenty draws of the networks; red ones are worse than PD", 13)

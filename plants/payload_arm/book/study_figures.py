@@ -1,62 +1,103 @@
 """The figures of the study: PD beside the critic, what each part brings, the weights over 60 s."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, name_rows
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, sheet
+from pcpc.plants.book.figures import SHADE, Traces, columns, dress, legends, reference, save, times
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    Line,
+    Panel,
+    sheet,
+)
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
 JOINTS = ((1, BLUE), (2, VERMILION))
-SHADE = "#F3E8D2"
 GRID: dict[str, Any] = {"below": True, "which": "both", "alpha": 0.6}
 SMALLEST_RAD = 1e-4  # of the logarithmic axis
 
 
-def _shade(ax: Any, result: Result) -> None:
+def _shade(axes: Iterable[Any], result: Result) -> None:
     """Shade the time with the payload."""
-    ends = (result.settings[f"arm.payload_{end}_s"] for end in ("from", "to"))
-    ax.axvspan(*ends, color=SHADE, linewidth=0, zorder=0)
+    ends = [result.settings[f"arm.payload_{end}_s"] for end in ("from", "to")]
+    for ax in axes:
+        ax.axvspan(*ends, **SHADE)
+
+
+def size(joint: int) -> Callable[[Traces], Any]:
+    """Return what gives the magnitude of a joint's error."""
+
+    def values(x: Traces) -> Any:
+        error = x[f"executive:reference_{joint}.q_d_rad"] - x[f"plant:arm.q_{joint}_rad"]
+        return np.maximum(np.abs(error), SMALLEST_RAD)
+
+    return values
+
+
+def of_joints(source: Callable[[int], Any], width: float = 0.9) -> tuple[Line, ...]:
+    """Return a line a joint."""
+    return tuple(Line(source(j), f"joint {j}", colour, width) for j, colour in JOINTS)
+
+
+Q_1, Q_2 = of_joints("plant:arm.q_{}_rad".format, 1.2)
+Q_D = "executive:reference_{}.q_d_rad"
+PANELS = (
+    Panel(
+        "angle [rad]",
+        (Q_1, reference(Q_D.format(1), "", 0.8), Q_2, reference(Q_D.format(2), "references", 0.8)),
+        4.0,
+    ),
+    Panel("|error| [rad]", of_joints(size), 5.0),
+    Panel("torque [N m], start cut", of_joints("plant:arm.acting_{}_Nm".format), 3.0),
+)
+LONG = (
+    Panel("error [mrad]", of_joints(lambda j: times(1e3, f"error_{j}_rad"))),
+    Panel(
+        "critic",
+        (
+            Line("critic", "critic signal |R|", PURPLE, 1.5),
+            Line("executive:controller.norm_w1", "critic |W1|", GREEN, 1.5),
+            Line("executive:controller.norm_rho", "critic |rho|", ORANGE, 1.5),
+        ),
+    ),
+    Panel(
+        "action network", (Line("executive:controller.norm_w2", "action |W2|", BLACK, 1.5),)
+    ),
+)  # fmt: skip
+
+
+def name(result: Result) -> str:
+    """Return the name of a law."""
+    return NAMES[result.case.controller]
 
 
 def draw_beside(runs: Sequence[Result], path: Path) -> None:
     """Draw a column a controller: angles, errors, torques; the payload is shaded."""
-    figure, axes = sheet(
-        (12.0, 9.0), 120, 3, len(runs), sharex=True, sharey="row", height_ratios=(4, 5, 3)
+    figure, axes = columns(
+        runs,
+        PANELS,
+        ((-1.3, 1.9), None, (-80.0, 100.0)),
+        (12.0, 9.0),
+        name,
+        below=_shade,
+        until_s=10.0,
+        left=11.0,
+        sharey="row",
     )
-    for column, result in zip(axes.T, runs, strict=True):
-        _draw_run(column, result.traces)
-        column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
-        for ax in column:
-            _shade(ax, result)
     dress(axes.flat, **GRID)
-    name_rows(axes, ("angle [rad]", "|error| [rad]", "torque [N m], start cut"), "time [s]")
-    axes[0, 0].set_ylim(-1.3, 1.9)
-    axes[0, 0].set_xlim(0.0, 10.0)
-    axes[1, 0].set_yscale("log")
-    axes[1, 0].set_ylim(SMALLEST_RAD, 3.0)
-    axes[2, 0].set_ylim(-80.0, 100.0)
-    for ax in axes[:, -1]:
-        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
-    figure.suptitle("sin t and cos t with a payload of 1.5 kg from 5 to 7 s (shaded)", fontsize=13)
-    figure.savefig(path)
-
-
-def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
-    t = x["t"]
-    for joint, colour in JOINTS:
-        q, q_d = x[f"plant:arm.q_{joint}_rad"], x[f"executive:reference_{joint}.q_d_rad"]
-        axes[0].plot(t, q, color=colour, linewidth=1.2, label=f"joint {joint}")
-        name = "references" if joint == 2 else None
-        axes[0].plot(t, q_d, linewidth=0.8, label=name, **REFERENCE)
-        size = np.maximum(np.abs(q_d - q), SMALLEST_RAD)
-        axes[1].plot(t, size, color=colour, linewidth=0.9, label=f"joint {joint}")
-        tau = x[f"plant:arm.acting_{joint}_Nm"]
-        axes[2].plot(t, tau, color=colour, linewidth=0.9, label=f"joint {joint}")
+    axes[1, 0].set(yscale="log", ylim=(SMALLEST_RAD, 3.0))
+    legends(axes[:, -1])
+    save(figure, path, "sin t and cos t with a payload of 1.5 kg from 5 to 7 s (shaded)", 13)
 
 
 def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
@@ -83,29 +124,17 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
         ax.set_title(title, fontsize=10, loc="left")
     dress(axes, **GRID)
     axes[0].set_yticks(range(len(labels)), labels)
-    axes[0].legend(fontsize=8, loc="upper right", framealpha=0.9)
-    figure.suptitle("What each part of the law brings", fontsize=13)
-    figure.savefig(path)
+    legends(axes[:1], ncols=1)
+    save(figure, path, "What each part of the law brings", 13)
 
 
 def draw_long(result: Result, path: Path) -> None:
     """Draw errors and norms of the run of 60 s with the payload in its beginning."""
-    x = result.traces
-    figure, axes = sheet((11.0, 7.0), 120, 3, 1, sharex=True)
-    for joint, colour in JOINTS:
-        style: dict[str, Any] = {"color": colour, "linewidth": 0.9, "label": f"joint {joint}"}
-        axes[0].plot(x["t"], 1e3 * x[f"error_{joint}_rad"], **style)
-    axes[1].plot(x["t"], x["critic"], color=PURPLE, label="critic signal |R|")
-    axes[1].plot(x["t"], x["executive:controller.norm_w1"], color=GREEN, label="critic |W1|")
-    axes[1].plot(x["t"], x["executive:controller.norm_rho"], color=ORANGE, label="critic |rho|")
-    axes[2].plot(x["t"], x["executive:controller.norm_w2"], color=BLACK, label="action |W2|")
-    axes[0].set_ylim(-60.0, 60.0)
-    axes[0].set_xlim(0.0, x["t"][-1])
-    for ax, label in zip(axes, ("error [mrad]", "critic", "action network"), strict=True):
-        ax.set_ylabel(label)
-        _shade(ax, result)
-        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
-    dress(axes, **GRID)
-    axes[-1].set_xlabel("time [s]")
-    figure.suptitle("60 s: errors and weights stay bounded, payload from 5 to 7 s", fontsize=13)
-    figure.savefig(path)
+    limits = ((-60.0, 60.0), None, None)
+    end_s = result.traces["t"][-1]
+    figure, axes = columns(
+        [result], LONG, limits, (11.0, 7.0), lambda _: "", below=_shade, until_s=end_s
+    )
+    legends(axes.flat)
+    dress(axes.flat, **GRID)
+    save(figure, path, "60 s: errors and weights stay bounded, payload from 5 to 7 s", 13)

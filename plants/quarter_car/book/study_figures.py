@@ -6,9 +6,30 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.plants.book.figures import REFERENCE, dress, legend_below, name_rows
-from pcpc.plants.book.tables import rig_name
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, sheet
+from pcpc.plants.book.figures import (
+    columns,
+    draw_lines,
+    dress,
+    legend_below,
+    name_rows,
+    reference,
+    save,
+    times,
+)
+from pcpc.plants.book.tables import by_label, rig_name
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Line,
+    Panel,
+    sheet,
+)
 from pcpc.plants.quarter_car.book import bode
 from pcpc.plants.study import Result, of_group
 
@@ -36,7 +57,7 @@ def draw_all(
     _motion(runs, close, folder / "motion.png")
     _forces(runs, close, folder / "forces.png")
     _bars(runs, folder / "bars.png")
-    _kick(of_group(results, "kick"), folder / "kick.png")
+    _kick(results, folder / "kick.png")
     _responses(car, gains, folder / "bode.png")
 
 
@@ -45,44 +66,39 @@ def road_of(result: Result) -> int:
     return int(rig_name(result).rpartition("-")[2])
 
 
-def _late(x: Mapping[str, Any], span_s: float) -> Any:
-    return x["t"] >= x["t"][-1] - span_s
-
-
 Runs = Mapping[tuple[str, int], Result]
 Close = Mapping[tuple[str, int], Mapping[str, Any]]
+
+
+def _late(x: Mapping[str, Any], road: int) -> Mapping[str, Any]:
+    """Return the traces of a road's last seconds."""
+    late = x["t"] >= x["t"][-1] - SPAN_S[road]
+    return {name: values[late] for name, values in x.items()}
 
 
 def _motion(runs: Runs, close: Close, path: Path) -> None:
     """Draw body speed and strut travel of passive, PID and fuzzy backstepping on every road."""
     rows = len(SHOWN)
-    figure, axes = sheet(
-        (12.0, 10.0),
-        110,
-        2 * rows,
-        len(ROADS),
-        sharex="col",
-        sharey="row",
-        height_ratios=(4, 2) * rows,
-    )
+    shares: dict[str, Any] = {"sharex": "col", "sharey": "row", "height_ratios": (4, 2) * rows}
+    figure, axes = sheet((12.0, 10.0), 110, 2 * rows, len(ROADS), **shares)
     for i, label in enumerate(SHOWN):
         for j, road in enumerate(ROADS):
-            x, (speed, travel) = close[label, road], axes[2 * i : 2 * i + 2, j]
-            late, style = _late(x, SPAN_S[road]), {"color": COLOURS[label], "linewidth": 1.0}
-            t = x["t"][late]
-            speed.plot(t, x["plant:car.body_rate_m_s"][late], **style)
-            travel.plot(t, 1e3 * x["plant:car.extension_m"][late], **style)
-            stop_mm = 1e3 * runs[label, road].settings["car.stop_m"]
+            speed, travel = axes[2 * i : 2 * i + 2, j]
+            x, run = _late(close[label, road], road), runs[label, road]
+            draw_lines(speed, [Line("plant:car.body_rate_m_s", "", COLOURS[label], 1.0)], x)
+            mm = times(1e3, "plant:car.extension_m")
+            draw_lines(travel, [Line(mm, "", COLOURS[label], 1.0)], x)
+            stop_mm = 1e3 * run.settings["car.stop_m"]
             for side in (-1.0, 1.0):
                 travel.axhline(side * stop_mm, color=BLACK, linewidth=0.7, linestyle="--")
-            metrics = runs[label, road].metrics
-            text = f"{NAMES[label]}: {metrics['speed_rms_m_s']:.4f} m/s, "
-            text += f"{metrics['acceleration_rms_m_s2']:.2f} m/s² rms"
-            speed.set_title(text, fontsize=9, loc="left")
+            text = (
+                f"{NAMES[label]}: {run.metrics['speed_rms_m_s']:.4f} m/s, "
+                f"{run.metrics['acceleration_rms_m_s2']:.2f} m/s² rms"
+            )
+            above = "" if i else f"{road} rad/s\n"
+            speed.set_title(f"{above}{text}", fontsize=9, loc="left")
             speed.set_ylim(-0.8, 0.8)
             travel.set_ylim(-140.0, 140.0)
-            if i == 0:
-                speed.set_title(f"{road} rad/s\n{text}", fontsize=9, loc="left")
     name_rows(axes, ("body [m/s]", "strut [mm]") * rows, "time [s]")
     title = "Body speed and strut travel, stops dashed; each rms is over 3 to 6 s"
     _finish(figure, axes, title, path)
@@ -93,14 +109,12 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
     figure, axes = sheet((12.0, 8.5), 110, 4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
     for i, label in enumerate(("pid", "fl")):
         for j, road in enumerate(ROADS):
-            x, (force, valve) = close[label, road], axes[2 * i : 2 * i + 2, j]
-            late = _late(x, SPAN_S[road])
-            t = x["t"][late]
-            desired = 1e-3 * x["executive:controller.desired_N"][late]
-            force.plot(t, desired, linewidth=0.9, label="desired", **REFERENCE)
-            own = {"color": COLOURS[label], "linewidth": 1.0}
-            force.plot(t, 1e-3 * x["plant:car.strut_N"][late], label="strut", **own)
-            valve.plot(t, 1e3 * x["plant:car.spool_m"][late], **own)
+            x, (force, valve) = _late(close[label, road], road), axes[2 * i : 2 * i + 2, j]
+            wanted = reference(times(1e-3, "executive:controller.desired_N"), "desired")
+            strut = Line(times(1e-3, "plant:car.strut_N"), "strut", COLOURS[label], 1.0)
+            draw_lines(force, (wanted, strut), x)
+            mm = times(1e3, "plant:car.spool_m")
+            draw_lines(valve, [Line(mm, "", COLOURS[label], 1.0)], x)
             metrics = runs[label, road].metrics
             text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['force_error_rms_N']:.0f} N rms, "
             text += f"correlation {metrics['force_correlation']:.2f}"
@@ -111,18 +125,11 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
             for ax in column[row::2]:
                 ax.set_ylim(min(e[0] for e in ends), max(e[1] for e in ends))
     name_rows(axes, ("force [kN]", "spool [mm]") * 2, "time [s]")
+    place: dict[str, Any] = {"bbox_to_anchor": (1.03, 1.08), "borderaxespad": 0.0}
     for ax in axes[::2, 0]:
-        ax.legend(
-            frameon=False,
-            fontsize=8,
-            ncols=2,
-            loc="lower right",
-            bbox_to_anchor=(1.03, 1.08),
-            borderaxespad=0.0,
-        )
-    _finish(
-        figure, axes, "Force loop: PID above, fuzzy backstepping below; one scale a column", path
-    )
+        ax.legend(frameon=False, fontsize=8, ncols=2, loc="lower right", **place)
+    title = "Force loop: PID above, fuzzy backstepping below; one scale a column"
+    _finish(figure, axes, title, path)
 
 
 def _bars(runs: Runs, path: Path) -> None:
@@ -146,25 +153,30 @@ def _bars(runs: Runs, path: Path) -> None:
     _finish(figure, axes, "Every strut on every road, 3 to 6 s", path)
 
 
+def _kicked(result: Result) -> str:
+    """Return what a kicked body does."""
+    metrics = result.metrics
+    text = f"{NAMES[result.case.controller]}: {metrics['speed_rms_m_s']:.2g} m/s rms from 3 s on"
+    if "oscillation_rad_s" in metrics:
+        text += f", at {metrics['oscillation_rad_s']:.1f} rad/s"
+    return text
+
+
 def _kick(results: Sequence[Result], path: Path) -> None:
     """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
-    own = {r.case.controller: r for r in results}
-    figure, axes = sheet((11.0, 7.0), 110, 3, 2, sharex=True, sharey="row")
-    signals = (
-        ("plant:car.body_rate_m_s", 1.0, "body speed [m/s]"),
-        ("executive:controller.ef_N", 1e-3, "force error [kN]"),
-        ("plant:car.spool_m", 1e3, "spool [mm]"),
-    )
-    for column, name in zip(axes.T, ("pid", "fl"), strict=True):
-        for ax, (source, scale, _) in zip(column, signals, strict=True):
-            x = own[name].traces
-            ax.plot(x["t"], scale * x[source], color=COLOURS[name], linewidth=0.9)
-        metrics = own[name].metrics
-        text = f"{NAMES[name]}: {metrics['speed_rms_m_s']:.2g} m/s rms from 3 s on"
-        if "oscillation_rad_s" in metrics:
-            text += f", at {metrics['oscillation_rad_s']:.1f} rad/s"
-        column[0].set_title(text, fontsize=10, loc="left")
-    name_rows(axes, [label for _, _, label in signals], "time [s]")
+    own = by_label(results, "kick")
+    panels = [
+        Panel(label, [Line(times(scale, source), "", "", 0.9)])
+        for label, scale, source in (
+            ("body speed [m/s]", 1.0, "plant:car.body_rate_m_s"),
+            ("force error [kN]", 1e-3, "executive:controller.ef_N"),
+            ("spool [mm]", 1e3, "plant:car.spool_m"),
+        )
+    ]
+    figure, axes = columns(
+        [own["pid"], own["fl"]], panels, (None,) * 3, (11.0, 7.0), _kicked, COLOURS, left=10.0,
+        dpi=110, sharey="row",
+    )  # fmt: skip
     _finish(figure, axes, "Flat road, the body kicked with 0.05 m/s", path)
 
 
@@ -182,13 +194,9 @@ def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path)
     w0 = float(np.sqrt(car["kt_N_m"] / car["mu_kg"]))
     at = float(bode.response_db("passive", np.array([w0]), car, gains)[0])
     ax.plot([w0], [at], "o", color=GREEN, zorder=5)
-    ax.annotate(
-        f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does",
-        (w0, at),
-        (9.0, 54.0),
-        fontsize=9,
-        arrowprops={"arrowstyle": "-", "color": GREY},
-    )
+    text = f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does"
+    arrow = {"arrowstyle": "-", "color": GREY}
+    ax.annotate(text, (w0, at), (9.0, 54.0), fontsize=9, arrowprops=arrow)
     for road in ROADS:
         ax.axvline(road, color=GREY, linewidth=0.7, linestyle="-.")
         ax.text(road * 1.03, 63.5, f"{road}", color=GREY, fontsize=8)
@@ -200,5 +208,4 @@ def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path)
 
 def _finish(figure: Any, axes: Any, title: str, path: Path) -> None:
     dress(axes.flat, 8, below=True)
-    figure.suptitle(title, fontsize=12)
-    figure.savefig(path)
+    save(figure, path, title)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows
+from pcpc.plants.book.figures import draw_lines, legend_below, name_rows, overlay, reference, save
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
 from pcpc.plants.study import Result, of_group
 
@@ -13,7 +13,7 @@ LABELS = {
     "pd_near": "PD, no delay", "pd_slow": "PD, slow", "smith": "Smith predictor",
     "nornn": "robust term only", "rnn": "predictor and RNN",
 }  # fmt: skip
-DETAIL_RAD = (0.15, 0.15)
+DETAIL_RAD = 0.15
 
 
 def draw_all(
@@ -28,37 +28,26 @@ def draw_all(
 def _errors(results: Sequence[Result], path: Path) -> None:
     """Draw angles, errors and errors in detail, both joints side by side."""
     figure, axes = sheet((11, 8), 100, 3, 2, sharex=True)
-    for j in (1, 2):
-        angle, error, detail = axes[:, j - 1]
-        for result in results:
-            x, name = result.traces, result.case.controller
-            aim, e = x[f"executive:controller.aim_{j}_rad"], x[f"error_{j}_rad"]
-            style = {"color": COLOURS[name], "linewidth": 1.1, "label": LABELS[name]}
-            angle.plot(x["t"], x[f"plant:arm.q_{j}_rad"], **style)
-            error.plot(x["t"], e, **style)
-            if name in ("nornn", "rnn"):
-                detail.plot(x["t"], e, **style)
-        angle.plot(x["t"], aim, linewidth=0.9, label="wanted, T ago", **REFERENCE)
-        detail.set_ylim(-DETAIL_RAD[j - 1], DETAIL_RAD[j - 1])
+    pair = {law: COLOURS[law] for law in ("nornn", "rnn")}
+    for j, (angle, error, detail) in enumerate(axes.T, 1):
+        overlay(angle, results, f"plant:arm.q_{j}_rad", COLOURS, 1.1, LABELS)
+        overlay(error, results, f"error_{j}_rad", COLOURS, 1.1, LABELS)
+        overlay(detail, results, f"error_{j}_rad", pair, 1.1, LABELS)
+        wanted = reference(f"executive:controller.aim_{j}_rad", "wanted, T ago")
+        draw_lines(angle, [wanted], results[-1].traces)
+        detail.set_ylim(-DETAIL_RAD, DETAIL_RAD)
         detail.set_title("detail: without and with the network", fontsize=9, color=GREY)
         angle.set_title(f"joint {j}", fontsize=10)
-        for ax in axes[:, j - 1]:
-            load_s = (result.settings[f"arm.load_{end}_s"] for end in ("from", "to"))
+        for ax in (angle, error, detail):
+            load_s = (results[-1].settings[f"arm.load_{end}_s"] for end in ("from", "to"))
             ax.axvspan(*load_s, color="#ECEFF3", linewidth=0, zorder=0)
             ax.grid(alpha=0.3)
             ax.set_xlim(0.0, 20.0)
-        detail.annotate(
-            "payload",
-            (13.4, 0.04),
-            xycoords=("data", "axes fraction"),
-            ha="center",
-            fontsize=8,
-            color=GREY,
-        )
+        place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "ha": "center"}
+        detail.annotate("payload", (13.4, 0.04), fontsize=8, color=GREY, **place)
     name_rows(axes, ("angle [rad]", "error [rad]", "error [rad]"), "time [s]")
     legend_below(figure, axes[0, 0], 6)
-    figure.suptitle("Telerobot, T = 0.2 s each way, friction, payload from 10 to 15 s", fontsize=11)
-    figure.savefig(path)
+    save(figure, path, "Telerobot, T = 0.2 s each way, friction, payload from 10 to 15 s", 11)
 
 
 def _margins(
@@ -85,8 +74,7 @@ def _margins(
     delays.set_title("PD of the same gains: unstable at all of these", fontsize=9, color=GREY)
     wrong.set_title("predictor and RNN, T = 0.2 s", fontsize=9, color=GREY)
     losses.set_title("predictor and RNN, T = 0.2 s", fontsize=9, color=GREY)
-    figure.suptitle("rms error after the payload; joint 1 solid, joint 2 dashed", fontsize=11)
-    figure.savefig(path)
+    save(figure, path, "rms error after the payload; joint 1 solid, joint 2 dashed", 11)
 
 
 def _lines(ax: Any, x: Sequence[float], results: Sequence[Result], colour: str, label: str) -> None:
