@@ -31,8 +31,8 @@ from typing import Any
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig
+from pcpc.plants.declared import declared
 from pcpc.plants.judging import Run, Vector, effective_rig
 from pcpc.plants.scene import (
     Plane,
@@ -120,11 +120,7 @@ def drawing_of(rig: Rig) -> Drawing | None:
 
 def load(file: Path) -> Drawing:
     """Return what a drawing.py says; DrawingError for what is wrong, with its line."""
-    try:
-        with own_streams():
-            module: Any = module_of("", file)
-    except (Exception, SystemExit) as error:
-        raise DrawingError(cause(error)) from None
+    module = declared(file, DrawingError)
     needs: Any = getattr(module, "NEEDS", None)
     scene = getattr(module, "scene", None)
     if not callable(scene):

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig
+from pcpc.plants.declared import declared
 
 
 class IdentificationError(RigError):
@@ -41,11 +40,7 @@ def identification_of(rig: Rig) -> Identification:
     file = beside.with_name("identification.py")
     if not file.is_file():
         return Identification()
-    try:
-        with own_streams():
-            module: Any = module_of("", file)
-    except (Exception, SystemExit) as error:
-        raise IdentificationError(cause(error)) from None
+    module = declared(file, IdentificationError)
     texts, numbers = '{"NAME": "text", ...}', '{"BLOCK.NAME": number, ...}'
     return Identification(
         _mapping(module, file, "PARAMETERS", str, texts),

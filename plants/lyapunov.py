@@ -61,6 +61,9 @@ class Bound:
     level: float
 
 
+ENDLESS = Bound(math.inf, math.inf, math.inf)
+
+
 @dataclass(frozen=True)
 class Constants:
     """What (2) to (6) take: K, kappa, |Z*|, c0, c1, low, high, gamma; all of the error's units."""
@@ -78,9 +81,15 @@ class Constants:
     other_rate: float = math.inf
 
     def bound(self) -> Bound:
-        """Return (4) or (5), and (6); infinite without damping or leak."""
+        """Return (4) or (5), and (6); infinite without damping or leak, or beyond all floats."""
         if self.damping <= 0.0 or self.kappa <= 0.0 or self.gamma <= 0.0:
-            return Bound(math.inf, math.inf, math.inf)
+            return ENDLESS
+        try:
+            return self._finite_bound()
+        except OverflowError:
+            return ENDLESS
+
+    def _finite_bound(self) -> Bound:
         if self.leak == "error":
             a = self.ideal + self.c1 / self.kappa
             error = (self.kappa * a * a / 4.0 + self.c0) / self.damping
@@ -298,7 +307,10 @@ class Account:
         none.
         """
         one, reach = self.proof.constants, 1.25 * float(self.proof.error.max(initial=0.0))
-        left = one.low * reach**2 - float(self.proof.weights[0]) ** 2 / one.gamma
+        try:
+            left = one.low * reach**2 - float(self.proof.weights[0]) ** 2 / one.gamma
+        except OverflowError:
+            return 0.0
         return math.sqrt(max(left, 0.0) / one.high)
 
     def checks(self) -> list[Check]:

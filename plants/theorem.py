@@ -7,6 +7,10 @@ by the rig's names of the laws. `prove(run)` returns a `Proof` (plants/lyapunov.
 keeps, as weights: a replay of the log recomputes them, bit by bit. Parameters of all blocks are
 there as well.
 
+A proof is split at its equations: signals of the run, layers that are tuned, the bound by
+constants, what is asked; `layered` makes a Proof of them. It writes plant and nodes anew, in numpy
+over all cycles at once: a second reading of the equations, independent of the compiled one.
+
 A law reads its weights at the start of a cycle and writes them at its end: what it used in cycle k
 is recorded in k - 1, so that proofs begin with the second cycle; see `Cycles.used`.
 """

@@ -125,9 +125,14 @@ def test_arbitrary_signals_violate_it() -> None:
     assert kept <= 20, f"{kept} of 2000 arbitrary signals pass"
 
 
-def test_without_leak_or_damping_there_is_no_bound() -> None:
-    for one in (Constants(0.0, 0.1, 1.0, 1.0), Constants(1.0, 0.0, 1.0, 1.0)):
-        assert one.bound().error == math.inf
+def test_without_leak_or_damping_or_beyond_all_floats_there_is_no_bound() -> None:
+    for one in (
+        Constants(0.0, 0.1, 1.0, 1.0),
+        Constants(1.0, 0.0, 1.0, 1.0),
+        Constants(1.0, 0.1, 1.0, 1e300),
+        Constants(1.0, 0.1, 1e300, 1.0, leak="constant"),
+    ):
+        assert one.bound().error == one.bound().weights == one.bound().level == math.inf
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, 0.8, 1.2, 30.0])
@@ -166,6 +171,8 @@ def test_the_steps_of_the_tuning_are_part_of_the_identity() -> None:
 
 def test_an_infinite_bound_is_none() -> None:
     account = toy(1e-3)
+    far = replace(account.proof, error=np.full_like(account.proof.error, 1e300))
+    assert account.start_within > 0.0 == Account(far, 3.0).start_within
     for constants in (
         replace(account.proof.constants, damping=0.0),
         replace(account.proof.constants, kappa=0.0),

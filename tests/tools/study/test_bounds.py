@@ -10,6 +10,7 @@ from json_schemas import holds
 from processes import pcpc
 
 import pcpc as pcpc_package
+from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
@@ -160,6 +161,37 @@ def test_a_theorem_of_ones_own_is_found_beside_the_model_or_in_its_book(
         file.parent.mkdir(exist_ok=True)
         file.write_text(f"THEOREMS = {{{law!r}: {law!r}}}\n")
     assert bounds.known_theorems(load_rig(RIG)) == {"mine": "mine", "other": "other"}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", 'theorem.py: expected THEOREMS = {"law": Theorem(...)} of pcpc.plants.theorem'),
+        ("THEOREMS = 3", "theorem.py: expected THEOREMS"),
+        ("THEOREMS = {", "theorem.py:1: SyntaxError"),
+        ("import nothing_of_that_name", "theorem.py:1: ModuleNotFoundError"),
+        ("raise SystemExit(2)", "theorem.py:1: ends the process; it must not"),
+        ("THEOREMS = {'friction_nn': 3}", "friction_nn: no Theorem(...) of pcpc.plants.theorem"),
+        (
+            "from pcpc.plants.theorem import Theorem\n"
+            "THEOREMS = {'friction_nn': Theorem(lambda run: 1 / 0)}",
+            "theorem.py:2: ZeroDivisionError: division by zero",
+        ),
+        (
+            "from pcpc.plants.theorem import Theorem\n"
+            "THEOREMS = {'friction_nn': Theorem(lambda run: run.column('plant:arm.none'))}",
+            "plant: no variable arm.none; did you mean",
+        ),
+    ],
+)
+def test_a_theorem_of_ones_own_that_is_wrong_is_told_in_a_line(
+    text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "theorem.py").write_text(text)
+    monkeypatch.setattr(bounds, "model_files", lambda rig: [tmp_path / "model.py"])
+    with pytest.raises(UserError) as told:
+        bounds.of_rig(load_rig(RIG, settings=["duration_s=0.1"]))
+    assert expected in str(told.value) and "\n" not in str(told.value), told.value
 
 
 def test_without_the_book_it_says_where_the_proofs_of_shipped_systems_are(

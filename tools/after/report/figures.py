@@ -13,7 +13,7 @@ from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import plain_text
 from pcpc.tools.after.report.record import Record
 from pcpc.tools.after.verdict import on_purpose
-from pcpc.tools.after.verdict.summary import parts
+from pcpc.tools.after.verdict.timing import parts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,19 +17,16 @@ Counters are those of the nodes at their end, not of what the log keeps.
 import contextlib
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.distribution import Distribution
-from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.provenance import RIG_COMMIT
-from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict import on_purpose
@@ -40,15 +37,14 @@ from pcpc.tools.after.verdict.frames import (
     too_many,
     unlike,
 )
-from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.judge import Judge, Judgement
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome, warnings_of
 from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
+from pcpc.tools.after.verdict.timing import stage_percentiles
 
 CODES = {code.meaning: code for code in Exit}
-_PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
-_STAGES = Stage.words()[: Stage.WORK]
 Counts = dict[str, int]
 
 
@@ -159,43 +155,22 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     executive = executive if executive and len(executive.cycle) else None
     each = _each_health(log, outcome)
     health = _sum(each)
-    ended = outcome.interrupted or outcome.faults
-    early = "the run did not finish" if ended or outcome.short else ""
+    cycles = max(int(executive.cycle[-1]) + 1 if executive else 0, outcome.cycles)
     changed = [*dict.fromkeys((*branch_lines(log), *outcome.changed, *_live_tunings(rig, log)))]
     judge = judge or Judge.of(rig)
-    found = judge.judge(log, changed, early)
-    skipped, held = on_purpose.missed_by_the_machine(rig, log, health)
-    timing = _timing(executive, log, outcome, skipped)
-    failed, limits = [*found.failed], rig.config.timing
-    failed += [line for node in log.node.values() for line in mistakes(node)]
-    if timing and limits.error is not None:
+    early = outcome.interrupted or outcome.faults or outcome.short
+    found = judge.judge(log, changed, "the run did not finish" if early else "")
+    missed = on_purpose.missed_by_the_machine(rig, log, health)
+    timing = stage_percentiles(executive, log, outcome, missed[0])
+    if timing and rig.config.timing.error is not None:
         found.judged.append("timing")
     worst_us = timing.pop("together", {})
-    cycles = max(int(executive.cycle[-1]) + 1 if executive else 0, outcome.cycles)
-    timing_level, share = level(worst_us, rig.config.rate_hz, limits, (skipped, held), cycles)
-    if timing_level == "ERROR":
-        failed.append(
-            f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
-            + f"; {skipped:,} periods were skipped" * (skipped > 0)
-        )
-    if outcome.short and not ended:
-        failed.append(outcome.short)
-    if outcome.strict:
-        failed += [f"{judge.named(k)} was not judged: {why}" for k, why in found.not_judged.items()]
-        failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
-    absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
+    timing_level, share = level(worst_us, rig.config.rate_hz, rig.config.timing, missed, cycles)
+    late = _late_lines(rig, share, missed[0]) if timing_level == "ERROR" else []
+    failed = [*found.failed, *_failures(log, outcome, late, judge, found)]
+    lost = _lost_lines(log, outcome, each)
     frames_wrong = [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
-    dropped = _dropped_rows(log, outcome)
-    absent += _replacement_lines(executive, log, outcome)
-    missing = [*log.missing, *absent, *outcome.missing]
-    verdict = "expectation not met" if failed else "ok"
-    lost = on_purpose.missing_input(log, each)
-    lost += [outcome.stall] * bool(lost and outcome.stall)
-    lost += [f"{dropped:,} rows found a ring full and are not in the log"] * bool(dropped)
-    if lost or frames_wrong or missing:
-        verdict = "loss"
-    if ended:
-        verdict = "interrupted" if outcome.interrupted else "safety stop"
+    missing = _missing_lines(executive, log, outcome)
     return Summary(
         rig=rig.config.rig,
         title=rig.config.title,
@@ -220,11 +195,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         warned=warnings_of(log.node),
         most_cut=most_clipped_signal(rig, log) if health["saturated_values"] else "",
         frames_to=frames_to(rig, log, each),
-        records={
-            "written": _recorded_cycles(log, outcome),
-            "dropped": dropped,
-            **({"kept_back": True} if rig.config.record.keep is not None else {}),
-        },
+        records=_records(rig, log, outcome),
         faults=outcome.faults,
         injected=on_purpose.started_faults(log),
         changed=changed,
@@ -235,9 +206,60 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         realtime=outcome.realtime,
         start_to_first_cycle_s=_start_s(executive, outcome),
         log_missing=missing,
-        verdict=verdict,
+        verdict=_verdict(outcome, failed, [*lost, *frames_wrong, *missing]),
         ids=rig.config.limit_ids() or msgspec.UNSET,
     )
+
+
+def _late_lines(rig: Rig, share: float, skipped: int) -> list[str]:
+    """Return what is wrong with the timing of a run whose level is ERROR."""
+    limit = rig.config.timing.error
+    line = f"lateness and work at p99.9 are {share:.2f} of a period, limit {limit}"
+    return [line + f"; {skipped:,} periods were skipped" * (skipped > 0)]
+
+
+def _failures(
+    log: logs.Log, outcome: Outcome, late: list[str], judge: Judge, found: Judgement
+) -> list[str]:
+    """Return what was not met beside the rig's limits and requirements."""
+    failed = [line for node in log.node.values() for line in mistakes(node)] + late
+    if outcome.short and not (outcome.interrupted or outcome.faults):
+        failed.append(outcome.short)
+    if outcome.strict:
+        failed += [f"{judge.named(k)} was not judged: {why}" for k, why in found.not_judged.items()]
+        failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
+    return failed
+
+
+def _lost_lines(log: logs.Log, outcome: Outcome, each: Mapping[str, Counts]) -> list[str]:
+    """Return what was lost: input that nothing took on purpose, rows of the log."""
+    lost = on_purpose.missing_input(log, each)
+    lost += [outcome.stall] * bool(lost and outcome.stall)
+    dropped = _dropped_rows(log, outcome)
+    return lost + [f"{dropped:,} rows found a ring full and are not in the log"] * bool(dropped)
+
+
+def _missing_lines(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
+    """Return what the log should have and has not."""
+    absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
+    replaced = _replacement_lines(executive, log, outcome)
+    return [*log.missing, *absent, *replaced, *outcome.missing]
+
+
+def _verdict(outcome: Outcome, failed: list[str], losses: list[str]) -> str:
+    """Return the verdict, the gravest of what happened."""
+    if outcome.interrupted:
+        return "interrupted"
+    if outcome.faults:
+        return "safety stop"
+    return "loss" if losses else "expectation not met" if failed else "ok"
+
+
+def _records(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, int | bool]:
+    """Return how many cycles are in the log, and rows that are not."""
+    kept_back = {"kept_back": True} if rig.config.record.keep is not None else {}
+    counts = {"written": _recorded_cycles(log, outcome), "dropped": _dropped_rows(log, outcome)}
+    return {**counts, **kept_back}
 
 
 def branch_lines(log: logs.Log) -> list[str]:
@@ -326,62 +348,6 @@ def _sum(each: dict[str, Counts]) -> Counts:
         )
         for key in HEALTH
     }
-
-
-def _timing(
-    executive: logs.Node | None, log: logs.Log, outcome: Outcome, skipped: int
-) -> dict[str, dict[str, float]]:
-    """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
-
-    Each of the `skipped` periods counts as one together. Of a log too long to be read whole to one
-    part in a million.
-    """
-    if executive is None or outcome.pacing == "virtual":
-        return {}
-    found: dict[str, Any] = {}
-    if not all(f"timing.{stage}_us" in executive.timing for stage in _STAGES):
-        return {}
-    for part in parts(log):
-        timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
-        timing["together"] = np.sum([timing[stage] for stage in _STAGES[:4]], axis=0)
-        lost = min(skipped, len(part.cycle))  # half of all are enough
-        period_us = 1e-3 * executive.description["period_ns"]
-        timing["together"] = np.concatenate([timing["together"], np.full(lost, period_us)])
-        skipped -= lost
-        for stage, values in timing.items():
-            if not isinstance(log, LongLog):
-                found[stage] = np.percentile(values, _PERCENTILES).tolist()
-                continue
-            found.setdefault(stage, Distribution()).add(values)
-    if isinstance(log, LongLog):
-        found = {k: [d.quantile(p / 100.0) for p in _PERCENTILES] for k, d in found.items()}
-    return {
-        stage: {
-            f"p{p:g}" if p < 100 else "max": value if stage == "together" else round(value, 2)
-            for p, value in zip(_PERCENTILES, points, strict=True)
-        }
-        for stage, points in found.items()
-    }
-
-
-def parts(log: logs.Log) -> Iterator[logs.Node]:
-    """Yield the executive's record, of a long log piece by piece."""
-    if not isinstance(log, LongLog):
-        yield log.node["executive"]
-        return
-    for part, begin, end in log.parts("executive"):
-        node = part.node["executive"]
-        columns = {k: node.timing[f"timing.{k}_us"][begin:end] for k in _STAGES}
-        yield logs.Node(
-            node.cycle,
-            node.stamp_ns,
-            {},
-            {f"timing.{k}_us": v for k, v in columns.items()},
-            node.frames,
-            [],
-            [],
-            {},
-        )
 
 
 def _dropped_rows(log: logs.Log, outcome: Outcome) -> int:

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from pcpc import plants
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
-from pcpc.executive.rig.modules import module_of, own_streams
+from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
+from pcpc.plants.declared import declared
 from pcpc.plants.judging import Run, effective_rig
 from pcpc.plants.lyapunov import Account
 from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
@@ -151,7 +152,12 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     if not run.plant_tells:
         raise NoTheorem("the log has no record of the plant, from which w is computed")
     cycles = Cycles(run, declared_rates(rig, theorem))
-    proof = theorem.prove(cycles)
+    try:
+        proof = theorem.prove(cycles)
+    except (NoTheorem, UserError):
+        raise
+    except Exception as error:
+        raise BoundsError(cause(error)) from None
     settled_s = float(proof.t_s[len(proof.t_s) // 2])
     if begin_s is not None and begin_s < proof.t_s[-1]:
         settled_s = begin_s
@@ -188,12 +194,15 @@ def model_files(rig: Rig) -> list[Path]:
 
 
 def known_theorems(rig: Rig) -> dict[str, Theorem]:
-    """Return the theorems of a rig's plant, by law."""
+    """Return the theorems of a rig's plant, by law; BoundsError for a file that declares none."""
     found: dict[str, Theorem] = {}
     for file in (model.parent / place for model in model_files(rig) for place in PLACES):
         if file.is_file():
-            with own_streams():
-                found |= module_of("", file).THEOREMS
+            theorems = getattr(declared(file, BoundsError), "THEOREMS", None)
+            if not isinstance(theorems, dict):
+                what = 'expected THEOREMS = {"law": Theorem(...)} of pcpc.plants.theorem'
+                raise BoundsError(f"{file}: {what}")
+            found |= theorems
     return found
 
 
@@ -201,6 +210,8 @@ def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
     """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
     law, theorems = law_as or law_of(rig, rig.config.controller), known_theorems(rig)
     if law in theorems:
+        if not isinstance(theorems[law], Theorem):
+            raise BoundsError(f"{law}: no Theorem(...) of pcpc.plants.theorem")
         return theorems[law]
     shipped = any(file.is_relative_to(SHIPPED) for file in model_files(rig))
     if shipped and not any(SHIPPED.glob(f"*/{PLACES[1]}")):

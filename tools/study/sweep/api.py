@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
+    from pcpc.tools.study.sweep.request import Request
     from pcpc.tools.study.sweep.results import Results
     from pcpc.tools.study.sweep.sensitivity import Share
 
@@ -125,26 +126,20 @@ def sweep(
     """
     need_for_sweep()
     with native("numba" not in sys.modules):
-        from pcpc.tools.study.sweep import shards  # time
-        from pcpc.tools.study.sweep.request import Request
+        from pcpc.tools.study.sweep.request import Request  # time
 
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]
     request = Request(
-        find(str(rig)),
-        controllers or (),
-        varied,
-        settings(set),
-        draws,
-        sampling,
-        seed,
-        until,
-        worst,
-        rare,
-        of,
-        limit,
-        threads=threads,
-        scheduler=scheduler,
-    )
+        find(str(rig)), controllers or (), varied, settings(set), draws, sampling, seed,
+        until, worst, rare, of, limit, threads=threads, scheduler=scheduler,
+    )  # fmt: skip
+    return _done(request, folder, quiet)
+
+
+def _done(request: "Request", folder: str | Path | None, quiet: bool | None) -> Sweep:
+    """Return the campaign of a request, run to its end."""
+    from pcpc.tools.study.sweep import shards  # time
+
     campaign = request.campaign()
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]
