@@ -17,10 +17,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.executive.rig.purity import has_decorator, impure_uses
 
-ROOT = Path(__file__).resolve().parents[1]
 AREAS = ("drivers", "executive", "plants", "tools")
 FILES = sorted(path for area in AREAS for path in (ROOT / area).rglob("*.py"))
 NAMES = {path: path.relative_to(ROOT).as_posix() for path in FILES}

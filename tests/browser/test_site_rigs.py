@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import ROOT
 from playwright.sync_api import Browser, expect
 
 pytestmark = pytest.mark.browser
-ROOT = Path(__file__).resolve().parents[2]
 BUILD = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "--site-dir"]
 LATER = 120_000  # ms
 EQUAL = re.compile("equal to pcpc .*: [0-9a-f]{16}, see the command below")

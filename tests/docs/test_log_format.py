@@ -2,16 +2,16 @@
 
 import re
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from places import ROOT
 
 import pcpc
 from pcpc.executive.log.schemas import EVENTS, FRAME_SCHEMA
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "log-format.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "log-format.md").read_text("utf-8")
 
 
 def table(title: str) -> list[list[str]]:

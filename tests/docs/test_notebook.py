@@ -1,15 +1,15 @@
 """The notebook runs, and prints what stands in it."""
 
 import importlib.util
-from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
+from places import ROOT
 
 pytestmark = pytest.mark.deep
 
-SITE = Path(__file__).resolve().parents[2] / "docs" / "site"
+SITE = ROOT / "docs" / "site"
 SPEC = importlib.util.spec_from_file_location("notebook", SITE / "notebook.py")
 assert SPEC is not None and SPEC.loader is not None
 notebook = importlib.util.module_from_spec(SPEC)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from places import ROOT
 
 from pcpc.tools.dev import release
 
-ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 

@@ -6,9 +6,9 @@ prose. What a rule finds is named with its page, so that a writer sees what to c
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from proselint.checks import __register__
 from proselint.config import DEFAULT, Config
 from proselint.registry import CheckRegistry
@@ -16,7 +16,6 @@ from proselint.tools import LintFile
 
 pytestmark = pytest.mark.deep
 
-ROOT = Path(__file__).resolve().parents[2]
 PLACES = (
     "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md", "plants/*/*.md",
     "tools/make/template/**/README.md",

@@ -2,12 +2,13 @@
 
 import importlib.util
 import re
-from pathlib import Path
+
+from places import ROOT
 
 import pcpc
 from pcpc.plants import evaluation
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = ROOT / "docs"
 SPEC = importlib.util.spec_from_file_location("reference", DOCS / "site" / "reference.py")
 assert SPEC is not None and SPEC.loader is not None
 reference = importlib.util.module_from_spec(SPEC)

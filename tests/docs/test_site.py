@@ -15,10 +15,10 @@ from types import ModuleType
 import pytest
 import zstandard
 from mkdocs.exceptions import PluginError
+from places import ROOT
 
 pytestmark = pytest.mark.deep
 
-ROOT = Path(__file__).resolve().parents[2]
 BUILD = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir"]
 
 

@@ -5,7 +5,6 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import can
@@ -22,7 +21,6 @@ from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
-ROOT = Path(__file__).resolve().parents[2]
 OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"
 GROUPS = (bus.UDP_GROUP, OTHER_GROUP)
 PYTHON_CAN_WAIT_S = 2.0  # only waited for when a frame is lost

@@ -5,15 +5,14 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.can import bus, choice
 from pcpc.drivers.can.choice import BusRequest, Choice
 from pcpc.drivers.machine import claim
 
-ROOT = Path(__file__).resolve().parents[2]
 BOTH = ("executive", "plant")
 TAKE = """
 import sys

@@ -5,13 +5,12 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.machine import claim
 
-ROOT = Path(__file__).resolve().parents[2]
 HOLD = """
 import sys
 from pcpc.drivers.machine import claim

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.rows import RECEIVER
 
-DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
+DBC = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
 WIDE_DBC = """VERSION ""
 BU_: A B
 BO_ 291 WIDE: 8 A

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pcpc.drivers.compiled import inner
 from pcpc.drivers.compiled.in_numba import f8, i8, numba, types
 from pcpc.drivers.compiled.jit import JIT_OFF
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
-ROOT = Path(__file__).resolve().parents[2]
 LAW = """
 from pcpc.drivers.compiled.inner import part
 from pcpc.drivers.compiled.jit import compiled, loop_function

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.compiled import compile_cache, kept_files
 from pcpc.executive.rig import law_errors
 from pcpc.executive.rig.modules import module_of
 
-ROOT = Path(__file__).resolve().parents[2]
 LAW = "from pcpc.drivers.compiled.jit import compiled, f8\n" + "".join(
     f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
 )

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pcpc.drivers.compiled import kinds
 from pcpc.drivers.compiled.jit import JIT_OFF, VIEW, compiled, f8, i8, types
 from pcpc.drivers.compiled.structures import structure
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
-ROOT = Path(__file__).resolve().parents[2]
 LAW = """
 import numpy as np
 from pcpc.drivers.compiled.jit import compiled, f8, i8, types

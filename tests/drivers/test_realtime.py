@@ -3,14 +3,12 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.machine.realtime import Report, Setting
-
-ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
 import ctypes, gc, json, os, resource, threading

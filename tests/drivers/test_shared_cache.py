@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.compiled.jit import JIT_OFF
 
@@ -17,7 +18,6 @@ pytestmark = [
     pytest.mark.skipif(JIT_OFF, reason="numba is switched off"),
     pytest.mark.skipif(platform.machine() != "x86_64", reason="the names are of its processors"),
 ]
-ROOT = Path(__file__).resolve().parents[2]
 PROCESSORS = ("generic", "nehalem", "sandybridge", "x86-64-v2")  # every machine of today runs them
 SHARED = """
 from pcpc.drivers.compiled.jit import inline

@@ -4,12 +4,11 @@ import os
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="of its processors")
-ROOT = Path(__file__).resolve().parents[2]
 MAIN = """
 import os, pcpc.drivers.compiled.in_numba as made
 from numba.core.registry import cpu_target

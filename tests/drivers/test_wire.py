@@ -13,7 +13,6 @@ import random
 import socket
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import can
@@ -23,13 +22,13 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.drivers.can import wire, wire_layout
 from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag, Medium, flags_of
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
-ROOT = Path(__file__).resolve().parents[2]
 HOSTILE_BUFFERS = 500 if LOOP_INTERPRETED else 20_000
 EXAMPLES = 40 if LOOP_INTERPRETED else 300
 PAGE = mmap.PAGESIZE

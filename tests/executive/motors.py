@@ -3,7 +3,9 @@
 from pathlib import Path
 from string import Template
 
-_TEMPLATE = Path(__file__).parents[2] / "tools/make/template"
+from places import ROOT
+
+_TEMPLATE = ROOT / "tools/make/template"
 _FRAMES = Template("""
 BO_ $cmd CMD_$i: 8 EXEC
  SG_ voltage : 0|24@1- (1e-05,0) [-30|30] "V" PLANT_$i

@@ -3,13 +3,13 @@
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.can import dbc
 
-PATH = Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc"
+PATH = ROOT / "plants/atb1000/atb1000.dbc"
 DATABASE = dbc.load(PATH)
 FRAMES = {message.name: dbc.frame(message) for message in DATABASE.messages}
 UNITS = {"rad", "rad/s", "N m", "ue", "V", "degC", "us", ""}

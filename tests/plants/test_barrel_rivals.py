@@ -1,13 +1,13 @@
 """The barrel's laws without a network: their identities, closed forms and nominal figures."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import ROOT
 
 from pcpc.executive.laws.block import Block
 from pcpc.executive.rig.reading import load_rig
@@ -23,7 +23,7 @@ from pcpc.plants.atb1000.laws import (
 )
 from pcpc.plants.atb1000.ports import load_parameters
 
-ATB1000 = Path(__file__).resolve().parents[2] / "plants" / "atb1000"
+ATB1000 = ROOT / "plants" / "atb1000"
 T_S = 1e-3
 LAWS = {
     "pd_feedforward": pd_feedforward.BLOCK, "pd_observer": pd_observer.BLOCK,

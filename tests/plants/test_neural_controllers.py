@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.beam import Tube, modal_data
 
-RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
+RIGS = ROOT / "plants" / "atb1000" / "rigs"
 
 
 def run(rig: str, controller: str, *settings: str) -> logs.Log:

@@ -1,16 +1,15 @@
 """Sensors of the barrel plant: what they show, their lags, and their noise."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from barrel_plant import AT, NAMES, NOMINAL, Plant, Vector
+from places import ROOT
 
 from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.sensors import lag_rate
 
-PLANTS = Path(__file__).resolve().parents[2] / "plants"
+PLANTS = ROOT / "plants"
 
 NOISES = [
     "hub_gyro_noise_rad_s", "muzzle_gyro_noise_rad_s", "hull_pitch_noise_rad",

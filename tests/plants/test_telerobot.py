@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.executive.laws.block import Block
 from pcpc.executive.log.reader import Log
@@ -17,7 +18,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.telerobot import evaluation, model
 from pcpc.plants.telerobot.laws import telerobot_local, telerobot_remote
 
-FOLDER = Path(__file__).resolve().parents[2] / "plants/telerobot"
+FOLDER = ROOT / "plants/telerobot"
 H = 1e-3
 Vector = NDArray[np.float64]
 

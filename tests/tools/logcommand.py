@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from places import ROOT
+
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 
-PLANT = Path(__file__).resolve().parents[2] / "plants" / "atb1000"
+PLANT = ROOT / "plants" / "atb1000"
 DBC = PLANT / "atb1000.dbc"
 _FOLDER = tempfile.TemporaryDirectory()
 

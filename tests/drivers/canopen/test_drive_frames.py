@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from many import drives
+from places import ROOT
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
@@ -13,7 +14,7 @@ from pcpc.tools.cli import main
 from pcpc.tools.start.bus import traffic
 
 ROBOTS = Path(__file__).parents[1] / "robots"
-TEMPLATES = Path(__file__).parents[3] / "tools/make/template"
+TEMPLATES = ROOT / "tools/make/template"
 
 
 def test_no_frame_on_the_line_is_later_than_its_bound(tmp_path: Path) -> None:

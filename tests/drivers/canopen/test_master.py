@@ -8,9 +8,10 @@ from pathlib import Path
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
+from places import ROOT
 from processes import Running, own_bus, pcpc, until
 
-RIG = Path(__file__).parents[3] / "tools/make/template/drive_cia402.yaml"
+RIG = ROOT / "tools/make/template/drive_cia402.yaml"
 FROM_NODES = [  # udp_multicast gives a sender its own frames, which the package takes for others'
     {"can_id": 0x080, "can_mask": 0x080},
     {"can_id": 0x700, "can_mask": 0x780},

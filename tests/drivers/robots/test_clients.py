@@ -14,6 +14,7 @@ import moteus
 import pytest
 from damiao_motor import DaMiaoController
 from odrive_can.odrive import ODriveCAN
+from places import ROOT
 from processes import Running, own_bus, pcpc, until
 
 from pcpc.executive.loop import shared as sh
@@ -21,7 +22,7 @@ from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live
 
 pytestmark = pytest.mark.deep  # processes, each with the cycle of a drive
-TEMPLATE = Path(__file__).parents[3] / "tools/make/template"
+TEMPLATE = ROOT / "tools/make/template"
 
 
 @contextmanager

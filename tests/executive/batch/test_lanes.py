@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes
@@ -20,7 +21,6 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 
-ROOT = Path(__file__).resolve().parents[3]
 ONE_RIG = (  # of each plant
     "plants/atb1000/rigs/firetrack.yaml",
     "plants/backlash_map/rigs/backlash-map.yaml",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Group
@@ -16,7 +17,6 @@ from pcpc.executive.rig.reading import load_rig
 
 pytestmark = pytest.mark.deep
 
-ROOT = Path(__file__).resolve().parents[3]
 BARREL = ROOT / "plants/atb1000/rigs/firetrack.yaml"
 WANTED = {"executive": ["rx.FB_A.hub_rate"], "plant": ["barrel.theta_rad"]}
 LAST = "    x.integral_V += where(winds_up, 0.0, dt * p.ki_V_rads * y.e_rad)  # (5)\n"

@@ -4,13 +4,13 @@ The identities are those of `executive.laws.handover`: (1) and (2) to the last b
 run changes by somebody who only stands by.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 from engine import ATB1000, ROOT, Bench, both, puppet_rig
 from numpy.typing import NDArray
+from replays import replayed
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Node
@@ -18,8 +18,6 @@ from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.plan import check_pacing, plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 HULL = ATB1000 / "rigs" / "hull.yaml"
 TORQUE = "controller.motor_torque_Nm"
@@ -198,8 +196,7 @@ def test_a_hand_over_is_on_the_record_and_replayed_bit_for_bit(tmp_path: Path) -
     schedule = "schedule=[{at_s: 0.2, handover: pd_nn}, {at_s: 0.4, handover: pd}]"
     rig = load_rig(HULL, "pd", ["duration_s=0.6", "standby=[pd_nn]", schedule])
     simulate(rig, tmp_path / "log.mcap")
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical and verdict.cycles >= 600, (verdict.cycles, verdict.first())
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.drivers.compiled.jit import VIEW, compiled, types
 from pcpc.drivers.compiled.stage import ENTRY, call, part
@@ -16,7 +17,7 @@ from pcpc.executive.laws import references, sequences
 from pcpc.executive.laws.block import Block
 from pcpc.executive.rig.reading import load_rig
 
-RIGS = Path(__file__).resolve().parents[3] / "plants" / "atb1000" / "rigs"
+RIGS = ROOT / "plants" / "atb1000" / "rigs"
 STEP_S = 1e-5  # of the finite differences
 SEEN_S = np.unique(np.random.default_rng(5).uniform(0.0, 16.0, 2000))
 DETERMINISTIC = settings(max_examples=100, derandomize=True, deadline=None)

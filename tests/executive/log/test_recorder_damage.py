@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
+from places import ROOT
 from rings import PERIOD_NS, TESTS, TIMINGS, block_of, put_cycle
 
 from pcpc.executive.log import mcap_writer
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
 
-PROJECT = Path(__file__).parents[3]
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -41,7 +41,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def killed_log(name: str, path: Path) -> None:
     """Record 3.7 s at 1 kHz on a virtual clock in a process that then kills itself."""
     code = KILLED.format(tests=TESTS, name=name, path=str(path))
-    process = subprocess.run([sys.executable, "-c", code], cwd=PROJECT, timeout=60)
+    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=60)
     assert process.returncode == -signal.SIGKILL
 
 

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import standing
+from places import ROOT
 from rings import MONOTONIC_NS, TESTS, WIDE, block_of, put_cycle
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared, sharing
-
-PROJECT = Path(__file__).parents[3]
 
 
 def start(path: Path, *names: str) -> subprocess.Popen[str]:
@@ -28,7 +27,7 @@ def start(path: Path, *names: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        cwd=PROJECT,
+        cwd=ROOT,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
@@ -69,7 +68,7 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
         served.open()
         request.addfinalizer(served.close)
     words = [sys.executable, "-m", "pcpc.executive.log.recorder", str(tmp_path / "log.mcap")]
-    process = subprocess.Popen([*words, name, f"{name}-plant"], cwd=PROJECT)
+    process = subprocess.Popen([*words, name, f"{name}-plant"], cwd=ROOT)
     select.select(executive.sockets(), [], [])
     executive.serve()
     select.select(plant.sockets(), [], [])  # it asks for the plant
@@ -118,7 +117,7 @@ def test_process_takes_what_is_there_and_ends_when_its_node_was_killed(
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        cwd=PROJECT,
+        cwd=ROOT,
     )
     assert node.stdout is not None and node.stdout.readline() == "stands\n"
     process = start(tmp_path / "log.mcap", name)
@@ -208,7 +207,7 @@ def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
 
     command = [sys.executable, "-B", "-m", "pcpc.executive.log.recorder", str(path), *names]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=20, preexec_fn=limit, cwd=PROJECT
+        command, capture_output=True, text=True, timeout=20, preexec_fn=limit, cwd=ROOT
     )
     return done.returncode, done.stderr
 
@@ -245,5 +244,5 @@ def test_disk_that_fills_up_leaves_a_readable_log(name: str, tmp_path: Path) -> 
 
 def test_recorder_process_does_not_load_the_compiler() -> None:
     code = "import pcpc.executive.log.recorder, sys; print('numba' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=PROJECT)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout == "False\n", done.stdout + done.stderr

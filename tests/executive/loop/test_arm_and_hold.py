@@ -1,12 +1,12 @@
 """An executive closes its loop when its operator says so, and holds without a fault."""
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from engine import LOST, Bench, both, puppet_rig
+from replays import replayed
 
 from pcpc.drivers.canopen.layout import Power
 from pcpc.executive.batch.group import Group, NotInLanes
@@ -16,8 +16,6 @@ from pcpc.executive.loop.requests import Refusal
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 DISARMED, SENT = "supervisor.disarmed", "tx.CMD.motor_torque"
 RAMP_CYCLES = 10
@@ -170,8 +168,7 @@ def test_arming_and_holding_are_replayed_bit_for_bit(tmp_path: Path, ends: float
     simulate(rig, tmp_path / "log.mcap")
     node = in_memory(rig).node["executive"].columns
     assert node["supervisor.gain"][:100].max() == 0.0 < node["supervisor.gain"][250] == 1.0
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical and verdict.cycles >= 1000 * ends, verdict.first()
 
 

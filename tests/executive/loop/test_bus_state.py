@@ -1,12 +1,12 @@
 """What the CAN controller tells: counted by kind, bus-off a fault, on an emulated line too."""
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from engine import ROOT, Bench, both, puppet_rig
+from replays import replayed
 
 from pcpc.drivers.can import error_frames, line, wire
 from pcpc.drivers.can.e2e_states import FrameState
@@ -18,8 +18,6 @@ from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import BUS_COUNTERS
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 PROBE = ROOT / "plants/probe/rig.yaml"
 KINDS = ("warnings", "passives", "offs", "restarts", "no_acks", "tx_timeouts")
@@ -86,8 +84,7 @@ def test_a_node_that_goes_bus_off_on_the_line_faults_and_is_recomputed(tmp_path:
     frames = log.node[name].frames
     told = frames[frames["e2e"] == FrameState.BUS_ERROR]
     assert 0x20000040 in told["id"], told
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical, verdict
 
 

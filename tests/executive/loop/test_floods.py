@@ -1,12 +1,13 @@
 """A node that floods the bus on purpose: it costs time on a bus with bits, and none on others."""
 
-import argparse
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from free_bus import own_bus
+from places import ROOT
+from replays import replayed
 from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.errors import RigError
@@ -14,10 +15,7 @@ from pcpc.executive.log import reader
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
-ROOT = Path(__file__).resolve().parents[3]
 FROM, TO = 50, 60
 
 
@@ -59,8 +57,7 @@ def test_on_a_bus_that_knows_its_bits_the_others_wait(tmp_path: Path) -> None:
     assert TO <= max(held(many)) <= TO + 12, "it is over, the queue empties"
     stopped = run(tmp_path, 10, "1M", "supervisor.hold_cycles=2", "supervisor.fault_after_cycles=3")
     assert stopped.node["executive"].columns["supervisor.state"].max() >= State.FAULT
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical, verdict
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.drivers.can import e2e_states as e2e
 from pcpc.drivers.can.e2e import crc8
@@ -17,7 +18,6 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.evidence.expected import crc16
 from pcpc.tools.make.dbc import dbc_text, frames_of, rigs_of
 
-ROOT = Path(__file__).resolve().parents[3]
 FROM, TO = 30, 40  # cycles whose frames are disturbed
 FB, CMD = 0x120, 0x0A0
 Frames = NDArray[np.void]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from places import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop.injected_values import KINDS
@@ -14,7 +15,6 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
 
-ROOT = Path(__file__).resolve().parents[3]
 FROM, CYCLES, T = 30, 40, 1e-3
 OTHERS = slice(0, FROM), slice(FROM + CYCLES, None)
 Series = NDArray[np.float64]

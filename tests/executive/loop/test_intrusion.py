@@ -1,6 +1,5 @@
 """Two senders of one frame: recognised, told apart from a bad bus, answered as the rig chose."""
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from engine import ATB1000, Bench, Node, both
+from replays import replayed
 
 from pcpc.drivers.can import e2e
 from pcpc.executive.log import reader as logs
@@ -20,8 +20,6 @@ from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 HULL = ATB1000 / "rigs/hull.yaml"
 FB_A, HB_PLANT = 0x120, 0x702
@@ -336,8 +334,7 @@ def test_the_run_is_told_and_replayed_to_the_bit(tmp_path: Path) -> None:
     simulate(rig_with("fault", fault("forgery")), path)
     told = [e for e in logs.read(path).node["plant"].events if e["event"] == "two senders"]
     assert [(e["name"], e["argument"]) for e in told] == [("CMD", 0xA0)]
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    seen = list(replay(path, options, Progress(quiet=True)))
+    seen = replayed(path)
     assert len(seen) == 2 and all(one.identical for one in seen), seen
 
 

@@ -1,29 +1,49 @@
-"""Virtual time over an emulated CAN line: delays that follow from bits, the same in every run."""
+"""Virtual time over an emulated CAN line: delays that follow from bits, the same in every run.
 
-import argparse
+The probe has classic frames, or with the same signals those of CAN FD.
+"""
+
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from engine import ROOT
+from fd_rig import fd_rig
+from replays import replayed
 
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.after.replay import replay
 from pcpc.tools.start.bus.traffic import Setup, buses, response_rows
-from pcpc.tools.terminal.progress import Progress
 
 PROBE = ROOT / "plants/probe/rig.yaml"
 HULL = ROOT / "plants/atb1000/rigs/hull.yaml"
 CMD, FB, SYNC = 0xA0, 0x120, 0x80
+FAST = {
+    "classic": ("bus.emulate=1M",),
+    "fd": ("bus.emulate=1M", "bus.data_bitrate=5000000"),
+}
+NOISE = "bus.bit_error_rate=3e-4", "bus.error_burst=3", "bus.queue=8"
+ROUGH = {
+    "classic": ("bus.emulate=400k", *NOISE),
+    "fd": ("bus.emulate=800k", FAST["fd"][1], *NOISE),
+}
+both = pytest.mark.parametrize("kind", ROUGH)
 
 
-def probe(*settings: str, duration_s: float = 0.5) -> Rig:
-    return load_rig(PROBE, None, [f"duration_s={duration_s}", *settings])
+def rig_of(kind: str, folder: Path, *settings: str, lines: tuple[str, ...] = ()) -> Rig:
+    """Return the probe's rig of a kind of frames, with further lines."""
+    folder.mkdir(exist_ok=True)
+    path = folder / "rig.yaml"
+    if kind == "fd":
+        path = fd_rig(folder, *lines)
+    else:
+        path.write_text("\n".join([f"base: {PROBE}", *lines]))
+    return load_rig(path, None, ["duration_s=0.5", *settings])
 
 
 def logged(rig: Rig, path: Path) -> tuple[logs.Log, Any]:
@@ -47,29 +67,37 @@ def delays(log: logs.Log, can_id: int, sender: str, receiver: str) -> set[int]:
 
 
 @pytest.mark.parametrize(
-    ("bitrate", "phase", "late_cmd", "late_fb"),
+    ("kind", "line", "phase", "late_cmd", "late_fb"),
     [
-        ("1M", 0.5, 1, 0),  # as without a line: the plant is a cycle ahead
-        ("350k", 0.4, 2, 0),  # SYNC and CMD take 0.5 ms
-        ("350k", 0.8, 1, 1),  # and are there after 0.8 ms; then FB has 0.2 ms, and needs 0.33
-        ("350k", 0.0, 1, 1),  # 0 stands for a whole cycle
+        ("classic", "emulate=1M", 0.5, 1, 0),  # as without a line: the plant is a cycle ahead
+        ("classic", "emulate=350k", 0.4, 2, 0),  # SYNC and CMD take 0.5 ms
+        ("classic", "emulate=350k", 0.8, 1, 1),  # and are there after 0.8 ms; FB needs 0.33 ms
+        ("classic", "emulate=350k", 0.0, 1, 1),  # 0 stands for a whole cycle
+        ("fd", "data_bitrate=5000000", 0.4, 1, 0),  # here the second bit rate decides
+        ("fd", "data_bitrate=1500000", 0.4, 2, 0),  # SYNC and CMD take 0.44 ms
+        ("fd", "data_bitrate=1500000", 0.7, 1, 1),  # FB takes 0.46 ms
+        ("fd", "data_bitrate=5000000", 0.7, 1, 0),
     ],
 )
 def test_a_frame_that_is_not_through_is_taken_in_the_next_cycle(
-    bitrate: str, phase: float, late_cmd: int, late_fb: int, tmp_path: Path
+    kind: str, line: str, phase: float, late_cmd: int, late_fb: int, tmp_path: Path
 ) -> None:
     # in a ramp of 0.5 s no value repeats, so that each frame is known by its data
-    rig = probe(f"bus.emulate={bitrate}", f"realtime.plant.phase={phase}", duration_s=0.2)
-    log, line = logged(rig, tmp_path / "log.mcap")
+    settings = f"bus.{line}", f"realtime.plant.phase={phase}", "duration_s=0.2"
+    log, state = logged(rig_of(kind, tmp_path, "bus.emulate=1M", *settings), tmp_path / "log.mcap")
     assert delays(log, CMD, "executive", "plant") == {late_cmd}
     assert delays(log, FB, "plant", "executive") == {late_fb}
-    assert (line.errors.sum(), line.refused.sum(), line.lost_off.sum()) == (0, 0, 0)
+    assert (state.errors.sum(), state.refused.sum(), state.lost_off.sum()) == (0, 0, 0)
 
 
-def test_a_line_that_is_fast_enough_changes_no_bit_of_what_the_laws_see() -> None:
+@both
+def test_a_line_that_is_fast_enough_changes_no_bit_of_what_the_laws_see(
+    kind: str, tmp_path: Path
+) -> None:
+    path = fd_rig(tmp_path) if kind == "fd" else HULL
     with_line, without = (
-        in_memory(load_rig(HULL, None, ["duration_s=1.0", *settings]))
-        for settings in (["bus.emulate=1 Mbit/s"], [])
+        in_memory(load_rig(path, None, ["duration_s=1.0", *settings]))
+        for settings in (FAST[kind], ())
     )
     for node in ("executive", "plant"):
         one, other = with_line.node[node], without.node[node]
@@ -80,12 +108,23 @@ def test_a_line_that_is_fast_enough_changes_no_bit_of_what_the_laws_see() -> Non
                 assert np.array_equal(a, b, equal_nan=True), name
 
 
-ROUGH = ("bus.emulate=400k", "bus.bit_error_rate=3e-4", "bus.error_burst=3", "bus.queue=8")
+def test_frames_that_do_not_switch_need_no_second_bit_rate(tmp_path: Path) -> None:
+    nominal = (('"CANFD_BRS" "1"', '"CANFD_BRS" "0"'),)
+    path = fd_rig(tmp_path, "bus: {emulate: 1M}", changes=nominal)
+    rig = load_rig(path, None, ["rate_hz=500", "duration_s=0.3"])
+    log, line = logged(rig, tmp_path / "log.mcap")
+    assert (line.per_s, line.bit, line.fast) == (1_000_000, 1, 1)
+    assert (line.errors.sum(), line.refused.sum(), line.lost_off.sum()) == (0, 0, 0)
+    frames = log.node["executive"].frames
+    assert {int(flags) for flags in frames["flags"][frames["id"] == FB]} == {Flag.FD}
+    assert 600 < line.longest.max() < 800, "64 bytes at 1 Mbit/s"
 
 
-def test_equal_seeds_give_equal_runs_and_others_do_not(tmp_path: Path) -> None:
+@both
+def test_equal_seeds_give_equal_runs_and_others_do_not(kind: str, tmp_path: Path) -> None:
     def run(name: str, seed: int) -> tuple[list[bytes], bytes]:
-        log, line = logged(probe(*ROUGH, f"seed={seed}"), tmp_path / name)
+        rig = rig_of(kind, tmp_path / name, *ROUGH[kind], f"seed={seed}")
+        log, line = logged(rig, tmp_path / name / "log.mcap")
         assert line.errors.sum() > 5
         columns = [node.columns[n].tobytes() for node in log.node.values() for n in node.columns]
         return columns, line.tobytes()
@@ -95,45 +134,45 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(tmp_path: Path) -> None:
     assert once != other
 
 
-FAULTS = """
-faults:
+FAULTS = """faults:
   stall: {kind: stall, node: executive, from: 100ms, for: 5ms}
-  late: {kind: delay, frame: CMD, from: 200ms, for: 50ms, value: 3.0}
-"""
-
-
-WITHIN = """
-faults:
+  late: {kind: delay, frame: CMD, from: 200ms, for: 50ms, value: 3.0}"""
+FD_FAULTS = """
+  lost: {kind: loss, frame: FB, from: 0.05s, for: 0.05s, share: 0.3}
+  bits: {kind: corruption, frame: CMD, from: 0.1s, for: 0.1s, share: 0.3, value: 3}
+  back: {kind: delay, frame: FB, from: 0.15s, for: 0.03s, value: 3}
+  size: {kind: length, frame: CMD, from: 0.1s, for: 0.1s, share: 0.2, value: 33}"""
+WITHIN = """faults:
   stall: {kind: stall, node: plant, from: 100ms, for: 40ms}
   blocked: {kind: loss, frame: CMD, from: 80ms, for: 30ms}
   odd: {kind: stall, node: executive, from: 300ms, for: 20ms}
   deaf: {kind: loss, frame: FB, from: 290ms, for: 15ms}
-supervisor: {fault_after_cycles: 100, hold_cycles: 100}
-"""  # a loss ends while its receiver stands still: what waits for it is heard
+supervisor: {fault_after_cycles: 100, hold_cycles: 100}"""  # a loss ends while its receiver stalls
 
 
-@pytest.mark.parametrize(
-    "settings", [("bus.emulate=350k",), ROUGH, ()], ids=["late", "rough", "none"]
-)
 @pytest.mark.parametrize("faults", ["", FAULTS, WITHIN], ids=["", "faults", "within"])
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [("classic", ("bus.emulate=350k",)), ("classic", ROUGH["classic"]), ("classic", ()),
+     ("fd", FAST["fd"]), ("fd", ROUGH["fd"])],
+    ids=["late", "rough", "none", "fd-clean", "fd-rough"],
+)  # fmt: skip
 def test_the_run_is_recomputed_from_its_log(
-    settings: tuple[str, ...], faults: str, tmp_path: Path
+    kind: str, settings: tuple[str, ...], faults: str, tmp_path: Path
 ) -> None:
-    path = tmp_path / "rig.yaml"
-    path.write_text(f"base: {PROBE}\nduration_s: 0.5\n{faults}")
-    simulate(load_rig(path, None, settings), tmp_path / "log.mcap")
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    lines = faults + FD_FAULTS * (kind == "fd" and faults == FAULTS)
+    _, line = logged(rig_of(kind, tmp_path, *settings, lines=(lines,)), tmp_path / "log.mcap")
+    assert line is None or bool(line.errors.sum()) == (settings == ROUGH[kind])
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical, verdict
 
 
-def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(tmp_path: Path) -> None:
-    rig = probe(
-        "bus.emulate=1M",
-        "bus.bit_error_rate=1.0",
-        "supervisor.hold_cycles=2",
-        "supervisor.fault_after_cycles=5",
-    )
+@both
+def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(
+    kind: str, tmp_path: Path
+) -> None:
+    settings = "supervisor.hold_cycles=2", "supervisor.fault_after_cycles=5"
+    rig = rig_of(kind, tmp_path, *FAST[kind], "bus.bit_error_rate=1.0", *settings)
     log, line = logged(rig, tmp_path / "log.mcap")
     assert line.times_off.sum() >= 1
     assert line.sent.sum() == 0
@@ -142,16 +181,34 @@ def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(tmp_pat
     assert [faults["executive"], faults["plant"]] == [{0, named[0]}, {0, named[1]}], faults
 
 
-@pytest.mark.parametrize("bitrate", ["1M", "600k", "450k"])
+def test_bit_errors_put_esi_into_the_frames_of_their_sender(tmp_path: Path) -> None:
+    rough = "bus.bit_error_rate=1.5e-3", "bus.error_burst=4", "supervisor.hold_cycles=100"
+    rig = rig_of("fd", tmp_path, *FAST["fd"], *rough, "supervisor.fault_after_cycles=200")
+    log, _ = logged(rig, tmp_path / "log.mcap")
+    flags = {
+        int(frame["flags"])
+        for node in log.node.values()
+        for frame in node.frames
+        if frame["direction"] == 1 and frame["id"] in (CMD, FB)
+    }
+    assert flags == {Flag.FD | Flag.BRS, Flag.FD | Flag.BRS | Flag.ESI}
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "fast"),
+    [("classic", "1M", None), ("classic", "600k", None), ("classic", "450k", None),
+     ("fd", "1M", 5_000_000), ("fd", "600k", 3_000_000), ("fd", "1M", 2_100_000)],
+)  # fmt: skip
 def test_no_frame_of_a_rig_takes_longer_than_its_analysis_says(
-    bitrate: str, tmp_path: Path
+    kind: str, rate: str, fast: int | None, tmp_path: Path
 ) -> None:
-    rig = probe(f"bus.emulate={bitrate}")
+    """A node's frames are queued at once: the last one waits for all; their real bits are fewer."""
+    rig = rig_of(kind, tmp_path, f"bus.emulate={rate}", f"bus.data_bitrate={fast or 'null'}")
     _, line = logged(rig, tmp_path / "log.mcap")
-    setup = Setup(rig.config.rate_hz, rig.config.bus.bits_per_s or 0)
     (frames,) = buses(rig)
-    longest = max(row.response_ns or 0 for row in response_rows(frames, setup))
-    waited_ns = 1e9 * int(line.longest.max()) / setup.bitrate
+    rows = response_rows(frames, Setup(rig.config.rate_hz, rig.config.bus.bits_per_s or 0, fast))
+    longest = max(row.response_ns or 0 for row in rows)
+    waited_ns = 1e9 * int(line.longest.max()) / int(line.per_s)
     assert 0.4 * longest < waited_ns <= longest, f"{waited_ns} ns, bound {longest} ns"
 
 
@@ -161,9 +218,20 @@ def test_a_bit_rate_is_given_as_people_write_it(text: str) -> None:
     assert rig.config.bus.bits_per_s == 500_000
 
 
-def test_a_rate_that_cannot_be_emulated_is_refused_with_its_place() -> None:
-    with pytest.raises(RigError, match="classic CAN"):
-        VirtualRun(load_rig(HULL, None, ["bus.emulate=2M"]), None)
+@pytest.mark.parametrize(
+    ("kind", "line", "said"),
+    [("classic", "{emulate: 2M}", "classic CAN"),
+     ("fd", "{emulate: 1M}", "CMD switches its bit rate; give bus.data_bitrate"),
+     ("fd", "{emulate: 1M, data_bitrate: 500000}", "data at 500000 bit/s is slower than the nomi"),
+     ("fd", "{emulate: 999983, data_bitrate: 4999999}", "no clock up to 9 GHz gives both 999983"),
+     ("fd", "{emulate: 2M, data_bitrate: 5000000}", "CAN FD before its switch too")],
+)  # fmt: skip
+def test_a_line_that_cannot_be_is_refused_with_its_place(
+    kind: str, line: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RigError, match=said) as error:
+        VirtualRun(rig_of(kind, tmp_path, lines=(f"bus: {line}",)), None)
+    assert "bus.emulate" in str(error.value)
 
 
 @pytest.mark.parametrize("phase", [0.3333, 0.7])  # before the plant's, behind it

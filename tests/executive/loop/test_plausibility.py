@@ -1,6 +1,5 @@
 """Received values that cannot be true: each limit, what is taken instead, fault, false alarm."""
 
-import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engine import ATB1000, Bench, Node, both
+from replays import replayed
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
@@ -16,8 +16,6 @@ from pcpc.executive.loop.plausibility import WHYS, take_plausible
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 HULL, ENCODER = ATB1000 / "rigs/hull.yaml", "FB_A.encoder"
 COUNT = f"health.implausible.{ENCODER}"
@@ -156,8 +154,7 @@ def test_the_fault_is_recorded_told_and_replayed_to_the_bit(tmp_path: Path) -> N
     path = tmp_path / "log.mcap"
     run = simulate(rig, path)
     assert run.blocks[0].control.fault == Fault.NOT_PLAUSIBLE
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    seen = list(replay(path, options, Progress(quiet=True)))
+    seen = replayed(path)
     assert len(seen) == 2 and all(one.identical for one in seen), seen
     told = [
         event

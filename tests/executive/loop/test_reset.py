@@ -1,12 +1,12 @@
 """A fault that waits is left by a reset, and a run is stopped: by request, signal or frame."""
 
-import argparse
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from engine import ATB1000, LOST, Bench, both, puppet_rig
+from replays import replayed
 
 from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.executive.errors import RigError
@@ -18,8 +18,6 @@ from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
 
 WAITS = "supervisor: {on_fault: wait, ramp_s: 0.01, quick_stop_s: 0.004}"
 RAMP_CYCLES, QUICK_CYCLES = 10, 4
@@ -249,8 +247,7 @@ def test_a_reset_and_a_stop_of_the_schedule_are_replayed_bit_for_bit(tmp_path: P
     )
     rig = load_rig(puppet_rig(tmp_path, WAITS, *lines))
     simulate(rig, tmp_path / "log.mcap")
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical and 200 < verdict.cycles < 210, (verdict.cycles, verdict.first())
 
 

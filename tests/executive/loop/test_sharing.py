@@ -12,17 +12,16 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 import standing
+from places import ROOT
 
 from pcpc.drivers.machine import claim
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes import live
 
-ROOT = Path(__file__).resolve().parents[3]
 HEAD: dict[str, object] = {
     "node": "executive", "variables": [["a.gain", "1/s", "parameter", "a", "gain ä"]],
     "ranges": {"a.gain": [0.0, 1.0]}, "state_columns": ["a.gain"], "timing_columns": [],

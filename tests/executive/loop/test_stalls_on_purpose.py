@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def motor(folder: Path, faults: str, *settings: str) -> Rig:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from free_bus import own_bus
+from places import ROOT
 from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.rig import trial
 from pcpc.executive.rig.reading import load_rig
 
-ROOT = Path(__file__).resolve().parents[3]
 RIGS = sorted((ROOT / "plants").glob("*/rigs/*.yaml"))
 RELAY = Path(__file__).parents[1] / "relay" / "rig.yaml"  # three nodes
 CYCLES = 400

@@ -1,10 +1,10 @@
 """A rig of three nodes on two buses: who hears what, delays, losses on purpose."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
+from replays import replayed
 
 from pcpc.drivers.can import dbc
 from pcpc.executive.errors import RigError
@@ -13,10 +13,8 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.bus_load import bus_load
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
 from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.summary import summarise
-from pcpc.tools.terminal.progress import Progress
 
 RELAY = Path(__file__).parents[1] / "relay" / "rig.yaml"
 
@@ -112,8 +110,7 @@ def test_losses_on_purpose_are_replayed_and_no_fault_of_the_run(tmp_path: Path) 
     lossy = ["losses.ASK.share=0.2", "losses.FB.share=0.3", "losses.FB.burst=5", "duration_s=2.0"]
     rig, path = load_rig(RELAY, settings=lossy), tmp_path / "log.mcap"
     simulate(rig, path)
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(path, options, Progress(quiet=True)):
+    for verdict in replayed(path):
         assert verdict.identical, f"{verdict.first()} {verdict.incomplete}"
     log = logs.read(path)
     summary = summarise(rig, log, Outcome("virtual", "memory"))

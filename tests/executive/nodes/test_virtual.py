@@ -1,6 +1,5 @@
 """Virtual time: the same run again gives the same bits, one sample of delay, and known results."""
 
-import argparse
 import math
 import os
 import subprocess
@@ -12,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engine import ATB1000, ROOT, SLEW10, puppet_rig
+from replays import replayed
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import replay
 from pcpc.tools.after.verdict.judge import Judge
-from pcpc.tools.terminal.progress import Progress
 
 # engage needs a neural law: test_neural_controllers.py
 RIGS = sorted(p for p in (ATB1000 / "rigs").glob("*.yaml") if p.stem != "engage")
@@ -277,6 +275,5 @@ def test_a_run_that_ends_on_a_ramp_is_recomputed_bit_for_bit(tmp_path: Path, sto
     sent = logs.read(tmp_path / "log.mcap").node["executive"].columns["tx.CMD.motor_torque"]
     cycles = 1000 if stopped else 2000
     assert cycles + 10 < len(sent) < cycles + 100 and abs(sent[-1] - 1.5) <= 0.05, len(sent)
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+    for verdict in replayed(tmp_path / "log.mcap"):
         assert verdict.identical, f"{verdict.first()} {verdict.incomplete}"

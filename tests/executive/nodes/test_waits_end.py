@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from free_bus import GROUP, own_port
+from places import ROOT
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.wire import put_frame
@@ -25,8 +26,8 @@ from pcpc.executive.rig.messages import parts_in_meeting, peers_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.cli import main
 
-TEMPLATE = Path(__file__).parents[3] / "tools/make/template"
-TELEROBOT = Path(__file__).parents[3] / "plants/telerobot"
+TEMPLATE = ROOT / "tools/make/template"
+TELEROBOT = ROOT / "plants/telerobot"
 THREE_NODES = sorted((TELEROBOT / "rigs").glob("*.yaml"))[0]
 EXTRA = 'BO_ {id} EXTRA: 8 {by}\n SG_ x : 0|8@1+ (1,0) [0|1] "" {to}\n{more}\n'
 SYNC_2 = ' SG_ sequence : 8|8@1+ (1,0) [0|255] "" {to}\n SG_ crc : 56|8@1+ (1,0) [0|255] "" {to}\n'

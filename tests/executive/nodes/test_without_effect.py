@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 
-PLANTS = Path(__file__).resolve().parents[3] / "plants"
+PLANTS = ROOT / "plants"
 SLEW10, HULLRAND = (PLANTS / f"atb1000/rigs/{name}.yaml" for name in ("slew10", "hullrand"))
 
 

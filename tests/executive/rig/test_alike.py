@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.reading import load_rig
 
-ROOT = Path(__file__).resolve().parents[3]
 RIG = """\
 controllers:
   pd: {law: pd, parameters: {kv: 110.0, lam: 16.0}, lockstep_only: why}

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from places import ROOT
 from small_rig import LAWS, MODEL, RIG, Write, message
 
 from pcpc.drivers.compiled.compile_cache import user_cache
@@ -17,8 +18,6 @@ from pcpc.executive.rig import law_lookup, yamlfile
 from pcpc.executive.rig.modules import project_name
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_rig_has_its_values_and_defaults(write: Write, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from places import ROOT
 
 from pcpc.drivers.errors import BusError
 from pcpc.executive.errors import RigError
@@ -16,7 +17,7 @@ from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
 
-PLANTS = Path(__file__).resolve().parents[3] / "plants"
+PLANTS = ROOT / "plants"
 PROBE = PLANTS / "probe" / "rig.yaml"
 BASE = f"base: {PROBE}\n"
 RIGS = {

@@ -2,15 +2,14 @@
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import msgspec
 from msgspec import inspect
+from places import ROOT
 
 from pcpc.executive.rig import schema
 from pcpc.executive.rig.roles import ROLES
 
-ROOT = Path(__file__).resolve().parents[3]
 ROW = re.compile(r"^\| (`[^|]+`) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
 HEAD = "| key | values (default) | meaning |\n|---|---|---|\n"
 

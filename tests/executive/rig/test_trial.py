@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from copies import program
+from places import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
@@ -19,7 +20,7 @@ from pcpc.executive.rig import law_lookup as laws
 from pcpc.executive.rig import trial
 from pcpc.executive.rig.reading import load_rig
 
-PROBE = Path(__file__).resolve().parents[3] / "plants" / "probe"
+PROBE = ROOT / "plants" / "probe"
 HEAD = """\
 import numpy as np
 from pcpc.executive.laws.block import Block, Nothing, Ports, Prepared, inline, port, stage

@@ -8,13 +8,14 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from places import ROOT
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yaml_parser, yamlfile
 from pcpc.executive.rig.yaml_parser import reads_the_same
 from pcpc.executive.rig.yamlfile import Document, Place, dump, load, parse_scalar, parse_value
 
-PLANTS = Path(__file__).resolve().parents[3] / "plants"
+PLANTS = ROOT / "plants"
 
 
 def document(folder: Path, text: str, name: str = "rig.yaml") -> Document:

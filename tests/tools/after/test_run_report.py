@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from html_page import Page
 from logcommand import run, run_here
+from places import ROOT
 from processes import own_bus, pcpc
 from spring import spring_run
 
@@ -23,7 +24,6 @@ from pcpc.tools.after.report import figures, record
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal.progress import Progress
 
-ROOT = Path(__file__).resolve().parents[3]
 RIGS = ROOT / "plants" / "atb1000" / "rigs"
 RELAY = ROOT / "tests" / "executive" / "relay" / "rig.yaml"
 REQUIRED = "require=[{name: close, always: abs(controller.e_rad) < 1 mrad, after: 0.2s}]"

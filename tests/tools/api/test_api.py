@@ -28,7 +28,6 @@ from pcpc.tools.start.settings import settings
 
 NEW_PROCESSES = True  # `pcpc.running` starts what it starts for its users
 SHORT = {"duration_s": 0.3}
-ROOT = Path(__file__).resolve().parents[3]
 
 
 AN_INPUT = r"an input, not recorded; use its source rx\.FB_A\.encoder"

@@ -5,9 +5,10 @@ import pty
 import select
 import subprocess
 import sys
-from pathlib import Path
 
-SCRIPT = str(Path(__file__).resolve().parents[3] / "tools" / "dev" / "installing.py")
+from places import ROOT
+
+SCRIPT = str(ROOT / "tools" / "dev" / "installing.py")
 PIP = """
 import sys
 print("Obtaining file:///pcpc")

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from json_schemas import holds
+from places import ROOT
 
 from pcpc.drivers.can import bus
 from pcpc.drivers.machine import claim
@@ -17,7 +18,6 @@ from pcpc.tools.machine.doctor import bus as doctor_bus
 from pcpc.tools.machine.doctor import cli as doctor
 from pcpc.tools.machine.doctor import machine as doctor_machine
 
-ROOT = Path(__file__).resolve().parents[3]
 Screen = pytest.CaptureFixture[str]
 
 # Starts the doctor as somebody who may neither schedule with SCHED_FIFO nor lock memory.

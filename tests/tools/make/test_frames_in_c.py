@@ -5,13 +5,13 @@ import random
 import shutil
 import struct
 import subprocess
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
+from places import ROOT
 
 from pcpc.drivers.can import codec, dbc, e2e
 from pcpc.drivers.can.dbc import Kind
@@ -19,7 +19,6 @@ from pcpc.tools.make.generate import frames as in_c
 from pcpc.tools.make.generate.device import same_files
 from pcpc.tools.make.generate.words import identifier
 
-ROOT = Path(__file__).resolve().parents[3]
 STRICT = "-std=c99 -O2 -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -ffp-contract=off"
 FACTORS = 1, -1, 1e-4, 0.25, -0.1, 2.3968449810713143e-05, 3, -7, 2.0, 1e7, 0.3
 OFFSETS = 0, 0, 0, 1, -40, 0.5, -273.15, 100000

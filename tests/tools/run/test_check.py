@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from json_schemas import holds
+from places import ROOT
 
 from pcpc import simulate
 from pcpc.drivers.can import dbc
@@ -17,7 +18,6 @@ from pcpc.tools.cli import main
 from pcpc.tools.make.new import write
 from pcpc.tools.run import check
 
-ROOT = Path(__file__).resolve().parents[3]
 RIGS = ROOT / "plants/atb1000/rigs"
 HULL = str(RIGS / "hull.yaml")
 Screen = pytest.CaptureFixture[str]

@@ -6,13 +6,14 @@ from pathlib import Path
 import cantools
 import numpy as np
 import pytest
+from places import ROOT
 from processes import own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 
-PROBE = Path(__file__).resolve().parents[3] / "plants" / "probe"
+PROBE = ROOT / "plants" / "probe"
 STATUS = 0x130
 DBC = (
     (

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from json_schemas import holds
+from places import ROOT
 from processes import own_bus, pcpc
 
 from pcpc.drivers.can import dbc
@@ -17,7 +18,6 @@ from pcpc.tools.cli import main
 from pcpc.tools.start.bus import figure, traffic
 from pcpc.tools.start.bus.traffic import SentFrame, Setup
 
-ROOT = Path(__file__).resolve().parents[3]
 HULL = str(ROOT / "plants/atb1000/rigs/hull.yaml")
 RELAY = ROOT / "tests/executive/relay/rig.yaml"
 Screen = pytest.CaptureFixture[str]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from json_schemas import holds
+from places import ROOT
 from processes import pcpc
 
 import pcpc as pcpc_package
@@ -19,7 +20,7 @@ from pcpc.tools.start import rigs
 from pcpc.tools.study.bounds import bounds, observed
 from pcpc.tools.study.bounds.book import theorems
 
-RIG = Path(__file__).resolve().parents[3] / "plants/friction_arm/rigs/friction-c.yaml"
+RIG = ROOT / "plants/friction_arm/rigs/friction-c.yaml"
 SHORT = "duration_s=1.5"
 
 

@@ -10,11 +10,12 @@ import pytest
 from logcommand import barrel_log
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from places import ROOT
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
 
-LAYOUTS = sorted((Path(__file__).parents[4] / "plants").glob("*/foxglove.json"))
+LAYOUTS = sorted((ROOT / "plants").glob("*/foxglove.json"))
 KEYS = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
 
 

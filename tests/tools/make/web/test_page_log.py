@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from places import ROOT
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun
@@ -23,7 +24,6 @@ from pcpc.tools.cli import main
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 from pcpc.tools.make.web.log_head import log_head
 
-ROOT = Path(__file__).parents[4]
 NODE = shutil.which("node") or ""
 PAGE, SCRIPT = ROOT / "tools/make/web/page", Path(__file__).with_name("rig_log.mjs")
 pytestmark = pytest.mark.skipif(not NODE, reason="no node here")

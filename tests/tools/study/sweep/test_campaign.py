@@ -15,6 +15,7 @@ from typing import Any
 import pyarrow.parquet
 import pytest
 import yaml
+from places import ROOT
 
 import pcpc
 from pcpc.executive.errors import RigError
@@ -29,7 +30,6 @@ from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal import extras
 from pcpc.tools.terminal.progress import Progress
 
-ROOT = Path(__file__).resolve().parents[4]
 RIG = str(ROOT / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")

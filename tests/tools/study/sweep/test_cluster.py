@@ -16,6 +16,7 @@ from pathlib import Path
 import distributed
 import pytest
 from copies import end_with_the_tests
+from places import ROOT
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
@@ -28,7 +29,7 @@ from pcpc.tools.terminal.progress import Progress
 
 pytestmark = pytest.mark.deep
 
-RIG = str(Path(__file__).resolve().parents[4] / "tools/make/template/rig.yaml")
+RIG = str(ROOT / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2",)
 MANY = Campaign(RIG, ("pid", "pd"), VARY, 160, "random", 5, SHORT)

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
 import pcpc
 from pcpc.tools.cli import main
 
-RIG = str(Path(__file__).resolve().parents[4] / "tools/make/template/rig.yaml")
+RIG = str(ROOT / "tools/make/template/rig.yaml")
 VARY = ("--vary", "motor.coulomb_Nm=x0.5:2")
 HUGE = "1" + "0" * 20
 

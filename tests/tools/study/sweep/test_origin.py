@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.batch.runs import Case, Runs
@@ -23,7 +24,7 @@ from pcpc.tools.study.sweep.results import RAN
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
-TEMPLATE = Path(__file__).resolve().parents[4] / "tools/make/template"
+TEMPLATE = ROOT / "tools/make/template"
 PREPARED = """
 import help_of_pid
 from pathlib import Path

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from places import ROOT
 
 import pcpc
 from pcpc.executive.errors import RigError
@@ -22,7 +23,7 @@ from pcpc.tools.study.sweep.search import Search
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
-RIG = str(Path(__file__).resolve().parents[4] / "tools/make/template/rig.yaml")
+RIG = str(ROOT / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
 WORST = Campaign(RIG, ("pid",), VARY, 70, "worst", 3, SHORT)
