@@ -59,6 +59,7 @@ _BARE = (_STEPS[0], _STEPS[2], "executive.laws.emath")
 MAY_IMPORT = {
     "drivers": ("drivers",),
     "drivers/compiled": ("drivers.compiled", "drivers.errors"),
+    "drivers/fmi": ("drivers.compiled", "drivers.fmi"),
     "drivers/machine": ("drivers.machine", "drivers.errors"),
     "executive": ("drivers", "executive"),
     "executive/laws": (*_STEPS, "executive.laws"),

@@ -1,4 +1,8 @@
-"""A bus in Python, frame by frame: for programs beside a run, which need no compiled loop."""
+"""A bus in Python, frame by frame: for programs beside a run, which need no compiled loop.
+
+python-can's udp_multicast is not used for it: that one hears its own frames and the network's,
+needs a network, and raises an error at a datagram that is no frame.
+"""
 
 import errno
 import select
@@ -80,14 +84,16 @@ def _frame_of_datagram(text: bytes) -> Frame | None:
     """Return the data frame of a datagram."""
     try:
         said = msgpack.unpackb(text)
-        word = can_id.word_of(int(said["arbitration_id"]), bool(said.get("is_extended_id")))
-        data = bytes(said["data"])
-    except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException):
+        number, extended = int(said["arbitration_id"]), bool(said.get("is_extended_id"))
+        data = bytes(memoryview(said["data"]))
+    except (ArithmeticError, ValueError, TypeError, KeyError, AttributeError,
+            msgpack.UnpackException):  # fmt: skip
         return None
     flags = (Flag.FD | Flag.BRS * bool(said.get("bitrate_switch"))) if said.get("is_fd") else 0
     other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame"))
     fits = len(data) in (LENGTHS if flags else LENGTHS[:9])
-    return Frame(word, data, flags) if fits and not other else None
+    fits &= 0 <= number <= (can_id.ID if extended else 0x7FF)
+    return Frame(can_id.word_of(number, extended), data, flags) if fits and not other else None
 
 
 class Can:

@@ -3,9 +3,7 @@
     abort code    when
     0x05030000    toggle bit not alternated
     0x05040000    no segment for a second
-    0x05040001    command not known, as a segment without a transfer
-    0x05040002/3  in blocks: a size of 0 or above 127, more acknowledged than was sent
-    0x05040004    in blocks: wrong CRC
+    0x05040001    command not known, as a segment without a transfer, or a block
     0x06010001    read, but may only be written
     0x06010002    written, but may only be read
     0x06020000    no such object
@@ -29,7 +27,6 @@ from pcpc.drivers.canopen.layout import Row
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
 TOGGLE, TIMED_OUT, NO_COMMAND, READ_ONLY = 0x05030000, 0x05040000, 0x05040001, 0x06010002
-BLOCK_SIZE, SEQUENCE, WRONG_CRC = 0x05040002, 0x05040003, 0x05040004
 WRITE_ONLY = 0x06010001
 NO_OBJECT, NOT_MAPPABLE, TOO_LONG_PDO = 0x06020000, 0x06040041, 0x06040042
 WRONG_LENGTH, NO_SUBINDEX, WRONG_VALUE = 0x06070010, 0x06090011, 0x06090030

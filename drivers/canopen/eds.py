@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.objects import Kind, Object
+from pcpc.drivers.canopen.layout import Kind
+from pcpc.drivers.canopen.objects import Object
 
 _MANDATORY = 0x1000, 0x1001, 0x1018
 _VAR, _RECORD = 0x7, 0x9

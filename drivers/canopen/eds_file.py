@@ -18,8 +18,8 @@ from pathlib import Path
 
 from pcpc.drivers.canopen import layout as at
 from pcpc.drivers.canopen.eds_sections import Sections, Variable, number, sections, variables
-from pcpc.drivers.canopen.layout import Row
-from pcpc.drivers.canopen.objects import BITS, NOT_VALID, Kind, Object
+from pcpc.drivers.canopen.layout import Kind, Row
+from pcpc.drivers.canopen.objects import BITS, NOT_VALID, Object
 from pcpc.drivers.errors import printable
 
 _WANTED = "give an EDS or DCF file of CiA 306"

@@ -8,6 +8,8 @@
 Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 """
 
+from typing import Any
+
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
@@ -24,25 +26,6 @@ COB_ID, KIND, INHIBIT, EVENT = 1, 2, 3, 4  # rows of a PDO's communication
 RPDO_MAPPING, TPDO_MAPPING = 3, 5  # row with the number of its entries
 FIRST_TPDO = PDOS * RPDO_ROWS
 OTHERS = FIRST_TPDO + PDOS * TPDO_ROWS
-
-
-class Row(NumberedEnum):
-    """Rows of the dictionary behind those of the PDOs."""
-
-    (
-        DEVICE_TYPE, ERROR_REGISTER, ERROR_COUNT, ERROR_1, ERROR_2, ERROR_3, ERROR_4, SYNC_ID,
-        DEVICE_NAME, HARDWARE, SOFTWARE, EMERGENCY_ID, CONSUMERS, CONSUMER, HEARTBEAT_MS,
-        IDENTITY, VENDOR, PRODUCT, REVISION, SERIAL, SDO_COUNT, SDO_IN, SDO_OUT, STARTUP,
-        ERROR_CODE, CONTROLWORD, STATUSWORD, QUICK_STOP_OPTION, SHUTDOWN_OPTION, DISABLE_OPTION,
-        HALT_OPTION, FAULT_OPTION, MODE, MODE_DISPLAY, POSITION_DEMAND, POSITION_ACTUAL,
-        FOLLOWING_WINDOW, FOLLOWING_MS, POSITION_WINDOW, POSITION_MS, VELOCITY_DEMAND,
-        VELOCITY_ACTUAL, VELOCITY_WINDOW, VELOCITY_MS, TARGET_TORQUE, MAX_TORQUE, TORQUE_DEMAND,
-        TORQUE_ACTUAL, TARGET_POSITION, HOME_OFFSET, LIMITS, LIMIT_LOW, LIMIT_HIGH,
-        PROFILE_VELOCITY, ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION, HOMING_METHOD,
-        VELOCITY_OFFSET, TORQUE_OFFSET, FOLLOWING_ERROR, TARGET_VELOCITY, MODES,
-        ABORT_OPTION, MAX_PROFILE_VELOCITY, HOMING_SPEEDS, HOMING_FAST, HOMING_SLOW,
-        HOMING_ACCELERATION, PERIODS, PERIOD, PERIOD_EXPONENT, SYNC_PERIOD,
-    ) = range(OTHERS, OTHERS + 73)  # fmt: skip
 
 
 class Heartbeat(NumberedEnum):
@@ -120,6 +103,110 @@ class Mode(NumberedEnum):
     CYCLIC_POSITION = 8
     CYCLIC_VELOCITY = 9
     CYCLIC_TORQUE = 10
+
+
+class Kind(NumberedEnum):
+    """Data types of CiA 301."""
+
+    I8, I16, I32, U8, U16, U32 = range(2, 8)
+    F32, TEXT = 8, 9
+
+
+RO, RW = READ, READ | WRITE
+SENT, TAKEN = RO | FROM_DRIVE, RW | TO_DRIVE | FROM_DRIVE
+SERVO_DRIVE = 0x0002_0192  # CiA 402
+MODES = sum(1 << mode - 1 for mode in Mode if mode)
+SELF_STARTING = 8  # of object 0x1F80
+NO_WINDOW = 0xFFFF_FFFF  # nothing is watched
+
+
+class Row(NumberedEnum):
+    """Rows of the dictionary behind those of the PDOs, each with its object.
+
+    Index, subindex, kind, access; value at the start, lowest and highest.
+    """
+
+    declared: tuple[Any, ...]
+
+    def __new__(cls, *declared: Any) -> "Row":
+        """Return the next member."""
+        one = int.__new__(cls, OTHERS + len(cls.__members__))
+        one._value_, one.declared = int(one), declared
+        return one
+
+    DEVICE_TYPE = 0x1000, 0, Kind.U32, RO, SERVO_DRIVE
+    ERROR_REGISTER = 0x1001, 0, Kind.U8, SENT
+    ERROR_COUNT = 0x1003, 0, Kind.U8, RW, 0, 0, 0
+    ERROR_1 = 0x1003, 1, Kind.U32, RO
+    ERROR_2 = 0x1003, 2, Kind.U32, RO
+    ERROR_3 = 0x1003, 3, Kind.U32, RO
+    ERROR_4 = 0x1003, 4, Kind.U32, RO
+    SYNC_ID = 0x1005, 0, Kind.U32, RW, 0x80, 0x80, 0x80
+    DEVICE_NAME = 0x1008, 0, Kind.TEXT, RO
+    HARDWARE = 0x1009, 0, Kind.TEXT, RO
+    SOFTWARE = 0x100A, 0, Kind.TEXT, RO
+    EMERGENCY_ID = 0x1014, 0, Kind.U32, RO
+    CONSUMERS = 0x1016, 0, Kind.U8, RO, 1
+    CONSUMER = 0x1016, 1, Kind.U32, RW, 0, 0, 0x7F_FFFF
+    HEARTBEAT_MS = 0x1017, 0, Kind.U16, RW
+    IDENTITY = 0x1018, 0, Kind.U8, RO, 4
+    VENDOR = 0x1018, 1, Kind.U32, RO
+    PRODUCT = 0x1018, 2, Kind.U32, RO
+    REVISION = 0x1018, 3, Kind.U32, RO, 1 << 16
+    SERIAL = 0x1018, 4, Kind.U32, RO
+    SDO_COUNT = 0x1200, 0, Kind.U8, RO, 2
+    SDO_IN = 0x1200, 1, Kind.U32, RO
+    SDO_OUT = 0x1200, 2, Kind.U32, RO
+    STARTUP = 0x1F80, 0, Kind.U32, RW, 0, 0, SELF_STARTING
+    ERROR_CODE = 0x603F, 0, Kind.U16, SENT
+    CONTROLWORD = 0x6040, 0, Kind.U16, TAKEN
+    STATUSWORD = 0x6041, 0, Kind.U16, SENT
+    QUICK_STOP_OPTION = 0x605A, 0, Kind.I16, RW, 2, 0, 6
+    SHUTDOWN_OPTION = 0x605B, 0, Kind.I16, RW, 0, 0, 1
+    DISABLE_OPTION = 0x605C, 0, Kind.I16, RW, 0, 0, 1
+    HALT_OPTION = 0x605D, 0, Kind.I16, RW, 1, 1, 1
+    FAULT_OPTION = 0x605E, 0, Kind.I16, RW, 2, 0, 2
+    MODE = 0x6060, 0, Kind.I8, TAKEN
+    MODE_DISPLAY = 0x6061, 0, Kind.I8, SENT
+    POSITION_DEMAND = 0x6062, 0, Kind.I32, SENT
+    POSITION_ACTUAL = 0x6064, 0, Kind.I32, SENT
+    FOLLOWING_WINDOW = 0x6065, 0, Kind.U32, RW, NO_WINDOW
+    FOLLOWING_MS = 0x6066, 0, Kind.U16, RW
+    POSITION_WINDOW = 0x6067, 0, Kind.U32, RW, 10
+    POSITION_MS = 0x6068, 0, Kind.U16, RW
+    VELOCITY_DEMAND = 0x606B, 0, Kind.I32, SENT
+    VELOCITY_ACTUAL = 0x606C, 0, Kind.I32, SENT
+    VELOCITY_WINDOW = 0x606D, 0, Kind.U16, RW, 10
+    VELOCITY_MS = 0x606E, 0, Kind.U16, RW
+    TARGET_TORQUE = 0x6071, 0, Kind.I16, TAKEN
+    MAX_TORQUE = 0x6072, 0, Kind.U16, TAKEN, 1000, 0, 1000
+    TORQUE_DEMAND = 0x6074, 0, Kind.I16, SENT
+    TORQUE_ACTUAL = 0x6077, 0, Kind.I16, SENT
+    TARGET_POSITION = 0x607A, 0, Kind.I32, TAKEN
+    HOME_OFFSET = 0x607C, 0, Kind.I32, RW
+    LIMITS = 0x607D, 0, Kind.U8, RO, 2
+    LIMIT_LOW = 0x607D, 1, Kind.I32, RW, -(1 << 31)
+    LIMIT_HIGH = 0x607D, 2, Kind.I32, RW, (1 << 31) - 1
+    PROFILE_VELOCITY = 0x6081, 0, Kind.U32, TAKEN, 1000, 0, (1 << 31) - 1
+    ACCELERATION = 0x6083, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1
+    DECELERATION = 0x6084, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1
+    QUICK_STOP_DECELERATION = 0x6085, 0, Kind.U32, TAKEN, 50_000, 1, (1 << 31) - 1
+    HOMING_METHOD = 0x6098, 0, Kind.I8, TAKEN, 37, 35, 37
+    VELOCITY_OFFSET = 0x60B1, 0, Kind.I32, TAKEN
+    TORQUE_OFFSET = 0x60B2, 0, Kind.I16, TAKEN
+    FOLLOWING_ERROR = 0x60F4, 0, Kind.I32, SENT
+    TARGET_VELOCITY = 0x60FF, 0, Kind.I32, TAKEN
+    MODES = 0x6502, 0, Kind.U32, RO, MODES
+    ABORT_OPTION = 0x6007, 0, Kind.I16, RW, 1, 0, 3
+    MAX_PROFILE_VELOCITY = 0x607F, 0, Kind.U32, RW, (1 << 31) - 1, 0, (1 << 31) - 1
+    HOMING_SPEEDS = 0x6099, 0, Kind.U8, RO, 2
+    HOMING_FAST = 0x6099, 1, Kind.U32, RW
+    HOMING_SLOW = 0x6099, 2, Kind.U32, RW
+    HOMING_ACCELERATION = 0x609A, 0, Kind.U32, RW
+    PERIODS = 0x60C2, 0, Kind.U8, RO, 2
+    PERIOD = 0x60C2, 1, Kind.U8, RW, 1, 1, 255
+    PERIOD_EXPONENT = 0x60C2, 2, Kind.I8, RW, -3, -6, 0
+    SYNC_PERIOD = 0x1006, 0, Kind.U32, RW
 
 
 class Mistake(WordedEnum):

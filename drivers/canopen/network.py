@@ -20,9 +20,8 @@ import numpy as np
 
 from pcpc.drivers.canopen.dictionary import is_possible
 from pcpc.drivers.canopen.frames import HEARTBEAT, put, put_heartbeat
-from pcpc.drivers.canopen.layout import Heartbeat, Mode, Power, Row
+from pcpc.drivers.canopen.layout import SELF_STARTING, Heartbeat, Mode, Power, Row
 from pcpc.drivers.canopen.mapping import PDOS, arrange
-from pcpc.drivers.canopen.objects import SELF_STARTING
 from pcpc.drivers.compiled.jit import loop_function
 
 START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130

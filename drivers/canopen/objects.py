@@ -15,27 +15,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.layout import Heartbeat, Mode, Row
-from pcpc.drivers.compiled.numbered import NumberedEnum
-
-
-class Kind(NumberedEnum):
-    """Data types of CiA 301."""
-
-    I8, I16, I32, U8, U16, U32 = range(2, 8)
-    F32, TEXT = 8, 9
-
+from pcpc.drivers.canopen.layout import RO, RW, Heartbeat, Kind, Row
 
 BITS = {Kind.I8: 8, Kind.I16: 16, Kind.I32: 32, Kind.U8: 8, Kind.U16: 16, Kind.U32: 32}
 BITS[Kind.F32] = 32  # as they are on the wire
-RO, RW = at.READ, at.READ | at.WRITE
-SENT, TAKEN = RO | at.FROM_DRIVE, RW | at.TO_DRIVE | at.FROM_DRIVE
 NOT_VALID = 1 << 31  # of a COB-ID
-SERVO_DRIVE = 0x0002_0192  # CiA 402
-MODES = sum(1 << mode - 1 for mode in Mode if mode)
-SELF_STARTING = 8  # of object 0x1F80
 STATUS_MS = 20  # event timer of the first sent PDO: masters wait 0.2 s for a statusword
-NO_WINDOW = 0xFFFF_FFFF  # nothing is watched
 
 
 @dataclass(frozen=True)
@@ -75,81 +60,6 @@ class Object:
         return f"{self.index:04X}" + (f".{self.subindex}" if self.subindex else "")
 
 
-_OTHERS: Mapping[Row, tuple[Any, ...]] = {
-    Row.DEVICE_TYPE: (0x1000, 0, Kind.U32, RO, SERVO_DRIVE),
-    Row.ERROR_REGISTER: (0x1001, 0, Kind.U8, SENT),
-    Row.ERROR_COUNT: (0x1003, 0, Kind.U8, RW, 0, 0, 0),
-    Row.ERROR_1: (0x1003, 1, Kind.U32, RO),
-    Row.ERROR_2: (0x1003, 2, Kind.U32, RO),
-    Row.ERROR_3: (0x1003, 3, Kind.U32, RO),
-    Row.ERROR_4: (0x1003, 4, Kind.U32, RO),
-    Row.SYNC_ID: (0x1005, 0, Kind.U32, RW, 0x80, 0x80, 0x80),
-    Row.DEVICE_NAME: (0x1008, 0, Kind.TEXT, RO),
-    Row.HARDWARE: (0x1009, 0, Kind.TEXT, RO),
-    Row.SOFTWARE: (0x100A, 0, Kind.TEXT, RO),
-    Row.EMERGENCY_ID: (0x1014, 0, Kind.U32, RO),
-    Row.CONSUMERS: (0x1016, 0, Kind.U8, RO, 1),
-    Row.CONSUMER: (0x1016, 1, Kind.U32, RW, 0, 0, 0x7F_FFFF),
-    Row.HEARTBEAT_MS: (0x1017, 0, Kind.U16, RW),
-    Row.IDENTITY: (0x1018, 0, Kind.U8, RO, 4),
-    Row.VENDOR: (0x1018, 1, Kind.U32, RO),
-    Row.PRODUCT: (0x1018, 2, Kind.U32, RO),
-    Row.REVISION: (0x1018, 3, Kind.U32, RO, 1 << 16),
-    Row.SERIAL: (0x1018, 4, Kind.U32, RO),
-    Row.SDO_COUNT: (0x1200, 0, Kind.U8, RO, 2),
-    Row.SDO_IN: (0x1200, 1, Kind.U32, RO),
-    Row.SDO_OUT: (0x1200, 2, Kind.U32, RO),
-    Row.STARTUP: (0x1F80, 0, Kind.U32, RW, 0, 0, SELF_STARTING),
-    Row.ERROR_CODE: (0x603F, 0, Kind.U16, SENT),
-    Row.CONTROLWORD: (0x6040, 0, Kind.U16, TAKEN),
-    Row.STATUSWORD: (0x6041, 0, Kind.U16, SENT),
-    Row.QUICK_STOP_OPTION: (0x605A, 0, Kind.I16, RW, 2, 0, 6),
-    Row.SHUTDOWN_OPTION: (0x605B, 0, Kind.I16, RW, 0, 0, 1),
-    Row.DISABLE_OPTION: (0x605C, 0, Kind.I16, RW, 0, 0, 1),
-    Row.HALT_OPTION: (0x605D, 0, Kind.I16, RW, 1, 1, 1),
-    Row.FAULT_OPTION: (0x605E, 0, Kind.I16, RW, 2, 0, 2),
-    Row.MODE: (0x6060, 0, Kind.I8, TAKEN),
-    Row.MODE_DISPLAY: (0x6061, 0, Kind.I8, SENT),
-    Row.POSITION_DEMAND: (0x6062, 0, Kind.I32, SENT),
-    Row.POSITION_ACTUAL: (0x6064, 0, Kind.I32, SENT),
-    Row.FOLLOWING_WINDOW: (0x6065, 0, Kind.U32, RW, NO_WINDOW),
-    Row.FOLLOWING_MS: (0x6066, 0, Kind.U16, RW),
-    Row.POSITION_WINDOW: (0x6067, 0, Kind.U32, RW, 10),
-    Row.POSITION_MS: (0x6068, 0, Kind.U16, RW),
-    Row.VELOCITY_DEMAND: (0x606B, 0, Kind.I32, SENT),
-    Row.VELOCITY_ACTUAL: (0x606C, 0, Kind.I32, SENT),
-    Row.VELOCITY_WINDOW: (0x606D, 0, Kind.U16, RW, 10),
-    Row.VELOCITY_MS: (0x606E, 0, Kind.U16, RW),
-    Row.TARGET_TORQUE: (0x6071, 0, Kind.I16, TAKEN),
-    Row.MAX_TORQUE: (0x6072, 0, Kind.U16, TAKEN, 1000, 0, 1000),
-    Row.TORQUE_DEMAND: (0x6074, 0, Kind.I16, SENT),
-    Row.TORQUE_ACTUAL: (0x6077, 0, Kind.I16, SENT),
-    Row.TARGET_POSITION: (0x607A, 0, Kind.I32, TAKEN),
-    Row.HOME_OFFSET: (0x607C, 0, Kind.I32, RW),
-    Row.LIMITS: (0x607D, 0, Kind.U8, RO, 2),
-    Row.LIMIT_LOW: (0x607D, 1, Kind.I32, RW, -(1 << 31)),
-    Row.LIMIT_HIGH: (0x607D, 2, Kind.I32, RW, (1 << 31) - 1),
-    Row.PROFILE_VELOCITY: (0x6081, 0, Kind.U32, TAKEN, 1000, 0, (1 << 31) - 1),
-    Row.ACCELERATION: (0x6083, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1),
-    Row.DECELERATION: (0x6084, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1),
-    Row.QUICK_STOP_DECELERATION: (0x6085, 0, Kind.U32, TAKEN, 50_000, 1, (1 << 31) - 1),
-    Row.HOMING_METHOD: (0x6098, 0, Kind.I8, TAKEN, 37, 35, 37),
-    Row.VELOCITY_OFFSET: (0x60B1, 0, Kind.I32, TAKEN),
-    Row.TORQUE_OFFSET: (0x60B2, 0, Kind.I16, TAKEN),
-    Row.FOLLOWING_ERROR: (0x60F4, 0, Kind.I32, SENT),
-    Row.TARGET_VELOCITY: (0x60FF, 0, Kind.I32, TAKEN),
-    Row.MODES: (0x6502, 0, Kind.U32, RO, MODES),
-    Row.ABORT_OPTION: (0x6007, 0, Kind.I16, RW, 1, 0, 3),
-    Row.MAX_PROFILE_VELOCITY: (0x607F, 0, Kind.U32, RW, (1 << 31) - 1, 0, (1 << 31) - 1),
-    Row.HOMING_SPEEDS: (0x6099, 0, Kind.U8, RO, 2),
-    Row.HOMING_FAST: (0x6099, 1, Kind.U32, RW),
-    Row.HOMING_SLOW: (0x6099, 2, Kind.U32, RW),
-    Row.HOMING_ACCELERATION: (0x609A, 0, Kind.U32, RW),
-    Row.PERIODS: (0x60C2, 0, Kind.U8, RO, 2),
-    Row.PERIOD: (0x60C2, 1, Kind.U8, RW, 1, 1, 255),
-    Row.PERIOD_EXPONENT: (0x60C2, 2, Kind.I8, RW, -3, -6, 0),
-    Row.SYNC_PERIOD: (0x1006, 0, Kind.U32, RW),
-}
 _FIRST = {  # of CiA 402: what the PDOs carry at first; all but the first are not valid then
     "received": ((Row.CONTROLWORD,), (Row.CONTROLWORD, Row.MODE),
                  (Row.CONTROLWORD, Row.TARGET_POSITION), (Row.CONTROLWORD, Row.TARGET_VELOCITY)),
@@ -160,7 +70,7 @@ _FIRST = {  # of CiA 402: what the PDOs carry at first; all but the first are no
 
 def _mapping_entry(row: Row) -> int:
     """Return a mapping entry: index, subindex and bits of an object."""
-    index, subindex, kind = _OTHERS[row][:3]
+    index, subindex, kind = row.declared[:3]
     return int(index) << 16 | int(subindex) << 8 | BITS[kind]
 
 
@@ -191,7 +101,7 @@ def objects(node: int, name: str) -> list[Object]:
     own = {Row.EMERGENCY_ID: 0x80 + node, Row.SDO_IN: 0x600 + node, Row.SDO_OUT: 0x580 + node}
     texts = {Row.DEVICE_NAME: name, Row.HARDWARE: "emulated", Row.SOFTWARE: "pcpc"}
     for row in Row:
-        one = Object(row.name.replace("_", " ").capitalize(), *_OTHERS[row])
+        one = Object(row.name.replace("_", " ").capitalize(), *row.declared)
         found.append(replace(one, start=own.get(row, one.start), text=texts.get(row, "")))
     return found
 

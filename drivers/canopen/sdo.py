@@ -1,4 +1,4 @@
-"""The SDO server: expedited, segmented and in blocks, up and down; one transfer at a time.
+"""The SDO server: expedited and segmented, up and down; one transfer at a time.
 
     from the client, 0x600 + node      the answer, 0x580 + node
     0x40 index sub                     0x43 (1-4 bytes)  or  0x41 length, then segments
@@ -7,17 +7,12 @@
     0x20, 0x21 index sub length        0x60 index sub, then segments
     t<<4 | empty<<1 | last, 7 bytes    0x20 | t<<4
     0x80                               none: the client has given up
-    0xA0 | crc<<2 index sub size pst   0xC2 | crc<<2 index sub length, or as 0x40 up to `pst` bytes
-    0xA3                               last<<7 | n, 7 bytes, for n = 1 up to `size`
-    0xA2 n size                        the same from behind n on, or 0xC1 | empty<<2 CRC
-    0xA1                               none
-    0xC0 | crc<<2 | 2 index sub length 0xA0 | crc<<2 index sub 1
-    last<<7 | n, 7 bytes               0xA2 n 1; n 0: send it again
-    0xC1 | empty<<2 CRC                0xA1
+    any other                          0x80 index sub 0x05040001
 
-Texts are read in segments; all that can be written has at most four bytes, also in segments, so a
-block down is one. A transfer without a segment for a second is given up. The CRC of a block is
-x^16 + x^12 + x^5 + 1 from 0. Source: CiA 301, 7.2.4.
+Texts are read in segments; all that can be written has at most four bytes, also in segments. A
+transfer without a segment for a second is given up. A block transfer is refused as a command that
+there is not, after which a master takes segments: no object has more than 32 bytes, and masters
+use blocks only when told to. Source: CiA 301, 7.2.4.
 """
 
 from typing import Any
@@ -41,16 +36,13 @@ from pcpc.drivers.canopen.layout import Mistake, Row
 from pcpc.drivers.canopen.mapping import PDO_ROWS, arrange, pdo_of, why_not
 from pcpc.drivers.compiled.jit import loop_function
 
-DOWN_SEGMENT, DOWN, UP, UP_SEGMENT, ABORT, BLOCK_UP, BLOCK_DOWN = range(7)
-# what `segment_loads` says is under way: segments up, down; then blocks, and which frame is awaited
-LOADS_UP, LOADS_DOWN, BEGIN, ACKNOWLEDGEMENT, END_UP, BLOCK_SEGMENT, END_DOWN = range(7)
-MOST_SEGMENTS = 127  # of a block
+DOWN_SEGMENT, DOWN, UP, UP_SEGMENT, ABORT = range(5)
+LOADS_UP, LOADS_DOWN = range(2)  # what `segment_loads` says is under way
 SEGMENT = 7  # bytes
 PATIENCE_S = 1.0
 NO_COMMAND, TOGGLE, TIMED_OUT, WRONG_LENGTH = (
     why.NO_COMMAND, why.TOGGLE, why.TIMED_OUT, why.WRONG_LENGTH
 )  # fmt: skip
-BLOCK_SIZE, SEQUENCE, WRONG_CRC = why.BLOCK_SIZE, why.SEQUENCE, why.WRONG_CRC
 READ_ONLY, WRITE_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
     why.READ_ONLY, why.WRITE_ONLY, why.TOO_HIGH, why.TOO_LOW, why.WRONG_VALUE
 )  # fmt: skip
@@ -87,10 +79,7 @@ def serve(d: Any, data: Any) -> None:
     command = np.int64(data[0]) >> 5
     about = np.int64(data[1]) | np.int64(data[2]) << 8 | np.int64(data[3]) << 16
     row = row_of_object(d, about & 0xFFFF, about >> 16)
-    in_block = d.state.segment_row != 0 and d.state.segment_loads == BLOCK_SEGMENT
-    if in_block and data[0] != ABORT << 5:
-        next_block_down(d, data)
-    elif command == UP:
+    if command == UP:
         begin_up(d, row, about)
     elif command == DOWN:
         begin_down(d, row, about, data)
@@ -100,12 +89,6 @@ def serve(d: Any, data: Any) -> None:
         next_down(d, data)
     elif command == ABORT:
         d.state.segment_row = 0
-    elif command == BLOCK_UP:
-        block_up(d, row, about, data)
-    elif command == BLOCK_DOWN and data[0] & 1 == 0:
-        begin_block_down(d, row, about, data)
-    elif command == BLOCK_DOWN:
-        end_block_down(d, data)
     else:
         abort(d, about, NO_COMMAND)
 
@@ -227,161 +210,6 @@ def next_down(d: Any, data: Any) -> None:
         x.segment_row = 0
     put(d, SDO_ANSWER + d.node, 8, 0x20 | x.segment_toggle << 4, 0)
     x.segment_toggle = 1 - x.segment_toggle
-
-
-@loop_function
-def byte_of(d: Any, row: Any, at: Any) -> Any:
-    """Return a byte of a text or a value as it is read."""
-    one = d.objects[row]
-    if one.bits == 0:
-        return np.int64(d.text[one.text + at])
-    return to_bits(d, row) >> (8 * at) & 255
-
-
-@loop_function
-def crc_over(crc: Any, byte: Any) -> Any:
-    """Return the CRC of a block with a further byte."""
-    crc ^= byte << 8
-    for _ in range(8):
-        crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
-    return crc
-
-
-@loop_function
-def block_up(d: Any, row: Any, about: Any, data: Any) -> None:
-    """Take a client's frame of a block transfer from the drive."""
-    x, what, size = d.state, np.int64(data[0]) & 3, np.int64(data[2])
-    if what == 0:
-        begin_block_up(d, row, about, data)
-    elif x.segment_row == 0:
-        abort(d, about_of(d), NO_COMMAND)
-    elif what == 3 and x.segment_loads == BEGIN:
-        send_block(d)
-    elif what == 2 and x.segment_loads == ACKNOWLEDGEMENT:
-        if np.int64(data[1]) > segments_left(x):
-            abort(d, about_of(d), SEQUENCE)
-        elif not 1 <= size <= MOST_SEGMENTS:
-            abort(d, about_of(d), BLOCK_SIZE)
-        else:
-            is_whole = data[1] > 0 and x.segment_at + SEGMENT * np.int64(data[1]) >= x.segment_size
-            x.segment_at += SEGMENT * np.int64(data[1])
-            x.segment_toggle = size
-            if is_whole:
-                end_block_up(d)
-            else:
-                send_block(d)
-    elif what == 1 and x.segment_loads == END_UP:
-        x.segment_row = 0
-    else:
-        abort(d, about_of(d), NO_COMMAND)
-
-
-@loop_function
-def begin_block_up(d: Any, row: Any, about: Any, data: Any) -> None:
-    """Tell the length; a short object is sent without a block, if the client says so."""
-    if row < 0:
-        abort(d, about, why_none(row))
-        return
-    one, x, size = d.objects[row], d.state, np.int64(data[4])
-    length = one.bits // 8 if one.bits != 0 else one.sign
-    if one.access & MAY_READ == 0:
-        abort(d, about, WRITE_ONLY)
-    elif not 1 <= size <= MOST_SEGMENTS:
-        abort(d, about, BLOCK_SIZE)
-    elif length <= data[5]:
-        begin_up(d, row, about)
-    else:
-        x.segment_row, x.segment_loads, x.segment_since = row + 1, BEGIN, d.k
-        x.segment_at, x.segment_size, x.segment_toggle = 0, length, size
-        x.segment_data = np.int64(data[0]) >> 2 & 1
-        put(d, SDO_ANSWER + d.node, 8, 0xC2 | x.segment_data << 2 | about << 8, length)
-
-
-@loop_function
-def segments_left(x: Any) -> Any:
-    """Return how many segments the block has that begins with `segment_at`."""
-    left = (x.segment_size - x.segment_at + SEGMENT - 1) // SEGMENT
-    return min(max(left, np.int64(1)), x.segment_toggle)
-
-
-@loop_function
-def send_block(d: Any) -> None:
-    """Send the segments of a block; those that were not acknowledged are its first."""
-    x = d.state
-    for i in range(segments_left(x)):
-        at, words = x.segment_at + SEGMENT * i, np.int64(0)
-        for k in range(min(x.segment_size - at, SEGMENT)):
-            words |= byte_of(d, x.segment_row - 1, at + k) << (8 * k)
-        last = 0x80 if at + SEGMENT >= x.segment_size else 0
-        put(d, SDO_ANSWER + d.node, 8, last | i + 1 | (words & 0xFFFFFF) << 8, words >> 24)
-    x.segment_loads, x.segment_since = ACKNOWLEDGEMENT, d.k
-
-
-@loop_function
-def end_block_up(d: Any) -> None:
-    """Tell how much of the last segment is empty, and the CRC if the client has one."""
-    x, crc = d.state, np.int64(0)
-    for i in range(x.segment_size if x.segment_data != 0 else 0):
-        crc = crc_over(crc, byte_of(d, x.segment_row - 1, i))
-    x.segment_loads, x.segment_since = END_UP, d.k
-    put(d, SDO_ANSWER + d.node, 8, 0xC1 | (x.segment_at - x.segment_size) << 2 | crc << 8, 0)
-
-
-@loop_function
-def begin_block_down(d: Any, row: Any, about: Any, data: Any) -> None:
-    """Wait for the one segment that what can be written has."""
-    if row < 0:
-        abort(d, about, why_none(row))
-        return
-    x, told = d.state, low_word(four_bytes(data, 4))
-    if d.objects[row].access & MAY_WRITE == 0:
-        abort(d, about, READ_ONLY)
-    elif data[0] & 2 != 0 and told != d.objects[row].bits // 8:
-        abort(d, about, WRONG_LENGTH)
-    else:
-        x.segment_row, x.segment_loads, x.segment_since = row + 1, BLOCK_SEGMENT, d.k
-        x.segment_toggle = np.int64(data[0]) >> 2 & 1  # 1: with a CRC
-        put(d, SDO_ANSWER + d.node, 8, 0xA0 | x.segment_toggle << 2 | about << 8, 1)
-
-
-@loop_function
-def next_block_down(d: Any, data: Any) -> None:
-    """Take the segment; another than the first has to come again."""
-    x, n = d.state, np.int64(data[0]) & 127
-    if n == 1 and data[0] & 0x80 == 0:
-        abort(d, about_of(d), WRONG_LENGTH)
-        return
-    if n == 1:
-        x.segment_data = 0
-        for i in range(SEGMENT):
-            x.segment_data |= np.int64(data[1 + i]) << (8 * i)
-        x.segment_loads = END_DOWN
-    x.segment_since = d.k
-    put(d, SDO_ANSWER + d.node, 8, 0xA2 | (1 if n == 1 else 0) << 8 | 1 << 16, 0)
-
-
-@loop_function
-def end_block_down(d: Any, data: Any) -> None:
-    """Write the object, if length and CRC are right."""
-    x, row, crc = d.state, d.state.segment_row - 1, np.int64(0)
-    if row < 0 or x.segment_loads != END_DOWN:
-        abort(d, about_of(d), NO_COMMAND)
-        return
-    size = SEGMENT - (np.int64(data[0]) >> 2 & 7)
-    for i in range(size):
-        crc = crc_over(crc, x.segment_data >> (8 * i) & 255)
-    code = np.int64(0)
-    if size != d.objects[row].bits // 8:
-        code = np.int64(WRONG_LENGTH)
-    elif x.segment_toggle != 0 and crc != np.int64(data[1]) | np.int64(data[2]) << 8:
-        code = np.int64(WRONG_CRC)
-    else:
-        code = np.int64(write(d, row, from_bits(d, row, x.segment_data & (1 << 8 * size) - 1)))
-    if code != 0:
-        abort(d, about_of(d), code)
-        return
-    x.segment_row = 0
-    put(d, SDO_ANSWER + d.node, 8, 0xA1, 0)
 
 
 @loop_function

@@ -18,61 +18,42 @@ EINTR = 4
 EAGAIN = 11
 POLLIN = 1
 
-SIGNATURES = {  # result, arguments
-    "clock_nanosleep": "i4 i4 i4 i8 i8",  # returns the error number itself
-    "clock_gettime": "i4 i4 i8",
-    "getrusage": "i4 i4 i8",
-    "memcpy": "i8 i8 i8 i8",
-    "poll": "i4 i8 i8 i4",
-    "ppoll": "i4 i8 i8 i8 i8",
-    "recv": "i8 i4 i8 i8 i4",
-    "recvfrom": "i8 i4 i8 i8 i4 i8 i8",
-    "send": "i8 i4 i8 i8 i4",
-    "sched_yield": "i4",
-}
+SIGNATURES: dict[str, str] = {}  # by name: result, arguments
 
 
-def _deferred_function(name: str) -> Any:
+def _deferred(name: str) -> Any:
     return Deferred("pcpc.drivers.compiled.libc_types", name)
 
 
+def _function(name: str, signature: str) -> Any:
+    """Return a function of libc, of these int32 and int64."""
+    SIGNATURES[name] = signature
+    if not LOOP_INTERPRETED:
+        return _deferred(name)
+    numbers = {"i4": ctypes.c_int, "i8": ctypes.c_int64}
+    found = getattr(ctypes.CDLL(None, use_errno=True), name)
+    found.restype, *found.argtypes = (numbers[one] for one in signature.split())
+    return found
+
+
+clock_nanosleep = _function("clock_nanosleep", "i4 i4 i4 i8 i8")  # returns the error number itself
+clock_gettime = _function("clock_gettime", "i4 i4 i8")
+getrusage = _function("getrusage", "i4 i4 i8")
+memcpy = _function("memcpy", "i8 i8 i8 i8")
+poll = _function("poll", "i4 i8 i8 i4")
+ppoll = _function("ppoll", "i4 i8 i8 i8 i8")
+recv = _function("recv", "i8 i4 i8 i8 i4")
+recvfrom = _function("recvfrom", "i8 i4 i8 i8 i4 i8 i8")
+send = _function("send", "i8 i4 i8 i8 i4")
+sched_yield = _function("sched_yield", "i4")
+
 if not LOOP_INTERPRETED:
-    clock_nanosleep = _deferred_function("clock_nanosleep")
-    clock_gettime = _deferred_function("clock_gettime")
-    getrusage = _deferred_function("getrusage")
-    memcpy = _deferred_function("memcpy")
-    poll = _deferred_function("poll")
-    ppoll = _deferred_function("ppoll")
-    recv = _deferred_function("recv")
-    recvfrom = _deferred_function("recvfrom")
-    send = _deferred_function("send")
-    sched_yield = _deferred_function("sched_yield")
-    errno: Any = _deferred_function("errno")
-    load_acquire: Any = _deferred_function("load_acquire")
-    store_release: Any = _deferred_function("store_release")
-    fence_release: Any = _deferred_function("fence_release")
-    address: Any = _deferred_function("address")
+    errno: Any = _deferred("errno")
+    load_acquire: Any = _deferred("load_acquire")
+    store_release: Any = _deferred("store_release")
+    fence_release: Any = _deferred("fence_release")
+    address: Any = _deferred("address")
 else:
-    _LIBC = ctypes.CDLL(None, use_errno=True)
-    _CTYPES = {"i4": ctypes.c_int, "i8": ctypes.c_int64}
-
-    def _bind(name: str) -> Any:
-        function = getattr(_LIBC, name)
-        result, *arguments = SIGNATURES[name].split()
-        function.restype = _CTYPES[result]
-        function.argtypes = [_CTYPES[a] for a in arguments]
-        return function
-
-    clock_nanosleep = _bind("clock_nanosleep")
-    clock_gettime = _bind("clock_gettime")
-    getrusage = _bind("getrusage")
-    memcpy = _bind("memcpy")
-    poll = _bind("poll")
-    ppoll = _bind("ppoll")
-    recv = _bind("recv")
-    recvfrom = _bind("recvfrom")
-    send = _bind("send")
-    sched_yield = _bind("sched_yield")
     errno = ctypes.get_errno
 
     def load_acquire(array: Any, index: int | str) -> int:

@@ -13,7 +13,7 @@ from pcpc.drivers.compiled.view_types import Fields, address_of, data
 # ruff: isort: on
 
 _i4, _i8 = types.int32, types.int64
-_NUMBERS = {"i4": _i4, "i8": _i8}
+_NUMBERS: dict[str, Any] = {"i4": _i4, "i8": _i8}
 
 
 def _untyped(function: Any) -> Any:
@@ -24,23 +24,9 @@ def _untyped(function: Any) -> Any:
 intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
 literal_intrinsic: Any = extending.intrinsic(prefer_literal=True)
 
-
-def _external(name: str) -> Any:
-    result: Any
-    result, *arguments = (_NUMBERS[one] for one in SIGNATURES[name].split())
-    return types.ExternalFunction(name, result(*arguments))
-
-
-clock_nanosleep = _external("clock_nanosleep")
-clock_gettime = _external("clock_gettime")
-getrusage = _external("getrusage")
-memcpy = _external("memcpy")
-poll = _external("poll")
-ppoll = _external("ppoll")
-recv = _external("recv")
-recvfrom = _external("recvfrom")
-send = _external("send")
-sched_yield = _external("sched_yield")
+for _name, _signature in SIGNATURES.items():
+    _result, *_arguments = (_NUMBERS[one] for one in _signature.split())
+    globals()[_name] = types.ExternalFunction(_name, _result(*_arguments))
 _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
 
 

@@ -30,7 +30,7 @@ class Stage:
         self.declared = _annotated_ports(function)
         self._source = ready_code.Source(function, "stage")
         self._in_memory: dict[str, ready_code.Code] = {}
-        self._in_c: Any = None
+        self._bound: Any = None
         if not JIT_OFF and not self._source.has(self._key("f8")):
             self._code("f8")  # says what is wrong with it
 
@@ -44,6 +44,14 @@ class Stage:
         """What `call` takes for a step of all lanes at once; numba's TypingError if it cannot."""
         return self._code("lane").address
 
+    @property
+    def in_c(self) -> Callable[..., None]:
+        """The same as a function of two numbers and four addresses, unless numba is off."""
+        if self._bound is None:
+            self._bound = self._code("f8").bound(_MARKS)
+        bound: Callable[..., None] = self._bound
+        return bound
+
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
         """Step on float64 vectors, which may be longer than what is declared."""
         views = (p, x, u, y)
@@ -53,9 +61,7 @@ class Stage:
             return
         for ports, view, letter in zip(self.declared, views, "pxuy", strict=True):
             _check(view, ports.size, letter)
-        if self._in_c is None:
-            self._in_c = self._code("f8").bound(_MARKS)
-        self._in_c(t, dt, *(view.ctypes.data for view in views))
+        self.in_c(t, dt, *(view.ctypes.data for view in views))
 
     def _key(self, element: str) -> str:
         return f"{element} {[ports.layout for ports in self.declared]}"

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.compiled import compile_cache
+from pcpc.drivers.fmi.layout import DTYPES, HEAD, KINDS, Role, Status
 from pcpc.executive.errors import RigError, one_line
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.fmu_model import Variable
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 _FOLDER = "fmus"
 _MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "an end of the simulation")
-_DID = ("", "setting its inputs", "its step", "getting its outputs")  # by `fmi`'s FAILED
+_DID = ("", "setting its inputs", "its step", "getting its outputs")  # by `Doing`
 _live: dict[str, int] = {}  # instances in this process by hash
 _keys = count(1)
 _said: dict[int, "_Said"] = {}  # what instances said, by their keys
@@ -77,7 +78,7 @@ def install(made: "Plan", loop: Any) -> None:
             continue  # its step does nothing: the memory of the warm-up
         one = Instance(spec, where)
         made.opened.append(one)
-        loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.head.ctypes.data)
+        loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.address)
 
 
 def failures(made: "Plan") -> Iterator[str]:
@@ -95,11 +96,9 @@ def close(made: "Plan") -> None:
 
 
 class Instance:
-    """One instance, initialised for t = 0; RigError. `head` is what `compiled.fmi` reads."""
+    """One instance, initialised for t = 0; RigError. `head`: HEAD of `drivers.fmi.layout`."""
 
     def __init__(self, spec: BlockSpec, where: str) -> None:
-        from pcpc.drivers.compiled import fmi
-
         self.name, self._where = spec.name, where
         self._key = next(_keys)
         self.said = _said[self._key] = _Said()
@@ -120,28 +119,26 @@ class Instance:
             self._initialise(spec.settings)
         except Exception as error:
             raise self._error("it cannot be initialised", error) from None
-        self.head = np.zeros(fmi.HEAD_SIZE + 2, np.int64)
+        self._memory = np.zeros(1, HEAD).view(np.recarray)
+        self.head: Any = self._memory[0]
+        self.address = int(self._memory.ctypes.data)
         self._describe(spec)
 
     def failure(self) -> str:
         """Return what became of it, with its own words; "" if it is well."""
-        from pcpc.drivers.compiled import fmi
-
-        status = int(self.head[fmi.STATUS])
-        if status <= fmi.WARNING:
+        status = int(self.head.status)
+        if status <= Status.WARNING:
             return ""
-        k = int(self.head[fmi.STEPS]) - 1
-        what = _DID[int(self.head[fmi.FAILED])]
+        k = int(self.head.steps) - 1
+        what = _DID[int(self.head.failed)]
         answer = _STATUS[status] if status < len(_STATUS) else f"status {status}"
         return self._message(f"{self.name}: {what} in cycle {k} returned {answer}")
 
     def warning(self) -> str:
         """Return of what it warned, and how often; "" if it did not."""
-        from pcpc.drivers.compiled import fmi
-
         did, said = [], self.said
-        if int(self.head[fmi.STATUS]) == fmi.WARNING:
-            did.append(f"{_DID[int(self.head[fmi.FAILED])]} returned a warning")
+        if self.head.status == Status.WARNING:
+            did.append(f"{_DID[int(self.head.failed)]} returned a warning")
         if said.warnings:
             did.append(f"{said.warnings:,} messages of warning, the first: {said.warning}")
         return one_line(f"{self.name}: {'; '.join(did)}") if did else ""
@@ -215,46 +212,39 @@ class Instance:
         getattr(self._fmu, f"set{kind}")([chosen[0].reference], typed)
 
     def _describe(self, spec: BlockSpec) -> None:
-        """Fill `head` and the groups behind it."""
-        from pcpc.drivers.compiled import fmi
-
-        step, outputs = self._step, self.model.of("output")
+        """Fill `head`."""
+        step, outputs, head = self._step, self.model.of("output"), self.head
         rows = [
-            *self._groups(fmi.PARAMETER, step.tunable, spec.settings),
-            *self._groups(fmi.INPUT, step.wired, {}),
-            *self._groups(fmi.OUTPUT, outputs, {}),
+            *self._groups(Role.PARAMETER, step.tunable, spec.settings),
+            *self._groups(Role.INPUT, step.wired, {}),
+            *self._groups(Role.OUTPUT, outputs, {}),
         ]
-        groups = self._keep(np.array(rows, np.int64).reshape(-1, fmi.GROUP_SIZE))
-        head = self.head
-        head[fmi.VERSION] = 3 if self._three else 2
-        head[fmi.INSTANCE] = self._fmu.component
-        head[fmi.DO_STEP] = self._address("DoStep")
-        head[fmi.N_GROUPS], head[fmi.GROUPS], head[fmi.N_OUT] = len(rows), groups, len(outputs)
+        head.groups[: len(rows)] = rows
+        head.version, head.instance = 3 if self._three else 2, self._fmu.component
+        head.do_step = self._address("DoStep")
+        head.n_groups, head.n_out = len(rows), len(outputs)
 
     def _groups(
         self, role: int, variables: list[Variable], settings: Mapping[str, float]
-    ) -> Iterator[list[int]]:
+    ) -> Iterator[tuple[int, ...]]:
         """Yield a row of GROUP for the variables of each type."""
-        from pcpc.drivers.compiled import fmi
-
         for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
             own = [
                 (place, one)
                 for place, one in enumerate(variables)
                 if _method(one.kind, self._three) == kind
             ]
-            code = _KINDS[kind] if self._three or kind != "Boolean" else fmi.BOOL32
-            last = [float(f"{settings.get(one.name, 0.0):.12g}") for _, one in own]
+            code = KINDS[kind if self._three or kind != "Boolean" else "Boolean32"]
+            values = [settings.get(one.name, 0.0) for _, one in own]
             references = [one.reference for _, one in own if one.element == 0]
-            verb = "Get" if role == fmi.OUTPUT else "Set"
-            yield [
+            verb = "Get" if role == Role.OUTPUT else "Set"
+            yield (
                 role, self._address(f"{verb}{kind}"), code,
                 len(references), self._keep(np.array(references, np.uint32)),
-                len(own), self._keep(np.array(
-                    [settings.get(one.name, 0.0) for _, one in own]).astype(fmi.DTYPES[code])),
+                len(own), self._keep(np.array(values).astype(DTYPES[code])),
                 self._keep(np.array([place for place, _ in own], np.int64)),
-                self._keep(np.array(last, np.float64)),
-            ]  # fmt: skip
+                self._keep(np.array([float(f"{value:.12g}") for value in values])),
+            )  # fmt: skip
 
     def _keep(self, array: NDArray[Any]) -> int:
         """Keep an array as long as this lives; return its address."""
@@ -266,15 +256,6 @@ class Instance:
         found = ctypes.cast(getattr(self._fmu.dll, name), ctypes.c_void_p).value
         assert found is not None, "FMPy has looked for it"
         return found
-
-
-_KINDS = {  # of a setter: the code of `drivers.compiled.fmi`
-    kind: code
-    for code, kind in enumerate(
-        ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
-         "UInt64", "Boolean")
-    )
-} | {"Real": 0, "Integer": 6}  # fmt: skip
 
 
 def _method(kind: str, three: bool) -> str:

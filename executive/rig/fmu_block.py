@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.compiled import fmi
-from pcpc.drivers.compiled.stage import Stage
+from pcpc.drivers.compiled.stage import Stage, stage
+from pcpc.drivers.fmi.step import Values, advance
 from pcpc.executive.laws.block import Block, Ports, Prepared, port
 from pcpc.executive.rig.fmu_model import INPUT, OUTPUT, PARAMETER, START, Model, Variable
 
@@ -31,11 +31,14 @@ class States(Ports):
     )
 
 
-class FmuStep(Stage):
-    """The step of an FMU; it does nothing without an instance, which is made where it runs.
+@stage
+def step(t: float, dt: float, p: Values, x: States, u: Values, y: Values) -> None:
+    """Step an FMU, see `drivers.fmi.step`; do nothing without an instance."""
+    x.status[0] = advance(dt, x.address[0], p.of, u.of, y.of)
 
-    `file` None: of a log, which holds the description alone.
-    """
+
+class FmuStep(Stage):
+    """The step of one FMU, whose instance is made where it runs. `file` None: of a log."""
 
     def __init__(
         self,
@@ -47,16 +50,12 @@ class FmuStep(Stage):
     ) -> None:
         self.model, self.file, self.declared = model, file, declared
         self.wired, self.tunable = wired, tunable
-        self.py_func, self.__name__, self.__doc__ = (
-            fmi.step_vectors,
-            model.name,
-            fmi.step_vectors.__doc__,
-        )
+        self.py_func, self.__name__, self.__doc__ = step.py_func, model.name, step.__doc__
 
     @property
     def entry(self) -> Any:
         """What `drivers.compiled.stage.call` takes."""
-        return fmi.entry()
+        return step.entry
 
     @property
     def entry_of_lanes(self) -> int:
@@ -65,7 +64,7 @@ class FmuStep(Stage):
 
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
         """Step on float64 vectors."""
-        fmi.step_vectors(t, dt, p, x, u, y)
+        step(t, dt, p, x, u, y)
 
 
 def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
@@ -89,8 +88,8 @@ def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
     def prepare(given: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
         return Prepared({name: given[name] for name in names})
 
-    step = FmuStep(model, file, declared, inputs, tunable)
-    return Block(step, _ports("Settings", settings), prepare)
+    own = FmuStep(model, file, declared, inputs, tunable)
+    return Block(own, _ports("Settings", settings), prepare)
 
 
 def _ports(kind: str, variables: list[Variable]) -> Any:

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import msgpack
 import pytest
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import plain_bus
+from pcpc.drivers.can import can_id, plain_bus
 from pcpc.drivers.can.plain_bus import Can, Frame
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import BusError
 
 FRAME = Frame(0x123, b"\x01\x02")
@@ -77,3 +79,37 @@ def test_only_a_full_queue_is_waited_for(
         with pytest.raises(OSError, match="no"):
             bus.offer(*FRAME)
     bus._can = real
+
+
+GOOD = {"arbitration_id": 0x7FF, "is_extended_id": False, "data": b"hi"}
+STRANGE: list[Any] = [
+    None, 5, "text", [1], {}, {"data": b""}, {"arbitration_id": 1},
+    *(GOOD | {"arbitration_id": one} for one in (
+        float("inf"), float("nan"), -1, 0x800, 1 << 29, 1 << 63, "x", None, [1], b"1x")),
+    *(GOOD | {"is_extended_id": True, "arbitration_id": one} for one in (-1, 1 << 29)),
+    *(GOOD | {"data": one} for one in (1 << 40, -1, 2.0, "hi", None, [1, 2], {}, b"123456789")),
+    *(GOOD | {"is_fd": True, "data": bytes(n)} for n in (9, 65)),
+    GOOD | {"is_remote_frame": True}, GOOD | {"is_error_frame": 1},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("said", STRANGE, ids=repr)
+def test_a_strange_datagram_is_no_frame(said: Any) -> None:
+    assert plain_bus._frame_of_datagram(msgpack.packb(said)) is None
+
+
+@pytest.mark.parametrize("text", [b"", b"\xc1", b"\x81", b"\xc7\xff\xff", b"\x93" * 600, b"junk"])
+def test_what_is_no_message_at_all_is_no_frame(text: bytes) -> None:
+    assert plain_bus._frame_of_datagram(text) is None
+
+
+def test_a_datagram_with_the_largest_numbers_is_a_frame() -> None:
+    def frame(**said: Any) -> Frame | None:
+        return plain_bus._frame_of_datagram(msgpack.packb(GOOD | said))
+
+    assert frame() == (0x7FF, b"hi", Flag.NONE)
+    word = can_id.word_of(can_id.ID, True)
+    assert frame(is_extended_id=True, arbitration_id=can_id.ID) == (word, b"hi", Flag.NONE)
+    assert frame(is_fd=True, bitrate_switch=True, data=bytes(64)) == (
+        0x7FF, bytes(64), Flag.FD | Flag.BRS
+    )  # fmt: skip

@@ -7,8 +7,7 @@ import pytest
 from drives import NODE, Bench
 
 from pcpc.drivers.canopen import eds, eds_file, layout, objects
-from pcpc.drivers.canopen.layout import Row
-from pcpc.drivers.canopen.objects import Kind
+from pcpc.drivers.canopen.layout import MODES, Kind, Row
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
@@ -95,7 +94,7 @@ def test_objects_of_ours_begin_with_its_values_within_its_bounds(read: eds_file.
     assert (of["1017"].start, of["1018.1"].start) == (250, 0x1234)
     assert (of["6085"].start, of["6085"].bounds) == (8, (1, 0x1000))
     assert (of["60B2"].start, of["1402.1"].start) == (-2, 0x405)
-    assert of["6502"].start == 0x3F & objects.MODES
+    assert of["6502"].start == 0x3F & MODES
     assert of["605B"].start == EVERY[Row.SHUTDOWN_OPTION].start
 
 

@@ -47,33 +47,23 @@ def test_a_master_switches_it_on_and_moves_it(tmp_path: Path) -> None:
     assert done.code == 0 and "bit-identical" in done.out, done
 
 
-def in_blocks(node: BaseNode402) -> None:
-    """Read and write by block transfer, each with a CRC and without."""
+def segments_instead_of_blocks(node: BaseNode402) -> None:
+    """Ask for blocks, both ways, and take segments after the refusal."""
     for crc in (True, False):
-        for index, subindex, data in (
-            (0x1008, 0, b"motor-drive"),
-            (0x100A, 0, b"pcpc"),
-            (0x1018, 3, b"\0\0\1\0"),
-        ):
-            given = {"block_transfer": True, "request_crc_support": crc}
-            with node.sdo.open(index, subindex, "rb", **given) as stream:
-                assert stream.read() == data
-        for index, data in ((0x6083, b"\x10\x27\0\0"), (0x1017, b"\x05\x01"), (0x6060, b"\3")):
-            with node.sdo.open(index, 0, "wb", size=len(data), **given) as stream:
-                stream.write(data)
-            assert node.sdo.upload(index, 0) == data
-        with (
-            pytest.raises(canopen.SdoAbortedError, match="0x06010002"),
-            node.sdo.open(0x6064, 0, "wb", size=4, **given) as stream,
-        ):
-            stream.write(bytes(4))
-    node.sdo[0x6060].raw = 0
+        given = {"block_transfer": True, "request_crc_support": crc}
+        for mode, more in (("rb", {}), ("wb", {"size": 2})):
+            with pytest.raises(canopen.SdoAbortedError) as refused:
+                node.sdo.open(0x1017, 0, mode, **given, **more)
+            assert refused.value.code == 0x0504_0001
+        assert node.sdo.upload(0x1008, 0) == b"motor-drive"
+        node.sdo.download(0x1017, 0, b"\x05\x01", force_segment=True)
+        assert node.sdo.upload(0x1017, 0) == b"\x05\x01"
 
 
 def moves(node: BaseNode402) -> None:
     """Do what a master does with a new drive."""
     assert node.sdo[0x1008].raw == "motor-drive"
-    in_blocks(node)
+    segments_instead_of_blocks(node)
     node.nmt.state = "OPERATIONAL"
     node.setup_402_state_machine()
     node.sdo[0x1017].raw = 50

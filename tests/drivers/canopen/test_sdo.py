@@ -8,8 +8,8 @@ from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
 from pcpc.drivers.canopen import objects as objects_of
-from pcpc.drivers.canopen.layout import READ, WRITE, Row
-from pcpc.drivers.canopen.objects import Kind, Object, objects
+from pcpc.drivers.canopen.layout import READ, WRITE, Kind, Mistake, Row
+from pcpc.drivers.canopen.objects import Object, objects
 
 EVERY = objects(NODE, "bench")
 NUMBERS = [one for one in EVERY if one.kind != Kind.TEXT]
@@ -78,11 +78,33 @@ def test_a_text_of_any_length_has_no_segment_too_many(length: int) -> None:
     assert segments(bench, 0x1008) == b"x" * length
 
 
-def test_what_cannot_be_read_is_not_read_in_blocks_either() -> None:
-    bench = changed_bench(0x1017, access=WRITE)
-    for command in (0x40, 0xA0):
-        answer = bench.sdo(bytes([command, 0x17, 0x10, 0, 1]))
-        assert (answer[0], int.from_bytes(answer[4:], "little")) == (0x80, why.WRITE_ONLY)
+def test_what_may_only_be_written_is_not_read() -> None:
+    assert changed_bench(0x1017, access=WRITE).read(0x1017) == -why.WRITE_ONLY
+
+
+# Block upload and download of CiA 301 with and without a CRC: their begins, then what follows one.
+BLOCKS = [0xA0, 0xA4, 0xA1, 0xA2, 0xA3, 0xC0, 0xC2, 0xC4, 0xC6, 0xC1, 0xDD]
+
+
+@pytest.mark.parametrize("command", [*BLOCKS, 0xE0, 0xFF])
+@pytest.mark.parametrize("key", [(0x1008, 0), (0x1018, 3), (0x1017, 0), (0x2000, 7)])
+def test_a_block_transfer_is_no_command_and_changes_nothing(
+    command: int, key: tuple[int, int]
+) -> None:
+    bench, head = Bench(), bytes([key[0] & 255, key[0] >> 8, key[1]])
+    before = bench.d.value.tobytes()
+    answer = bench.sdo(bytes([command]) + head + bytes([127, 0, 0, 0]))
+    assert answer == bytes([0x80]) + head + (0x0504_0001).to_bytes(4, "little")
+    assert bench.d.value.tobytes() == before and bench.d.mistakes[Mistake.SDO_ABORTED] == 1
+    assert segments(bench, 0x1008) == b"bench", "the next transfer begins anew"
+
+
+@pytest.mark.parametrize("command", BLOCKS)
+def test_a_block_ends_the_transfer_that_was_under_way(command: int) -> None:
+    bench = Bench()
+    bench.sdo(bytes([0x40, 8, 0x10, 0]))
+    assert bench.sdo(bytes([command, 8, 0x10, 0]))[0] == 0x80
+    assert bench.sdo(bytes([0x60]))[4:] == why.NO_COMMAND.to_bytes(4, "little")
 
 
 def test_what_is_not_there_is_told_apart_from_a_subindex_that_is_not() -> None:

@@ -16,10 +16,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pcpc.drivers.compiled import fmi
+from pcpc.drivers.compiled.jit import JIT_OFF
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.plan import Plan
+from pcpc.executive.rig import fmu_block
 from pcpc.executive.rig.blocks import BlockSpec
 
 KEY = "fmus"  # of the report of a node
@@ -122,12 +123,13 @@ def _step_fmu(spec: BlockSpec, period_s: float, there: Connection) -> None:
     )
     for i, name in enumerate(name for port in block.parameters for name in port.names()):
         p[i] = float(f"{spec.settings[name]:.12g}")
-    x[0] = float(one.head.ctypes.data)
-    addresses = [view.ctypes.data for view in (p, x, u, y)]
-    step, took, end = fmi.in_c(), list[int](), time.monotonic() + MOST_S
+    x[0] = float(one.address)
+    views, took, end = (p, x, u, y), list[int](), time.monotonic() + MOST_S
+    step = fmu_block.step if JIT_OFF else fmu_block.step.in_c
+    given = views if JIT_OFF else [view.ctypes.data for view in views]
     for k in range(STEPS + 1):
         begin = time.perf_counter_ns()
-        step(k * period_s, period_s, *addresses)
+        step(k * period_s, period_s, *given)
         took.append(time.perf_counter_ns() - begin)
         if time.monotonic() > end:
             break
