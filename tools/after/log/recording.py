@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.errors import near_file
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import mdf
@@ -106,10 +107,14 @@ def read(
     path: Path, channel: str | None, progress: Progress, limits: Limits | None = None
 ) -> Recording:
     """Read a recording, of one channel if it is named; LogCommandError: one line."""
-    if not path.is_file():
-        cure = near_file(path) or "; give a .log, .blf, .asc or .mf4 file"
-        raise LogCommandError(f"{path}: no such file{cure}")
-    limits = limits or Limits.of(path)
+    try:
+        open_regular(path).close()
+        limits = limits or Limits.of(path)
+    except OSError as error:
+        is_absent = isinstance(error, FileNotFoundError)
+        reason = "no such file" if is_absent else error.strerror
+        cure = (is_absent and near_file(path)) or "; give a .log, .blf, .asc or .mf4 file"
+        raise LogCommandError(f"{path}: {reason}{cure}") from None
     blocks: list[NDArray[Any]] = []
     try:
         with reader(path, channel, limits) as stream:

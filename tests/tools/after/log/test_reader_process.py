@@ -4,9 +4,11 @@ import gzip
 import os
 import signal
 import sqlite3
+import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +30,7 @@ def _temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give them a folder of their own."""
     (tmp_path / "t").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "t"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "t"))
 
 
 def database(folder: Path, columns: str, rows: str = "") -> Path:
@@ -41,7 +44,8 @@ def database(folder: Path, columns: str, rows: str = "") -> Path:
 
 def long(folder: Path) -> Path:
     """Write more frames than a pipe holds."""
-    (path := folder / "a.log").write_text(f"({START_S}.5) can0 100#\n" * 60_001)
+    text = f"({START_S}.5) can0 100#\n" * 60_001
+    (path := folder / "a.log.gz").write_bytes(gzip.compress(text.encode(), 1))
     return path
 
 
@@ -133,12 +137,31 @@ def test_a_reader_that_does_not_start_says_why(
 
 
 def test_whoever_stops_an_import_stops_its_reader(tmp_path: Path) -> None:
-    def stop() -> None:
+    def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    with suppress(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt):
         recorded(long(tmp_path), _Meanwhile(stop), None)
-        pytest.fail("it was not stopped")
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, 1.0)
+    with pytest.raises(KeyboardInterrupt):  # from a reader that never writes
+        recorded(hanging(tmp_path), QUIET, replace(LIMITS, stall_s=60.0))
+    signal.signal(signal.SIGALRM, before)
+
+
+def test_a_reader_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
+    code = "import sys; from pathlib import Path; from pcpc.tools.after.log import recording as r; "
+    code += "r.read(Path(sys.argv[1]), None, r.Progress(True))"
+    with subprocess.Popen([sys.executable, "-c", code, hanging(tmp_path)]) as program:
+        task = Path(f"/proc/{program.pid}/task/{program.pid}/children")
+        while not (own := task.read_text().split()):
+            assert program.poll() is None
+        while b"child" not in (command := Path(f"/proc/{own[0]}/cmdline")).read_bytes():
+            assert program.poll() is None
+        program.kill()
+    is_there_until_s = time.monotonic() + 10.0
+    while command.exists() and command.read_bytes():
+        assert time.monotonic() < is_there_until_s, "it computes on"
 
 
 def test_a_reader_of_its_own_reads_what_one_here_reads(tmp_path: Path) -> None:

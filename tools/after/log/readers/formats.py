@@ -44,6 +44,7 @@ _NOT_READ = (
     (rb"version https://git-lfs", "a Git LFS pointer; fetch the file itself by `git lfs pull`"),
     (rb"\*\*\*BUSMASTER", "BUSMASTER's log, which is not read; give it as ASC or BLF"),
     (rb"Time Stamp,ID,Extended", "SavvyCAN's CSV, which is not read; save it as a candump log"),
+    (rb"\x1f\x8b", "an archive in an archive; unpack it first"),
     (rb"PK\x03\x04|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd|Rar!", "an archive; unpack it first"),
     (rb"\x89MCAP", "an MCAP file; give it to `pcpc log info`"),
     (rb"\s*<(!DOCTYPE|html)", "a web page; download the file itself"),
