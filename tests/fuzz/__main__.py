@@ -7,6 +7,7 @@ A case is tried again by `--case N`; the file that did it is kept in the folder 
 """
 
 import argparse
+import os
 import random
 import resource
 import shutil
@@ -99,7 +100,7 @@ def work(options: argparse.Namespace) -> None:
         while time.monotonic() < end:
             print(f"case {number}", flush=True)
             dice = random.Random(number)
-            began = time.process_time()
+            began = sum(os.times()[:4])
             if number % 8 in (1, 5):
                 data, what, found = _dbc_case(folder, dice)
             elif number % 8 == 3:
@@ -107,9 +108,9 @@ def work(options: argparse.Namespace) -> None:
             else:
                 data, what = corpus.odd_log(dice.choice(bases), dice)
                 log.write_bytes(data)
-                began = time.process_time()
+                began = sum(os.times()[:4])
                 found = commands.some_of(log, folder / "true.mcap", folder / "out", dice)
-            spent_s = time.process_time() - began
+            spent_s = sum(os.times()[:4]) - began
             if spent_s > 20.0:
                 print(f"FOUND slow {spent_s:.0f} s\t{number}\t{what}", flush=True)
             for one in found:

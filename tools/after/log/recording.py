@@ -11,34 +11,39 @@ Data frames are kept, with CAN FD as `logs.FD_FRAME`; all else is counted, see `
 Frames come back in the order of the bus, see `bus_order.py`. A compressed file is read as the one
 in it.
 
-A damaged file can make a library loop for ever, or unpack without end: it may take 10 s of
-computing without a frame, and unpack to 200 times its size.
+A damaged file can make a library loop for ever, crash, or unpack without end, so it is read in a
+process of its own, with limits that scale with its size, see `readers/child.py`.
 """
 
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import LENGTHS
-from pcpc.drivers.errors import Exit, UserError, printable
-from pcpc.drivers.machine.patience import StalledError, patience
+from pcpc.drivers.errors import Exit
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.errors import near_file
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import mdf
 from pcpc.tools.after.log.bus_order import BusOrder, are_distances, bus_order
-from pcpc.tools.after.log.readers.account import Account, NotReadError, RecordedFrame
-from pcpc.tools.after.log.readers.formats import frames_of
+from pcpc.tools.after.log.readers import child
+from pcpc.tools.after.log.readers.account import CLASSIC_BYTES, Account
+from pcpc.tools.after.log.readers.child import UNPACKS, WHOLE, Limits
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
 _NAMES = ("stamp_ns", "id", "dlc", "direction", "flags")
-_STEP = 20_000  # frames from one look at the progress to the next
-_STALL_S = 10.0
 _NO_DATE_NS = 365 * 86_400 * 10**9
 
 
@@ -61,106 +66,152 @@ class Recording:
         return self.account.is_whole and not self.declared
 
 
-def read(path: Path, channel: str | None, progress: Progress) -> Recording:
+class EndedError(Exception):
+    """A reader ended before its file did; the text is what it said last."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@contextmanager
+def reader(path: Path, channel: str | None, limits: Limits) -> Iterator[IO[bytes]]:
+    """Give what a process writes that reads a recording, see `readers/child.py`.
+
+    Whatever happens, it is gone at the end, and its files are; EndedError if it died.
+    """
+    with tempfile.TemporaryDirectory(prefix="pcpc-import-") as folder:
+        said = Path(folder) / "stderr"
+        with (
+            said.open("wb") as stderr,
+            subprocess.Popen(
+                [sys.executable, "-P", "-m", child.__name__, child.word(path, channel, limits)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                env=os.environ | {"TMPDIR": folder, "OPENBLAS_NUM_THREADS": "1"},
+                start_new_session=True,
+            ) as process,
+        ):
+            assert process.stdout is not None
+            try:
+                yield process.stdout
+            except EOFError:
+                code, lines = process.wait(), said.read_text(errors="replace").splitlines()
+                raise EndedError(code, lines[-1] if lines else "") from None
+            finally:
+                process.kill()
+
+
+def read(
+    path: Path, channel: str | None, progress: Progress, limits: Limits | None = None
+) -> Recording:
     """Read a recording, of one channel if it is named; LogCommandError: one line."""
-    if not path.is_file():
-        cure = near_file(path) or "; give a .log, .blf, .asc or .mf4 file"
-        raise LogCommandError(f"{path}: no such file{cure}")
-    account = Account()
-    counted, number = _FrameCollector(channel), 0
     try:
-        with patience(_STALL_S, lambda: number), frames_of(path, account) as frames:
-            for number, frame in enumerate(frames, 1):
-                counted.take(frame, account)
-                if number % _STEP == 0:
-                    progress.show(f"{path}: {number} frames")
-    except NotReadError as error:
-        raise LogCommandError(f"{path}: {error}") from None
-    except StalledError:
-        what = f"a reader hangs after frame {number}: the file is damaged there"
-        raise LogCommandError(f"{path}: {what}; give the whole recording") from None
-    except UserError:
-        raise
-    except NotImplementedError as error:  # a reader that needs another package
-        raise LogCommandError(f"{path}: {error}", Exit.ENVIRONMENT) from None
+        open_regular(path).close()
+        limits = limits or Limits.of(path)
     except OSError as error:
-        raise LogCommandError(f"{path}: {error.strerror or error}; is it whole?") from None
-    except Exception as error:  # asammdf and python-can let everything through
-        reason = printable(" ".join(str(error).split())[:300]) or type(error).__name__
-        what = f"damaged after {number} frames ({reason}); give the whole recording"
-        raise LogCommandError(f"{path}: {what}") from None
-    return counted.result(path, account)
+        is_absent = isinstance(error, FileNotFoundError)
+        reason = "no such file" if is_absent else error.strerror
+        cure = (is_absent and near_file(path)) or "; give a .log, .blf, .asc or .mf4 file"
+        raise LogCommandError(f"{path}: {reason}{cure}") from None
+    blocks: list[NDArray[Any]] = []
+    try:
+        with reader(path, channel, limits) as stream:
+            last = _last_word(stream, blocks, limits, path, progress)
+    except EndedError as error:
+        raise _ended(path, sum(map(len, blocks)), error) from None
+    if "error" in last:
+        raise LogCommandError(last["error"], Exit(last["code"]))
+    account, channels = Account(**last["end"]), Counter[str](last["channels"])
+    account.left_out = Counter(account.left_out)
+    return _recording(path, channel, blocks, account, channels)
 
 
-class _FrameCollector:
-    """Collects data frames, counts those that are left out."""
+def _last_word(
+    stream: IO[bytes], blocks: list[NDArray[Any]], limits: Limits, path: Path, progress: Progress
+) -> dict[str, Any]:
+    """Append the blocks of rows; return what comes behind them. EOFError: the reader died."""
+    number = size = 0
+    while True:
+        line = stream.readline()
+        if not line.endswith(b"\n"):
+            raise EOFError
+        head: dict[str, Any] = json.loads(line)
+        if "rows" not in head:
+            return head
+        kind = child.row_type(head["width"])
+        block = stream.read(head["rows"] * kind.itemsize)
+        if len(block) < head["rows"] * kind.itemsize:
+            raise EOFError
+        blocks.append(np.frombuffer(block, kind))
+        number, size = number + head["rows"], size + len(block)
+        if size > limits.bytes:
+            raise LogCommandError(f"{path}: {UNPACKS}")
+        if number >= child.AT_ONCE:
+            progress.show(f"{path}: {number} frames")
 
-    def __init__(self, channel: str | None) -> None:
-        self._channel = channel
-        self._columns: list[list[int]] = [[], [], [], [], []]  # see `_NAMES`
-        self._sources: list[int] = []  # a number for each channel and id
-        self._known: dict[tuple[str, int], int] = {}
-        self._data, self._width = bytearray(), 8
-        self.channels: Counter[str] = Counter()
 
-    def take(self, frame: RecordedFrame, account: Account) -> None:
-        """Take one frame."""
-        name = ""
-        if frame.channel is not None:
-            name = printable(frame.channel)
-            self.channels[name] += 1
-            if self._channel not in (None, name):
-                return
-        if frame.kind:
-            account.left_out[frame.kind] += 1
-            return
-        size = len(frame.data)
-        if frame.flags and self._width == 8:
-            self._widen()
-        word = can_id.word_of(frame.number, frame.extended)
-        row = (frame.time_ns, word, size, int(frame.is_received), frame.flags)
-        for column, value in zip(self._columns, row, strict=True):
-            column.append(value)
-        self._sources.append(self._known.setdefault((name, word), len(self._known)))
-        self._data += frame.data.ljust(self._width, b"\0")
+def _ended(path: Path, number: int, error: EndedError) -> LogCommandError:
+    """Return in a line what became of a reader after `number` frames or a few more."""
+    after = f"after {number} frames or a few more"
+    there = f"the file is damaged there; {WHOLE}"
+    if error.code == -signal.SIGXCPU:
+        return LogCommandError(f"{path}: its reader hangs {after}: {there}")
+    if error.code == -signal.SIGKILL:
+        what = f"its reader was killed {after}; free memory, and import it again"
+        return LogCommandError(f"{path}: {what}", Exit.ENVIRONMENT)
+    if error.code < 0:
+        name = signal.Signals(-error.code).name
+        return LogCommandError(f"{path}: its reader crashed by {name} {after}: {there}")
+    what = f"its reader ended {after} with exit code {error.code} ({error})"
+    return LogCommandError(f"{path}: {what}; try `pcpc doctor`", Exit.ENVIRONMENT)
 
-    def _widen(self) -> None:
-        """Give all frames the room of one of CAN FD."""
-        narrow = np.frombuffer(self._data, np.uint8).reshape(-1, 8)
-        self._width = LENGTHS[-1]
-        self._data = bytearray(np.pad(narrow, ((0, 0), (0, self._width - 8))).tobytes())
 
-    def result(self, path: Path, account: Account) -> Recording:
-        """Return all of it; LogCommandError if there is no frame."""
-        stamps = np.array(self._columns[0], np.int64)
-        if not len(stamps):
-            raise LogCommandError(f"{path}: {self._nothing(account)}")
-        if account.may_be_distances and are_distances(stamps):
-            stamps = np.cumsum(stamps)
-            account.note("its stamps are distances, as of candump -td: they are added up")
-        if stamps.min() < _NO_DATE_NS and not any("from 1970" in note for note in account.notes):
-            account.note("no date was read from it: stamps count from 1970")
-        order = bus_order(stamps, np.array(self._sources, np.int64))
-        frames = np.zeros(len(stamps), logs.FRAME if self._width == 8 else logs.FD_FRAME)
-        for name, column in zip(_NAMES, self._columns, strict=True):
-            frames[name] = column
-        frames["stamp_ns"] = order.stamp_ns
-        frames["data"] = np.frombuffer(self._data, np.uint8).reshape(-1, self._width)
-        frames = frames[order.order]
-        declared = account.declared if self._channel is None else ""
-        if declared and declared == mdf.frames_sum(frames, frames["stamp_ns"]):
-            declared = ""
-        return Recording(frames, account, self.channels, order, declared)
+def _recording(
+    path: Path,
+    channel: str | None,
+    blocks: list[NDArray[Any]],
+    account: Account,
+    channels: Counter[str],
+) -> Recording:
+    """Return all of it; LogCommandError if there is no frame."""
+    count = sum(map(len, blocks))
+    if not count:
+        raise LogCommandError(f"{path}: {_nothing(account, channel, channels)}")
+    is_wide = any(block["data"].shape[1] > CLASSIC_BYTES for block in blocks)
+    frames = np.zeros(count, logs.FD_FRAME if is_wide else logs.FRAME)
+    source, done = np.zeros(count, np.int64), 0
+    for block in blocks:
+        part = slice(done, done := done + len(block))
+        for name in _NAMES:
+            frames[name][part] = block[name]
+        frames["data"][part, : block["data"].shape[1]] = block["data"]
+        source[part] = block["source"]
+    stamps = frames["stamp_ns"].copy()
+    if account.may_be_distances and are_distances(stamps):
+        stamps = np.cumsum(stamps)
+        account.note("its stamps are distances, as of candump -td: they are added up")
+    if stamps.min() < _NO_DATE_NS and not any("from 1970" in note for note in account.notes):
+        account.note("no date was read from it: stamps count from 1970")
+    order = bus_order(stamps, source)
+    frames["stamp_ns"] = order.stamp_ns
+    frames = frames[order.order]
+    declared = account.declared if channel is None else ""
+    if declared and declared == mdf.frames_sum(frames, frames["stamp_ns"]):
+        declared = ""
+    return Recording(frames, account, channels, order, declared)
 
-    def _nothing(self, account: Account) -> str:
-        """Return what there is instead of a data frame."""
-        what = "no CAN frame"
-        if self._channel:
-            known = ", ".join(sorted(self.channels)) or "none"
-            what += f" of channel {self._channel}; it has: {known}"
-        elif account.left_out:
-            what += f" with data; it has {left_out_text(account)} frames"
-        return what + (f"; {account.damage[0]}" if account.damage else "")
+
+def _nothing(account: Account, channel: str | None, channels: Counter[str]) -> str:
+    """Return what there is instead of a data frame."""
+    what = "no CAN frame"
+    if channel:
+        known = ", ".join(sorted(channels)) or "none"
+        what += f" of channel {channel}; it has: {known}"
+    elif account.left_out:
+        what += f" with data; it has {left_out_text(account)} frames"
+    return what + (f"; {account.damage[0]}" if account.damage else "")
 
 
 def left_out_text(account: Account) -> str:

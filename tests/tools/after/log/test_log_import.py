@@ -263,6 +263,8 @@ def test_damaged_input_is_one_line_and_leaves_nothing(kind: str, tmp_path: Path)
     ("words", "said"),
     [
         (["{}/none.log", "--dbc", "{}/car.dbc"], "no such file"),
+        (["{}", "--dbc", "{}/car.dbc"], "Is a directory; give a .log"),
+        (["/dev/null", "--dbc", "{}/car.dbc"], "is no regular file; give a .log"),
         (["{}/car.dbc", "--dbc", "{}/car.dbc"], "no format is known by this suffix"),
         (["{}/drive.log", "--dbc", "{}/none.dbc"], "no such file"),
         (["{}/drive.log", "--dbc", "{}/drive.log"], "not DBC syntax"),

@@ -41,16 +41,16 @@ _MARK = b"LOBJ"
 _LONGEST_PADDING, _LARGEST = 8, 1 << 24  # bytes
 
 
-def frames(file: IO[bytes], account: Account, most: int) -> Iterator[RecordedFrame]:
-    """Yield the frames of a file that unpacks to at most `most` bytes; NotReadError."""
-    return _Blf(file, account, most).frames()
+def frames(file: IO[bytes], account: Account) -> Iterator[RecordedFrame]:
+    """Yield the frames of a file; NotReadError."""
+    return _Blf(file, account).frames()
 
 
 class _Blf:
     """A file, and how far it is read."""
 
-    def __init__(self, file: IO[bytes], account: Account, most: int) -> None:
-        self._account, self._most = account, most
+    def __init__(self, file: IO[bytes], account: Account) -> None:
+        self._account = account
         head = file.read(_FILE.size)
         if len(head) < _FILE.size or head[:4] != b"LOGG":
             raise NotReadError("no BLF file: it does not begin with LOGG")
@@ -153,14 +153,11 @@ class _Blf:
             while packed and not stream.eof:
                 out += stream.decompress(packed, 1 << 16)
                 packed = stream.unconsumed_tail
-                if len(out) > self._most:
-                    raise NotReadError("it unpacks to more than 200 times its size")
             reason = "" if stream.eof and len(out) == size else f"{len(out)} of {size} bytes"
         except zlib.error as error:
             reason = str(error)
         if reason:
             self._account.lose(f"byte {offset}", f"a container is damaged: {reason}")
-        self._most -= len(out)
         return bytes(out)
 
     def _frame(self, place: int, version: int, kind: int, body: bytes) -> Iterator[RecordedFrame]:

@@ -3,7 +3,7 @@
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from pcpc.tools.after.log.readers.account import (
     Account,
@@ -14,21 +14,17 @@ from pcpc.tools.after.log.readers.account import (
 )
 
 _HEAD_BYTES = 100
-_STEPS = 1000  # of SQLite's machine, from one look at the calls left to the next
 
 
-def frames(path: Path, account: Account) -> Iterator[RecordedFrame]:
+def frames(file: IO[bytes], account: Account) -> Iterator[RecordedFrame]:
     """Yield the frames of a file; NotReadError if there is no such table."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
+    path = Path(file.name)
+    size, head = path.stat().st_size, file.read(_HEAD_BYTES)
     declared = _page_bytes(head) * int.from_bytes(head[28:32], "big")
     if declared > size:
         account.lose("the file", f"{size} of {declared} bytes")
-    calls = iter(range(size))  # a damaged file can make a query endless
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
     connection.text_factory = bytes
-    connection.set_progress_handler(lambda: next(calls, None) is None, _STEPS)
     place = 0
     try:
         rows = connection.execute("SELECT * FROM messages ORDER BY rowid")

@@ -1,9 +1,7 @@
 """ASAM MDF 4 with bus logging, read by asammdf and python-can; MDF tells how many frames it has."""
 
-import gc
 import logging
 import re
-import sys
 from collections.abc import Iterator
 from datetime import UTC
 from importlib import import_module
@@ -17,16 +15,18 @@ from pcpc.tools.after.log.readers.account import (
     data_frame,
     ns_of_float,
 )
+from pcpc.tools.terminal.extras import need
 
 _BUS_EVENT, _BUS = 2, ("CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame")
 _SUM = re.compile(r"\d+ data frames, CRC-32 [0-9A-F]{8}")
 
 
-def frames(file: IO[bytes], account: Account, most: int) -> Iterator[RecordedFrame]:
+def frames(file: IO[bytes], account: Account) -> Iterator[RecordedFrame]:
     """Yield the frames of bus logging; NotReadError, ValueError if some are missing, or others.
 
     `account.declared` becomes number and checksum of frames, if its comment has them.
     """
+    need("MDF needs", "asammdf")
     found = declared = 0
     with _reader(file) as reader:
         version = reader._mdf.version
@@ -34,11 +34,8 @@ def frames(file: IO[bytes], account: Account, most: int) -> Iterator[RecordedFra
             head = group.channel_group
             if head.flags & _BUS_EVENT and any(str(c.name) in _BUS for c in group.channels):
                 declared += head.cycles_nr
-                most -= sum(block.original_size or 0 for block in group.data_blocks)
         if not declared:
             raise NotReadError(f"MDF {version} without bus logging of CAN; give one with it")
-        if declared > most:
-            raise ValueError("it unpacks to more than 200 times its size")
         comment = _SUM.search(reader._mdf.header.comment)
         account.declared = comment[0] if comment else ""
         start_ns, reader._start_timestamp = _start_ns(reader._mdf.header), 0.0
@@ -80,9 +77,6 @@ def _reader(file: Any) -> Any:
         return MF4Reader(file)
     except Exception as error:
         reason = str(error) or type(error).__name__
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    gc.collect()  # an MDF that was not read prints a traceback as it is deleted
-    sys.unraisablehook = hook
     raise ValueError(re.sub(r'"?<_io\.\w+ [^>]*>"?', "it", reason))
 
 
