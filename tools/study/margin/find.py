@@ -17,11 +17,12 @@ from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin import linear, loops, measured, motion, notes, operating
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.study.margin.result import Margin, Response
-from pcpc.tools.study.margin.visible import visible_margins
+from pcpc.tools.study.margin.sizes import measured_margins
 
 Method = Literal["both", "linearised", "measured"]
 SETTLE_S = 4.0
 _POINTS = 600
+_LONGER = (1.0, 2.0, 4.0)  # times of rest that a drift is given to fade
 _PERIODS = 4000  # of the rate in the period of the lowest line
 
 
@@ -44,10 +45,11 @@ def margin(
     loop        the command signal that closes the loop, as CMD.motor_torque; None: the first
     at_s        hold the reference of this time of the run, s
     method      "linearised", "measured" or "both"
-    amplitude   the largest injected value, in the signal's unit; None: 2, 5, 12 or 30 % of half its
-                range, the one with the least error
+    amplitude   the largest injected value, in the signal's unit; None: 2 to 30 % of half its range
+                or 16, 256, ... times less, the one with the least error. A number that half of it
+                moves is not measured
     seed        of the phases of the injection
-    settle_s    time to come to rest before, s
+    settle_s    time to come to rest before, s; up to eight of them where the rig drifts
     lowest_hz   the lowest frequency; None: rate/4000
 
     Raises pcpc.Error: the rig has no loop, is unstable, ends in a fault or has no gain.
@@ -112,9 +114,9 @@ def margin_of(rig: Rig, question: Question) -> Margin:
     if sizes:
         about = rate, question.lowest(rate), question.seed
         try:
-            own = measured.best_measurement(rig, cut, held, about, sizes, question.settle_s)
-            visible, unsure = visible_margins(own.f_hz, own.response, own.noise, rate)
-            remarks += notes.measured_notes(own, cut, visible) + notes.unsure_notes(unsure)
+            best = measured_margins(rig, cut, held, about, sizes, question.settle_s)
+            own, visible = best.loop, best.margins
+            remarks += notes.measured_notes(best, cut)
         except UserError as error:
             if point.found is None:
                 raise UserError("; ".join((str(error), *remarks)), error.code) from None
@@ -167,7 +169,7 @@ def _linear(
     plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
 ) -> _Point:
     """Return the loop at rest, or in motion where there is none at rest; UserError."""
-    rest = operating.at_rest(plans, held, settle_s)
+    rest = _rest(plans, cut, held, settle_s)
     found = linear.linearise(rest, cut)
     if found.passes(rest.cycle.of_kind(cut.role, "received")):
         moves = notes.command_rms(rest, cut)
@@ -191,6 +193,22 @@ def _linear(
         head = remarks[0].partition(":")[0]
         raise UserError(f"{head}: {motion.STUCK}; in motion {error}") from None
     return _Point(moving.found, remarks + own, moving.at_s)
+
+
+def _rest(
+    plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
+) -> operating.Rest:
+    """Return where a rig rests after a time, or up to eight of them if it drifts."""
+    rest = operating.at_rest(plans, held, settle_s)
+    place = rest.cycle.place(cut.role, cut.sent)
+    for factor in _LONGER:
+        if not notes.is_restless(notes.command_rms(rest, cut), float(rest.mean[place])):
+            break
+        later = operating.later_rest(rest, place, factor * settle_s)
+        if later is rest:
+            break
+        rest = later
+    return rest
 
 
 def _linearised(

@@ -40,7 +40,8 @@ from pcpc.tools.study.margin.operating import INJECTED, with_injection
 PERIODS = 4
 _PIECE = 1000  # cycles between two looks at the nodes
 _LINES = 120
-_ENOUGH, _MOST = 0.02, 0.3  # errors of L at a line: good, and no matter how bad
+_AT_LIMIT = 0.05  # of the time
+ENOUGH, _MOST = 0.02, 0.3  # errors of L at a line: good, and no matter how bad
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,19 @@ class MeasuredLoop:
     alone: "Moves"
     after: "Moves"
     quiet: Vector
+
+    @property
+    def answers(self) -> bool:
+        """Whether most lines are more than their errors."""
+        return bool((np.abs(self.response) > 1e-12).any() and np.median(self.error) <= 1.0)
+
+    def lasting_motion(self) -> tuple["Moves", str] | None:
+        """Return how the command moves, and when, if it goes on or is at a limit: no margins."""
+        least = max(3.0 * self.alone.rms, 0.05 * self.amplitude)
+        for moves, when in ((self.alone, "by itself"), (self.after, "once moved")):
+            if (moves.rms > least and moves.lasts) or moves.at_limit > _AT_LIMIT:
+                return moves, when
+        return None
 
     @property
     def left(self) -> float:
@@ -221,7 +235,7 @@ def best_measurement(
                 return own  # louder, it does not come to rest again
             continue
         found = own
-        if own.error.max() < _ENOUGH:
+        if own.error.max() < ENOUGH:
             break
     assert found is not None, "there is a size"
     return found

@@ -6,13 +6,12 @@ import numpy as np
 
 from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex
-from pcpc.tools.study.margin import impulse, linear, loops, measured, operating
+from pcpc.tools.study.margin import impulse, linear, loops, measured, operating, sizes
 from pcpc.tools.study.margin.margins import Margins
 from pcpc.tools.study.margin.visible import STRONG, UNSURE, Unsure, is_empty
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
-_AT_LIMIT = 0.05  # of the time
 _PAIRS = (
     ("gain_margin", "gain_margin_hz", "gain margin"),
     ("phase_margin_deg", "crossover_hz", "phase margin"),
@@ -70,17 +69,15 @@ def _check_stable(found: Found) -> None:
             raise UserError(f"{what}; {cure}")
 
 
-def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -> list[str]:
+def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.Loop) -> list[str]:
     """Return what has to be said of a measured loop; UserError if it does not answer."""
+    own, seen = measurement.loop, measurement.margins
     unit = f" {cut.unit}" if cut.unit else ""
     size = f"{own.amplitude:.3g}{unit}"
-    for moves, when in ((own.alone, "by itself"), (own.after, "once moved")):
-        begun = moves.rms > max(3.0 * own.alone.rms, 0.05 * own.amplitude) and moves.lasts
-        if begun or moves.at_limit > _AT_LIMIT:
-            what = f"{when} the command goes on, {_motion_text(moves, unit)}"
-            raise UserError(f"{what}; there is no loop that has margins; a lower gain may end it")
-    answers = np.abs(own.response) > 1e-12
-    if not answers.any() or np.median(own.error) > 1.0:
+    if (lasting := own.lasting_motion()) is not None:
+        what = f"{lasting[1]} the command goes on, {_motion_text(lasting[0], unit)}"
+        raise UserError(f"{what}; there is no loop that has margins; a lower gain may end it")
+    if not own.answers:
         what = f"the measured loop does not answer to {size}"
         moved = f"by itself the command moves by {own.alone.rms:.3g}{unit} rms"
         cure = "stuck, unstable, a limit cycle, or noise: inject more with --amplitude"
@@ -91,6 +88,9 @@ def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -
         cure = "give a lower --lowest; or no loop passes through the plant"
         raise UserError(f"{what}, or below: {cure}")
     notes, weak = list[str](), own.f_hz[own.error > STRONG]
+    if is_empty(seen) and any(one.why == sizes.HALF for one in measurement.unsure):
+        what = f"no margin is known: {sizes.HALF}, also at {size}, the best of what was tried"
+        raise UserError(f"{what}; play, friction or a limit; another --at or --set may avoid it")
     if is_empty(seen) and not len(weak):
         what = f"{len(own.f_hz)} lines from {lowest:.4g} Hz on are too few to know any margin"
         raise UserError(f"{what}; give a lower --lowest")
@@ -111,7 +111,7 @@ def measured_notes(own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins) -
         cure = "is not measured; --amplitude sets what is injected"
         hides = f"noise or a nonlinearity hides {what}: a margin that one of them may hide {cure}"
         notes.append(f"measured: {hides}")
-    return notes
+    return notes + unsure_notes(measurement.unsure)
 
 
 def unsure_notes(unsure: list[Unsure]) -> list[str]:

@@ -89,6 +89,11 @@ def at_rest(plans: dict[Role, Plan], values: Mapping[str, float], settle_s: floa
     """Return what a rig comes to. UserError if it leaves all bounds."""
     cycle = CycleMap(plans)
     cycle.begin(dict(values))
+    return rest_after(cycle, settle_s)
+
+
+def rest_after(cycle: CycleMap, settle_s: float) -> Rest:
+    """Return what a map comes to after that time; UserError as `at_rest`."""
     began = cycle.v.copy()
     half = max(round(0.5 * settle_s / cycle.dt), 1)
     total, squares = np.zeros_like(cycle.v), np.zeros_like(cycle.v)
@@ -110,3 +115,17 @@ def at_rest(plans: dict[Role, Plan], values: Mapping[str, float], settle_s: floa
     mean = total / half
     deviation = np.sqrt(np.maximum(squares / half - mean * mean, 0.0))
     return Rest(cycle, first + mean, deviation)
+
+
+def later_rest(rest: Rest, place: int, settle_s: float) -> Rest:
+    """Return what a rig comes to that long after a rest, if a variable moves half as much there.
+
+    Else the same: what stays as it is, noise or a limit cycle, has no later rest.
+    """
+    cycle = rest.cycle
+    start, k = cycle.v.copy(), cycle.k
+    later = rest_after(cycle, settle_s)
+    if later.deviation[place] < 0.5 * rest.deviation[place]:
+        return later
+    cycle.v[:], cycle.k = start, k
+    return rest

@@ -12,6 +12,7 @@ measured.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -80,10 +81,15 @@ def visible_margins(
     if not every.meets:
         known = (name for name in _PLACES if not math.isnan(getattr(own, name)))
         unsure |= dict.fromkeys(known, _CURVES)
-    at = {name: getattr(own, _PLACES[name]) for name in unsure}
-    for name in unsure:
+    return without_unsure(own, unsure)
+
+
+def without_unsure(own: Margins, why: Mapping[str, str]) -> tuple[Margins, list[Unsure]]:
+    """Return margins without some numbers, and those with why they are not known."""
+    found = [Unsure(name, getattr(own, _PLACES[name]), what) for name, what in why.items()]
+    for name in why:
         own = replace(own, **dict.fromkeys(_WITH[name], math.nan))
-    return own, [Unsure(name, at[name], why) for name, why in unsure.items()]
+    return own, found
 
 
 _OF_DELAY = ("delay_margin_s", "delay_margin_samples")
@@ -98,14 +104,21 @@ _PLACES = {
 _WITH = {name: (name, place) for name, place in _PLACES.items()} | {"delay_margin_s": _OF_DELAY}
 
 
+def differences(own: Margins, other: Margins) -> dict[str, float]:
+    """Return how far others lie from the numbers that are known, relative; nan: not known there."""
+    pairs = {name: (getattr(own, name), getattr(other, name)) for name in _PLACES}
+    return {name: _difference(a, b) for name, (a, b) in pairs.items() if not math.isnan(a)}
+
+
+def _difference(a: float, b: float) -> float:
+    if a == b or math.isnan(b):
+        return 0.0 if a == b else math.nan
+    return math.inf if a == 0.0 or math.isinf(a) else abs(b - a) / abs(a)
+
+
 def _unsure(own: Margins, other: Margins) -> list[str]:
     """Return the numbers that differ, of those that are known."""
-    pairs = ((name, getattr(own, name), getattr(other, name)) for name in _PLACES)
-    return [
-        name
-        for name, a, b in pairs
-        if not math.isnan(a) and a != b and (math.isinf(a) or not abs(b - a) <= UNSURE * abs(a))
-    ]
+    return [name for name, share in differences(own, other).items() if not share <= UNSURE]
 
 
 def _hidden_lines(side: Places, strong: Flags) -> Flags:

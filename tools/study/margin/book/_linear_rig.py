@@ -44,7 +44,7 @@ BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
 """
 _EVERY = (128, 160, 161, 162, 288)
 LAWS = """\
-from pcpc.executive.laws.emath import clip, floor, where
+from pcpc.executive.laws.emath import clip, floor, sqrt, where
 from pcpc.executive.laws.block import Block, Nothing, Ports, group, inline, port, stage
 
 class Gains(Ports):
@@ -112,6 +112,7 @@ class Matrices(Ports):
     c = port("", "of the sample", shape=3)
     side_gain = port("", "of the other input", 0.0, -1e3, 1e3)
     bend = port("", "how much more a command above 0 does than one below", 0.0, 0.0, 1.0)
+    soft = port("", "where the command saturates, smoothly; 0 nowhere", 0.0, 0.0, 1e6)
     gap = port("", "half the play of the command, an operator", 0.0, 0.0, 1e3)
     slack = port("", "half the dead zone of the command", 0.0, 0.0, 1e3)
     relay = port("", "dry friction: its size times the sign of the command", 0.0, -1e3, 1e3)
@@ -137,6 +138,8 @@ def sign(a: float) -> float:
 def plant(t: float, dt: float, p: Matrices, x: States, u: Commands, y: Position) -> None:
     if t > 0.0:
         acts = x.held + p.bend * abs(x.held)
+        if p.soft > 0.0:
+            acts = acts / sqrt(1.0 + (acts / p.soft) * (acts / p.soft))
         for i in range(3):
             x.new[i] = p.gamma[i] * acts
             for j in range(3):
