@@ -107,6 +107,13 @@ def test_a_row_is_what_its_keys_give_alike(table: Table, rows: list[str]) -> Non
     assert rows_of(table) == [f"| {row} |" for row in rows]
 
 
+def test_a_head_names_every_key_then_every_column() -> None:
+    table = Table("g", [Column("e", "e")], rows={"label": part(0), "law": part(1)})
+    assert table.markdown(results(), tables.nothing).startswith(
+        "| label | law | e |\n|---|---|---|"
+    )
+
+
 def test_heads_name_the_values_of_a_key_or_what_they_are_called() -> None:
     heads = [across(part(0), values, Column("x {}", "e")) for values in ((1, 2), {1: "one"})]
     assert [[column.head for column in columns] for columns in heads] == [["x 1", "x 2"], ["x one"]]
