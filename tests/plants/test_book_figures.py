@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from pcpc.plants.book.figures import columns, draw_lines, legends, overlay, reference, save, times
 from pcpc.plants.pages import Line, Panel, sheet
@@ -82,7 +83,10 @@ def test_a_column_is_a_run_and_a_row_a_panel(tmp_path: Path) -> None:
     assert [ax.get_xlabel() for ax in axes.flat] == ["", "", "time [s]", "time [s]"]
     assert {ax.get_ylim() for ax in axes[1]} == {(-3.0, 4.0)} and axes[0, 0].get_ylim()[0] > 0.0
     assert {ax.get_xlim() for ax in axes.flat} == {(0.0, 2.0)}
-    legends(axes.flat, ncols=1)
+    (title,) = axes[0, 0].findobj(lambda one: isinstance(one, Text) and "of pd" in one.get_text())
+    assert title.get_fontsize() == 9.0
+    legends(axes.flat, fontsize=6.0)
+    assert axes[0, 0].get_legend().get_texts()[0].get_fontsize() == 6.0
     assert [ax.get_legend() is not None for ax in axes.flat] == [True, True, False, False]
     save(figure, tmp_path / "figure.png", "all", 13)
     assert (tmp_path / "figure.png").stat().st_size > 1000

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from pcpc.plants.book import tables
-from pcpc.plants.book.tables import Column, Table, across, at, joined, label_of, page, part
+from pcpc.plants.book.tables import (
+    Column,
+    Sentence,
+    Table,
+    across,
+    at,
+    joined,
+    label_of,
+    page,
+    part,
+)
 from pcpc.plants.study import Case, Result
 from pcpc.tools.study.experiment.cli import studies
 
@@ -22,7 +32,12 @@ def results() -> list[Result]:
     return [
         Result(
             Case("g", f"rigs/{rig}.yaml", law, f"{label} {law}"),
-            {"e": base + i, "q_1": base, "q_2": 10.0 * base, "off": float(i > 0)},
+            {
+                "e": base + i + 0.25 * (rig == "two"),
+                "q_1": base,
+                "q_2": 10.0 * base,
+                "off": float(i > 0),
+            },
             diverged=(law, label, i) == ("nn", "b", 2),
         )
         for rig in ("one", "two")
@@ -39,7 +54,7 @@ BY_LAW: dict[str, Callable[[Result], str]] = {"law": tables.controller_of}
     ("column", "pd", "nn"),
     [
         (Column("", "e"), "1.0000", "5.0000"),
-        (Column("", "e", np.median, "{:.1f}"), "1.0", "5.0"),
+        (Column("", "e", np.median, "{:.2f}"), "1.25", "5.25"),
         (Column("", "e", max, "{:.1f}"), "3.0", "inf"),
         (Column("", "e", min, lambda v: f"{1e3 * v:.0f}"), "1000", "5000"),
         (Column("", "e", tables.span, "{:.1f}"), "1.0-3.0", "5.0-inf"),
@@ -52,6 +67,8 @@ BY_LAW: dict[str, Callable[[Result], str]] = {"law": tables.controller_of}
         (Column("", lambda r: 2.0 * r.metric("e"), text="{:.0f}"), "2", "10"),
         (Column("", label_of), "b pd", "b nn"),
         (Column("", "none"), "nan", "nan"),
+        (Column("", tables.recorded("e"), max, "{:.1f}"), "3.0", "7.0"),
+        (Column("", tables.recorded("none")), "nan", "nan"),
         (at(part(0), "a", Column("", "e", max, "{:.1f}"))[0], "1.0", "5.0"),
         (at(tables.rig_name, "two", Column("", "e", tables.run_count))[0], "1", "1"),
         (at(part(0), "a", *at(tables.rig_name, "two", Column("", "e", tables.run_count)))[0],
@@ -90,25 +107,32 @@ def test_a_row_is_what_its_keys_give_alike(table: Table, rows: list[str]) -> Non
     assert rows_of(table) == [f"| {row} |" for row in rows]
 
 
+def test_a_head_names_every_key_then_every_column() -> None:
+    table = Table("g", [Column("e", "e")], rows={"label": part(0), "law": part(1)})
+    assert table.markdown(results(), tables.nothing).startswith(
+        "| label | law | e |\n|---|---|---|"
+    )
+
+
 def test_heads_name_the_values_of_a_key_or_what_they_are_called() -> None:
     heads = [across(part(0), values, Column("x {}", "e")) for values in ((1, 2), {1: "one"})]
     assert [[column.head for column in columns] for columns in heads] == [["x 1", "x 2"], ["x one"]]
 
 
 def test_expected_figures_stand_in_brackets_or_in_columns_of_their_own() -> None:
-    figures = {("g", "pd"): ("0.9",), ("g", "nn"): ("", "7")}
+    figures = {("g", "pd"): ("0.9",), ("g", "nn"): ("", "7"), ("g",): ("8",)}
 
     def known(*row: str) -> tuple[str, ...]:
-        return figures[row[0], row[1]]
+        return figures[row]
 
     e, off = Column("e", "e", text="{:.0f}"), Column("off", "off", text="{:.0f}")
-    beside = Table("g", (e, Column("there", 1), off), "Title", BY_LAW)
-    assert page(
-        results(), ("Text", Table("g", (e, off), rows=BY_LAW), beside, len_text), known
-    ) == (
+    beside = Table(("g", "h"), (e, Column("there", 1), off), "Title", BY_LAW)
+    sentence = Sentence("g", [off, e], "{}, {} at most\n")
+    parts = ("Text", Table("g", (e, off), rows=BY_LAW), beside, sentence, len_text)
+    assert page(results(), parts, known) == (
         "Text\n| law | e | off |\n|---|---|---|\n| pd | 1 (0.9) | 0 |\n| nn | 5 | 0 (7) |\n"
         "\nTitle\n\n| law | e | there | off |\n|---|---|---|---|\n| pd | 1 |  | 0 |\n"
-        "| nn | 5 | 7 | 0 |\n\n10"
+        "| nn | 5 | 7 | 0 |\n\n0 (8), 1 at most\n\n10"
     )
 
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from pcpc.plants.atb1000.book.study import NOMINAL, SCENARIOS, random_plant
 from pcpc.plants.atb1000.book.tuning import RMS, STEP
-from pcpc.plants.book.figures import legend_below
-from pcpc.plants.book.tables import case_maker
+from pcpc.plants.book.figures import legend_below, save
+from pcpc.plants.book.tables import Words, case_maker, controller_of, grouped, rig_name
 from pcpc.plants.pages import sheet
-from pcpc.plants.study import Case, Result, markdown
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 WITHOUT = ("pd", "pd_star", "pid", "pd_tuned", "pid_tuned", "pd_fast_tuned", "pd_feedforward",
            "pd_observer", "super_twisting", "pd_adaptive", "lqg")  # fmt: skip
@@ -40,6 +40,7 @@ THIRDS = (("friction below 0.8", 0.0, 0.8), ("0.8 to 1.25", 0.8, 1.25), ("above"
 DRAWN = {"pd_feedforward": "#e69f00", "pd_adaptive": "#009e73", "lqg": "#0072b2",
          "pd_nn_fast": "#d55e00", "pd_nn_fast_tuned": "#cc79a7"}  # fmt: skip
 Array = NDArray[np.float64]
+Figures = Mapping[Words, Array]
 
 
 def cases(plants: int = PLANTS) -> Iterator[Case]:
@@ -57,25 +58,17 @@ def cases(plants: int = PLANTS) -> Iterator[Case]:
                 yield _case("plants", scenario, law, str(i), *first, *own, window_s=window_s)
 
 
-class Table:
-    """A metric of a group of results, (labels,), by (scenario, law)."""
+def figures(results: Sequence[Result], group: str, metric: str) -> Figures:
+    """Return a metric of a group of results, (labels,), by (scenario, law)."""
+    return {
+        names: np.array([np.inf if run.failed else run.metric(metric) for run in runs])
+        for names, runs in grouped(of_group(results, group), rig_name, controller_of).items()
+    }
 
-    def __init__(self, results: Sequence[Result], group: str, metric: str) -> None:
-        """Sort the results."""
-        found: dict[tuple[str, str], list[float]] = {}
-        for one in results:
-            if one.case.group == group:
-                key = Path(one.case.rig).stem, one.case.controller
-                value = np.inf if one.failed else one.metric(metric)
-                found.setdefault(key, []).append(value)
-        self.of = {key: np.array(values) for key, values in found.items()}
 
-    def __getitem__(self, key: tuple[str, str]) -> Array:
-        return self.of[key]
-
-    def mean(self, scenario: str, law: str) -> float:
-        """Return the geometric mean."""
-        return float(np.exp(np.mean(np.log(self.of[scenario, law]))))
+def mean(values: Array) -> float:
+    """Return the geometric mean of values (n,)."""
+    return float(np.exp(np.mean(np.log(values))))
 
 
 def interval(ratio: Array) -> tuple[float, float, float]:
@@ -97,7 +90,7 @@ def mean_ratio(ratio: Array) -> str:
 
 def report(results: Sequence[Result], margins: Mapping[str, float]) -> str:
     """Return all tables."""
-    rms, step = Table(results, "nominal", RMS), Table(results, "nominal", STEP)
+    rms, step = figures(results, "nominal", RMS), figures(results, "nominal", STEP)
     parts = [
         f"Nominal barrel, muzzle error rms in mrad, geometric mean of noise seeds {SEEDS[0]} to "
         f"{SEEDS[-1]};\nlargest step of the command, rms in N m, over the scenarios without fire, "
@@ -105,7 +98,7 @@ def report(results: Sequence[Result], margins: Mapping[str, float]) -> str:
         _nominal(rms, step, margins),
         _best(rms),
     ]
-    on_plants = Table(results, "plants", RMS)
+    on_plants = figures(results, "plants", RMS)
     count = len(on_plants[CORE[0], "pd"])
     parts += [
         f"{count} random plants: median and largest rms in mrad; geometric means of the ratio to\n"
@@ -118,11 +111,11 @@ def report(results: Sequence[Result], margins: Mapping[str, float]) -> str:
     return "\n".join(parts)
 
 
-def _nominal(rms: Table, step: Table, margins: Mapping[str, float]) -> str:
-    best = {s: min(LAWS, key=lambda law: rms.mean(s, law)) for s in SCENARIOS}
+def _nominal(rms: Figures, step: Figures, margins: Mapping[str, float]) -> str:
+    best = {s: min(LAWS, key=lambda law: mean(rms[s, law])) for s in SCENARIOS}
     rows = []
     for law in LAWS:
-        cells = [f"{rms.mean(s, law):.3g}" for s in SCENARIOS]
+        cells = [f"{mean(rms[s, law]):.3g}" for s in SCENARIOS]
         cells = [f"**{c}**" if best[s] == law else c for s, c in zip(SCENARIOS, cells, strict=True)]
         quiet = [s for s in SCENARIOS if not s.startswith(("fire", "step", "bang"))]
         moved = max(float(step[s, law].max()) for s in quiet)
@@ -130,18 +123,20 @@ def _nominal(rms: Table, step: Table, margins: Mapping[str, float]) -> str:
     return markdown(("", *SCENARIOS, "step", "margin"), rows)
 
 
-def _best(rms: Table) -> str:
+def _best(rms: Figures) -> str:
     rows = []
     for s in SCENARIOS:
-        classic, net = (min(laws, key=lambda law: rms.mean(s, law)) for laws in (WITHOUT, NETWORKS))
+        classic, net = (
+            min(laws, key=lambda law: mean(rms[s, law])) for laws in (WITHOUT, NETWORKS)
+        )
         ratio = rms[s, net] / rms[s, classic]
-        rows.append([s, f"{classic} {rms.mean(s, classic):.3g}", f"{net} {rms.mean(s, net):.3g}",
+        rows.append([s, f"{classic} {mean(rms[s, classic]):.3g}", f"{net} {mean(rms[s, net]):.3g}",
                      mean_ratio(ratio), mean_ratio(rms[s, NETWORK] / rms[s, classic])])  # fmt: skip
     head = ("scenario", "best without a network", "best with one", "ratio", f"ratio of {NETWORK}")
     return markdown(head, rows)
 
 
-def _on_plants(rms: Table, count: int) -> str:
+def _on_plants(rms: Figures, count: int) -> str:
     rows = []
     for s in CORE:
         for law in ON_PLANTS:
@@ -167,7 +162,7 @@ def frictions(results: Sequence[Result]) -> Array:
     return np.array(list(found.values()))
 
 
-def _by_friction(rms: Table, friction: Array) -> str:
+def _by_friction(rms: Figures, friction: Array) -> str:
     rows = []
     for s in CORE:
         for law in ON_PLANTS:
@@ -186,7 +181,7 @@ def draw(results: Sequence[Result], path: Path) -> None:
     """Draw the error on each random plant over its friction, and the medians of six bins."""
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-    rms, friction = Table(results, "plants", RMS), frictions(results)
+    rms, friction = figures(results, "plants", RMS), frictions(results)
     figure, axes = sheet((12.0, 4.8), 110, 1, len(CORE))
     edges = np.geomspace(0.5, 2.0, 7)
     for ax, scenario in zip(axes, CORE, strict=True):
@@ -210,6 +205,5 @@ def draw(results: Sequence[Result], path: Path) -> None:
         ax.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("muzzle error rms [mrad]")
     what = "dot: a plant; line: median of the plants in a sixth of the axis"
-    figure.suptitle(f"{len(DRAWN)} of {len(ON_PLANTS)} laws; {what}", fontsize=10)
     legend_below(figure, axes[0], 5)
-    figure.savefig(path)
+    save(figure, path, f"{len(DRAWN)} of {len(ON_PLANTS)} laws; {what}", 10)

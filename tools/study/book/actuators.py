@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import Exit
 from pcpc.plants.actuators import (
     backlash,
     deadzone,
@@ -23,7 +22,7 @@ from pcpc.plants.actuators import (
     stick_slip,
 )
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from pcpc.plants.study import markdown
+from pcpc.tools.study.book._gallery import Row, gallery
 from pcpc.tools.terminal.progress import Progress
 
 Vector = NDArray[np.float64]
@@ -37,27 +36,11 @@ SLOPES = (1.5, 0.8)
 
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Write results.md and the gallery; return 0."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     progress.show("actuators: compiling and drawing")
-    (folder / "figures").mkdir()
-    page, axes = pyplot.subplots(5, 3, figsize=(13, 17), layout="constrained")
-    rows: list[tuple[str, str, str]] = []
-    for ax, draw in zip(axes.flat, PANELS, strict=True):
-        rows += draw(ax) or []
-        ax.grid(color="#D8D8D8", linewidth=0.5)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.title.set_fontsize(10)
-        ax.legend(frameon=False, fontsize=7.5, loc="best")
-    page.savefig(folder / "figures" / "actuators.png", dpi=110)
-    pyplot.close(page)
-    table = markdown(("what", "measured", "exact, or the limit"), rows)
-    (folder / "results.md").write_text(f"# Actuator nonlinearities\n\n{table}")
-    progress.close()
-    return Exit.OK
+    head = ("what", "measured", "exact, or the limit")
+    return gallery(
+        folder, progress, "actuators", "Actuator nonlinearities", head, PANELS, (13, 17), 5, 7.5
+    )
 
 
 def each(function: Callable[..., float], values: Vector, *rest: float) -> Vector:
@@ -105,7 +88,7 @@ def driven_lugre(speed: Vector, dt: float) -> tuple[Vector, Vector]:
     return torque, deflection
 
 
-def lugre_at_speed(ax: Any) -> list[tuple[str, str, str]]:
+def lugre_at_speed(ax: Any) -> list[Row]:
     """Draw frictional lag: the loop that widens with frequency."""
     dt, largest = 1e-4, 0.0
     for frequency_hz, colour in ((1.0, BLUE), (5.0, VERMILION)):
@@ -133,7 +116,7 @@ def lugre_presliding(ax: Any) -> None:
     _label(ax, "LuGre: presliding", "position [mrad]", "torque [N m]")
 
 
-def coming_to_rest(ax: Any) -> list[tuple[str, str, str]]:
+def coming_to_rest(ax: Any) -> list[Row]:
     """Draw a mass that slides to rest, with the set-valued step and with sgn in an explicit one."""
     rows = []
     for dt, colour in ((1e-2, ORANGE), (1e-3, BLUE)):
@@ -168,7 +151,7 @@ def belt(dt: float, end_s: float) -> tuple[Vector, Vector]:
     return t, place
 
 
-def stick_slip_belt(ax: Any) -> list[tuple[str, str, str]]:
+def stick_slip_belt(ax: Any) -> list[Row]:
     """Draw the mass on the belt and return its period at two steps."""
     rows = []
     for dt, expected in ((1e-3, 0.66712), (1e-4, 0.66677)):
@@ -190,7 +173,7 @@ def stick_slip_belt(ax: Any) -> list[tuple[str, str, str]]:
     return rows
 
 
-def deadzone_curves(ax: Any) -> list[tuple[str, str, str]]:
+def deadzone_curves(ax: Any) -> list[Row]:
     """Draw the deadzone, its inverse and what both come to."""
     u = np.linspace(-2.0, 2.0, 801)
     edges = (GAP[0], -GAP[1], *SLOPES)
@@ -217,7 +200,7 @@ def deadzone_in_time(ax: Any) -> None:
     _label(ax, "a sine through the deadzone", "time [s]", "")
 
 
-def output_deadzone(ax: Any) -> list[tuple[str, str, str]]:
+def output_deadzone(ax: Any) -> list[Row]:
     """Draw what is known behind a deadzone at the output."""
     y = np.linspace(-2.0, 2.0, 801)
     edges = (GAP[0], -GAP[1], *SLOPES)
@@ -267,7 +250,7 @@ def output_deadzone_loop(ax: Any) -> None:
     _label(ax, "a loop with a deadzone in its sensor", "time [s]", "output")
 
 
-def output_deadzone_rest(ax: Any) -> list[tuple[str, str, str]]:
+def output_deadzone_rest(ax: Any) -> list[Row]:
     """Draw the same loop at rest: a load drives the output to the edge, whatever is estimated."""
     rows = []
     for estimates, colour in ((False, BLUE), (True, ORANGE)):
@@ -300,7 +283,7 @@ def backlash_loop(ax: Any) -> None:
     _label(ax, "backlash: the play operator", "input", "output")
 
 
-def backlash_inverse(ax: Any) -> list[tuple[str, str, str]]:
+def backlash_inverse(ax: Any) -> list[Row]:
     """Draw the inverse, which jumps over the gap where the wanted output turns."""
     t = np.linspace(0.0, 2.0, 801)
     w = np.sin(2.0 * np.pi * t)
@@ -341,12 +324,12 @@ def drive_limits(ax: Any) -> None:
 
 
 def _label(ax: Any, title: str, x: str, y: str) -> None:
-    ax.set_title(title)
+    ax.set_title(title, fontsize=10)
     ax.set_xlabel(x, fontsize=8)
     ax.set_ylabel(y, fontsize=8)
 
 
-PANELS: tuple[Callable[[Any], list[tuple[str, str, str]] | None], ...] = (
+PANELS: tuple[Callable[[Any], list[Row] | None], ...] = (
     static_friction, smooth_friction, lugre_at_speed, lugre_presliding, coming_to_rest,
     stick_slip_belt, deadzone_curves, deadzone_in_time, output_deadzone, output_deadzone_loop,
     output_deadzone_rest, backlash_loop, backlash_inverse, gear_torque, drive_limits,

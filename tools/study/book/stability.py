@@ -20,40 +20,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import Exit
 from pcpc.plants.pages import BLUE, GREY, ORANGE, VERMILION
-from pcpc.plants.study import markdown
+from pcpc.tools.study.book._gallery import Row, gallery
 from pcpc.tools.terminal.progress import Progress
 
 Vector = NDArray[np.float64]
-Row = tuple[str, str, str]
 T_S = np.linspace(0.0, 6.0, 1201)
 MOST = 1.0  # D of (4)
 
 
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Write results.md and the figure; return 0."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     progress.show("stability: drawing")
-    (folder / "figures").mkdir()
-    page, axes = pyplot.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
-    rows: list[Row] = []
-    for ax, draw in zip(axes, (asymptotic, local, barbalat, bounded), strict=True):
-        rows += draw(ax)
-        ax.set_xlabel("t [s]")
-        ax.grid(color="#D8D8D8", linewidth=0.5)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.legend(frameon=False, fontsize=8, loc="best")
-    page.savefig(folder / "figures" / "stability.png", dpi=110)
-    pyplot.close(page)
-    table = markdown(("what", "computed", "exact, or the limit"), rows)
-    (folder / "results.md").write_text(f"# Stability\n\n{table}")
-    progress.close()
-    return Exit.OK
+    head = ("what", "computed", "exact, or the limit")
+    panels = (asymptotic, local, barbalat, bounded)
+    return gallery(folder, progress, "stability", "Stability", head, panels, (14, 3.6), 1, 8)
 
 
 def solution(slope: Callable[[float, Vector], Vector], start: tuple[float, ...]) -> Vector:
@@ -83,7 +64,7 @@ def asymptotic(ax: Any) -> list[Row]:
         ax.semilogy(T_S, v, color=colour, label=f"from r = {size:g}")
         ax.semilogy(T_S, exact, ":", color=GREY)
         rows.append((f"(1) from r = {size:g}, V at the end", f"{v[-1]:.8f}", f"{exact[-1]:.8f}"))
-    ax.set(title="asymptotic: V falls; dotted: exact", ylabel="V")
+    ax.set(title="asymptotic: V falls; dotted: exact", ylabel="V", xlabel="t [s]")
     return rows
 
 
@@ -104,7 +85,7 @@ def local(ax: Any) -> list[Row]:
         at = int(np.flatnonzero(finite)[-1])
         what = f"(2) from r = {size:g}, V at {T_S[at]:.2f} s"
         rows.append((what, f"{v[at]:.4f}", f"{1 / inverse[at]:.4f}"))
-    ax.set(title="local: only from within r = 1", ylabel="V")
+    ax.set(title="local: only from within r = 1", ylabel="V", xlabel="t [s]")
     return rows
 
 
@@ -123,7 +104,7 @@ def barbalat(ax: Any) -> list[Row]:
         ((e**2 + p**2) / 2, GREY, "V"),
     ):
         ax.plot(T_S, values, color=colour, label=name)
-    ax.set_title("Barbalat: e to 0, p not")
+    ax.set(title="Barbalat: e to 0, p not", xlabel="t [s]")
     kept = (e[-1] ** 2 + p[-1] ** 2) / 2 + spent[-1]
     return [
         ("(3) V and the integral of e^2, at the end", f"{kept:.8f}", "V0 = 1"),
@@ -151,5 +132,5 @@ def bounded(ax: Any) -> list[Row]:
         rows.append((f"(4) {name}, largest x or -x after 4.5 s", f"{last:.4f}", f"to {most:.4f}"))
     for edge in (-MOST, MOST):
         ax.axhline(edge, color=GREY, linestyle=":")
-    ax.set(title="UUB: into |x| <= D (dotted)", ylabel="x")
+    ax.set(title="UUB: into |x| <= D (dotted)", ylabel="x", xlabel="t [s]")
     return rows
