@@ -145,6 +145,18 @@ def test_segments_want_their_toggle_a_transfer_and_the_length() -> None:
     assert code(bench.sdo(bytes([0x21, 0x7A, 0x60, 0, 3, 0, 0, 0]))) == why.WRONG_LENGTH
 
 
+@pytest.mark.parametrize(
+    ("begin", "segment"), [((0x40, 8, 0x10), 0x00), ((0x20, 0x7A, 0x60), 0x60)]
+)
+def test_a_segment_of_the_other_direction_is_no_command(
+    begin: tuple[int, ...], segment: int
+) -> None:
+    bench = Bench()
+    assert bench.sdo(bytes(begin))[0] in (0x41, 0x60)
+    answer = bench.sdo(bytes([segment]))
+    assert (answer[0], answer[4:]) == (0x80, why.NO_COMMAND.to_bytes(4, "little"))
+
+
 def test_a_client_that_falls_silent_is_given_up_after_a_second() -> None:
     bench = Bench()
     bench.sdo(bytes([0x40, 8, 0x10, 0]))
