@@ -78,6 +78,10 @@ def _flipped(part: bytes, at: int) -> bytes:
     return bytes(changed)
 
 
+def _unsized(kind: int) -> bytes:
+    return LOBJ.pack(b"LOBJ", 32, 1, 0, kind) + bytes(300)
+
+
 @pytest.mark.parametrize(
     ("middle", "said"),
     [
@@ -85,8 +89,11 @@ def _flipped(part: bytes, at: int) -> bytes:
         (_flipped(PARTS[1], 16), "packed by method"),
         (_flipped(PARTS[1], 0), "no object begins there"),
         (LOBJ.pack(b"LOBJ", 16, 1, 20, 10) + b"1234", "a container is cut"),
+        (LOBJ.pack(b"LOBJ", 16, 1, 0, 10), "an object without a size"),
         (blf_container(_flipped(b"".join(OBJECTS[10:20]), 0)), "no object begins there"),
         (blf_container(OBJECTS[10][:8] + bytes(8) + OBJECTS[10][16:]), "an object without a size"),
+        (blf_container(_unsized(86)), "an object without a size"),
+        (blf_container(_unsized(99)), "an object without a size"),
         (blf_container(OBJECTS[10][:8] + b"\xff" * 4 + OBJECTS[10][12:]), "an object of 42949672"),
         (blf_container(blf_object(1, bytes(16), version=7)), "a head of version 7"),
         (blf_container(blf_object(1, bytes(3))), "requires a buffer"),

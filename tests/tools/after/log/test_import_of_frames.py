@@ -155,3 +155,17 @@ def test_a_packed_file_that_is_cut_or_changed_is_read_as_far_as_it_goes(tmp_path
         assert done.code == 3 and "the .gz around it" in done.out + done.err, done
     assert imported(tmp_path, "a.log.gz", whole + bytes(100), "--quiet").code == 0
     assert imported(tmp_path, "a.log.gz", whole + whole, "--quiet").code == 0
+
+
+def test_a_channel_that_steers_a_terminal_is_printed_harmless(tmp_path: Path) -> None:
+    lines = [f"({i}.5) can\x1b[2J{i % 2} 120#0000000000000000\n" for i in range(4)]
+    done = imported(tmp_path, "a.log", "".join(lines))
+    assert done.code == 0 and "\x1b" not in done.out + done.err, repr(done)
+
+
+def test_channels_that_stand_one_behind_the_other_are_merged_by_their_stamps(
+    tmp_path: Path,
+) -> None:
+    text = "".join(f"({1 + i}.5) can{k} 100#\n" for k in range(2) for i in range(20))
+    done = imported(tmp_path, "a.log", text)
+    assert "in 19 s" in done.out and "clock" not in done.out, done

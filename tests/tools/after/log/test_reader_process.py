@@ -10,12 +10,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from foreign import START_S, blf_container, blf_file
 
 from pcpc.drivers.errors import Exit
+from pcpc.tools.after.log import recording
 from pcpc.tools.after.log.readers import child
 from pcpc.tools.after.log.recording import Recording, read
 from pcpc.tools.terminal.outfile import LogCommandError
@@ -104,13 +106,15 @@ def sent(number: signal.Signals) -> _Meanwhile:
 
 
 QUIET = Progress(quiet=True)
+CUT_MDF = (b"MDF     4.10    pcpc    " + bytes(4) + (410).to_bytes(2, "little")).ljust(64, b"\0")
+CUT_MDF += b"##HD" + bytes(4) + (104).to_bytes(8, "little") + (6).to_bytes(8, "little") + bytes(48)
 
 
 @pytest.mark.parametrize(
     ("made", "progress", "limits", "said"),
     [
         (packed, QUIET, LIMITS, f"{child.UNPACKS} [2]"),
-        (long, QUIET, replace(LIMITS, bytes=1 << 20), f"{child.UNPACKS} [2]"),
+        (long, QUIET, replace(LIMITS, bytes=1_550_000), f"{child.UNPACKS} [2]"),
         (hanging, QUIET, LIMITS, "its reader hangs after 0 frames or a few more: "),
         (greedy, QUIET, LIMITS, "needs more than 600 MiB of memory after 0 frames: "),
         (container, QUIET, replace(LIMITS, memory_bytes=300 << 20), "more than 300 MiB"),
@@ -182,10 +186,34 @@ def test_what_a_library_prints_is_not_shown(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Of a damaged file asammdf prints a traceback as its object is deleted."""
-    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
+    (tmp_path / "a.mf4").write_bytes(CUT_MDF)
     outcome = recorded(tmp_path / "a.mf4", QUIET, None)
     assert "damaged after 0 frames" in str(outcome), outcome
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_stream_that_is_cut_anywhere_is_no_end(tmp_path: Path) -> None:
+    text = "(1.5) can0 100#1122\n" * 3
+    (path := tmp_path / "a.log").write_text(text)
+    child.write(stream := BytesIO(), path, None, LIMITS)
+    whole = stream.getvalue()
+    for size in range(len(whole)):
+        with pytest.raises(EOFError):
+            recording._last_word(BytesIO(whole[:size]), [], LIMITS, path, QUIET)
+
+
+class _Counted(child.Limits):
+    """Counts how often a reader's time begins anew."""
+
+    times = 0
+
+    def be_patient(self) -> None:
+        _Counted.times += 1
+
+
+def test_a_readers_time_begins_anew_with_each_block(tmp_path: Path) -> None:
+    child.write(BytesIO(), long(tmp_path), None, _Counted(1, 1, 1.0))
+    assert _Counted.times == 3
 
 
 def test_the_limits_grow_with_the_file(tmp_path: Path) -> None:
