@@ -1,7 +1,10 @@
 """`pcpc margin` of rigs that are not linear: what is measured is the answer to what is small."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import pcpc
 from pcpc.tools.study.margin import find, sizes
 from pcpc.tools.study.margin.book._linear_rig import PLANTS, RATE_HZ
 from pcpc.tools.study.margin.margins import Margins, margins
+from pcpc.tools.study.margin.sizes import MeasuredMargins
 
 NAMES = ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin", "sensitivity_peak")
 FAST = {"settle_s": 2.0, "lowest_hz": 0.5, "method": "measured"}
@@ -68,3 +72,79 @@ def test_a_rig_that_drifts_to_its_rest_is_linearised_there(
         monkeypatch.setattr(find, "_LONGER", longer)
         one = pcpc.margin(path, settle_s=0.03, **about)  # type: ignore[arg-type]
         assert ("not at rest" in one.text()) != rests, longer
+
+
+NAN, INF, NONE = math.nan, math.inf, (math.nan, math.nan)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "size", "told"),
+    [
+        ({8: (2.0, 50.0), 4: (2.04, 49.0)}, 8, (2.0, 50.0)),
+        ({8: (3.0, 50.0), 4: (2.2, 50.0), 2: (2.0, 50.0), 1: (1.97, 50.0)}, 2, (2.0, 50.0)),
+        ({8: (2.0, 50.0), 4: (2.02, 50.0), 2: (2.02, 50.0)}, 8, (2.0, 50.0)),
+        ({8: (2.0, NAN), 4: (3.0, NAN), 2: (5.0, NAN), 1: NONE}, 8, NONE),
+        ({8: (INF, 50.0), 4: (2.0, 50.0), 2: NONE}, 8, (NAN, 50.0)),
+        ({8: (2.0, 50.0), 4: (2.06, 50.0), 2: NONE}, 8, (NAN, 50.0)),
+        ({8: (2.0, 50.0), 4: (INF, 50.0), 2: NONE}, 8, (NAN, 50.0)),
+        ({8: (2.0, 50.0), 4: (3.0, 60.0), 2: (4.0, 70.0), 1: NONE}, 4, NONE),
+        ({8: (2.0, 50.0), 4: (3.0, 50.0), 2: (4.0, 70.0), 1: NONE}, 8, (NAN, 50.0)),
+        ({8: (2.0, 50.0), 4: (NAN, 50.0)}, 8, (2.0, 50.0)),
+        ({8: (NAN, 50.0), 4: (2.0, 50.0)}, 8, (NAN, 50.0)),
+        ({8: (INF, 50.0), 4: (INF, 50.0)}, 8, (INF, 50.0)),
+        ({8: (2.0, 50.0), 4: NONE}, 8, (2.0, 50.0)),
+        ({8: NONE, 4: (2.0, 50.0), 2: (2.0, 50.0)}, 8, NONE),
+        ({8: (2.0, 50.0)}, 8, (2.0, 50.0)),
+    ],
+)
+def test_a_number_is_told_where_half_the_size_has_it_too(
+    numbers: dict[int, tuple[float, float]],
+    size: int,
+    told: tuple[float, float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def margins_of(loop: Any, rate_hz: float) -> MeasuredMargins:
+        gain, phase = numbers[loop.amplitude]
+        nothing = Margins(*[NAN] * 12)
+        return MeasuredMargins(loop, replace(nothing, gain_margin=gain, phase_margin_deg=phase), [])
+
+    def measured(amplitude: float) -> Any:
+        return SimpleNamespace(amplitude=amplitude) if amplitude in numbers else None
+
+    monkeypatch.setattr(sizes, "_margins_of", margins_of)
+    found = sizes._nearest_to_linear(measured(8), measured, 1.0, 8)
+    assert found.loop.amplitude == size
+    seen = found.margins.gain_margin, found.margins.phase_margin_deg
+    assert seen == pytest.approx(told, nan_ok=True)
+    hidden = {"gain_margin": told[0], "phase_margin_deg": told[1]}
+    names = [name for name in hidden if math.isnan(hidden[name])]
+    first = dict(zip(hidden, numbers[size], strict=True))
+    assert [one.name for one in found.unsure] == [n for n in names if not math.isnan(first[n])]
+
+
+@pytest.mark.parametrize(
+    ("errors", "size", "runs"),
+    [
+        ([0.01], 0, 0),  # enough, as it is
+        ([0.1, 0.3, 0.5, 2.0], 0, 3),  # noise, until nothing answers
+        ([0.1, 0.3, 0.05, 0.01, 0.001], 3, 3),  # until it is enough
+        ([0.1, 0.05, 0.3, 0.4, 0.6, 0.8, 0.03], 1, 5),  # no further than that
+        ([0.1, 0.05], 1, 2),  # the next ends in a fault
+    ],
+)
+def test_smaller_sizes_are_tried_until_one_is_clear(
+    errors: list[float], size: int, runs: int
+) -> None:
+    def measured(amplitude: float) -> Any:
+        k = round(-math.log(amplitude, 16.0))
+        tried.append(k)
+        if k >= len(errors):
+            return None
+        error = np.array([errors[k]])
+        about = {"error": error, "left": errors[k], "answers": errors[k] <= 1.0}
+        return SimpleNamespace(amplitude=amplitude, **about)
+
+    tried = list[int]()
+    own = measured(1.0)
+    assert sizes._clearest(own, measured).amplitude == pytest.approx(16.0**-size)
+    assert tried == list(range(runs + 1))
