@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,11 +10,8 @@ import pytest
 from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import tuning
 from pcpc.tools.dev.evidence import cli, compared, mutants
+from pcpc.tools.dev.evidence.comparison import Compared, Episodes
 from pcpc.tools.dev.evidence.mutation import build
-
-COMPARISONS = (
-    "supervisor", "receiver", "sender", "codec", "senders", "values", "reception", "tunings"
-)  # fmt: skip
 
 
 @pytest.mark.deep
@@ -26,7 +23,7 @@ def test_the_compiled_code_is_as_expected_and_every_mutant_of_it_is_noticed() ->
 
 
 @pytest.fixture(scope="module")
-def interpreted_compares() -> dict[str, compared.Compare]:
+def interpreted_compares() -> dict[str, Episodes]:
     """Return the comparisons of interpreted code over as many episodes as of compiled code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compared, "FEW", compared.EPISODES)
@@ -35,11 +32,11 @@ def interpreted_compares() -> dict[str, compared.Compare]:
 
 @pytest.mark.deep
 @np.errstate(all="ignore")
-@pytest.mark.parametrize("name", COMPARISONS)
+@pytest.mark.parametrize("name", mutants.DRIVERS)
 def test_the_interpreted_code_is_as_expected_in_every_episode(
-    interpreted_compares: dict[str, compared.Compare], name: str
+    interpreted_compares: dict[str, Episodes], name: str
 ) -> None:
-    assert not interpreted_compares[name](0), name
+    assert not interpreted_compares[name].difference(0), name
 
 
 def test_every_function_has_mutants_and_each_is_one_change_at_its_line() -> None:
@@ -99,12 +96,55 @@ def test_code_that_is_broken_itself_is_told_and_not_met(
     options = argparse.Namespace(parts=["mutants"], output=str(tmp_path / "e"), quiet=True)
     assert cli.command(options) == Exit.NOT_MET
     told = capsys.readouterr().out.splitlines()
-    words = "tunings: the code itself is not as expected, so that its mutants tell nothing"
-    assert told[:2] == [words, "1 not as stated"]
+    where, what = told[0].split(": the code itself ")
+    assert where.startswith("tunings: ") and what == "is not as expected, its mutants tell nothing"
+    assert told[1] == "1 not as stated"
+
+
+@np.errstate(all="ignore")
+@pytest.mark.parametrize(("kind", "name"), [(1, "guard.pace"), (0, "control.stale"), (1, "v[101]")])
+def test_a_difference_has_the_name_of_what_differs(kind: int, name: str) -> None:
+    compare = mutants.mutants_and_compares(compiled=False)[1]["supervisor"]
+    seen = compare.about.real if kind else compare.about.whole
+    place = 17, compare.about.names(seen).index(name)
+    expected = compare._episodes[1][2][kind]
+    expected[place] += 1.0
+    words = f"{name} is {expected[place] - 1}, expected {expected[place]}, in step 17 of episode 1"
+    assert compare.difference(0) == words
+    expected[place] -= 1.0
+    assert expected[place].tobytes() == compare._episodes[1][2][kind][place].tobytes()
+
+
+class Given(NamedTuple):
+    """Of a step."""
+
+    k: int
+    share: float
+    wire: Annotated[list[int], "u1", 8]
+
+
+def test_names_lead_to_the_loop_and_stand_for_one_or_several() -> None:
+    about = Compared(Given, _accepts_all, whole={
+        "came": int, "guard.pace": int, "v[3:5]": int, "v[GAIN]": int,
+        "rx.state[max(given.k, 0)].lost": int, "refused(n)": int, "wire.tx[0:2]": int,
+    })  # fmt: skip
+    assert about.names(about.whole) == [
+        "came", "guard.pace", "v[3]", "v[4]", "v[GAIN]", "rx.state[max(given.k, 0)].lost",
+        "refused(n)", "wire.tx[0]", "wire.tx[1]",
+    ]  # fmt: skip
+    lines = [line.strip() for line in about.driver.splitlines()[5:]]
+    assert lines == [
+        "whole[s, 0] = came", "whole[s, 1] = n.guard.pace",
+        "whole_2 = n.v", "for i in range(3, 5):", "whole[s, -1 + i] = whole_2[i]",
+        "whole[s, 4] = n.v[3]", "whole[s, 5] = n.rx.state[max(given.k, 0)].lost",
+        "whole[s, 6] = refused(n)",
+        "whole_7 = n.wire.tx", "for i in range(0, 2):", "whole[s, 7 + i] = whole_7[i]",
+    ]  # fmt: skip
+    assert [about.record[name].str for name in Given._fields] == ["<i8", "<f8", "|V8"]
 
 
 def test_mutants_of_a_function_are_what_they_say() -> None:
-    every, _ = build({"drivers.can.codec": ("frame_of",)}, {}, "", {}, compiled=False)
+    every, _ = build({"drivers.can.codec": ("frame_of",)}, {}, {}, {}, compiled=False)
     changes = {f"{one.was} -> {one.becomes}" for one in every}
     assert "frames[row].can_id == number -> frames[row].can_id != number" in changes
     assert "word & can_id.ID -> word | can_id.ID" in changes

@@ -106,7 +106,7 @@ def failures(evidence: Mapping[str, Any]) -> list[str]:
             if any(row["alarms"].values())
         ]
     lines += [
-        f"{one}: the code itself is not as expected, so that its mutants tell nothing"
+        f"{one}: the code itself is not as expected, its mutants tell nothing"
         for one in evidence.get("mutants", {}).get("broken", ())
     ]
     lines += [

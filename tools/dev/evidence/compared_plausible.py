@@ -5,41 +5,19 @@ What is expected stands here a second time, in plain Python, from the head of
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.plausibility import EVENT_CYCLES, Implausibility
-from pcpc.tools.dev.evidence.episodes import Episodes
+from pcpc.executive.loop.plausibility import EVENT_CYCLES, Implausibility, take_plausible
+from pcpc.tools.dev.evidence.comparison import LAST_EVENT, Compared, Episodes
 
-EPISODES, STEPS = 60, 150
+STEPS = 150
 ROWS, PLACES, COUNTS = (0, 0, 1), (20, 21, 22), (30, 31, 32)
-DRIVER = """
-
-@loop_function
-def plausible(_m, n, about, values, told, kept):
-    for s in range(about.shape[0]):
-        a, t, these = about[s], told[s], n.plausible
-        n.k = a[0]
-        if a[2] != 0:
-            n.guard.faulted = a[3]
-        for i in range(these.n):
-            if these.row[i] == a[1]:
-                n.v[these.place[i]] = values[s, i]
-        n.event_taken[0] = n.event_ends.head
-        t[0] = m_take_plausible(_m, n, a[1])
-        t[1], t[2], t[3] = n.control.implausible, n.guard.faulted, n.control.culprit
-        t[4], t[5], t[6] = n.control.odd_place, n.control.odd_cycle, n.control.odd_bits
-        event = n.event[(n.event_ends.head - 1) % 1024]
-        t[7], t[8], t[9], t[10] = n.event_ends.head, event.code, event.argument, event.bits
-        for i in range(these.n):
-            kept[s, i] = n.v[these.place[i]]
-            kept[s, these.n + i] = n.v[these.count_place[i]]
-"""
 
 
 def _bits(x: float) -> int:
@@ -77,11 +55,34 @@ class Signal:
         return Implausibility.STILL if k - self.came_at > self.still else Implausibility.GOOD
 
 
+class Step(NamedTuple):
+    """Received values, and a fault that stands."""
+
+    k: int
+    row: int
+    sets: int
+    fault: int
+    values: Annotated[Sequence[float], "<f8", len(ROWS)]
+
+
+def plausible(n: Any, given: Step) -> Any:
+    """Put the values of a row into the table; judge them."""
+    n.k = given.k
+    if given.sets != 0:
+        n.guard.faulted = given.fault
+    for i in range(n.plausible.n):
+        if n.plausible.row[i] == given.row:
+            n.v[n.plausible.place[i]] = given.values[i]
+    n.event_taken[0] = n.event_ends.head
+    return take_plausible(n, given.row)
+
+
 @dataclass
 class Receiver:
     """What a node makes of received values."""
 
     signals: list[Signal]
+    known: bool = False
     fault: int = 0
     count: int = 0
     why: int = 0
@@ -89,22 +90,18 @@ class Receiver:
     events: int = 0
     event: tuple[int, int, int] = field(default=(0, 0, 0))
 
-    def step(self, about: list[int], values: list[float]) -> tuple[list[int], list[float]]:
-        """Return what is told and kept after a step."""
-        k, row, sets, fault = about
-        self.fault = fault if sets else self.fault
-        own = [i for i, its in enumerate(ROWS) if its == row]
+    def step(self, given: Step) -> None:
+        """Judge the values of a row."""
+        self.fault = given.fault if given.sets else self.fault
+        own = [i for i, its in enumerate(ROWS) if its == given.row]
         for i in own:
-            signal, x = self.signals[i], values[i]
-            why = signal.judge(x, k)
+            signal, x = self.signals[i], given.values[i]
+            why = signal.judge(x, given.k)
             if why == Implausibility.GOOD:
-                signal.taken, signal.taken_at, signal.in_a_row = x, k, 0
+                signal.taken, signal.taken_at, signal.in_a_row = x, given.k, 0
             else:
-                self.refuse(i, x, k, why)
-        known = all(self.signals[i].taken_at != -1 for i in own)
-        told = [known, self.count, self.fault, self.why, *self.odd, self.events, *self.event]
-        kept = [signal.taken for signal in self.signals]
-        return told, kept + [signal.count for signal in self.signals]
+                self.refuse(i, x, given.k, why)
+        self.known = all(self.signals[i].taken_at != -1 for i in own)
 
     def refuse(self, i: int, x: float, k: int, why: int) -> None:
         """Count and tell a value; fault after too many in a row."""
@@ -119,22 +116,36 @@ class Receiver:
             self.odd = PLACES[i] + 1, k, _bits(x)
 
 
-def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the steps of an episode: cycle, row, whether and which fault stands; the values."""
-    about = np.zeros((STEPS, 4), np.int64)
+RECEIVER = Compared(
+    Step, plausible,
+    whole={
+        "came": lambda m: m.known, "control.implausible": lambda m: m.count,
+        "guard.faulted": lambda m: m.fault, "control.culprit": lambda m: m.why,
+        "control.odd_place": lambda m: m.odd[0], "control.odd_cycle": lambda m: m.odd[1],
+        "control.odd_bits": lambda m: m.odd[2], **LAST_EVENT,
+    },
+    real={
+        f"v[{PLACES[0]}:{PLACES[-1] + 1}]": lambda m: [one.taken for one in m.signals],
+        f"v[{COUNTS[0]}:{COUNTS[-1] + 1}]": lambda m: [one.count for one in m.signals],
+    },
+)  # fmt: skip
+
+
+def _draw_steps(given: Any, draw: np.random.Generator) -> None:
+    """Draw the steps of an episode."""
     steps = draw.choice([0, 1, 2, 3, 99], STEPS, p=[0.1, 0.6, 0.2, 0.09, 0.01])
     steps[:2] = 0, 1  # what is taken in cycle 0 was taken
-    about[:, 0] = np.cumsum(steps)
-    about[:, 1] = draw.integers(0, 3, STEPS)  # row 2 has no limits
-    about[1, 1] = about[0, 1]
-    about[:, 2] = draw.random(STEPS) < 0.1
-    about[:, 3] = np.where(draw.random(STEPS) < 0.2, draw.integers(1, 5, STEPS), 0)
+    given.k = np.cumsum(steps)
+    given.row = draw.integers(0, 3, STEPS)  # row 2 has no limits
+    given.row[1] = given.row[0]
+    given.sets = draw.random(STEPS) < 0.1
+    given.fault = np.where(draw.random(STEPS) < 0.2, draw.integers(1, 5, STEPS), 0)
     moves = draw.choice(np.array([0.0, 0.0, 0.25, -0.25, 0.5, -0.5, 0.75]), (STEPS, len(ROWS)))
     values = (np.cumsum(moves, axis=0) + 1.5) % 3.0 - 1.5
     edge = [math.nan, math.inf, -math.inf, 1e300, -1e300, math.nextafter(1e300, 0.0), 1.0, -1.0]
     odd = draw.random(values.shape) < 0.08
     values[odd] = draw.choice(edge, int(odd.sum()))
-    return about, values
+    given.values = values
 
 
 def _signals(number: int, draw: np.random.Generator) -> list[Signal]:
@@ -155,15 +166,13 @@ def install(these: Any, signals: list[Signal]) -> None:
         these.taken_at[i], these.came[i] = -1, math.nan
 
 
-def receiver(driver: Any, draw: np.random.Generator, count: int) -> Any:
+def receiver(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
     """Feed what judges values with `count` episodes."""
-    episodes = Episodes(driver.plausible)
+    episodes = Episodes(RECEIVER, feed)
     for number in range(count):
         signals = _signals(number, draw)
         install(episodes.new_loop().plausible, signals)
-        about, values = _drawn_steps(draw)
-        model = Receiver(signals)
-        steps = zip(about.tolist(), values.tolist(), strict=True)
-        told, kept = zip(*(model.step(*step) for step in steps), strict=True)
-        episodes.add((about, values), (np.array(told, np.int64), np.array(kept, np.float64)))
-    return episodes.differ
+        rows = episodes.new_rows(STEPS)
+        _draw_steps(rows, draw)
+        episodes.add(rows, Receiver(signals))
+    return episodes

@@ -5,19 +5,22 @@ most go on from the one before, the others are repeated, forged, damaged, late o
 """
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.can.dbc import Kind
-from pcpc.executive.loop import control
+from pcpc.drivers.can.e2e import begin_cycle
+from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.intrusion import HINT_TURNS
+from pcpc.executive.loop.on_wire import age_frames
+from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.variables import BUS_AT
 from pcpc.tools.dev.evidence import compared_plausible
-from pcpc.tools.dev.evidence.compared_senders import OWN
-from pcpc.tools.dev.evidence.episodes import Episodes
+from pcpc.tools.dev.evidence.compared_senders import FOREIGN_LIMIT, OWN, REPEAT_LIMIT
+from pcpc.tools.dev.evidence.comparison import LAST_EVENT, Compared, Episodes, frame_word, same
 from pcpc.tools.dev.evidence.expected_reception import (
     ANOTHER,
     AWAITED,
@@ -36,80 +39,84 @@ from pcpc.tools.dev.evidence.expected_reception import (
     SIGNALS,
     SLOW,
     SPOILED,
+    STALLED,
     STARTS,
     STOP,
     SYNC,
     WIDE,
     Node,
     Settings,
+    Step,
 )
 
 STEPS = 150
-STUBS = """
-import types
-def _injected(n, row):
+
+
+def _injected(n: Any, row: int) -> Any:
     return n.faults.count[0]
-inject = loop_function(_injected)
-"""  # what a fault on purpose did stands in the step
-DRIVER = """
-from pcpc.drivers.can import e2e as _e2e
 
 
-@loop_function
-def reception(_m, n, about, frames, told, kept):
-    rx, seen = n.rx, n.intrusion
-    for s in range(about.shape[0]):
-        a, t = about[s], told[s]
-        for _ in range(a[0]):
-            n.passes += 1
-            _e2e.begin_cycle(rx.state, rx.n)
-            m_age_frames(_m, n)
-            rx.started = rx.fresh = n.wire.muted = 0
-        n.k, n.clock.behind, n.wire.source = a[1], a[2], a[4]
-        n.faults.count[0] = a[5]
-        n.faults.peer_stall[0] = a[10]
-        if a[3] >= 0 and a[6] != 0:
-            n.faults.acted[a[3]] = n.passes + 1
-        if a[7] != 0:
-            n.guard.faulted = a[8]
-        n.meeting.between = a[9]
-        for i in range(16):
-            n.wire.rx[i] = frames[s, 0, i]
-            n.faults.another[i] = frames[s, 1, i]
-        n.frame_taken[0] = n.frame_ends.head
-        n.event_taken[0] = n.event_ends.head
-        if a[11] != 0:
-            m_note_bus_error(_m, n)
-            if n.guard.off != 0:
-                m_fault_while_off(_m, n)
-        else:
-            t[0] = m_take_frame(_m, n)
-        t[59] = n.guard.off
-        for i in range(6):
-            t[60 + i] = n.v[BUS_AT + i]
-        t[1] = m_taken_on_purpose(_m, n)
-        t[2], t[3], t[4], t[5] = rx.started, rx.fresh, n.wire.muted, n.guard.faulted
-        t[6], t[7], t[8] = n.guard.quick, n.event_ends.head, n.frame_ends.head
-        event = n.event[(n.event_ends.head - 1) % 1024]
-        t[9], t[10], t[11] = event.code, event.argument, event.bits
-        for i in range(2):
-            last = (n.frame_ends.head - 1 - i) % 65536 * 5
-            t[12 + 2 * i], t[13 + 2 * i] = n.frame[last + 3], n.frame[last + 4]
-        for i in range(len(COUNTED)):
-            t[16 + i] = words(n.control)[COUNTED[i]]
-        for i in range(10):
-            t[32 + i] = words(rx.state[max(a[3], 0)])[i]
-            t[42 + i] = words(n.faults.on_wire[max(a[3], 0)])[i]
-        t[52], t[53], t[54] = n.faults.shown, rx.foreign.count, rx.repeats.count
-        for i in range(2):  # nodes below
-            t[55 + i], t[57 + i] = n.meeting.sampled[i], n.meeting.holding[i]
-        for i in range(4):
-            kept[s, i] = n.v[20 + i]
-            kept[s, 4 + i] = n.v[30 + i]
-"""
-DRIVER = DRIVER.replace("COUNTED", repr(tuple(map(control.place, COUNTED)))).replace(
-    "BUS_AT", str(BUS_AT)
-)
+def put_beside(copy: Any) -> None:
+    """Have a fault on purpose do what stands in the step."""
+    copy.inject = copy.loop_function(_injected)
+
+
+def received(n: Any, given: Step) -> Any:
+    """Let cycles begin, then take a frame or what the controller told."""
+    for _ in range(given.cycles):
+        n.passes += 1
+        begin_cycle(n.rx.state, n.rx.n)
+        age_frames(n)
+        n.rx.started = n.rx.fresh = n.wire.muted = 0
+    n.k, n.clock.behind, n.wire.source = given.k, given.behind, given.source
+    n.faults.count[0] = given.done
+    n.faults.peer_stall[0] = given.stall
+    if given.row >= 0 and given.acts != 0:
+        n.faults.acted[given.row] = n.passes + 1
+    if given.sets != 0:
+        n.guard.faulted = given.fault
+    n.meeting.between = given.second
+    for i in range(16):
+        n.wire.rx[i] = given.frame[i]
+        n.faults.another[i] = given.other[i]
+    n.frame_taken[0] = n.frame_ends.head
+    n.event_taken[0] = n.event_ends.head
+    if given.error == 0:
+        return take_frame(n)
+    note_bus_error(n)
+    if n.guard.off != 0:
+        fault_while_off(n)
+    return 0
+
+
+def _frame_of(back: int, word: int) -> Callable[[Node], int]:
+    return lambda m: m.last_frame(back)[word]
+
+
+def _count_of(word: str) -> Callable[[Node], int]:
+    return lambda m: m.count_of(word)
+
+
+RECEPTION = Compared(
+    Step, received,
+    whole={
+        "came": lambda m: m.taken, "taken_on_purpose(n)": lambda m: m.on_purpose,
+        **same("rx.started", "rx.fresh", "wire.muted", "guard.quick", "guard.off", "faults.shown"),
+        "guard.faulted": lambda m: m.fault, "frame_ends.head": lambda m: len(m.log), **LAST_EVENT,
+        **{frame_word(back, 3 + i): _frame_of(back, i) for back in range(2) for i in range(2)},
+        **{f"control.{word}": _count_of(word) for word in COUNTED},
+        "words(rx.state[max(given.row, 0)])[0:10]": lambda m: m.receivers[m.row].told(),
+        "words(faults.on_wire[max(given.row, 0)])[0:10]": lambda m: m.came[m.row].told(),
+        "rx.foreign.count": lambda m: m.windows[FOREIGN_LIMIT][1],
+        "rx.repeats.count": lambda m: m.windows[REPEAT_LIMIT][1],
+        "meeting.sampled[0:2]": lambda m: [m.sampled * its for its in m.peers],
+        "meeting.holding[0:2]": lambda m: [(BEAT + 1) * bool(m.held) * its for its in m.peers],
+    },
+    real={
+        f"v[{BUS_AT}:{BUS_AT + 6}]": lambda m: m.bus, "v[20:24]": lambda m: m.v,
+        "v[30:33]": lambda m: [signal.count for signal in m.judge_of.signals],
+    },
+)  # fmt: skip
 
 
 def _frame(word: int, length: int, data: bytes) -> bytes:
@@ -138,64 +145,62 @@ class _Traffic:
         return _frame(has.can_id, length, bytes(content))
 
 
-def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Return steps and their frames."""
-    about, frames = np.zeros((STEPS, 12), np.int64), np.zeros((STEPS, 2, 16), np.uint8)
+def _draw_steps(given: Any, draw: np.random.Generator) -> None:
+    """Draw steps and their frames."""
     traffic = _Traffic(draw)
     few = [0, 1, 2, 3, 9, 10, 20]
-    about[:, 0] = draw.choice(few, STEPS, p=[0.55, 0.3, 0.05, 0.04, 0.02, 0.02, 0.02])
-    about[: int(draw.integers(0, 25)), 0] = 0  # before the first cycle
+    given.cycles = draw.choice(few, STEPS, p=[0.55, 0.3, 0.05, 0.04, 0.02, 0.02, 0.02])
+    given.cycles[: int(draw.integers(0, 25))] = 0  # before the first cycle
     skips = draw.choice([0, 1, 74, 75, 76, 99], STEPS, p=[0.84, 0.06, 0.03, 0.03, 0.03, 0.01])
-    about[:, 1] = 1 + np.cumsum(about[:, 0] + skips)
-    about[:, 2] = draw.choice([0, 1, 2, 5], STEPS, p=[0.8, 0.1, 0.05, 0.05])
+    given.k = 1 + np.cumsum(given.cycles + skips)
+    given.behind = draw.choice([0, 1, 2, 5], STEPS, p=[0.8, 0.1, 0.05, 0.05])
     weights = [0.32, 0.2, 0.1, 0.12, 0.01, 0.2, 0.05]
-    about[:, 3] = draw.choice([FB, BEAT, SYNC, SLOW, STOP, WIDE, -1], STEPS, p=weights)
-    about[:8, 3] = np.where(draw.random(8) < 0.5, -1, about[:8, 3])  # greetings
-    about[:, 4] = draw.choice([11, 22, -1], STEPS, p=[0.97, 0.02, 0.01])
+    given.row = draw.choice([FB, BEAT, SYNC, SLOW, STOP, WIDE, -1], STEPS, p=weights)
+    given.row[:8] = np.where(draw.random(8) < 0.5, -1, given.row[:8])  # greetings
+    given.source = draw.choice([11, 22, -1], STEPS, p=[0.97, 0.02, 0.01])
     injected = [CHANGED, GONE, CHANGED | ANOTHER, GONE | ANOTHER]
-    about[:, 5] = np.where(draw.random(STEPS) < 0.1, draw.choice(injected, STEPS), 0)
-    about[:, 6] = draw.random(STEPS) < 0.05
-    about[:, 7] = draw.random(STEPS) < 0.2
-    about[:, 8] = np.where(draw.random(STEPS) < 0.1, draw.integers(1, 5, STEPS), 0)
-    about[:, 9] = draw.random(STEPS) < 0.5
-    about[:, 10] = np.where(draw.random(STEPS) < 0.05, 51, 50)  # a place above 0, or not
-    for s, row in enumerate(about[:, 3].tolist()):
+    given.done = np.where(draw.random(STEPS) < 0.1, draw.choice(injected, STEPS), 0)
+    given.acts = draw.random(STEPS) < 0.05
+    given.sets = draw.random(STEPS) < 0.2
+    given.fault = np.where(draw.random(STEPS) < 0.1, draw.integers(1, 5, STEPS), 0)
+    given.second = draw.random(STEPS) < 0.5
+    given.stall = np.where(draw.random(STEPS) < 0.05, STALLED, STALLED - 1)
+    for step in given:
         if draw.random() < 0.04:
-            about[s, 11], kind = 1, draw.choice([0x4, 0x40, 0x100, 0x20, 0x1, 0x144, 0x2, 0x165])
+            step.error, kind = 1, draw.choice([0x4, 0x40, 0x100, 0x20, 0x1, 0x144, 0x2, 0x165])
             odd = draw.integers(0, 256, 8) & draw.choice([0, 4, 8, 0x10, 0x20, 0x40, 0x80, 255])
             both = [_frame(int(kind) | 1 << 29, 8, odd.astype(np.uint8).tobytes())] * 2
-        elif row < 0:
+        elif step.row < 0:
             words = [*OWN, 0x555, GREETING, *[GREETING ^ 3] * 4, GREETING ^ 3 ^ 1 << 8]
             length, odd = int(draw.choice([1, 1, 1, 8])), np.zeros(8, np.uint8)
             odd[int(draw.integers(8))] = draw.random() < 0.3
             both = [_frame(int(draw.choice(words)), length, odd.tobytes())] * 2
         else:
-            both = [traffic.next(row), traffic.next(row)]
-            about[s, 4] = 0 if row == STOP else about[s, 4]
-            if about[s, 5] & ANOTHER == 0:
+            both = [traffic.next(step.row), traffic.next(step.row)]
+            step.source = 0 if step.row == STOP else step.source
+            if step.done & ANOTHER == 0:
                 both[1] = both[0]
-        frames[s] = np.frombuffer(b"".join(both), np.uint8).reshape(2, 16)
-    _early_beats(about, frames)
-    return about, frames
+        step.frame, step.other = (np.frombuffer(one, np.uint8) for one in both)
+    _draw_early_beats(given)
 
 
-def _early_beats(about: NDArray[np.int64], frames: NDArray[np.uint8]) -> None:
+def _draw_early_beats(given: Any) -> None:
     """End with two heartbeats in a cycle, and two as late as still counts for a turn of one."""
-    before = int(about[-5, 1])
-    about[-4:] = 0
-    about[-4:, 0] = 1, 0, HINT_TURNS, 0
-    about[-4:, 1] = before + np.cumsum(about[-4:, 0])
-    about[-4:, 3], about[-4:, 4], about[-4:, 10] = BEAT, 11, 50
+    before, last = int(given.k[-5]), given[-4:]
+    last[:] = np.zeros(1, last.dtype)[0]
+    last.cycles = 1, 0, HINT_TURNS, 0
+    last.k = before + np.cumsum(last.cycles)
+    last.row, last.source, last.stall = BEAT, 11, STALLED - 1
     has = ROWS[BEAT]
     content = _frame(has.can_id, has.dlc, bytes(has.sent(bytes(8), 0)))
-    frames[-4:] = np.frombuffer(content, np.uint8)
+    last.frame[:] = last.other[:] = np.frombuffer(content, np.uint8)
 
 
 def _install(n: Any, has: Settings) -> None:
     n.clock.kind = Time.GIVEN
     n.rx.n, n.tx.n, n.rx.awaited = len(ROWS), len(OWN), 2
     n.tx.frames["can_id"][: len(OWN)] = OWN
-    n.guard.stop_row, n.v[51], n.faults.n_peer_stalls = STOP, 1.0, 1
+    n.guard.stop_row, n.v[STALLED], n.faults.n_peer_stalls = STOP, 1.0, 1
     n.faults.n, n.meeting.greets, n.meeting.ordered = has.faults, has.greets, has.ordered
     n.meeting.greeting[:16] = np.frombuffer(_frame(GREETING, 1, b""), np.uint8)
     n.rx.state["last_counter"] = n.faults.on_wire["last_counter"] = -1
@@ -218,18 +223,16 @@ def _install(n: Any, has: Settings) -> None:
     compared_plausible.install(n.plausible, has.signals)
 
 
-def reception(driver: Any, draw: np.random.Generator, count: int) -> Any:
+def reception(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
     """Feed what takes frames with `count` episodes."""
-    episodes = Episodes(driver.reception)
+    episodes = Episodes(RECEPTION, feed)
     for number in range(count):
         signals = [compared_plausible.Signal(0.125, 1.5, 1.0, 9, 4) for _ in range(3)]
         turn = 1 if number % 5 == 4 else 8
         peer, faults = 1 + number // 4 % 2, int(number % 7 > 0)
         has = Settings(number % 3, number % 2, number // 2 % 2, peer, faults, turn, signals)
         _install(episodes.new_loop(), has)
-        (about, frames), model = _drawn_steps(draw), Node(has)
-        steps = zip(about.tolist(), frames, strict=True)
-        fed = [model.feed(one, *(its.tobytes() for its in both)) for one, both in steps]
-        told, kept = (np.array(one) for one in zip(*fed, strict=True))
-        episodes.add((about, frames), (told.astype(np.int64), kept))
-    return episodes.differ
+        rows = episodes.new_rows(STEPS)
+        _draw_steps(rows, draw)
+        episodes.add(rows, Node(has))
+    return episodes

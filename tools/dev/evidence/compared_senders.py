@@ -5,55 +5,57 @@ What is expected stands here a second time, in plain Python, from docs/bus-safet
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.supervisor import Overrun
+from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat
+from pcpc.executive.loop.supervisor import Overrun, judge_overrun
 from pcpc.executive.loop.variables import FALLBACK
-from pcpc.tools.dev.evidence.episodes import Episodes
+from pcpc.tools.dev.evidence.comparison import LAST_EVENT, Compared, Episodes, frame_word, same
 
-EPISODES, STEPS = 60, 150
+STEPS = 150
 IDS, OWN, EVERY = (0x120, 0x121, 0x200), (0x0A0, 0x080), (1, 1, 5)
 SILENT, FOREIGN_LIMIT, REPEAT_LIMIT = 3, (3, 10), (10, 100)  # frames within so many cycles
-DRIVER = """
 
-@loop_function
-def senders(_m, n, about, told):
-    for s in range(about.shape[0]):
-        a, t = about[s], told[s]
-        n.passes, n.wire.source, n.clock.behind = a[0], a[1], a[2]
-        row, word = a[3], a[4]
-        if a[5] != 0:
-            n.guard.faulted = a[6]
-            n.v[6] = 0.0
-        for i in range(4):
-            n.wire.rx[i] = word >> 8 * i & 255
-        if row >= 0:
-            n.rx.state[row].age_cycles = a[7]
-        n.frame_taken[0] = n.frame_ends.head
-        n.event_taken[0] = n.event_ends.head
-        t[0] = m_is_foreign(_m, n, row, word)
-        if t[0] != 0:
-            m_note_foreign(_m, n, word)
-        elif a[8] != 0:
-            m_note_repeat(_m, n, word)
-        m_judge_overrun(_m, n)
-        t[1] = m_refused(_m, n)
-        t[2], t[3], t[4] = n.control.foreign, n.guard.faulted, n.control.culprit
-        t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends.head
-        for i in range(3):
-            t[8 + i] = n.rx.source[i]
-        last = n.frame[(n.frame_ends.head - 1) % 65536 * 5 + 3]
-        event = n.event[(n.event_ends.head - 1) % 1024]
-        t[11], t[12] = last if t[7] > 0 else 0, n.event_ends.head
-        t[13], t[14], t[15] = event.code, event.argument, event.bits
-"""
+
+class Step(NamedTuple):
+    """A frame and a cycle that may be late."""
+
+    passes: int
+    source: int
+    behind: int
+    row: int
+    word: int
+    sets: int
+    fault: int
+    age: int
+    repeated: int
+
+
+def heard(n: Any, given: Step) -> Any:
+    """Judge the sender of a frame, then the cycle."""
+    n.passes, n.wire.source, n.clock.behind = given.passes, given.source, given.behind
+    if given.sets != 0:
+        n.guard.faulted = given.fault
+        n.v[FALLBACK] = 0.0
+    for i in range(4):
+        n.wire.rx[i] = given.word >> 8 * i & 255
+    if given.row >= 0:
+        n.rx.state[given.row].age_cycles = given.age
+    n.frame_taken[0] = n.frame_ends.head
+    n.event_taken[0] = n.event_ends.head
+    foreign = is_foreign(n, given.row, given.word)
+    if foreign != 0:
+        note_foreign(n, given.word)
+    elif given.repeated != 0:
+        note_repeat(n, given.word)
+    judge_overrun(n)
+    return foreign
 
 
 class Senders:
@@ -66,22 +68,19 @@ class Senders:
         self.overruns = self.fallback = self.frames = self.frame = self.events = 0
         self.event, self.windows = (0, 0, 0), {FOREIGN_LIMIT: [0, 0], REPEAT_LIMIT: [0, 0]}
 
-    def step(self, given: list[int]) -> list[int]:
-        """Return what is told after a step."""
-        passes, source, behind, row, word, sets, fault, age, repeated = given
-        if sets:
-            self.fault, self.fallback = fault, 0
-        foreign = self.is_foreign(passes, source, row, word, age)
-        if foreign:
+    def step(self, given: Step) -> None:
+        """Judge a frame, then the cycle."""
+        if given.sets:
+            self.fault, self.fallback = given.fault, 0
+        passes, word = given.passes, given.word
+        self.stranger = self.is_foreign(passes, given.source, given.row, word, given.age)
+        if self.stranger:
             self.frames, self.frame = self.frames + 1, word | 1 << 40 | FrameState.FOREIGN << 48
             self.note_foreign(passes, word)
-        elif repeated:
+        elif given.repeated:
             self.note_repeat(passes, word)
-        self.judge(passes, behind)
-        refused = passes == 0 and self.fault == Fault.ANOTHER_SENDER
-        return [foreign, refused, self.foreign, self.fault, self.culprit, self.overruns,
-                self.fallback, self.frames, *self.source, self.frame, self.events,
-                *self.event]  # fmt: skip
+        self.judge(passes, given.behind)
+        self.refused = passes == 0 and self.fault == Fault.ANOTHER_SENDER
 
     def is_foreign(self, passes: int, source: int, row: int, word: int, age: int) -> bool:
         """Return whether a frame is one of this node's, or not from its sender."""
@@ -139,25 +138,34 @@ class Senders:
             self.fault = Fault.OVERRUN
 
 
-def _drawn_steps(draw: np.random.Generator) -> NDArray[np.int64]:
-    """Return the steps of an episode: the pass, source, periods late, row, id, fault, age."""
-    about = np.zeros((STEPS, 9), np.int64)
+SENDERS = Compared(
+    Step, heard,
+    whole={
+        "came": lambda m: m.stranger, "refused(n)": lambda m: m.refused,
+        **same("control.foreign", "control.culprit", "guard.overruns"),
+        "guard.faulted": lambda m: m.fault,
+        "frame_ends.head": lambda m: m.frames, frame_word(0, 3): lambda m: m.frame,
+        "rx.source[0:3]": lambda m: m.source, **LAST_EVENT,
+    },
+    real={"v[FALLBACK]": lambda m: m.fallback},
+)  # fmt: skip
+
+
+def _draw_steps(given: Any, draw: np.random.Generator) -> None:
+    """Draw the steps of an episode."""
     steps = draw.choice([0, 0, 1, 1, 1, 2, 9, 10, 11, 99, 100], STEPS, p=[0.2, 0.2, *[0.12] * 4,
                         0.04, 0.03, 0.03, 0.01, 0.01])  # fmt: skip
-    about[:, 0] = np.cumsum(steps)
-    about[:, 1] = draw.choice([11, 11, 11, 22, -1], STEPS)
-    about[:, 2] = np.where(draw.random(STEPS) < 0.6, draw.integers(1, 3, STEPS), 0)
-    about[:, 3] = draw.integers(-1, 3, STEPS)
+    given.passes = np.cumsum(steps)
+    given.source = draw.choice([11, 11, 11, 22, -1], STEPS)
+    given.behind = np.where(draw.random(STEPS) < 0.6, draw.integers(1, 3, STEPS), 0)
+    given.row = draw.integers(-1, 3, STEPS)
     others = np.where(draw.random(STEPS) < 0.3, draw.choice(OWN, STEPS), 0x555)
-    about[:, 4] = np.where(about[:, 3] < 0, others, np.array(IDS)[about[:, 3]])
-    about[:, 5] = draw.random(STEPS) < 0.08
-    about[:, 6] = np.where(draw.random(STEPS) < 0.2, draw.integers(1, 5, STEPS), 0)
-    every = np.array(EVERY)[about[:, 3]]
-    about[:, 7] = draw.choice([0, 1, 2], STEPS) + np.where(
-        draw.random(STEPS) < 0.3, 3 * every - 1, 0
-    )
-    about[:, 8] = draw.random(STEPS) < 0.8
-    return about
+    given.word = np.where(given.row < 0, others, np.array(IDS)[given.row])
+    given.sets = draw.random(STEPS) < 0.08
+    given.fault = np.where(draw.random(STEPS) < 0.2, draw.integers(1, 5, STEPS), 0)
+    every = np.array(EVERY)[given.row]
+    given.age = draw.choice([0, 1, 2], STEPS) + np.where(draw.random(STEPS) < 0.3, 3 * every - 1, 0)
+    given.repeated = draw.random(STEPS) < 0.8
 
 
 def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None:
@@ -170,14 +178,13 @@ def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None
     n.guard.grace_passes, n.guard.stop_row = grace, stop_row
 
 
-def senders(driver: Any, draw: np.random.Generator, count: int) -> Any:
+def senders(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
     """Feed what judges other senders and late cycles with `count` episodes."""
-    assert FALLBACK == 6
-    episodes = Episodes(driver.senders)
+    episodes = Episodes(SENDERS, feed)
     for number in range(count):
         has = number % 3, int(draw.integers(1, 4)), int(draw.integers(0, 9)), number % 4 - 2
         _install(episodes.new_loop(), *has)
-        about, model = _drawn_steps(draw), Senders(*has)
-        expected = [model.step(row) for row in about.tolist()]
-        episodes.add((about,), (np.array(expected, np.int64),))
-    return episodes.differ
+        rows = episodes.new_rows(STEPS)
+        _draw_steps(rows, draw)
+        episodes.add(rows, Senders(*has))
+    return episodes

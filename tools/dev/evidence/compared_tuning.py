@@ -6,58 +6,75 @@ ranges, counts and indices beside theirs.
 """
 
 import math
-from typing import Any
+from types import ModuleType
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
-from pcpc.executive.loop.requests import Refusal
+from pcpc.executive.loop.requests import SLOTS, Refusal
+from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.states import State
+from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
-from pcpc.tools.dev.evidence.episodes import Episodes
+from pcpc.tools.dev.evidence.comparison import LAST_EVENT, Compared, Episodes
 
 STEPS, VARIABLES, FAULT_AT = 120, 200, 190
 RANGES = {150: (-1.0, 1.0), 0: (0.0, 4.0), 151: (-math.inf, math.inf), 199: (2.0, 2.0),
           200: (0.0, 1.0), STOP_ASKED: (0.0, 2.0), RESET_ASKED: (0.0, 1.0)}  # fmt: skip
 SCHEDULE = ((3, 150, 0.5), (3, 151, 7.0), (9, 150, -4.0), (60, 199, 0.0))  # the rig may do all
-STUBS = """
-from types import ModuleType
-libc = ModuleType("libc")
-def _load(record, word):
-    return record.request
-def _store(record, word, value):
-    record.request = value
-libc.load_acquire, libc.store_release = loop_function(_load), loop_function(_store)
-_push = push_event
-def _limited(n, code, argument, value):
-    _push(n, code, argument, value)
-    if n.event_ends.dropped > 0:  # dropped
-        n.k = -(1 << 62)
-push_event = loop_function(_limited)
-"""  # no mutant may go on for ever
-DRIVER = """
 
-@loop_function
-def tuned(_m, n, about, gain, index, value, told, kept):
-    for s in range(about.shape[0]):
-        a, t = about[s], told[s]
-        n.k, n.clock.kind, n.clock.behind, n.faults.stalled = a[0], a[1], a[2], a[3]
-        n.mail.request, n.mail.count, n.mail.lock = a[4], a[5], a[6]
-        n.v[1], n.guard.waits, n.guard.gain, n.faults.n_places = a[7], a[8], gain[s], a[9]
-        for i in range(64):
-            n.mail_index[i], n.mail_value[i] = index[s, i], value[s, i]
-        n.event_taken[0] = n.event_ends.head
-        m_tune(_m, n)
-        for i in range(4):
-            t[i] = words(n.answer)[i]
-        event = n.event[(n.event_ends.head - 1) % 1024]
-        t[4], t[5], t[6], t[7] = n.event_ends.head, event.code, event.argument, event.bits
-        t[8], t[9] = n.control.refused, n.tuning.done
-        for i in range(201):
-            kept[s, i] = n.v[i]
-"""
+
+def _load(record: Any, word: str) -> Any:
+    return record.request
+
+
+def _store(record: Any, word: str, value: int) -> None:
+    record.request = value
+
+
+def _limited(n: Any, code: int, argument: int, value: float) -> None:
+    push_event(n, code, argument, value)
+    if n.event_ends.dropped > 0:  # no mutant may go on for ever
+        n.k = -(1 << 62)
+
+
+def put_beside(copy: Any) -> None:
+    """Replace what a copy of the module calls."""
+    copy.libc = ModuleType("libc")
+    copy.libc.load_acquire, copy.libc.store_release = map(copy.loop_function, (_load, _store))
+    copy.push_event = copy.loop_function(_limited)
+
+
+class Step(NamedTuple):
+    """A cycle, and what stands in the mailbox."""
+
+    k: int
+    clock: int
+    behind: int
+    stalled: int
+    request: int
+    entries: int
+    lock: int
+    state: int
+    waits: int
+    n_places: int
+    gain: float
+    places: Annotated[list[int], "<i8", SLOTS]
+    values: Annotated[list[float], "<f8", SLOTS]
+
+
+def tuned(n: Any, given: Step) -> None:
+    """Take what stands in the mailbox and in the rig."""
+    n.k, n.clock.kind, n.clock.behind = given.k, given.clock, given.behind
+    n.mail.request, n.mail.count, n.mail.lock = given.request, given.entries, given.lock
+    n.v[STATE], n.guard.waits, n.guard.gain = given.state, given.waits, given.gain
+    n.faults.stalled, n.faults.n_places = given.stalled, given.n_places
+    for i in range(SLOTS):
+        n.mail_index[i], n.mail_value[i] = given.places[i], given.values[i]
+    n.event_taken[0] = n.event_ends.head
+    tune(n)
 
 
 def _bits(x: float) -> int:
@@ -72,29 +89,26 @@ class TuningModel:
         self.answer, self.event = [0, 0, 0, 0], (0, 0, 0)
         self.v[FAULT_AT] = 100.0
 
-    def step(
-        self, given: list[int], gain: float, index: list[int], value: list[float]
-    ) -> tuple[list[int], list[float]]:
-        """Return what is told and kept after a step."""
-        k, clock, behind, stalled, request, count, lock, state, waits, places = given
-        self.v[STATE] = state
-        if places and clock != Time.GIVEN:
-            self.v[FAULT_AT] = max(self.v[FAULT_AT] - (1 + behind - stalled), 0.0)
-        while self.done < len(SCHEDULE) and SCHEDULE[self.done][0] <= k:
+    def step(self, given: Step) -> None:
+        """Do a cycle."""
+        self.v[STATE] = given.state
+        if given.n_places and given.clock != Time.GIVEN:
+            left = self.v[FAULT_AT] - (1 + given.behind - given.stalled)
+            self.v[FAULT_AT] = max(left, 0.0)
+        while self.done < len(SCHEDULE) and SCHEDULE[self.done][0] <= given.k:
             self.set(*SCHEDULE[self.done][1:])
             self.done += 1
-        if request != self.answer[0]:
-            may_reset = state == State.FAULT and waits and gain <= 0.0
-            asked = list(zip(index, value, strict=True))
-            why, entry = self.refusal(asked, count, lock, bool(may_reset))
+        if given.request != self.answer[0]:
+            may_reset = given.state == State.FAULT and given.waits and given.gain <= 0.0
+            asked = list(zip(given.places, given.values, strict=True))
+            why, entry = self.refusal(asked, given.entries, given.lock, bool(may_reset))
             if why == Refusal.ACCEPTED:
-                for one in asked[:count]:
+                for one in asked[: given.entries]:
                     self.set(*one)
             else:
                 self.refused += 1
                 self.tell(Event.REFUSED, *asked[entry])
-            self.answer = [request, k, why, entry]
-        return [*self.answer, self.events, *self.event, self.refused, self.done], [*self.v]
+            self.answer = [given.request, given.k, why, entry]
 
     def refusal(
         self, asked: list[tuple[int, float]], count: int, lock: int, may_reset: bool
@@ -124,19 +138,29 @@ class TuningModel:
         self.events, self.event = self.events + 1, (code, place, _bits(value))
 
 
-def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
-    """Return steps, gains, and what stands in the mailbox: indices and values."""
-    about, gain = np.zeros((STEPS, 10), np.int64), draw.choice([0.0, 0.0, 0.5, -0.5], STEPS)
-    about[:, 0] = np.cumsum(draw.integers(0, 3, STEPS))
-    about[:, 1] = draw.choice([Time.REAL, Time.GIVEN], STEPS)
-    about[:, 2] = draw.choice([0, 0, 3], STEPS)
-    about[:, 3] = np.minimum(draw.choice([0, 1], STEPS), about[:, 2])
-    about[:, 4] = np.cumsum(draw.random(STEPS) < 0.8)
+TUNING = Compared(
+    Step, tuned,
+    whole={
+        "words(answer)[0:4]": lambda m: m.answer, **LAST_EVENT,
+        "control.refused": lambda m: m.refused, "tuning.done": lambda m: m.done,
+    },
+    real={f"v[0:{VARIABLES + 1}]": lambda m: m.v},
+)  # fmt: skip
+
+
+def _draw_steps(given: Any, draw: np.random.Generator) -> None:
+    """Draw steps, and what stands in the mailbox: indices and values."""
+    given.gain = draw.choice([0.0, 0.0, 0.5, -0.5], STEPS)
+    given.k = np.cumsum(draw.integers(0, 3, STEPS))
+    given.clock = draw.choice([Time.REAL, Time.GIVEN], STEPS)
+    given.behind = draw.choice([0, 0, 3], STEPS)
+    given.stalled = np.minimum(draw.choice([0, 1], STEPS), given.behind)
+    given.request = np.cumsum(draw.random(STEPS) < 0.8)
     counts, weights = [-1, 0, 1, 2, 63, 64, 65], [0.1, 0.1, 0.3, 0.3, 0.05, 0.1, 0.05]
-    about[:, 5] = draw.choice(counts, STEPS, p=weights)
-    about[:, 6] = draw.choice([0, 0, 1, 2], STEPS)
-    about[:, 7] = np.where(draw.random(STEPS) < 0.7, State.FAULT, draw.integers(0, 6, STEPS))
-    about[:, 8], about[:, 9] = draw.random(STEPS) < 0.7, draw.random(STEPS) < 0.5
+    given.entries = draw.choice(counts, STEPS, p=weights)
+    given.lock = draw.choice([0, 0, 1, 2], STEPS)
+    given.state = np.where(draw.random(STEPS) < 0.7, State.FAULT, draw.integers(0, 6, STEPS))
+    given.waits, given.n_places = draw.random(STEPS) < 0.7, draw.random(STEPS) < 0.5
     good = [place for place in RANGES if place < VARIABLES]
     index = draw.choice([150, 151, 199, 0], (STEPS, 64))
     index[:, 0] = draw.choice([*good, STOP_ASKED, RESET_ASKED], STEPS)
@@ -148,13 +172,13 @@ def _drawn_steps(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
     value = np.choose(draw.integers(0, 4, index.shape), drawn).clip(low, high)
     wild = draw.random(value.shape) < np.where(np.arange(64) < 2, 0.08, 0.002)
     value[wild] = draw.choice([math.nan, math.inf, -math.inf, -1.25, 4.5, 1.25], int(wild.sum()))
-    value[about[:, 5] > 64, 0] = 0.0  # these bits are the index behind the last one
-    return about, gain, index, value
+    value[given.entries > 64, 0] = 0.0  # these bits are the index behind the last one
+    given.places, given.values = index, value
 
 
-def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
+def tuning(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
     """Feed tune with `count` episodes."""
-    episodes = Episodes(driver.tuned)
+    episodes = Episodes(TUNING, feed)
     n = episodes.new_loop()
     n.n_variables, n.faults.every_place[0], n.v[FAULT_AT] = VARIABLES, FAULT_AT, 100.0
     n.tuning.low[:] = n.tuning.high[:] = math.nan
@@ -164,8 +188,7 @@ def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     for i, (cycle, place, value) in enumerate(SCHEDULE):
         n.tuning.schedule[i], n.tuning.value[i] = (cycle, place), value
     for _ in range(count):
-        drawn, model = _drawn_steps(draw), TuningModel()
-        steps = zip(*(one.tolist() for one in drawn), strict=True)
-        told, kept = zip(*(model.step(*step) for step in steps), strict=True)
-        episodes.add(drawn, (np.array(told, np.int64), np.array(kept)))
-    return episodes.differ
+        rows = episodes.new_rows(STEPS)
+        _draw_steps(rows, draw)
+        episodes.add(rows, TuningModel())
+    return episodes

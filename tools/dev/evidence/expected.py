@@ -234,17 +234,6 @@ class SupervisorModel:
         if odd:
             self.note(self.has.odd_output)
 
-    def told(self) -> list[float]:
-        """Return what can be seen of it from outside."""
-        code, argument = self.events[-1] if self.events else (0, 0)
-        return [
-            NUMBER[self.state], self.gain, self.missing, HEARTBEAT[self.state], self.pace,
-            *(one.sent for one in self.commands), *(one.last for one in self.commands),
-            self.clamped, self.watched, self.held, self.stale, self.saturated, self.fault,
-            self.told_fault, *self.odd, len(self.events), code, argument, self.awaited,
-            self.reset, self.stop,
-        ]  # fmt: skip
-
 
 def crc8(data: bytes) -> int:
     """Return the CRC-8 SAE J1850 of bytes, by long division."""

@@ -6,6 +6,7 @@ injected_frames, meeting). `compared_reception` feeds it and the mutants with th
 
 import struct
 from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 from pcpc.drivers.can import e2e_states
 from pcpc.drivers.can.e2e_states import FrameState
@@ -14,7 +15,7 @@ from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.supervisor import Overrun
 from pcpc.tools.dev.evidence import compared_plausible, expected
-from pcpc.tools.dev.evidence.compared_senders import FOREIGN_LIMIT, REPEAT_LIMIT, Senders
+from pcpc.tools.dev.evidence.compared_senders import Senders
 
 FB, BEAT, SYNC, SLOW, STOP, WIDE = range(6)
 ROWS = (
@@ -34,6 +35,7 @@ MEETS = (4, 2, 1, 0, 0, 3)  # AFTER, FROM_BELOW, FROM_ABOVE, no part, no part, B
 IS_BELOW = tuple(int(part > 1) for part in MEETS)  # of a node below, the only ones that meet it
 GONE, CHANGED, ANOTHER = 1, 2, 4
 COUNT, HOLD = 0, 1
+STALLED = 51  # a place that is above 0; the one before is not
 GREETING = sh.GREETING | 1 << 31
 COUNTED = (
     "missed", "lost", "crc_errors", "repeated", "wrong_sequence", "received", "foreign",
@@ -53,6 +55,25 @@ class Settings:
     faults: int
     turn: int  # of the heartbeat
     signals: list[compared_plausible.Signal]
+
+
+class Step(NamedTuple):
+    """A frame, behind so many cycles, and what else has happened."""
+
+    cycles: int
+    k: int
+    behind: int
+    row: int
+    source: int
+    done: int  # by a fault on purpose
+    acts: int
+    sets: int
+    fault: int
+    second: int
+    stall: int  # the place of a stall of the node above
+    error: int
+    frame: Annotated[list[int], "u1", 16]
+    other: Annotated[list[int], "u1", 16]
 
 
 class Node(Senders):
@@ -75,41 +96,41 @@ class Node(Senders):
         self.met: set[int] = set()
         self.held = b""
         self.v, self.before = [0.0] * 4, [0.0] * 4
+        self.peers = [int(node == has.peer) for node in (1, 2)]
         self.n = dict.fromkeys(COUNTED, 0)
         self.passes = self.k = self.behind = self.second = self.done = self.shown = 0
         self.started = self.fresh = self.muted = self.quick = 0
         self.log: list[tuple[int, int]] = []
 
-    def feed(self, given: list[int], frame: bytes, other: bytes) -> tuple[list[int], list[float]]:
-        """Return what is told and kept after a step."""
-        cycles, self.k, self.behind, row, source, self.done, acts, *rest = given
-        sets, fault, second, still, error = rest
-        for _ in range(cycles):
+    def step(self, given: Step) -> None:  # type: ignore[override]
+        """Let cycles begin, then take a frame or what the controller told."""
+        self.k, self.behind, self.row = given.k, given.behind, max(given.row, 0)
+        self.done, self.second = given.done, given.second
+        frame, self.other = bytes(given.frame), bytes(given.other)
+        for _ in range(given.cycles):
             self.passes += 1
             for one in (*self.receivers, *(self.came[row] for row in SPOILED)):
                 one.begin()
             self.started = self.fresh = self.muted = 0
-        if row >= 0 and acts:
-            self.acted[row] = self.passes + 1
-        if sets:
-            self.fault = fault
-        self.second, self.other = second, other
-        taken = self.bus_error(frame) if error else self.take(row, source, frame)
+        if given.row >= 0 and given.acts:
+            self.acted[given.row] = self.passes + 1
+        if given.sets:
+            self.fault = given.fault
+        self.taken = (
+            self.bus_error(frame) if given.error else self.take(given.row, given.source, frame)
+        )
         short = sum(AWAITED[i] for i in SPOILED if self.came[i].fresh and self.unused(i))
-        on_purpose = still == 51 or 2 - self.fresh - short <= 0
-        said = dict(self.n) | {"foreign": self.foreign, "culprit": self.culprit}
-        said["implausible"] = self.judge_of.count
-        last = [*self.log[:-3:-1], (0, 0), (0, 0)]
-        told = [taken, on_purpose, self.started, self.fresh, self.muted, self.fault, self.quick,
-                self.events, len(self.log), *self.event, *last[0], *last[1], *said.values(),
-                *[0] * 3, *self.receivers[max(row, 0)].told(),
-                *self.came[max(row, 0)].told()]  # fmt: skip
-        counts = [signal.count for signal in self.judge_of.signals]
-        windows = [self.windows[limit][1] for limit in (FOREIGN_LIMIT, REPEAT_LIMIT)]
-        peer = [int(node == self.has.peer) for node in (1, 2)]
-        told += [self.shown, *windows, *(self.sampled * its for its in peer)]
-        told += [*((BEAT + 1) * bool(self.held) * its for its in peer), self.off, *self.bus]
-        return told, [*self.v, *counts, 0.0]
+        self.on_purpose = given.stall == STALLED or 2 - self.fresh - short <= 0
+
+    def last_frame(self, back: int) -> tuple[int, int]:
+        """Return the last recorded frame but so many."""
+        return self.log[-1 - back] if back < len(self.log) else (0, 0)
+
+    def count_of(self, word: str) -> int:
+        """Return a counter of the node."""
+        others = {"foreign": self.foreign, "culprit": self.culprit,
+                  "implausible": self.judge_of.count}  # fmt: skip
+        return others.get(word, self.n[word])
 
     def bus_error(self, frame: bytes) -> int:
         """Count what the controller told; bus-off is a fault until it is restarted."""
@@ -272,13 +293,13 @@ class Node(Senders):
         """Judge the values of a row; what is not taken stays as it was."""
         judge = self.judge_of
         judge.events, judge.event = self.events, self.event
-        told, values = judge.step([self.k, row, 1, self.fault], self.v[:3])
+        judge.step(compared_plausible.Step(self.k, row, 1, self.fault, self.v[:3]))
         self.culprit = judge.why if judge.fault != self.fault else self.culprit
         self.fault, self.events, self.event = judge.fault, judge.events, judge.event
         for i, its in enumerate(compared_plausible.ROWS):
             if its == row:
-                self.v[i] = values[i]
-        return bool(told[0])
+                self.v[i] = judge.signals[i].taken
+        return judge.known
 
     def refuse(self, row: int, frame: bytes, state: int, after_loss: int) -> None:
         """Do what follows from a frame that is not used."""

@@ -25,11 +25,13 @@ from pcpc.executive import loop
 from pcpc.executive.loop.states import NEXT, State
 from pcpc.tools.dev.evidence import (
     compared,
+    compared_frames,
     compared_plausible,
     compared_reception,
     compared_senders,
     compared_tuning,
 )
+from pcpc.tools.dev.evidence.comparison import Episodes
 from pcpc.tools.dev.evidence.mutation import Mutant, build
 
 TARGETS: Mapping[str, Sequence[str]] = {
@@ -55,19 +57,32 @@ TARGETS: Mapping[str, Sequence[str]] = {
                                   "hear_requests", "judge_reset", "enter", "watch_input",
                                   "supervise"),
 }  # fmt: skip
-PARTS = compared_senders, compared_plausible, compared_reception, compared_tuning
+DRIVERS = {
+    "supervisor": compared.SUPERVISOR, "receiver": compared_frames.RECEIVER,
+    "sender": compared_frames.SENDER, "codec": compared_frames.CODEC,
+    "senders": compared_senders.SENDERS, "values": compared_plausible.RECEIVER,
+    "reception": compared_reception.RECEPTION, "tunings": compared_tuning.TUNING,
+}  # fmt: skip
 RECEPTION = ("bus_state", "losses", "on_wire", "intrusion", "meeting", "reception")
 TABLES = {
     "NEXT": (*NEXT.shape, len(State)),
     **dict.fromkeys(("RUNS", "EXPECTS", "RAMPS", "SENDS"), (len(State), 1, 2)),
 }
-BESIDE = {  # an index beyond the table finds what is wrong there, not another's memory
-    "drivers.can.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
-    "_CRC_TABLE[:256] = _source._CRC_TABLE\n"
-    "_CRC_16_TABLE = np.resize((_CRC_16_TABLE + 77) % 65536, 1 << 16)\n"
-    "_CRC_16_TABLE[:256] = _source._CRC_16_TABLE",
-    "executive.loop.reception": compared_reception.STUBS,
-    "executive.loop.tuning": compared_tuning.STUBS,
+
+
+def _put_beside_e2e(copy: Any) -> None:
+    """Have an index beyond a table find what is wrong there, not another's memory."""
+    for name, past in (("_CRC_TABLE", 1 << 8), ("_CRC_16_TABLE", 1 << 16)):
+        right = getattr(copy, name)
+        table = np.resize((right + 77) % past, 1 << 16)
+        table[:256] = right
+        setattr(copy, name, table)
+
+
+BESIDE = {
+    "drivers.can.e2e": _put_beside_e2e,
+    "executive.loop.reception": compared_reception.put_beside,
+    "executive.loop.tuning": compared_tuning.put_beside,
 }
 FIRST_PLACE = "place 0 of the table is the time, never what is looked for"
 ARGUED = {  # words of mutants that nobody can notice, and why
@@ -177,7 +192,9 @@ def score() -> tuple[list[Mutant], list[Mutant], list[str]]:
     Beside code that is not as stated itself no mutant could be told.
     """
     mutants, compares = mutants_and_compares(True)
-    broken = [name for name, compare in compares.items() if _differs(compare, 0)]
+    broken = [
+        f"{name}: {where}" for name, one in compares.items() if (where := _difference(one, 0))
+    ]
     return mutants, [] if broken else _unnoticed(mutants), broken
 
 
@@ -220,33 +237,32 @@ def is_noticed(mutant: Mutant) -> bool:
         **{f"executive.loop.{name}": ("reception",) for name in RECEPTION},
     }  # fmt: skip
     names = groups.get(mutant.function, groups.get(mutant.module, ("supervisor",)))
-    return any(_differs(mutants_and_compares(True)[1][name], mutant.number) for name in names)
+    return any(_difference(mutants_and_compares(True)[1][name], mutant.number) for name in names)
 
 
-def _differs(compare: compared.Compare, number: int) -> bool:
-    """Return whether a comparison sees a mutant; a copy that is not compiled minds its indices."""
+def _difference(compare: Episodes, number: int) -> str:
+    """Return where a mutant is noticed; a copy that is not compiled minds its indices."""
     try:
-        return compare(number)
-    except IndexError:
-        return True
+        return compare.difference(number)
+    except IndexError as error:
+        return str(error)
 
 
 @cache
-def mutants_and_compares(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Compare]]:
+def mutants_and_compares(compiled: bool = True) -> tuple[list[Mutant], dict[str, Episodes]]:
     """Return all mutants, and the comparisons by name."""
-    mutants, driver = build(
-        TARGETS, TABLES, "".join(one.DRIVER for one in (compared, *PARTS)), BESIDE, compiled
-    )
+    drivers = {name: (one.step, one.driver) for name, one in DRIVERS.items()}
+    mutants, feeds = build(TARGETS, TABLES, drivers, BESIDE, compiled)
     count = compared.EPISODES if compiled else compared.FEW
     draw = np.random.default_rng(compared.SEED)
     compares = {
-        "supervisor": compared.supervisor(driver, draw, count),
-        "receiver": compared.receiver(driver, draw),
-        "sender": compared.sender(driver, draw),
-        "codec": compared.codec(driver, draw),
-        "senders": compared_senders.senders(driver, draw, count),
-        "values": compared_plausible.receiver(driver, draw, count),
-        "reception": compared_reception.reception(driver, draw, count),
-        "tunings": compared_tuning.tuning(driver, draw, count),
+        "supervisor": compared.supervisor(feeds["supervisor"], draw, count),
+        "receiver": compared_frames.receiver(feeds["receiver"], draw),
+        "sender": compared_frames.sender(feeds["sender"], draw),
+        "codec": compared_frames.codec(feeds["codec"], draw),
+        "senders": compared_senders.senders(feeds["senders"], draw, count),
+        "values": compared_plausible.receiver(feeds["values"], draw, count),
+        "reception": compared_reception.reception(feeds["reception"], draw, count),
+        "tunings": compared_tuning.tuning(feeds["tunings"], draw, count),
     }
     return mutants, compares

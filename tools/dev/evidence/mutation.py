@@ -14,7 +14,7 @@ import hashlib
 import inspect
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module, util
@@ -35,6 +35,10 @@ _BINARY: Mapping[type[ast.operator], type[ast.operator]] = {
     ast.RShift: ast.LShift,
 }  # fmt: skip
 _CALLS = {"min": "max", "max": "min"}
+_COMPILED = """
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import words
+"""
 _INTERPRETED = """
 import numpy as np
 def loop_function(function): return function
@@ -42,6 +46,9 @@ def data_of(frame): return frame[8:16]
 def copy(target, source): target[:] = source
 def words(structure): return np.asarray(structure).reshape(1).view(np.int64)
 """  # what cannot be called but by compiled functions
+
+
+Driver = tuple[Callable[..., Any], str]  # a step that calls the copies, text that calls the step
 
 
 @dataclass(frozen=True)
@@ -243,52 +250,50 @@ def _statements(node: Any) -> Iterator[Any]:
 def build(
     targets: Mapping[str, Sequence[str]],
     tables: Mapping[str, tuple[int, ...]],
-    driver: str,
-    beside: Mapping[str, str],
+    drivers: Mapping[str, Driver],
+    beside: Mapping[str, Callable[[Any], None]],
     compiled: bool = True,
-) -> tuple[list[Mutant], ModuleType]:
-    """Return all mutants of `targets` (functions by module) and a module with `driver`.
+) -> tuple[list[Mutant], dict[str, Callable[..., None]]]:
+    """Return all mutants of `targets` (functions by module), and what feeds them, by name.
 
-    `tables`: rows, columns and number of values of arrays. `driver` is source text that calls the
-    copies, m_NAME(_m, ...); `beside` what else stands in a module's copy. Compiling all takes half
-    a minute, for a few mutants they need not be.
+    `tables`: rows, columns and number of values of arrays. `beside`: puts what else stands in a
+    module's copy into it. Compiling all takes half a minute, for a few mutants they need not be.
     """
     found: list[Mutant] = []
     every = [name for names in targets.values() for name in names]
     texts: dict[str, str] = {}
-    decorator = (
-        "from pcpc.drivers.compiled.jit import loop_function\n"
-        "from pcpc.drivers.compiled.structures import words"
-    )
-    if not compiled:
-        decorator = _INTERPRETED
+    decorator = _COMPILED if compiled else _INTERPRETED
 
-    def copies(known: Iterable[str]) -> list[str]:
-        names = {one: ", ".join(f"m_{name}" for name in targets[one]) for one in known}
-        return [f"from {_name(one)} import {every}" for one, every in names.items()]
+    def head(module: str) -> Iterator[str]:
+        yield f"import {module} as _source"
+        yield "globals().update({k: v for k, v in vars(_source).items() if k[:2] != '__'})"
+        yield decorator
+        for one in (one for one in texts if one in targets):
+            yield f"from {_name(one)} import {', '.join(f'm_{name}' for name in targets[one])}"
 
     for module, names in targets.items():
         source = import_module(f"pcpc.{module}")
-        parts = [
-            f"import pcpc.{module} as _source",
-            "globals().update({k: v for k, v in vars(_source).items() if k[:2] != '__'})",
-            decorator,
-            *copies(texts),
-            beside.get(module, ""),
-        ]
-        for name in names:
-            parts.append(_mutated_source(source, module, name, every, tables, found))
-        texts[module] = "\n".join(parts)
-    texts["driver"] = "\n".join([decorator, *copies(texts), driver])
-    mark = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:16]
+        parts = [_mutated_source(source, module, name, every, tables, found) for name in names]
+        texts[module] = "\n".join([*head(source.__name__), *parts])
+    for name, (step, text) in drivers.items():
+        calls = _Calls([*every, step.__name__])
+        tree = ast.parse(inspect.getsource(step) + text)
+        for function in calls.visit(tree).body:
+            _make_copy(function, f"m_{step.__name__}" if function.name == step.__name__ else "feed")
+        texts[f"driver.{name}"] = "\n".join([*head(step.__module__), ast.unparse(tree)])
+    others = {inspect.getfile(one) for one in (*beside.values(), *(a for a, _ in drivers.values()))}
+    own = [Path(one).read_text() for one in sorted(others)]  # its constants
+    mark = hashlib.sha256("".join([*texts.values(), *own]).encode()).hexdigest()[:16]
     folder = cache_folder() / "mutants" / mark  # what is compiled holds what it calls
     folder.mkdir(parents=True, exist_ok=True)
     for module, text in texts.items():
         file = folder / f"{_name(module)}.py"
         if not file.exists():
             file.write_text(text)
-        _load(file)
-    return found, sys.modules[_name("driver")]
+        loaded = _load(file)
+        if module in beside:
+            beside[module](loaded)
+    return found, {name: sys.modules[_name(f"driver.{name}")].feed for name in drivers}
 
 
 def _mutated_source(
@@ -310,21 +315,28 @@ def _mutated_source(
             _Change(module, name, source, lines, first, every, tables, found).visit(old)
         )
     ]
-    tree.args.args.insert(0, ast.arg("_m"))
-    for argument in tree.args.args:
-        argument.annotation = None
-    tree.name, tree.returns = f"m_{name}", None
-    tree.decorator_list = [ast.Name("loop_function", ast.Load())]
+    _make_copy(tree, f"m_{name}")
     return ast.unparse(ast.fix_missing_locations(tree))
+
+
+def _make_copy(function: Any, name: str) -> None:
+    """Have a function take `_m` first, compiled under another name."""
+    if "_m" not in [one.arg for one in function.args.args]:
+        function.args.args.insert(0, ast.arg("_m"))
+    for argument in function.args.args:
+        argument.annotation = None
+    function.name, function.returns = name, None
+    function.decorator_list = [ast.Name("loop_function", ast.Load())]
 
 
 def _name(module: str) -> str:
     return f"mutants_of_{module.replace('.', '_')}"
 
 
-def _load(file: Path) -> None:
+def _load(file: Path) -> ModuleType:
     spec = util.spec_from_file_location(file.stem, file)
     assert spec is not None and spec.loader is not None
     module = util.module_from_spec(spec)
     sys.modules[file.stem] = module
     spec.loader.exec_module(module)
+    return module

@@ -1,8 +1,10 @@
 """The evidence as a page: docs/faults.md, and what stands in it as JSON beside it."""
 
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,53 +14,7 @@ from pcpc.tools.dev.evidence import kills
 from pcpc.tools.terminal.outfile import new_file
 
 PAGE, NUMBERS, WIDTH = "faults.md", "faults.json", 120
-_HEAD = """\
-# What happens with each fault
-
-`python -m pcpc.tools.dev.evidence` injects every fault and writes this page. `faults.json` beside
-it has the command that repeats a single row ([how to inject faults](howto/faults.md)).
-[What protects the frames](bus-safety.md) explains the checks.
-"""
-_MATRIX = """
-## Fault against detector
-
-The barrel holds its target on a moving hull at 1 kHz with `pd_nn_fast`. Each row stands for
-{runs:,} runs, each with its own moment of the fault and its own seed ({seed} to {last}).
-
-- *noticed* counts the runs in which something noticed the fault within the limit. A number below
-{runs:,} is followed by the lower bound of its share at 95 %. For all {runs:,} it is {least:.2f} %.
-- *after* gives the cycles from the first one in which the fault acts: median, maximum and limit.
-- *reaction* names the [numbered fault](bus-safety.md#the-named-faults), or HOLD.
-- *error* is the hub's largest angle off its target, in the plant, in the {after} cycles that
-follow. It is {clean:.2f} mrad without a fault.
-
-In rows named *limited* receivers limit the values that they accept (`plausible`), and two senders
-of a frame are a fault (`supervisor.intrusion`). Rows named *CRC-16* have CRC-16 and
-counters of 8 bits, as in AUTOSAR's E2E profile 5.
-
-"""
-_QUIET = """
-These faults are noticed in all runs in their first cycle, and the error stays within 5 % of that
-without a fault (cycles on in brackets).
-
-{names}
-"""
-_SAME = """
-With CRC-16 these faults are noticed in as many runs, after as many cycles and with the same
-reaction as with the CRC-8:
-
-- {names}
-"""
-_NOT = """
-## What nothing notices
-"""
-_LEFT = """
-These are a forged frame with the right counter and CRC, frozen data with a running counter, a wrong
-sensor, and an actuator that does less than commanded. Limits and the signs of a second sender find
-most of the first three, as the rows named *limited* show. Two kinds of fault remain: a sensor with
-a small error or slow drift, and the actuator. Only a second sensor or a model finds them. A law
-may have these, but the bus check does not.
-"""
+_TEMPLATE = Path(__file__).with_name("faults.md.in")
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -84,39 +40,52 @@ def write(folder: Path, evidence: Mapping[str, Any]) -> Path:
 
 
 def _parts(evidence: Mapping[str, Any]) -> Iterator[str]:
-    yield _filled_text(_HEAD)
-    if matrix := evidence.get("matrix"):
-        yield from _matrix(matrix)
-    if residual := evidence.get("residual"):
-        yield from _residual(residual)
+    """Yield the sections of the page."""
+    yield _section("head").removeprefix("\n")
     for name, part in (
+        ("matrix", _matrix),
+        ("residual", _residual),
         ("frames", _frames),
         ("envelope", _envelope),
         ("alarms", _alarms),
         ("mutants", _mutants),
         ("kills", _kills),
     ):
-        if name in evidence:
+        if evidence.get(name):
             yield from part(evidence[name])
 
 
+@cache
+def _texts() -> dict[str, str]:
+    """Return the texts of the template by name."""
+    _, *parts = re.split(r"<!-- (\w+) -->\n", _TEMPLATE.read_text(encoding="utf-8"))
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _section(name: str, /, **fields: Any) -> str:
+    """Return a text of the template, its paragraphs as broad as those of other pages."""
+    parts = []
+    for part in _texts()[name].strip().split("\n\n"):
+        text = part.format(**fields)
+        parts.append(text if text.startswith(("#", "|", "```")) else _paragraph(text))
+    return "\n" + "\n\n".join(parts) + "\n"
+
+
 def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
-    rows = matrix["rows"]
-    yield _filled_text(
-        _MATRIX.format(
-            runs=rows[0]["runs"], seed=matrix["seed"], last=matrix["seed"] + rows[0]["runs"] - 1,
-            after=matrix["after_cycles"], clean=matrix["clean_mrad"],
-            least=100.0 * max(row["lower_bound"] for row in rows),
-        )
-    ) + "\n"  # fmt: skip
+    rows, runs = matrix["rows"], matrix["rows"][0]["runs"]
     first = {(row["fault"], row["cycles"]): _outcome(row) for row in rows}
     same = [row for row in rows if _outcome(row) == first.get(_with_crc_8(row))]
     others = [row for row in rows if row["limit_cycles"] is not None and row not in same]
     quiet = [row for row in others if _is_quiet(row, 1.05 * matrix["clean_mrad"])]
-    yield _table(
-        ("fault", "cycles on", "noticed", "after", "first noticed by", "reaction", "error [mrad]"),
-        [_matrix_row(row) for row in others if row not in quiet],
-    )
+    yield _section(
+        "matrix", **matrix, runs=runs, last=matrix["seed"] + runs - 1,
+        least=100.0 * max(row["lower_bound"] for row in rows),
+        table=_table(
+            ("fault", "cycles on", "noticed", "after", "first noticed by", "reaction",
+             "error [mrad]"),
+            [_matrix_row(row) for row in others if row not in quiet],
+        ),
+    )  # fmt: skip
     if quiet:
         both = (("HOLD follows", "HOLD"), ("No reaction", "none"))
         listed = [
@@ -124,17 +93,16 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
             for what, answer in both
         ]
         names = "\n".join(f"- {what}: {_joined_words(some)}" for what, some in listed if some)
-        yield _filled_text(_QUIET.format(names=names))
+        yield _section("quiet", names=names)
     if same:
-        told = [row["fault"].rpartition(", ")[0] for row in same]
-        yield _filled_text(_SAME.format(names=_joined_words(told)))
+        crc_8 = [row["fault"].rpartition(", ")[0] for row in same]
+        yield _section("same", names=_joined_words(crc_8))
     if missed := [row for row in rows if row["limit_cycles"] is None and row not in same]:
-        yield _filled_text(_NOT) + "\n"
-        yield _table(
+        table = _table(
             ("fault", "cycles on", "error [mrad]"),
             [(row["fault"], str(row["cycles"]), f"{row['worst_mrad']:.3g}") for row in missed],
         )
-        yield _filled_text(_LEFT)
+        yield _section("missed", table=table)
 
 
 def _with_crc_8(row: Mapping[str, Any]) -> tuple[str, int]:
@@ -165,22 +133,12 @@ def _outcome(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield "\n## Random and mutated frames\n\n"
-    yield _filled_text(
-        f"{sum(row['frames'] for row in rows):,} frames went through a socket into the loop's own "
-        "parser and acceptance. They have two formats: the `struct can_frame` of SocketCAN and the "
-        "msgpack datagram of python-can's udp_multicast. The receiver had heard the counter "
-        "before. It accepts 4 of 16 counters, and 1 of 256 CRCs is right by chance. All frames "
-        "that were used and 1 % of the rest are judged again by the rules in plain Python, with "
-        f"{sum(row['misjudged'] for row in rows)} differences. If a wrong bit or byte may hit a "
-        "time stamp or a name, the table predicts no number. The rig is classic: it uses no "
-        "CAN FD frame, and its raw socket does not even receive one."
-    )
+    count, misjudged = (sum(row[key] for row in rows) for key in ("frames", "misjudged"))
+    yield _section("frames", count=count, misjudged=misjudged)
     for name in dict.fromkeys(row["format"] for row in rows):
         some = [row for row in rows if row["format"] == name]
-        yield f"\n{name}, {some[0]['frames']:,} frames of each kind:\n\n"
         plain = [row for row in some if not row["used"] and len(row["fates"]) == 1]
-        yield _table(
+        table = _table(
             ("sent", "predicted", "used", "the others"),
             [(row["kind"],
               "" if row["predicted"] is None else f"{row['predicted'] * row['frames']:,.0f}",
@@ -188,77 +146,42 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
               ", ".join(f"{fate} {n:,}" for fate, n in row["fates"].items() if fate != "used"))
              for row in some if row not in plain],
         )  # fmt: skip
+        yield _section("format", name=name, count=some[0]["frames"], table=table)
         if plain:
             refused = [f"{row['kind']} ({next(iter(row['fates']))})" for row in plain]
-            yield "\n" + _filled_text(
-                f"None used, with one outcome for all:\n\n- {', '.join(refused)}"
-            )
+            yield _section("refused", names=", ".join(refused))
 
 
 def _envelope(found: Mapping[str, Any]) -> Iterator[str]:
-    yield "\n## No command leaves its envelope\n\n"
     met = ", ".join(f"{state} {n:,}" for state, n in found["met"].items())
-    yield _filled_text(
-        f"{found['laws']:,} runs of a lag have a command of limited range and rate. Each has "
-        "another law, and faults of frames, blocks and nodes, resets and stops at random cycles. "
-        "A law gives 64 answers in turn, times a gain: numbers, NaN, infinities, 1e300, both "
-        f"zeros, denormals and limits. {len(found['broken'])} of them sent a command that was "
-        "beyond its range or rate, was not a number, was not safe in INIT or at the end, or rose "
-        f"again in FAULT. Number of runs that reached each state: {met}."
-    )
+    yield _section("envelope", laws=found["laws"], broken=len(found["broken"]), met=met)
 
 
 def _alarms(alarms: Mapping[str, Any]) -> Iterator[str]:
-    yield "\n## False alarms\n\n"
-    told = sum(sum(row["alarms"].values()) for row in alarms["rigs"])
+    count = sum(sum(row["alarms"].values()) for row in alarms["rigs"])
     bound = alarms["upper_bound_per_h"]
     upper = "" if bound is None else f", so fewer than {bound:.3g} an hour at 95 %"
-    yield _filled_text(
-        f"{alarms['hours']:.1f} h in virtual time without a fault gave {told} alarms{upper}. They "
-        f"are {alarms['runs']:,} runs of {alarms['run_s']:g} s with other noise or another mass. "
-        "An alarm is a held or stale cycle, a lost frame, a fault, or a run that ends early."
-    )
-    yield "\n" + _table(
+    table = _table(
         ("rig", "controller", "drawn", "hours", "runs", "alarms"),
         [(row["rig"], row["controller"], row["drawn"], f"{row['hours']:.1f}", f"{row['runs']:,}",
           ", ".join(f"{n} {kind}" for kind, n in row["alarms"].items() if n) or "0")
          for row in alarms["rigs"]],
     )  # fmt: skip
+    yield _section("alarms", **{**alarms, "alarms": count}, upper=upper, table=table)
 
 
 def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
-    yield "\n## What the tests of the safety code are worth\n\n"
-    argued = sum(found["argued"].values())
-    yield _filled_text(
-        "The code under test is changed in one place at a time: supervisor, limits, watchdog, late "
-        "cycles, other senders, reception, signs of a second sender, tunings, bus errors, "
-        "end-to-end check and the codec's saturation. Of "
-        f"{found['mutants']:,} changes, {found['noticed']:,} were noticed, {argued} make no "
-        f"difference, and {len(found['left'])} were neither. "
-        "`python -m pcpc.tools.dev.evidence mutants` and `faults.json` give the reason of each "
-        "change that makes no difference."
-    )
+    argued, left = sum(found["argued"].values()), len(found["left"])
+    yield _section("mutants", **{**found, "argued": argued, "left": left})
     if found.get("elsewhere"):
-        yield "\n" + _filled_text(
-            f"{len(found['elsewhere'])} modules of the loop, and {len(found['unchanged'])} "
-            "functions of the others, have no mutants. `faults.json` names them."
-        )
+        modules, functions = len(found["elsewhere"]), len(found["unchanged"])
+        yield _section("elsewhere", modules=modules, functions=functions)
 
 
 def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield "\n## Processes killed, stopped and slowed down\n\n"
     safe, bound = kills.safe_of(rows)
-    yield _filled_text(
-        f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a random "
-        f"cycle. {safe} stay safe (>= {100.0 * bound:.2f} % at 95 %). KILL is kill -9. STOP is a "
-        "stop of 20 to 600 ms, and SLOW is many short ones. BORN is kill -9 within 50 ms of the "
-        "recorder's start, which may leave no log. A line's figures hold for each of its signals. "
-        "*cycles* is the longest time for which a node that had noticed still acted on a command "
-        "neither fresh nor safe. *log* is the number of runs whose log opens, with the ms that it "
-        "lacks. *left* is how often a process or a claim stayed behind, and *next* how often the "
-        "next run on the same bus ended well. The figures belong to one machine."
-    )
-    yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
+    table = "\n".join(kills.table(rows))
+    yield _section("kills", runs=len(rows), safe=safe, bound=100.0 * bound, table=table)
 
 
 def _matrix_row(row: Mapping[str, Any]) -> Sequence[str]:
@@ -276,32 +199,25 @@ def _matrix_row(row: Mapping[str, Any]) -> Sequence[str]:
 
 def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
     both = residual, residual["crc_16"]
-    yield "\n## What the CRC-8 and the CRC-16 let pass\n\n"
-    yield _filled_text(
-        "Shares are predicted from the weights of the code, and measured, over 64 bits of counter, "
-        "data and CRC. Hamming distances are "
-        f"{both[0]['distance']} and {both[1]['distance']}, so the CRC-8 detects all errors of up "
-        f"to {both[0]['distance'] - 1} bits, and the CRC-16 all of up to {both[1]['distance'] - 1}."
-    )
-    yield "\n" + _table(
+    crc_8, crc_16 = (one["distance"] for one in both)
+    weights = _table(
         ("wrong bits", "patterns", "CRC-8: undetected", "predicted", "measured",
          "CRC-16: undetected", "predicted", "measured"),
         [(str(row["bits"]), f"{row['patterns']:,}", *_unseen(row), *_unseen(wide))
          for row, wide in zip(*(one["weights"] for one in both), strict=True) if row["bits"] <= 8],
     )  # fmt: skip
-    yield "\nShare of wrong frames that pass, among all frames, with independent bit errors:\n\n"
-    yield _table(
+    rates = _table(
         ("bit error rate", "CRC-8", "CRC-16"),
         [
             (f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
             for row, wide in zip(*(one["rates"] for one in both), strict=True)
         ],
     )
-    yield "\n" + _filled_text(
-        f"Of frames with random data the CRC-8 lets {_passes(both[0])}, 4 of 16 counters and 1 of "
-        f"256 CRCs). The CRC-16 lets {_passes(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs). "
-        "CAN's own CRC-15 checks each frame before this."
-    )
+    passes_8, passes_16 = map(_passes, both)
+    yield _section(
+        "residual", crc_8=crc_8, crc_16=crc_16, sure_8=crc_8 - 1, sure_16=crc_16 - 1,
+        weights=weights, rates=rates, passes_8=passes_8, passes_16=passes_16,
+    )  # fmt: skip
 
 
 def _unseen(row: Mapping[str, Any]) -> Sequence[str]:
@@ -312,14 +228,6 @@ def _passes(found: Mapping[str, Any]) -> str:
     drawn = found["drawn_frames"]
     share = f"{drawn['measured']:.3g}, predicted {drawn['predicted']:.3g}"
     return f"{drawn['used']:,} of {drawn['runs']:,} pass ({share}"
-
-
-def _filled_text(text: str) -> str:
-    """Return text with its paragraphs as broad as those of other pages."""
-    parts = [
-        part if part.startswith("#") else _paragraph(part) for part in text.strip().split("\n\n")
-    ]
-    return "\n" * text.startswith("\n") + "\n\n".join(parts) + "\n"
 
 
 def _paragraph(text: str) -> str:
@@ -333,5 +241,5 @@ def _paragraph(text: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    above, *below = (f"| {' | '.join(cells)} |\n" for cells in (head, *rows))
-    return "".join((above, f"|{'---|' * len(head)}\n", *below))
+    above, *below = (f"| {' | '.join(cells)} |" for cells in (head, *rows))
+    return "\n".join((above, f"|{'---|' * len(head)}", *below))
