@@ -2,12 +2,9 @@
 
 import hashlib
 import math
-import os
 import struct
-import subprocess
 import sys
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +13,13 @@ from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from interpreting import interpreted
+from places import ROOT
 
 from pcpc.drivers.can import can_id, codec, dbc
 from pcpc.drivers.can.dbc import Kind
 from pcpc.drivers.can.wire_layout import LENGTHS
-from pcpc.drivers.compiled.jit import JIT_OFF
 
-ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
 MESSAGES = sorted(ATB1000.messages, key=lambda message: message.frame_id)
 FRAMES = tuple(dbc.frame(message) for message in MESSAGES)
@@ -406,14 +403,4 @@ def digest_of_frames(n: int) -> str:
 
 
 def test_compiled_and_interpreted_codec_give_the_same_bits() -> None:
-    assert not JIT_OFF, "this process must be the compiled one"
-    code = "from tests.drivers import test_codec as t; print(t.JIT_OFF, t.digest_of_frames(510))"
-    other = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-    )
-    expected = f"True {digest_of_frames(510)}"
-    assert other.stdout.strip() == expected, f"{other.stdout} {other.stderr[-500:]} not {expected}"
+    assert interpreted(__name__, "t.digest_of_frames(510)") == digest_of_frames(510)

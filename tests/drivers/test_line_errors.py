@@ -2,15 +2,13 @@
 
 import itertools
 import math
-import os
 import random
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import pytest
+from interpreting import interpreted
 from line_kinds import (
     BIT,
     CLASSIC,
@@ -279,17 +277,8 @@ def both_drawn() -> list[list[tuple[int, int, int]]]:
 
 
 def test_interpreted_it_gives_the_same_events() -> None:
-    code = "from test_line_errors import both_drawn; print(both_drawn())"
-    paths = os.pathsep.join(sys.path)
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths},
-    )
     found = both_drawn()
-    assert done.stdout.strip() == str(found)
+    assert interpreted(__name__, "t.both_drawn()") == str(found)
     for one in found:
         assert {what for what, *_ in one} >= {Outcome.SENT, Outcome.ERROR} and len(one) > 115
 

@@ -1,4 +1,4 @@
-"""The barrel plant on its own, for tests; as a script it prints the bits of 20 steps."""
+"""The barrel plant on its own, for tests."""
 
 from pathlib import Path
 from typing import Any
@@ -92,7 +92,3 @@ def trace() -> str:
             plant.step(0.04 + 1.9 * (-1.0) ** (k // 4))
             rows.append(plant.x.tobytes() + plant.y.tobytes())
     return b"".join(rows).hex()
-
-
-if __name__ == "__main__":
-    print(trace())

@@ -1,23 +1,19 @@
 """The barrel plant: energy, linear modes, signs, start, timing of the command, portable bits."""
 
-import os
-import subprocess
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from barrel_plant import AT, LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector, trace
+from interpreting import interpreted
 
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2
 from pcpc.plants.atb1000.model import BLOCK, half_sine, prepare
 from pcpc.plants.atb1000.ports import External, Motion
 
 MECHANICAL = 10  # leading states: barrel, then rotor
-PROJECT = Path(__file__).resolve().parents[2]
 
 
 def _relative_energy_drift(integrator_hz: float, for_s: float = 10.0) -> tuple[float, float]:
@@ -332,14 +328,9 @@ def test_names_are_unique_and_prepare_fills_every_parameter() -> None:
 
 
 def test_compiled_and_interpreted_steps_give_the_same_bits() -> None:
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(PROJECT)}
-    script = Path(__file__).with_name("barrel_plant.py")
-    interpreted = subprocess.run(
-        [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True
-    ).stdout.strip()
     compiled = trace()
     assert len(compiled) == 2 * 20 * 2 * 8 * (Plant().x.size + Plant().y.size)
-    assert compiled == interpreted
+    assert compiled == interpreted("barrel_plant", "t.trace()")
 
 
 def test_a_step_costs_a_small_part_of_its_period() -> None:

@@ -28,7 +28,7 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., No
         there = sorted(tmp_path.rglob("*"))
         return {path: path.read_bytes() if path.is_file() else None for path in there}
 
-    def check(words: str | list[str], said: str, code: int = 2) -> None:
+    def check(words: str | list[str | Path], said: str, code: int = 2) -> None:
         before = files()
         done = run_here(*(shlex.split(words) if isinstance(words, str) else words))
         assert (done.code, done.out, done.err.count("\n")) == (code, "", 1), done

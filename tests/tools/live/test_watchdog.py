@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fd_rig import fd_rig
 from numpy.typing import NDArray
 from processes import ATB1000, own_bus, until
 
@@ -16,7 +17,7 @@ import pcpc
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
-from pcpc.executive.log.reader import read
+from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.live import find
 from pcpc.executive.nodes.virtual import simulate
@@ -25,21 +26,37 @@ from pcpc.tools.cli import main
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
 SILENT, WRONG = 20, 3
-STOP_FRAME = {
-    '"EveryCycle","Cyclic"': '"EveryCycle","Cyclic","Event"',
-    "BO_ 1793 HB": "BO_ 15 ESTOP: 1 Vector__XXX\n"
-    ' SG_ pressed : 0|1@1+ (1,0) [0|1] "" EXEC,PLANT\n\nBO_ 1793 HB',
-    'BA_ "GenMsgSendType" BO_ 1793 1;': 'BA_ "GenMsgSendType" BO_ 15 2;\n'
-    'BA_ "GenMsgSendType" BO_ 1793 1;',
-}
+BYTES = {"classic": 1, "fd": 12}  # of the stop frame
 PATIENT = "hold_cycles: 100000, fault_after_cycles: 100000, quick_stop_s: 0.02"
 CMD, SYNC, FB_A, HB_PLANT = 160, 128, 288, 1794
+FB = FB_A  # of the probe
+
+
+def stop_frame(kind: str) -> tuple[tuple[str, str], ...]:
+    """Return the changes of a DBC file that give it a stop frame."""
+    sends = 'BA_ "GenMsgSendType" BO_ 1793 1;'
+    fd = 'BA_ "VFrameFormat" BO_ 15 14;\n' if kind == "fd" else ""
+    return (
+        ('"EveryCycle","Cyclic"', '"EveryCycle","Cyclic","Event"'),
+        ("BO_ 1793 HB", f"BO_ 15 ESTOP: {BYTES[kind]} Vector__XXX\n"
+         ' SG_ pressed : 0|1@1+ (1,0) [0|1] "" EXEC,PLANT\n\nBO_ 1793 HB'),
+        (sends, f'BA_ "GenMsgSendType" BO_ 15 2;\n{fd}{sends}'),
+    )  # fmt: skip
+
+
+def fd_file(folder: Path, *lines: str) -> Path:
+    """Write the rig of the probe on CAN FD at 200 Hz with a stop frame of 12 bytes."""
+    lines = (f"supervisor: {{{PATIENT}, stop_frame: ESTOP}}", "rate_hz: 200.0", "title: x", *lines)
+    path = fd_rig(folder, *lines, changes=stop_frame("fd"))
+    text = path.read_text().replace("rig: probe_fd", f"rig: watched-{os.getpid()}")
+    path.write_text(text.replace("duration_s: 0.6\n", ""))
+    return path
 
 
 def rig_file(folder: Path, *lines: str, stop: str = "stop_frame: ESTOP") -> Path:
     """Write the hull rig at 200 Hz with a stop frame and a watchdog."""
     text = (ATB1000 / "atb1000.dbc").read_text()
-    for line, other in STOP_FRAME.items():
+    for line, other in stop_frame("classic"):
         assert text.count(line) == 1, line
         text = text.replace(line, other)
     (folder / "stop.dbc").write_text(text)
@@ -82,21 +99,30 @@ class Recorded:
 Change = Callable[[int, NDArray[np.uint8]], NDArray[np.uint8]]
 
 
+def recorded(rig: Rig, log: Path, silent: int = 200) -> Recorded:
+    """Run a rig; return what was on its bus, and a silence behind its end."""
+    simulate(rig, log)
+    cycles: dict[int, list[NDArray[np.uint8]]] = {}
+    for node in logs.read(log).node.values():
+        sent = node.frames[node.frames["direction"] == 0]
+        for k, raw in zip(sent["cycle"].tolist(), logs.on_bus(sent), strict=True):
+            cycles.setdefault(k, []).append(raw)
+    nothing = np.zeros((1, len(cycles[0][0])), np.uint8)
+    return Recorded(rig, [np.array(cycles.get(k, nothing)) for k in range(max(cycles) + silent)])
+
+
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("clean")
     rig = load_rig(rig_file(folder, "watchdog: {silent_cycles: 20}", "duration_s: 4.0"))
-    simulate(rig, folder / "log.mcap")
-    log = read(folder / "log.mcap")
-    cycles: dict[int, list[NDArray[np.uint8]]] = {}
-    for node in log.node.values():
-        for frame in node.frames[node.frames["direction"] == 0]:
-            raw = np.zeros(16, np.uint8)
-            raw[:4] = np.frombuffer(int(frame["id"]).to_bytes(4, "little"), np.uint8)
-            raw[4], raw[8:] = frame["dlc"], frame["data"]
-            cycles.setdefault(int(frame["cycle"]), []).append(raw)
-    rows = [np.stack(cycles.get(k, [np.zeros(16, np.uint8)])) for k in range(max(cycles) + 200)]
-    return Recorded(rig, rows)
+    return recorded(rig, folder / "log.mcap")
+
+
+@pytest.fixture(scope="module")
+def on_fd(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    folder = tmp_path_factory.mktemp("fd")
+    rig = load_rig(fd_file(folder, "watchdog: {silent_cycles: 40}", "duration_s: 0.6"))
+    return recorded(rig, folder / "log.mcap", 0)
 
 
 def of(can: int, frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -198,6 +224,32 @@ def test_a_wrong_crc_and_a_counter_that_stands_are_told(clean: Recorded) -> None
     assert k == 102 and "CMD is REPEATED" in what, (k, what)
 
 
+def spoilt(can: int, byte: int, bits: int) -> Change:
+    """Return what changes a byte of the frames of an id from cycle 50 on; 5 says the kind."""
+
+    def change(k: int, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        frames[of(can, frames) & (k >= 50), byte] ^= bits
+        return frames
+
+    return change
+
+
+LONG: dict[str, tuple[Change | None, str]] = {
+    "clean": (None, ""),
+    "classic": (spoilt(FB, 5, 5), "plant: FB is ERROR; 3 of the last"),
+    "a bit behind the eighth byte": (spoilt(CMD, 48, 16), "executive: CMD is ERROR; 3 of the last"),
+    "the last but one": (spoilt(FB, 70, 16), "plant: FB is ERROR; 3 of the last"),
+    "away": (without(CMD, 50), "CMD did not"),
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_long_frames_are_judged_by_all_their_bytes(name: str, on_fd: Recorded) -> None:
+    change, says = LONG[name]
+    said = on_fd.watched(change)[1]
+    assert says in said and bool(said) is bool(says), said
+
+
 WITHOUT = {
     "no frame": ("watchdog: {}", "ramp_s: 0.05", "a watchdog needs a frame that stops the rig"),
     "too eager": (
@@ -242,9 +294,10 @@ def all_of(reader: int) -> bytes:
         found += part
 
 
-def watched_rig(folder: Path, duration: str) -> Path:
+def watched_rig(folder: Path, duration: str, kind: str = "classic") -> Path:
     lines = f"watchdog: {{silent_cycles: {SILENT}, feed: {folder}/watchdog}}"
-    return rig_file(folder, lines, f"duration_s: {duration}")
+    write = fd_file if kind == "fd" else rig_file
+    return write(folder, lines, f"duration_s: {duration}")
 
 
 def test_a_clean_run_feeds_the_device_to_its_orderly_end(tmp_path: Path, fed: int) -> None:
@@ -256,10 +309,11 @@ def test_a_clean_run_feeds_the_device_to_its_orderly_end(tmp_path: Path, fed: in
     assert len(data) > 10 and data.strip(b"\0") == b"V" and data.endswith(b"V"), data
 
 
+@pytest.mark.parametrize("kind", BYTES)
 def test_an_executive_that_stands_still_is_stopped_by_its_frame_alone(
-    tmp_path: Path, fed: int
+    kind: str, tmp_path: Path, fed: int
 ) -> None:
-    rig = watched_rig(tmp_path, "600.0")
+    rig = watched_rig(tmp_path, "600.0", kind)
     with pcpc.running(rig, bus=own_bus(), folder=tmp_path / "run") as live:
         plant, executive = (find(role, f"watched-{os.getpid()}") for role in ("plant", "executive"))
         until(lambda: all_of(fed), "the first food")
@@ -273,6 +327,11 @@ def test_an_executive_that_stands_still_is_stopped_by_its_frame_alone(
     said = [line for line in live.run.summary["faults"] if "watchdog: executive" in line]
     assert said and "did not come for" in said[0] and said[0].endswith("ESTOP sent"), live.run
     assert live.run.verdict.startswith("safety stop")
+    frames = live.run.log.node["plant"].frames
+    stops = frames[frames["id"] == 15]
+    assert len(stops) and set(stops["dlc"]) == {BYTES[kind]}
+    if kind == "fd":
+        assert set(stops["flags"]) == {5}
 
 
 def test_a_watchdog_without_a_device_or_a_stop_frame_says_so(

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -111,11 +112,11 @@ def test_an_experiment_that_is_none_is_refused_with_the_names(tmp_path: Path) ->
         ("CHAPTER, TITLE = 1, ''\ncases = list\nreport = draw = print", "cases() has no run"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_study_is_refused_in_a_line(text: str, why: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_study_is_refused_in_a_line(
+    text: str, why: str, refused: Callable[..., None], tmp_path: Path
+) -> None:
     (tmp_path / "study.py").write_text(text)
-    done = pcpc("experiment", str(tmp_path / "study.py"), "-o", str(tmp_path / "out"))
-    assert done.code == 2 and why in done.err and len(done.err.splitlines()) == 1, str(done)
-    assert not (tmp_path / "out").exists()
+    refused("experiment study.py -o out", why)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,4 @@
-"""Every family of approximators in one compiled step, as a law would call them.
-
-Run as a script it prints the digest of all families in the mode that NUMBA_DISABLE_JIT selects.
-"""
+"""Every family of approximators in one compiled step, as a law would call them."""
 
 import hashlib
 from typing import Any
@@ -138,7 +135,3 @@ def digest() -> str:
         found.update(Scratch(x).tuned.tobytes())
     assert np.isfinite(y).all() and Scratch(x).tuned.any()
     return found.hexdigest()
-
-
-if __name__ == "__main__":
-    print(digest())

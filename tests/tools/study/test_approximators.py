@@ -1,16 +1,13 @@
 """Approximators: Jacobians, identities, two derivations, and equal bits in both modes."""
 
 import math
-import os
-import subprocess
-import sys
 import warnings
-from pathlib import Path
 from typing import Any
 
 import every_approximator
 import numpy as np
 import pytest
+from interpreting import interpreted
 
 from pcpc.executive.laws.approximators import activations
 from pcpc.tools.study.book.approximators import backprop, cmac, fuzzy, jumps, rbf, rvfl
@@ -25,7 +22,6 @@ from pcpc.tools.study.book.approximators.family import (
     triangle_net,
 )
 
-PROJECT = Path(__file__).resolve().parents[3]
 GRID = Grid((-1.0, -2.0), (1.0, 1.0), (5, 6))
 POINTS = np.random.default_rng(5).uniform((-1.3, -2.4), (1.3, 1.4), (40, 2))
 INSIDE = np.random.default_rng(6).uniform((-1.0, -2.0), (1.0, 1.0), (40, 2))
@@ -64,10 +60,7 @@ def slope_of(function: Any, at: np.ndarray, h: float = 1e-6) -> np.ndarray:
 
 
 def test_every_family_runs_in_a_step_with_the_same_bits_compiled_and_interpreted() -> None:
-    command = [sys.executable, every_approximator.__file__]
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(PROJECT)}
-    other = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert other.stdout.strip() == every_approximator.digest()
+    assert interpreted("every_approximator", "t.digest()") == every_approximator.digest()
 
 
 @pytest.mark.parametrize("name", FAMILY)
