@@ -8,10 +8,10 @@ from typing import cast
 import numpy as np
 import pytest
 
+from pcpc.plants.book.hidden import Hidden
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
-    Hidden,
     around,
     dyads,
     fitted_weights,

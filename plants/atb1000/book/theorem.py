@@ -20,10 +20,10 @@ Selmic (SIAM 2002), chapters 3 and 9.
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.plants.book.hidden import Hidden
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
-    Hidden,
     Theorem,
     fitted_weights,
     inner,

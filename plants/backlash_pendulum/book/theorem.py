@@ -22,10 +22,10 @@ import math
 
 import numpy as np
 
+from pcpc.plants.book.hidden import Hidden
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
-    Hidden,
     Theorem,
     fitted_weights,
     inner,

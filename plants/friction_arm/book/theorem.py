@@ -22,6 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcpc.plants.book.hidden import Hidden
 from pcpc.plants.families.two_link.book.theory import (
     LINKS,
     Motion,
@@ -34,7 +35,6 @@ from pcpc.plants.families.two_link.book.theory import (
 from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
-    Hidden,
     Theorem,
     acting,
     dyads,
