@@ -178,8 +178,9 @@ class _ImportedLog:
         metadata = facts() | {
             "clock_monotonic_ns": str(first_ns), "clock_wall_ns": str(first_ns),
             "pacing": "imported", "bus": printable(self.options.recording.name),
-            "controller": "none", "seed": "0", "rate_hz": repr(self.counts["rate_hz"]), "rig": "imported",
-            "period_ns": str(self.period_ns), "can_node": self.options.node or "",
+            "controller": "none", "seed": "0", "rate_hz": repr(self.counts["rate_hz"]),
+            "rig": "imported", "period_ns": str(self.period_ns),
+            "can_node": self.options.node or "",
         }  # fmt: skip
         writer.add_metadata("executive", metadata)
         counts = {key: json.dumps(value) for key, value in self.counts.items()}
