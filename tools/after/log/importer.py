@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.channels import register_columns, register_entries
@@ -177,9 +177,10 @@ class _ImportedLog:
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {
             "clock_monotonic_ns": str(first_ns), "clock_wall_ns": str(first_ns),
-            "pacing": "imported", "bus": self.options.recording.name, "controller": "none",
-            "seed": "0", "rate_hz": repr(self.counts["rate_hz"]), "rig": "imported",
-            "period_ns": str(self.period_ns), "can_node": self.options.node or "",
+            "pacing": "imported", "bus": printable(self.options.recording.name),
+            "controller": "none", "seed": "0", "rate_hz": repr(self.counts["rate_hz"]),
+            "rig": "imported", "period_ns": str(self.period_ns),
+            "can_node": self.options.node or "",
         }  # fmt: skip
         writer.add_metadata("executive", metadata)
         counts = {key: json.dumps(value) for key, value in self.counts.items()}
@@ -195,7 +196,9 @@ class _ImportedLog:
         }  # fmt: skip
         files = [("executive.json", json.dumps(description).encode())]
         if self.options.dbc is not None:
-            files.insert(0, (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()))
+            files.insert(
+                0, (printable(self.options.dbc.name), dbc_file.text(self.options.dbc).encode())
+            )
         for name, data in files:
             writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
 

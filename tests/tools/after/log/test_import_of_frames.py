@@ -2,12 +2,13 @@
 
 import gzip
 import json
+import os
 from datetime import datetime
 from pathlib import Path
 
 import pytest
 from json_schemas import holds
-from logcommand import Done, run
+from logcommand import DBC, Done, run
 
 from pcpc.executive.log import reader as logs
 
@@ -169,3 +170,16 @@ def test_channels_that_stand_one_behind_the_other_are_merged_by_their_stamps(
     text = "".join(f"({1 + i}.5) can{k} 100#\n" for k in range(2) for i in range(20))
     done = imported(tmp_path, "a.log", text)
     assert "in 19 s" in done.out and "clock" not in done.out, done
+
+
+def test_a_name_that_is_no_text_is_spelt_out_in_the_log(tmp_path: Path) -> None:
+    dbc = tmp_path / os.fsdecode(b"c\xffar.dbc")
+    dbc.write_bytes(DBC.read_bytes())
+    line = "(1.5) can0 120#0000000000000000\n"
+    done = imported(tmp_path, os.fsdecode(b"na\xffme.log"), line, "--dbc", str(dbc))
+    log = logs.read(tmp_path / "o.mcap")
+    assert done.code == 0 and not log.missing, done
+    assert (
+        log.metadata["executive"]["bus"] == r"na\udcffme.log"
+        and r"c\udcffar.dbc" in log.attachments
+    )
