@@ -8,6 +8,7 @@ import pytest
 
 from pcpc.tools.dev.bench.options import COMMAND as BENCH
 from pcpc.tools.dev.command import main
+from pcpc.tools.dev.evidence import report
 from pcpc.tools.dev.evidence.options import COMMAND as EVIDENCE
 from pcpc.tools.dev.evidence.options import SOAK
 from pcpc.tools.terminal.command import Command
@@ -47,6 +48,12 @@ def test_evidence_that_cannot_be_written_is_told_before_any_work(
         out, err = capsys.readouterr()
         assert out == "" and str(folder) in err and "part 1" not in err, err
         assert err.count("\n") == 1, err
+
+
+def test_the_page_of_faults_is_what_its_numbers_make(tmp_path: Path) -> None:
+    docs = Path(__file__).resolve().parents[3] / "docs"
+    page = report.write(tmp_path, report.read(docs))
+    assert page.read_bytes() == (docs / report.PAGE).read_bytes()
 
 
 @pytest.mark.parametrize("name", ["bench", "evidence", "evidence.soak"])

@@ -115,6 +115,13 @@ def test_a_difference_has_the_name_of_what_differs(kind: int, name: str) -> None
     assert expected[place].tobytes() == compare._episodes[1][2][kind][place].tobytes()
 
 
+def test_a_number_that_is_none_is_equal_to_itself_alone() -> None:
+    about = Compared(Given, _accepts_all, whole={}, real={"guard.gain": int, "guard.pace": int})
+    came, expected = np.array([[np.nan, np.nan]]), np.array([[np.nan, 1.0]])
+    told = Episodes(about, _accepts_all)._where(about.real, came, expected)
+    assert told == "guard.pace is nan, expected 1.0, in step 0"
+
+
 class Given(NamedTuple):
     """Of a step."""
 
