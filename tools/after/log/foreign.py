@@ -47,6 +47,8 @@ def survey(path: Path) -> dict[str, Any] | None:
                     if topic is not None:
                         found["topics"][topic] += 1
     except (*UNREADABLE, OSError, TooMuchError) as error:
+        if not found["library"] and not found["topics"]:  # nothing tells whose it is
+            return None
         found["damaged"] = printable(str(error)) or "it is cut"
     return found
 

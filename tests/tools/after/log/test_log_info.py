@@ -177,6 +177,7 @@ def test_what_is_no_log_is_one_line(content: bytes | None, tmp_path: Path) -> No
         path.write_bytes(content)
     done: Done = run("info", path)
     assert done.code == 2 and done.err.count("\n") == 1 and str(path) in done.err, done
+    assert done.out == "", "nothing tells that it was written by others"
 
 
 def test_every_sub_command_has_help_with_an_example() -> None:
