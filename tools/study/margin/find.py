@@ -18,6 +18,7 @@ from pcpc.tools.study.margin import linear, loops, measured, motion, notes, oper
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.study.margin.result import Margin, Response
 from pcpc.tools.study.margin.sizes import measured_margins
+from pcpc.tools.study.margin.visible import without_below
 
 Method = Literal["both", "linearised", "measured"]
 SETTLE_S = 4.0
@@ -128,7 +129,10 @@ def margin_of(rig: Rig, question: Question) -> Margin:
         if found is not None:
             ours = responses["linearised"].margins
             visible, more = notes.comparison(ours, own, visible, found.response(own.f_hz))
-            remarks += more
+        else:
+            visible, below = without_below(visible, own.f_hz, own.response)
+            more = notes.unsure_notes(below)
+        remarks += more
         theirs = own.f_hz, own.response, visible, own.spread, own.coherence
         responses["measured"] = Response(*theirs)
     for name, one in responses.items():

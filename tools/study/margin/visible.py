@@ -26,6 +26,9 @@ _SURE = 3.0  # standard errors
 STRONG = 0.1  # error of L at a line that counts, relative to it
 UNSURE = 0.04  # of a number
 _PEAK = 0.1
+_NEXT = 1.01  # of the lowest line: nearer than the next
+_FAR, _CLOSE = 50.0, 1.25  # of |L|: |S - T| is 1 within UNSURE; where it may be anything
+_LEVEL = 0.1  # of a loop that is constant below: sin arg L, the slope of log |L| over log f
 
 
 @dataclass(frozen=True)
@@ -92,9 +95,41 @@ def without_unsure(own: Margins, why: Mapping[str, str]) -> tuple[Margins, list[
     return own, found
 
 
+def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margins, list[Unsure]]:
+    """Return the margins without those that L below the lowest line may change.
+
+    For L of lines (n,) alone; a linear loop knows it. Where it is a constant at the lowest line it
+    is one below. Elsewhere "none" says more than lines can know. A peak at the lowest line may go
+    on below, but for |L| that is far from 1 there and leaves it; where |L| is close to 1 there,
+    below may be a higher one.
+    """
+    if len(f_hz) < 3:
+        return own, []
+    first, third = np.maximum(np.abs(response[[0, 2]]), 1e-300).tolist()
+    slope = math.log(third / first) / math.log(f_hz[2] / f_hz[0])
+    if abs(slope) < _LEVEL and abs(math.sin(np.angle(response[0]))) < _LEVEL:
+        return own, []
+    rises = slope < 0.0  # towards 0
+    crosses = rises == (first < 1.0)
+    near = crosses or 1.0 / _FAR < first < _FAR
+    close = 1.0 / _CLOSE < first < _CLOSE
+    nowhere = crosses and math.isinf(own.phase_margin_deg)
+    unknown = {
+        "gain_margin": math.isinf(own.gain_margin) and (first < 1.0 or not rises),
+        "gain_reduction": own.gain_reduction == 0.0 and (first > 1.0 or rises),
+        "phase_margin_deg": nowhere,
+        "delay_margin_s": nowhere,
+        "sensitivity_peak": close or (near and own.sensitivity_peak_hz < _NEXT * f_hz[0]),
+        "disk_margin": close or (near and own.disk_margin_hz < _NEXT * f_hz[0]),
+    }
+    told = (name for name, is_so in unknown.items() if is_so and not math.isnan(getattr(own, name)))
+    return without_unsure(own, dict.fromkeys(told, _BELOW))
+
+
 _OF_DELAY = ("delay_margin_s", "delay_margin_samples")
 _OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", *_OF_DELAY)
 _OF_PEAKS = ("sensitivity_peak", "sensitivity_peak_hz", "disk_margin", "disk_margin_hz")
+_BELOW = "L still moves at the lowest line"
 _CURVES, _NOISE = "the loop turns between two lines", "noise or a nonlinearity moves the lines"
 _PLACES = {
     "gain_margin": "gain_margin_hz", "gain_reduction": "gain_reduction_hz",

@@ -1,6 +1,7 @@
 """What lies between the lines of a measured loop: exact loops with resonances, and their errors."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,13 @@ from pcpc.tools.study.margin import notes
 from pcpc.tools.study.margin.between import between, lies_between, likeliest
 from pcpc.tools.study.margin.margins import Margins, margins
 from pcpc.tools.study.margin.measured import multisine
-from pcpc.tools.study.margin.visible import UNSURE, Unsure, _unsure, visible_margins
+from pcpc.tools.study.margin.visible import (
+    UNSURE,
+    Unsure,
+    _unsure,
+    visible_margins,
+    without_below,
+)
 
 RATE_HZ = 1000.0
 LINES = multisine(RATE_HZ, RATE_HZ / 4000.0, 1.0, 1).lines * RATE_HZ / 4000.0
@@ -175,3 +182,40 @@ def test_what_is_not_known_is_said_with_its_reason() -> None:
         f"gain margin, delay margin: not known within {100 * UNSURE:g} %, as a, about 45.2" in one
     )
     assert "disk margin: not known within" in two and "about" not in two
+
+
+PEAKS, CROSSES = "disk_margin sensitivity_peak", "phase_margin_deg delay_margin_s"
+W = 2.0 * np.pi * 0.05  # rad/s, a fifth of the lowest line
+
+
+@pytest.mark.parametrize(
+    ("of", "hidden"),
+    [
+        (lambda s: 0.5 + 0.0 * s, ""),
+        (lambda s: 3.0 / (1.0 + 0.01 * s), ""),
+        (lambda s: 40.0 * (s + 20.0) / (s * (s + 0.5)), "gain_reduction"),
+        (lambda s: 9.0 / (1.0 + 5.0 * s / W), f"{CROSSES} gain_margin gain_reduction"),
+        (lambda s: 4.0 * (s + W) ** 2 / s**3 / (1.0 + 0.01 * s), "gain_reduction disk_margin"),
+        (lambda s: 0.9 * (s / (s + W)) ** 3, f"gain_margin {PEAKS}"),
+        (lambda s: -0.6 / (1.0 + s / W), f"{CROSSES} gain_margin gain_reduction {PEAKS}"),
+        (lambda s: 0.4 * s / (s + 400.0), "gain_margin"),
+    ],
+)  # fmt: skip
+def test_a_number_that_a_crossing_below_the_lines_may_change_is_not_known(
+    of: Callable[[Complex], Complex], hidden: str
+) -> None:
+    """By lines alone. What is printed is true over ten thousand times as wide a band."""
+
+    def response(f_hz: Vector) -> Complex:
+        return of(2j * RATE_HZ * np.tan(np.pi * f_hz / RATE_HZ))  # bilinear: real at half the rate
+
+    seen, _ = visible_margins(LINES, response(LINES), np.zeros(len(LINES)), RATE_HZ)
+    own, unsure = without_below(seen, LINES, response(LINES))
+    wide = np.geomspace(1e-4 * LINES[0], LINES[-1], 20_000)
+    true = margins(wide, response(wide), RATE_HZ)
+    assert {one.name for one in unsure} == set(hidden.split())
+    for name in (*NAMES, "gain_reduction"):
+        value = getattr(own, name)
+        assert math.isnan(value) == (name in hidden.split()), name
+        assert math.isnan(value) or value == pytest.approx(getattr(true, name), rel=0.03), name
+    assert all("at the lowest line" in line for line in notes.unsure_notes(unsure))

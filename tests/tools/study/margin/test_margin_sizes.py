@@ -123,17 +123,18 @@ def test_a_number_is_told_where_half_the_size_has_it_too(
 
 
 @pytest.mark.parametrize(
-    ("errors", "size", "runs"),
+    ("errors", "alone", "size", "runs"),
     [
-        ([0.01], 0, 0),  # enough, as it is
-        ([0.1, 0.3, 0.5, 2.0], 0, 3),  # noise, until nothing answers
-        ([0.1, 0.3, 0.05, 0.01, 0.001], 3, 3),  # until it is enough
-        ([0.1, 0.05, 0.3, 0.4, 0.6, 0.8, 0.03], 1, 5),  # no further than that
-        ([0.1, 0.05], 1, 2),  # the next ends in a fault
+        ([0.01], 0.0, 0, 0),  # enough, as it is
+        ([0.1, 0.3, 0.5, 2.0], 0.0, 0, 3),  # noise, until nothing answers
+        ([0.1, 0.3, 0.05, 0.01, 0.001], 0.0, 3, 3),  # until it is enough
+        ([0.1, 0.05, 0.3, 0.4, 0.6, 0.8, 0.03], 0.0, 1, 5),  # no further than that
+        ([0.1, 0.05], 0.0, 1, 2),  # the next ends in a fault
+        ([0.1, 0.05, 0.01], 5.0, 1, 1),  # 1/256 is lost in its own motion, 1/16 is not
     ],
 )
 def test_smaller_sizes_are_tried_until_one_is_clear(
-    errors: list[float], size: int, runs: int
+    errors: list[float], alone: float, size: int, runs: int
 ) -> None:
     def measured(amplitude: float) -> Any:
         k = round(-math.log(amplitude, 16.0))
@@ -142,7 +143,7 @@ def test_smaller_sizes_are_tried_until_one_is_clear(
             return None
         error = np.array([errors[k]])
         about = {"error": error, "left": errors[k], "answers": errors[k] <= 1.0}
-        return SimpleNamespace(amplitude=amplitude, **about)
+        return SimpleNamespace(amplitude=amplitude, alone=SimpleNamespace(rms=alone), **about)
 
     tried = list[int]()
     own = measured(1.0)
