@@ -38,7 +38,7 @@ STARTS_PROGRAMS = {
 }  # fmt: skip
 
 AT_MOST_ALONE = 8  # tests; where more fail, it is not for want of time
-SHARE = 1 / 8000  # of the time of all tests, for one test with all its cases
+SHARE = 1 / 16000  # of the time of all tests, for one test with all its cases
 _SECONDS, _COSTS = "pcpc/seconds", Path(__file__).with_name("seconds.csv")
 _PROCESSORS = os.sched_getaffinity(0)
 _started = Child.started
