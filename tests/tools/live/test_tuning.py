@@ -1,10 +1,14 @@
 """`pcpc set|lock` on a real run, the same from Python, and what the log of that run holds."""
 
+import fcntl
 import json
 import math
 import signal
+import sys
+import termios
 import threading
 from dataclasses import replace
+from typing import IO
 
 import pytest
 from live_run import ANSWER_S, ERROR, KV, LAM, Run, Screen, said, value
@@ -18,9 +22,18 @@ from pcpc.executive.nodes import live
 PAIRS = 25
 
 
+def bytes_ready(pipe: IO[str] | None) -> int:
+    """Return how many bytes wait in a pipe of a process."""
+    count = bytearray(4)
+    assert pipe is not None
+    fcntl.ioctl(pipe, termios.FIONREAD, count)
+    return int.from_bytes(count, sys.byteorder)
+
+
 @pytest.fixture(scope="module")
 def finished(run: Run) -> logs.Log:
-    """End the run with Ctrl-C and return its log."""
+    """End the run with Ctrl-C, once its watcher has seen some of it, and return its log."""
+    until(lambda: bytes_ready(run.watcher.stdout) > 400, "lines of the watcher", ANSWER_S)
     run.host.send_signal(signal.SIGINT)
     output = run.host.communicate(timeout=30)
     assert run.host.returncode == 130, f"exit code {run.host.returncode}: {output}"
@@ -152,6 +165,7 @@ def test_an_unknown_lock_level_is_wrong_input(run: Run, capsys: Screen) -> None:
     assert (code, out, err) == (2, "", "tunes: no such lock level; did you mean tune?\n")
 
 
+@pytest.mark.quick  # as well
 def test_two_hosts_at_once_both_get_their_tunings_through(run: Run) -> None:
     cycles: dict[int, list[int]] = {0: [], 1: []}
 

@@ -47,7 +47,7 @@ def survey(path: Path) -> dict[str, Any] | None:
                     if topic is not None:
                         found["topics"][topic] += 1
     except (*UNREADABLE, OSError, TooMuchError) as error:
-        if not found["library"] and not found["topics"]:  # nothing tells whose it is
+        if isinstance(error, ValueError) and path.stat().st_size == 0:  # no mapping of nothing
             return None
         found["damaged"] = printable(str(error)) or "it is cut"
     return found

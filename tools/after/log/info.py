@@ -187,6 +187,8 @@ def _show_foreign(found: Mapping[str, Any], reason: str, as_json: bool) -> None:
     if as_json:
         print(json.dumps({**found, "reason": reason}, indent=2))
         return
+    if not found["library"] and not found["topics"]:
+        return  # nothing tells whose it is
     print(f"{found['file']}: an MCAP file written by {found['library'] or 'others'}")
     for topic, count in found["topics"].items():
         print(f"{topic}  {count} messages")
