@@ -14,7 +14,7 @@ from pathlib import Path
 from pcpc.executive.errors import FULL, RigError
 from pcpc.executive.rig.reading import Rig
 
-LOG = "log.mcap"
+LOG, LINE = "log.mcap", "line.json"
 
 
 def fresh(name: str) -> Path:
@@ -97,7 +97,7 @@ def _refusal(folder: Path, error: OSError) -> Exception:
 def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
     """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
 
-    At the end what is still empty is removed.
+    At the end what is still empty is removed; of a run without a cycle its line's record, too.
     """
     check_name(named)
     for own in _names(rig.config.rig):
@@ -114,9 +114,12 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:
             raise _refusal(folder, error) from None
+    had_line = (folder / LINE).exists()
     try:
         yield folder
     finally:
         if not (folder / LOG).stat().st_size:
             (folder / LOG).unlink()
+            if not had_line:
+                (folder / LINE).unlink(missing_ok=True)
         _remove_empty(made)

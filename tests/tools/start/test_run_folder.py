@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 from processes import ROOT
 
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
+from pcpc.tools.start.folder import LINE, LOG, run_folder
 from pcpc.tools.terminal.outfile import new_file, whole_file
 
 PROBE = str(ROOT / "plants/probe/rig.yaml")
@@ -29,6 +31,23 @@ def test_a_link_in_place_of_a_file_is_refused(
     assert capsys.readouterr().err == said
     assert mine.exists() == there and (not there or mine.read_text() == "keep this")
     assert [path.name for path in folder.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("before", [None, "mine"])
+@pytest.mark.parametrize("log", ["", "cycles"])
+def test_what_a_line_wrote_stays_with_a_log_only(
+    before: str | None, log: str, tmp_path: Path
+) -> None:
+    """Nodes may have begun when the rig's evaluation is refused, and the line with them."""
+    folder = tmp_path / "run"
+    if before is not None:
+        folder.mkdir()
+        (folder / LINE).write_text(before)
+    with run_folder(folder, load_rig(PROBE)):
+        (folder / LINE).write_text("{}")
+        (folder / LOG).write_text(log)
+    there = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    assert there == ({LOG, LINE} if log else {LINE} if before else set())
 
 
 def test_a_hard_link_is_replaced_and_not_written_through(tmp_path: Path, capsys: Screen) -> None:
