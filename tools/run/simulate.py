@@ -22,7 +22,7 @@ from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.run.outlived import outlived
 from pcpc.tools.start.children import on_request
-from pcpc.tools.start.folder import LOG, run_folder
+from pcpc.tools.start.folder import LINE, LOG, run_folder
 from pcpc.tools.terminal.progress import Progress
 
 
@@ -54,7 +54,7 @@ class Simulation:
         from pcpc.tools.start.bus import line_report  # here, because few rigs need it
 
         found = line_report.numbers(self.run.over[0], on_line(self.rig))
-        line_report.write(found, folder / line_report.FILE)
+        line_report.write(found, folder / LINE)
         return line_report.summary(found)
 
     def to_end(self, progress: Progress) -> None:

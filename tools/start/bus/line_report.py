@@ -7,10 +7,8 @@ from typing import Any
 
 from pcpc.drivers.can.line import state_of
 from pcpc.tools.start.bus.report import rate_of
-from pcpc.tools.start.folder import LINE
 from pcpc.tools.terminal.outfile import whole_file
 
-FILE = LINE  # in a run's folder
 STATES = "active", "warning", "passive", "bus-off"
 _COUNTS = ("sent", "waiting", "errors", "refused", "lost_off", "times_off", "most_waiting")
 

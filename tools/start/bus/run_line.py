@@ -8,6 +8,7 @@ from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
 from pcpc.tools.start.children import Child
+from pcpc.tools.start.folder import LINE
 
 
 def start(rig: Rig, bus: Bus, folder: Path) -> Child:
@@ -17,7 +18,7 @@ def start(rig: Rig, bus: Bus, folder: Path) -> Child:
     def main(ready: int) -> int:
         from pcpc.tools.start.bus import emulate  # here, because it compiles
 
-        return emulate.serve(rig, bus, folder / line_report.FILE, ready)
+        return emulate.serve(rig, bus, folder / LINE, ready)
 
     return Child.serving("line", main)
 
@@ -25,6 +26,6 @@ def start(rig: Rig, bus: Bus, folder: Path) -> Child:
 def summary(folder: Path) -> str:
     """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
     try:
-        return line_report.summary(json.loads((folder / line_report.FILE).read_text()))
+        return line_report.summary(json.loads((folder / LINE).read_text()))
     except OSError:
         return ""

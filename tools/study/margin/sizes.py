@@ -35,7 +35,7 @@ _Smaller = Callable[[float], MeasuredLoop | None]
 _SAME = 0.025  # of a number: what half the size may move
 _HALVES = 8
 _FALL, _FALLS = 16.0, 5  # from one smaller size to the next; how many
-_OF_ITS_OWN = 0.01  # what the rig commands by itself: less of it is lost in it
+_LEAST = 0.01  # size, of what the rig commands by itself: a smaller one is lost in that
 HALF = "half of what was injected gives another number"
 
 
@@ -97,7 +97,7 @@ def _clearest(own: MeasuredLoop, smaller: _Smaller) -> MeasuredLoop:
     first = own.amplitude
     for k in range(1, _FALLS + 1):
         size = first / _FALL**k
-        new = smaller(size) if size > _OF_ITS_OWN * own.alone.rms else None
+        new = smaller(size) if size > _LEAST * own.alone.rms else None
         if new is None or not new.answers:
             break
         own = new if new.left < own.left else own

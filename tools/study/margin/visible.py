@@ -122,8 +122,9 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
         "sensitivity_peak": close or (near and own.sensitivity_peak_hz < _NEXT * f_hz[0]),
         "disk_margin": close or (near and own.disk_margin_hz < _NEXT * f_hz[0]),
     }
-    told = (name for name, is_so in unknown.items() if is_so and not math.isnan(getattr(own, name)))
-    return without_unsure(own, dict.fromkeys(told, _BELOW))
+    names = [name for name, is_so in unknown.items() if is_so]
+    names = [name for name in names if not math.isnan(getattr(own, name))]
+    return without_unsure(own, dict.fromkeys(names, _BELOW))
 
 
 _OF_DELAY = ("delay_margin_s", "delay_margin_samples")
