@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from pcpc.drivers.compiled import kinds
+from pcpc.drivers.compiled import kept_files, kinds
 from pcpc.drivers.compiled.jit import JIT_OFF, VIEW, compiled, f8, i8, types
+from pcpc.drivers.compiled.ready_code import Source
 from pcpc.drivers.compiled.structures import structure
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
@@ -192,3 +193,12 @@ def test_a_mark_is_one_type_of_numba() -> None:
 def test_other_values_have_no_mark(value: Any) -> None:
     with pytest.raises(kinds.UnmarkedValue):
         kinds.mark_of(value)
+
+
+def test_what_cannot_be_kept_is_compiled_without_a_word(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kept_files, "_told", [])
+    outside = object()  # no constant: no file tells what it is
+    Source(lambda: outside).keep("", "step", "", b"code")
+    assert capsys.readouterr().err == ""
