@@ -5,8 +5,8 @@
 
 `state` is what `executive.loop.keyframe_layout` lists, packed with zstd, in base64; `crc` is the
 CRC-32 of what was packed; `layout` names what lies where. One that is damaged, of another layout,
-or of values that no run has is left out and named, and the one before it serves. Where all have
-another layout, the node is recomputed from its start.
+or of values that no node goes on from is left out and named, and the one before it serves. Where
+all have another layout, the node is recomputed from its start.
 """
 
 import base64
@@ -125,7 +125,7 @@ def newest(
             try:
                 found = keyframe_of(text, log_ns, size, layout, before)
                 if found is not None and (what := why_not(found.state)):
-                    raise ValueError(f"cycle {found.cycle}, {what}, which no run has")
+                    raise ValueError(f"cycle {found.cycle}, {what}")
                 good = found or good
             except ValueError as error:
                 told.append(str(error))

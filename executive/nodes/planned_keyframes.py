@@ -9,10 +9,12 @@ from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import keyframe_layout as layout
 from pcpc.executive.loop.table import Table
 from pcpc.executive.nodes import planned_drive
+from pcpc.executive.nodes.planned_faults import Group
 from pcpc.executive.rig.reading import NodeSpec, Rig
 from pcpc.executive.rig.roles import Role
 
 _MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns")  # control words
+_ANY_NUMBER = ("input", "output", "received", "sent")  # kinds of variables
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
 
 
@@ -57,15 +59,21 @@ def keyframe_description(made: KeyframePlan) -> NodeDescription:
 
 
 def why_none(made: KeyframePlan, state: bytes) -> str:
-    """Return what no run has in the state of a keyframe, in words; "" if it can be one."""
+    """Return why nothing goes on from the state of a keyframe, in words; "" if a node can.
+
+    What laws and frames give may be any number, or none; what they and the loop count with may not.
+    """
     if what := layout.impossible(held_spans(made), state):
-        return what
+        return f"{what}, which no run has"
     values = np.frombuffer(state, "<f8", len(made.table.variables))
+    spoiled = {one.target for one in made.faults if one.group == Group.VALUES}
     for i, (one, value) in enumerate(zip(made.table.variables, values, strict=True)):
         low, high = (one.low, one.high) if one.kind == "parameter" else (-_LARGEST, _LARGEST)
-        can_be = max(low, -_LARGEST) <= value <= min(high, _LARGEST)
+        can_be = max(low, -_LARGEST) <= value <= min(high, _LARGEST) or i in spoiled
+        can_be |= one.kind in _ANY_NUMBER and one.writer != "drive"
         if not (can_be or one.timing or value == made.values.get(i)):
-            return f"{one.name} is {value:g}"
+            why = "a law need not survive" if one.kind == "state" else "no run has"
+            return f"{one.name} is {value:g}, which {why}"
     return ""
 
 

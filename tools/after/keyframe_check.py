@@ -35,8 +35,6 @@ class KeyframeCheck:
                 continue
             if frame is None:
                 self._leave_out("it is of no cycle that a run has")
-            elif what := planned_keyframes.why_none(self._replay.plan, frame.state):
-                self._leave_out(f"cycle {frame.cycle}, {what}, which no run has")
             elif frame.cycle > behind:
                 self._recorded[frame.passes] = frame
                 self._compare(frame.passes)
@@ -62,6 +60,11 @@ class KeyframeCheck:
         if passes not in self._recorded or passes not in self._recomputed:
             return
         frame, state = self._recorded.pop(passes), self._recomputed.pop(passes)
+        plan = self._replay.plan
+        unequal = list(planned_keyframes.differences(plan, frame.state, state))
+        if unequal and (what := planned_keyframes.why_none(plan, frame.state)):
+            self._leave_out(f"cycle {frame.cycle}, {what}")
+            return
         self._verdict.keyframes += 1
-        for name, old, new in planned_keyframes.differences(self._replay.plan, frame.state, state):
+        for name, old, new in unequal:
             self._verdict.note(name, frame.cycle, old, new).count += 1
