@@ -56,8 +56,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand
-K, PASSES, STAMP = range(3)  # first columns of Slice.rows
-HEAD = 3
+K, PASSES, STAMP, HEAD = range(4)  # first columns of Slice.rows, and how many
 _OF_THE_MACHINE = ("late", "skipped", "send_errors")  # counters that no frame tells
 BUS_FAILED, FRAMES_END, TUNINGS_END, ENDS = range(3, 7)  # further columns of the loop's rows
 
@@ -183,9 +182,8 @@ def recompute(
 
     `frames` (k, bytes), received in cycles `heard`: byte 6, of no use on a bus, says that one was
     foreign. `clocked` (cycles, clocks): for the places `clocks`, what was measured in the cycle
-    before or written from outside. Periods in which the node stood still on purpose are over before
-    the next frames come; those that the machine skipped pass behind them, as in `loop.tuning`.
-    What was sent in the last cycle stays in the outbox.
+    before or written from outside. Periods that the node stood still on purpose are over before the
+    next frames; those of the machine pass behind them. The last cycle's frames stay in the outbox.
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
@@ -199,6 +197,7 @@ def recompute(
         if n.passes == 0 and n.meeting.seeks_below != 0:
             request_first_sample(n)
         while stood_still and k < rows[i, K]:
+            n.k, n.clock.deadline = k, rows[i, STAMP] - (rows[i, K] - k) * n.clock.period_ns
             while frame < rows[i, FRAMES_END] and heard[frame] <= k:
                 hear(n, frames[frame])
                 frame += 1
@@ -209,6 +208,9 @@ def recompute(
                 tune_as_recorded(n, tuned[tuning], values[tuning])
                 tuning += 1
             k += 1
+        n.k, n.clock.deadline = rows[i, K], rows[i, STAMP]
+        if n.clock.behind > 0:
+            push_event(n, Event.SKIP, n.clock.behind, 0.0)
         while frame < rows[i, FRAMES_END]:
             hear(n, frames[frame])
             frame += 1
