@@ -1,8 +1,8 @@
 """All nodes of a rig, from a cycle of a log on in virtual time, their loop closed.
 
     before    each node is recomputed from its record and compared with it, bit for bit
-    at N - 2  what the node below the executive sent last lies in its neighbours' inboxes; no clock
-              runs from here on
+    at N - 2  what the node below the executive sent last lies in its neighbours' inboxes, behind
+              what the executive had left there; no clock runs from here on
     from N    changes act in cycle N of each node, later tunings of the log in theirs
 
 In cycle k of the exchange in `executive.loop.exchange` the nodes below the executive are one cycle
@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.can import e2e_states
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES
+from pcpc.drivers.compiled.rows import HEAD_BYTES
 from pcpc.drivers.errors import UserError
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
@@ -65,6 +67,8 @@ class Branch(VirtualRun):
         self.missing: list[str] = []  # damage of the log
         self._skipped: set[str] = set()
         self._newest: dict[str, int] = {}
+        self._heard: list[NDArray[np.uint8]] = []  # by the executive, in its first own cycle
+        self._sends: dict[str, set[int]] = {role: set() for role in rig.roles}  # ids
         absent = [role for role in rig.roles if role not in head.node]
         if absent:
             raise UserError(f"{head.path}: no record of the {absent[0]}; a branch needs all nodes")
@@ -98,6 +102,7 @@ class Branch(VirtualRun):
             for node in self._nodes:
                 self._note_tunings(node, piece)
                 self._note_skips(node, piece)
+            self._note_heard(piece)
             self.missing += [line for line in piece.missing if line not in self.missing]
             if self._stopped:
                 raise KeyboardInterrupt
@@ -114,12 +119,39 @@ class Branch(VirtualRun):
             _tune_later(node, self._later[node.role])
 
     def _hand_on(self) -> None:
-        hand_on([block.loop for block in self.blocks])
+        hand_on([block.loop for block in self.blocks], self._left_there())
 
     def _let_go(self, loop: Any) -> None:
         """Let a node go on as in a run."""
         loop.clock.kind = Time.VIRTUAL
         loop.meeting.ordered = loop.wire.in_turn = 1
+
+    def _note_heard(self, piece: logs.Log) -> None:
+        """Keep what the executive of a log without a clock took in its first cycle of its own."""
+        top = self._nodes[0]
+        if top.role in piece.node and pacing_of(self.head, top.role) in WITHOUT_CLOCK:
+            rows = piece.node[top.role].frames
+            here = (rows["cycle"] == top.last + 1) & (rows["direction"] == 1)
+            self._heard += [*logs.on_bus(rows[here & (rows["e2e"] < e2e_states.INJECTED)])]
+        for role, node in piece.node.items():
+            sent = node.frames[node.frames["direction"] == 0]
+            self._sends[role].update(np.unique(sent["id"]).tolist())
+
+    def _left_there(self) -> dict[int, list[NDArray[np.uint8]]]:
+        """Return what the executive took then of what the nodes below had sent before their last.
+
+        By the place of the sender. A drive sends behind its sample, which ends a cycle.
+        """
+        found = {}
+        for i in range(1, 1 + int(self.blocks[0].loop.meeting.peers)):
+            end, sends = self.blocks[i].loop.wire, self._sends[self._nodes[i].role]
+            last = [_text(frame) for frame in end.outbox[: end.outbox_put]]
+            heard = [frame for frame in self._heard if _id(frame) in sends]
+            texts = [_text(frame) for frame in heard]
+            both = range(min(len(texts), len(last)), 0, -1)
+            count = next((n for n in both if texts[-n:] == last[:n]), len(texts))
+            found[i] = heard[: len(heard) - count]
+        return found
 
     def _note_tunings(self, node: Comparison, piece: logs.Log) -> None:
         """Keep the tunings of the log that come later."""
@@ -175,17 +207,27 @@ class Branch(VirtualRun):
             self._later[one.role].append((max(at - one.early, 0), place, one.value))
 
 
-def hand_on(nodes: Sequence[Any]) -> None:
+def _id(frame: NDArray[np.uint8]) -> int:
+    return int(frame[:4].view(np.uint32)[0])
+
+
+def _text(frame: NDArray[np.uint8]) -> bytes:
+    """Return id, length and data of a frame, whatever room it lies in."""
+    return frame[:5].tobytes() + frame[HEAD_BYTES:].tobytes().rstrip(b"\0")
+
+
+def hand_on(nodes: Sequence[Any], before: Mapping[int, Sequence[NDArray[np.uint8]]]) -> None:
     """Put what the nodes below the executive sent last into the inboxes of their neighbours.
 
-    All else was taken in the same cycle: each node works before the one above it.
+    `before`: what of earlier cycles the executive had not taken, by sender. All else was taken in
+    the same cycle: each node works before the one above it.
     """
-    for node in nodes[1 : 1 + int(nodes[0].meeting.peers)]:
-        end = node.wire
+    for i in range(int(nodes[0].meeting.peers), 0, -1):  # the order of `exchange.work_below`
+        end = nodes[i].wire
         downwards = set(end.second[: end.n_second].tolist())
-        for frame in end.outbox[: end.outbox_put]:
-            into = nodes[2 * (int(frame[:4].view(np.uint32)[0]) in downwards)].wire
-            into.inbox[into.inbox_put % QUEUE_FRAMES] = frame
+        for frame in (*before.get(i, ()), *end.outbox[: end.outbox_put]):
+            into = nodes[2 * (_id(frame) in downwards)].wire
+            into.inbox[into.inbox_put % QUEUE_FRAMES, : len(frame)] = frame
             into.inbox_put += 1
     for node in nodes:
         node.wire.outbox_put = 0

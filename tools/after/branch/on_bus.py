@@ -73,8 +73,12 @@ class BranchOnBus(Branch):
     def _hand_on(self) -> None:
         """Open the buses; keep what has to be said again."""
         self._again = [np.empty((0, FRAME_BYTES), np.uint8)] * len(self.blocks)
-        below = self.blocks[1].loop.wire
-        self._again[1] = np.ascontiguousarray(below.outbox[: below.outbox_put]).copy()
+        for i, before in self._left_there().items():
+            wire = self.blocks[i].loop.wire
+            self._again[i] = np.zeros((len(before) + int(wire.outbox_put), FRAME_BYTES), np.uint8)
+            for row, frame in zip(self._again[i], before, strict=False):
+                row[: len(frame)] = frame
+            self._again[i][len(before) :] = wire.outbox[: wire.outbox_put]
         for made, block in zip(self.plans, self.blocks, strict=True):
             self._bus.claims += claim_frames(self.rig, made, self._bus.bus)
             block.loop.wire.outbox_put = 0
