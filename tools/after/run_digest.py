@@ -35,14 +35,23 @@ def digest_of(log: Log, names: Mapping[str, Sequence[str]], cycles: int) -> str:
 
 
 def _block_columns(about: NodeDescription) -> list[str]:
-    """Return the recorded states, then the outputs, of block after block of a node."""
-    recorded, kinds = {*about["state_columns"]}, ("state", "output")
+    """Return what is digested of a node."""
+    recorded = {*about["state_columns"]}
     named = [(name, kind, writer) for name, _, kind, writer, *_ in about["variables"]]
+    return [name for name in in_order(named) if name in recorded]
+
+
+def in_order(named: Sequence[tuple[str, str, str]]) -> list[str]:
+    """Return the states, then the outputs, of block after block.
+
+    `named`: name, kind and writer of the variables of a node.
+    """
+    kinds = ("state", "output")
     blocks = dict.fromkeys(writer for _, kind, writer in named if kind in kinds)
     return [
         name
         for block in blocks
         for wanted in kinds
         for name, kind, writer in named
-        if kind == wanted and writer == block and name in recorded
+        if kind == wanted and writer == block
     ]

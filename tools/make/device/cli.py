@@ -21,8 +21,8 @@ _CYCLES = "late_cycles", "skipped_cycles", "held_cycles"  # the plant's own
 def command(options: argparse.Namespace) -> int:
     """Carry out `plant`; return the exit code."""
     rig = load_rig(options.rig, options.controller, options.set, resolve=False)
-    check(rig)
     options, said = pace.settle(options, rig, alone=True)
+    check(rig, options.pacing or rig.config.pacing)
     if said:
         print(said, file=sys.stderr)
     with run_folder(options.output, rig) as folder:

@@ -40,8 +40,12 @@ _SHOWN_LINES = 20  # of what a device that failed wrote
 OUTPUT = "device.txt"  # in the run's folder: what it wrote
 
 
-def check(rig: Rig) -> None:
-    """Raise RigError for a rig in which no device can be the executive."""
+def check(rig: Rig, pacing: str | None) -> None:
+    """Raise RigError for a rig in which no device can be the executive in this pacing."""
+    for name, fault in rig.config.faults.items() if pacing == "lockstep" else ():
+        if fault.kind == "stall":
+            what = "a device does not know of a stall, and waits for the plant without a clock"
+            raise rig.error(f"faults.{name}.kind", f"{what}; choose --pacing real")
     if rig.config.bus.emulate is not None:
         what = "a device is on no emulated line; --set bus.emulate=null"
         raise rig.error("bus.emulate", what)

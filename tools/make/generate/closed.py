@@ -19,6 +19,7 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.loop.states import State
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.run_digest import in_order
 from pcpc.tools.make.generate import frames
 from pcpc.tools.make.generate.node import NodeWiring, rig_files
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
@@ -37,6 +38,8 @@ class ClosedLoop:
         if lost:
             cure = " ".join(f"--set losses.{name}.share=0" for name in lost)
             raise Untranslatable(f"{rig.path}: losses on purpose have no C; {cure}")
+        if rig.config.bus.emulate is not None:
+            raise rig.error("bus.emulate", "an emulated line has no C; --set bus.emulate=null")
         self.rig = rig
         self.nodes = {role: NodeWiring(rig, role, role) for role in rig.roles}
         self.texts: dict[str, str] = {}
@@ -53,10 +56,11 @@ class ClosedLoop:
         for role, wiring in self.nodes.items():
             variables = wiring.plan.table.variables
             places = [p for _, views in wiring.blocks for p in (*views.states, *views.outputs)]
+            texts = {variables[p].name: wiring.places[p] for p in places if variables[p].recorded}
             found[role] = [
-                (variables[p].name, wiring.places[p].replace("rig->", f"{role}_node.", 1))
-                for p in places
-                if variables[p].recorded
+                (name, texts[name].replace("rig->", f"{role}_node.", 1))
+                for name in in_order([(one.name, one.kind, one.writer) for one in variables])
+                if name in texts
             ]
         return found
 

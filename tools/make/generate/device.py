@@ -42,6 +42,7 @@ def device(rig: Rig, xcp: str | None = None) -> dict[str, str]:
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     wiring = DeviceWiring(made)
+    _check_plan(wiring)
     files["rig.h"], files["rig.c"] = rig_source.header(made), rig_source.source(wiring)
     for spec, views in zip(made.spec.blocks, made.views, strict=True):
         law = wiring.law_files(spec, views)
@@ -79,3 +80,18 @@ def _check(rig: Rig) -> None:
     if config.supervisor.arm == "manual":
         what = "a device in C has no operator who arms it; --set supervisor.arm=automatic"
         raise rig.error("supervisor.arm", what)
+    if config.standby:
+        raise rig.error("standby", "a device in C has one controller, and none on standby")
+
+
+def _check_plan(wiring: DeviceWiring) -> None:
+    """Raise RigError for what the node of a device would have to be told, or to hear, elsewhere."""
+    made = wiring.plan
+    if made.below:
+        other = min(made.below)
+        raise RigError(f"{made.rig.path}: {other} is on a second bus; a device in C is on one")
+    for _, place, _ in made.schedule:
+        if not wiring.held(place):
+            name = made.table.variables[place].name
+            what = f"{name} is of the loop, which a device in C does not tune; tune blocks"
+            raise made.rig.error("schedule", what)
