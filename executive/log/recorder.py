@@ -283,12 +283,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):  # handlers: numpy's threads escape a signal mask
         signal.signal(number, lambda which, _: stopped.append(which))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
-    os.nice(10)
     heap.give_back()
     try:
         block = sharing.attach(options.executive)
         recorder = Recorder(options.out, [block], options.others, options.judged)
         block.tell(sharing.RECORDER)  # only now: with the executive the others may go
+        os.nice(10)  # not before: until the file is open nothing of a run is kept
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
         return error.code
