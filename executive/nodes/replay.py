@@ -197,7 +197,7 @@ def recompute(
         if n.passes == 0 and n.meeting.seeks_below != 0:
             request_first_sample(n)
         while stood_still and k < rows[i, K]:
-            n.k, n.clock.deadline = k, rows[i, STAMP] - (rows[i, K] - k) * n.clock.period_ns
+            n.k, n.clock.now_ns = k, rows[i, STAMP] - (rows[i, K] - k) * n.clock.period_ns
             while frame < rows[i, FRAMES_END] and heard[frame] <= k:
                 hear(n, frames[frame])
                 frame += 1
@@ -208,7 +208,7 @@ def recompute(
                 tune_as_recorded(n, tuned[tuning], values[tuning])
                 tuning += 1
             k += 1
-        n.k, n.clock.deadline = rows[i, K], rows[i, STAMP]
+        n.k, n.clock.now_ns = rows[i, K], rows[i, STAMP]
         if n.clock.behind > 0:
             push_event(n, Event.SKIP, n.clock.behind, 0.0)
         while frame < rows[i, FRAMES_END]:

@@ -1,7 +1,7 @@
 """A rig of every plant in lockstep on real vcan buses: the bits of virtual time.
 
-A rig of three nodes takes vcan0 and vcan1. `tests/executive/nodes/test_every_rig.py` does the same
-with all rigs and controllers on udp_multicast: an emulated processor would need an hour for them.
+A rig of three nodes takes vcan0 and vcan1. `tests/contract` does the same with all rigs on
+udp_multicast: an emulated processor would need an hour for them.
 """
 
 import sys
@@ -9,16 +9,17 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive/nodes"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "contract"))
 
-from test_every_rig import one_of_each
+from rigs import ROOT, shipped
 from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.rig.reading import load_rig
 
 pytestmark = pytest.mark.vcan
 CYCLES = 50
-ONE_OF_EACH_PLANT = {file.parents[1].name: (file, law) for file, law in reversed(one_of_each())}
+CASES = [(ROOT / "tests/executive/relay/rig.yaml", "ask"), *shipped()]
+ONE_OF_EACH_PLANT = {file.parents[1].name: (file, law) for file, law in reversed(CASES)}
 
 
 @pytest.mark.parametrize(

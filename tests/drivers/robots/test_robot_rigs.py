@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from free_bus import own_bus
-from processes import pcpc
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
@@ -13,7 +11,6 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.cli import main
 
 HERE = Path(__file__).parent
 TEMPLATE = HERE.parents[2] / "tools/make/template"
@@ -48,27 +45,6 @@ def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     answer = {"odrive": "ESTIMATES", "mit": "FEEDBACK", "moteus": "REPLY"}[kind]
     heard = log.node["executive"].columns[f"rx.{answer}.position"]
     assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
-
-
-def test_it_replays_to_the_bit_also_from_a_keyframe(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["replay", str(run)]) == 0
-    assert capsys.readouterr().out.count("bit-identical") == 2
-    assert main(["replay", str(run), "--node", "plant", "--from", "0.3", "--json"]) == 0
-    assert '"identical": true' in capsys.readouterr().out
-
-
-def test_on_a_bus_without_a_clock_it_has_the_same_bits(
-    kind: str, run: Path, tmp_path: Path
-) -> None:
-    words = ["--pacing", "lockstep", "--bus", own_bus(), "--quiet", "--no-figure"]
-    done = pcpc("run", str(HERE / f"{kind}.yaml"), *words, "-o", str(tmp_path / "run"))
-    assert done.code == 0, done
-    one, two = logs.read(run).node, logs.read(tmp_path / "run" / "log.mcap").node
-    for node in ("executive", "plant"):
-        for name, values in one[node].columns.items():
-            assert values.tobytes() == two[node].columns[name].tobytes(), name
 
 
 @pytest.mark.parametrize(("of", "setting", "said"), [

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from free_bus import own_bus
 from places import ROOT
 from replays import replayed
-from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
@@ -69,11 +67,6 @@ def test_without_bits_nobody_takes_notice(tmp_path: Path) -> None:
             if not key.startswith("fault."):
                 np.testing.assert_array_equal(values, clean[name].columns[key], key)
         assert not (node.frames["id"] == 1).any(), "the flood is not in the log"
-
-
-def test_lockstep_on_a_bus_carries_a_flood_with_the_same_bits(tmp_path: Path) -> None:
-    rig = load_rig(motor(tmp_path, 50, None))
-    assert differing(lockstep(rig, own_bus()), virtual(rig)) == []
 
 
 @pytest.mark.parametrize(

@@ -53,14 +53,6 @@ def test_each_moves_as_if_the_others_were_not_there(three: Path, tmp_path: Path)
     assert np.abs(np.array(ends) - [3.0, 1.5, 1.0]).max() < 0.013, ends
 
 
-def test_all_replay_to_the_bit_also_from_a_keyframe(three: Path, capsys: Capture) -> None:
-    assert main(["replay", str(three / "log.mcap")]) == 0
-    assert capsys.readouterr().out.count("bit-identical") == 4
-    words = ["replay", str(three / "log.mcap"), "--node", "plant_3", "--from", "0.3", "--json"]
-    assert main(words) == 0
-    assert '"identical": true' in capsys.readouterr().out
-
-
 def test_a_branch_goes_on_with_all_of_them(three: Path, tmp_path: Path, capsys: Capture) -> None:
     log = str(three / "log.mcap")
     same, other = str(tmp_path / "same"), str(tmp_path / "other")
@@ -84,12 +76,6 @@ def both(rig: Path, folder: Path, *settings: str) -> list[logs.Log]:
     done = pcpc("log", "diff", str(folder / "virtual"), str(folder / "bus"))
     assert done.code == 0 and "equal" in done.out, done
     return found
-
-
-@pytest.mark.parametrize("second", [0, 1])
-def test_lockstep_on_real_buses_has_the_bits_of_virtual_time(second: int, tmp_path: Path) -> None:
-    rig = motors(tmp_path, 3, second)
-    both(rig, tmp_path, "duration_s=0.3")
 
 
 def test_a_plant_hears_only_its_bus(tmp_path: Path) -> None:

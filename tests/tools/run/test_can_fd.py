@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fd_rig import PROBE, fd_rig
 from free_bus import own_port
-from processes import Done, own_bus, pcpc
+from processes import Done, pcpc
 
 from pcpc.drivers.can import codec, dbc
 from pcpc.drivers.can.bus import UDP_GROUP
@@ -76,28 +76,11 @@ def test_its_log_has_the_frames_with_their_kinds_and_lengths(run: tuple[Path, Pa
         assert not rows["data"][:, LENGTHS[number] :].any()
 
 
-def test_lockstep_on_a_bus_has_the_bits_of_virtual_time(
-    run: tuple[Path, Path], tmp_path: Path
-) -> None:
-    folder = tmp_path / "bus"
-    words = ["--bus", own_bus(), "--pacing", "lockstep", "--quiet", "--no-figure"]
-    good(pcpc("run", str(run[0]), "-o", str(folder), *words))
-    assert states(folder / "log.mcap") == states(run[1])
-    good(pcpc("verify", str(folder), str(run[1]), "--quiet"))
-
-
 def test_it_is_replayed_with_faults_of_its_frames(tmp_path: Path) -> None:
     log = simulated(fd_rig(tmp_path, FAULTS), tmp_path / "run")
     frames = logs.read(log).node["plant"].frames
     assert 48 in set(frames["dlc"][frames["e2e"] >= 16]), "a length of 33 is one of 48"
     good(pcpc("replay", str(log), "--quiet"))
-
-
-def test_an_unchanged_branch_has_its_bits(run: tuple[Path, Path], tmp_path: Path) -> None:
-    for name, words in (("virtual", []), ("bus", ["--bus", own_bus()])):
-        out = ["-o", str(tmp_path / name), "--no-figure", "--quiet"]
-        good(pcpc("branch", str(run[1]), "--cycle", "217", *out, *words))
-        assert states(tmp_path / name / "log.mcap") == states(run[1]), name
 
 
 @pytest.mark.parametrize("form", ["log", "blf", "asc"])

@@ -124,7 +124,7 @@ class Branch(VirtualRun):
     def _let_go(self, loop: Any) -> None:
         """Let a node go on as in a run."""
         loop.clock.kind = Time.VIRTUAL
-        loop.meeting.ordered = loop.wire.in_turn = 1
+        loop.meeting.ordered, loop.wire.in_turn = 1, loop.meeting.between
 
     def _note_heard(self, piece: logs.Log) -> None:
         """Keep what the executive of a log without a clock took in its first cycle of its own."""

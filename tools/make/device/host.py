@@ -46,9 +46,25 @@ def check(rig: Rig, pacing: str | None) -> None:
         if fault.kind == "stall":
             what = "a device does not know of a stall, and waits for the plant without a clock"
             raise rig.error(f"faults.{name}.kind", f"{what}; choose --pacing real")
+    if path := next(_at_the_device(rig), ""):
+        raise rig.error(path, "it acts in the executive, which is a device here; take it out")
     if rig.config.bus.emulate is not None:
         what = "a device is on no emulated line; --set bus.emulate=null"
         raise rig.error("bus.emulate", what)
+
+
+def _at_the_device(rig: Rig) -> Iterator[str]:
+    """Yield the keys of faults and losses on purpose that act in the executive."""
+    config = rig.config
+    heard = {one.name for one in dbc.frames(database_of(rig), config.executive.node, "rx")}
+    for name, fault in config.faults.items():
+        place, colon, _ = (fault.at or "").partition(":")
+        node = fault.node or (place if colon else "executive")
+        if node == "executive" and (fault.frame is None or fault.frame in heard):
+            yield f"faults.{name}"
+    for name, loss in config.losses.items():
+        if loss.share > 0.0 and name in heard:
+            yield f"losses.{name}"
 
 
 class Device:

@@ -6,7 +6,6 @@ the loop with the branch, but neither the recomputation nor the cycle at which i
 
 import json
 import random
-import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -75,27 +74,6 @@ def cycles(count: int, last: int, seed: str) -> list[int]:
     """Return cycles in which to branch: the first ones, the last, and `count` at random."""
     drawn = random.Random(seed)
     return [1, 2, 3, last, *(drawn.randrange(4, last) for _ in range(count))]
-
-
-@pytest.mark.parametrize("rig", ["hull", "suspension-8", "friction-c", "telerobot-u0"])
-def test_unchanged_it_has_the_bits_of_its_log(rig: str, tmp_path: Path) -> None:
-    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=0.5")
-    last = len(logs.read(parent).node["executive"].cycle) - 1
-    for n in cycles(1, last, rig):
-        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
-        assert record(new) == record(parent), n
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize("rig", [one.stem for one in ALL_RIGS])
-def test_unchanged_each_rig_goes_on_with_its_bits(rig: str, tmp_path: Path) -> None:
-    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=2")
-    last = len(logs.read(parent).node["executive"].cycle) - 1
-    expected = record(parent)
-    for n in cycles(2, last, rig):
-        new = branched(parent, tmp_path / f"b{n}", "--cycle", str(n))
-        assert record(new) == expected, n
-        shutil.rmtree(new.parent)
 
 
 @pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])

@@ -14,7 +14,7 @@ import can
 import pytest
 from logcommand import run_here
 from processes import PATIENT, ROOT, own_bus, pcpc, until
-from test_branch import ALL_RIGS, branch, cycles, faulty, record, simulated
+from test_branch import branch, faulty, record, simulated
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice
@@ -22,7 +22,6 @@ from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.nodes.process import claim_frames, open_buses
-from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.branch import on_bus as on_bus_module
@@ -52,25 +51,6 @@ def has_bits_of(new: Path, parent: Path) -> None:
         more = mine[role][1] - frames
         assert not missing and all(cycle == 0 for cycle, *_ in more), (role, missing, more)
         assert mine[role][2] == tunings, role
-
-
-@pytest.mark.parametrize("rig", ["engage", "telerobot-u1"])
-def test_unchanged_it_has_the_bits_of_virtual_time(rig: str, tmp_path: Path) -> None:
-    parent = simulated(tmp_path / "log.mcap", rig, "duration_s=0.4")
-    for n in (0, 2, 217):
-        has_bits_of(on_bus(parent, tmp_path / f"b{n}", "--cycle", str(n)), parent)
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize("path", ALL_RIGS, ids=lambda path: path.stem)
-def test_each_rig_goes_on_with_its_bits(path: Path, tmp_path: Path) -> None:
-    rate = load_rig(path).config.rate_hz
-    rig = load_rig(path, settings=[f"duration_s={300 / rate}", "bus.emulate=null"])
-    simulate(rig, tmp_path / "log.mcap")
-    last = len(logs.read(tmp_path / "log.mcap").node["executive"].cycle) - 1
-    for n in cycles(1, last, path.stem)[4:]:
-        new = on_bus(tmp_path / "log.mcap", tmp_path / f"b{n}", "--cycle", str(n))
-        has_bits_of(new, tmp_path / "log.mcap")
 
 
 def test_a_run_in_lockstep_goes_on_on_a_bus_again(tmp_path: Path) -> None:

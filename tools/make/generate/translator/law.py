@@ -43,6 +43,8 @@ def law_files(
     """
     if not name.isidentifier() or not name.isascii() or c_name(name) != name:
         raise Untranslatable(f"{name}: no name for C; letters, digits and _ only")
+    if hasattr(block.step, "model"):
+        raise Untranslatable(f"{name}: an FMU has no C; generate that of its law, if there is one")
     unit = Unit(name)
     roles = {role: ports.layout for role, ports in zip(ROLES, block.step.declared, strict=True)}
     unit.reserve(f"{name}_step", f"{name}_init", f"{name}_selftest")

@@ -1,0 +1,47 @@
+"""The plant of the probe: a first-order lag, one Euler step a cycle.
+
+    x' = (command - x) / tau
+
+Without units. The sample of t goes out before the command of t comes in, as on every rig here.
+"""
+
+from pcpc.executive.laws.block import Block, Ports, port, stage
+
+
+class Parameters(Ports):
+    """Of the lag."""
+
+    tau_s = port("s", "time constant", None, 1e-3, 1e3)
+
+
+class States(Ports):
+    """Of the lag."""
+
+    x = port("", "of the lag")
+
+
+class Inputs(Ports):
+    """From the law."""
+
+    command = port("", "newest valid command")
+
+
+class Outputs(Ports):
+    """To the law."""
+
+    position = port("", "the sample", low=-2000.0, high=2000.0)
+    which = port("", "layout in turn")
+    twice = port("", "the sample, doubled")
+
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+    """Advance the lag from t - dt to t and sample it; at t = 0 only sample."""
+    if t > 0.0:
+        x.x += dt / p.tau_s * (u.command - x.x)
+    y.position = x.x
+    y.which = y.which + 1.0 if y.which < 2.0 else 0.0
+    y.twice = 2.0 * x.x
+
+
+BLOCK = Block(step)

@@ -1,0 +1,3 @@
+"""What the law beside it imports."""
+
+SCALE = 1.5
