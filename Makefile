@@ -108,14 +108,13 @@ lint: tools ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: loop laws ## loop and laws, compiled once for all tests
+compiled: loop laws ## what several tests share, compiled once
 
-loop: tools ## the loop alone, compiled
-	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
-	@rm -rf build/compiled
+loop: tools ## the loop in all its uses, compiled
+	@$(BIN)/python tests/compile_all.py loop
 
-laws: tools ## the laws, compiled
-	@$(BIN)/python tests/compile_all.py
+laws: tools ## laws and lanes, compiled
+	@$(BIN)/python tests/compile_all.py laws
 
 bless: tools ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
