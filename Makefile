@@ -13,7 +13,12 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
+# bytecode is made on all processors, where pip takes one; packages' own tests are not imported
+define PIP
+@$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --no-compile \
+	--disable-pip-version-check --progress-bar off -e '.[$(EXTRAS)]'
+@$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib >/dev/null 2>&1 || true
+endef
 
 .PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
@@ -53,23 +58,28 @@ test-quiet: tools ## gates of timing, for a machine that does nothing else
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
 
-$(VENV)/installed: pyproject.toml
+$(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python 3.11 or newer is needed, $(PYTHON) is $$($(PYTHON) -V 2>&1); set PYTHON=..." >&2; exit 4; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "the venv module is missing; run: sudo apt-get install python3-venv" >&2; exit 4; }
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e '.[plot]'
+
+$(VENV)/installed: EXTRAS = plot
+$(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
+	$(PIP)
 	touch $@
 
 tools: $(VENV)/tools ## what tests, checks and documentation need beside it
 
-$(VENV)/tools: $(VENV)/installed
-	$(PIP) -e '.[plot,test]'
-	touch $@
+$(VENV)/tools: EXTRAS = plot,test
+$(VENV)/tools: pyproject.toml | $(VENV)/bin/pip
+	$(PIP)
+	touch $(VENV)/installed $@
 
+$(VENV)/docs: EXTRAS = docs,plot
 $(VENV)/docs: $(VENV)/installed
-	$(PIP) -e '.[docs,plot]'
+	$(PIP)
 	touch $@
 
 vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
@@ -98,14 +108,13 @@ lint: tools ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: loop laws ## loop and laws, compiled once for all tests
+compiled: loop laws ## what several tests share, compiled once
 
-loop: tools ## the loop alone, compiled
-	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
-	@rm -rf build/compiled
+loop: tools ## the loop in all its uses, compiled
+	@$(BIN)/python tests/compile_all.py loop
 
-laws: tools ## the laws, compiled
-	@$(BIN)/python tests/compile_all.py
+laws: tools ## laws and lanes, compiled
+	@$(BIN)/python tests/compile_all.py laws
 
 bless: tools ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"

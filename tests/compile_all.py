@@ -1,12 +1,55 @@
-"""Compile all laws and plants that are imported somewhere: once, so that no two workers do it."""
+"""Compile what several tests share, once: no worker waits for another one that compiles it.
+
+    python tests/compile_all.py loop    the loop in its uses; each has all of its code in it
+    python tests/compile_all.py laws    laws, plants, lanes: what stands beside the loop
+
+At once, in two processes: what the uses of the loop share is typed once in one.
+"""
 
 import importlib
 import pkgutil
+import sys
+from pathlib import Path
 
 import pcpc.executive.laws
 import pcpc.plants
+from pcpc.drivers.compiled.stage import entry_of
+from pcpc.drivers.compiled.structures import structure
+from pcpc.executive.batch.group import Group
+from pcpc.executive.loop import exchange, over_line, plant_drive, shared
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.terminal.progress import Compiling
 
-for package in (pcpc.executive.laws, pcpc.plants):
-    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        if "study" not in found.name:
-            importlib.import_module(found.name)
+HERE = Path(__file__).parent
+HULL = HERE.parent / "plants" / "atb1000" / "rigs" / "hull.yaml"
+
+
+def compile_loop() -> None:
+    """Compile what does whole cycles of two or three nodes, and what these call by address."""
+    exchange.run_of(2)
+    importlib.import_module("pcpc.executive.nodes.replay")
+    sys.path.append(str(HERE / "executive"))
+    importlib.import_module("engine")
+    over_line.run_over_line(2)
+    exchange.run_of(3)
+    for verb in ("hear", "work", "speak"):
+        for whose in ("drive", "robot"):
+            entry_of(getattr(plant_drive, f"{verb}_{whose}"), structure(shared.LOOP))
+
+
+def compile_laws() -> None:
+    """Compile what is imported somewhere, and what lanes need."""
+    for package in (pcpc.executive.laws, pcpc.plants):
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if "study" not in found.name:
+                importlib.import_module(found.name)
+    lanes = Group(load_rig(HULL, settings=["duration_s=0.01"]), {})
+    lanes.begin()
+    lanes.run()
+    for name in ("gateway", "player"):
+        importlib.import_module(f"pcpc.executive.nodes.{name}")
+
+
+if __name__ == "__main__":
+    Compiling().told(quiet=False)
+    {"loop": compile_loop, "laws": compile_laws}[sys.argv[1]]()

@@ -36,6 +36,8 @@ SLEW10 = ATB1000 / "rigs" / "slew10.yaml"
 ARRIVES, LOST, CORRUPT, TWICE, SHORT = range(5)  # what can happen to a frame
 BOTH = types.UniTuple(N, 2)
 PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
+MEET, ALONE, CLOSED = range(3)  # what `_drive` does: with both, the first alone, the closed loop
+_NONE, _ROOM = np.zeros(0, np.int64), np.zeros((QUEUE_FRAMES, FRAME_BYTES), np.uint8)
 
 PUPPET = """\
 from pcpc.executive.laws.block import Block, Ports, port, stage
@@ -65,9 +67,8 @@ BLOCK = Block(step)
 
 
 @loop_function
-def _disturb(end: Any, ids: Any, fates: Any) -> None:
-    """Let frame `ids[i]` of the outbox meet `fates[i]`."""
-    kept = np.zeros((QUEUE_FRAMES, FRAME_BYTES), np.uint8)
+def _disturb(end: Any, ids: Any, fates: Any, kept: Any) -> None:
+    """Let frame `ids[i]` of the outbox meet `fates[i]`; `kept` is room for a queue."""
     count = np.int64(0)
     for k in range(end.outbox_put):
         fate = np.int64(0)
@@ -86,38 +87,34 @@ def _disturb(end: Any, ids: Any, fates: Any) -> None:
     end.outbox_put = count
 
 
-@loop(i8(BOTH))
-def _meet(nodes: Any) -> Any:
-    meet(nodes)
-    return 0
+@loop(i8(i8, BOTH, types.UniTuple(STEPS, 2), i8[::1], u1[:, ::1], i8[::1], i8[::1], u1[:, ::1]))
+def _drive(
+    work: Any, nodes: Any, steps: Any, ids: Any, fates: Any, late: Any, alive: Any, kept: Any
+) -> Any:
+    """Let the nodes meet, or do a cycle for each row of `fates`; return how many the first did.
 
-
-@loop(i8(BOTH, types.UniTuple(STEPS, 2), i8[::1], u1[:, ::1], i8[::1], i8[::1]))
-def _drive(nodes: Any, steps: Any, ids: Any, fates: Any, late: Any, alive: Any) -> Any:
-    """Do a cycle for each row of `fates`; return how many the executive did."""
+    One function for all kinds of work: each further one is the whole loop, compiled again. It
+    allocates nothing: what does is compiled twice.
+    """
     executive, plant = nodes
+    if work == MEET:
+        meet(nodes)
+        return 0
     for c in range(fates.shape[0]):
-        _disturb(plant.wire, ids, fates[c])
-        pass_on(nodes, 1)
-        executive.clock.now_ns = max(executive.clock.now_ns, executive.clock.deadline) + late[c]
+        if work == CLOSED:
+            _disturb(plant.wire, ids, fates[c], kept)
+            pass_on(nodes, 1)
+            executive.clock.now_ns = max(executive.clock.now_ns, executive.clock.deadline) + late[c]
         if not one_pass(executive, steps[0]):
             alive[0] = 0
             return c
-        _disturb(executive.wire, ids, fates[c])
-        pass_on(nodes, 0)
-        plant.clock.now_ns = executive.clock.now_ns + PLANT_LAG_NS
-        if alive[1] != 0 and not one_pass(plant, steps[1]):
-            alive[1] = 0
+        if work == CLOSED:
+            _disturb(executive.wire, ids, fates[c], kept)
+            pass_on(nodes, 0)
+            plant.clock.now_ns = executive.clock.now_ns + PLANT_LAG_NS
+            if alive[1] != 0 and not one_pass(plant, steps[1]):
+                alive[1] = 0
     return fates.shape[0]
-
-
-@loop(i8(N, STEPS, i8))
-def _passes(n: Any, steps: Any, count: Any) -> Any:
-    """Do passes of one node alone; return how many it did."""
-    for c in range(count):
-        if not one_pass(n, steps):
-            return c
-    return count
 
 
 @loop(i8(N, i8))
@@ -163,6 +160,11 @@ def zeroed() -> Any:
 def both(rig: Rig, pacing: str = "sync") -> tuple[Plan, Plan]:
     """Return the plans of executive and plant."""
     return plan(rig, "executive", pacing), plan(rig, "plant", pacing)
+
+
+def _alive() -> NDArray[np.int64]:
+    """Return what `_drive` notes of two nodes that have not ended."""
+    return np.ones(2, np.int64)
 
 
 class Node:
@@ -228,7 +230,8 @@ class Node:
 
     def go(self, passes: int = 1) -> int:
         """Do passes of this node alone; return how many it did."""
-        return int(_passes(self.loop, self.plan.steps, passes))
+        fates, steps = np.zeros((passes, 0), np.uint8), (self.plan.steps,) * 2
+        return int(_drive(ALONE, (self.loop,) * 2, steps, _NONE, fates, _NONE, _alive(), _ROOM))
 
 
 class Bench:
@@ -238,8 +241,9 @@ class Bench:
         self.executive = Node(plans[0], None if block is None else block.loop)
         self.plant = Node(plans[1])
         self.frames = self.executive.frames | self.plant.frames
-        self.alive = np.ones(2, np.int64)
-        _meet((self.executive.loop, self.plant.loop))
+        self.alive = _alive()
+        nodes, steps = (self.executive.loop, self.plant.loop), (plans[0].steps, plans[1].steps)
+        _drive(MEET, nodes, steps, _NONE, np.zeros((0, 0), np.uint8), _NONE, self.alive, _ROOM)
         self.plant.go()
 
     def run(
@@ -258,4 +262,4 @@ class Bench:
         a, b = self.executive, self.plant
         ids = np.array(list(self.frames.values()), np.int64)
         steps = (a.plan.steps, b.plan.steps)
-        return int(_drive((a.loop, b.loop), steps, ids, table, late, self.alive))
+        return int(_drive(CLOSED, (a.loop, b.loop), steps, ids, table, late, self.alive, _ROOM))

@@ -5,7 +5,9 @@ import pty
 import select
 import subprocess
 import sys
+from pathlib import Path
 
+import pytest
 from places import ROOT
 
 SCRIPT = str(ROOT / "tools" / "dev" / "installing.py")
@@ -19,6 +21,14 @@ print("Requirement already satisfied: numpy in /somewhere")
 print("Installing collected packages: numba, numpy, rich", flush=True)
 sys.stdin.readline()
 sys.exit(int(sys.argv[1]))
+"""
+PYTHON = """\
+#!/bin/sh
+case $1 in
+-m) [ $2 = compileall ] || { mkdir -p $3/bin; cp $0 $3/bin/python; cp $0 $3/bin/pip; };;
+-P) shift 2; exec "$@";;
+install) echo "$@" >> "$(dirname "$0")/installed";;
+esac
 """
 WAIT_S = 20.0
 WORDS = [sys.executable, "-P", SCRIPT, sys.executable, "-c", PIP]
@@ -59,3 +69,27 @@ def shown(terminal: int, words: bytes) -> None:
     while words not in seen:
         assert select.select([terminal], [], [], WAIT_S)[0], (words, seen)
         seen += os.read(terminal, 4096)
+
+
+@pytest.mark.parametrize(
+    ("goals", "extras"),
+    [
+        (["install"], ["plot"]),
+        (["tools"], ["plot,test"]),
+        (["tools", "install"], ["plot,test"]),
+        (["install", "tools", "tools"], ["plot", "plot,test"]),
+    ],
+)
+def test_pip_runs_once_for_all_that_is_asked_for(
+    goals: list[str], extras: list[str], tmp_path: Path
+) -> None:
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+    python, venv = tmp_path / "python", tmp_path / "venv"
+    python.write_text(PYTHON)
+    python.chmod(0o755)
+    for goal in goals:
+        words = ["make", f"PYTHON={python}", f"VENV={venv}", goal]
+        done = subprocess.run(words, cwd=ROOT, env=alone, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    lines = (venv / "bin" / "installed").read_text().splitlines()
+    assert [line.partition("-e ")[2] for line in lines] == [f".[{one}]" for one in extras]

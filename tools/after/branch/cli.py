@@ -22,6 +22,7 @@ from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.standby import TO, laws
 from pcpc.tools.after.branch.branching import Branch, Change
+from pcpc.tools.after.branch.on_bus import BranchOnBus
 from pcpc.tools.after.compare.overlay import Criteria
 from pcpc.tools.after.compare.recorded import recorded_comparison
 from pcpc.tools.after.log import rig as log_rig
@@ -98,8 +99,6 @@ def _run_branch(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespac
 def _branch_of(bus: Choice | None) -> Callable[..., Branch]:
     if bus is None:
         return Branch
-    from pcpc.tools.after.branch.on_bus import BranchOnBus  # here, because it compiles
-
     return partial(BranchOnBus, bus=bus)
 
 

@@ -9,7 +9,7 @@ A run that begins anew meets as `pcpc run` does, and waits for that no longer.
 
 import os
 from collections.abc import Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +37,7 @@ from pcpc.tools.start.peer_wait import PeerWait
 _DRAIN_S = 0.005  # between two drains of the recorder, whose rings hold several seconds
 
 
-@loop(i8(N, STEPS, types.Array(types.uint8, 2, "C")))
-def go_on(n: Any, steps: Any, frames: Any) -> Any:
+def _go_on(n: Any, steps: Any, frames: Any) -> Any:
     """Run a node that has met the others from its cycle to its end; say `frames` (k, 16) first."""
     for i in range(frames.shape[0]):
         copy(n.wire.tx, frames[i])
@@ -47,6 +46,12 @@ def go_on(n: Any, steps: Any, frames: Any) -> Any:
         pass
     finish(n)
     return n.passes
+
+
+@cache
+def _compiled_go_on() -> Any:
+    """Return `_go_on`, compiled on first use."""
+    return loop(i8(N, STEPS, types.Array(types.uint8, 2, "C")))(_go_on)
 
 
 class BranchOnBus(Branch):
@@ -126,7 +131,7 @@ class BranchOnBus(Branch):
 
     @staticmethod
     def _call(n: Any, steps: Any, again: NDArray[np.uint8]) -> Any:
-        return partial(go_on, n, steps, again) if n.passes else partial(run, n, steps)
+        return partial(_compiled_go_on(), n, steps, again) if n.passes else partial(run, n, steps)
 
     def discard(self) -> None:
         """Leave no log behind, nor the bus."""
