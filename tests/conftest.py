@@ -6,16 +6,13 @@ seconds.csv beside this file; so is what is marked `deep`, and what is marked `q
 files. The files that took longest the last time come first: in the end no processor waits for one
 of them.
 The tests of a file that starts programs as a user does are `paced`: such programs keep time by the
-machine's clock, and one that fails while the machine could not is repeated once, and named. If the
-machine could not then either, it is run again when all is over and nothing runs beside it: that
-counts, provided that nothing else has failed. Their commands are copies, which spares a second of
-processor time each. Hypothesis judges no test by the time that it took.
+machine's clock, and one that fails while the machine could not is repeated once, and named: it
+waits for a time where an event, a count or virtual time would do. Their commands are copies, which
+spares a second of processor time each. Hypothesis judges no test by the time that it took.
 """
 
 import gc
 import os
-import subprocess
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -29,7 +26,6 @@ import reach
 from copies import PROGRAMS, Copy, copies
 from hypothesis import HealthCheck, settings
 
-from pcpc.tools import pytest_pcpc
 from pcpc.tools.start.children import Child
 
 STARTS_PROGRAMS = {
@@ -37,7 +33,6 @@ STARTS_PROGRAMS = {
     "live", "blocks", "pcpc.tools.start.children",
 }  # fmt: skip
 
-AT_MOST_ALONE = 8  # tests; where more fail, it is not for want of time
 SHARE = 1 / 16000  # of the time of all tests, for one test with all its cases
 _SECONDS, _COSTS = "pcpc/seconds", Path(__file__).with_name("seconds.csv")
 _PROCESSORS = os.sched_getaffinity(0)
@@ -92,8 +87,6 @@ def pytest_configure(config: pytest.Config) -> None:
     named = config.args_source is pytest.Config.ArgsSource.ARGS
     config.option.deep = config.option.deep or ("too" if named else "no")
     config.pluginmanager.register(_Seconds(config))
-    if not hasattr(config, "workerinput") and not named:
-        config.pluginmanager.register(_Alone(config))
 
 
 class _Seconds:
@@ -122,29 +115,6 @@ class _Seconds:
                     name = function.rpartition("/")[2]
                     rows.append(f"{name},{seconds:.2f},{max(self.cases[function], 1)}")
             _COSTS.write_text("\n".join(["test,seconds,cases", *rows, ""]))
-
-
-class _Alone:
-    """Tests that failed twice for want of time: run again, with nothing beside them."""
-
-    def __init__(self, config: pytest.Config) -> None:
-        self.folder, self.failed, self.unkept = config.rootpath, set[str](), dict[str, str]()
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.failed:
-            self.failed.add(report.nodeid)
-            why = [text for title, text in report.sections if title == pytest_pcpc.UNKEPT]
-            self.unkept |= dict.fromkeys([report.nodeid] if why else [], *why)
-
-    @pytest.hookimpl(trylast=True)
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if not self.failed or self.failed - set(self.unkept) or len(self.failed) > AT_MOST_ALONE:
-            return
-        for test, why in self.unkept.items():
-            print(f"\nonce more, with nothing beside it, for {why}: {test}")
-        words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *self.unkept]
-        done = subprocess.run([sys.executable, *words], cwd=self.folder, check=False)
-        session.exitstatus = done.returncode
 
 
 @cache

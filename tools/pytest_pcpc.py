@@ -58,7 +58,7 @@ _PROBE_S, _LATE_S = 0.3, 0.002
 _WAKE_S = 0.001
 _WAIT_S, _STOOD_S = 0.01, 0.02  # this much late, a thread that waits for nothing but the clock
 _REASON = 200  # characters of a failure that is named with a repeated test
-_REPEATED, UNKEPT = "pcpc, paced", "pcpc, paced and repeated"  # titles of a report's sections
+_REPEATED = "pcpc, paced"  # title of a report's section
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -228,11 +228,9 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         item.stash[_RUNS] = []
         item.session._setupstate.teardown_exact(None)  # what the module shares begins anew too
         item._initrequest()  # type: ignore[attr-defined]  # as a test that has not run
-        reports, why = _reports(item, nextitem)
+        reports, _ = _reports(item, nextitem)
         for report in reports:
             report.sections.append((_REPEATED, f"repeated once: {first}"))
-            if why:
-                report.sections.append((UNKEPT, why))
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from processes import Running, own_bus, pcpc
+from processes import PATIENT, Running, own_bus, pcpc
 from spring import EVALUATION, LAW, MODEL, RIG, spring_dbc
 
 from pcpc.executive.log import reader as logs
@@ -74,7 +74,7 @@ def test_it_runs_all_four_ways_and_the_unclocked_three_have_the_same_bytes(
     assert states(tmp_path / "bus") == wanted, "lockstep on the bus and virtual time differ"
     assert states(tmp_path / "two")[0] == wanted[0], "two terminals and virtual time differ"
     clocked = ("--bus", own_bus(), "--set", "duration_s=0.5", "-o", str(tmp_path / "real"))
-    real = pcpc("run", *rig, *clocked)
+    real = pcpc("run", *rig, *clocked, *PATIENT)
     assert real.code == 0 and real.summary["pacing"] == "real", str(real)
 
 

@@ -13,7 +13,7 @@ import can
 import pytest
 from fd_rig import fd_rig
 from json_schemas import holds
-from processes import DEADLINE_S, PCPC, own_bus, pcpc, until
+from processes import DEADLINE_S, PATIENT, PCPC, own_bus, pcpc, until
 
 from pcpc.drivers.can import bus as buses
 from pcpc.executive.errors import RigError
@@ -94,7 +94,7 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     done = subprocess.run(
         [PCPC, "run", "probe", "--bus", own_bus(), "--set", "bus.emulate=1 Mbit/s",
          "--set", "bus.queue=256", "--set", "rate_hz=100", "--set", "duration_s=0.5",
-         "-o", str(tmp_path / "run"), "--no-figure", "--json"],
+         "-o", str(tmp_path / "run"), "--no-figure", "--json", *PATIENT],
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -114,7 +114,7 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
 def test_a_run_on_can_fd_with_an_emulated_line_loses_no_frame(tmp_path: Path) -> None:
     rig = fd_rig(tmp_path, "bus: {emulate: 1 Mbit/s, data_bitrate: 5000000, queue: 256}")
     words = ["--set", "rate_hz=100", "--no-figure", "--json", "-o", str(tmp_path / "run")]
-    done = pcpc("run", str(rig), "--bus", own_bus(), *words)
+    done = pcpc("run", str(rig), "--bus", own_bus(), *words, *PATIENT)
     assert done.code == 0, str(done)
     line = json.loads((tmp_path / "run" / "line.json").read_text())
     carried = sum(side["sent"] + side["waiting"] for side in line["sides"])

@@ -124,6 +124,13 @@ class _Run:
                     self.nodes[role] = node
                     self._note(role, node.pid)
 
+    def wait_for(self, cycle: int) -> None:
+        """Wait for a cycle, and until the recorder has the nodes: before, there is no log."""
+        nodes = self.nodes.values()
+        self.nodes["executive"].wait_until(
+            lambda now: now.cycle >= cycle and all(node.recorded for node in nodes), _START_S
+        )
+
     def send(self, name: str, number: int) -> None:
         """Send a signal to a process, if it is still there."""
         with suppress(ProcessLookupError):
@@ -191,7 +198,7 @@ def _killed_run(case: Case, bus: str, tries: int) -> dict[str, Any]:
     with _Run(case.rig, bus, folder, born_s) as process:
         try:
             if not born:
-                process.nodes["executive"].wait_until(lambda now: now.cycle >= case.cycle, _START_S)
+                process.wait_for(case.cycle)
         except LiveError as error:
             raise EarlyEnd(str(error)) from None
         at = {role: int(node.block.control.cycle) for role, node in process.nodes.items()}
