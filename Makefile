@@ -11,11 +11,13 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/nodes/test_,virtual.py every_rig.py) \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
+# what reaches the loop and the bus, and needs no pace of them
+COVERED = tests/executive/loop tests/executive/nodes tests/drivers
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet coverage install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -50,6 +52,12 @@ test-browser: tools ## the page of `pcpc host` in a real browser
 
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
+
+coverage: tools ## lines and branches of loop and bus that tests reach, interpreted; half an hour
+	@rm -rf build/coverage
+	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep no $(COVERED)
+	@$(BIN)/coverage combine -q
+	@$(BIN)/coverage report
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
 

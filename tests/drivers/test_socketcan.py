@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import wire
 from pcpc.drivers.can.bus import Bus
-from pcpc.drivers.can.wire_layout import WIRE, Medium
+from pcpc.drivers.can.wire_layout import WIRE, Arrival, Flag, Medium
 from pcpc.drivers.errors import BusError
 
 UP, DOWN = "0x41\n", "0x40\n"
@@ -144,6 +145,13 @@ def test_a_refusal_of_the_kernel_is_told_with_the_cure(
     assert machine.sockets == 0
 
 
+def test_a_group_that_cannot_be_joined_is_told_and_nothing_stays_open(machine: Machine) -> None:
+    machine.flags = {}
+    with pytest.raises(BusError, match=r"No such device; is the loopback interface up"):
+        buses.open_bus(Bus("udp_multicast", buses.UDP_GROUP), [], new_wire())
+    assert machine.sockets == 0
+
+
 def test_an_interface_that_is_down_or_missing_is_told(machine: Machine) -> None:
     machine.flags["vcan0"] = DOWN
     with pytest.raises(BusError, match="vcan0: the interface is down; run `sudo ip link set vcan"):
@@ -223,3 +231,21 @@ def test_a_listener_hears_all_and_the_time(machine: Machine) -> None:
 def test_an_interface_of_another_name_is_socketcan(machine: Machine) -> None:
     machine.flags["mycan"] = UP
     assert buses.parse("mycan") == ("socketcan", "mycan")
+
+
+def test_a_frame_goes_out_on_socketcan_with_the_size_of_its_kind_and_errors_come_in() -> None:
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with here, there:
+        end = new_wire()
+        wire.prepare(end, Medium.SOCKETCAN, here.fileno(), here.fileno())
+        for flags, size, said in ((Flag.NONE, 16, 0), (Flag.FD | Flag.BRS, 72, Flag.BRS)):
+            end.tx[:] = 0
+            end.tx[:6] = 0x23, 1, 0, 0, 8, flags
+            assert wire.put_frame(end)
+            sent = there.recv(100)
+            assert (len(sent), sent[5], sent[:4]) == (size, said, b"\x23\1\0\0")
+            assert end.tx[5] == flags, "as it was"
+        there.send(b"\x04\0\0\x20\x08".ljust(16, b"\0"))
+        assert wire.get_frame(end, True) == Arrival.BUS_ERROR
+        there.send(b"\x04\0\0\x20\x08".ljust(72, b"\0"))
+        assert wire.get_frame(end, True) == Arrival.FOREIGN
