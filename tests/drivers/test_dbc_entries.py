@@ -301,8 +301,12 @@ def test_attributes_that_are_of_no_use_are_left_out() -> None:
     text = (
         HEAD + 'BA_DEF_ BO_ "VFrameFormat" STRING;\nBA_DEF_ BO_ "GenMsgSendType" FLOAT 0 1;\n'
         'BA_DEF_DEF_ "Unknown" 1;\nBO_TX_BU_ 256 : DEV,ECU;\nBO_TX_BU_ 257 : ;\n'
+        'BA_ "GenMsgSendType" BO_ 256 1;\nBA_ "ProtocolType" "J1939";\n'
     )
-    first, second = parsed(text).messages
+    database = parsed(text)
+    assert "GenMsgSendType" in str(database.odd) and "not defined as ENUM or" in str(database.odd)
+    first, second = database.messages
+    assert database.j1939
     assert not first.is_fd and first.send_type != "EveryCycle"
     assert (first.senders, second.senders) == (["ECU", "DEV"], ["DEV"])
 

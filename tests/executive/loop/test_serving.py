@@ -121,26 +121,39 @@ def test_without_memory_nothing_is_left_behind(
     assert descriptors() == before
 
 
-def test_an_older_kernel_has_memory_files_without_the_newer_seals(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def without_newer_seals(patch: pytest.MonkeyPatch, call: str, number: int) -> None:
+    """Let the kernel refuse, with an error number, what only newer ones know."""
+
     def add_seals(descriptor: int, command: int, seals: int = 0) -> Any:
         if command == fcntl.F_ADD_SEALS and seals & sharing._F_SEAL_FUTURE_WRITE:
-            raise OSError(errno.EINVAL, "before Linux 5.1")
+            raise OSError(number, "before Linux 5.1")
         return REAL[0](descriptor, command, seals)
 
     def memfd_create(name: str, flags: int) -> int:
         if flags & sharing._MFD_NOEXEC_SEAL:
-            raise OSError(errno.EINVAL, "before Linux 6.3")
+            raise OSError(number, "before Linux 6.3")
         return REAL[1](name, flags)
 
-    monkeypatch.setattr(fcntl, "fcntl", add_seals)
-    monkeypatch.setattr(os, "memfd_create", memfd_create)
+    if call == "fcntl":
+        patch.setattr(fcntl, "fcntl", add_seals)
+    else:
+        patch.setattr(os, "memfd_create", memfd_create)
+
+
+@pytest.mark.parametrize("call", ["fcntl", "memfd_create"])
+def test_an_older_kernel_has_memory_files_without_the_newer_seals(
+    monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    without_newer_seals(monkeypatch, call, errno.EINVAL)
     made = sharing.ServedMemory(NAME, HEAD)
-    assert not made.is_sealed()
+    assert made.is_sealed() == (call != "fcntl")
     for descriptor in made._files:
-        assert REAL[0](descriptor, fcntl.F_GET_SEALS) == sharing._SEALS | fcntl.F_SEAL_SEAL
+        seals = REAL[0](descriptor, fcntl.F_GET_SEALS)
+        assert seals & (sharing._SEALS | fcntl.F_SEAL_SEAL) == sharing._SEALS | fcntl.F_SEAL_SEAL
     made.close()
+    without_newer_seals(monkeypatch, call, errno.EPERM)
+    with pytest.raises(sh.SharedError, match="shared memory: before Linux"):
+        sharing.ServedMemory(NAME, HEAD)
 
 
 def test_a_name_that_cannot_be_had_is_refused_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
