@@ -12,7 +12,8 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
 # what reaches the loop and the bus, and needs no pace of them
-COVERED = tests/executive/loop tests/executive/nodes tests/drivers
+COVERED = $(wildcard tests/contract) tests/executive/loop tests/executive/loop/rare_cycles.py \
+	tests/executive/nodes tests/drivers
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
@@ -53,9 +54,9 @@ test-browser: tools ## the page of `pcpc host` in a real browser
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
 
-coverage: tools ## lines and branches of loop and bus that tests reach, interpreted; half an hour
+coverage: tools ## lines and branches of loop and bus that tests reach, interpreted; takes hours
 	@rm -rf build/coverage
-	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep no $(COVERED)
+	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep too $(COVERED)
 	@$(BIN)/coverage combine -q
 	@$(BIN)/coverage report
 
