@@ -1,6 +1,6 @@
 """What hardly ever happens in a cycle: full rings, a bus that takes no frame, two odd outputs.
 
-Run interpreted, see `test_rare.py`: functions of the loop are called one by one.
+Run interpreted, see `test_interpreted_loop.py`: functions of the loop are called one by one.
 """
 
 from pathlib import Path
