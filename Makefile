@@ -11,6 +11,9 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/nodes/test_,virtual.py every_rig.py) \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
+# what reaches the loop and the bus, and needs no pace of them
+COVERED = $(wildcard tests/contract) tests/executive/loop tests/executive/loop/rare_cycles.py \
+	tests/executive/nodes tests/drivers
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # bytecode is made on all processors, where pip takes one; packages' own tests are not imported
@@ -20,7 +23,7 @@ define PIP
 @$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib >/dev/null 2>&1 || true
 endef
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet coverage install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -55,6 +58,12 @@ test-browser: tools ## the page of `pcpc host` in a real browser
 
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
+
+coverage: tools ## lines and branches of loop and bus that tests reach, interpreted; takes hours
+	@rm -rf build/coverage
+	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep too $(COVERED)
+	@$(BIN)/coverage combine -q
+	@$(BIN)/coverage report
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
 

@@ -361,10 +361,8 @@ def _wrap(word: int) -> int:
 
 
 def _float_codes(signal: Signal) -> tuple[float, float]:
-    """Return the outermost float64 values within the raw limits."""
+    """Return the outermost float64 values within the raw limits; the lowest one always is such."""
     low, high = (float(code) for code in signal.codes)
-    if low < signal.codes[0]:
-        low = math.nextafter(low, math.inf)
     if high > signal.codes[1]:
         high = math.nextafter(high, -math.inf)
     return low, high

@@ -14,8 +14,6 @@ def check_format(message: Message, where: str) -> None:
         longer = next((n for n in LENGTHS if n >= message.length), LENGTHS[-1])
         what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
         raise DbcError(f"{where}: {what}")
-    if message.is_container:
-        raise DbcError(f"{where}: a container; give each of its PDUs a frame of its own")
     names = [signal.name for signal in message.signals]
     if double := next((name for name in names if names.count(name) > 1), None):
         what = f"{names.count(double)} signals {double}; give each a name of its own"

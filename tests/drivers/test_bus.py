@@ -1,10 +1,12 @@
 """Real buses: our sockets among themselves and with python-can, refusals with their cure, locks."""
 
+import atexit
 import inspect
 import os
 import re
 import socket
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -15,7 +17,7 @@ from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers.can import bus, choice, wire, wire_layout
+from pcpc.drivers.can import bus, choice, python_can_port, wire, wire_layout
 from pcpc.drivers.can.bus import Bus
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
@@ -112,6 +114,50 @@ def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, gro
     for name, end in (("a", a), ("b", b)):
         got = [receive(end) for _ in expected]
         assert got == expected, f"{name} received {got}"
+
+
+def test_an_end_on_two_buses_sends_by_the_id_and_hears_both(open_udp: Open) -> None:
+    channels = own_channel(), own_channel(OTHER_GROUP)
+    end, first, second = open_udp(channels[0]), *map(open_udp, channels)
+    bus.open_second(Bus("udp_multicast", channels[1]), [], end)
+    bus.set_own_address(end)
+    end.second[0], end.n_second = 0x9ABCDEF0, 1
+    send(end, 0x123, b"first")
+    send(end, 0x1ABCDEF0, b"second", extended=True)
+    assert [receive(one) for one in (first, second)] == [(0x123, b"first"), (0x9ABCDEF0, b"second")]
+    assert [receive(end) for _ in range(3)] == [Arrival.OWN, Arrival.OWN, Arrival.NOTHING]
+    send(second, 2, b"")
+    assert wire._wait_for_either(end) == 1
+    assert receive(end) == (2, b"") and wire.get_frame(end, False) == Arrival.NOTHING
+    end.in_turn = 1  # it waits for one bus after the other
+    send(second, 3, b"")
+    assert receive(end) == Arrival.NOTHING
+    send(first, 4, b"")
+    assert receive(end) == (4, b"")
+    end.muted = 1
+    assert receive(end) == (3, b"")
+    os.close(end.fd_tx2)
+    os.close(end.fd_rx2)
+
+
+def test_a_listener_hears_frames_with_the_time_at_which_they_came(open_udp: Open) -> None:
+    channel, before = own_channel(), len(os.listdir("/proc/self/fd"))
+    with bus.listener(Bus("udp_multicast", channel)) as ear:
+        assert len(os.listdir("/proc/self/fd")) == before + 1, "it sends nothing"
+        send(open_udp(channel), 0x123, b"frame")
+        text, more, *_ = ear.recvmsg(2048, 64)
+    assert b"frame" in text and [kind for _, kind, _ in more] == [35], "SCM_TIMESTAMPNS of Linux"
+
+
+def test_a_bus_of_python_can_that_fails_is_told() -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise can.CanError("no")
+
+    end, broken = new_wire(), SimpleNamespace(send=refuse, recv=refuse, shutdown=refuse)
+    end.fd_tx = python_can_port.register(broken)  # type: ignore[arg-type]
+    atexit.unregister(broken.shutdown)
+    assert not python_can_port.put(end)
+    assert python_can_port.get(end, True) == Arrival.FAILED
 
 
 @pytest.mark.parametrize("group", GROUPS)

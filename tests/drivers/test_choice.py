@@ -11,6 +11,7 @@ from places import ROOT
 
 from pcpc.drivers.can import bus, choice
 from pcpc.drivers.can.choice import BusRequest, Choice
+from pcpc.drivers.errors import BusError
 from pcpc.drivers.machine import claim
 
 BOTH = ("executive", "plant")
@@ -126,6 +127,62 @@ def test_a_seat_with_a_strange_name_harms_nobody(taken: list[Choice]) -> None:
     with claim.hold(seat) or socket.socket(), claim.hold("seat/") or socket.socket():
         taken.append(auto(rig(), "executive"))
     assert taken[0].note == "" and taken[0].bus.compiled, f"{taken}"
+
+
+def test_a_bus_that_another_start_claims_first_is_left_to_it(taken: list[Choice]) -> None:
+    free = auto(rig(), *BOTH)
+    free.release()
+    with claim.hold(choice._name(free.bus)) or socket.socket():
+        taken.append(auto(rig(), *BOTH))
+    assert port(taken[0]) > port(free) and taken[0].note == "", taken
+
+
+def test_a_bus_of_python_can_is_claimed_by_nobody() -> None:
+    assert choice.take_bus(BusRequest("virtual", "x", rig(), BOTH)).claims == []
+
+
+def test_the_virtual_interfaces_come_first_and_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {f"vcan{number}" for number in range(3)}
+    monkeypatch.setattr(choice, "vcan_ready", there.__contains__)
+    monkeypatch.setattr(choice, "neighbour_of", lambda one: bus.Bus("socketcan", "vcan1"))
+    for count, expected in ((1, "vcan0 vcan1 vcan2"), (2, "vcan0 vcan1"), (4, "")):
+        found = choice._vcans(BusRequest("auto", None, "rig", (), count))
+        assert [(one.channel, why) for one, why in found] == [(w, "") for w in expected.split()]
+    assert not [*choice._vcans(BusRequest("auto", "can0", "rig", ()))]
+    monkeypatch.setattr(choice, "_VCANS", 2)
+    assert len([*choice._vcans(BusRequest("auto", None, "rig", ()))]) == 2
+    one = auto(rig(), "plant")
+    one.release()
+    assert choice._name(one.bus) == "bus/socketcan:vcan0"
+
+
+def test_where_all_is_in_use_or_nothing_can_be_claimed_a_line_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(choice, "_PORTS", 2)
+    monkeypatch.setattr(choice, "vcan_ready", lambda name: False)
+    monkeypatch.setattr(choice, "used_ports", lambda: {bus.UDP_PORT, bus.UDP_PORT + 1})
+    with pytest.raises(BusError, match="no free bus: 2 ports of udp_multicast from 43113 on are"):
+        auto(rig(), *BOTH)
+
+    def refused(name: str) -> None:
+        raise OSError(1, "no sockets")
+
+    monkeypatch.setattr(claim, "hold", refused)
+    for interface in ("auto", "udp_multicast"):
+        with pytest.raises(BusError, match="no bus can be claimed: no sockets; name one with"):
+            choice.take_bus(BusRequest(interface, None, rig(), BOTH))
+
+
+def test_of_a_machine_that_hides_its_sockets_none_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(path: str, **_: str) -> None:
+        raise PermissionError(path)
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        assert one.getsockname()[1] in choice.used_ports()
+        monkeypatch.setattr(choice, "open", closed, raising=False)
+        assert choice.used_ports() == set()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ from pathlib import Path
 import cantools
 import pytest
 
-from pcpc.drivers.can import dbc
+from pcpc.drivers.can import dbc, dbc_file
 from pcpc.drivers.can.dbc import DbcError
+from pcpc.drivers.machine.patience import StalledError
 
 HEAD = """VERSION ""
 NS_ :
@@ -294,3 +295,88 @@ def test_a_name_that_was_made_to_differ_is_taken() -> None:
 def test_a_comment_of_several_lines_keeps_the_numbers_of_lines() -> None:
     (odd,) = parsed(f"{HEAD}/* 1\n 2 */ // 3\nthis is no entry\n").odd
     assert odd.place == f"{HEAD.count(chr(10)) + 3}:1"
+
+
+def test_attributes_that_are_of_no_use_are_left_out() -> None:
+    text = (
+        HEAD + 'BA_DEF_ BO_ "VFrameFormat" STRING;\nBA_DEF_ BO_ "GenMsgSendType" FLOAT 0 1;\n'
+        'BA_DEF_DEF_ "Unknown" 1;\nBO_TX_BU_ 256 : DEV,ECU;\nBO_TX_BU_ 257 : ;\n'
+        'BA_ "GenMsgSendType" BO_ 256 1;\nBA_ "ProtocolType" "J1939";\n'
+    )
+    database = parsed(text)
+    assert "GenMsgSendType" in str(database.odd) and "not defined as ENUM or" in str(database.odd)
+    first, second = database.messages
+    assert database.j1939
+    assert not first.is_fd and first.send_type != "EveryCycle"
+    assert (first.senders, second.senders) == (["ECU", "DEV"], ["DEV"])
+
+
+def test_of_two_multiplexers_of_one_name_each_has_its_signals() -> None:
+    text = "BU_: ECU DEV\nBO_ 1 F: 8 ECU\n" + "".join(
+        f' SG_ {name} : {8 * i}|8@1+ (1,0) [0|0] "" DEV\n'
+        for i, name in enumerate(("p M", "q m0M", "q m1M", "s m5"))
+    )
+    ranges = "SG_MUL_VAL_ 1 q p 0-0;\nSG_MUL_VAL_ 1 q p 1-1;\n"
+    database = parsed(text + ranges)
+    found = [(one.name, one.multiplexer_signal) for one in database.messages[0].signals]
+    assert found == [("p", None), ("q_8", "p"), ("q_16", "p"), ("s", "p")]
+    assert "frame F: q: another signal has this name; read as q_16" in str(database.odd)
+
+
+def test_a_signal_without_a_frame_is_listed() -> None:
+    (odd,) = parsed('BU_: ECU DEV\n SG_ lost : 0|8@1+ (1,0) [0|0] "" DEV\nBO_ 1 F: 8 ECU\n').odd
+    assert "SG_ lost: a signal of no frame; put it behind its BO_" in str(odd)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (StalledError(), "cantools does not come to an end with it; simplify it"),
+        (KeyError("x\n"), "cantools: KeyError 'x.n'; correct the DBC file"),
+    ],
+)
+def test_what_cantools_cannot_do_is_told(
+    error: Exception, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(content: str) -> None:
+        raise error
+
+    monkeypatch.setattr(dbc_file, "cantools_database", fail)
+    with pytest.raises(DbcError, match=f"^odd.dbc: {said}$"):
+        parsed(HEAD)
+
+
+def test_a_signal_has_its_line_whatever_the_texts_before_it_hold(tmp_path: Path) -> None:
+    path = tmp_path / "a.dbc"
+    path.write_text('CM_ "BO_ 257 OTHER: 8 DEV\n SG_ w : \n";\n' + HEAD)
+    for frame, signal, line in (("SPEED", "v", 11), ("OTHER", "w", 15), ("SPEED", "w", 0)):
+        assert dbc.place(path, frame, signal) == str(path) + (f":{line}" if line else "")
+    assert dbc.load(path).get_message_by_name("OTHER").frame_id == 257
+
+
+def test_a_frame_of_can_fd_has_a_length_that_can_fd_has() -> None:
+    fd = 'BA_DEF_ BO_ "VFrameFormat" INT 0 15;\nBA_ "VFrameFormat" BO_ 300 14;\n'
+    database = parsed(f"{HEAD}BO_ 300 LONG: 10 ECU\n{fd}")
+    with pytest.raises(DbcError, match="frame LONG: 10 bytes; CAN FD has 12; say so, the rest is"):
+        dbc.frames(database, "ECU", "tx")
+
+
+def test_the_load_is_that_of_all_frames_or_of_those_named() -> None:
+    fd = 'BA_DEF_ BO_ "VFrameFormat" INT 0 15;\nBA_ "VFrameFormat" BO_ 257 14;\n'
+    classic, mixed = parsed(HEAD), parsed(HEAD + fd)
+    one = 135 * 100 / 1e6  # bits of 8 bytes, 100 times a second
+    assert dbc.bus_load(classic, 1000.0, 1e6) == pytest.approx(2 * one)
+    assert dbc.bus_load(mixed, 1000.0, 1e6, ["SPEED"]) == pytest.approx(one)
+    with pytest.raises(DbcError, match="frame OTHER: CAN FD with a bit rate switch; give the rig"):
+        dbc.bus_load(mixed, 1000.0, 1e6)
+    nominal, data = dbc.frame(mixed.messages[1]).bits()
+    assert (nominal, data) == dbc.frame(classic.messages[1]).bits(all_fd=True)
+    load = dbc.bus_load(mixed, 1000.0, 1e6, ["OTHER"], 5e6)
+    assert load == pytest.approx((nominal + data / 5) * 100 / 1e6)
+
+
+def test_a_signal_holds_what_its_codes_are() -> None:
+    v, *_ = dbc.frame(parsed(HEAD).messages[0]).signals
+    assert v.range == (0.0, 655.35) and dbc.frame(parsed(HEAD).messages[1]).signals[0].range == (
+        -32768.0, 32767.0
+    )  # fmt: skip

@@ -12,7 +12,7 @@ from places import ROOT
 
 from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.can.dbc import Protection
-from pcpc.drivers.can.e2e_states import FrameState
+from pcpc.drivers.can.e2e_states import INJECTED, FrameState, name_of
 from pcpc.drivers.compiled.rows import RECEIVER
 
 DBC = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
@@ -297,3 +297,9 @@ def test_counts_are_exact_under_loss_repetition_and_corruption(
     assert {key: got[key] for key in expected} == expected, f"{got} not {expected}"
     total = sum(expected.values()) - expected["errors"] - expected["repeated"]
     assert total == counter, f"{total} accounted of {counter} sent"
+
+
+def test_a_state_in_a_log_has_a_name() -> None:
+    said = [name_of(state) for state in (FrameState.OK, INJECTED + FrameState.ERROR, 99 - INJECTED)]
+    assert said == ["OK", "INJECTED_ERROR", f"INJECTED_{99 - 2 * INJECTED}"]
+    assert name_of(FrameState.BUS_ERROR + 1) == "9"

@@ -107,11 +107,21 @@ def test_a_bit_that_is_closed_begins_what_waits_and_the_rest_comes_too_late(kind
     lines.put(line, A, one, 50)
     assert events(line, 50) == []
     lines.close(line, 50)
+    lines.close(line, 50)  # it has begun
     lines.put(line, B, late, 50)
     end = 50 + kind.ticks(one) - 3 * kind.bit
     assert lines.next_due(line) == end
     found = [at for _, at, _ in events(line, 1000 * kind.bit)]
     assert found == [end, end + kind.ticks(late)]
+
+
+@pytest.mark.parametrize(
+    ("senders", "room"), [(0, 1), (lines.SENDERS + 1, 1), (1, 0), (1, lines.MOST_ROOM + 1)]
+)
+def test_a_line_has_so_many_senders_and_so_much_room(senders: int, room: int) -> None:
+    line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
+    with pytest.raises(ValueError, match=f"{senders} senders with room for {room}: at most "):
+        lines.prepare(line, senders, room, bitrate=500_000)
 
 
 # ------------------------------------------------------------------------------------------ bounds

@@ -1,7 +1,9 @@
 """A SocketCAN bus in Python that takes nothing: its end of the socket is that of a pair here."""
 
 import errno
+import select
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -9,6 +11,7 @@ from typing import Any
 
 import msgpack
 import pytest
+from free_bus import own_bus
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import can_id, plain_bus
@@ -114,3 +117,49 @@ def test_a_datagram_with_the_largest_numbers_is_a_frame() -> None:
     assert frame(is_fd=True, bitrate_switch=True, data=bytes(64)) == (
         0x7FF, bytes(64), Flag.FD | Flag.BRS
     )  # fmt: skip
+
+
+def test_frames_go_both_ways_over_udp_and_none_of_its_own_comes_back() -> None:
+    channel = own_bus().removeprefix("udp_multicast:")
+    one, other = (plain_bus.open_bus(buses.Bus("udp_multicast", channel)) for _ in range(2))
+    extended = can_id.word_of(0x18FF0001, True)
+    sent = [FRAME, Frame(extended, bytes(12), Flag.FD | Flag.BRS), Frame(1, b"", Flag.FD)]
+    for frame in sent:
+        one.put(*frame)
+    assert isinstance(one, plain_bus.Udp)
+    one._tx.send(b"no frame")
+    assert select.select([other.fileno()], [], [], 2.0)[0]
+    assert [*other.frames()] == sent and [*one.frames()] == []
+    one.close()
+    other.close()
+
+
+def test_frames_go_both_ways_over_can(
+    monkeypatch: pytest.MonkeyPatch, ends: tuple[Can, socket.socket]
+) -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    monkeypatch.setattr(buses, "_open_socketcan", lambda channel, ids: far.detach())
+    monkeypatch.setattr(socket.socket, "setsockopt", lambda *words: options.append(words[1:]))
+    options: list[tuple[int, ...]] = []
+    monkeypatch.setattr(buses, "_mtu", lambda channel: 72)
+    bus = plain_bus.open_bus(buses.Bus("socketcan", "can7"))
+    assert options == [(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)]
+    bus.put(0x123, bytes(12), Flag.FD | Flag.BRS)
+    assert near.recv(100) == struct.pack("<IBB2x64x", 0x123, 12, Flag.FD | Flag.BRS)
+    bus.put(*FRAME)
+    assert near.recv(100) == struct.pack("<IB3x8s", 0x123, 2, FRAME.data)
+    for word, n, size in ((1, 2, 16), (1 | can_id.REMOTE, 2, 16), (1 | can_id.ERROR, 2, 16),
+                          (1, 9, 16), (2, 12, 72)):  # fmt: skip
+        near.send(struct.pack("<IBB", word, n, Flag.BRS).ljust(size, b"\0"))
+    assert bus.fileno() == bus._can.fileno()  # type: ignore[union-attr]
+    got = [Frame(1, bytes(2)), Frame(2, bytes(12), Flag.FD | Flag.BRS)]
+    assert [*bus.frames()] == got
+    bus.close()
+    near.close()
+    with pytest.raises(BusError, match=r"^can7: the interface has no CAN FD; run `sudo ip link"):
+        ends[0].put(1, bytes(12), Flag.FD)
+
+
+def test_no_other_bus_is_opened() -> None:
+    with pytest.raises(BusError, match=r"^pcan:x: expected socketcan or udp_multicast$"):
+        plain_bus.open_bus(buses.Bus("pcan", "x"))

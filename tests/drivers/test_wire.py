@@ -291,6 +291,33 @@ def test_a_full_memory_wire_refuses_and_overwrites_nothing() -> None:
     assert received == list(range(accepted)), f"{len(received)} of {accepted} in order"
 
 
+def test_frames_for_two_buses_in_memory_are_dealt_by_their_ids() -> None:
+    source, first, second = new_wire(), new_wire(), new_wire()
+    source.second[:2], source.n_second = (0x9ABCDEF0, 7), 2
+    sent = [frame(7, b"7"), frame(1, b"1"), frame(0x1ABCDEF0, b"x", True), frame(0x1ABCDEF0, b"")]
+    for one in sent:
+        source.tx[:] = one
+        assert wire.put_frame(source)
+    wire.deal(source, first, second)
+    assert source.outbox_put == 0
+    for end, these in ((second, (sent[0], sent[2])), (first, (sent[1], sent[3]))):
+        for one in these:
+            assert wire.get_frame(end, False) == Arrival.FRAME and (end.rx == one).all()
+        assert wire.get_frame(end, False) == Arrival.NOTHING
+    for k in range(wire_layout.QUEUE_FRAMES + 1):
+        wire.deliver(frame(k, b""), first)
+    assert first.inbox_put - first.inbox_taken == wire_layout.QUEUE_FRAMES, "one more is lost"
+
+
+def test_what_lies_behind_the_data_is_blanked() -> None:
+    for length in (0, 7, 64, 255):
+        one = np.full(wire_layout.FRAME_BYTES, 0xEE, np.uint8)
+        one[4] = length
+        wire.blank(one)
+        kept = 8 + min(length, 64)
+        assert (one[5:kept] == 0xEE).all() and not one[kept:].any(), length
+
+
 def test_a_closed_descriptor_fails_with_its_error_number() -> None:
     closed = new_wire(Medium.UDP)
     assert not wire.put_frame(closed)
