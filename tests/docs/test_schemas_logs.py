@@ -5,7 +5,6 @@ More outcomes of theirs: the tests of each command, which hold what it prints as
 
 from pathlib import Path
 
-import pytest
 from json_schemas import holds
 from logcommand import DBC, barrel_log, run, run_here
 from mcap.reader import make_reader
@@ -107,10 +106,3 @@ def test_a_comparison_of_runs(tmp_path: Path) -> None:
     done = run_here("compare", tmp_path / "old", tmp_path / "new", "--quiet", "--json", "-")
     states = {one["rig"]: one["state"] for one in holds("compare", done.out)["pairs"]}
     assert states == {"hull": "alone", "slew10": "changed"}, done
-
-
-@pytest.mark.parametrize("words", [["info"], ["diff", "b"], ["export", "-o", "x.csv"]])
-def test_a_log_that_is_not_there_prints_no_json(words: list[str], tmp_path: Path) -> None:
-    name, *rest = words
-    done = run(name, tmp_path / "none.mcap", *rest, "--json")
-    assert done.code == 2 and done.out == "", done

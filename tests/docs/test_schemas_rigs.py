@@ -95,12 +95,3 @@ def test_lateness_is_measured(tmp_path: Path) -> None:
     words = "jitter", "-q", "-D", "200ms", "--rounds", "1", "--bus", own_bus()
     told(0, *words, "--json", tmp_path / "jitter.json")
     assert holds("jitter", (tmp_path / "jitter.json").read_text())["loops"]["pcpc"]["cycles"]
-
-
-@pytest.mark.parametrize(
-    "words", [["check", "nowhere"], ["bus", "nowhere"], ["bounds", "nowhere"], ["play", "nowhere"]]
-)
-def test_what_is_not_there_prints_no_json(words: list[str]) -> None:
-    more = ["--bus", own_bus()] if words[0] == "play" else []
-    done = told(2, *words, *more, "--json")
-    assert done.out == "" and done.err.count("\n") == 1, done

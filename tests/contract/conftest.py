@@ -1,0 +1,5 @@
+"""Fixtures of the contracts."""
+
+from refusing import refused
+
+__all__ = ["refused"]
