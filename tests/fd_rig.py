@@ -24,6 +24,21 @@ _CHANGES = (
      'BA_ "VFrameFormat" BO_ 288 14;\nBA_ "CANFD_BRS" BO_ 128 0;\n\nVAL_ 160'),
 )  # fmt: skip
 
+LONG_DBC = f"""VERSION ""
+BU_: A B
+BO_ 291 LONG: 64 A
+ SG_ crc : 0|16@1+ (1,0) [0|0] "" B
+ SG_ counter : 16|8@1+ (1,0) [0|0] "" B
+ SG_ rest : 448|64@1+ (1,0) [0|0] "" B
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "E2EDataId" INT 0 65535;
+BA_DEF_ BO_ "VFrameFormat" ENUM {_FORMATS};
+BA_DEF_DEF_ "GenMsgCycleTime" 1;
+BA_DEF_DEF_ "E2EDataId" 0;
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN_FD";
+BA_ "E2EDataId" BO_ 291 4660;
+"""  # a CRC of 16 bits over 64 bytes
+
 
 def fd_rig(folder: Path, *lines: str, changes: tuple[tuple[str, str], ...] = ()) -> Path:
     """Write the rig and its DBC file, with further `lines`; SYNC is FD without BRS.

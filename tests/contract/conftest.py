@@ -1,11 +1,13 @@
-"""The recorded run of a rig, one a session."""
+"""Fixtures of the contracts: the recorded run of a rig, one a session; a refused command."""
 
 from pathlib import Path
 
 import pytest
 from recorded import Recorded, record
+from refusing import refused
 from rigs import given
 
+__all__ = ["refused"]
 _recorded: dict[str, Recorded] = {}
 
 

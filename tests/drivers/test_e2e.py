@@ -1,10 +1,14 @@
-"""Counter and CRC: reference vectors, detection of bit errors, exact counts under loss."""
+"""Counter and CRC: reference vectors, detection of bit errors, exact counts under loss.
+
+Of classic frames and of one of CAN FD, LONG.
+"""
 
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fd_rig import LONG_DBC
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -14,6 +18,7 @@ from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import INJECTED, FrameState, name_of
 from pcpc.drivers.compiled.rows import RECEIVER
+from pcpc.tools.dev.evidence.expected import crc16
 
 DBC = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
 WIDE_DBC = """VERSION ""
@@ -35,16 +40,18 @@ BA_DEF_DEF_ "E2EDataId" 0;
 BA_ "E2EDataId" BO_ 292 4660;
 """
 WIDE = dbc.parse(Path("wide.dbc"), WIDE_DBC, strict=True)
-FRAMES = tuple(dbc.frame(message) for message in (*DBC.messages, *WIDE.messages))
+LONG = dbc.parse(Path("long.dbc"), LONG_DBC, strict=True)
+FRAMES = tuple(dbc.frame(one) for one in (*DBC.messages, *WIDE.messages, *LONG.messages))
 TABLE = dbc.table(FRAMES, 1000.0)
 ROWS = {entry.name: row for row, entry in enumerate(FRAMES)}
 PROTECTED = [entry.name for entry in FRAMES if entry.protected]
+WITH_CRC_16 = "WIDE", "WIDE_BEHIND", "WIDE_ID", "LONG"
 
 
 def sent(name: str, counter: int, fill: int = 0) -> NDArray[np.uint8]:
     """Return a protected frame with `fill` in its other bytes."""
     dlc = FRAMES[ROWS[name]].dlc
-    data = np.array([fill] * dlc + [0] * (8 - dlc), np.uint8)
+    data = np.array([fill] * dlc + [0] * (64 - dlc), np.uint8)
     e2e.protect(data, ROWS[name], TABLE.frames, counter)
     return data
 
@@ -119,11 +126,26 @@ def test_a_frame_of_16_bits_says_where_and_over_which_id() -> None:
         "WIDE": ((Protection.CRC_16, 0, 291), (2, 0, 255)),
         "WIDE_BEHIND": ((Protection.CRC_16, 4, 0x1234), (6, 0, 255)),
         "WIDE_ID": ((Protection.CRC_16, 1, 2566848513 & 0xFFFF), (3, 0, 255)),
+        "LONG": ((Protection.CRC_16, 0, 0x1234), (2, 0, 255)),
     }
+    assert tuple(found) == WITH_CRC_16
 
 
-@pytest.mark.parametrize("name", PROTECTED)
-@pytest.mark.parametrize("n_flips", [1, 2])
+@pytest.mark.parametrize("name", WITH_CRC_16)
+@pytest.mark.parametrize("counter", [0, 1, 200, 255])
+def test_a_crc_of_16_is_that_of_the_profile_over_all_bytes(name: str, counter: int) -> None:
+    entry = FRAMES[ROWS[name]]
+    data = np.random.default_rng(counter).integers(0, 256, 64, np.uint8)
+    e2e.protect(data, ROWS[name], TABLE.frames, counter)
+    _, at, data_id = entry.crc
+    rest = data[: entry.dlc].tobytes()
+    wanted = crc16(rest[:at] + rest[at + 2 :] + data_id.to_bytes(2, "little"))
+    assert rest[at : at + 2] == wanted.to_bytes(2, "little"), rest.hex(" ")
+
+
+@pytest.mark.parametrize(
+    ("name", "n_flips"), [*((one, 1) for one in PROTECTED), *((one, 2) for one in PROTECTED[:-1])]
+)
 def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> None:
     dlc = FRAMES[ROWS[name]].dlc
     good = sent(name, 9, fill=0x5A)
@@ -137,30 +159,35 @@ def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> N
     assert not missed, f"{len(missed)} undetected, first {missed[0]}"
 
 
-def test_every_flip_of_three_bits_is_an_error_with_a_crc_of_16() -> None:
-    good, row = sent("WIDE", 9, fill=0x5A), ROWS["WIDE"]
-    singles = [good.copy() for _ in range(64)]
-    for bit, data in enumerate(singles):
+@pytest.mark.parametrize("name", WITH_CRC_16)
+def test_every_flip_of_up_to_three_bits_is_an_error_with_a_crc_of_16(name: str) -> None:
+    good, row = sent(name, 9, fill=0x5A), ROWS[name]
+
+    def difference(bit: int) -> int:
+        data = good.copy()
         data[bit // 8] ^= 1 << bit % 8
-    zero = int(e2e.right_crc(good, row, TABLE.frames) ^ e2e.crc_of(good, row, TABLE.frames))
-    found = [
-        int(e2e.right_crc(data, row, TABLE.frames) ^ e2e.crc_of(data, row, TABLE.frames))
-        for data in singles
-    ]
-    assert zero == 0 and all(a ^ b ^ c for a, b, c in combinations(found, 3))
+        right, there = (of(data, row, TABLE.frames) for of in (e2e.right_crc, e2e.crc_of))
+        return int(right ^ there)
+
+    assert e2e.right_crc(good, row, TABLE.frames) == e2e.crc_of(good, row, TABLE.frames)
+    ones = [difference(bit) for bit in range(8 * FRAMES[row].dlc)]
+    twos = {a ^ b for a, b in combinations(ones, 2)}
+    assert 0 not in twos and 0 not in ones and not twos & {*ones}, "a CRC is linear"
 
 
 def test_a_frame_under_the_id_of_another_is_an_error() -> None:
     state = e2e.new_state(len(FRAMES))
-    for name, other in (("FB_B", "FB_A"), ("WIDE", "WIDE_ID")):
+    for name, other in (("FB_B", "FB_A"), ("WIDE", "WIDE_ID"), ("LONG", "WIDE")):
         got = check(state, name, sent(other, 0))
         assert got == (FrameState.ERROR, 0), f"{name}: {got}"
 
 
-@pytest.mark.parametrize("length", [0, 1, 7])
-def test_a_frame_of_wrong_length_is_an_error(length: int) -> None:
-    state, row = e2e.new_state(len(FRAMES)), ROWS["CMD"]
-    outcome, _ = e2e.check(sent("CMD", 3), length, row, TABLE.frames, state)
+@pytest.mark.parametrize(
+    ("name", "length"), [("CMD", 0), ("CMD", 1), ("CMD", 7), ("LONG", 8), ("LONG", 48)]
+)
+def test_a_frame_of_wrong_length_is_an_error(name: str, length: int) -> None:
+    state, row = e2e.new_state(len(FRAMES)), ROWS[name]
+    outcome, _ = e2e.check(sent(name, 3), length, row, TABLE.frames, state)
     assert outcome == FrameState.ERROR, f"{FrameState.names()[outcome]} with {length} bytes"
 
 
@@ -212,7 +239,7 @@ def test_states_follow_the_step_of_the_counter_and_losses_the_time(
     assert got == expected, f"{got}"
 
 
-@pytest.mark.parametrize("name", ["SYNC", "WIDE", "WIDE_BEHIND", "WIDE_ID"])
+@pytest.mark.parametrize("name", ["SYNC", *WITH_CRC_16])
 def test_a_counter_of_a_byte_counts_to_256(name: str) -> None:
     state = e2e.new_state(len(FRAMES))
     outcomes = {check(state, name, sent(name, n)) for n in range(1000)}
@@ -269,7 +296,7 @@ def test_only_a_used_frame_is_fresh_and_resets_the_age() -> None:
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(1, 16), st.integers(0, 2), st.booleans()), max_size=60),
-    st.sampled_from(["CMD", "FB_A", "SYNC", "REF", "WIDE", "WIDE_ID"]),
+    st.sampled_from(["CMD", "FB_A", "SYNC", "REF", "WIDE", "WIDE_ID", "LONG"]),
 )
 def test_counts_are_exact_under_loss_repetition_and_corruption(
     pattern: list[tuple[int, int, bool]], name: str

@@ -78,17 +78,3 @@ class Plant:
         outside.step_s = 1.0 / 16000.0
         slopes(0.0, self.dt, self.p, s.values(), outside.values(), d)
         return Motion(d)
-
-
-def trace() -> str:
-    """Return 20 steps with every part in use, as hex digits of all states and outputs.
-
-    Then the same in the rougher world.
-    """
-    rows, shot = [], {"fire": 1.0, "fire_hub_start_s": 0.004, "fire_muzzle_start_s": 0.007}
-    for rough in (0.0, 1.0):
-        plant = Plant(hull_motion=1.0, rough=rough, **shot)
-        for k in range(20):
-            plant.step(0.04 + 1.9 * (-1.0) ** (k // 4))
-            rows.append(plant.x.tobytes() + plant.y.tobytes())
-    return b"".join(rows).hex()

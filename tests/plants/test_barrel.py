@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from barrel_plant import AT, LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector, trace
-from interpreting import interpreted
+from barrel_plant import AT, LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector
 
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2
 from pcpc.plants.atb1000.model import BLOCK, half_sine, prepare
@@ -325,12 +324,6 @@ def test_names_are_unique_and_prepare_fills_every_parameter() -> None:
     prepared = prepare(NOMINAL, 1000.0, 1)
     assert set(prepared.parameters) == {port.name for port in BLOCK.parameters}
     assert set(prepared.states) <= {port.name for port in BLOCK.states}
-
-
-def test_compiled_and_interpreted_steps_give_the_same_bits() -> None:
-    compiled = trace()
-    assert len(compiled) == 2 * 20 * 2 * 8 * (Plant().x.size + Plant().y.size)
-    assert compiled == interpreted("barrel_plant", "t.trace()")
 
 
 def test_a_step_costs_a_small_part_of_its_period() -> None:

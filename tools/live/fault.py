@@ -26,7 +26,9 @@ def command(options: argparse.Namespace) -> int:
     if options.node is not None:
         nodes = [live for live in nodes if options.node in live.names or live.is_of(options.node)]
     if not nodes:
-        raise LiveError("no such node is running; start one with `pcpc run RIG`", Exit.ENVIRONMENT)
+        which = f"{options.node}: no such node" if options.node else "no node"
+        what = f"{which} is running; start one with `pcpc run RIG`"
+        raise LiveError(what, Exit.ENVIRONMENT)
     if len({live.run for live in nodes}) > 1:
         names = ", ".join(live.name for live in nodes)
         raise UserError(f"several rigs run here; choose a node with --node: {names}")

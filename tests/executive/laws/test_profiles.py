@@ -1,7 +1,7 @@
-"""References of any unit: their closed forms, derivatives, joins, and the same bits in Python."""
+"""References of any unit: their closed forms, derivatives and joins."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -40,7 +40,6 @@ def at(
     name: str,
     times: Table | list[float],
     given: Mapping[str, float] | None = None,
-    step: Callable[..., None] | None = None,
 ) -> Table:
     """Return value, rate and acceleration at these times, (n, 3)."""
     block: Block = getattr(profiles, name)
@@ -49,7 +48,7 @@ def at(
     p = np.array([values.get(one, default) for one, default in names], float)
     out, none = np.empty((len(times), 3)), np.zeros(1)
     for row, t in zip(out, times, strict=True):
-        (step or block.step)(float(t), 1e-3, p, none, none, row)
+        block.step(float(t), 1e-3, p, none, none, row)
     return out
 
 
@@ -68,17 +67,6 @@ def test_rate_and_acceleration_are_the_derivatives(name: str) -> None:
         slope = (after - before)[:, order - 1] / (2 * h)
         scale = max(1.0, np.abs(now[:, order]).max())
         assert np.abs(slope - now[:, order]).max() / scale < 1e-6, order
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_compiled_and_interpreted_give_the_same_bits(name: str) -> None:
-    block: Block = getattr(profiles, name)
-
-    def step(t: float, dt: float, *views: Table) -> None:
-        named = zip(block.step.declared, views, "pxuy", strict=True)
-        block.step.py_func(t, dt, *(ports(view, letter) for ports, view, letter in named))
-
-    assert at(name, TIMES).tobytes() == at(name, TIMES, step=step).tobytes()
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -1,16 +1,21 @@
-"""Frames in C: the bits of the loop's own codec and its protection, for every kind of signal."""
+"""Frames in C: the bits of the loop's own codec and its protection, for every kind of signal.
+
+As generated for a rig of classic frames, and for one that has some of CAN FD too.
+"""
 
 import ctypes
 import random
 import shutil
 import struct
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
+from fd_rig import LONG_DBC, fd_rig
 from places import ROOT
 
 from pcpc.drivers.can import codec, dbc, e2e
@@ -64,11 +69,14 @@ def made_up(number: int, draw: random.Random) -> Message | None:
     return message
 
 
-def all_frames() -> list[dbc.Frame]:
+def all_frames(folder: Path, fd: bool) -> list[dbc.Frame]:
     """Return the frames of the project's plants and a few hundred made up."""
     files = [*ROOT.glob("plants/*/*.dbc"), ROOT / "tools/dev/evidence/crc16.dbc"]
-    found = {}
-    for file in sorted(files):
+    if fd:
+        (folder / "long.dbc").write_text(LONG_DBC)
+        files = [folder / "long.dbc", fd_rig(folder).with_suffix(".dbc"), *files]
+    found: dict[str, dbc.Frame] = {}
+    for file in files:
         for message in dbc.load(file).messages:
             found.setdefault(message.name, dbc.frame(message))
     draw = random.Random(18)
@@ -76,16 +84,19 @@ def all_frames() -> list[dbc.Frame]:
     return [*found.values(), *(dbc.frame(message) for message in drawn if message is not None)]
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dbc.Frame], Any]:
+@pytest.fixture(scope="module", params=[False, True], ids=["classic", "fd"])
+def built(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[list[dbc.Frame], Any]:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler; apt-get install gcc libc6-dev")
-    folder, found = tmp_path_factory.mktemp("frames"), all_frames()
-    for name, text in same_files(fd=False).items():
+    folder, fd = tmp_path_factory.mktemp("frames"), request.param
+    found = all_frames(folder, fd)
+    for name, text in same_files(fd=fd).items():
         (folder / name).write_text(text)
     (folder / "frames.h").write_text(in_c.header(found, found))
     (folder / "frames.c").write_text(in_c.source(found, found))
-    rows = "".join(f"    {in_c.info(frame, 1000.0)},\n" for frame in found)
+    rows = "".join(f"    {in_c.info(frame, 1000.0, fd)},\n" for frame in found)
     (folder / "table.c").write_text(
         f'#include "codec.h"\nextern const frame_info infos[];\n'
         f"const frame_info infos[] = {{\n{rows}}};\n"
@@ -116,11 +127,11 @@ def test_pack_and_unpack_give_the_bits_of_the_loop(built: tuple[list[dbc.Frame],
             for i, signal in enumerate(frame.signals):
                 if signal.name == frame.selector:
                     values[i] = signal.factor * layout + signal.offset
-            expected, told = np.zeros(8, np.uint8), np.zeros(8, np.uint8)
+            expected, told = np.zeros(64, np.uint8), np.zeros(64, np.uint8)
             clamped = codec.pack(expected, 0, *where, values)
             ours = getattr(library, f"pack_{name}")(values.ctypes, told.ctypes)
             assert (told.tobytes(), ours) == (expected.tobytes(), clamped), (frame.name, values)
-            data = np.frombuffer(draw.randbytes(8), np.uint8).copy()
+            data = np.frombuffer(draw.randbytes(64), np.uint8).copy()
             data[frame.dlc :] = 0
             if frame.selector:
                 data[:] = expected  # in whose layout there is something
@@ -166,7 +177,7 @@ def test_protection_and_judgement_are_those_of_the_loop(
         counter = 0
         for _ in range(200):
             counter += draw.choice((1, 1, 1, 1, 0, 2, 3, 4, 5, 9))
-            told = np.zeros(8, np.uint8)
+            told = np.zeros(64, np.uint8)
             told[: frame.dlc] = np.frombuffer(draw.randbytes(frame.dlc), np.uint8)
             expected = told.copy()
             e2e.protect(expected, 0, table.frames, counter)

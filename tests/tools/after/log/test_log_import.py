@@ -257,30 +257,3 @@ def test_damaged_input_is_one_line_and_leaves_nothing(kind: str, tmp_path: Path)
     done = run("import", recording, "--dbc", DBC, "-o", out / "o.mcap")
     assert done.code == 2 and done.err.count("\n") == 1 and str(recording) in done.err, done
     assert not list(out.iterdir()), list(out.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["{}/none.log", "--dbc", "{}/car.dbc"], "no such file"),
-        (["{}", "--dbc", "{}/car.dbc"], "Is a directory; give a .log"),
-        (["/dev/null", "--dbc", "{}/car.dbc"], "is no regular file; give a .log"),
-        (["{}/car.dbc", "--dbc", "{}/car.dbc"], "no format is known by this suffix"),
-        (["{}/drive.log", "--dbc", "{}/none.dbc"], "no such file"),
-        (["{}/drive.log", "--dbc", "{}/drive.log"], "not DBC syntax"),
-        (["{}/drive.log", "--dbc", str(DBC)], "it has 0x00000123 (1)"),
-        (["{}/drive.log", "--dbc", "{}/car.dbc", "--node", "ECO"], "did you mean ECU?"),
-        (["{}/drive.log", "--dbc", "{}/car.dbc", "--channel", "can1"], "it has: can0"),
-        (["{}/drive.log", "--dbc", "{}/car.dbc", "-o", "{}/car.dbc"], "exists; choose another"),
-    ],
-)
-def test_wrong_input_is_one_line_with_the_cure(
-    words: list[str], said: str, car: Path, tmp_path: Path
-) -> None:
-    candump(tmp_path, [f"1.0 {ENGINE}#0000000000000000"])
-    given = [word.format(tmp_path) for word in words]
-    out = [] if "-o" in words else ["-o", tmp_path / "new.mcap"]
-    done = run("import", *out, *given)
-    assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["car.dbc", "drive.log"]
-    assert car.read_text() == CAR

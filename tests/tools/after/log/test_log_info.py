@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from json_schemas import holds
-from logcommand import PLANT, Done, barrel_log, run
+from logcommand import PLANT, barrel_log, run
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -168,16 +168,6 @@ def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:
     assert done.code == 2 and "/chatter  7 messages" in done.out, done
     assert "not a log of pcpc" in done.err and done.err.count("\n") == 1, done.err
     assert told(path, code=2)["topics"] == {"/chatter": 7}
-
-
-@pytest.mark.parametrize("content", [None, b"", b"hello, this is text", b"\x89MCAP0\r\n"])
-def test_what_is_no_log_is_one_line(content: bytes | None, tmp_path: Path) -> None:
-    path = tmp_path / "log.mcap"
-    if content is not None:
-        path.write_bytes(content)
-    done: Done = run("info", path)
-    assert done.code == 2 and done.err.count("\n") == 1 and str(path) in done.err, done
-    assert done.out == "", "nothing tells that it was written by others"
 
 
 def test_every_sub_command_has_help_with_an_example() -> None:

@@ -120,34 +120,6 @@ def test_a_run_folder_stands_for_its_log_and_names_it(tmp_path: Path) -> None:
     assert plot.names_of(paths) == ["before", "after"] and patterns == ["controller.e_rad"]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["{log}", "controller.err_rad"], "did you mean controller.e_rad?"),
-        (["{log}", "barel.theta_rad"], "did you mean barrel.theta_rad?"),
-        (["{log}", "nothing.*"], "no variable nothing.*"),
-        (["{log}", "{log}2", "controller.e_rad"], "no such log"),
-        (["controller.e_rad"], "controller.e_rad: no such log"),
-        (["{log}", "{pd}", "*"], "a picture has at most 12"),
-        (["{log}", "time.t_s", "--start", "soon"], "soon: not a duration"),
-        (["{log}", "time.t_s", "-o", "{out}/f.mcap"], "expected .png, .svg, .pdf"),
-        (["{readme}", "time.t_s"], "not an MCAP file"),
-    ],
-)
-def test_wrong_input_is_one_line_and_draws_nothing(
-    words: list[str], said: str, tmp_path: Path
-) -> None:
-    places = {
-        "log": barrel_log(), "pd": barrel_log("pd"), "out": tmp_path,
-        "readme": Path(__file__).parents[4] / "README.md",
-    }  # fmt: skip
-    given = [word.format(**places) for word in words]
-    output = [] if "-o" in given else ["-o", tmp_path / "f.png"]
-    done = run("plot", *output, *given)
-    assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_log_carries_its_evaluation_and_is_drawn_elsewhere_when_trusted(tmp_path: Path) -> None:
     log = spring_run(tmp_path / "spring")
     here = run("plot", log, "-o", tmp_path / "here.png")

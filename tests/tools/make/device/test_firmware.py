@@ -1,4 +1,7 @@
-"""A rig's executive as a device in C: on Linux, and in QEMU on a Cortex-M that speaks slcan."""
+"""A rig's executive as a device in C: on Linux, and in QEMU on a Cortex-M that speaks slcan.
+
+On classic CAN and on CAN FD.
+"""
 
 import ctypes
 import json
@@ -7,11 +10,15 @@ import shutil
 import struct
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import can
 import numpy as np
 import pytest
+from fd_rig import PROBE, fd_rig
 from processes import PCPC, ROOT, Done, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
@@ -24,6 +31,7 @@ pytestmark = pytest.mark.deep
 
 CYCLES = 500
 SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
+SYNC, CMD, FB, HB_EXEC, HB_PLANT = 0x080, 0x0A0, 0x120, 0x701, 0x702
 
 
 def made(folder: Path, target: str) -> None:
@@ -58,19 +66,36 @@ class Held:
     plant: logs.Log
 
 
-@pytest.fixture(scope="module")
-def barrel(tmp_path_factory: pytest.TempPathFactory) -> Held:
-    """Write the barrel's networks as a device, and simulate them."""
-    folder = tmp_path_factory.mktemp("firmware")
-    rig = load_rig(find("hull"), "pd_nn_fast", [f"duration_s={CYCLES / 1000}"])
-    for name, text in device(rig).items():
+def held(folder: Path, rig: str, controller: str | None = None) -> Held:
+    """Write a rig's law as a device, and simulate it."""
+    loaded = load_rig(find(rig), controller, [f"duration_s={CYCLES / 1000}"])
+    for name, text in device(loaded).items():
         (folder / name).write_text(text)
-    words = ("hull", "--controller", "pd_nn_fast", *SHORT)
+    words = (rig, *(("--controller", controller) if controller else ()), *SHORT)
     done = pcpc("simulate", *words, "-o", str(folder / "run"))
     assert done.code == 0, done
     log = logs.read(folder / "run" / "log.mcap")
     plant = logs.Log(log.path, {"plant": log.node["plant"]}, {}, log.metadata, [])
     return Held(words, folder, plant)
+
+
+@pytest.fixture(scope="module")
+def barrel(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Return the barrel's networks as a device."""
+    return held(tmp_path_factory.mktemp("firmware"), "hull", "pd_nn_fast")
+
+
+@pytest.fixture(scope="module")
+def classic(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Return the probe's law as a device."""
+    return held(tmp_path_factory.mktemp("classic"), str(PROBE / "rig.yaml"))
+
+
+@pytest.fixture(scope="module")
+def fd(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Return the same on CAN FD."""
+    folder = tmp_path_factory.mktemp("fd")
+    return held(folder, str(fd_rig(folder, "bus: {bitrate: 1000000, data_bitrate: 5000000}")))
 
 
 def with_device(held: Held, folder: Path, *device: str, pacing: str = "lockstep") -> Done:
@@ -85,19 +110,22 @@ def in_qemu(held: Held, target: str) -> list[str]:
     return [PCPC, "slcan", "{bus}", "--", "sh", str(held.folder / "qemu.sh"), target]
 
 
-@pytest.mark.parametrize("target", ["linux", "m7", "m4"])
+@pytest.mark.parametrize(
+    ("name", "target"), [("barrel", "linux"), ("barrel", "m7"), ("barrel", "m4"), ("fd", "linux")]
+)
 def test_a_generated_device_gives_the_bits_of_the_executive(
-    target: str, barrel: Held, tmp_path: Path
+    name: str, target: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    made(barrel.folder, target)
-    linux = [str(barrel.folder / "linux"), "{bus}"]
-    device = linux if target == "linux" else in_qemu(barrel, target)
-    done = with_device(barrel, tmp_path / "run", *device)
+    held: Held = request.getfixturevalue(name)
+    made(held.folder, target)
+    linux = [str(held.folder / "linux"), "{bus}"]
+    device = linux if target == "linux" else in_qemu(held, target)
+    done = with_device(held, tmp_path / "run", *device)
     assert done.code == 0, done
     log = logs.read(tmp_path / "run" / "log.mcap")
-    report = diff.compare(barrel.plant, log)
+    report = diff.compare(held.plant, log)
     assert report.equal, report
-    assert report.frames > 5 * CYCLES
+    assert report.frames > (5 if name == "barrel" else 3) * CYCLES
     assert done.summary["device"]["frames"]["CMD"] == {"received": CYCLES + 1, "ok": CYCLES + 1}
     assert done.summary["device"]["problems"] == []
     replayed = pcpc("replay", str(tmp_path / "run"), "--node", "device", "--json")
@@ -105,6 +133,54 @@ def test_a_generated_device_gives_the_bits_of_the_executive(
     (told,) = json.loads(replayed.out)
     assert (told["cycles"], told["identical"]) == (CYCLES, True)
     assert told["frames"] > 2 * CYCLES
+
+
+LONG = {"is_fd": True, "bitrate_switch": True}
+CHANGES: dict[str, dict[str, Any]] = {
+    "classic": {}, "classic cut": {"data": bytes(7)}, "classic as fd": LONG,
+    "fd": LONG, "fd error passive": LONG | {"error_state_indicator": True},
+    "fd as classic": {"data": bytes(8)}, "fd without a switch": LONG | {"bitrate_switch": False},
+    "fd cut": LONG | {"data": bytes(48)},
+}  # fmt: skip
+TAKEN = "classic", "fd", "fd error passive"
+
+
+@pytest.mark.parametrize("feedback", CHANGES)
+def test_it_takes_feedback_of_its_kind_only(feedback: str, request: pytest.FixtureRequest) -> None:
+    """The plant's recorded feedback answers each SYNC."""
+    kind = feedback.partition(" ")[0]
+    held: Held = request.getfixturevalue(kind)
+    made(held.folder, "linux")
+    frames = held.plant.node["plant"].frames
+    mine = frames[(frames["direction"] == 0) & (frames["id"] == FB)][:60]
+    data = [row["data"][: row["dlc"]].tobytes() for row in mine]
+    bus = own_bus()
+    _, group, port = bus.split(":")
+    with can.Bus(interface="udp_multicast", channel=group, port=int(port)) as end:
+        process = subprocess.Popen([str(held.folder / "linux"), bus, "100"])
+        try:
+            heard = list(answers(end, data, CHANGES[feedback]))
+        finally:
+            process.kill()
+            process.wait()
+    commands = [one for one in heard if one.arbitration_id == CMD]
+    assert {one.is_fd and one.bitrate_switch for one in commands} <= {kind == "fd"}
+    assert {len(one.data) for one in commands} <= {48 if kind == "fd" else 8}
+    assert (len(commands) > 40) is (feedback in TAKEN), len(commands)
+    assert not any(one.is_fd for one in heard if one.arbitration_id == HB_EXEC)
+
+
+def answers(end: can.BusABC, data: list[bytes], change: dict[str, Any]) -> Iterator[can.Message]:
+    """Yield what the device sends, until it is silent or all data was sent."""
+    while (message := end.recv(20.0 if len(data) == 60 else 1.0)) is not None:
+        yield message
+        if message.arbitration_id == HB_EXEC:
+            end.send(can.Message(arbitration_id=HB_PLANT, is_extended_id=False, data=b"\5"))
+        if message.arbitration_id == SYNC:
+            if not data:
+                return
+            told = {"data": data.pop(0), **change}
+            end.send(can.Message(arbitration_id=FB, is_extended_id=False, **told))
 
 
 def test_a_replay_by_another_law_differs_from_the_device(barrel: Held, tmp_path: Path) -> None:

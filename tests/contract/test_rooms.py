@@ -77,7 +77,19 @@ ROOMS = (
     Room("live/watchdog", ("run", "watched.yaml"), "not in this installation", 4),
     Room("live/xcp", ("xcp",), "no such command"),
     Room("make/device", ("plant", "probe", "--device", "true"), "no option --device"),
+    Room("after/bisect", ("bisect", "hull", "a", "b"), "no such command"),
+    Room("after/branch", ("branch", "latest"), "no such command"),
+    Room("after/compare", ("compare", "a", "b"), "no such command",
+         goes_with=("after/bisect", "after/branch"), names=("Comparison", "compare")),
+    Room("after/step", ("step", "latest"), "no such command"),
+    Room("after/verify", ("verify", "latest"), "no such command"),
+    Room("live/top", ("top",), "no such command"),
+    Room("machine/doctor", ("doctor",), "no such command"),
+    Room("machine/vm", ("vm",), "no such command", goes_with=("machine/doctor",)),
+    Room("study/experiment", ("experiment", "approximation"), "no such command",
+         goes_with=("study/book/rivals.py", "study/book/rough.py", "study/margin/book/tuning.py")),
 )  # fmt: skip
+STAYS = "after/log", "machine/jitter", "start/bus"  # others stand on them
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +152,14 @@ def commands_in(folder: str) -> set[str]:
     modules = (file.relative_to(ROOT).with_suffix("").as_posix() for file in files)
     found = [import_module(f"pcpc.{name.replace('/', '.')}").COMMANDS for name in modules]
     return {command.name for commands in found for command in commands}
+
+
+def test_every_room_is_taken_out_here_or_stays() -> None:
+    files = (ROOT / "tools").glob("*/**/commands.py")
+    rooms = {file.parent.relative_to(ROOT / "tools").as_posix() for file in files}
+    rooms = {name for name in rooms if "/" in name}
+    known = {room.folder for room in ROOMS if not room.folder.startswith("dev/")}
+    assert rooms == known | {*STAYS}
 
 
 @pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.folder)

@@ -153,8 +153,3 @@ def test_what_is_not_finite_is_null_and_a_fault_is_reset(live: pcpc.Live) -> Non
     assert [*told("reset", NAME)] == [executive]
     assert [*told("stop", NAME, "--quick")] == [executive]
     live.wait(WITHIN_S)
-
-
-def test_what_needs_a_run_prints_no_json_without_one() -> None:
-    for words in (["get", GAIN], ["arm"], ["fault"], ["undo"], ["handover", "second"]):
-        refused(4, *words, "--node", "nobody.none.executive")

@@ -1,22 +1,23 @@
-"""Words that a command can read and cannot follow: one line says why, and nothing is left behind.
+"""Words that a command can read and cannot follow, a table a command, as typed beside FILES.
 
-A table a command, as it is typed beside the files below. What no command can read is in
-test_wrong_words; each row is its words, what the answer says, and its exit code, 2 where none is.
+Each row is its words, what the answer says, and its exit code, 2 where none is. What no command
+can read is made up in test_words.
 """
 
-from collections.abc import Callable
-from pathlib import Path
-
-import pytest
-from logcommand import barrel_log
-from processes import ROOT, own_bus
+from places import ROOT
+from processes import own_bus
 
 Row = tuple[str, str] | tuple[str, str, int]
 FILES = {
     "text": "rate_hz: 1000\n", "empty.mcap": "", "T": "x",
     "full/file": "mine", "bad/log.mcap": "no log",
-    "motor.yaml": f"base: {ROOT}/tools/make/template/rig.yaml\n",
+    "motor.yaml": f"base: {ROOT}/tools/make/template/rig.yaml\n", "cut.mcap": "\x89MCAP0\r\n",
+    "wild.yaml": f"base: {ROOT}/plants/probe/rig.yaml\nrig: wild\nwatchdog: {{}}\n",
+    "drive.log": "(1.0) can0 123#0000000000000000\n",
+    "car.dbc": "BU_: ECU\nBO_ 291 ENGINE: 8 ECU\n SG_ speed : 0|16@1+ (1,0) [0|0] \"\" ECU\n",
 }  # fmt: skip
+NOBODY = "--node nobody.none.executive"
+NO_NODE = "nobody.none.executive: no such node is running; start one with `pcpc run RIG`"
 TABLES: dict[str, list[Row]] = {
     "branch log.mcap -o out --quiet": [
         ("", "which cycle? give --cycle N or --time S"),
@@ -137,6 +138,7 @@ TABLES: dict[str, list[Row]] = {
         ("log.mcap --step --loop", "leave out one"),
     ],
     "jitter -q": [
+        ("--rounds 3 --rounds 4", "pcpc jitter: --rounds: given twice, with two"),
         ("-i 49us", "-i 49us: expected whole us from 50us to 1s"),
         ("-i 1001ms", "-i 1001ms: expected whole us from 50us to 1s"),
         ("-i 100.5", "-i 100.5: expected whole us"),
@@ -164,6 +166,11 @@ TABLES: dict[str, list[Row]] = {
         ("--accel xen -- true", "known: auto, kvm, tcg"),
     ],
     "bus emulate": [
+        ("vcan0 vcan1 --rate 2kHz", "--rate: about a rig; emulate has none"),
+        ("vcan0 vcan1 --set bus.queue=1", "--set: about a rig; emulate has none"),
+        ("vcan0 vcan1 --any-phase", "--any-phase: about a rig; emulate has none"),
+        ("vcan0 vcan1 --errors=", "--errors : : expected p=1e-5,burst=2,seed=7"),
+        ("a b --errors p=1e-5,p=1e-4", "--errors p=1e-5,p=1e-4: p: given twice"),
         ("vcan0", "expected two buses"),
         ("auto vcan0", "name the bus"),
         ("udp_multicast:239.74.163.9:43777 udp_multicast:239.74.163.9:43777", "both are one bus"),
@@ -177,6 +184,10 @@ TABLES: dict[str, list[Row]] = {
         ("vcan0 vcan1 --data-bitrate 500k", "slower than the nominal 1000000"),
     ],
     "bus hull": [
+        ("--queue 3", "--queue: only with emulate"),
+        ("--queue 64", "--queue: only with emulate"),
+        ("--errors p=0", "--errors: only with emulate"),
+        ("--for 2s", "--for: only with emulate"),
         ("--bitrate 0", "expected a rate like 500k, 2M, got '0'"),
         ("--bitrate fast", "expected a rate like 500k, 2M, got 'fast'"),
         ("--rate 2kbit/s", "expected a rate like 500, 2kHz, got '2kbit/s'"),
@@ -264,32 +275,124 @@ TABLES: dict[str, list[Row]] = {
         ("--foxglove hull", "pcpc host hull --foxglove"),
         ("--foxglove --address 192.0.2.9 --plain", "192.0.2.9:8765: ", 4),
     ],
+    "bounds": [("text", "text:1:1: key rig is missing"), ("nowhere", "no rig of this name")],
+    "fit": [
+        ("probe text --parameter x", "x: the plant has no such setting; known: lag.tau_s"),
+        ("probe text --parameter lag.tau_s", "text: not an MCAP file"),
+    ],
+    "margin": [("hull --lowest 9999", "--lowest 9999 Hz: expected 0.001 to 125 Hz, an eighth of")],
+    "experiment": [("nosuch", "nosuch: no such experiment; expected ")],
+    "bisect": [("hull nosuch HEAD", "nosuch: git: Needed a single revision")],
+    "log info": [
+        ("absent.mcap", "absent.mcap: no such log"), ("empty.mcap", "empty.mcap: "),
+        ("text", "text: not an MCAP file"), ("cut.mcap", "cut.mcap: "),
+    ],
+    "log cat": [("text", "not an MCAP file"), ("log.mcap --format x", "csv, ndjson, candump")],
+    "log diff": [
+        ("log.mcap text", "text: not an MCAP file (begins with b'rate_hz:'); give a log that pcpc"),
+        ("log.mcap absent", "absent: no such log"),
+        ("log.mcap log.mcap nix", "no variable nix"),
+    ],
+    "log recover": [
+        ("text -o a.mcap", "text: not an MCAP file"),
+        ("log.mcap -o log.mcap", "log.mcap: exists; choose another name with -o"),
+    ],
+    "log export": [
+        ("log.mcap -o a.xyz", "a.xyz: no known suffix; use .log, .blf"),
+        ("absent -o a.csv", "absent: no such log"),
+    ],
+    "log import": [
+        ("none.log --dbc car.dbc -o new.mcap", "no such file"),
+        (". --dbc car.dbc -o new.mcap", "Is a directory; give a .log"),
+        ("/dev/null --dbc car.dbc -o new.mcap", "is no regular file; give a .log"),
+        ("car.dbc --dbc car.dbc -o new.mcap", "no format is known by this suffix"),
+        ("drive.log --dbc none.dbc -o new.mcap", "no such file"),
+        ("drive.log --dbc text -o new.mcap", "not DBC syntax"),
+        (f"drive.log --dbc {ROOT}/plants/atb1000/atb1000.dbc -o new.mcap", "it has 0x123 (1)"),
+        ("drive.log --dbc car.dbc -o new.mcap --node ECO", "did you mean ECU?"),
+        ("drive.log --dbc car.dbc -o new.mcap --channel can1", "it has: can0"),
+        ("drive.log --dbc car.dbc -o car.dbc", "exists; choose another"),
+    ],
+    "log require log.mcap --require": [
+        ("x", "--require: unknown key"), ("'always: nix < 1'", "no variable nix"),
+    ],
+    "log plot -o f.png": [
+        ("log.mcap controller.err_rad", "did you mean controller.e_rad?"),
+        ("log.mcap barel.theta_rad", "did you mean barrel.theta_rad?"),
+        ("log.mcap nothing.*", "no variable nothing.*"),
+        ("log.mcap no/log.mcap controller.e_rad", "no such log"),
+        ("controller.e_rad", "controller.e_rad: no such log"),
+        ("log.mcap log.mcap *", "a picture has at most 12"),
+        ("log.mcap time.t_s --start soon", "soon: not a duration"),
+        ("text time.t_s", "not an MCAP file"),
+    ],
+    "log plot": [
+        ("log.mcap time.t_s -o f.mcap", "expected .png, .svg, .pdf"),
+        ("latest -o a.png --output b.png", "pcpc log plot: --output: given twice"),
+    ],
+    "log animate": [("text -o a.gif", "text: not an MCAP file")],
+    "dbc": [("probe -o no/x.dbc", "-o no/x.dbc: there is no folder no; choose another file")],
+    "a2l": [("nowhere", "nowhere: no file and no rig of this name")],
+    "slcan": [
+        ("nix", "pcpc slcan: give a serial line, or -- and a program"),
+        ("vcan0 /nowhere", "/nowhere: No such file or directory; give a serial line"),
+    ],
+    "generate fmu": [("nowhere", "nowhere: no file and no rig of this name")],
+    "help": [("nosuch", "pcpc help nosuch: no such group; known: start, run, live, after")],
+    "completion": [("fisch", "did you mean fish?")],
+    "doctor": [("--bus nix", "pcpc doctor: no option --bus")],
+    "plant": [("hull --device ./none", "--device ./none: no such program, or it is not exec")],
+    "exec": [("hull --pacing virtual", "'virtual' is not known; known: real, sync, lockstep")],
+    "local": [("hull", "hull.yaml: has no local node; use exec and plant")],
+    "watchdog": [("wild.yaml", "wild.yaml:3:1: watchdog: a watchdog needs a frame that stops")],
+    "top": [
+        ("nobody", "nobody: no file and no rig of this name"),
+        ("--once --every 1s", "--every: contradicts --once"),
+        ("--at bench --ca x.pem --once --plain --token-file=t", "ssh -t bench pcpc top --once"),
+    ],
+    "stop": [
+        ("nobody", "nobody: no file and no rig of this name"),
+        ("--plain --quick", "--at is gone; run it there: ssh -t HOST pcpc stop --quick"),
+    ],
+    "reset": [("nobody", "nobody: no file and no rig of this name")],
+    "xcp": [("nobody", "nobody: no such node is running", 4)],
+    "get": [
+        (f"x {NOBODY}", NO_NODE, 4), (f"x {NOBODY} --json", NO_NODE, 4),
+        ("a --at bench:8642", "--at is gone; run it there: ssh -t bench pcpc get a"),
+        ("a --at=[fd00::7]:86", "--at is gone; run it there: ssh -t fd00::7 pcpc get a"),
+        ("a --ca=--", "pcpc get: --ca '--': expected a value"),
+    ],
+    "list": [(f"x {NOBODY}", NO_NODE, 4)],
+    "set": [(f"x=1 {NOBODY}", NO_NODE, 4)],
+    "save": [(f"a.yaml {NOBODY}", NO_NODE, 4)],
+    "undo": [(f"{NOBODY} --json", NO_NODE, 4), ("0", "expected a positive whole number")],
+    "watch": [(f"x {NOBODY}", NO_NODE, 4)],
+    "scope -o a.mcap": [
+        (f"x --trigger 'x > 1' {NOBODY}", NO_NODE, 4),
+        ("x --trigger 'x >'", "--trigger: 'x >' is not an expression"),
+    ],
+    "lock": [(f"none {NOBODY}", NO_NODE, 4)],
+    "arm": [(f"{NOBODY} --json", NO_NODE, 4)],
+    "hold": [(f"{NOBODY}", NO_NODE, 4)],
+    "resume": [(f"{NOBODY}", NO_NODE, 4)],
+    "handover": [(f"pd {NOBODY} --json", NO_NODE, 4)],
+    "fault": [
+        (f"x {NOBODY} --json", NO_NODE, 4),
+        ("--end", "--end: of which fault? give its NAME"),
+        ("--for 1s", "--for: of which fault? give its NAME"),
+        ("x --end --value 2", "--value: contradicts --end"),
+    ],
     "": [
+        ("check hull --standby=", "pcpc check: --standby '': names no controller"),
+        ("check hull --standby=--", "pcpc check: --standby '--': expected a value"),
+        ("check hull --set=--", "pcpc check: --set '--': expected a value"),
+        ("check hull --controller pd --controller pid", "pcpc check: --controller: given"),
+        ("run hull -o a -o b", "pcpc run: -o: given twice, with two values"),
+        ("check nowhere --json", "nowhere: no file and no rig of this name"),
+        ("bus nowhere --json", "nowhere: no file and no rig of this name"),
         ("", "pcpc: no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"),
         ("rnu hull", "pcpc rnu: no such command; did you mean run?"),
         ("rigs fricton-a", "did you mean friction-a?"),
         ("load nowhere.yaml", "nowhere.yaml: no such file"),
     ],
 }  # fmt: skip
-DEEP = "branch", "generate", "replay", "step"  # but for their first rows
-CASES = [
-    pytest.param(
-        (f"{command} {words}", said, *code),
-        marks=pytest.mark.deep if k > 2 and command.startswith(DEEP) else pytest.mark.quick,
-        id=" ".join([*command.split()[:2], words])[:50],
-    )
-    for command, rows in TABLES.items()
-    for k, (words, said, *code) in enumerate(rows)
-]
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_words_that_cannot_be_followed_are_a_line(
-    case: Row, refused: Callable[..., None], tmp_path: Path
-) -> None:
-    for name, text in FILES.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "log.mcap").hardlink_to(barrel_log("pd"))
-    refused(*case)

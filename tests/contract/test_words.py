@@ -1,13 +1,16 @@
-"""Wrong words to every command that the registry knows: one line, its place, a cure, exit code 2.
+"""Wrong words to every command that the registry knows: one line, its place, a cure, exit code.
 
-The wrong words are made of what each command says that it takes. Nothing is left behind.
+What no command can read is made up of what each says that it takes. What it can read and cannot
+follow is in refused_words: a command without rows there fails. Nothing is left behind.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from logcommand import barrel_log
+from refused_words import FILES, TABLES
 
 from pcpc.tools import cli
 from pcpc.tools.cli import main
@@ -15,6 +18,18 @@ from pcpc.tools.cli import main
 Words = tuple[str, ...]
 Screen = pytest.CaptureFixture[str]
 PARTS = argparse._SubParsersAction
+READ_ON = "vm", "slcan", "plant"  # behind the words that they know they take a program
+DEEP = "branch", "generate", "replay", "step"  # but for their first rows
+ROWS = [(f"{command} {words}", *more) for command, rows in TABLES.items() for words, *more in rows]
+REFUSED = [
+    pytest.param(
+        (f"{command} {words}", *more),
+        marks=pytest.mark.deep if k > 2 and command.startswith(DEEP) else pytest.mark.quick,
+        id=" ".join([*command.split()[:2], words])[:50],
+    )
+    for command, rows in TABLES.items()
+    for k, (words, *more) in enumerate(rows)
+]
 
 
 def leaves(parser: argparse.ArgumentParser, path: Words = ()) -> Iterator[tuple[Words, list]]:
@@ -45,6 +60,14 @@ def wrong_words() -> Iterator[tuple[Words, str]]:
         if needed:
             yield path, f"required: {needed[0].metavar or needed[0].dest}"
         yield (*path, "--nosuchoption"), "no option --nosuchoption"
+        places = [a for a in actions if not a.option_strings]
+        if all(a.nargs in (None, 1, "?") for a in places) and path[-1] not in READ_ON:
+            filled = (
+                str(next(iter(a.choices or ["1" if a.metavar == "N" else "model.py"])))
+                for a in places
+            )
+            needed = [f"{option(a)}=a.csv" for a in actions if a.option_strings and a.required]
+            yield (*path, *filled, "extra", *needed), "'extra' is a word too many"
         new = [a for a in actions if (option(a), str(a.metavar)) not in seen]
         seen |= {(option(a), str(a.metavar)) for a in new if a.option_strings}
         for action in (a for a in new if a.option_strings):
@@ -147,3 +170,28 @@ def near_names() -> Iterator[tuple[Words, str]]:
 @pytest.mark.parametrize(("words", "said"), list(near_names()))
 def test_a_near_name_is_proposed(words: Words, said: str, folder: Path, capsys: Screen) -> None:
     assert said in answer(words, capsys)
+
+
+def test_every_command_has_words_of_both_kinds() -> None:
+    made_up = {words[: len(path)] for words, _ in CASES for path in LEAVES}
+    assert not LEAVES.keys() - made_up
+    written = [tuple(line.split()) for line, *_ in ROWS]
+    without = {path for path in LEAVES if all(row[: len(path)] != path for row in written)}
+    assert not without, "write rows for them into refused_words"
+
+
+@pytest.mark.parametrize("row", REFUSED)
+def test_words_that_cannot_be_followed_are_a_line(
+    row: tuple[str, ...], refused: Callable[..., None], tmp_path: Path
+) -> None:
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(text.encode("latin-1"))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "log.mcap").hardlink_to(barrel_log("pd"))
+    refused(*row)
+
+
+def test_an_option_given_twice_with_one_value_is_no_mistake(capsys: Screen) -> None:
+    assert main(["bus", "hull", "--rate", "500Hz", "--rate", "500", "--json", "--json"]) == 0
+    assert '"rate_hz": 500.0' in capsys.readouterr().out
