@@ -65,7 +65,12 @@ def friction_arm(seed: int) -> Made:
     lam, kv = np.array([2.0, 3.0]), np.array([4.0, 6.0])
     s, t, e, kappa, kz, z_b = 3.0, 2.0, 5.0, 0.7, 0.3, 9.0
     found, q, x, r = arm(free, lam)
-    phi = free.wave(4)
+    phi, project = free.wave(4), seed % 4 == 0
+    own = np.array([[1, 0], [0, 0], [0, 1], [0, 0]]) * project > 0
+
+    def own_kept(w2: Vector, slope: Vector) -> Vector:
+        """Return w2' where no own-joint step falls below 0, if it is to be kept from that."""
+        return np.where(own, np.maximum(slope, -w2 / T), slope)
 
     def slopes(k: int, w1: Vector, v: Vector, w2: Vector) -> tuple[Vector, Vector, Vector]:
         nodes = logistic(v.T @ x[k])
@@ -74,12 +79,11 @@ def friction_arm(seed: int) -> Made:
         return (
             s * (np.outer(flat, r[k]) - leak * w1),
             t * (np.outer(x[k], slope * (w1[1:] @ r[k])) - leak * v),
-            e * (np.outer(phi[k], r[k]) - leak * w2),
+            own_kept(w2, e * (np.outer(phi[k], r[k]) - leak * w2)),
         )
 
-    w1, v, w2 = stepped(
-        (free.numbers(nodes + 1, 2), free.numbers(11, nodes), free.numbers(4, 2)), slopes
-    )
+    first = np.where(own, 0.0, free.numbers(4, 2))
+    w1, v, w2 = stepped((free.numbers(nodes + 1, 2), free.numbers(11, nodes), first), slopes)
     asked = np.array(
         [
             kv * r[k]
@@ -96,7 +100,8 @@ def friction_arm(seed: int) -> Made:
     found |= weights("w1", w1, 17, 2) | weights("w2", w2, 4, 2)
     found |= weights("v", v, 11, 16, first=free.numbers(11, nodes))
     found |= state(LAW + "phi", phi)
-    found |= law(nodes=3.0, kappa=kappa, kz=kz, z_bound=z_b, jump_nodes=1.0)
+    found |= law(nodes=3.0, kappa=kappa, kz=kz, z_bound=z_b)
+    found |= law(jump_nodes=3.0 if project else 1.0)
     found |= {"plant:arm.gravity_m_s2": 9.0, "plant:arm.friction_model": 1.0}
     sizes = {"coulomb_{}_Nm": 0.3, "stiction_{}_Nm": 0.2, "viscous_{}_Nm": 0.4}
     sizes |= {"beta1_{}_s_rad": 5.0, "beta2_{}_s_rad": 2.0}

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from made_arms import deadzone_arm, friction_arm, payload_arm, telerobot
+from made_arms import deadzone_arm, friction_arm, payload_arm, square, telerobot
 from made_runs import (
     LAW,
     Free,
@@ -41,13 +41,15 @@ def backlash_pendulum(seed: int) -> Made:
 
     w, v = stepped((free.numbers(11), free.numbers(6, 10)), slopes)
     y = np.array([w[k] @ np.concatenate(([1.0], logistic(v[k].T @ x[k]))) for k in range(N)])
+    sizes = np.array([square(w[k], v[k]) for k in range(N)])
     found = weights("w", w) | state(LAW + "x", x)
     found |= weights("v", v, first=free.numbers(6, 10))
     found |= under("executive:reference.", q_d_rad=q_d, q_d_rate_rad_s=q_d_rate)
     found |= under(plant, q_rad=q, rate_rad_s=r[:N, 0] - lam * (q - q_d) + q_d_rate)
     found |= under(plant, torque_Nm=tau, acting_Nm=late(u), time_constant_s=1.5)
     found |= under(plant, mass_kg=2.0, gravity_m_s2=3.0, length_m=0.5)
-    found |= law(tau_d_Nm=tau_d, u_Nm=u, command_Nm=u, network_Nm_s=y, robust_Nm_s=free.wave())
+    found |= law(tau_d_Nm=tau_d, u_Nm=u, command_Nm=u, network_Nm_s=y)
+    found |= law(robust_Nm_s=0.3 * (np.sqrt(sizes) + 8.0) * tt)
     found |= law(lam_per_s=lam, kv_Nms_rad=kv, kb_per_s=kb, kz1_per_s=0.3, z_bound=8.0)
     found |= law(kappa=kappa, network_on=1.0, robust_on=1.0)
     found |= law(model_gravity_Nm=3.0, model_time_constant_s=1.5)
