@@ -64,7 +64,9 @@ def barrel(seed: int) -> Made:
     error = np.where(np.arange(N) % 7 == 0, 1e-5, 1e-3)
     q_d[2][np.arange(N) % 14 == 0] = 0.0
     rests = np.arange(N) % 14 == 0
-    r_t = np.where(rests, 0.0, np.clip(seen, -0.3, 0.3))
+    seen[::2] *= -1.0
+    engaged = np.arange(N) >= 30
+    r_t = np.where(rests | ~engaged, 0.0, np.clip(seen, -0.3, 0.3))
     x, phi = free.wave(7), free.wave(15)
     phi[:, 0], phi[:, 1:11] = 1.0, logistic(phi[:, 1:11])
 
@@ -85,7 +87,7 @@ def barrel(seed: int) -> Made:
         "executive:reference.", q_d_rad=q_d[0], q_d_rate_rad_s=q_d[1], q_d_acc_rad_s2=q_d[2]
     )
     found |= law(lam_per_s=lam, kv_Nms_rad=kv, kz=kz, z_bound=z_b, kappa=kappa, tau_max_Nm=9.0)
-    found |= law(e_rad=error, r_rad_s=seen, network_on=1.0, tau_Nm=free.wave())
+    found |= law(e_rad=error, r_rad_s=seen, network_on=1.0 * engaged, tau_Nm=free.wave())
     found |= weights("w", w) | state(LAW + "x", x) | state(LAW + "phi", phi)
     found |= weights("v", v, first=free.numbers(7, 10))
     return Made(found, {"f_rate": f, "fj_rate": fj, "g_rate": g})
@@ -197,11 +199,15 @@ def map_chains(seed: int) -> Made:
     return Made(found, {"alpha": alpha})
 
 
+WIDE = 21  # a seed of nodes that the theorem does not have, |s|^2 above 2/alpha
+
+
 def backlash_map(seed: int) -> Made:
     """W by (3) of the proof; of tau (2), where play does the most it can."""
     free, alpha, gam, m, lam, kb, cr = Free(seed), 0.05, 0.3, 1.3, 0.5, 0.4, -0.2
     x1, x2, goal, foretold = (free.numbers(N) for _ in range(4))
     s, tau_d, tau = free.numbers(N, 12) / 2.0, free.numbers(N), free.numbers(N)
+    s *= 4.0 if seed == WIDE else 1.0
     r = x2 - goal + lam * (x1 - late(goal))
     w = [free.numbers(12)]
     for k in range(N - 1):

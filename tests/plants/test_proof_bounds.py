@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 from made_arms import links
-from made_runs import LAW, N, logistic
+from made_runs import LAW, N
 from made_systems import MADE
 from test_proofs import SEEDS, account, made, proof_of
 
 from pcpc.plants.deadzone_arm.book import theorem as deadzone_arm
-from pcpc.plants.families.two_link.book.theory import forward_torque, motion
+from pcpc.plants.families.two_link.book.theory import motion
 from pcpc.plants.friction_arm.book import theorem as friction_arm
 from pcpc.plants.payload_arm.book import theorem as payload_arm
-from pcpc.plants.quarter_car.book import theorem as quarter_car
 from pcpc.plants.telerobot.book import theorem as telerobot
 from pcpc.plants.telerobot.equations import A21, A22
-from pcpc.plants.theorem import fitted_weights
+from pcpc.plants.theorem import NoTheorem
 from pcpc.plants.weights import Layer, Vector
 
 each = pytest.mark.parametrize("plant", MADE)
@@ -77,15 +76,61 @@ def test_what_a_map_forgets_beside_its_leak_is_extra() -> None:
     assert proof.constants.extra == proof.extra.max() > 0.0
 
 
-def test_maps_know_how_far_they_can_be_off() -> None:
+@pytest.mark.parametrize("x1", [None, -9.0])
+def test_maps_know_how_far_they_can_be_off(x1: float | None) -> None:
     """0.3 is what both models are off by, 1.25 times that of the run the range."""
     one, two = made("deadzone_map", 2), made("map_chains", 2)
-    far = float(np.abs(one["plant:map.x1"][1:]).max())
-    assert account("deadzone_map", 2).proof.constants.c0 == pytest.approx(0.3 * 1.25 * far + 0.7)
+    far = float(np.abs(one["plant:map.x1"][1:]).max()) if x1 is None else 9.0
+    found = proof_of("deadzone_map", 2, {} if x1 is None else {".x1": x1}).constants.c0
+    assert found == pytest.approx(0.3 * 1.25 * far + 0.7)
     names = [f"plant:chains.{chain}_x{i}" for chain in "ab" for i in (1, 2, 3)]
-    far = max(float(np.abs(two[name][1:]).max()) for name in names)
-    found = account("map_chains", 2).proof.constants.c0
+    far = max(float(np.abs(two[name][1:]).max()) for name in names) if x1 is None else 9.0
+    found = proof_of("map_chains", 2, {} if x1 is None else {".b_x1": x1}).constants.c0
     assert found == pytest.approx(math.sqrt(2.0) * 0.6 * 1.25 * far + math.hypot(0.5, 0.8))
+
+
+@pytest.mark.parametrize("r", [1.0, 1.2, -1.0, -1.2])
+def test_the_error_of_a_map_is_below_that_of_its_sum(r: float) -> None:
+    """Of a run in which all rests: 0.9/(1 - |0.4 - 0.2|) is 1.125."""
+    still = {".now": 0.0, ".x1": 0.0, ".tau_d": 0.0, ".x2": r}
+    asked = proof_of(
+        "backlash_map", 2, {**still, "map.tau": -math.copysign(0.9, r) - 0.2 * r}
+    ).asked
+    (found,) = (one for one in asked if one.what.startswith("|r| <="))
+    assert found.holds == (abs(r) < 1.125) and found.found.endswith("of 1.12"), found
+
+
+@pytest.mark.parametrize(
+    ("plant", "changed"),
+    [
+        ("map_chains", {".a_gap": 0.1}),
+        ("map_chains", {".b_gap": 0.1}),
+        ("quarter_car", {".strut": 0.0}),
+        ("telerobot", {".local_law": 2.0}),
+    ],
+)
+def test_another_system_or_law_has_no_theorem(plant: str, changed: dict[str, Any]) -> None:
+    with pytest.raises(NoTheorem):
+        proof_of(plant, 2, changed)
+
+
+@pytest.mark.parametrize(
+    ("plant", "name"),
+    [
+        *((plant, ".acting_2_Nm") for plant in ("deadzone_arm", "payload_arm", "telerobot")),
+        *(("friction_arm", name) for name in (".acting_2_Nm", ".friction_2_Nm")),
+        ("payload_arm", ".outer_mass_kg"),
+        ("telerobot", ".mass_kg"),
+    ],
+)
+def test_what_acts_in_a_cycle_is_told_by_the_next(plant: str, name: str) -> None:
+    """A proof begins with the second row: what row 50 tells belongs to row 49, its 48th."""
+    (own,) = (values for one, values in made(plant, 2).columns.items() if one.endswith(name))
+    hit = proof_of(plant, 2, {name: np.where(np.arange(N) == 50, 1e3, own), **QUIET.get(plant, {})})
+    assert int(np.argmax(hit.rest)) == 48
+
+
+QUIET = {"payload_arm": {".kz": 0.0}}
 
 
 def test_a_barrel_whose_reference_is_smooth_loses_nothing_within_a_cycle() -> None:
@@ -141,6 +186,19 @@ def test_what_the_critic_leaves_of_its_damping_is_all_that_there_is() -> None:
     assert payload_arm.damping(run, np.array([0.0, 0.1])) == (0.0, 0.0)
 
 
+def test_the_critic_counts_what_it_adds_to_the_error() -> None:
+    proof, run = account("payload_arm", 2).proof, made("payload_arm", 2)
+    r = motion(run.cycles(), np.array([2.0, 2.0])).r
+    sc = np.stack([run[f"{LAW}sc_{i}"][1:] for i in (0, 1)], axis=1)
+    sway = float(np.linalg.norm(sc - r, axis=1).max())
+    assert proof.constants.extra == pytest.approx(0.7 * 0.2 + sway * proof.constants.c0)
+    s1 = np.array([run[f"{LAW}s1_{i}"][1:] for i in range(10)])
+    _, mu = payload_arm.damping(run.cycles(), np.linalg.norm(s1, axis=0))
+    assert proof.constants.other_rate == mu < np.inf
+    wide = payload_arm.damping(run.cycles(), np.array([1.4, 0.9]))
+    assert wide[0] > payload_arm.damping(run.cycles(), np.array([0.9]))[0] - 1e-12
+
+
 def test_the_identifiers_damping_is_against_p_which_solves_its_equation() -> None:
     system = np.array([[0.0, 1.0], [A21, A22]])
     assert np.allclose(system.T @ telerobot.P + telerobot.P @ system, -telerobot.Q)
@@ -164,196 +222,3 @@ def test_inertia_is_within_its_eigenvalues_at_both_ends_of_the_elbow() -> None:
         found = account(plant, 2).proof.constants
         ends = np.linalg.eigvalsh(links().inertia(np.array([[0.0, 0.0], [0.0, np.pi]])))
         assert (found.low, found.high) == pytest.approx((ends.min(), ends.max()))
-
-
-# At rest a run is its own compact set; of one row of nodes k, W* = k f/(|k|^2 + ridge).
-
-
-def fitted(nodes: Vector, f: float, ridge: float = 1e-2) -> tuple[float, float]:
-    """Return |W*| and what is left of |f|."""
-    square = float(nodes @ nodes)
-    return f * math.sqrt(square) / (square + ridge), f * ridge / (square + ridge)
-
-
-def first_row(plant: str, name: str, *shape: int) -> Vector:
-    """Return the first row of a state."""
-    run, count = made(plant, 2), int(np.prod(shape))
-    return np.array([run[f"{LAW}{name}_{i}"][0] for i in range(count)]).reshape(shape)
-
-
-STILL: dict[str, Any] = {
-    f".{name}_{j}_{unit}": value
-    for j in (1, 2)
-    for name, unit, value in (
-        ("q", "rad", 0.4 * j),
-        ("rate", "rad_s", 0.0),
-    )
-}
-AT_GOAL = {
-    f"reference_{j}.{name}": value
-    for j in (1, 2)
-    for name, value in (("q_d_rad", 0.4 * j), ("q_d_rate_rad_s", 0.0), ("q_d_acc_rad_s2", 0.0))
-}
-Q = np.array([[0.4, 0.8]])
-
-
-def test_c0_of_the_pendulum_at_rest() -> None:
-    names = (".torque_Nm", ".tau_d_Nm", ".u_Nm", ".robust_Nm_s")
-    rest = {**dict.fromkeys(names, 0.0), ".network_Nm_s": 1.0}
-    found = proof_of("backlash_pendulum", 2, rest).constants
-    v, x = first_row("backlash_pendulum", "v", 6, 10), first_row("backlash_pendulum", "x", 6)
-    w, eps = fitted(np.array([1.0, *logistic(v.T @ x)]), 1.0)
-    assert found.c0 == pytest.approx(eps + w * math.sqrt(10.0), rel=1e-4)
-    assert found.ideal == pytest.approx(math.hypot(w, np.linalg.norm(v)), rel=1e-4)
-    far = (np.linalg.norm(v.T @ x) + w * np.linalg.norm(x)) / 4.0
-    assert found.c1 == pytest.approx(far, rel=1e-4)
-
-
-def test_c0_of_the_barrel_at_rest() -> None:
-    names = (".theta_rad", ".theta_rate_rad_s", ".q_d_rad", ".q_d_rate_rad_s", ".q_d_acc_rad_s2")
-    still = {**dict.fromkeys(names, 0.0), **{f"controller.w_{i}": 0.0 for i in range(15)}}
-    found = proof_of("atb1000", 2, {**still, "controller.w_0": 1.0}).constants  # y is 1
-    v, x = first_row("atb1000", "v", 7, 10), first_row("atb1000", "x", 7)
-    far = first_row("atb1000", "phi", 15)[11:]
-    w, eps = fitted(np.array([1.0, *logistic(v.T @ x), *far]), 1.0)
-    assert found.c0 == pytest.approx(eps + w * math.sqrt(10.0), rel=1e-4)
-
-
-def test_c0_of_the_arm_with_friction_at_rest() -> None:
-    nodes = {".friction_1_Nm": 0.0, ".friction_2_Nm": 0.0, ".jump_nodes": 4.0}
-    phi = {f"controller.phi_{i}": 1.0 - i % 2 for i in range(4)}
-    found = proof_of("friction_arm", 2, {**STILL, **AT_GOAL, **nodes, **phi}).constants
-    v = first_row("friction_arm", "v", 11, 16)[:, :3]
-    x = np.array([1.0, 0, 0, 0, 0, 0.4, 0.8, 0, 0, 0, 0])
-    k = np.array([1.0, *logistic(v.T @ x), 1.0, 0.0, 1.0, 0.0])
-    w, eps = fitted(k, float(np.linalg.norm(links().gravity(Q))))
-    assert found.c0 == pytest.approx(eps + w * math.sqrt(3.0), rel=1e-6)
-    weightless = {".m1_kg": 1e-12, ".m2_kg": 1e-12, ".friction_1_Nm": 0.0, ".friction_2_Nm": 0.0}
-    level = {f".{name}_{j}_Nm": 0.0 for name in ("stiction", "viscous") for j in (1, 2)}
-    found = proof_of("friction_arm", 2, {**weightless, **level}).constants
-    assert found.c0 == pytest.approx(math.hypot(0.3, 0.6), rel=1e-6)
-
-
-def falling(mass: float) -> Vector:
-    """Return q'' of an arm at rest that nothing holds, (2,)."""
-    arm = links(np.array([mass]))
-    return -np.linalg.solve(arm.inertia(Q)[0], arm.gravity(Q)[0])
-
-
-@pytest.mark.parametrize("mass", [0.8, 1.2])
-def test_c0_of_the_critic_at_rest(mass: float) -> None:
-    held = {
-        f".{name}_{j}_{unit}": 0.0
-        for j in (1, 2)
-        for name, unit in (("acting", "Nm"), ("robust", "rad_s2"), ("learned", "rad_s2"))
-    }
-    own = {**STILL, **AT_GOAL, **held, ".outer_mass_kg": mass, ".kz": 0.1}
-    proof = proof_of("payload_arm", 2, own)
-    x = np.array([1.0, 0, 0, 0, 0, 0.4, 0.8, 0, 0, 0, 0])
-    s2 = logistic(first_row("payload_arm", "v2", 11, 10).T @ x)
-    _, left = fitted(s2, 1.0)
-    f, plain = -falling(mass), -falling(0.8)
-    eps = np.linalg.norm(plain - f * (1.0 - left)) + np.linalg.norm(f - plain)
-    assert proof.constants.c0 == pytest.approx(max(float(eps) - 0.1, 0.0), rel=1e-9)
-    sway = np.linalg.norm([made("payload_arm", 2)[f"{LAW}sc_{i}"][1:] for i in (0, 1)], axis=0)
-    assert proof.constants.extra == pytest.approx(0.02 + sway.max() * proof.constants.c0)
-    unhelped = max(float(np.linalg.norm(f)) * left - 0.1, 0.0)
-    assert proof.rest == pytest.approx(unhelped) and proof.extra == pytest.approx(
-        0.02 + sway * unhelped
-    )
-
-
-@pytest.mark.parametrize("mass", [0.8, 1.2])
-def test_c0_of_the_identifier_at_rest(mass: float) -> None:
-    held = {f".{name}_{j}_Nm": 0.0 for j in (1, 2) for name in ("acting", "torque")}
-    found = proof_of("telerobot", 2, {**STILL, **held, ".mass_kg": mass}).constants
-    run = made("telerobot", 2)
-    v = np.array([run[f"local:servo.v_{i}"][0] for i in range(100)]).reshape(5, 20)
-    _, left = fitted(np.tanh(np.array([1.0, 0.4, 0.8, 0.0, 0.0]) @ v), 1.0)
-    f, plain = falling(mass), falling(0.8)
-    eps = np.linalg.norm(plain - f * (1.0 - left)) + np.linalg.norm(f - plain)
-    assert found.c0 == pytest.approx(math.sqrt(2.0) * float(eps), rel=1e-9)
-
-
-def test_c0_of_the_strut_at_rest() -> None:
-    """The spool is wanted on either side in turn: what Gh is beyond its least is surplus."""
-    wanted = np.where(np.arange(N) % 2 == 0, 3e-3, -3e-3)
-    theta = {f"controller.theta_{i}": 0.0 for i in range(147)}
-    still = {".extension_m": 0.01, ".body_rate_m_s": 0.3, ".wheel_rate_m_s": 0.1, ".spool_m": 2e-3}
-    pressed = {".p1_Pa": 1.5e6, ".p2_Pa": 1.1e6, ".desired_N": 400.0, ".strut_N": 400.0}
-    found = proof_of("quarter_car", 2, {**theta, **still, **pressed, ".wanted_spool_m": wanted})
-    leak = 2e-9 * 4e5 / ((4e5) ** 2 + 1e10) ** 0.25
-    first, second = 8.15e8 / (1e-3 + 5e-6), 8.11e8 / (1e-3 - 3e-6)
-    drift = 5e-4 * first * (-5e-4 * 0.2 - leak) - 3e-4 * second * (3e-4 * 0.2 + leak)
-    gain, other = (5e-4 * first * 1e-6 * math.sqrt(p) for p in (2.5e6, 1.5e6))
-    m = quarter_car.memberships(*(np.array([one]) for one in (0.01, 0.2, 4e5)))[0]
-    w, left = fitted(m, abs(drift) / gain, 1e-4)
-    off = max(abs(drift * (known / gain - 1.0) - gain * 2e-3) for known in (gain, other))
-    surplus = 0.7 * abs(gain - other)
-    constants = found.constants
-    assert constants.kappa == pytest.approx(0.7 * min(gain, other))
-    assert constants.c0 == pytest.approx(gain * left + off + surplus * w**2 / 4.0, rel=1e-6)
-    assert found.asked[3].what == "e' = -lam e" and not found.asked[3].holds
-
-
-def test_the_spool_is_on_its_way_as_the_law_wants_it_or_not() -> None:
-    t = made("quarter_car", 2).t_s
-    still = {".spool_m": 0.0, ".lam_per_s": 2e4}
-    for rate, holds in ((2e4, True), (2.1e4, False), (-2e4, False)):
-        wanted = 1e-3 * np.exp(-rate * t)
-        (one,) = (
-            one
-            for one in proof_of("quarter_car", 2, {**still, ".wanted_spool_m": wanted}).asked
-            if one.what == "e' = -lam e"
-        )
-        assert one.holds == holds, one
-
-
-def test_the_rate_of_the_rules_is_what_the_rig_gives_over_the_struts_gain() -> None:
-    """G = Ac B/V0 Cv sqrt(P0), V0 = B Ar^2/(2 K): the bulk modulus goes out."""
-    sizes = {"ac_m2": 5e-4, "ar_m2": 1.5e-4, "ao_m2": 1e-5, "liquid_rate_N_m": 16000.0}
-    oil = {"fluid_kg_m3": 800.0, "discharge": 0.6, "bulk_Pa": 8e8, "bulk_slope": 10.0}
-    own = {"port_width_m": 0.02, "mass_kg": 300.0, "gravity_m_s2": 9.0, "adaptation_rad_s": 30.0}
-    jet, p0 = 0.6 * 0.02 * math.sqrt(2.0 / 800.0), 2700.0 / 1.5e-4
-    gain = 5e-4 * 2.0 * 16000.0 / 1.5e-4**2 * jet * math.sqrt(p0)
-    found = quarter_car.declared_rate({**sizes, **oil, **own})
-    assert found == pytest.approx((30.0 / gain) ** 2)
-
-
-def test_constants_of_the_arm_behind_deadzones_joint_by_joint() -> None:
-    proof, run = account("deadzone_arm", 2).proof, made("deadzone_arm", 2)
-    drawn = {n: first_row("deadzone_arm", n, 2, 40)[:, :3] for n in ("v", "v0", "vi", "v0i")}
-    one = motion(run.cycles(), np.array([2.0, 2.0]))
-    w_d = forward_torque(links(g=0.0), one) + 5.0 * one.r
-    eps, most, sizes = [], [], [0.0, 0.0]
-    for j in range(2):
-        v, v0, vi, v0i = (drawn[name][j] for name in ("v", "v0", "vi", "v0i"))
-        u = sum(run[f"{LAW}{name}_{j + 1}_Nm"][1:] for name in ("tau_d", "y"))
-
-        def behind(u: Vector) -> Vector:
-            return np.where(u > 0.2, 1.2 * (u - 0.2), np.where(u < -0.3, 0.9 * (u + 0.3), 0.0))
-
-        def before(t: Vector) -> Vector:
-            return np.where(t > 0.0, t / 1.2 + 0.2, np.where(t < 0.0, t / 0.9 - 0.3, 0.0))
-
-        def observer(u: Vector, v: Vector = v, v0: Vector = v0) -> Vector:
-            return logistic(np.multiply.outer(u, v) + v0)
-
-        def compensator(t: Vector, v: Vector = vi, v0: Vector = v0i) -> Vector:
-            ahead = (t >= 0.0) * 1.0
-            jumps = np.stack((ahead, ahead * (1.0 - np.exp(-np.abs(t)))), axis=1)
-            return np.concatenate((logistic(np.multiply.outer(t, v) + v0), jumps), axis=1)
-
-        w = fitted_weights(observer(u), behind(u))
-        wi = fitted_weights(compensator(w_d[:, j]), before(w_d[:, j]) - w_d[:, j])
-        far, wide = (1.25 * np.abs(x).max() * np.linspace(-1, 1, 4001) for x in (u, w_d[:, j]))
-        undone = behind(wide + compensator(wide) @ wi) - wide
-        eps.append(np.abs(behind(far) - observer(far) @ w).max() + np.abs(undone).max())
-        most.append(np.abs(before(wide) - wide).max())
-        sizes = [a + float(np.sum(b**2)) for a, b in zip(sizes, (w, wi), strict=True)]
-    size, size_i = np.sqrt(sizes)
-    found, spread = proof.constants, max(np.linalg.norm(drawn["v"], axis=1))
-    assert found.ideal == pytest.approx(math.hypot(size, size_i))
-    c0 = np.linalg.norm(eps) + size * math.sqrt(3.0) + 0.2 * size_i**3
-    assert found.c0 == pytest.approx(float(c0))
-    assert found.c1 == pytest.approx(float(spread * (max(most) + size * math.sqrt(5.0)) / 4.0))
