@@ -51,6 +51,11 @@ def test_a_layer_moves_as_its_gradient_and_leak_have_it(shape: tuple[int, ...], 
     assert not np.allclose(one.driven, gradient)
 
 
+def test_without_a_rate_weights_count_as_they_are() -> None:
+    one = replace(tuned((5,), 0.3)[0], rate=0.0)
+    assert one.energy == pytest.approx(0.5 * size(one.lacks) ** 2)
+
+
 def test_parts_of_a_layer_are_its_rows() -> None:
     one, _ = tuned((5, 2), 0.3)
     near, far = one.part("N", 2.0, slice(0, 2)), one.part("F", 3.0, slice(2, None))

@@ -12,7 +12,7 @@ from made_systems import MADE
 from test_proofs import SEEDS, account, made, proof_of
 
 from pcpc.plants.deadzone_arm.book import theorem as deadzone_arm
-from pcpc.plants.families.two_link.book.theory import motion
+from pcpc.plants.families.two_link.book.theory import drawn_states, inertia_known, motion
 from pcpc.plants.friction_arm.book import theorem as friction_arm
 from pcpc.plants.payload_arm.book import theorem as payload_arm
 from pcpc.plants.telerobot.book import theorem as telerobot
@@ -232,3 +232,25 @@ def test_inertia_is_within_its_eigenvalues_at_both_ends_of_the_elbow() -> None:
         found = account(plant, 2).proof.constants
         ends = np.linalg.eigvalsh(links().inertia(np.array([[0.0, 0.0], [0.0, np.pi]])))
         assert (found.low, found.high) == pytest.approx((ends.min(), ends.max()))
+
+
+def test_states_are_drawn_from_where_the_error_may_go() -> None:
+    """|r| up to 1.25 times the run's, |e| up to that over Lam; r = e' + Lam e."""
+    lam = np.array([2.0, 3.0])
+    one = motion(made("friction_arm", 2).cycles(), lam)
+    far, reach = drawn_states(one), 1.25 * float(np.linalg.norm(one.r, axis=1).max())
+    size, e = np.linalg.norm(far.r, axis=1), far.q_d - far.q
+    assert 0.99 * reach < size.max() <= reach * (1.0 + 1e-9)
+    assert np.mean(size < reach / 2.0) == pytest.approx(0.25, abs=0.05), "even over the disc"
+    assert (np.abs(e) <= reach / lam).all() and (np.abs(e).max(axis=0) > 0.99 * reach / lam).all()
+    known = {tuple(row) for row in np.concatenate((one.q_d, one.rate_d, one.acc_d), axis=1)}
+    assert {tuple(row) for row in np.concatenate((far.q_d, far.rate_d, far.acc_d), axis=1)} <= known
+
+
+def test_one_entry_of_an_inertia_is_enough_to_differ() -> None:
+    true = links().inertia(np.zeros((3, 2)))
+    off = true.copy()
+    off[1, 0, 1] += 1e-3
+    assert inertia_known(true, true).holds and not inertia_known(off, true).holds
+    heavy = links(np.array([0.8, 1.2, 0.5])).inertia_range()
+    assert heavy == links(np.array([1.2])).inertia_range()
