@@ -83,7 +83,7 @@ def test_nodes_behind_those_of_v_stay_in_both(jumps: int) -> None:
     one = hidden_layer(jumps)
     assert np.array_equal(one.known[:, 5:], one.nodes[:, 5:])
     assert np.allclose(one.known[:, 1:5], logistic(one.x @ one.v.w[0]))
-    assert np.array_equal(one.known[0], one.nodes[0]), "V* is V as drawn"
+    assert one.known[0] == pytest.approx(one.nodes[0], rel=1e-12), "V* is V as drawn"
     flat, slope, turned = one.linear
     step, z = 1e-6, np.einsum("nij,ni->nj", one.v.w, one.x)
     assert np.allclose(slope, (logistic(z + step) - logistic(z - step)) / (2.0 * step), atol=1e-8)
@@ -174,3 +174,8 @@ def test_a_proof_has_what_its_layers_say() -> None:
     assert [float(one[0]) for one in (whole.damping, whole.error, whole.rest)] == [1.0, 3.0, 4.0]
     assert whole.extra is not None and whole.extra[0] == 6.0
     assert list(whole.terms) == ["t"] and list(whole.beyond) == ["u"] and whole.t_s[1] == 1.0
+
+
+def test_without_a_rate_weights_count_as_they_are() -> None:
+    one = replace(tuned((5,), 0.3)[0], rate=0.0)
+    assert one.energy == pytest.approx(0.5 * size(one.lacks) ** 2)

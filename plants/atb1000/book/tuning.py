@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.book.tables import case_maker
+from pcpc.plants.book.tables import case_maker, controller_of, grouped, label_of, rig_name
 from pcpc.plants.study import Case, Result
 
 FOLDER = Path(__file__).resolve().parent
@@ -115,16 +115,13 @@ def cases(laws: Iterable[str] = tuple(RANGES)) -> Iterator[Case]:
 
 def rows(results: Sequence[Result], margins: Mapping[tuple[str, int], float]) -> list[Row]:
     """Return what became of the candidates; those of pd have to be among them."""
-    metrics: dict[tuple[str, int], dict[str, list[Result]]] = {}
-    for one in results:
-        key = one.case.controller, int(one.case.label)
-        scenario = Path(one.case.rig).stem
-        metrics.setdefault(key, {}).setdefault(scenario, []).append(one)
-    base = np.array([[_rms(r) for r in metrics["pd", 0][s]] for s in SCENARIOS])
+    runs = grouped(results, controller_of, label_of, rig_name)
+    base = np.array([[_rms(r) for r in runs["pd", "0", s]] for s in SCENARIOS])
     found = []
-    for (law, number), own in metrics.items():
-        rms = np.array([[_rms(r) for r in own[s]] for s in SCENARIOS])
-        steps = [r.metric(STEP) for some in own.values() for r in some]
+    for law, label in dict.fromkeys(names[:2] for names in runs):
+        own, number = [runs[law, label, s] for s in SCENARIOS], int(label)
+        rms = np.array([[_rms(r) for r in some] for some in own])
+        steps = [r.metric(STEP) for some in own for r in some]
         score = float(np.exp(np.mean(np.log(rms / base))))
         seen = tuple(rms.mean(axis=1).tolist())
         gains, margin = candidates(law)[number], margins[law, number]

@@ -76,7 +76,7 @@ def asked(run: Cycles, r: Vector, sg: Vector, damping: float) -> tuple[Assumptio
             needed=True,
         ),
         Assumption("the model is exact", known == true, f"c {true:g}, as known {known:g}"),
-        never("the gap is never open", run.after(tau) == tau, "tau rests in {}"),
+        never("the gap is never open", (run.after(tau) == tau)[:-1], "tau rests in {}"),
         Assumption(
             "u is not limited",
             bool((command < limit).all()),

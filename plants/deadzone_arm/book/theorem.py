@@ -30,6 +30,7 @@ from pcpc.plants.families.two_link.book.theory import (
 )
 from pcpc.plants.lyapunov import Constants, Proof
 from pcpc.plants.theorem import (
+    MARGIN,
     Cycles,
     Theorem,
     acting,
@@ -45,7 +46,6 @@ from pcpc.plants.theorem import (
 from pcpc.plants.weights import Layer, Vector
 
 JOINTS, ROOM, JUMPS = 2, 40, 2
-MARGIN = 1.25  # of the range that eps is looked for in, over that of the run
 POINTS = 4001
 STATE = "executive:controller."
 DRAWN = ("v", "v0", "vi", "v0i")

@@ -8,9 +8,9 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3, for m inputs.
 
 import numpy as np
 
-from pcpc.plants.book.deadzone import MARGIN, SIDES, proof, within
+from pcpc.plants.book.deadzone import SIDES, Maps, proof, within
 from pcpc.plants.lyapunov import Assumption, Proof
-from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
+from pcpc.plants.theorem import MARGIN, Cycles, NoTheorem, Theorem
 from pcpc.plants.weights import Vector
 
 CHAINS, LAW, PLANT = "ab", "executive:controller.", "plant:chains."
@@ -48,28 +48,21 @@ def prove(run: Cycles) -> Proof:
     )
     acts = run.after(both(run, PLANT + "{}_tau"))
     off = drift(x, actual, true, kappa) - drift(x, order, known, known_kappa)
+    off = off + acts - both(run, LAW + "{}_tau_d")
     reach = MARGIN * max(float(np.abs(one).max()) for one in x)
     apart = (abs(known - true) + abs(known_kappa - kappa)) * reach
+    command = both(run, LAW + "{}_command")
     return proof(
-        run,
-        r,
-        run.after(r),
-        d,
-        fired,
-        np.broadcast_to(width[:, None], d.shape),
-        off + acts - both(run, LAW + "{}_tau_d"),
-        float(np.sqrt(2.0)) * apart,
-        (" of both", "model, coupling, deadzones"),
-        Assumption(
-            "the model is exact",
-            (known, known_kappa, order) == (true, kappa, actual),
-            f"c {true:g}, coupling {kappa:g}; as known {known:g}, {known_kappa:g}",
-        ),
-        within(
-            "the commands leave the deadzones",
-            both(run, LAW + "{}_command"),
-            width,
-            "one does not in {}",
+        Maps(run, r, d, fired, width, off, float(np.sqrt(2.0)) * apart),
+        "|r| of both after the step",
+        "model, coupling, deadzones",
+        (
+            Assumption(
+                "the model is exact",
+                (known, known_kappa, order) == (true, kappa, actual),
+                f"c {true:g}, coupling {kappa:g}; as known {known:g}, {known_kappa:g}",
+            ),
+            within("the commands leave the deadzones", command, width, "one does not in {}"),
         ),
     )
 

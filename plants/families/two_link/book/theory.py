@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcpc.plants.lyapunov import Assumption
-from pcpc.plants.theorem import Cycles, with_threshold
+from pcpc.plants.theorem import MARGIN, Cycles, with_threshold
 from pcpc.plants.weights import Vector
 
 LINKS = ("a1_m", "a2_m", "m1_kg", "m2_kg")  # settings of `TwoLinks`
 DRAWN = 4000  # points of the compact set
-MARGIN = 1.25  # of the compact set over the run
 
 
 @dataclass(frozen=True)
