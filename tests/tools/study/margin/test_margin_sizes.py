@@ -96,6 +96,7 @@ def test_numbers_of_an_amplitude_at_which_a_rig_is_not_linear_are_said_to_be_its
         at_rest = measured in ("", OTHER)
         assert len(its_own) == (not at_rest or (method, said) == ("measured", OTHER)), one.notes
         assert all(("no stable linear loop at rest" in note) != at_rest for note in its_own)
+        assert all(note.endswith("at rest") == (one.linearised is not None) for note in its_own)
 
 
 @pytest.mark.parametrize(
