@@ -92,12 +92,16 @@ def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.Loop) -> list[
     if is_empty(seen) and any(one.why == sizes.HALF for one in measurement.unsure):
         what = f"no margin is known: {sizes.HALF}, also at {size}, the best of what was tried"
         raise UserError(f"{what}; play, friction or a limit; another --at or --set may avoid it")
-    if is_empty(seen) and not len(weak):
+    worst = float(own.error.max())
+    if is_empty(seen) and worst <= measured.ENOUGH:
         what = f"{len(own.f_hz)} lines from {lowest:.4g} Hz on are too few to know any margin"
         raise UserError(f"{what}; give a lower --lowest")
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
+        if not len(weak):
+            moves = f"moves L by up to {100.0 * worst:.2g} % at {size}"
+            what = f"noise or a nonlinearity {moves}, so that no margin is known"
         moved = f"by itself the command moves {_motion_text(own.alone, unit)}"
         raise UserError(f"{what}; {moved}; --amplitude sets what is injected")
     if own.alone.rms > 0.1 * own.amplitude:

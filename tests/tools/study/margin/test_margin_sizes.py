@@ -128,6 +128,28 @@ def test_which_numbers_are_those_of_an_amplitude_alone(
     assert [note[:40] for note in found] == ["measured: gain margin: those of 5 N m, w"] * is_told
 
 
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (0.02, "3 lines from 1 Hz on are too few"),
+        (
+            0.021,
+            r"nonlinearity moves L by up to 2.1 % at 5 N m, so that no margin is known; by its",
+        ),
+        (0.1, "nonlinearity moves L by up to 10 % at 5 N m"),
+        (0.101, "nonlinearity hides 1 of 3 lines at 5 N m, and with them every margin"),
+    ],
+)
+def test_why_no_margin_is_known_is_the_real_reason(error: float, why: str) -> None:
+    still = SimpleNamespace(rms=0.0, at_limit=0.0, cycles=False)
+    loop: Any = SimpleNamespace(f_hz=np.array([1.0, 2.0, 4.0]), amplitude=5.0, answers=True)
+    loop.error, loop.alone = np.array([0.001, error, 0.001]), still
+    loop.lasting_motion = lambda: None
+    cut: Any = SimpleNamespace(unit="N m")
+    with pytest.raises(pcpc.Error, match=why):
+        notes.measured_notes(MeasuredMargins(loop, Margins(*[NAN] * 12), []), cut)
+
+
 def test_a_rig_that_drifts_to_its_rest_is_linearised_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
