@@ -111,7 +111,7 @@ def margin_of(rig: Rig, question: Question) -> Margin:
         except UserError as error:
             if method == "linearised":
                 raise
-            remarks = [f"not linearised: {error}"]
+            point = _Point(None, [f"not linearised: {error}"])
     if sizes:
         about = rate, question.lowest(rate), question.seed
         try:
@@ -120,8 +120,8 @@ def margin_of(rig: Rig, question: Question) -> Margin:
             remarks += notes.measured_notes(best, cut)
         except UserError as error:
             if point.found is None:
-                raise UserError("; ".join((str(error), *remarks)), error.code) from None
-            own, remarks = None, [*remarks, f"not measured: {error}"]
+                raise UserError("; ".join((str(error), *point.remarks)), error.code) from None
+            own, remarks = None, [f"not measured: {error}"]
     responses, found = dict[str, Response](), point.found
     if found is not None:
         responses["linearised"] = _linearised(found, rate, question.lowest(rate), own)
@@ -132,6 +132,15 @@ def margin_of(rig: Rig, question: Question) -> Margin:
         else:
             visible, below = without_below(visible, own.f_hz, own.response)
             more = notes.unsure_notes(below)
+        small = point
+        if method == "measured":
+            small = _loop_at_rest(plans, cut, held, question.settle_s)
+        if small.found is None or np.isfinite(small.moving_s):
+            why = small.remarks[0] if found is None else ""
+            more += notes.no_small_loop(own, cut, why)
+        elif found is None:
+            ours = _linearised(small.found, rate, question.lowest(rate), own).margins
+            more += notes.other_small_loop(own, cut, visible, ours, small.found)
         remarks += more
         theirs = own.f_hz, own.response, visible, own.spread, own.coherence
         responses["measured"] = Response(*theirs)
@@ -197,6 +206,20 @@ def _linear(
         head = remarks[0].partition(":")[0]
         raise UserError(f"{head}: {motion.STUCK}; in motion {error}") from None
     return _Point(moving.found, remarks + own, moving.at_s)
+
+
+def _loop_at_rest(
+    plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
+) -> _Point:
+    """Return the linear loop at rest, or a remark why there is none that is stable."""
+    try:
+        rest = _rest(plans, cut, held, settle_s)
+        found = linear.linearise(rest, cut)
+        notes.check_stable(found)
+    except UserError as error:
+        return _Point(None, [str(error)])
+    passes = found.passes(rest.cycle.of_kind(cut.role, "received"))
+    return _Point(found) if passes else _Point(None, [motion.stuck_note(cut)])
 
 
 def _rest(

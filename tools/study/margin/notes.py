@@ -8,7 +8,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex
 from pcpc.tools.study.margin import impulse, linear, loops, measured, operating, sizes
 from pcpc.tools.study.margin.margins import Margins
-from pcpc.tools.study.margin.visible import STRONG, UNSURE, Unsure, is_empty
+from pcpc.tools.study.margin.visible import PLACES, STRONG, UNSURE, Unsure, differences, is_empty
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
@@ -19,6 +19,7 @@ _PAIRS = (
     ("disk_margin", "disk_margin_hz", "disk margin"),
 )
 _NEAR, _WORSE = 1.03, 0.9
+_WITHIN, _CLOSE = 3.0, 0.03  # of a line: errors, and of its size: no other loop
 
 
 def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
@@ -26,7 +27,7 @@ def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
 
     moves   how the command moves at the point, rms
     """
-    _check_stable(found)
+    check_stable(found)
     if not cut.low < found.command < cut.high:
         what = f"the command is at its limit, {found.command:g}: there is no loop"
         raise UserError(f"{what}; another --at or --set may leave it room")
@@ -54,7 +55,7 @@ def _some(names: list[str], most: int) -> str:
     return ", ".join([*names[:most], *["..."] * (len(names) > most)])
 
 
-def _check_stable(found: Found) -> None:
+def check_stable(found: Found) -> None:
     """Raise UserError for poles outside, or on, the unit circle."""
     poles = found.closed()
     largest = float(np.abs(poles).max(initial=0.0))
@@ -73,7 +74,7 @@ def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.Loop) -> list[
     """Return what has to be said of a measured loop; UserError if it does not answer."""
     own, seen = measurement.loop, measurement.margins
     unit = f" {cut.unit}" if cut.unit else ""
-    size = f"{own.amplitude:.3g}{unit}"
+    size = _size(own, cut)
     if (lasting := own.lasting_motion()) is not None:
         what = f"{lasting[1]} the command goes on, {_motion_text(lasting[0], unit)}"
         raise UserError(f"{what}; there is no loop that has margins; a lower gain may end it")
@@ -91,12 +92,16 @@ def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.Loop) -> list[
     if is_empty(seen) and any(one.why == sizes.HALF for one in measurement.unsure):
         what = f"no margin is known: {sizes.HALF}, also at {size}, the best of what was tried"
         raise UserError(f"{what}; play, friction or a limit; another --at or --set may avoid it")
-    if is_empty(seen) and not len(weak):
+    worst = float(own.error.max())
+    if is_empty(seen) and worst <= measured.ENOUGH:
         what = f"{len(own.f_hz)} lines from {lowest:.4g} Hz on are too few to know any margin"
         raise UserError(f"{what}; give a lower --lowest")
     if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise or a nonlinearity hides {hidden}, and with them every margin"
+        if not len(weak):
+            moves = f"moves L by up to {100.0 * worst:.2g} % at {size}"
+            what = f"noise or a nonlinearity {moves}, so that no margin is known"
         moved = f"by itself the command moves {_motion_text(own.alone, unit)}"
         raise UserError(f"{what}; {moved}; --amplitude sets what is injected")
     if own.alone.rms > 0.1 * own.amplitude:
@@ -119,8 +124,7 @@ def unsure_notes(unsure: list[Unsure]) -> list[str]:
     found = list[str]()
     for why in dict.fromkeys(one.why for one in unsure):
         own = [one for one in unsure if one.why == why]
-        named = ", ".join(one.name.replace("_deg", "").replace("_s", " ").replace("_", " ").strip()
-                          for one in own)  # fmt: skip
+        named = ", ".join(_label(one.name) for one in own)
         places = sorted({f"{one.f_hz:.4g} Hz" for one in own if np.isfinite(one.f_hz)})
         about = f", about {' and '.join(places)}" if places else ""
         what = f"not known within {100.0 * UNSURE:g} %, as {why}{about}"
@@ -150,15 +154,11 @@ def comparison(
             also = ("sensitivity_peak",) if name == "disk_margin" else ()
             seen = replace(seen, **dict.fromkeys((name, *also), np.nan))
         elif one > _NEAR * linear_one:
-            at = int(np.argmin(np.abs(np.log(own.f_hz / f))))
-            off = abs(own.response[at] / response[at] - 1.0)
-            better[what] = _reason(off, own.error[at], own.f_hz[at])
+            better[what] = _reason(own, response, f)
         elif one < _WORSE * linear_one:
             place = getattr(seen, where)
-            at = int(np.argmin(np.abs(np.log(own.f_hz / (place if np.isfinite(place) else f)))))
-            off = abs(own.response[at] / response[at] - 1.0)
             worse.append(what)
-            why_worse = why_worse or _reason(off, own.error[at], own.f_hz[at])
+            why_worse = why_worse or _reason(own, response, place if np.isfinite(place) else f)
     f = ours.gain_reduction_hz
     if ours.gain_reduction > _NEAR * seen.gain_reduction and not own.f_hz[0] <= f <= own.f_hz[-1]:
         seen = replace(seen, gain_reduction=np.nan, gain_reduction_hz=np.nan)
@@ -171,11 +171,56 @@ def comparison(
     return seen, notes
 
 
-def _reason(off: float, error: float, f_hz: float) -> str:
-    if off <= 3.0 * error + 0.03:
-        return f"within its error, {100.0 * max(off, error):.2g} % of L at {f_hz:.4g} Hz"
-    what = f"at {f_hz:.4g} Hz both loops differ by {100.0 * off:.2g} %"
-    return f"{what}, by what is not linear at this amplitude; the smaller one counts"
+def _reason(own: measured.MeasuredLoop, response: Complex, f_hz: float) -> str:
+    off, error, line_hz = _apart(own, response, f_hz)
+    if off <= _WITHIN * error + _CLOSE:
+        return f"within its error, {100.0 * max(off, error):.2g} % of L at {line_hz:.4g} Hz"
+    what = f"at {line_hz:.4g} Hz both loops differ by {100.0 * off:.2g} %, by what is not linear"
+    return f"{what} at an amplitude of {own.amplitude:.3g}; the smaller one counts"
+
+
+def _apart(
+    own: measured.MeasuredLoop, response: Complex, f_hz: float
+) -> tuple[float, float, float]:
+    """Return how far two loops are apart at the line next to f_hz, its error, and its place."""
+    at = int(np.argmin(np.abs(np.log(own.f_hz / f_hz))))
+    off = abs(own.response[at] / response[at] - 1.0)
+    return float(off), float(own.error[at]), float(own.f_hz[at])
+
+
+def no_small_loop(own: measured.MeasuredLoop, cut: loops.Loop, why: str) -> list[str]:
+    """Return that measured numbers are those of their amplitude, as there is no loop at rest."""
+    what = f"the numbers are those of {_size(own, cut)}, what is small may have others"
+    said = "there is no stable linear loop at rest"
+    return [f"measured: {what}: {': '.join((said, *why.split(';')[:1]))}".removesuffix(": ")]
+
+
+def other_small_loop(
+    own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins, ours: Margins, small: Found
+) -> list[str]:
+    """Return which measured numbers are those of their amplitude, as the loop at rest has others.
+
+    seen, ours   the measured margins, and those of the loop `small` at rest
+    """
+    response, other = small.response(own.f_hz), list[str]()
+    for name, share in differences(seen, ours).items():
+        places = [getattr(each, PLACES[name]) for each in (ours, seen)]
+        f = next(iter(filter(np.isfinite, places)), np.nan)
+        if share > UNSURE and own.f_hz[0] <= f <= own.f_hz[-1]:
+            off, error, _ = _apart(own, response, f)
+            other += [_label(name)] * (off > _WITHIN * error + _CLOSE)
+    if not other:
+        return []
+    what = f"measured: {', '.join(other)}: those of {_size(own, cut)}, where this rig is not linear"
+    return [f"{what}; what is small has others, see --method linearised"]
+
+
+def _size(own: measured.MeasuredLoop, cut: loops.Loop) -> str:
+    return f"{own.amplitude:.3g} {cut.unit}".rstrip()
+
+
+def _label(name: str) -> str:
+    return name.replace("_deg", "").replace("_s", " ").replace("_", " ").strip()
 
 
 def contradiction(one: Margins) -> bool:

@@ -82,14 +82,14 @@ def visible_margins(
         name: why for why, some in others.items() for one in some for name in _unsure(own, one)
     }
     if not every.meets:
-        known = (name for name in _PLACES if not math.isnan(getattr(own, name)))
+        known = (name for name in PLACES if not math.isnan(getattr(own, name)))
         unsure |= dict.fromkeys(known, _CURVES)
     return without_unsure(own, unsure)
 
 
 def without_unsure(own: Margins, why: Mapping[str, str]) -> tuple[Margins, list[Unsure]]:
     """Return margins without some numbers, and those with why they are not known."""
-    found = [Unsure(name, getattr(own, _PLACES[name]), what) for name, what in why.items()]
+    found = [Unsure(name, getattr(own, PLACES[name]), what) for name, what in why.items()]
     for name in why:
         own = replace(own, **dict.fromkeys(_WITH[name], math.nan))
     return own, found
@@ -132,17 +132,17 @@ _OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", *_OF_DELAY)
 _OF_PEAKS = ("sensitivity_peak", "sensitivity_peak_hz", "disk_margin", "disk_margin_hz")
 _BELOW = "L still moves at the lowest line"
 _CURVES, _NOISE = "the loop turns between two lines", "noise or a nonlinearity moves the lines"
-_PLACES = {
+PLACES = {
     "gain_margin": "gain_margin_hz", "gain_reduction": "gain_reduction_hz",
     "phase_margin_deg": "crossover_hz", "delay_margin_s": "crossover_hz",
     "sensitivity_peak": "sensitivity_peak_hz", "disk_margin": "disk_margin_hz",
 }  # fmt: skip
-_WITH = {name: (name, place) for name, place in _PLACES.items()} | {"delay_margin_s": _OF_DELAY}
+_WITH = {name: (name, place) for name, place in PLACES.items()} | {"delay_margin_s": _OF_DELAY}
 
 
 def differences(own: Margins, other: Margins) -> dict[str, float]:
     """Return how far others lie from the numbers that are known, relative; nan: not known there."""
-    pairs = {name: (getattr(own, name), getattr(other, name)) for name in _PLACES}
+    pairs = {name: (getattr(own, name), getattr(other, name)) for name in PLACES}
     return {name: _difference(a, b) for name, (a, b) in pairs.items() if not math.isnan(a)}
 
 

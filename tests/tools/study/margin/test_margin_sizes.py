@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pcpc
-from pcpc.tools.study.margin import find, sizes
+from pcpc.tools.study.margin import find, notes, sizes
 from pcpc.tools.study.margin.book._linear_rig import PLANTS, RATE_HZ
 from pcpc.tools.study.margin.margins import Margins, margins
 from pcpc.tools.study.margin.sizes import MeasuredMargins
@@ -59,6 +59,97 @@ def test_a_dead_zone_or_play_of_the_size_of_the_injection_leaves_no_margin(
         pcpc.margin(path, amplitude=10.0, **FAST)  # type: ignore[arg-type]
 
 
+NAN = math.nan
+STUCK = "CMD.command has no effect on itself"
+OTHER = (
+    "measured: gain margin, phase margin, delay margin, sensitivity peak, disk margin: those of 10,"
+)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "amplitude", "at_s", "measured", "both"),
+    [
+        ({}, 200.0, 0.0, "", ""),
+        ({"slack": 0.05}, 10.0, 1.0, "", ""),  # it rests beside the dead zone
+        ({"gap": 0.05}, 200.0, 0.0, STUCK, "at an amplitude of 200; the smaller one counts"),
+        ({"slack": 0.05}, 200.0, 0.0, STUCK, ""),
+        ({"relay": -0.05}, 10.0, 0.0, "the closed loop is unstable", "is unstable"),
+        ({"bend": 0.3}, 10.0, 1.0, OTHER, "at an amplitude of 10; the smaller one counts"),
+    ],
+)
+def test_numbers_of_an_amplitude_at_which_a_rig_is_not_linear_are_said_to_be_its_own(
+    parameters: dict[str, float],
+    amplitude: float,
+    at_s: float,
+    measured: str,
+    both: str,
+    tmp_path: Path,
+) -> None:
+    """Half of a large injection agrees with it, and shows a loop without a gap."""
+    path = PLANTS["lag"].write(tmp_path, **parameters)
+    for method, said in (("measured", measured), ("both", both)):
+        about = FAST | {"method": method, "amplitude": amplitude, "at_s": at_s}
+        one = pcpc.margin(path, **about)  # type: ignore[arg-type]
+        assert one.measured is not None and math.isfinite(one.measured.margins.gain_margin)
+        assert said in "; ".join(one.notes)
+        its_own = [note for note in one.notes if f"those of {amplitude:g}" in note]
+        at_rest = measured in ("", OTHER)
+        assert len(its_own) == (not at_rest or (method, said) == ("measured", OTHER)), one.notes
+        assert all(("no stable linear loop at rest" in note) != at_rest for note in its_own)
+        assert all(note.endswith("at rest") == (one.linearised is not None) for note in its_own)
+
+
+@pytest.mark.parametrize(
+    ("seen", "ours", "off", "is_told"),
+    [
+        ((2.0, 10.0), (3.0, 10.0), 0.2, True),
+        ((2.0, 10.0), (2.07, 10.0), 0.2, False),  # as good as the same
+        ((2.0, 10.0), (3.0, 10.0), 0.055, False),  # within the error of L there
+        ((2.0, 10.0), (3.0, 10.0), 0.065, True),
+        ((2.0, 10.0), (3.0, 0.5), 0.2, False),  # where no line lies
+        ((2.0, 10.0), (3.0, 200.0), 0.2, False),
+        ((math.inf, math.nan), (3.0, 10.0), 0.2, True),
+        ((2.0, 10.0), (math.inf, math.nan), 0.2, True),
+        ((math.nan, math.nan), (3.0, 10.0), 0.2, False),
+    ],
+)
+def test_which_numbers_are_those_of_an_amplitude_alone(
+    seen: tuple[float, float], ours: tuple[float, float], off: float, is_told: bool
+) -> None:
+    f = np.geomspace(1.0, 100.0, 21)
+    own: Any = SimpleNamespace(f_hz=f, response=np.full(21, 1.0 + off), amplitude=5.0)
+    own.error = np.full(21, 0.01)
+    small: Any = SimpleNamespace(response=np.ones_like)
+    cut: Any = SimpleNamespace(unit="N m")
+    both = [
+        replace(Margins(*[NAN] * 12), gain_margin=a, gain_margin_hz=at) for a, at in (seen, ours)
+    ]
+    found = notes.other_small_loop(own, cut, both[0], both[1], small)
+    assert [note[:40] for note in found] == ["measured: gain margin: those of 5 N m, w"] * is_told
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (0.02, "3 lines from 1 Hz on are too few"),
+        (
+            0.021,
+            r"nonlinearity moves L by up to 2.1 % at 5 N m, so that no margin is known; by its",
+        ),
+        (0.1, "nonlinearity moves L by up to 10 % at 5 N m"),
+        (0.101, "nonlinearity hides 1 of 3 lines at 5 N m, and with them every margin"),
+    ],
+)
+def test_why_no_margin_is_known_is_the_real_reason(error: float, why: str) -> None:
+    still = SimpleNamespace(rms=0.0, at_limit=0.0, cycles=False)
+    loop: Any = SimpleNamespace(f_hz=np.array([1.0, 2.0, 4.0]), amplitude=5.0, answers=True)
+    loop.error, loop.alone = np.array([0.001, error, 0.001]), still
+    loop.lasting_motion = lambda: None
+    cut: Any = SimpleNamespace(unit="N m")
+    with pytest.raises(pcpc.Error, match=why):
+        notes.measured_notes(MeasuredMargins(loop, Margins(*[NAN] * 12), []), cut)
+
+
 def test_a_rig_that_drifts_to_its_rest_is_linearised_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -74,7 +165,7 @@ def test_a_rig_that_drifts_to_its_rest_is_linearised_there(
         assert ("not at rest" in one.text()) != rests, longer
 
 
-NAN, INF, NONE = math.nan, math.inf, (math.nan, math.nan)
+INF, NONE = math.inf, (math.nan, math.nan)
 
 
 @pytest.mark.parametrize(
