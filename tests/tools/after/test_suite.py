@@ -115,8 +115,11 @@ def test_a_run_that_nothing_judged_is_not_judged_anywhere(tmp_path: Path) -> Non
     assert summary.reasons() == [why, "the run ended before its time began, at 9.0 s"]
     with pytest.raises(pcpc.NotOk, match=f"step10: not judged: {why}; the run ended"):
         pcpc.open(folder).check()
-    (folder / "summary.json").unlink()
-    assert suite(tmp_path).code == 1 and cases(tmp_path)[str(folder / "log.mcap")] == "loss"
+    assert f"<li>{why}</li>" not in text, "told once, with the name"
+    alone = made(tmp_path / "b/c", late, "{muzzle_error_rms_mrad: null}")
+    (alone / "summary.json").unlink()
+    assert suite(tmp_path, alone).code == 1
+    assert cases(tmp_path)[str(alone / "log.mcap")] == "loss"
 
 
 def test_the_worst_of_two_runs_counts_whichever_is_later(tmp_path: Path) -> None:

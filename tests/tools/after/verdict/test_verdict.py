@@ -103,6 +103,8 @@ def test_a_run_of_which_nothing_was_judged_is_not_judged_and_no_worse(
         return summary
 
     assert found().verdict == then and found().not_judged == left
+    if then == "not judged":
+        assert report.verdict_text(found()) == "not judged: x (1 limit not judged)"
     unmet, lost = found(), found()
     unmet.note_failed(["m = 2"])
     lost.note_missing(tmp_path / "figure.png", OSError())
