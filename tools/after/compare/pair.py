@@ -170,7 +170,7 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     alike = own[0] == own[1] and found.state == EQUAL  # bits of one log are judged alike
     wrong = bool(found.missing or found.doubts)
     found.unknown = ["metrics"] * (wrong or (_NONE in summaries and not alike))
-    left = _unjudged_lines(*summaries, alike=found.state == EQUAL)
+    left = _unjudged_lines(summaries[0], summaries[1], found.state == EQUAL)
     found.unknown += ["verdict"] * (wrong or bool(left) or not (all(own) or alike))
     found.said += left
     found.said += [
