@@ -2,6 +2,7 @@
 
 import os
 import resource
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -38,6 +39,27 @@ def test_a_log_that_is_no_file_is_refused_at_once(
     *_, line = [one for one in done.err.splitlines() if "compiling for this" not in one]
     assert kind in line and "Traceback" not in done.err, done
     assert sorted(os.listdir()) == ["fifo", "folder", "loop"], "nothing is left behind"
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("fifo", "regular"), ("socket", ""), ("/dev/zero", "regular"), (".", "directory"),
+        ("nothing", "has no size"), ("/proc/kmsg", ""), ("/proc/self/pagemap", "has no size"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("suffix", [".log", ".mf4"])
+def test_a_recording_that_is_no_file_is_refused_at_once(
+    kind: str, said: str, suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("fifo")
+    Path("nothing").touch()
+    socket.socket(socket.AF_UNIX).bind("socket")
+    Path(f"a{suffix}").symlink_to(kind)
+    done = run_here("log", "import", f"a{suffix}", "-o", "out.mcap")
+    assert done.code == 2 and done.err.count("\n") == 1 and not Path("out.mcap").exists(), done
+    assert done.err.startswith(f"a{suffix}: ") and said in done.err, done
 
 
 @pytest.mark.parametrize("beside", ["summary.json", "figure.png"])

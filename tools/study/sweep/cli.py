@@ -57,6 +57,7 @@ def _run(work: Work, progress: Progress) -> int:
     folder = work.folder
     try:
         outcome = work.to_end(progress)
+        work.check_runs()
     except KeyboardInterrupt:
         progress.close()
         cure = f"to go on, the same command with -o {folder}"

@@ -7,7 +7,6 @@ as all of them follow from the rows.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import REFUSED
 from pcpc.tools.study.sweep import statements
 from pcpc.tools.study.sweep.results import HELD, Counts, Results, counts
@@ -40,7 +39,8 @@ def decisions(results: Results, until: str) -> list[Decision]:
 
 def _decision(results: Results, name: str, statement: statements.Statement) -> Decision:
     if statement.requirement is not None and statement.requirement not in results.requirements:
-        raise RigError(f"{statement}: no run was judged by {statement.requirement}")
+        what = f"{statement}: no run was judged by {statement.requirement}"
+        raise statements.NothingToTellError(what)
     own = results.column("controller") == name
     outcomes = results.column("outcome")[own].tolist()
     of = statement.requirement

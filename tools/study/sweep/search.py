@@ -76,7 +76,7 @@ class Search:
         points, margins = worst.worst(runs.margins, *about)
         if not len(margins) or margins[0] == math.inf:
             what = "no run could be judged; vary within the ranges, or name a metric with --of"
-            raise RigError(f"--worst: {runs.controller}: {what}")
+            raise statements.NothingToTellError(f"--worst: {runs.controller}: {what}")
         head = f"{runs.controller}: the worst of {statements.count_text(runs.count, 'run')}"
         head += f", {runs.unjudged:,} of which were not judged" if runs.unjudged else ""
         return [head, *(runs.line(runs.numbers[point.tobytes()]) for point in points)]
@@ -160,11 +160,12 @@ class _ControllerRuns:
                 cure = "draw values that a run can have, as normal(m,s,lo,hi)"
                 if unjudged:
                     cure = "a run that is not judged is no good one; vary less, or give --of METRIC"
-                raise RigError(f"--rare: draw {row.draw}: {row.why}; {cure}")
+                what = f"--rare: draw {row.draw}: {row.why}; {cure}"
+                raise statements.NothingToTellError(what)
         of, known = self.search.of, {name: None for row in rows for name in row.metrics}
         if of is not None and of not in known and any(row.outcome == RAN for row in rows):
             what = f"{self.controller} has no metric {of}"
-            raise RigError(f"--of {of}: {what}{did_you_mean(of, known)}")
+            raise statements.NothingToTellError(f"--of {of}: {what}{did_you_mean(of, known)}")
 
     def line(self, number: int) -> str:
         """Return a run in a line."""

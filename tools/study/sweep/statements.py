@@ -47,6 +47,12 @@ from pcpc.tools.study.binomial import check_counts
 RATIO = 10.0  # p0/p1 where nothing is said: 11 % more failure-free runs than a fixed number needs
 BETA = 0.05  # how often `not shown` ends a campaign whose p is p1
 HOLDS, REFUTED, NOT_SHOWN, OPEN = "holds", "refuted", "not shown", "open"
+
+
+class NothingToTellError(RigError):
+    """A campaign whose rows tell nothing of what was asked: those that it made are taken back."""
+
+
 _UNTIL = re.compile(
     r"p_fail\s*(?:\((?P<of>[^()]+(?:\([^()]*\)[^()]*)*)\))?\s*<\s*(?P<p0>[^\s%]+)"
     r"\s+at\s+(?P<percent>[^\s%]+)\s*%(?:\s+against\s+(?P<p1>\S+))?"

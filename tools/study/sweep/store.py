@@ -90,6 +90,7 @@ class Store(Mapping[Run, Row]):
         about, self._sum = checked(db, "main", self.path, self.spec)
         self.outcome = about.get("outcome")  # None: it is not complete
         self._count: int = db.execute("SELECT count(*) FROM run").fetchone()[0]
+        self._had = self._count
 
     def __getitem__(self, of: Run) -> Row:
         if (text := self._text(of)) is None:
@@ -133,6 +134,12 @@ class Store(Mapping[Run, Row]):
     def table(self) -> "pyarrow.Table":
         """Return the rows as a table."""
         return table_of(self._db, self.spec)
+
+    def take_back(self) -> None:
+        """Let `close` remove the rows that were added, where there was none before."""
+        if not self._had:
+            self._count, self.outcome = 0, None
+            (self.folder / EXPORT).unlink(missing_ok=True)
 
     def close(self) -> None:
         """Let the shard go; a file without a row goes, too, and a spec of which nothing came."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.errors import RigError
-from pcpc.tools.study.engine import Engine, pieces
+from pcpc.tools.study.engine import REFUSED, Engine, pieces
 from pcpc.tools.study.sweep import decision, statements, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.cluster import Cluster
@@ -53,7 +53,17 @@ class Work:
         self._counts = dict.fromkeys(self.campaign.controllers, Counts())
 
     def to_end(self, progress: Progress) -> str:
-        """Do what is not done; return what became of the statement or the search, "" of neither."""
+        """Do what is not done; return what became of the statement or the search, "" of neither.
+
+        NothingToTellError: the rows tell nothing; if none was there before, none is kept.
+        """
+        try:
+            return self._result(progress)
+        except statements.NothingToTellError:
+            self.store.take_back()
+            raise
+
+    def _result(self, progress: Progress) -> str:
         if self.store.outcome is None:
             self._complete(progress)
         else:
@@ -66,6 +76,15 @@ class Work:
             return str(self.store.outcome)
         found = decision.decisions(Results(table, self.store.spec), self.until)
         return "\n".join(one.text for one in found)
+
+    def check_runs(self) -> None:
+        """Raise NothingToTellError where all runs of the campaign are refused; none is kept."""
+        rows = self.store.values() if self.shard.of == 1 else ()
+        first = next(iter(rows), None)
+        if first is not None and all(row.outcome == REFUSED for row in rows):
+            self.store.take_back()
+            what = f"{self.folder}: all runs were refused: {first.why}"
+            raise statements.NothingToTellError(what)
 
     def _complete(self, progress: Progress) -> None:
         """Do what is not done."""
@@ -138,7 +157,8 @@ class Work:
                 if self._counts[name].runs == 0:
                     why = f"with draw {draws[0]} {rows[0].why or 'nothing was judged'}"
                     what = f"no run of {name} could be judged, {why}"
-                    raise RigError(f"--until {self.until!r}: {what}; give the rig `require`")
+                    what = f"--until {self.until!r}: {what}; give the rig `require`"
+                    raise statements.NothingToTellError(what)
         return all(statement.outcome(*n) != statements.OPEN for n in self._counts.values())
 
 

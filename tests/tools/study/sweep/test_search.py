@@ -23,6 +23,7 @@ from pcpc.tools.study.sweep.search import Search
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
+FAR = "require=[{name: far, always: controller.e_rad < 9, after: 9s}]"
 RIG = str(ROOT / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
@@ -82,6 +83,49 @@ def test_a_search_among_runs_that_nothing_judges_has_no_worst() -> None:
     none = SimpleNamespace(controller="pid", margins=lambda points: np.full(len(points), np.inf))
     with pytest.raises(RigError, match="--worst: pid: no run could be judged"):
         Search(WORST)._worst(none)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--worst", "20", "--of", "overshot"], "--of overshot: pid has no metric overshot; did"),
+        (["--worst", "20", "--set", FAR], "--worst: pid: no run could be judged"),
+        (["--rare", "20", "--set", FAR], "a run that is not judged is no good one"),
+        (["--until", "p_fail < 0.5 at 95%", "--set", FAR], "no run of pid could be judged"),
+        (["--until", "p_fail(far) < 0.5 at 95%", "--set", FAR], "no run of pid could be judged"),
+        (
+            ["--draws", "4", "--vary", "motor.inertia_kg_m2=normal(-1,0.1)"],
+            "all runs were refused: ",
+        ),
+    ],
+)
+@pytest.mark.parametrize("there", [False, True])
+def test_a_refused_campaign_keeps_what_was_there_and_nothing_else(
+    words: list[str], said: str, there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "a/b"
+    if there:
+        folder.mkdir(parents=True)
+        (folder / "notes.txt").touch()
+    settings = [word for setting in SHORT for word in ("--set", setting)]
+    command = ["sweep", RIG, *settings, "--vary", "motor.coulomb_Nm=x0.5:2", *words, "--quiet"]
+    before = sorted(tmp_path.rglob("*"))
+    assert main([*map(str, command), *(["-o", "a/b"] if there else [])]) == 2
+    assert said in capsys.readouterr().err and sorted(tmp_path.rglob("*")) == before
+
+
+def test_rows_that_were_there_before_a_refusal_stay(tmp_path: Path) -> None:
+    for had, kept in ((1, 2), (0, 0)):
+        folder, row = tmp_path / str(had), Row(0, "pid", 1, {}, RAN, True)
+        for draws in [[0]] * had + [[had]]:
+            own = store.Store(folder, WORST.spec(), Shard())
+            own.add(dataclasses.replace(row, draw=draw) for draw in draws)
+            if draws == [had]:
+                own.take_back()
+            own.close()
+        assert len(store.Store(folder, WORST.spec(), Shard())) == kept
 
 
 def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Path) -> None:
