@@ -134,7 +134,7 @@ class Source:
         return None
 
     def keep(self, key: str, symbol: str, result: str, content: bytes) -> None:
-        """Keep object code, if it can be; with no `symbol` that only numba can call the function."""
+        """Keep object code, if it can be; no `symbol`: only numba can call the function."""
         if not self.can_be_kept:
             return
         file = self._function.__code__.co_filename

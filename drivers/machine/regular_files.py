@@ -16,13 +16,24 @@ def open_regular(path: Path, flags: int = 0) -> BinaryIO:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | flags)
     try:
-        mode = os.fstat(descriptor).st_mode
-        if not stat.S_ISREG(mode):
-            raise OSError(0, "Is a directory" if stat.S_ISDIR(mode) else "is no regular file")
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            is_folder = stat.S_ISDIR(found.st_mode)
+            raise OSError(0, "Is a directory" if is_folder else "is no regular file")
+        if not found.st_size and _says_more(descriptor):
+            raise OSError(0, "is no regular file")
         return open(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
         raise
+
+
+def _says_more(descriptor: int) -> bool:
+    """Return whether a file without a size has data: it is the kernel's, perhaps without end."""
+    try:
+        return bool(os.pread(descriptor, 1, 0))
+    except OSError:
+        return True
 
 
 def read_text(path: Path) -> str:

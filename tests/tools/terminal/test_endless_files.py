@@ -25,7 +25,9 @@ COMMANDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["fifo", "/dev/zero", "/dev/null", "folder", "loop", "absent"])
+@pytest.mark.parametrize(
+    "kind", ["fifo", "/dev/zero", "/dev/null", "/proc/kmsg", "folder", "loop", "absent"]
+)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_log_that_is_no_file_is_refused_at_once(
     name: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
