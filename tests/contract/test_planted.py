@@ -84,7 +84,10 @@ PLANTED: list[tuple[str, str, str, Spoil]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("way", "rig", "place", "spoil"), PLANTED, ids=lambda x: str(x)[:30])
+CASES = [pytest.param(*one, id=f"{one[0]}-{one[1]}-{k}") for k, one in enumerate(PLANTED)]
+
+
+@pytest.mark.parametrize(("way", "rig", "place", "spoil"), CASES)
 def test_a_planted_difference_is_found(
     way: str, rig: str, place: str, spoil: Spoil, run: Recorded, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
