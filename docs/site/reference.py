@@ -52,7 +52,7 @@ meaning begins with that name.
 _MANY = 3  # commands that take an argument with the same help: it is explained once
 _CODES = {
     Exit.OK: "done; the verdict of a run is good",
-    Exit.NOT_MET: "an expectation, a requirement or a comparison does not hold, or none was judged",
+    Exit.NOT_MET: "an expectation, a requirement or a comparison does not hold",
     Exit.WRONG_INPUT: "an option, a rig or a file is wrong",
     Exit.LOSS: "frames or records were lost, or a log is damaged; what is readable is written",
     Exit.ENVIRONMENT: "a node, a bus or a package is missing, or a file cannot be written",

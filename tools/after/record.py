@@ -293,7 +293,7 @@ class Run:
 
     @property
     def verdict(self) -> str:
-        """`ok`, `not judged`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
+        """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
         return self.result.verdict
 
     def check(self) -> "Run":

@@ -11,7 +11,6 @@ from html_page import Page
 from logcommand import Done, run_here
 from processes import RIGS
 
-import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import simulate as bare
 from pcpc.executive.rig.reading import load_rig
@@ -96,30 +95,6 @@ def test_what_does_not_hold_is_told(
 
 
 # ------------------------------------------------------------------------------- ok, falsely?
-
-
-def test_a_run_that_nothing_judged_is_not_judged_anywhere(tmp_path: Path) -> None:
-    late = "{id: R-1, always: time.t_s >= 0, after: 9s}"
-    folder = made(tmp_path / "a", late, LIMIT, "--set", "duration_s=0.1")
-    done = suite(tmp_path)
-    why = "the run ends at 0.1 s, before its window ends at 5 s; duration_s=5 is enough"
-    assert done.code == 1 and why in " ".join(done.out.split()), done
-    assert set(cases(tmp_path).values()) == {"not judged"}
-    assert why in (tmp_path / "suite.xml").read_text("utf-8")
-    run_here("report", folder, "-o", tmp_path / "r.html", "--quiet")
-    text = (tmp_path / "r.html").read_text("utf-8")
-    assert "Verdict: <b>not judged</b>" in text and 'class="verdict ok"' not in text
-    assert text.count(f"<li>R-2 muzzle_error_rms_mrad was not judged: {why}</li>") == 1
-    summary = summary_file.summary_beside(folder / "log.mcap")
-    assert summary is not None and summary.reasons() == summary.problems(), summary
-    assert summary.reasons() == [why, "the run ended before its time began, at 9.0 s"]
-    with pytest.raises(pcpc.NotOk, match=f"step10: not judged: {why}; the run ended"):
-        pcpc.open(folder).check()
-    assert f"<li>{why}</li>" not in text, "told once, with the name"
-    alone = made(tmp_path / "b/c", late, "{muzzle_error_rms_mrad: null}")
-    (alone / "summary.json").unlink()
-    assert suite(tmp_path, alone).code == 1
-    assert cases(tmp_path)[str(alone / "log.mcap")] == "loss"
 
 
 def test_the_worst_of_two_runs_counts_whichever_is_later(tmp_path: Path) -> None:

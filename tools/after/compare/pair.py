@@ -26,7 +26,7 @@ from pcpc.plants.judging import effective_rig
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
 from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.after.verdict.summary import NOT_JUDGED, Summary
+from pcpc.tools.after.verdict.summary import Summary
 
 EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
 Side = Literal["", "old", "new"]
@@ -170,9 +170,7 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     alike = own[0] == own[1] and found.state == EQUAL  # bits of one log are judged alike
     wrong = bool(found.missing or found.doubts)
     found.unknown = ["metrics"] * (wrong or (_NONE in summaries and not alike))
-    left = _unjudged_lines(summaries[0], summaries[1], found.state == EQUAL)
-    found.unknown += ["verdict"] * (wrong or bool(left) or not (all(own) or alike))
-    found.said += left
+    found.unknown += ["verdict"] * (wrong or not (all(own) or alike))
     found.said += [
         f"no verdict: {run.path}: no summary.json of this run is beside it"
         for run in (old, new)
@@ -192,16 +190,6 @@ def _conclude(found: Pair, report: diff.Report, summaries: list[Summary]) -> Non
     elif found.missing or found.doubts:
         found.state = FAILED
     found.said += [*found.missing, *found.doubts]
-
-
-def _unjudged_lines(old: Summary, new: Summary, alike: bool) -> list[str]:
-    """Return what the new run was not judged by, of which the old one tells no verdict either."""
-    whole = new.verdict == NOT_JUDGED and not alike
-    return [
-        f"new: {new.named(name)} was not judged: {why}"
-        for name, why in new.not_judged.items()
-        if whole or name not in old.not_judged
-    ]
 
 
 def _doubts(old: Run, new: Run, equal: bool) -> list[str]:

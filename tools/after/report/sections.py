@@ -14,7 +14,7 @@ from pcpc.tools.after.log.drawing import page_of
 from pcpc.tools.after.log.info import start_of
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import Record
-from pcpc.tools.after.verdict.summary import NOT_JUDGED, branch_lines
+from pcpc.tools.after.verdict.summary import branch_lines
 from pcpc.tools.terminal.document import Note, Part, Picture, Section, Strong, Table, Verdict
 from pcpc.tools.terminal.html import png_of
 
@@ -52,8 +52,7 @@ def verdict(record: Record) -> Verdict:
     summary, missing = record.summary, [*record.log.missing, *record.tally.left_out()]
     word, lines = "not judged", [record.unjudged]
     if summary is not None:
-        word = summary.verdict
-        lines = [] if word == NOT_JUDGED else summary.problems()
+        word, lines = summary.verdict, summary.problems()
         left = summary.not_judged.items()
         lines += [f"{summary.named(name)} was not judged: {why}" for name, why in left]
         if not summary.judged and not summary.not_judged:

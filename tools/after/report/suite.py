@@ -218,7 +218,7 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
         found.notes.append(_ALONE)
         if found.path.name == LOG:  # of a run folder, which has one
             found.problems.append("no summary.json: how the run ended is not known")
-            found.verdict = "loss" if found.verdict in summaries.UNFAILED else found.verdict
+            found.verdict = "loss" if found.verdict == "ok" else found.verdict
     own = own or summary
     found.tested = [*_requirements(judge, summary, own), *_limits(judge, summary, own)]
     if not found.tested:
@@ -229,7 +229,7 @@ def _hold_against(found: OneRun, summary: Summary, own: Summary) -> None:
     """Enter what the run's own summary says besides; the worse verdict counts."""
     found.notes += [f"changed: {', '.join(own.changed)}"] if own.changed else []
     found.problems += [line for line in own.problems() if line not in found.problems]
-    if own.verdict != "ok" and summary.verdict in summaries.UNFAILED:
+    if own.verdict != "ok" and summary.verdict == "ok":
         found.verdict = own.verdict
     elif own.verdict == "ok" and summary.verdict != "ok":
         found.problems.append("summary.json says ok, the log does not")

@@ -290,8 +290,7 @@ def beyond(rig: Rig, changed: list[str]) -> str:
     numbers = rig.evaluation.numbers.items()
     last = max([rig.evaluation.window_s[1], *(v for k, v in numbers if k.endswith("_to_s"))])
     if rig.config.duration_s < last:
-        ends = f"the run ends at {rig.config.duration_s:g} s, before its window ends at {last:g} s"
-        return f"{ends}; duration_s={last:.12g} is enough"
+        return f"the run ends at {rig.config.duration_s:g} s, before its window ends at {last:g} s"
     return ""
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.tools.after.verdict.summary import NOT_JUDGED, UNFAILED, Summary, is_branch
+from pcpc.tools.after.verdict.summary import Summary, is_branch
 from pcpc.tools.terminal import document, screen
 
 LATEST_SHOWN = 3  # of those in summary.json
@@ -124,12 +124,11 @@ def verdict_text(summary: Summary) -> str:
         said += f", and {more} more above"
     if warned := len(summary.warned):
         said += f", with {warned} warning{'s' * (warned > 1)} above"
-    if summary.verdict not in (*UNFAILED, "loss", "expectation not met"):
+    if summary.verdict not in ("ok", "loss", "expectation not met"):
         return said
     if left:
-        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged"
-        if summary.verdict != NOT_JUDGED:
-            limits += f": {', '.join(dict.fromkeys(left.values()))}"
+        reasons = ", ".join(dict.fromkeys(left.values()))
+        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged: {reasons}"
     elif judged:
         limits = f"{judged} limit{'s' * (judged > 1)} judged"
     else:

@@ -286,6 +286,4 @@ def _why_not(one: Monitor) -> str:
         return "the run ended before its time was over"
     if one.last >= one.begin:
         return "no cycle of its time was recorded"
-    if event:
-        return "its event never happened"
-    return f"the run ended before its time began, at {_seconds(one.begin, one.period_s)} s"
+    return "its event never happened" if event else "the run ended before its time began"

@@ -1,9 +1,7 @@
 """What a run came to: metrics, timing, frames, verdict; as summary.json. As text: report.py.
 
 verdict              exit code
-ok                   0    no metric is outside the rig's limits, no requirement is violated, and one
-                          of them at least was judged, if it states any
-not judged           1    the rig states limits or requirements, and none of them was judged
+ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
                           the evaluation failed, the master of a drive made a mistake, or somebody
                           else ended the run too early
@@ -46,10 +44,7 @@ from pcpc.tools.after.verdict.outcome import HEALTH, Outcome, warnings_of
 from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
 from pcpc.tools.after.verdict.timing import stage_percentiles
 
-NOT_JUDGED = "not judged"
-UNFAILED = "ok", NOT_JUDGED  # verdicts against which nothing speaks
-CODES = {code.meaning: code for code in Exit} | {NOT_JUDGED: Exit.NOT_MET}
-_TIMING = "timing"  # is judged without a limit or requirement of the rig's
+CODES = {code.meaning: code for code in Exit}
 Counts = dict[str, int]
 
 
@@ -102,13 +97,12 @@ class Summary(msgspec.Struct, kw_only=True):
         """Return what keeps a run from being ok, a line each."""
         return [
             *self.faults, *self.expectations_failed, *self.lost, *self.frames_too_many,
-            *self.log_missing, *(self.reasons() if self.verdict == NOT_JUDGED else ()),
+            *self.log_missing,
         ]  # fmt: skip
 
     def reasons(self) -> list[str]:
         """Return those problems that the verdict is of, a line each; [] of one that is ok."""
         of = {
-            NOT_JUDGED: [*dict.fromkeys(self.not_judged.values())],
             "safety stop": self.faults,
             "loss": [*self.lost, *self.frames_too_many, *self.log_missing],
             "expectation not met": self.expectations_failed,
@@ -124,19 +118,13 @@ class Summary(msgspec.Struct, kw_only=True):
     def note_failed(self, problems: list[str]) -> None:
         """Enter what was not met besides, if anything was not."""
         self.expectations_failed += problems
-        if problems and self.verdict in UNFAILED:
+        if problems and self.verdict == "ok":
             self.verdict = "expectation not met"
-
-    def note_unjudged(self, reasons: Mapping[str, str]) -> None:
-        """Enter what was not judged besides, by name."""
-        self.not_judged |= reasons
-        if self.verdict == "ok" and self.not_judged and not {*self.judged} - {_TIMING}:
-            self.verdict = NOT_JUDGED
 
     def note_missing(self, path: Path, error: OSError) -> None:
         """Enter a file of the run that could not be written."""
         self.log_missing.append(f"{path}: cannot be written: {error.strerror or error}")
-        if self.verdict in (*UNFAILED, "expectation not met"):
+        if self.verdict in ("ok", "expectation not met"):
             self.verdict = "loss"
         with contextlib.suppress(OSError):  # a part of a file is worse than none
             path.unlink()
@@ -175,7 +163,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     missed = on_purpose.missed_by_the_machine(rig, log, health)
     timing = stage_percentiles(executive, log, outcome, missed[0])
     if timing and rig.config.timing.error is not None:
-        found.judged.append(_TIMING)
+        found.judged.append("timing")
     worst_us = timing.pop("together", {})
     timing_level, share = level(worst_us, rig.config.rate_hz, rig.config.timing, missed, cycles)
     late = _late_lines(rig, share, missed[0]) if timing_level == "ERROR" else []
@@ -183,7 +171,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     lost = _lost_lines(log, outcome, each)
     frames_wrong = [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
     missing = _missing_lines(executive, log, outcome)
-    summary = Summary(
+    return Summary(
         rig=rig.config.rig,
         title=rig.config.title,
         controller=rig.config.controller,
@@ -212,6 +200,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         injected=on_purpose.started_faults(log),
         changed=changed,
         judged=found.judged,
+        not_judged=found.not_judged,
         expectations_failed=failed,
         requirements=found.requirements,
         realtime=outcome.realtime,
@@ -220,8 +209,6 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         verdict=_verdict(outcome, failed, [*lost, *frames_wrong, *missing]),
         ids=rig.config.limit_ids() or msgspec.UNSET,
     )
-    summary.note_unjudged(found.not_judged)
-    return summary
 
 
 def _late_lines(rig: Rig, share: float, skipped: int) -> list[str]:

@@ -181,7 +181,7 @@ def compile_cache_row() -> Row:
         return Row("compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure)
     if warm:
         return Row("compile cache", "ok", f"warm, {warm}")
-    cure = "pcpc simulate slew10 --no-figure -o $(mktemp -d)"
+    cure = "pcpc simulate slew10 --set duration_s=0.1 --no-figure -o $(mktemp -d)"
     cost = "the first start compiles for about 20 s"
     return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
 

@@ -59,7 +59,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     summary.device = {"command": options.device, **found.json()}
     for key in _CYCLES:
         setattr(summary, key, outcome.health.get(host.leader, {}).get(key, 0))
-    summary.note_unjudged(left)
+    summary.not_judged |= left
     summary.warned += found.warned
     own, summary.expectations_failed = summary.expectations_failed, []
     summary.note_failed(found.problems)

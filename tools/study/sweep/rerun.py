@@ -13,8 +13,8 @@ import numpy as np
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.tools.after.verdict.summary import UNFAILED
 from pcpc.tools.start.folder import check_name
+from pcpc.tools.study.engine import FAULT
 from pcpc.tools.study.sweep import shards
 from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results
@@ -49,7 +49,7 @@ def command(options: argparse.Namespace) -> int:
     _check_unchanged(results, folder, about)
     output = Path(options.output or folder / f"draw-{draw}-{controller}")
     code = _pcpc("simulate", *about, "-o", str(output))
-    if code in _RAN and (other := _differences(output / "summary.json", results, row)):
+    if code in _RAN and (other := _differences(output / "summary.json", code, results, row)):
         print(f"{folder}: draw {draw} of {controller} came to another {', '.join(other)}")
         return Exit.NOT_MET
     if not options.on_bus or code not in _RAN:
@@ -69,7 +69,7 @@ def _check_unchanged(results: Results, folder: Path, about: Sequence[str]) -> No
         raise RigError(f"{folder}: {what}: {shlex.join(['pcpc', 'simulate', *about])}")
 
 
-def _differences(summary: Path, results: Results, row: int) -> list[str]:
+def _differences(summary: Path, code: int, results: Results, row: int) -> list[str]:
     """Return the metrics and margins of a run that are others than a row's, and the verdict."""
     found = json.loads(summary.read_text(encoding="utf-8"))
     now = {METRIC + name: value for name, value in found["metrics"].items()}
@@ -83,9 +83,9 @@ def _differences(summary: Path, results: Results, row: int) -> list[str]:
         for name in results.measures
     }
     others = [name for name, pair in pairs.items() if not np.array_equal(*pair, equal_nan=True)]
-    whole = bool(found["judged"]) and not found["not_judged"]
-    ok = False if found["verdict"] not in UNFAILED else True if whole else None
-    return others + ["verdict"] * bool(ok != results.column("ok")[row])
+    ok, fault = results.column("ok")[row], results.column("outcome")[row] == FAULT
+    failed = fault or (ok is not None and not ok)
+    return others + ["verdict"] * (failed != (code != Exit.OK))
 
 
 def _pcpc(*words: str) -> int:

@@ -17,10 +17,7 @@ from logcommand import DBC, barrel_log, run, run_here
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import export, recording, series
-from pcpc.tools.after.log.readers import child
-from pcpc.tools.terminal.outfile import LogCommandError
-from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.after.log import export, series
 
 # what asammdf leaves of a damaged file prints a traceback, which its reader's process hides
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -133,7 +130,7 @@ def test_fd_extended_and_remote_frames_stay_what_they_are(tmp_path: Path) -> Non
 def test_events_and_tunings_are_markers(tmp_path: Path) -> None:
     rig = tmp_path / "run"
     words = "simulate", "slew10", "-o", rig, "--quiet", "--no-figure", "--set", "duration_s=0.1"
-    assert run_here(*words).code == 1, "too short to be judged"
+    assert run_here(*words).code == 0
     path = exported(tmp_path, rig)
     told = run("cat", rig, "--topics", "/events", "/tunings", "/plant/events", "/plant/tunings")
     expected = [json.loads(line) for line in told.out.splitlines()]
@@ -258,35 +255,6 @@ def frames_of_an_export() -> NDArray[Any]:
     frames = np.zeros(64, logs.FRAME)
     frames["id"], frames["dlc"], frames["stamp_ns"] = 0x120, 8, 10**6 * np.arange(64)
     return frames
-
-
-@pytest.mark.parametrize(
-    ("block", "field", "value", "said"),
-    [
-        ("##CG", 80, 10**9, "damaged after 64 frames"),
-        *(pytest.param(*case, marks=pytest.mark.deep) for case in (
-            ("##CG", 80, 2**64 - 1, "damaged after 64 frames"),
-            ("##DG", 24, None, "its reader hangs after 0 frames"),
-            ("##CG", 24, None, "its reader hangs after 0 frames"),
-            ("##CN", 24, None, "its reader hangs after 0 frames"),
-            ("##CN", 32, None, "damaged after 0 frames"),
-            ("##FH", 24, None, "its reader hangs after 0 frames"),
-            ("##TX", 8, 2**40, "damaged after 0 frames"),
-            ("##DZ", 32, 2**40, "damaged after 0 frames"),
-        )),
-    ],
-)  # fmt: skip
-def test_a_block_that_declares_too_much_or_names_itself_ends_its_reader(
-    block: str, field: int, value: int | None, said: str, tmp_path: Path
-) -> None:
-    path = written(odd_log(frames_of_an_export()), tmp_path / "t.mf4")
-    data = bytearray(path.read_bytes())
-    place = data.rindex(block.encode())
-    data[place + field : place + field + 8] = (value or place).to_bytes(8, "little")
-    path.write_bytes(data)
-    limits = child.Limits(700 << 20, 20 << 20, 4.0)  # memory, files, time without a frame
-    with pytest.raises(LogCommandError, match=said):
-        recording.read(path, None, Progress(quiet=True), limits)
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_the_summary_fits_a_terminal_and_the_strict_verdict_knows_what_was_not_j
     for label, lines in report.rows(run.result, Path("runs/x"), 80).items():
         assert all(len(line) <= 71 for line in lines), (label, lines)
     rig = load_rig(rig_file(tmp_path, "  - {when: 5s, then: controller.e_rad < 1}\n"))
-    for strict, verdict in ((False, "not judged"), (True, "expectation not met")):
+    for strict, verdict in ((False, "ok"), (True, "expectation not met")):
         found = summarise(rig, run.log, Outcome("virtual", "memory", strict=strict))
         assert found.verdict == verdict, found
         assert list(found.not_judged.values()) == ["its event never happened"], found
@@ -235,7 +235,7 @@ def test_the_figure_marks_violations(
           "before": "0.2s"},
          "no cycle lies in its time"),
         ({"always": "controller.e_rad < 1", "after": "90s"},
-         r"the run ended before its time began, at 90\.0 s"),
+         "the run ended before its time began"),
         ({"when": "90s", "then": "controller.e_rad < 1"}, "its event never happened"),
         ({"when": "controller.e_rad > 1000", "then": "controller.e_rad < 1"},
          "its event never happened"),

@@ -85,35 +85,6 @@ def test_a_changed_value_does_not_switch_the_limits_off() -> None:
     assert worse.judged == ["muzzle_error_rms_mrad"], worse.judged
 
 
-@pytest.mark.parametrize(
-    ("verdict", "judged", "left", "then"),
-    [
-        ("ok", [], {}, "ok"), ("ok", ["m"], {"n": "x"}, "ok"), ("ok", ["timing"], {}, "ok"),
-        ("ok", [], {"n": "x"}, "not judged"), ("ok", ["timing"], {"n": "x"}, "not judged"),
-        ("loss", [], {"n": "x"}, "loss"), ("safety stop", [], {"n": "x"}, "safety stop"),
-        ("expectation not met", [], {"n": "x"}, "expectation not met"),
-    ],
-)  # fmt: skip
-def test_a_run_of_which_nothing_was_judged_is_not_judged_and_no_worse(
-    verdict: str, judged: list[str], left: dict[str, str], then: str, tmp_path: Path
-) -> None:
-    def found() -> Summary:
-        summary = Summary(metrics={}, verdict=verdict, judged=judged)
-        summary.note_unjudged(left)
-        return summary
-
-    assert found().verdict == then and found().not_judged == left
-    if then == "not judged":
-        assert report.verdict_text(found()) == "not judged: x (1 limit not judged)"
-    unmet, lost = found(), found()
-    unmet.note_failed(["m = 2"])
-    lost.note_missing(tmp_path / "figure.png", OSError())
-    graver = verdict if verdict in ("loss", "safety stop") else "expectation not met"
-    assert unmet.verdict == graver and lost.verdict == (
-        "safety stop" if verdict == "safety stop" else "loss"
-    )
-
-
 @pytest.mark.parametrize("way", ["controller=pd", 'controller="pd"', "controller=Python"])
 def test_a_controller_that_the_rig_has_is_not_from_outside(way: str) -> None:
     rig = load_rig(SLEW10, "pd", ["controller.kv_Nms_rad=10"])
@@ -135,19 +106,19 @@ def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> Non
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("duration_s=1.0",
-         "the run ends at 1 s, before its window ends at 6 s; duration_s=6 is enough"),
+        ("duration_s=1.0", "the run ends at 1 s, before its window ends at 6 s"),
         ("evaluation.window_s=[1.0, 2.0]", "evaluation.window_s was changed"),
     ],
-)  # fmt: skip
+)
 def test_limits_without_their_window_are_named_and_fail_on_demand(
     setting: str, reason: str, tmp_path: Path
 ) -> None:
     done = virtual(tmp_path / "a", "--set", setting)
-    assert (done.code, done.summary["verdict"]) == (1, "not judged"), done
+    assert (done.code, done.summary["verdict"]) == (0, "ok"), done
     (why,) = done.summary["not_judged"].values()
-    said = report.verdict_text(summary_file.from_json(done.summary))
-    assert why.startswith(reason) and said == f"not judged: {why} (1 limit not judged)", said
+    assert why.startswith(reason) and why in report.verdict_text(
+        summary_file.from_json(done.summary)
+    ), why
     strict = virtual(tmp_path / "b", "--set", setting, "--judge")
     assert strict.code == 1 and reason in strict.summary["expectations_failed"][0], strict
 

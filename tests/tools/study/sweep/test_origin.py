@@ -18,9 +18,9 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.study.engine import Row
 from pcpc.tools.study.sweep import origin as origins
-from pcpc.tools.study.sweep import rerun, shards, store
+from pcpc.tools.study.sweep import rerun, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard, differences
-from pcpc.tools.study.sweep.results import RAN, Results
+from pcpc.tools.study.sweep.results import RAN
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
@@ -165,7 +165,7 @@ def kept(folder: Path, metric: float, ok: bool | None = True) -> Path:
         ((1.5, True), (1.0, 0.5), 5, "rms, verdict"),
         ((1.5, False), (1.5, 0.5), 0, "verdict"),
         ((1.5, False), (1.5, 0.5), 1, ""),
-        ((1.5, None), (1.5, 0.5), 0, "verdict"),
+        ((1.5, None), (1.5, 0.5), 0, ""),
         ((math.inf, False), ("inf", 0.5), 1, ""),
         ((math.inf, False), (1.5, 0.5), 1, "rms"),
     ],
@@ -187,9 +187,7 @@ def test_a_run_again_is_that_of_the_table_or_says_so(
         summary = {
             "metrics": {"rms": rms},
             "requirements": [{"name": "it holds", "margin": margin}],
-            "verdict": {0: "ok", 1: "expectation not met", 5: "safety stop"}[ended],
-            "judged": ["it holds"], "not_judged": {},
-        }  # fmt: skip
+        }
         (Path(words[-1]) / "summary.json").write_text(json.dumps(summary))
         return ended
 
@@ -197,25 +195,6 @@ def test_a_run_again_is_that_of_the_table_or_says_so(
     assert main(["sweep", "rerun", str(folder), "0", "pd"]) == (1 if other else ended)
     said = capsys.readouterr().out
     assert said == (f"{folder}: draw 0 of pd came to another {other}\n" if other else "")
-
-
-@pytest.mark.parametrize(
-    ("verdict", "judged", "left", "ok"),
-    [
-        ("ok", ["a"], {}, True), ("ok", ["a"], {"b": "too short"}, None), ("ok", [], {}, None),
-        ("not judged", [], {"b": "too short"}, None), ("loss", ["a"], {"b": "too short"}, False),
-    ],
-)  # fmt: skip
-def test_a_verdict_is_another_one_where_it_was_not_judged(
-    verdict: str, judged: list[str], left: dict[str, str], ok: bool | None, tmp_path: Path
-) -> None:
-    about = {"metrics": {"rms": 1.5}, "requirements": [{"name": "it holds", "margin": 0.5}]}
-    about |= {"verdict": verdict, "judged": judged, "not_judged": left}
-    (tmp_path / "summary.json").write_text(json.dumps(about))
-    for one in (True, False, None):
-        results = Results(*shards.merge([kept(tmp_path / str(one), 1.5, one)]))
-        other = rerun._differences(tmp_path / "summary.json", results, 0)
-        assert other == ["verdict"] * (one != ok), (one, other)
 
 
 def test_a_run_again_by_another_code_is_refused(

@@ -18,9 +18,7 @@ export function judge(data, column, cycles, periodS) {
   const limited = metrics.filter((one) => one.limit).sort((a, b) => a.order - b.order);
   const all = [...limited, ...requirements], bad = all.filter((one) => one.met === false);
   const here = all.some((one) => one.here);
-  const none = all.length && all.every((one) => one.met === null);
-  const word = cut ? UNFINISHED : bad.length ? "expectation not met" : here ? HERE
-    : none ? "not judged" : "ok";
+  const word = cut ? UNFINISHED : bad.length ? "expectation not met" : here ? HERE : "ok";
   return { word, failed: bad.map((one) => one.words), metrics, requirements,
     signals: drawnSignals(data, calculation) };
 }
@@ -80,7 +78,7 @@ function required(about, calculation, cut, periodS) {
   const { first, least, events, judged } = watch, open = events - judged;
   const time = (cycle) => Number(shortNumber(cycle * periodS, 12));
   if (least === null || !(judged || first)) {
-    return { ...not(unjudgedWhy(watch, time)), events, judged, open };
+    return { ...not(unjudgedWhy(watch)), events, judged, open };
   }
   const margin = Math.abs(watch.margin) <= -BARELY ? 0 : watch.margin / least.factor;
   const found = { text, met: first === null, margin, unit: least.unit, margin_s: time(least.cycle),
@@ -99,7 +97,7 @@ function required(about, calculation, cut, periodS) {
   return found;
 }
 
-function unjudgedWhy({ n, events, about }, time) {
+function unjudgedWhy({ n, events, about }) {
   if (!n) return "its variables were not recorded";
   const past = Number(about.window[1]), decided = about.becomes || about.changes !== undefined;
   if (!events && decided) return "its event never happened";
@@ -107,8 +105,7 @@ function unjudgedWhy({ n, events, about }, time) {
     return "no cycle lies in its time";
   }
   if (events) return "the run ended before its time was over";
-  if (about.waits) return "its event never happened";
-  return `the run ended before its time began, at ${pythonNumber(time(about.begin))} s`;
+  return about.waits ? "its event never happened" : "the run ended before its time began";
 }
 
 function drawnSignals(data, calculation) {
