@@ -59,7 +59,7 @@ test-browser: tools ## the page of `pcpc host` in a real browser
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
 
-coverage: tools ## lines and branches of loop and bus that tests reach, interpreted; takes hours
+coverage: tools ## lines and branches of loop and bus that tests reach; hours
 	@rm -rf build/coverage
 	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep too $(COVERED)
 	@$(BIN)/coverage combine -q

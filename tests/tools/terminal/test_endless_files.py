@@ -47,7 +47,7 @@ def test_a_log_that_is_no_file_is_refused_at_once(
     ("kind", "said"),
     [
         ("fifo", "regular"), ("socket", ""), ("/dev/zero", "regular"), (".", "directory"),
-        ("nothing", "has no size"), ("/proc/kmsg", ""), ("/proc/self/pagemap", "has no size"),
+        ("nothing", "has no size"), ("/proc/kmsg", ""), ("/proc/self/pagemap", "regular"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("suffix", [".log", ".mf4"])
