@@ -259,7 +259,11 @@ _OTHER_TRC = {  # by what stands in a file of that version
         ("a.csv", b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1\n1,2,false,Rx,0,1,3\n", "SavvyCAN's CSV"),
         ("a.csv", b"time;id;data\n1;2;3\n", "not python-can's CSV"),
         ("a.blf", b"PK\x03\x04 and so on", "an archive; unpack it first"),
-        ("a.log", gzip.compress(gzip.compress(b"(1.5) c 1#")), "an archive in an archive;"),
+        (
+            "a.log",
+            gzip.compress(gzip.compress(b"(1.5) c 1#", mtime=0), mtime=0),
+            "an archive in an archive;",
+        ),
         ("a.asc", b"<!DOCTYPE html>\n<html>", "a web page"),
         ("a.blf", b"no BLF", "does not begin with LOGG"),
         ("a.db", b"no table", "no SQLite file of python-can"),
