@@ -17,7 +17,7 @@ FILES = {
     "car.dbc": "BU_: ECU\nBO_ 291 ENGINE: 8 ECU\n SG_ speed : 0|16@1+ (1,0) [0|0] \"\" ECU\n",
 }  # fmt: skip
 NOBODY = "--node nobody.none.executive"
-NO_NODE = "nobody.none.executive: no such node is running; start one with `pcpc run RIG`"
+NO_NODE = "nobody.none.executive: no such node is running; "  # others of this machine, or a cure
 TABLES: dict[str, list[Row]] = {
     "branch log.mcap -o out --quiet": [
         ("", "which cycle? give --cycle N or --time S"),
