@@ -8,11 +8,11 @@ PLANT ?= *
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
 CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
-	$(addprefix tests/executive/nodes/test_,virtual.py every_rig.py) \
+	$(addprefix tests/executive/nodes/test_,virtual.py first_sample.py) tests/contract/test_ways.py \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
 # what reaches the loop and the bus, and needs no pace of them
-COVERED = $(wildcard tests/contract) tests/executive/loop tests/executive/loop/rare_cycles.py \
+COVERED = tests/contract tests/executive/loop tests/executive/loop/rare_cycles.py \
 	tests/executive/nodes tests/drivers
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder

@@ -33,7 +33,7 @@ STARTS_PROGRAMS = {
     "live", "blocks", "pcpc.tools.start.children",
 }  # fmt: skip
 
-SHARE = 1 / 16000  # of the time of all tests, for one test with all its cases
+SHARE = 1 / 20000  # of the time of all tests, for one test with all its cases
 _SECONDS, _COSTS = "pcpc/seconds", Path(__file__).with_name("seconds.csv")
 _PROCESSORS = os.sched_getaffinity(0)
 _started = Child.started

@@ -1,29 +1,7 @@
-"""The plant of the probe: a first-order lag, one Euler step a cycle.
-
-    x' = (command - x) / tau
-
-Without units. The sample of t goes out before the command of t comes in, as on every rig here.
-"""
+"""The lag of the probe, whose sample goes out in frames of two layouts, and of one that is none."""
 
 from pcpc.executive.laws.block import Block, Ports, port, stage
-
-
-class Parameters(Ports):
-    """Of the lag."""
-
-    tau_s = port("s", "time constant", None, 1e-3, 1e3)
-
-
-class States(Ports):
-    """Of the lag."""
-
-    x = port("", "of the lag")
-
-
-class Inputs(Ports):
-    """From the law."""
-
-    command = port("", "newest valid command")
+from pcpc.plants.probe.model import Inputs, Parameters, States
 
 
 class Outputs(Ports):

@@ -268,7 +268,7 @@ _OTHER_TRC = {  # by what stands in a file of that version
         ("a.blf", b"no BLF", "does not begin with LOGG"),
         ("a.db", b"no table", "no SQLite file of python-can"),
         ("a.log", b"\0\xff nothing\n" * 20, "line 1: no line of candump"),
-        ("a.log", b" ", "no CAN frame"),
+        ("a.log", b"", "no CAN frame"),
         ("a.xyz", b"what is it", "no format is known by this suffix"),
         ("a.log", b"(1.5) can0 123#R\n", "no CAN frame with data; it has 1 remote frames"),
     ],

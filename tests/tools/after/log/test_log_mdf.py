@@ -209,7 +209,7 @@ def test_a_recording_of_a_canedge_that_lost_its_power_is_imported(tmp_path: Path
 def test_a_missing_asammdf_is_named_with_its_cure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "a.mf4").write_bytes(b"MDF")
+    (tmp_path / "a.mf4").touch()
     monkeypatch.setitem(sys.modules, "asammdf", None)
     done = run("import", tmp_path / "a.mf4", "--dbc", DBC, "-o", tmp_path / "i.mcap")
     assert done.code == 4 and done.err.startswith("MDF needs asammdf: "), done
@@ -232,7 +232,7 @@ def test_a_measurement_without_bus_logging_is_refused(version: Any, tmp_path: Pa
     assert "without bus logging of CAN" in refused(tmp_path / "a.mf4")
 
 
-@pytest.mark.parametrize("kind", ["foreign", "cut", "half a block", "frames", "link"])
+@pytest.mark.parametrize("kind", ["empty", "foreign", "cut", "half a block", "frames", "link"])
 def test_damage_is_one_line_without_a_traceback(kind: str, tmp_path: Path) -> None:
     path = exported(tmp_path)
     data = bytearray(path.read_bytes())
@@ -243,7 +243,7 @@ def test_damage_is_one_line_without_a_traceback(kind: str, tmp_path: Path) -> No
     elif kind == "link":
         data[groups[0] + 24 : groups[0] + 32] = (1 << 40).to_bytes(8, "little")
     else:
-        data = {"foreign": b"MDF? no, a text\n" * 99, "cut": data[: len(data) // 2],
+        data = {"empty": b"", "foreign": b"MDF? no, a text\n" * 99, "cut": data[: len(data) // 2],
                 "half a block": data[: block + 99]}[kind]  # fmt: skip
     path.write_bytes(data)
     said = refused(path)
