@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
+from functools import lru_cache
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -47,6 +48,19 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     if best := _nearest(word, known):
         return f"; did you mean {best}?"
     return f"; known: {', '.join(known)}" if 0 < len(known) <= _LIST_AT_MOST else ""
+
+
+def display_path(file: Path) -> str:
+    """Return the path of `file` as messages show it: relative below the working directory."""
+    try:
+        return _path_below(file, os.getcwd())
+    except OSError:  # it is gone
+        return str(file)
+
+
+@lru_cache(maxsize=64)  # every value of a rig has a place
+def _path_below(file: Path, folder: str) -> str:
+    return str(file.relative_to(folder) if file.is_relative_to(folder) else file)
 
 
 def near_file(path: Path) -> str:

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.modules import module_of, own_streams
+from pcpc.executive.own_laws.law_errors import cause
+from pcpc.executive.own_laws.modules import module_of, own_streams
 
 
 def declared(file: Path, error: type[UserError]) -> Any:

@@ -18,8 +18,8 @@ A page of `pcpc generate web` has the scene written down with `now` and `p` open
 `math`, `max`, `min`, `abs` and numpy's operators are; float(p["length_m"]) takes the rig's value.
 
 A rig's drawing is the drawing.py beside its evaluation, or beside the rig file if it has none. The
-pages of `pcpc host` and `pcpc generate web`, `pcpc log animate` and the README's figure are painted
-from the same scenes.
+pages of `pcpc host` and `pcpc generate web`, `pcpc log plot --moving` and the README's figure are
+painted from the same scenes.
 """
 
 import math
@@ -30,7 +30,7 @@ from typing import Any
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Log
-from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.own_laws.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.plants.declared import declared
 from pcpc.plants.judging import Run, Vector, effective_rig

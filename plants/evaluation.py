@@ -48,9 +48,9 @@ from pcpc.plants.judging import (
     LATE,
     RUN,
     WINDOW,
+    DeclarationError,
     Judged,
     Merit,
-    Mistake,
     Place,
     Run,
     Signal,
@@ -130,10 +130,10 @@ class Evaluation:
     def __post_init__(self) -> None:
         for name, signal in self.signals.items():
             if not callable(signal):
-                raise Mistake(f"signal {name} is no function of a run", self.place)
+                raise DeclarationError(f"signal {name} is no function of a run", self.place)
         for name, merit in self.merits.items():
             if not callable(merit) and not isinstance(merit, Merit):
-                raise Mistake(
+                raise DeclarationError(
                     f"merit {name} is neither Rms(...) or the like nor a function", self.place
                 )
         self._check_shapes()
@@ -142,12 +142,12 @@ class Evaluation:
             variable = node in NODES if colon else "." in source
             if source not in self.signals and not variable:
                 names = [*self.signals, *(f"{node}:" for node in NODES)]
-                raise Mistake(f"no signal {source}{did_you_mean(source, names)}", place)
+                raise DeclarationError(f"no signal {source}{did_you_mean(source, names)}", place)
         each = [name for name, merit in self.merits.items() if _window_of(merit) == EACH]
         for part in (part for line in self.notes for part in line if isinstance(part, str)):
             for name in _fields(part, self.place):
                 if name not in self.merits and not name.endswith(tuple(f"_{e}" for e in each)):
-                    raise Mistake(
+                    raise DeclarationError(
                         f"notes: no merit {name}{did_you_mean(name, self.merits)}", self.place
                     )
 
@@ -159,7 +159,7 @@ class Evaluation:
         rows = self.notes if isinstance(self.notes, tuple | list) else ()
         if len(rows) != NOTE_LINES or any(isinstance(row, str) for row in rows):
             what = 'expected two rows, (("one {a:.3g}", "another"), ())'
-            raise Mistake(f"notes: {what}; got {_short(self.notes)}", self.place)
+            raise DeclarationError(f"notes: {what}; got {_short(self.notes)}", self.place)
 
     def _sources(self) -> Iterator[tuple[str, Place]]:
         """Yield the names that merits and lines are taken from, and where that is said."""
@@ -284,7 +284,10 @@ class Evaluation:
             node, colon, _ = source.partition(":")
             told = node in log.node if colon else "plant" in log.node
             if told and source not in self.signals and names.find_variable(log, source) is None:
-                yield source, str(Mistake(names.unknown_name(log, source, self.signals), place))
+                yield (
+                    source,
+                    str(DeclarationError(names.unknown_name(log, source, self.signals), place)),
+                )
 
 
 def further(numbers: Mapping[str, float]) -> list[str]:
@@ -296,9 +299,11 @@ def _sequence(what: str, given: Any, kind: type, place: Place) -> Any:
     """Return `given` if it is a sequence of `kind`; Mistake with the cure."""
     name = kind.__name__
     if isinstance(given, kind):
-        raise Mistake(f"{what}: a comma is missing behind the only {name}: ({name}(...),)", place)
+        raise DeclarationError(
+            f"{what}: a comma is missing behind the only {name}: ({name}(...),)", place
+        )
     if not isinstance(given, tuple | list) or not all(isinstance(one, kind) for one in given):
-        raise Mistake(f"{what}: expected ({name}(...), ...), got {_short(given)}", place)
+        raise DeclarationError(f"{what}: expected ({name}(...), ...), got {_short(given)}", place)
     return given
 
 
@@ -316,5 +321,5 @@ def _fields(text: str, place: Place) -> list[str]:
         names = [name for _, name, _, _ in string.Formatter().parse(text) if name]
         text.format(**dict.fromkeys(names, 1.0))
     except (ValueError, LookupError, AttributeError) as error:
-        raise Mistake(f"notes: {text!r}: {error}", place) from None
+        raise DeclarationError(f"notes: {text!r}: {error}", place) from None
     return names

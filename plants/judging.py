@@ -22,7 +22,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.reader import NODES, Log
-from pcpc.executive.rig.law_errors import located_message
+from pcpc.executive.own_laws.law_errors import located_message
 from pcpc.plants.statistics import Statistic
 
 Vector = NDArray[np.float64]
@@ -62,7 +62,7 @@ def edges(period_s: float, begin_s: float, end_s: float) -> tuple[float, float]:
     return float(first), float(past)
 
 
-class Mistake(RigError):
+class DeclarationError(RigError):
     """What is wrong in an evaluation, in one line; `place`: of the declaration that says it."""
 
     def __init__(self, what: str, place: Place | None = None) -> None:
@@ -157,10 +157,10 @@ class Run:
         try:
             values = np.asarray(given, np.float64)
         except (TypeError, ValueError):
-            raise Mistake(f"expected numbers, got {type(given).__name__}", place) from None
+            raise DeclarationError(f"expected numbers, got {type(given).__name__}", place) from None
         if values.shape[:1] != self.cycle.shape:
             what = f"expected a value a cycle, {len(self.cycle)}, got the shape {values.shape}"
-            raise Mistake(what, place)
+            raise DeclarationError(what, place)
         return values
 
     def _told(self, name: str) -> Vector:
@@ -168,13 +168,13 @@ class Run:
         node, variable = names.find_variable(log, name) or name.partition(":")[::2]
         if node not in NODES:
             if "plant" in log.node or "." not in name:
-                raise Mistake(names.unknown_name(log, name, self.signals))
+                raise DeclarationError(names.unknown_name(log, name, self.signals))
             return np.full(len(self.cycle), math.nan)
         rows, record = self._rows(node), self.log.node.get(node)
         if record is None or not len(record.cycle) or not len(record.columns):
             return np.full(len(rows), math.nan)
         if variable not in record.columns and variable not in record.timing:
-            raise Mistake(names.unknown_name(log, name))
+            raise DeclarationError(names.unknown_name(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
         if variable in record.columns and not np.isfinite(found).all():
             self.suspects.add(name)

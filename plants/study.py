@@ -30,7 +30,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Result:
+class CaseResult:
     """What a case came to; `failed`: why there are no metrics; `diverged`: it ended early.
 
     `settings`: all of the run's blocks, as `arm.stop_m`, so that no figure repeats a number.
@@ -48,13 +48,13 @@ class Result:
         return float("inf") if self.diverged else self.metrics.get(name, float("nan"))
 
 
-def of_group(results: Iterable[Result], group: str) -> list[Result]:
+def of_group(results: Iterable[CaseResult], group: str) -> list[CaseResult]:
     """Return the results of a group, in the order of the cases."""
     return [result for result in results if result.case.group == group]
 
 
 def statistic(
-    results: Iterable[Result], name: str, of: Callable[[NDArray[np.float64]], float]
+    results: Iterable[CaseResult], name: str, of: Callable[[NDArray[np.float64]], float]
 ) -> float:
     """Return a statistic, `numpy.median` for one, of a metric over runs that differ by a draw.
 

@@ -15,7 +15,7 @@ import pcpc.executive.laws
 import pcpc.plants
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
-from pcpc.executive.batch.group import Group
+from pcpc.executive.batch.group import LaneGroup
 from pcpc.executive.loop import exchange, over_line, plant_drive, shared
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.terminal.progress import Compiling
@@ -26,6 +26,7 @@ HULL = HERE.parent / "plants" / "atb1000" / "rigs" / "hull.yaml"
 
 def compile_loop() -> None:
     """Compile what does whole cycles of two or three nodes, and what these call by address."""
+    importlib.import_module("pcpc.executive.loop.running")
     exchange.run_of(2)
     importlib.import_module("pcpc.executive.nodes.replay")
     sys.path.append(str(HERE / "executive"))
@@ -43,7 +44,7 @@ def compile_laws() -> None:
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if "study" not in found.name:
                 importlib.import_module(found.name)
-    lanes = Group(load_rig(HULL, settings=["duration_s=0.01"]), {})
+    lanes = LaneGroup(load_rig(HULL, settings=["duration_s=0.01"]), {})
     lanes.begin()
     lanes.run()
     for name in ("gateway", "player"):

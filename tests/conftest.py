@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 import reach
-from copies import PROGRAMS, Copy, copies
+from copies import PROGRAMS, Copy, copies, say_no_compiling
 from hypothesis import HealthCheck, settings
 
 from pcpc.tools.start.children import Child
@@ -39,6 +39,7 @@ _PROCESSORS = os.sched_getaffinity(0)
 _started = Child.started
 
 gc.disable()
+say_no_compiling()
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any speed")
 

@@ -186,6 +186,11 @@ def end_with_the_tests() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
+def say_no_compiling() -> None:
+    """Let commands of this process not say that they compile: when is the machine's affair."""
+    vars(import_module("pcpc.drivers.compiled.compile_cache"))["SHORT_S"] = math.inf
+
+
 def as_of_a_terminal() -> None:
     """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -302,6 +307,7 @@ if __name__ == "__main__":
     for _name in _LATER:
         with suppress(ModuleNotFoundError):  # a room that was taken out
             import_module(_name)
+    say_no_compiling()
     _rig = import_module("pcpc.executive.rig.reading").load_rig(_RIG, None, ("duration_s=0.001",))
     import_module("pcpc.executive.nodes.virtual").in_memory(_rig)
     gc.collect()

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from pcpc.executive.rig.purity import has_decorator, impure_uses
+from pcpc.executive.own_laws.purity import has_decorator, impure_uses
 
 AREAS = ("drivers", "executive", "plants", "tools")
 FILES = sorted(path for area in AREAS for path in (ROOT / area).rglob("*.py"))
@@ -29,7 +29,7 @@ MODULES = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") 
 
 ENGINE = [name for name in TREES if not name.startswith("tools/")]
 
-ROOMS = ("laws", "loop", "rig", "log", "nodes", "batch")  # of `executive`, from below
+ROOMS = ("laws", "loop", "own_laws", "rig", "log", "nodes", "batch")  # of `executive`, from below
 
 
 GROUPS = (  # of `tools`, from below
@@ -68,6 +68,7 @@ MAY_IMPORT = {
     "executive/laws/ports.py": ("drivers.compiled.views", "executive.errors"),
     "executive/laws/approximators": (*_BARE, "executive.laws.approximators"),
     "executive/loop": ("drivers", *_rooms("loop")),
+    "executive/own_laws": ("drivers", *_rooms("own_laws")),
     "executive/rig": ("drivers", *_rooms("rig")),
     "executive/log": ("drivers", *_rooms("log")),
     "plants": ("drivers", "executive", "plants"),
@@ -141,6 +142,8 @@ def test_every_module_imports_only_in_the_allowed_direction() -> None:
         ("executive/a.py", "def f():\n    from pcpc.plants.atb1000 import model", False),
         ("executive/a.py", "import pcpc.tools.run.run", False),
         ("executive/loop/a.py", "from pcpc.executive.rig import schema", False),
+        ("executive/own_laws/a.py", "from pcpc.executive.rig import schema", False),
+        ("executive/rig/a.py", "from pcpc.executive.own_laws import trial", True),
         ("executive/log/a.py", "from pcpc.executive.rig import schema", True),
         ("plants/a.py", "from pcpc.executive.loop import cycle", True),
         ("plants/a.py", "from pcpc.plants.atb1000.laws.pd import BLOCK", False),
@@ -170,6 +173,43 @@ def test_every_module_imports_only_in_the_allowed_direction() -> None:
 )
 def test_the_direction_check_itself_works(name: str, line: str, allowed: bool) -> None:
     assert (not wrong_imports(name, ast.parse(line))) is allowed
+
+
+OPENERS = {  # others ask `after.opened`; these two ask what a log carries
+    "tools/after/opened.py", "tools/after/verify/one.py", "tools/after/report/details.py",
+}  # fmt: skip
+
+
+def bits_compared(tree: ast.AST) -> list[int]:
+    """Return the lines that hold the bytes of numbers against others."""
+    sides = [
+        (n.lineno, [n.left, *n.comparators]) for n in ast.walk(tree) if isinstance(n, ast.Compare)
+    ]
+    raw = {"view", "tobytes"}
+    return [
+        line
+        for line, several in sides
+        if any(getattr(getattr(one, "func", None), "attr", "") in raw for one in several)
+    ]
+
+
+def logs_read(tree: ast.AST) -> bool:
+    """Return whether a log is read as a whole, or its head."""
+    calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    named = (ast.unparse(one) for one in calls)
+    return bool({"logs.read", "logs.head", "long_logs.read"} & {*named})
+
+
+def test_a_run_is_opened_by_one_module_and_compared_by_one() -> None:
+    """A room brings data: what is new in a run is no opener and no comparison of its own."""
+    tools = {name: tree for name, tree in TREES.items() if name.startswith("tools/")}
+    by_rig = {n for n, t in tools.items() if "tools.after.log.rig" in {m for m, _ in imports(t)}}
+    assert by_rig == OPENERS
+    read = {n for n, t in tools.items() if "/dev/" not in n and logs_read(t)}
+    assert read == {"tools/after/opened.py"}
+    after = {name: bits_compared(tree) for name, tree in tools.items() if "/after/" in name}
+    assert [name for name, lines in after.items() if lines] == ["tools/after/differences.py"]
+    assert bits_compared(ast.parse("a.view(int) == b\nb != a.tobytes()\na == b.sum()")) == [1, 2]
 
 
 def circles(edges: dict[str, set[str]]) -> list[str]:

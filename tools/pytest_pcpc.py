@@ -190,12 +190,10 @@ def _unseen_stop(title: str, run: "pcpc.Run") -> str:
 def _requirements(run: "pcpc.Run") -> dict[str, str]:
     """Return what became of each requirement and limit that has an id."""
     result, words = run.result, {True: "met", False: "violated", None: "not judged"}
-    found = {one.id: words[one.held] for one in result.requirements if one.id}
-    for name, one in (result.ids or {}).items():
-        failed = any(text.startswith(f"{one} {name} ") for text in result.expectations_failed)
-        word = "violated" if failed else "met"
-        found[one] = word if name in result.judged else "not judged"
-    return {str(name): word for name, word in found.items()}
+    if not result.ids and not any(one.id for one in result.requirements):
+        return {}
+    found = sorted(run.findings, key=lambda one: one.kind == "limit")  # in the order of old
+    return {one.id: words[one.held] for one in found if one.id}
 
 
 def _verdict_lines(run: "pcpc.Run") -> list[str]:

@@ -37,7 +37,7 @@ from pcpc.drivers.can import wire, wire_layout
 from pcpc.drivers.compiled.jit import numba
 import numpy as np
 
-end = np.zeros(1, wire_layout.WIRE).view(np.recarray)[0]
+end = np.zeros(1, wire_layout.Wire.dtype).view(np.recarray)[0]
 wire.prepare(end, wire_layout.Medium.MEMORY, -1, -1)
 wire.put_frame(end), wire.get_frame(end, True)  # as the tests call them, beside the loop
 PY

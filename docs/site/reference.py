@@ -3,6 +3,7 @@
 commands.md     the parser of the command line
 api.md          signatures and docstrings of `import pcpc`
 rig-python.md   the same of what a rig's laws, plants and evaluation import
+schemas         of the structs that commands print as JSON, where they print one
 """
 
 import argparse
@@ -22,6 +23,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.laws.block import Block
 from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
+from pcpc.tools.dev import schemas
 from pcpc.tools.terminal.command import Command
 
 _Leaf = tuple[Command, argparse.ArgumentParser]  # a command without parts
@@ -52,7 +54,7 @@ meaning begins with that name.
 _MANY = 3  # commands that take an argument with the same help: it is explained once
 _CODES = {
     Exit.OK: "done; the verdict of a run is good",
-    Exit.NOT_MET: "an expectation, a requirement or a comparison does not hold",
+    Exit.NOT_MET: "an expectation, requirement or comparison does not hold, or none was judged",
     Exit.WRONG_INPUT: "an option, a rig or a file is wrong",
     Exit.LOSS: "frames or records were lost, or a log is damaged; what is readable is written",
     Exit.ENVIRONMENT: "a node, a bus or a package is missing, or a file cannot be written",
@@ -408,6 +410,7 @@ def _prose(text: str) -> str:
 
 
 PAGES = {"commands.md": commands, "api.md": api, "rig-python.md": rig_python}
+PAGES |= {f"schemas/{name}": partial(str, text) for name, text in schemas.files().items()}
 
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)

@@ -17,9 +17,8 @@ import socket
 import struct
 import subprocess
 from dataclasses import dataclass
-from typing import Any
 
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, Medium
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, Medium, Wire
 from pcpc.drivers.errors import BusError
 
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
@@ -36,7 +35,7 @@ _ERRORS = 0x1FFFFFFF & ~0x02  # error frames of all classes but lost arbitration
 
 
 @dataclass(frozen=True)
-class Bus:
+class BusAddress:
     """Which bus: python-can's interface name and channel."""
 
     interface: str
@@ -51,20 +50,20 @@ class Bus:
         return self.interface in ("socketcan", "udp_multicast")
 
 
-def bus_named(interface: str, channel: str | None) -> Bus:
+def bus_named(interface: str, channel: str | None) -> BusAddress:
     """Return the bus for an interface name; `auto` looks at the machine, not at who uses it.
 
     A bus has one name: the default port of udp_multicast is left out.
     """
     if interface == "auto":
         if vcan_ready(channel or "vcan0"):
-            return Bus("socketcan", channel or "vcan0")
-        return Bus("udp_multicast", UDP_GROUP)
+            return BusAddress("socketcan", channel or "vcan0")
+        return BusAddress("udp_multicast", UDP_GROUP)
     default = {"socketcan": "vcan0", "udp_multicast": UDP_GROUP}.get(interface, "")
     channel = channel or default
     if interface == "udp_multicast":
         channel = channel.removesuffix(f":{UDP_PORT}")
-    return Bus(interface, channel)
+    return BusAddress(interface, channel)
 
 
 def parse(text: str) -> tuple[str, str | None]:
@@ -77,7 +76,7 @@ def parse(text: str) -> tuple[str, str | None]:
     return interface, None
 
 
-def neighbour_of(bus: Bus) -> Bus:
+def neighbour_of(bus: BusAddress) -> BusAddress:
     """Return the bus next to `bus`: vcan1 to vcan0, the next port of udp_multicast; BusError."""
     if bus.interface == "udp_multicast":
         group, port = udp_address(bus.channel)
@@ -90,7 +89,7 @@ def neighbour_of(bus: Bus) -> Bus:
     next_one = f"{name[1]}{int(name[2]) + 1}"
     if not vcan_ready(next_one):
         _make_vcan(next_one)  # there, but not up: another node is just making it
-    return Bus(bus.interface, next_one)
+    return BusAddress(bus.interface, next_one)
 
 
 def vcan_ready(name: str) -> bool:
@@ -121,8 +120,8 @@ def _make_vcan(name: str) -> bool:
     return code == 0
 
 
-def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
-    """Open `bus` for one node that listens to `receive_ids` and put it into the WIRE record `end`.
+def open_bus(bus: BusAddress, receive_ids: list[int] | None, end: Wire) -> None:
+    """Open `bus` for one node that listens to `receive_ids` and put it into the Wire record `end`.
 
     `receive_ids` are SocketCAN's filter, above 0x7FF extended; other buses deliver every frame, and
     None stands for every frame.
@@ -145,8 +144,8 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
         )
 
 
-def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
-    """Open a second bus of the same kind for a node whose WIRE record `end` is open; BusError."""
+def open_second(bus: BusAddress, receive_ids: list[int], end: Wire) -> None:
+    """Open a second bus of the same kind for a node whose Wire record `end` is open; BusError."""
     if bus.interface == "socketcan" and end.kind == Medium.SOCKETCAN:
         end.fd_tx2 = end.fd_rx2 = _open_socketcan(bus.channel, receive_ids, bool(end.fd))
     elif bus.interface == "udp_multicast" and end.kind == Medium.UDP:
@@ -158,7 +157,7 @@ def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
         )
 
 
-def listener(bus: Bus) -> socket.socket:
+def listener(bus: BusAddress) -> socket.socket:
     """Return a socket that hears all frames of a compiled bus, with the kernel's time; BusError.
 
     Each comes with an SCM_TIMESTAMPNS: when it was sent or came in, CLOCK_REALTIME. Without a
@@ -174,8 +173,8 @@ def listener(bus: Bus) -> socket.socket:
     return heard
 
 
-def set_own_address(end: Any) -> None:
-    """Let the open WIRE record `end` tell its own frames, which come back to it on udp_multicast.
+def set_own_address(end: Wire) -> None:
+    """Let the open Wire record `end` tell its own frames, which come back to it on udp_multicast.
 
     SocketCAN and python-can do not give a sender its own frames.
     """
@@ -329,7 +328,7 @@ def _receive_options(sock: socket.socket) -> None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
 
-def _open_python_can(bus: Bus) -> int:
+def _open_python_can(bus: BusAddress) -> int:
     import can
 
     from pcpc.drivers.can import python_can_port  # time

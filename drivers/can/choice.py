@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pcpc.drivers.can.bus import (
     UDP_GROUP,
     UDP_PORT,
-    Bus,
+    BusAddress,
     bus_named,
     neighbour_of,
     udp_address,
@@ -53,7 +53,7 @@ class BusRequest:
 class Choice:
     """The bus, what holds it, and a line for the user where there is something to say."""
 
-    bus: Bus
+    bus: BusAddress
     note: str = ""
     claims: list[socket.socket] = field(default_factory=list)
 
@@ -97,7 +97,7 @@ def _partners_bus(wanted: BusRequest) -> Choice | None:
     for bus, roles in seats.items():
         if wanted.roles and not set(roles) & set(wanted.roles):
             interface, _, channel = bus.partition(":")
-            return Choice(Bus(interface, channel), f"joins the {' and '.join(roles)} there")
+            return Choice(BusAddress(interface, channel), f"joins the {' and '.join(roles)} there")
     return None
 
 
@@ -124,17 +124,17 @@ def _free_bus(wanted: BusRequest) -> Choice:
     )
 
 
-def _vcans(wanted: BusRequest) -> Iterator[tuple[Bus, str]]:
+def _vcans(wanted: BusRequest) -> Iterator[tuple[BusAddress, str]]:
     """Yield the vcan interfaces in order, as long as there is one or it can be made."""
     if wanted.channel is not None:
         return
     for number in range(_VCANS):
         if not all(vcan_ready(f"vcan{number + i}") for i in range(wanted.count)):
             return
-        yield Bus("socketcan", f"vcan{number}"), ""
+        yield BusAddress("socketcan", f"vcan{number}"), ""
 
 
-def _udp_ports(wanted: BusRequest) -> Iterator[tuple[Bus, str]]:
+def _udp_ports(wanted: BusRequest) -> Iterator[tuple[BusAddress, str]]:
     """Yield the ports of the default group, each with why it is not free or nothing."""
     used = used_ports()
     for port in range(UDP_PORT, UDP_PORT + _PORTS):
@@ -156,14 +156,14 @@ def used_ports() -> set[int]:
     return ports
 
 
-def _name(bus: Bus) -> str:
+def _name(bus: BusAddress) -> str:
     if bus.interface == "udp_multicast":
         group, port = udp_address(bus.channel)
         return f"bus/{bus.interface}:{group}:{port}"
     return f"bus/{bus}"
 
 
-def _seat(bus: Bus, rig: str, role: str) -> str:
+def _seat(bus: BusAddress, rig: str, role: str) -> str:
     return f"seat/{os.getuid()}/{bus}/{_short_name(rig)}/{role}"
 
 

@@ -14,13 +14,13 @@ written that come with its raw value, and those that always do.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import compiled, inline
-from pcpc.drivers.compiled.rows import FLAGS, LENGTH
+from pcpc.drivers.compiled.records import Byte, Cells, int64
+from pcpc.drivers.compiled.rows import FLAGS, LENGTH, FrameRow, SignalRow
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63
@@ -29,7 +29,7 @@ _ODD_BYTES, _ODD_PAIRS, _LOW_HALF = 0x00FF_00FF_00FF_00FF, 0x0000_FFFF_0000_FFFF
 
 
 @inline
-def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
+def frame_of(word: int, frames: Cells[FrameRow], n_frames: int) -> int:
     """Return which of the first `n_frames` has this id, a word of `can.can_id`; -1 for none.
 
     `frames`: (rows,) of the tables.
@@ -42,54 +42,54 @@ def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
 
 
 @inline
-def length_of(frame: NDArray[np.uint8], row: int, frames: NDArray[Any]) -> np.int64:
+def length_of(frame: Cells[Byte], row: int, frames: Cells[FrameRow]) -> int:
     """Return the length of a received frame; -1 if it is classic and its row FD, or without BRS.
 
     `frame` (bytes,), `frames` (rows,).
     """
-    differs = (np.int64(frame[FLAGS]) ^ frames[row].fd_flags) & (Flag.FD | Flag.BRS)
-    return np.int64(frame[LENGTH]) if differs == 0 else np.int64(-1)
+    differs = (int64(frame[FLAGS]) ^ frames[row].fd_flags) & (Flag.FD | Flag.BRS)
+    return int64(frame[LENGTH]) if differs == 0 else int64(-1)
 
 
 @inline
-def four_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
+def four_bytes(data: Cells[Byte], at: int) -> int:
     """Return the little-endian word of the 4 bytes from `at` on: one load, where `at` is known.
 
     `data`: (n,).
     """
-    low = np.int64(data[at]) | np.int64(data[at + 1]) << np.int64(8)
-    high = np.int64(data[at + 2]) | np.int64(data[at + 3]) << np.int64(8)
-    return np.int64(low | high << np.int64(16))
+    low = int64(data[at]) | int64(data[at + 1]) << int64(8)
+    high = int64(data[at + 2]) | int64(data[at + 3]) << int64(8)
+    return int64(low | high << int64(16))
 
 
 @inline
-def eight_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
+def eight_bytes(data: Cells[Byte], at: int) -> int:
     """Return the little-endian word of the 8 bytes of `data` (n,) from `at` on."""
-    return np.int64(four_bytes(data, at) | four_bytes(data, at + 4) << np.int64(32))
+    return int64(four_bytes(data, at) | four_bytes(data, at + 4) << int64(32))
 
 
 @inline
-def put_four_bytes(data: NDArray[np.uint8], at: int, word: int) -> None:
+def put_four_bytes(data: Cells[Byte], at: int, word: int) -> None:
     """Write a little-endian word into 4 bytes of `data` (n,) from `at` on."""
     data[at] = word & 255
-    data[at + 1] = (word >> np.int64(8)) & 255
-    data[at + 2] = (word >> np.int64(16)) & 255
-    data[at + 3] = (word >> np.int64(24)) & 255
+    data[at + 1] = (word >> int64(8)) & 255
+    data[at + 2] = (word >> int64(16)) & 255
+    data[at + 3] = (word >> int64(24)) & 255
 
 
 @inline
-def _add(data: NDArray[np.uint8], at: int, word: np.int64) -> None:
+def _add(data: Cells[Byte], at: int, word: int) -> None:
     """Add the bits of a little-endian word to those of 8 bytes from `at` on."""
     for i in range(8):
-        data[at + i] |= (word >> np.int64(8 * i)) & 255
+        data[at + i] |= (word >> int64(8 * i)) & 255
 
 
 @inline
-def _swapped_word(word: np.int64) -> np.int64:
+def _swapped_word(word: int) -> int:
     """Return the word with its bytes in the other order."""
-    pairs = (word & _ODD_BYTES) << np.int64(8) | (word >> np.int64(8)) & _ODD_BYTES
-    fours = (pairs & _ODD_PAIRS) << np.int64(16) | (pairs >> np.int64(16)) & _ODD_PAIRS
-    return np.int64(fours << np.int64(32) | (fours >> np.int64(32)) & _LOW_HALF)
+    pairs = (word & _ODD_BYTES) << int64(8) | (word >> int64(8)) & _ODD_BYTES
+    fours = (pairs & _ODD_PAIRS) << int64(16) | (pairs >> int64(16)) & _ODD_PAIRS
+    return int64(fours << int64(32) | (fours >> int64(32)) & _LOW_HALF)
 
 
 @inline
@@ -102,16 +102,16 @@ def _round(x: float) -> float:
 
 
 @inline
-def _unscale(raw: np.int64, signal: Any) -> float:
+def _unscale(raw: int, signal: SignalRow) -> float:
     """Return the physical value of a raw word, already masked and sign-extended."""
     kind, factor, offset = signal.kind, signal.factor, signal.offset
-    if kind == Kind.SCALED:
+    if kind == SignalKind.SCALED:
         return np.float64(raw) * factor + offset
-    if kind == Kind.UNSIGNED_64:
+    if kind == SignalKind.UNSIGNED_64:
         return np.float64(np.int64(raw).view(np.uint64)) * factor + offset
-    if kind == Kind.FLOAT_32:
+    if kind == SignalKind.FLOAT_32:
         code = np.float64(np.int32(raw).view(np.float32))
-    elif kind == Kind.FLOAT_64:
+    elif kind == SignalKind.FLOAT_64:
         code = np.int64(raw).view(np.float64)
     else:
         return np.float64(raw * signal.int_factor + signal.int_offset)
@@ -121,21 +121,21 @@ def _unscale(raw: np.int64, signal: Any) -> float:
 
 
 @inline
-def _raw_word(data: NDArray[np.uint8], signal: Any) -> np.int64:
+def _raw_word(data: Cells[Byte], signal: SignalRow) -> int:
     """Return the raw word of a signal in `data` (n,), sign-extended."""
     little = eight_bytes(data, signal.byte)
     word = _swapped_word(little) if signal.big_endian != 0 else little
     raw = (word >> signal.shift) & signal.mask
-    return np.int64((raw ^ signal.sign) - signal.sign)
+    return int64((raw ^ signal.sign) - signal.sign)
 
 
 @compiled()
 def _unpack_layout(
-    data: NDArray[np.uint8],
+    data: Cells[Byte],
     frame: int,
-    frames: NDArray[Any],
-    signals: NDArray[Any],
-    values: NDArray[np.float64],
+    frames: Cells[FrameRow],
+    signals: Cells[SignalRow],
+    values: Cells[float],
 ) -> None:
     """Decode the signals that come with the multiplexer's value; the others keep theirs.
 
@@ -150,11 +150,11 @@ def _unpack_layout(
 
 @inline
 def unpack(
-    data: NDArray[np.uint8],
+    data: Cells[Byte],
     frame: int,
-    frames: NDArray[Any],
-    signals: NDArray[Any],
-    values: NDArray[np.float64],
+    frames: Cells[FrameRow],
+    signals: Cells[SignalRow],
+    values: Cells[float],
 ) -> None:
     """Decode `data` by row `frame` of the tables into the signals' places in `values`.
 
@@ -179,57 +179,57 @@ def unpack(
 
 
 @inline
-def _float_bits(code: float, signal: Any) -> np.int64:
+def _float_bits(code: float, signal: SignalRow) -> Any:
     """Return the int64 of the nearest number within the limits, as it is on the wire."""
     if code < signal.code_low:
         code = signal.code_low
     elif code > signal.code_high:
         code = signal.code_high
-    if signal.kind == Kind.FLOAT_32:
-        return np.int64(np.float32(code).view(np.int32))
+    if signal.kind == SignalKind.FLOAT_32:
+        return int64(np.float32(code).view(np.int32))
     return np.float64(code).view(np.int64)
 
 
 @inline
-def _bits(code: float, signal: Any) -> np.int64:
+def _bits(code: float, signal: SignalRow) -> int:
     """Return the int64 of the nearest integer within the limits; `code` is an integer."""
     if code < signal.code_low:
         return signal.bits_low
     if code > signal.code_high:
         return signal.bits_high
     if code < _TWO_63:
-        return np.int64(code)
-    return np.int64(code - _TWO_63) ^ np.int64(_TOP_BIT)
+        return int64(code)
+    return int64(code - _TWO_63) ^ int64(_TOP_BIT)
 
 
 @inline
-def _encoded(value: float, signal: Any) -> tuple[np.int64, np.int64]:
+def _encoded(value: float, signal: SignalRow) -> tuple[int, int]:
     """Return the raw word of a value, and 1 where it saturated or is NaN, else 0."""
     code = (value - signal.offset) / signal.factor
-    kind, bits = signal.kind, np.int64(0)
-    if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
+    kind, bits = signal.kind, int64(0)
+    if kind == SignalKind.FLOAT_32 or kind == SignalKind.FLOAT_64:
         if code == code:
             bits = _float_bits(code, signal)
     else:
         code = _round(code)
         if code == code:
             bits = _bits(code, signal)
-    return bits, np.int64(not signal.code_low <= code <= signal.code_high)
+    return bits, int64(not signal.code_low <= code <= signal.code_high)
 
 
 @compiled()
 def _pack_layout(
-    data: NDArray[np.uint8],
+    data: Cells[Byte],
     frame: int,
-    frames: NDArray[Any],
-    signals: NDArray[Any],
-    values: NDArray[np.float64],
-) -> np.int64:
+    frames: Cells[FrameRow],
+    signals: Cells[SignalRow],
+    values: Cells[float],
+) -> int:
     """Encode the signals that go with the multiplexer's value; shapes and result as in `pack`."""
-    for i in range(max(frames[frame].dlc, np.int64(8))):
+    for i in range(max(frames[frame].dlc, int64(8))):
         data[i] = 0
     chosen = signals[frames[frame].selector - 1]
-    layout, saturated = _encoded(values[chosen.variable], chosen)[0] & chosen.mask, np.int64(0)
+    layout, saturated = _encoded(values[chosen.variable], chosen)[0] & chosen.mask, int64(0)
     for row in range(frames[frame].first, frames[frame].end):
         signal = signals[row]
         if signal.layout == 0 or signal.layout == layout + 1:
@@ -242,12 +242,12 @@ def _pack_layout(
 
 @inline
 def pack(
-    data: NDArray[np.uint8],
+    data: Cells[Byte],
     frame: int,
-    frames: NDArray[Any],
-    signals: NDArray[Any],
-    values: NDArray[np.float64],
-) -> np.int64:
+    frames: Cells[FrameRow],
+    signals: Cells[SignalRow],
+    values: Cells[float],
+) -> int:
     """Encode the signals of row `frame` from `values` into `data`.
 
     8 bytes are written, or as many as its dlc if that is more. Returns how many signals saturated:
@@ -256,7 +256,7 @@ def pack(
     """
     if frames[frame].selector != 0:
         return _pack_layout(data, frame, frames, signals, values)
-    little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
+    little, big, saturated = int64(0), int64(0), int64(0)
     long = frames[frame].dlc > 8
     if long:
         for i in range(frames[frame].dlc):
@@ -264,8 +264,8 @@ def pack(
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
         code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
-        kind, bits = signal.kind, np.int64(0)
-        if kind == Kind.FLOAT_32 or kind == Kind.FLOAT_64:
+        kind, bits = signal.kind, int64(0)
+        if kind == SignalKind.FLOAT_32 or kind == SignalKind.FLOAT_64:
             if code == code:
                 bits = _float_bits(code, signal)
         else:
@@ -285,5 +285,5 @@ def pack(
         return saturated
     word = little | _swapped_word(big)
     put_four_bytes(data, 0, word)
-    put_four_bytes(data, 4, word >> np.int64(32))
+    put_four_bytes(data, 4, word >> int64(32))
     return saturated

@@ -25,21 +25,21 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.dbc_file import Database, DbcSignal, Message, load, parse, place, text
 from pcpc.drivers.can.frame_format import check_format, first_bit
-from pcpc.drivers.can.frames import Frame, Kind, Protection, Signal
+from pcpc.drivers.can.frames import Frame, Protection, Signal, SignalKind
 from pcpc.drivers.can.wire_layout import Flag
-from pcpc.drivers.compiled.rows import FRAME, SIGNAL
+from pcpc.drivers.compiled.rows import FrameRow, SignalRow
 from pcpc.drivers.errors import BusError, DbcError, printable
 
 __all__ = [
     "BusError",
+    "CodecTable",
     "Database",
     "DbcError",
     "Frame",
-    "Kind",
     "Message",
     "Protection",
     "Signal",
-    "Table",
+    "SignalKind",
     "bus_load",
     "first_bit",
     "frame",
@@ -61,10 +61,10 @@ _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64
 
 
 @dataclass(frozen=True)
-class Table:
+class CodecTable:
     """What the compiled loop walks; `variables` are "FRAME.signal" in order of the signal rows."""
 
-    frames: NDArray[Any]  # FRAME and SIGNAL of drivers.compiled.rows
+    frames: NDArray[Any]  # FrameRow and SignalRow of drivers.compiled.rows
     signals: NDArray[Any]
     variables: tuple[str, ...]
 
@@ -278,7 +278,7 @@ def real(number: float) -> float:
         return math.inf if number > 0 else -math.inf
 
 
-def _kind(signal: DbcSignal, where: str) -> Kind:
+def _kind(signal: DbcSignal, where: str) -> SignalKind:
     """Return in what arithmetic the float64 value of this signal is the one of cantools.
 
     cantools computes integer factors and offsets in integers of any size. Up to 2^53 float64
@@ -287,9 +287,9 @@ def _kind(signal: DbcSignal, where: str) -> Kind:
     if signal.is_float:
         if signal.length not in (32, 64):
             raise DbcError(f"{where}: float of {signal.length} bits; use 32 or 64")
-        return Kind.FLOAT_32 if signal.length == 32 else Kind.FLOAT_64
+        return SignalKind.FLOAT_32 if signal.length == 32 else SignalKind.FLOAT_64
     unsigned_64 = signal.length == 64 and not signal.is_signed
-    in_floats = Kind.UNSIGNED_64 if unsigned_64 else Kind.SCALED
+    in_floats = SignalKind.UNSIGNED_64 if unsigned_64 else SignalKind.SCALED
     whole_offset = float(signal.offset).is_integer()
     if not (isinstance(signal.scale, int) or (signal.scale.is_integer() and whole_offset)):
         return in_floats
@@ -300,12 +300,12 @@ def _kind(signal: DbcSignal, where: str) -> Kind:
         return in_floats
     if not whole_offset or unsigned_64 or largest + abs(int(signal.offset)) >= 2**63:
         raise DbcError(f"{where}: scaled values exceed 64 bits; use fewer bits")
-    return Kind.WIDE
+    return SignalKind.WIDE
 
 
 def table(
     selected: Sequence[Frame], rate_hz: float, index: Mapping[str, int] | None = None
-) -> Table:
+) -> CodecTable:
     """Return the tables of these frames.
 
     `index` gives the place of each variable "FRAME.signal"; without, they are counted from 0.
@@ -324,7 +324,9 @@ def table(
             entry.every_n(rate_hz), entry.crc[0], entry.has_sequence, *entry.counter,
             *entry.crc[1:], _selector_row(entry, first),
         ))  # fmt: skip
-    return Table(np.array(rows, FRAME), np.array(signals, SIGNAL), tuple(names))
+    return CodecTable(
+        np.array(rows, FrameRow.dtype), np.array(signals, SignalRow.dtype), tuple(names)
+    )
 
 
 def _selector_row(entry: Frame, first: int) -> int:
@@ -339,7 +341,7 @@ def _signal_row(signal: Signal, place: int, dlc: int) -> tuple[float, ...]:
     from_top = start // 8 * 8 + 7 - start % 8
     shift = 64 - from_top - signal.nbits if signal.big_endian else start
     extends = (signal.signed or signal.is_float) and signal.nbits < 64
-    wide = signal.kind == Kind.WIDE
+    wide = signal.kind == SignalKind.WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
     return (
         byte, signal.big_endian, shift, _wrap(mask),

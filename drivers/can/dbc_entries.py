@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 
-from pcpc.drivers.can.dbc_syntax import Entry, entries, names
+from pcpc.drivers.can.dbc_syntax import DbcEntry, entries, names
 
 MOST_BYTES = 1785  # of the longest message that a DBC file is used for, J1939's transport
 MOST_MULTIPLEXED = 1 << 16  # multiplexer values of all signals together
@@ -95,7 +95,7 @@ class Description:
     def __init__(self, content: str) -> None:
         self.frames: dict[int, DescribedFrame] = {}  # by the id as the file writes it
         self.nodes: list[str] = []
-        self.others: dict[str, list[Entry]] = {}
+        self.others: dict[str, list[DbcEntry]] = {}
         self.odd: list[OddEntry] = []
         self.count = 0  # of entries that are DBC
         self._of_no_frame: set[int] = set()
@@ -113,7 +113,7 @@ class Description:
         """List what is left out; `frame` is the one whose meaning it would change."""
         self.odd.append(OddEntry(place, what, frame.number if frame else None))
 
-    def those_meant(self, entry: Entry) -> tuple[DescribedFrame, list[DescribedSignal]] | None:
+    def those_meant(self, entry: DbcEntry) -> tuple[DescribedFrame, list[DescribedSignal]] | None:
         """Return the frame of an entry, with its signals of this name; else list it, None."""
         about = f"{entry.keyword} {entry.number}"
         frame = self.frames.get(entry.number or 0)
@@ -130,7 +130,7 @@ class Description:
             return None
         return frame, signals
 
-    def _take(self, entry: Entry) -> None:
+    def _take(self, entry: DbcEntry) -> None:
         if entry.misfit:
             self._take_misfit(entry)
             return
@@ -145,7 +145,7 @@ class Description:
                 self.nodes += [one for one in names(entry.groups["names"]) if one != NOBODY]
             self.others.setdefault(entry.keyword, []).append(entry)
 
-    def _take_misfit(self, entry: Entry) -> None:
+    def _take_misfit(self, entry: DbcEntry) -> None:
         frame = self._current
         if entry.keyword == "BO_":
             words = entry.text.split("\n")[0].split()
@@ -160,7 +160,7 @@ class Description:
             frame = self.frames.get(int(number[0][:20])) if number else None
             self.leave_out(entry.place, entry.misfit, frame)
 
-    def _new_frame(self, entry: Entry) -> None:
+    def _new_frame(self, entry: DbcEntry) -> None:
         groups, number = entry.groups, entry.number or 0
         frame = DescribedFrame(groups["name"], number, entry.place)
         frame.sender = groups.get("sender", NOBODY)
@@ -192,7 +192,7 @@ class Description:
             return f"{both}; the first counts; make them differ"
         return ""
 
-    def _new_signal(self, entry: Entry) -> None:
+    def _new_signal(self, entry: DbcEntry) -> None:
         frame, groups = self._current, entry.groups
         if frame is None:
             what = f"SG_ {groups['name']}: a signal of no frame; put it behind its BO_"
@@ -224,6 +224,8 @@ class Description:
             if count > MOST_MULTIPLEXED:
                 count, (low, high) = 0, max(ranges, key=lambda one: one[1] - one[0])
                 why = f": {low}-{high}: more than {MOST_MULTIPLEXED} values of a multiplexer"
+            if any(low > high for low, high in ranges):
+                why = ": a range that ends before it begins; write its lower end first"
             if why:
                 what = f"SG_MUL_VAL_ {entry.number} {entry.groups['signal']}{why}"
                 self.leave_out(entry.place, what, frame)

@@ -34,6 +34,7 @@ logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused i
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
+_PADDING = "\0\x1a"  # behind the end, of DOS and of a file system
 _PATIENCE_S, _PATIENCE_S_PER_BYTE = 20.0, 2e-5  # cantools reads about 0.3 MB in a second
 _STRING = re.compile(r'"(?:\\"|[^"])*?"')
 _FRAME_OR_SIGNAL = re.compile(
@@ -72,6 +73,7 @@ def text(path: str | Path) -> str:
         found = data.decode(encoding)
     except UnicodeDecodeError:
         found = data.decode("cp1252", "replace")
+    found = found.rstrip(_PADDING)
     if "\0" in found:
         raise DbcError(f"{path}: not text; give a DBC file")
     return found.replace("\r\n", "\n").replace("\r", "\n")

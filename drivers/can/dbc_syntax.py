@@ -35,7 +35,7 @@ _REST = rf"(?:{_STRING}|[^;\"\n]|\n(?!\s*+{_KEYWORD}))*+"
 _SHAPES: dict[str, tuple[str, ...]] = {
     "VERSION": (_STRING,),
     "NS_": (":", rf"(?:[A-Z][A-Z_]*+(?=\s*+(?:{_KEYWORD}|\Z))\s*+)*+"),
-    "BS_": (r"[^\n]*+",),
+    "BS_": (rf"(?:(?!\b{_KEYWORD})[^\n])*+",),
     "BU_": (":", rf"(?P<names>(?:{_NODE}\s*+,?+\s*+)*+)"),
     "BO_": (rf"(?P<only_frame>{_WHOLE})", rf"(?P<name>{_NAME})", ":", r"(?P<length>[-+]?+\d++)",
             rf"(?P<sender>{_NODE})?+"),
@@ -67,7 +67,7 @@ _SHOWN, _KEPT = 100, 1000  # characters on each side of what is no entry, and of
 
 
 @dataclass(frozen=True)
-class Entry:
+class DbcEntry:
     """An entry: its `groups`; of what is none, the place where it ends to be one, and its `text`.
 
     `place`: line, and column of what is none.
@@ -86,7 +86,7 @@ class Entry:
         return int(text[:20]) if text else None
 
 
-def entries(content: str) -> Iterator[Entry]:
+def entries(content: str) -> Iterator[DbcEntry]:
     """Yield each entry of the text of a DBC file, and what stands between them."""
     content = _COMMENT.sub(_without_comment, content)
     at, line, counted = _end(_BLANK, content, 0), 1, 0
@@ -96,7 +96,7 @@ def entries(content: str) -> Iterator[Entry]:
         found = _PATTERNS[keyword].match(content, at) if keyword in _PATTERNS else None
         if found:
             groups = {key: text for key, text in found.groupdict().items() if text is not None}
-            yield Entry(str(line), keyword, groups)
+            yield DbcEntry(str(line), keyword, groups)
             after = found.end()
         else:
             following = _NEXT.search(content, at)
@@ -104,7 +104,7 @@ def entries(content: str) -> Iterator[Entry]:
             bad = _first_misfit(content, at, keyword)
             column = bad - content.rfind("\n", 0, bad)
             place = f"{line + content.count(chr(10), at, bad)}:{column}"
-            yield Entry(place, keyword, {}, _marked(content, bad), content[at:after][:_KEPT])
+            yield DbcEntry(place, keyword, {}, _marked(content, bad), content[at:after][:_KEPT])
         at = _end(_BLANK, content, after)
 
 

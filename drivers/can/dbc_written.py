@@ -17,7 +17,7 @@ from pcpc.drivers.can.dbc_entries import (
     is_name,
     whole_number,
 )
-from pcpc.drivers.can.dbc_syntax import NUMBER, Entry, names, parts
+from pcpc.drivers.can.dbc_syntax import NUMBER, DbcEntry, names, parts
 from pcpc.drivers.errors import printable
 
 _USED = ("GenMsgCycleTime", "GenMsgSendType", "VFrameFormat", "CANFD_BRS", "E2EDataId")
@@ -88,7 +88,7 @@ class Writing:
         for entry in self.described.others.get("BA_", []):
             self._attribute(entry)
         self._number_names()
-        writers: dict[str, Callable[[Entry, DescribedFrame, list[DescribedSignal]], None]] = {
+        writers: dict[str, Callable[[DbcEntry, DescribedFrame, list[DescribedSignal]], None]] = {
             "BO_TX_BU_": self._senders, "CM_": self._comment, "VAL_": self._table,
             "SIG_VALTYPE_": self._value_type,
         }  # fmt: skip
@@ -165,7 +165,7 @@ class Writing:
         if (default := attribute.written_default()) is not None:
             self._lines.append(f'BA_DEF_DEF_ "{name}" {default};')
 
-    def _attribute(self, entry: Entry) -> None:
+    def _attribute(self, entry: DbcEntry) -> None:
         """Write the value of an attribute, or take the long name that it is."""
         name, value = entry.groups["name"].strip('"'), entry.groups["value"]
         if name == _LONG_NODE and is_name(value.strip('"')) and "node" in entry.groups:
@@ -179,7 +179,7 @@ class Writing:
             elif name in _USED and not signals:
                 self._written_value(entry, frame, name, value)
 
-    def _written_value(self, entry: Entry, frame: DescribedFrame, name: str, value: str) -> None:
+    def _written_value(self, entry: DbcEntry, frame: DescribedFrame, name: str, value: str) -> None:
         attribute = self._attributes.get(name)
         text = attribute.value(value) if attribute else None
         if name == "VFrameFormat" and attribute and attribute.kind != "ENUM":
@@ -193,7 +193,7 @@ class Writing:
         self._lines.append(f'BA_ "{name}" BO_ {frame.number} {text};')
 
     def _long_name(
-        self, entry: Entry, frame: DescribedFrame, signals: list[DescribedSignal], name: str
+        self, entry: DbcEntry, frame: DescribedFrame, signals: list[DescribedSignal], name: str
     ) -> None:
         if not is_name(name):
             what = f"{printable(repr(name[:80]))} is no name; use letters, digits and _"
@@ -227,18 +227,18 @@ class Writing:
 
     # what refers to frames and signals
 
-    def _senders(self, entry: Entry, frame: DescribedFrame, _: list[DescribedSignal]) -> None:
+    def _senders(self, entry: DbcEntry, frame: DescribedFrame, _: list[DescribedSignal]) -> None:
         senders = ",".join(self._node(name) for name in names(entry.groups["names"]))
         if senders:
             self._lines.append(f"BO_TX_BU_ {frame.number} : {senders};")
 
-    def _comment(self, entry: Entry, frame: DescribedFrame, them: list[DescribedSignal]) -> None:
+    def _comment(self, entry: DbcEntry, frame: DescribedFrame, them: list[DescribedSignal]) -> None:
         value = entry.groups["value"]
         if not them:
             self._lines.append(f"CM_ BO_ {frame.number} {value};")
         self._lines += [f"CM_ SG_ {frame.number} {self._alias[id(one)]} {value};" for one in them]
 
-    def _table(self, entry: Entry, frame: DescribedFrame, them: list[DescribedSignal]) -> None:
+    def _table(self, entry: DbcEntry, frame: DescribedFrame, them: list[DescribedSignal]) -> None:
         flat = parts(entry.groups["pairs"])
         pairs = [(whole_number(key), text) for key, text in zip(flat[::2], flat[1::2], strict=True)]
         if any(key is None for key, _ in pairs):
@@ -249,7 +249,9 @@ class Writing:
         for one in them:
             self._lines.append(f"VAL_ {frame.number} {self._alias[id(one)]} {table} ;")
 
-    def _value_type(self, entry: Entry, frame: DescribedFrame, them: list[DescribedSignal]) -> None:
+    def _value_type(
+        self, entry: DbcEntry, frame: DescribedFrame, them: list[DescribedSignal]
+    ) -> None:
         kind = entry.groups["value"]
         for one in them:
             self._lines.append(f"SIG_VALTYPE_ {frame.number} {self._alias[id(one)]} : {kind};")

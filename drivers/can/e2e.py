@@ -34,7 +34,8 @@ from numpy.typing import NDArray
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import compiled, inline
-from pcpc.drivers.compiled.rows import RECEIVER
+from pcpc.drivers.compiled.records import Byte, Cells, int64
+from pcpc.drivers.compiled.rows import FrameRow, Receiver
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 
@@ -55,14 +56,14 @@ _CRC_16_TABLE = _crc_table(0x1021, 16)
 
 
 def new_state(n_frames: int) -> NDArray[Any]:
-    """Return the state (n_frames,) of a receiver that has heard nothing, rows of RECEIVER."""
-    state = np.zeros(n_frames, RECEIVER)
+    """Return the state (n_frames,) of a receiver that has heard nothing, rows of Receiver."""
+    state = np.zeros(n_frames, Receiver.dtype)
     state["last_counter"], state["state"] = -1, FrameState.NOT_AVAILABLE
     return state
 
 
 @inline
-def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
+def crc8(can_id: int, data: Cells[Byte], n_bytes: int) -> int:
     """Return the CRC-8 over two bytes of the id, low first, and the first `n_bytes` of `data`.
 
     `data`: (n,).
@@ -71,11 +72,11 @@ def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
     crc = _CRC_TABLE[crc ^ np.uint64((can_id >> 8) & 0xFF)]
     for i in range(n_bytes):
         crc = _CRC_TABLE[crc ^ np.uint64(data[i])]
-    return np.int64(crc) ^ 0xFF
+    return int64(crc) ^ 0xFF
 
 
 @compiled()
-def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np.int64:
+def crc16(data_id: int, data: Cells[Byte], place: int, n_bytes: int) -> int:
     """Return the CRC-16 over `n_bytes` of `data` (n,) but the two at `place`, and two of the id."""
     crc = np.uint64(0xFFFF)
     for i in range(n_bytes + 2):
@@ -83,11 +84,11 @@ def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np
         if i < place or i > place + 1:
             known = _CRC_16_TABLE[(crc >> np.uint64(8) ^ np.uint64(byte)) & np.uint64(0xFF)]
             crc = crc << np.uint64(8) & np.uint64(0xFFFF) ^ known
-    return np.int64(crc)
+    return int64(crc)
 
 
 @compiled()
-def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
+def right_crc(data: Cells[Byte], frame: int, frames: Cells[FrameRow]) -> int:
     """Return the CRC that belongs to `data` (n,) of a protected frame of `frames` (rows,)."""
     place = frames[frame].crc_byte
     if frames[frame].protected == Protection.CRC_16:
@@ -96,17 +97,17 @@ def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.i
 
 
 @compiled()
-def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
+def crc_of(data: Cells[Byte], frame: int, frames: Cells[FrameRow]) -> int:
     """Return the CRC that stands in `data` (n,) of a protected frame of `frames` (rows,)."""
     place = frames[frame].crc_byte
-    crc = np.int64(data[place])
+    crc = int64(data[place])
     if frames[frame].protected == Protection.CRC_16:
-        crc |= np.int64(data[place + 1]) << 8
+        crc |= int64(data[place + 1]) << 8
     return crc
 
 
 @compiled()
-def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], crc: int) -> None:
+def put_crc(data: Cells[Byte], frame: int, frames: Cells[FrameRow], crc: int) -> None:
     """Write a CRC into the data of a protected frame, as many bits of it as it has.
 
     `data` (n,), `frames` (rows,).
@@ -118,7 +119,7 @@ def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], crc: int)
 
 
 @inline
-def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: int) -> None:
+def protect(data: Cells[Byte], frame: int, frames: Cells[FrameRow], counter: int) -> None:
     """Write counter (modulo its width) and CRC into packed `data`; does nothing to a frame without.
 
     `counter` is the SYNC sequence in a frame of every cycle, the transmission's number in others.
@@ -128,7 +129,7 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: 
         return
     byte, shift = frames[frame].counter_byte, frames[frame].counter_shift
     mask = frames[frame].counter_mask
-    kept = np.int64(data[byte]) & ~(mask << shift)
+    kept = int64(data[byte]) & ~(mask << shift)
     data[byte] = kept | ((counter & mask) << shift)
     if frames[frame].protected == Protection.CRC_8:
         last = frames[frame].crc_byte
@@ -138,7 +139,7 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: 
 
 
 @inline
-def begin_cycle(state: NDArray[Any], n_frames: int) -> None:
+def begin_cycle(state: Cells[Receiver], n_frames: int) -> None:
     """Age the first frames by one cycle; call it once per cycle before the frames are drained.
 
     `state`: (rows,).
@@ -148,7 +149,7 @@ def begin_cycle(state: NDArray[Any], n_frames: int) -> None:
 
 
 @inline
-def age(state: NDArray[Any], row: int) -> None:
+def age(state: Cells[Receiver], row: int) -> None:
     """Age a frame of `state` (rows,) by one cycle."""
     state[row].age_cycles += 1
     state[row].still_cycles += 1
@@ -156,7 +157,7 @@ def age(state: NDArray[Any], row: int) -> None:
 
 
 @inline
-def _use(state: NDArray[Any], frame: int, outcome: int) -> None:
+def _use(state: Cells[Receiver], frame: int, outcome: int) -> None:
     state[frame].state = outcome
     state[frame].received += 1
     state[frame].age_cycles = 0
@@ -165,11 +166,11 @@ def _use(state: NDArray[Any], frame: int, outcome: int) -> None:
 
 @inline
 def check(
-    data: NDArray[np.uint8],
+    data: Cells[Byte],
     length: int,
     frame: int,
-    frames: NDArray[Any],
-    state: NDArray[Any],
+    frames: Cells[FrameRow],
+    state: Cells[Receiver],
 ) -> tuple[int, int]:
     """Judge a received frame of `length` bytes and update its row of `state`.
 
@@ -178,7 +179,7 @@ def check(
     """
     last, protected = frames[frame].crc_byte, frames[frame].protected
     if length != frames[frame].dlc or (
-        crc8(frames[frame].can_id, data, last) != np.int64(data[last])
+        crc8(frames[frame].can_id, data, last) != int64(data[last])
         if protected == Protection.CRC_8
         else protected != Protection.UNPROTECTED
         and right_crc(data, frame, frames) != crc_of(data, frame, frames)
@@ -190,7 +191,7 @@ def check(
         _use(state, frame, FrameState.OK)
         return FrameState.OK, 0
     mask = frames[frame].counter_mask
-    counter = (np.int64(data[frames[frame].counter_byte]) >> frames[frame].counter_shift) & mask
+    counter = (int64(data[frames[frame].counter_byte]) >> frames[frame].counter_shift) & mask
     before = state[frame].last_counter
     delta = (counter - before) & mask if before >= 0 else 1
     if delta == 0:
@@ -200,7 +201,7 @@ def check(
     missing = delta - 1
     if delta > MAX_DELTA:
         turns = state[frame].still_cycles // frames[frame].every_n
-        missing = min(missing, max(turns - 1, np.int64(0)))
+        missing = min(missing, max(turns - 1, int64(0)))
     state[frame].last_counter = counter
     state[frame].still_cycles = 0
     state[frame].lost += missing

@@ -15,7 +15,7 @@ class Protection(NumberedEnum):
     UNPROTECTED, CRC_8, CRC_16 = range(3)
 
 
-class Kind(NumberedEnum):
+class SignalKind(NumberedEnum):
     """Values of `kind` in a row of signals.
 
     Integer computed in float64, in int64, integer of 64 bits without sign, IEEE 754 on the wire.
@@ -44,7 +44,7 @@ class Signal:
     big_endian: bool
     signed: bool
     is_float: bool
-    kind: Kind
+    kind: SignalKind
     codes: tuple[float, float]
     choices: Mapping[int, str]
     layout: int | None = None

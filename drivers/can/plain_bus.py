@@ -27,7 +27,7 @@ _SAID = {
 }  # fmt: skip
 
 
-class Frame(NamedTuple):
+class BusFrame(NamedTuple):
     """A frame: its id as a word of `drivers.can.can_id`, its data, its `Flag`."""
 
     word: int
@@ -69,7 +69,7 @@ class Udp:
         }
         return self._tx.send(msgpack.packb(said)) > 0
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[BusFrame]:
         """Yield the frames that are there."""
         while True:
             try:
@@ -80,7 +80,7 @@ class Udp:
                 yield frame
 
 
-def _frame_of_datagram(text: bytes) -> Frame | None:
+def _frame_of_datagram(text: bytes) -> BusFrame | None:
     """Return the data frame of a datagram."""
     try:
         said = msgpack.unpackb(text)
@@ -93,7 +93,7 @@ def _frame_of_datagram(text: bytes) -> Frame | None:
     other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame"))
     fits = len(data) in (LENGTHS if flags else LENGTHS[:9])
     fits &= 0 <= number <= (can_id.ID if extended else 0x7FF)
-    return Frame(can_id.word_of(number, extended), data, flags) if fits and not other else None
+    return BusFrame(can_id.word_of(number, extended), data, flags) if fits and not other else None
 
 
 class Can:
@@ -138,7 +138,7 @@ class Can:
                 raise
             return False
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[BusFrame]:
         """Yield the frames that are there."""
         while True:
             try:
@@ -148,10 +148,10 @@ class Can:
             word, n = int.from_bytes(text[:4], sys.byteorder), text[4]
             flags = text[5] | Flag.FD if len(text) == FRAME_BYTES else Flag.NONE
             if not word & (can_id.REMOTE | can_id.ERROR) and n <= len(text) - 8:
-                yield Frame(word, text[8 : 8 + n], flags)
+                yield BusFrame(word, text[8 : 8 + n], flags)
 
 
-def open_bus(bus: buses.Bus, receive_ids: list[int] | None = None) -> Udp | Can:
+def open_bus(bus: buses.BusAddress, receive_ids: list[int] | None = None) -> Udp | Can:
     """Open a bus; BusError. `receive_ids` as `drivers.can.bus.open_bus` has them."""
     if bus.interface == "udp_multicast":
         return Udp(bus.channel)

@@ -5,12 +5,11 @@ python-can costs 10 to 50 times a compiled frame; it is here for the adapters th
 """
 
 import atexit
-from typing import Any
 
 import can
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import Arrival, Flag, flags_of
+from pcpc.drivers.can.wire_layout import Arrival, Flag, Wire, flags_of
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 
 _open: dict[int, can.BusABC] = {}
@@ -25,7 +24,7 @@ def register(bus: can.BusABC) -> int:
     return number
 
 
-def put(wire: Any) -> bool:
+def put(wire: Wire) -> bool:
     """Send `wire.tx`; return True when the bus took it."""
     frame = bytes(wire.tx)
     word = int.from_bytes(frame[:4], "little")
@@ -44,7 +43,7 @@ def put(wire: Any) -> bool:
     return True
 
 
-def get(wire: Any, block: bool) -> int:
+def get(wire: Wire, block: bool) -> int:
     """Receive into `wire.rx`; return what came, an Arrival."""
     try:
         message = _open[wire.fd_tx].recv(_BLOCK_S if block else 0.0)

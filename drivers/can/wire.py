@@ -28,17 +28,18 @@ from pcpc.drivers.can.wire_layout import (
     LENGTHS,
     PACKET_BYTES,
     QUEUE_FRAMES,
-    WIRE,
     Arrival,
     Flag,
     Medium,
+    Wire,
 )
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function, loop_inline
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import copy, structure
 
-END = structure(WIRE)  # the type of what all functions here take
+END = structure(Wire.dtype)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.can.bus
 ERROR_FLAG, REMOTE_FLAG, ERROR_FLAGS = 0x20, 0x40, 0x60  # in the id's top byte; both
 
@@ -80,15 +81,15 @@ CAN_BE[list(LENGTHS)] = 1
 TEMPLATE_BYTES = len(TEMPLATE)
 
 
-def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
-    """Fill the zeroed WIRE record `wire`; descriptors are -1 where a kind has none."""
+def prepare(wire: Wire, kind: int, fd_tx: int, fd_rx: int) -> None:
+    """Fill the zeroed Wire record `wire`; descriptors are -1 where a kind has none."""
     wire.kind, wire.fd_tx, wire.fd_rx = kind, fd_tx, fd_rx
     wire.fd_tx2 = wire.fd_rx2 = -1
     wire.packet_tx[:TEMPLATE_BYTES] = np.frombuffer(TEMPLATE, np.uint8)
 
 
 @loop_function
-def _write_packet(frame: Any, packet: Any) -> Any:
+def _write_packet(frame: Cells[Byte], packet: Cells[Byte]) -> int:
     """Write `frame` into the msgpack template `packet`; return the packet's length.
 
     A length above 8, of an FD frame 64, counts as that, or the datagram would carry what lies
@@ -100,8 +101,8 @@ def _write_packet(frame: Any, packet: Any) -> Any:
     packet[_ID + 3] = frame[1]
     packet[_ID + 4] = frame[0]
     packet[_EXTENDED] = 0xC3 if extended else 0xC2
-    flags = np.int64(frame[FLAGS])
-    n = min(np.int64(frame[LENGTH]), np.int64(64 if flags & Flag.FD else 8))
+    flags = int64(frame[FLAGS])
+    n = min(int64(frame[LENGTH]), int64(64 if flags & Flag.FD else 8))
     packet[_DLC] = n
     packet[_DATA - 1] = n
     for i in range(n):
@@ -117,56 +118,56 @@ def _write_packet(frame: Any, packet: Any) -> Any:
 
 
 @loop_function
-def _value_end(b: Any, at: Any, end: Any) -> Any:
+def _value_end(b: Cells[Byte], at: int, end: int) -> Any:
     """Return the end of the msgpack scalar, string or bytes at `at`; -1 if cut or unknown."""
-    tag = np.int64(b[at])
-    length = np.int64(-1)
+    tag = int64(b[at])
+    length = int64(-1)
     if tag <= 0x7F or tag >= 0xE0 or tag == 0xC0 or tag == 0xC2 or tag == 0xC3:
-        length = np.int64(0)
+        length = int64(0)
     elif 0xA0 <= tag <= 0xBF:
         length = tag & 31
     elif tag == 0xCC or tag == 0xD0:
-        length = np.int64(1)
+        length = int64(1)
     elif tag == 0xCD or tag == 0xD1:
-        length = np.int64(2)
+        length = int64(2)
     elif tag == 0xCA or tag == 0xCE or tag == 0xD2:
-        length = np.int64(4)
+        length = int64(4)
     elif tag == 0xCB or tag == 0xCF or tag == 0xD3:
-        length = np.int64(8)
+        length = int64(8)
     elif (tag == 0xC4 or tag == 0xD9) and at + 1 < end:
-        length = np.int64(b[at + 1]) + 1
+        length = int64(b[at + 1]) + 1
     if length < 0 or at + 1 + length > end:
-        return np.int64(-1)
+        return int64(-1)
     return at + 1 + length
 
 
 @loop_function
-def _uint(b: Any, at: Any, stop: Any) -> Any:
+def _uint(b: Cells[Byte], at: int, stop: int) -> Any:
     """Return the msgpack unsigned integer (or bool) in b[at:stop]; -1 if it is something else."""
-    tag = np.int64(b[at])
+    tag = int64(b[at])
     if tag <= 0x7F:
         return tag
     if tag == 0xC2 or tag == 0xC3:
         return tag - 0xC2
-    value = np.int64(0)
+    value = int64(0)
     if 0xCC <= tag <= 0xCE:
         for i in range(at + 1, stop):
-            value = value * 256 + np.int64(b[i])
+            value = value * 256 + int64(b[i])
         return value
-    return np.int64(-1)
+    return int64(-1)
 
 
 @loop_function
-def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
+def _read_packet(b: Cells[Byte], end: int, frame: Cells[Byte], remotes: int) -> bool:
     """Read a map b[:end] into `frame`; return True for a data frame, if `remotes` a remote one."""
     if end < 2 or end > PACKET_BYTES - 1 or b[0] & 0xF0 != 0x80:
         return False
-    can_id, data_at, data_n, extended = np.int64(-1), np.int64(0), np.int64(-1), np.int64(0)
-    at, other, flags, remote = np.int64(1), False, np.int64(0), np.int64(0)
-    for _ in range(np.int64(b[0] & 15)):
+    can_id, data_at, data_n, extended = int64(-1), int64(0), int64(-1), int64(0)
+    at, other, flags, remote = int64(1), False, int64(0), int64(0)
+    for _ in range(int64(b[0] & 15)):
         if at >= end or b[at] < 0xA1 or b[at] > 0xBF:
             return False
-        n = np.int64(b[at]) & 31
+        n = int64(b[at]) & 31
         key = at + 1
         value = key + n
         if value >= end:
@@ -174,17 +175,17 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
         stop = _value_end(b, value, end)
         if stop < 0:
             return False
-        first, fourth = np.int64(b[key]), np.int64(b[key + min(n - 1, np.int64(3))])
+        first, fourth = int64(b[key]), int64(b[key + min(n - 1, int64(3))])
         if n == 14 and first == 97:  # arbitration_id
             can_id = _uint(b, value, stop)
         elif n == 4 and first == 100:  # data
             if b[value] != 0xC4:
                 return False
-            data_at, data_n = value + 2, np.int64(b[value + 1])
+            data_at, data_n = value + 2, int64(b[value + 1])
         elif n == 14 and first == 105 and fourth == 101 and b[key + 4] == 120:  # is_extended_id
-            extended = np.int64(0x80 if _uint(b, value, stop) == 1 else 0)
+            extended = int64(0x80 if _uint(b, value, stop) == 1 else 0)
         elif n == 15 and fourth == 114 and remotes != 0:  # is_remote_frame
-            remote = np.int64(REMOTE_FLAG if _uint(b, value, stop) == 1 else 0)
+            remote = int64(REMOTE_FLAG if _uint(b, value, stop) == 1 else 0)
         elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101):
             other |= _uint(b, value, stop) != 0  # is_remote_frame, is_error_frame
         elif n == 5 and _uint(b, value, stop) != 0:  # is_fd
@@ -196,7 +197,7 @@ def _read_packet(b: Any, end: Any, frame: Any, remotes: Any) -> Any:
         at = stop
     highest = 0x1FFFFFFF if extended else 0x7FF
     if flags & Flag.FD == 0:
-        flags = np.int64(0)
+        flags = int64(0)
     elif data_n >= 0 and CAN_BE[np.uint64(data_n)] == 0:
         return False
     longest = 8 if flags == 0 else 64
@@ -218,29 +219,29 @@ if LOOP_INTERPRETED:
 else:
 
     @loop_function
-    def _put_python_can(wire: Any) -> Any:
+    def _put_python_can(wire: Wire) -> bool:
         return False
 
     @loop_function
-    def _get_python_can(wire: Any, block: Any) -> Any:
+    def _get_python_can(wire: Wire, block: bool) -> int:
         return Arrival.FAILED
 
 
 @loop_function
-def blank(frame: Any) -> None:
+def blank(frame: Cells[Byte]) -> None:
     """Let what lies behind a frame's data be 0."""
-    for i in range(8 + min(np.int64(frame[LENGTH]), np.int64(64)), FRAME_BYTES):
+    for i in range(8 + min(int64(frame[LENGTH]), int64(64)), FRAME_BYTES):
         frame[i] = 0
 
 
 @loop_function
-def on_second(wire: Any, frame: Any) -> Any:
+def on_second(wire: Wire, frame: Cells[Byte]) -> bool:
     """Return whether `frame` goes out on the second bus."""
     if wire.n_second == 0:
         return False
-    word = np.int64(0)
+    word = int64(0)
     for i in range(4):
-        word |= np.int64(frame[i]) << (8 * i)
+        word |= int64(frame[i]) << (8 * i)
     found = False
     for i in range(wire.n_second):
         found |= wire.second[i] == word
@@ -248,7 +249,7 @@ def on_second(wire: Any, frame: Any) -> Any:
 
 
 @loop_inline
-def put_frame(wire: Any) -> Any:
+def put_frame(wire: Wire) -> bool:
     """Send `wire.tx`; return True when the bus took it (never blocks)."""
     if wire.kind != Medium.MEMORY:
         return _send(wire)
@@ -260,12 +261,12 @@ def put_frame(wire: Any) -> Any:
 
 
 @loop_function
-def _send(wire: Any) -> Any:
+def _send(wire: Wire) -> bool:
     """Send `wire.tx` by a system call; as `put_frame`."""
     if wire.kind == Medium.PYTHON_CAN:
         return _put_python_can(wire)
     if wire.kind == Medium.SOCKETCAN:
-        n = np.int64(FRAME_BYTES if wire.tx[FLAGS] & Flag.FD else CLASSIC_BYTES)
+        n = int64(FRAME_BYTES if wire.tx[FLAGS] & Flag.FD else CLASSIC_BYTES)
         at = libc.address(wire.tx)
     elif wire.kind == Medium.UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
@@ -283,7 +284,7 @@ def _send(wire: Any) -> Any:
 
 
 @loop_inline
-def get_frame(wire: Any, block: Any) -> Any:
+def get_frame(wire: Wire, block: bool) -> int:
     """Receive into `wire.rx`; return what came.
 
     FRAME      a data frame; `wire.source` says who sent it, where that is known
@@ -305,7 +306,7 @@ def get_frame(wire: Any, block: Any) -> Any:
 
 
 @loop_function
-def _receive(wire: Any, block: Any) -> Any:
+def _receive(wire: Wire, block: bool) -> int:
     """Receive by system calls; as `get_frame`."""
     if wire.kind == Medium.PYTHON_CAN:
         return _get_python_can(wire, block)
@@ -326,7 +327,7 @@ def _receive(wire: Any, block: Any) -> Any:
 
 
 @loop_function
-def _take(wire: Any, fd: Any, flags: Any) -> Any:
+def _take(wire: Wire, fd: int, flags: int) -> int:
     """Receive from one descriptor; as `get_frame`."""
     if wire.kind == Medium.SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
@@ -362,7 +363,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
 
 
 @loop_function
-def _wait_for_either(wire: Any) -> Any:
+def _wait_for_either(wire: Wire) -> int:
     """Sleep until one of both buses has a frame, at most the receive time-out; return poll's n."""
     wire.waiting[0] = wire.fd_rx | libc.POLLIN << 32
     wire.waiting[1] = wire.fd_rx2 | libc.POLLIN << 32
@@ -370,7 +371,7 @@ def _wait_for_either(wire: Any) -> Any:
 
 
 @loop_function
-def carry(source: Any, target: Any) -> None:
+def carry(source: Wire, target: Wire) -> None:
     """Move `source`'s outbox into `target`'s inbox (kind MEMORY); what does not fit stays."""
     moved = min(source.outbox_put, QUEUE_FRAMES - (target.inbox_put - target.inbox_taken))
     for k in range(moved):
@@ -382,7 +383,7 @@ def carry(source: Any, target: Any) -> None:
 
 
 @loop_function
-def deal(source: Any, first: Any, second: Any) -> None:
+def deal(source: Wire, first: Wire, second: Wire) -> None:
     """Move `source`'s outbox into the inboxes of the ends of its two buses (kind MEMORY)."""
     for k in range(source.outbox_put):
         deliver(source.outbox[k], second if on_second(source, source.outbox[k]) else first)
@@ -390,7 +391,7 @@ def deal(source: Any, first: Any, second: Any) -> None:
 
 
 @loop_function
-def deliver(frame: Any, target: Any) -> None:
+def deliver(frame: Cells[Byte], target: Wire) -> None:
     """Put `frame` into an inbox; one more than it holds is lost, as on a bus."""
     if target.inbox_put - target.inbox_taken >= QUEUE_FRAMES:
         return

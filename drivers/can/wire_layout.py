@@ -2,19 +2,18 @@
 
 from typing import Any
 
-import numpy as np
-
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
+from pcpc.drivers.compiled.records import Byte, Cells, Record, carried, cells
+from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag, FrameBytes
 
 __all__ = [
     "CLASSIC_BYTES",
     "FRAME_BYTES",
     "LENGTHS",
-    "WIRE",
     "Arrival",
     "Flag",
     "Medium",
+    "Wire",
     "flags_of",
 ]
 
@@ -39,37 +38,36 @@ ADDRESS_BYTES = 16  # struct sockaddr_in
 STRANGER = -1  # as `source`: a replayed frame that did not come from the frame's own sender
 PACKET_BYTES = 512  # python-can writes at most 251 (CAN FD); a longer datagram is cut and refused
 
-WIRE = np.dtype(
-    [
-        ("kind", "<i8"),
-        ("fd_tx", "<i8"),
-        ("fd_rx", "<i8"),
-        ("fd_tx2", "<i8"),  # of a second bus, -1 without
-        ("fd_rx2", "<i8"),
-        ("muted", "<i8"),  # 1: a blocking receive listens to the second bus only
-        ("in_turn", "<i8"),  # 1: a blocking receive empties the first bus until it is muted
-        ("fd", "<i8"),  # 1: CAN FD frames are taken too
-        ("remotes", "<i8"),  # 1: remote frames too
-        ("n_second", "<i8"),  # how many ids go out on the second bus, and which
-        ("second", "<i8", (SECOND_IDS,)),
-        ("errno", "<i8"),  # of the last call that failed
-        ("inbox_put", "<i8"),  # MEMORY: frames put into, and taken out of, the inbox
-        ("inbox_taken", "<i8"),
-        ("outbox_put", "<i8"),
-        ("tx", "u1", (FRAME_BYTES,)),  # the frame being sent
-        ("rx", "u1", (FRAME_BYTES,)),  # the frame last received
-        ("source", "<i8"),  # who sent it: the first half of `address`; 0 where nobody can tell
-        ("own", "<i8", (2,)),  # the same of this end's own senders, whose frames come back on UDP
-        ("address", "<i8", (2,)),  # UDP: struct sockaddr_in of the sender, and its length
-        ("address_bytes", "<i8", (1,)),
-        ("waiting", "<i8", (2,)),  # two of struct pollfd: descriptor, events, what came
-        ("packet_tx", "u1", (PACKET_BYTES,)),  # UDP: the msgpack template
-        ("packet_rx", "u1", (PACKET_BYTES,)),
-        ("inbox", "u1", (QUEUE_FRAMES, FRAME_BYTES)),
-        ("outbox", "u1", (QUEUE_FRAMES, FRAME_BYTES)),
-    ],
-    align=True,
-)
+
+class Wire(Record):
+    """One end."""
+
+    kind: int
+    fd_tx: int
+    fd_rx: int
+    fd_tx2: int  # of a second bus, -1 without
+    fd_rx2: int
+    muted: int = carried()  # 1: a blocking receive listens to the second bus only
+    in_turn: int  # 1: a blocking receive empties the first bus until it is muted
+    fd: int  # 1: CAN FD frames are taken too
+    remotes: int  # 1: remote frames too
+    n_second: int  # how many ids go out on the second bus, and which
+    second: Cells[int] = cells(SECOND_IDS)
+    errno: int  # of the last call that failed
+    inbox_put: int  # MEMORY: frames put into, and taken out of, the inbox
+    inbox_taken: int
+    outbox_put: int
+    tx: FrameBytes  # the frame being sent
+    rx: FrameBytes  # the frame last received
+    source: int  # who sent it: the first half of `address`; 0 where nobody can tell
+    own: Cells[int] = cells(2)  # the same of this end's own senders, whose frames come back on UDP
+    address: Cells[int] = cells(2)  # UDP: struct sockaddr_in of the sender, and its length
+    address_bytes: Cells[int] = cells(1)
+    waiting: Cells[int] = cells(2)  # two of struct pollfd: descriptor, events, what came
+    packet_tx: Cells[Byte] = cells(PACKET_BYTES)  # UDP: the msgpack template
+    packet_rx: Cells[Byte] = cells(PACKET_BYTES)
+    inbox: Cells[FrameBytes] = cells(QUEUE_FRAMES)
+    outbox: Cells[FrameBytes] = cells(QUEUE_FRAMES)
 
 
 def flags_of(message: Any) -> int:

@@ -19,12 +19,9 @@
 Source: CiA 301, 7.2.4.3.17.
 """
 
-from typing import Any
-
-import numpy as np
-
-from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.layout import Drive, Od
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import int64
 
 TOGGLE, TIMED_OUT, NO_COMMAND, READ_ONLY = 0x05030000, 0x05040000, 0x05040001, 0x06010002
 WRITE_ONLY = 0x06010001
@@ -35,25 +32,25 @@ _LOW_32 = 0xFFFF_FFFF
 
 
 @loop_function
-def row_of_object(d: Any, index: Any, subindex: Any) -> Any:
+def row_of_object(d: Drive, index: int, subindex: int) -> int:
     """Return the row of an object; -1 if there is no such index, -2 no such subindex."""
-    found = np.int64(-1)
+    found = int64(-1)
     for i in range(d.n):
         if d.objects[i].index == index:
-            found = np.int64(-2)
+            found = int64(-2)
             if d.objects[i].subindex == subindex:
-                return np.int64(i)
+                return int64(i)
     return found
 
 
 @loop_inline
-def why_none(row: Any) -> Any:
+def why_none(row: int) -> int:
     """Return the abort code of a row that was not found."""
     return NO_OBJECT if row == -1 else NO_SUBINDEX
 
 
 @loop_inline
-def from_bits(d: Any, row: Any, word: Any) -> Any:
+def from_bits(d: Drive, row: int, word: int) -> int:
     """Return the value of an object in the lowest bits of a word."""
     bits = d.objects[row].bits
     raw = word & ((1 << bits) - 1)
@@ -63,28 +60,28 @@ def from_bits(d: Any, row: Any, word: Any) -> Any:
 
 
 @loop_inline
-def to_bits(d: Any, row: Any) -> Any:
+def to_bits(d: Drive, row: int) -> int:
     """Return the value of an object as bits from 0 on."""
     return d.value[row] & ((1 << d.objects[row].bits) - 1)
 
 
 @loop_inline
-def is_possible(d: Any, row: Any, raw: Any) -> Any:
+def is_possible(d: Drive, row: int, raw: int) -> bool:
     """Return whether an object may have a value within its bounds, wherever it comes from."""
-    if row == Row.MODE:
+    if row == Od.MODE:
         if raw < 0 or raw > 10:
             return False
-        return raw == 0 or (d.value[Row.MODES] >> max(raw - 1, 0)) & 1 != 0
-    if row == Row.QUICK_STOP_OPTION:
+        return raw == 0 or (d.value[Od.MODES] >> max(raw - 1, 0)) & 1 != 0
+    if row == Od.QUICK_STOP_OPTION:
         return raw != 3 and raw != 4
-    if row == Row.HOMING_METHOD:
+    if row == Od.HOMING_METHOD:
         return raw != 36
-    if row == Row.STARTUP:
+    if row == Od.STARTUP:
         return raw == 0 or raw == 8
     return True
 
 
 @loop_inline
-def low_word(word: Any) -> Any:
+def low_word(word: int) -> int:
     """Return the lower four bytes of eight, from 0 on."""
     return word & _LOW_32

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.layout import Kind
+from pcpc.drivers.canopen.layout import ObjectType
 from pcpc.drivers.canopen.objects import Object
 
 _MANDATORY = 0x1000, 0x1001, 0x1018
@@ -45,12 +45,12 @@ def _entries(index: int, group: list[Object]) -> list[str]:
 
 
 def _object(section: str, one: Object) -> str:
-    start = one.text if one.kind == Kind.TEXT else str(one.start)
+    start = one.text if one.kind == ObjectType.TEXT else str(one.start)
     low, high = one.bounds
     limits = {"LowLimit": low, "HighLimit": high}
-    if one.kind == Kind.TEXT:
+    if one.kind == ObjectType.TEXT:
         limits = {}
-    elif one.kind == Kind.F32:
+    elif one.kind == ObjectType.F32:
         limits, start = {}, _real(one.start)
     return _section(
         section,

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.eds_sections import Sections, Variable, number, sections, variables
-from pcpc.drivers.canopen.layout import Kind, Row
+from pcpc.drivers.canopen.eds_sections import EdsVariable, Sections, number, sections, variables
+from pcpc.drivers.canopen.layout import ObjectType, Od
 from pcpc.drivers.canopen.objects import BITS, NOT_VALID, Object
 from pcpc.drivers.errors import printable
 
@@ -33,12 +33,12 @@ _ACCESS = {  # what may be done, and what a PDO may do where it can be mapped
     "rwr": (at.READ | at.WRITE, at.FROM_DRIVE), "rww": (at.READ | at.WRITE, at.TO_DRIVE),
 }  # fmt: skip
 _NOT_POSSIBLE = (  # within the bounds
-    (Row.QUICK_STOP_OPTION, 3),
-    (Row.QUICK_STOP_OPTION, 4),
-    (Row.HOMING_METHOD, 36),
+    (Od.QUICK_STOP_OPTION, 3),
+    (Od.QUICK_STOP_OPTION, 4),
+    (Od.HOMING_METHOD, 36),
 )
 _STATED = (  # what a drive says of itself, though no master can write it
-    Row.DEVICE_NAME, Row.HARDWARE, Row.SOFTWARE, Row.VENDOR, Row.PRODUCT, Row.REVISION, Row.SERIAL,
+    Od.DEVICE_NAME, Od.HARDWARE, Od.SOFTWARE, Od.VENDOR, Od.PRODUCT, Od.REVISION, Od.SERIAL,
 )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ def _check_node(file: Sections, node: int, found: EdsContent) -> None:
             raise ValueError(f"[DeviceComissioning]: NodeID {text}, the rig's node is {node}")
 
 
-def _take(found: EdsContent, entry: Variable, place: int | None, node: int) -> None:
+def _take(found: EdsContent, entry: EdsVariable, place: int | None, node: int) -> None:
     """Take over what is said of an object; ValueError says why not."""
     if place is not None:
         found.every[place] = _ours(found, place, entry, node)
@@ -103,25 +103,25 @@ def _take(found: EdsContent, entry: Variable, place: int | None, node: int) -> N
         found.left_out.append(entry.key)
 
 
-def _ours(found: EdsContent, place: int, entry: Variable, node: int) -> Object:
+def _ours(found: EdsContent, place: int, entry: EdsVariable, node: int) -> Object:
     """Return an object of ours with what the file says of it."""
     one, text = found.every[place], entry.value
     kind = _type_of(entry)
-    if one.kind == Kind.TEXT:
+    if one.kind == ObjectType.TEXT:
         if not (text.isascii() and text.isprintable() and len(text) <= at.TEXT_BYTES):
             raise ValueError(f"not {at.TEXT_BYTES} characters of ASCII")
         return replace(one, text=text) if text else one
-    if _SIZES.get(kind) != one.bits or kind == Kind.F32:
+    if _SIZES.get(kind) != one.bits or kind == ObjectType.F32:
         what = f"DataType 0x{kind:04X}, the drive has 0x{int(one.kind):04X}"
         raise ValueError(f"{one.name}: {what}")
     if not text:
         return one
     start = _signed_value(number(text, node), one)
-    if place == Row.MODES:
+    if place == Od.MODES:
         return replace(one, start=start & one.start)
-    settable = one.access & at.WRITE and place != Row.ERROR_COUNT
+    settable = one.access & at.WRITE and place != Od.ERROR_COUNT
     if not (settable or place in _STATED):
-        if start != one.start and place != Row.ERROR_COUNT:
+        if start != one.start and place != Od.ERROR_COUNT:
             found.left_out.append(f"{entry.key}={text}")
         return one
     low, high = one.bounds
@@ -133,14 +133,14 @@ def _ours(found: EdsContent, place: int, entry: Variable, node: int) -> Object:
     return replace(one, start=start, low=low, high=high)
 
 
-def _type_of(entry: Variable) -> int:
+def _type_of(entry: EdsVariable) -> int:
     """Return the data type of CiA 301; ValueError without one."""
     if text := entry.keys.get("datatype"):
         return number(text, 0)
     raise ValueError("no DataType")
 
 
-def _limits(entry: Variable, one: Object, node: int) -> tuple[int, int]:
+def _limits(entry: EdsVariable, one: Object, node: int) -> tuple[int, int]:
     """Return the bounds that both have; those of the file count if they are two, and differ."""
     low, high = one.bounds
     told = [entry.keys.get(key) for key in ("lowlimit", "highlimit")]
@@ -157,10 +157,10 @@ def _signed_value(value: int, one: Object) -> int:
     return value - whole if one.signed and whole >> 1 <= value < whole else value
 
 
-def _passive_object(found: EdsContent, entry: Variable, node: int) -> Object | None:
+def _passive_object(found: EdsContent, entry: EdsVariable, node: int) -> Object | None:
     """Return an object without an effect; None of a type that the drive cannot hold."""
     kind = _type_of(entry)
-    kind = int(Kind.U8) if kind == _BOOLEAN else kind
+    kind = int(ObjectType.U8) if kind == _BOOLEAN else kind
     if kind not in _SIZES:
         return None
     access = (entry.keys.get("accesstype") or "rw").split("#")[0].strip()
@@ -170,8 +170,8 @@ def _passive_object(found: EdsContent, entry: Variable, node: int) -> Object | N
     if number(entry.keys.get("pdomapping") or "0", node):
         rights |= mapped
     name = entry.keys.get("parametername", "")
-    one = Object(name, entry.index, entry.subindex, Kind(kind), rights)
-    if kind == Kind.F32:
+    one = Object(name, entry.index, entry.subindex, ObjectType(kind), rights)
+    if kind == ObjectType.F32:
         return replace(one, start=_bits_of_float(entry.value or "0"))
     start = _signed_value(number(entry.value or "0", node), one)
     low, high = one.bounds

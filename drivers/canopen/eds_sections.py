@@ -20,7 +20,7 @@ _MOST_DIGITS = 40
 
 
 @dataclass(frozen=True)
-class Variable:
+class EdsVariable:
     """A variable: its place, and the lower-case keys of its section; `value`: at the start."""
 
     index: int
@@ -82,7 +82,7 @@ def _text(data: bytes) -> str:
         return data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
 
 
-def variables(found: Sections) -> Iterator[Variable]:
+def variables(found: Sections) -> Iterator[EdsVariable]:
     """Yield each variable, and what is odd into `found.odd`."""
     for name, keys in found.of.items():
         if match := _VALUES.fullmatch(name):
@@ -100,10 +100,16 @@ def variables(found: Sections) -> Iterator[Variable]:
             if match[2] is None and count > 0:
                 yield from _compact(found, index, keys, count)
             elif match[2] or not is_record:
-                yield Variable(index, subindex, keys)
+                yield EdsVariable(index, subindex, keys)
+        elif "datatype" in keys:
+            found.odd.append(
+                f"[{printable(name[:40])}] (no index of an object, as 2001 or 2001sub1)"
+            )
 
 
-def _compact(found: Sections, index: int, keys: dict[str, str], count: int) -> Iterator[Variable]:
+def _compact(
+    found: Sections, index: int, keys: dict[str, str], count: int
+) -> Iterator[EdsVariable]:
     """Yield the variables of an array whose subindices have no sections of their own."""
     values = dict[int, str]()
     for key, value in found.of.get(f"{index:04X}VALUE", {}).items():
@@ -118,10 +124,10 @@ def _compact(found: Sections, index: int, keys: dict[str, str], count: int) -> I
         found.odd.append(f"{index:04X}.{_MOST_SUBINDICES + 1} to {count}")
     count = min(count, _MOST_SUBINDICES)
     size = {"datatype": "5", "accesstype": "ro", "defaultvalue": str(count)}
-    yield Variable(index, 0, size)
+    yield EdsVariable(index, 0, size)
     for i in range(1, count + 1):
         own = {"parametervalue": values[i]} if i in values else {}
-        yield Variable(index, i, keys | own)
+        yield EdsVariable(index, i, keys | own)
 
 
 def number(text: str, node: int) -> int:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
-from pcpc.drivers.compiled.rows import FRAME_BYTES, row_of
+from pcpc.drivers.compiled.records import Byte, Cells, Element, Record, carried, cells
+from pcpc.drivers.compiled.rows import FrameBytes
 
 MAX_OBJECTS = 1024
 PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
@@ -93,7 +94,7 @@ POWER_WORDS = np.array([power.word for power in Power], np.int64)
 VOLTAGE, WARNING, REMOTE, REACHED, LIMITED = 1 << 4, 1 << 7, 1 << 9, 1 << 10, 1 << 11  # beside it
 
 
-class Mode(NumberedEnum):
+class OperationMode(NumberedEnum):
     """Modes of operation, object 0x6060."""
 
     NONE = 0
@@ -105,7 +106,7 @@ class Mode(NumberedEnum):
     CYCLIC_TORQUE = 10
 
 
-class Kind(NumberedEnum):
+class ObjectType(NumberedEnum):
     """Data types of CiA 301."""
 
     I8, I16, I32, U8, U16, U32 = range(2, 8)
@@ -115,12 +116,12 @@ class Kind(NumberedEnum):
 RO, RW = READ, READ | WRITE
 SENT, TAKEN = RO | FROM_DRIVE, RW | TO_DRIVE | FROM_DRIVE
 SERVO_DRIVE = 0x0002_0192  # CiA 402
-MODES = sum(1 << mode - 1 for mode in Mode if mode)
+MODES = sum(1 << mode - 1 for mode in OperationMode if mode)
 SELF_STARTING = 8  # of object 0x1F80
 NO_WINDOW = 0xFFFF_FFFF  # nothing is watched
 
 
-class Row(NumberedEnum):
+class Od(NumberedEnum):
     """Rows of the dictionary behind those of the PDOs, each with its object.
 
     Index, subindex, kind, access; value at the start, lowest and highest.
@@ -128,85 +129,85 @@ class Row(NumberedEnum):
 
     declared: tuple[Any, ...]
 
-    def __new__(cls, *declared: Any) -> "Row":
+    def __new__(cls, *declared: Any) -> "Od":
         """Return the next member."""
         one = int.__new__(cls, OTHERS + len(cls.__members__))
         one._value_, one.declared = int(one), declared
         return one
 
-    DEVICE_TYPE = 0x1000, 0, Kind.U32, RO, SERVO_DRIVE
-    ERROR_REGISTER = 0x1001, 0, Kind.U8, SENT
-    ERROR_COUNT = 0x1003, 0, Kind.U8, RW, 0, 0, 0
-    ERROR_1 = 0x1003, 1, Kind.U32, RO
-    ERROR_2 = 0x1003, 2, Kind.U32, RO
-    ERROR_3 = 0x1003, 3, Kind.U32, RO
-    ERROR_4 = 0x1003, 4, Kind.U32, RO
-    SYNC_ID = 0x1005, 0, Kind.U32, RW, 0x80, 0x80, 0x80
-    DEVICE_NAME = 0x1008, 0, Kind.TEXT, RO
-    HARDWARE = 0x1009, 0, Kind.TEXT, RO
-    SOFTWARE = 0x100A, 0, Kind.TEXT, RO
-    EMERGENCY_ID = 0x1014, 0, Kind.U32, RO
-    CONSUMERS = 0x1016, 0, Kind.U8, RO, 1
-    CONSUMER = 0x1016, 1, Kind.U32, RW, 0, 0, 0x7F_FFFF
-    HEARTBEAT_MS = 0x1017, 0, Kind.U16, RW
-    IDENTITY = 0x1018, 0, Kind.U8, RO, 4
-    VENDOR = 0x1018, 1, Kind.U32, RO
-    PRODUCT = 0x1018, 2, Kind.U32, RO
-    REVISION = 0x1018, 3, Kind.U32, RO, 1 << 16
-    SERIAL = 0x1018, 4, Kind.U32, RO
-    SDO_COUNT = 0x1200, 0, Kind.U8, RO, 2
-    SDO_IN = 0x1200, 1, Kind.U32, RO
-    SDO_OUT = 0x1200, 2, Kind.U32, RO
-    STARTUP = 0x1F80, 0, Kind.U32, RW, 0, 0, SELF_STARTING
-    ERROR_CODE = 0x603F, 0, Kind.U16, SENT
-    CONTROLWORD = 0x6040, 0, Kind.U16, TAKEN
-    STATUSWORD = 0x6041, 0, Kind.U16, SENT
-    QUICK_STOP_OPTION = 0x605A, 0, Kind.I16, RW, 2, 0, 6
-    SHUTDOWN_OPTION = 0x605B, 0, Kind.I16, RW, 0, 0, 1
-    DISABLE_OPTION = 0x605C, 0, Kind.I16, RW, 0, 0, 1
-    HALT_OPTION = 0x605D, 0, Kind.I16, RW, 1, 1, 1
-    FAULT_OPTION = 0x605E, 0, Kind.I16, RW, 2, 0, 2
-    MODE = 0x6060, 0, Kind.I8, TAKEN
-    MODE_DISPLAY = 0x6061, 0, Kind.I8, SENT
-    POSITION_DEMAND = 0x6062, 0, Kind.I32, SENT
-    POSITION_ACTUAL = 0x6064, 0, Kind.I32, SENT
-    FOLLOWING_WINDOW = 0x6065, 0, Kind.U32, RW, NO_WINDOW
-    FOLLOWING_MS = 0x6066, 0, Kind.U16, RW
-    POSITION_WINDOW = 0x6067, 0, Kind.U32, RW, 10
-    POSITION_MS = 0x6068, 0, Kind.U16, RW
-    VELOCITY_DEMAND = 0x606B, 0, Kind.I32, SENT
-    VELOCITY_ACTUAL = 0x606C, 0, Kind.I32, SENT
-    VELOCITY_WINDOW = 0x606D, 0, Kind.U16, RW, 10
-    VELOCITY_MS = 0x606E, 0, Kind.U16, RW
-    TARGET_TORQUE = 0x6071, 0, Kind.I16, TAKEN
-    MAX_TORQUE = 0x6072, 0, Kind.U16, TAKEN, 1000, 0, 1000
-    TORQUE_DEMAND = 0x6074, 0, Kind.I16, SENT
-    TORQUE_ACTUAL = 0x6077, 0, Kind.I16, SENT
-    TARGET_POSITION = 0x607A, 0, Kind.I32, TAKEN
-    HOME_OFFSET = 0x607C, 0, Kind.I32, RW
-    LIMITS = 0x607D, 0, Kind.U8, RO, 2
-    LIMIT_LOW = 0x607D, 1, Kind.I32, RW, -(1 << 31)
-    LIMIT_HIGH = 0x607D, 2, Kind.I32, RW, (1 << 31) - 1
-    PROFILE_VELOCITY = 0x6081, 0, Kind.U32, TAKEN, 1000, 0, (1 << 31) - 1
-    ACCELERATION = 0x6083, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1
-    DECELERATION = 0x6084, 0, Kind.U32, TAKEN, 10_000, 1, (1 << 31) - 1
-    QUICK_STOP_DECELERATION = 0x6085, 0, Kind.U32, TAKEN, 50_000, 1, (1 << 31) - 1
-    HOMING_METHOD = 0x6098, 0, Kind.I8, TAKEN, 37, 35, 37
-    VELOCITY_OFFSET = 0x60B1, 0, Kind.I32, TAKEN
-    TORQUE_OFFSET = 0x60B2, 0, Kind.I16, TAKEN
-    FOLLOWING_ERROR = 0x60F4, 0, Kind.I32, SENT
-    TARGET_VELOCITY = 0x60FF, 0, Kind.I32, TAKEN
-    MODES = 0x6502, 0, Kind.U32, RO, MODES
-    ABORT_OPTION = 0x6007, 0, Kind.I16, RW, 1, 0, 3
-    MAX_PROFILE_VELOCITY = 0x607F, 0, Kind.U32, RW, (1 << 31) - 1, 0, (1 << 31) - 1
-    HOMING_SPEEDS = 0x6099, 0, Kind.U8, RO, 2
-    HOMING_FAST = 0x6099, 1, Kind.U32, RW
-    HOMING_SLOW = 0x6099, 2, Kind.U32, RW
-    HOMING_ACCELERATION = 0x609A, 0, Kind.U32, RW
-    PERIODS = 0x60C2, 0, Kind.U8, RO, 2
-    PERIOD = 0x60C2, 1, Kind.U8, RW, 1, 1, 255
-    PERIOD_EXPONENT = 0x60C2, 2, Kind.I8, RW, -3, -6, 0
-    SYNC_PERIOD = 0x1006, 0, Kind.U32, RW
+    DEVICE_TYPE = 0x1000, 0, ObjectType.U32, RO, SERVO_DRIVE
+    ERROR_REGISTER = 0x1001, 0, ObjectType.U8, SENT
+    ERROR_COUNT = 0x1003, 0, ObjectType.U8, RW, 0, 0, 0
+    ERROR_1 = 0x1003, 1, ObjectType.U32, RO
+    ERROR_2 = 0x1003, 2, ObjectType.U32, RO
+    ERROR_3 = 0x1003, 3, ObjectType.U32, RO
+    ERROR_4 = 0x1003, 4, ObjectType.U32, RO
+    SYNC_ID = 0x1005, 0, ObjectType.U32, RW, 0x80, 0x80, 0x80
+    DEVICE_NAME = 0x1008, 0, ObjectType.TEXT, RO
+    HARDWARE = 0x1009, 0, ObjectType.TEXT, RO
+    SOFTWARE = 0x100A, 0, ObjectType.TEXT, RO
+    EMERGENCY_ID = 0x1014, 0, ObjectType.U32, RO
+    CONSUMERS = 0x1016, 0, ObjectType.U8, RO, 1
+    CONSUMER = 0x1016, 1, ObjectType.U32, RW, 0, 0, 0x7F_FFFF
+    HEARTBEAT_MS = 0x1017, 0, ObjectType.U16, RW
+    IDENTITY = 0x1018, 0, ObjectType.U8, RO, 4
+    VENDOR = 0x1018, 1, ObjectType.U32, RO
+    PRODUCT = 0x1018, 2, ObjectType.U32, RO
+    REVISION = 0x1018, 3, ObjectType.U32, RO, 1 << 16
+    SERIAL = 0x1018, 4, ObjectType.U32, RO
+    SDO_COUNT = 0x1200, 0, ObjectType.U8, RO, 2
+    SDO_IN = 0x1200, 1, ObjectType.U32, RO
+    SDO_OUT = 0x1200, 2, ObjectType.U32, RO
+    STARTUP = 0x1F80, 0, ObjectType.U32, RW, 0, 0, SELF_STARTING
+    ERROR_CODE = 0x603F, 0, ObjectType.U16, SENT
+    CONTROLWORD = 0x6040, 0, ObjectType.U16, TAKEN
+    STATUSWORD = 0x6041, 0, ObjectType.U16, SENT
+    QUICK_STOP_OPTION = 0x605A, 0, ObjectType.I16, RW, 2, 0, 6
+    SHUTDOWN_OPTION = 0x605B, 0, ObjectType.I16, RW, 0, 0, 1
+    DISABLE_OPTION = 0x605C, 0, ObjectType.I16, RW, 0, 0, 1
+    HALT_OPTION = 0x605D, 0, ObjectType.I16, RW, 1, 1, 1
+    FAULT_OPTION = 0x605E, 0, ObjectType.I16, RW, 2, 0, 2
+    MODE = 0x6060, 0, ObjectType.I8, TAKEN
+    MODE_DISPLAY = 0x6061, 0, ObjectType.I8, SENT
+    POSITION_DEMAND = 0x6062, 0, ObjectType.I32, SENT
+    POSITION_ACTUAL = 0x6064, 0, ObjectType.I32, SENT
+    FOLLOWING_WINDOW = 0x6065, 0, ObjectType.U32, RW, NO_WINDOW
+    FOLLOWING_MS = 0x6066, 0, ObjectType.U16, RW
+    POSITION_WINDOW = 0x6067, 0, ObjectType.U32, RW, 10
+    POSITION_MS = 0x6068, 0, ObjectType.U16, RW
+    VELOCITY_DEMAND = 0x606B, 0, ObjectType.I32, SENT
+    VELOCITY_ACTUAL = 0x606C, 0, ObjectType.I32, SENT
+    VELOCITY_WINDOW = 0x606D, 0, ObjectType.U16, RW, 10
+    VELOCITY_MS = 0x606E, 0, ObjectType.U16, RW
+    TARGET_TORQUE = 0x6071, 0, ObjectType.I16, TAKEN
+    MAX_TORQUE = 0x6072, 0, ObjectType.U16, TAKEN, 1000, 0, 1000
+    TORQUE_DEMAND = 0x6074, 0, ObjectType.I16, SENT
+    TORQUE_ACTUAL = 0x6077, 0, ObjectType.I16, SENT
+    TARGET_POSITION = 0x607A, 0, ObjectType.I32, TAKEN
+    HOME_OFFSET = 0x607C, 0, ObjectType.I32, RW
+    LIMITS = 0x607D, 0, ObjectType.U8, RO, 2
+    LIMIT_LOW = 0x607D, 1, ObjectType.I32, RW, -(1 << 31)
+    LIMIT_HIGH = 0x607D, 2, ObjectType.I32, RW, (1 << 31) - 1
+    PROFILE_VELOCITY = 0x6081, 0, ObjectType.U32, TAKEN, 1000, 0, (1 << 31) - 1
+    ACCELERATION = 0x6083, 0, ObjectType.U32, TAKEN, 10_000, 1, (1 << 31) - 1
+    DECELERATION = 0x6084, 0, ObjectType.U32, TAKEN, 10_000, 1, (1 << 31) - 1
+    QUICK_STOP_DECELERATION = 0x6085, 0, ObjectType.U32, TAKEN, 50_000, 1, (1 << 31) - 1
+    HOMING_METHOD = 0x6098, 0, ObjectType.I8, TAKEN, 37, 35, 37
+    VELOCITY_OFFSET = 0x60B1, 0, ObjectType.I32, TAKEN
+    TORQUE_OFFSET = 0x60B2, 0, ObjectType.I16, TAKEN
+    FOLLOWING_ERROR = 0x60F4, 0, ObjectType.I32, SENT
+    TARGET_VELOCITY = 0x60FF, 0, ObjectType.I32, TAKEN
+    MODES = 0x6502, 0, ObjectType.U32, RO, MODES
+    ABORT_OPTION = 0x6007, 0, ObjectType.I16, RW, 1, 0, 3
+    MAX_PROFILE_VELOCITY = 0x607F, 0, ObjectType.U32, RW, (1 << 31) - 1, 0, (1 << 31) - 1
+    HOMING_SPEEDS = 0x6099, 0, ObjectType.U8, RO, 2
+    HOMING_FAST = 0x6099, 1, ObjectType.U32, RW
+    HOMING_SLOW = 0x6099, 2, ObjectType.U32, RW
+    HOMING_ACCELERATION = 0x609A, 0, ObjectType.U32, RW
+    PERIODS = 0x60C2, 0, ObjectType.U8, RO, 2
+    PERIOD = 0x60C2, 1, ObjectType.U8, RW, 1, 1, 255
+    PERIOD_EXPONENT = 0x60C2, 2, ObjectType.I8, RW, -3, -6, 0
+    SYNC_PERIOD = 0x1006, 0, ObjectType.U32, RW
 
 
 class Mistake(WordedEnum):
@@ -223,58 +224,111 @@ class Mistake(WordedEnum):
     SYNC_OFF = "SYNC was off by half of the period 0x1006, and more than a cycle"
 
 
-OBJECT = row_of("index subindex bits sign text access low high start")
-STATE = row_of(
-    "nmt beat_at boots syncs sync_at"  # beat_at, sync_at: cycles of the last ones
-    " heard heard_at guarded"  # 1: the heartbeat that is awaited came once; when; the next toggle
-    " power word_before mode enabled"  # word_before: of the command
-    " moves pends acknowledged homed reached limited behind_since near_since"
-    " stopped_before wanted steps_left leaves"  # leaves: for which state, after a ramp
-    " segment_row segment_toggle segment_at segment_size segment_since segment_data segment_loads",
-    "position velocity before offset demand_position demand_velocity integral target pending step",
-)
-DRIVE = np.dtype(
-    [
-        ("on", "<i8"),  # 1: there is one
-        *((name, "<i8") for name in ("hears", "works", "speaks")),  # of `compiled.stage.call_at`
-        ("node", "<i8"),
-        ("n", "<i8"),  # objects
-        ("place_position", "<i8"),  # of variables of the table; velocity -1: the differences
-        ("place_velocity", "<i8"),
-        ("place_command", "<i8"),
-        ("place_gains", "<i8"),  # three
-        ("place_seen", "<i8"),  # the first of what is seen, see `executive.loop.plant_drive`
-        ("rate_hz", "<f8"),
-        ("rated", "<f8"),  # the command at 100 %
-        ("position_scale", "<f8"),  # increments to the unit of the position
-        ("velocity_scale", "<f8"),
-        ("gains", row_of("", "position_per_s velocity integral_per_s")),
-        ("objects", OBJECT, (MAX_OBJECTS,)),
-        ("text", "u1", (TEXTS * TEXT_BYTES,)),
-        ("k", "<i8"),  # the cycle
-        ("n_out", "<i8"),
-        ("answers_last", "<i8"),  # 1: in lockstep, behind what its node sends
-        ("outbox", "u1", (OUTBOX_FRAMES, FRAME_BYTES)),
-        # from here on kept in keyframes
-        ("value", "<i8", (MAX_OBJECTS,)),
-        ("state", STATE),
-        ("map_id", "<i8", (2 * PDOS,)),  # -1: not valid
-        ("map_n", "<i8", (2 * PDOS,)),
-        ("map_row", "<i8", (2 * PDOS * MAX_ENTRIES,)),
-        ("mistakes", "<i8", (len(Mistake),)),  # of the master
-        ("pending", "<i8", (PDOS,)),  # 1: what came waits for a SYNC
-        ("owed", "<i8", (PDOS,)),  # PDOs more, or less, than SYNCs between the two before
-        ("since_sync", "<i8", (PDOS,)),  # how often it came; -1: never, so it is not awaited
-        ("pending_low", "<i8", (PDOS,)),  # its first four bytes, and the others
-        ("pending_high", "<i8", (PDOS,)),
-        ("sent_low", "<i8", (PDOS,)),
-        ("sent_high", "<i8", (PDOS,)),
-        ("sent_at", "<i8", (PDOS,)),  # -1: not yet
-        ("sync_count", "<i8", (PDOS,)),
-    ],
-    align=True,
-)
-KEPT = (
-    "value", "state", "map_id", "map_n", "map_row", "mistakes", "pending", "owed", "since_sync",
-    "pending_low", "pending_high", "sent_low", "sent_high", "sent_at", "sync_count",
-)  # fmt: skip
+class ObjectRow(Element):
+    """An object as it was declared."""
+
+    index: int
+    subindex: int
+    bits: int
+    sign: int
+    text: int
+    access: int
+    low: int
+    high: int
+    start: int
+
+
+class DriveState(Element):
+    """What the drive carries from one cycle to the next, beside the values."""
+
+    nmt: int
+    beat_at: int  # the cycle of the last one
+    boots: int
+    syncs: int
+    sync_at: int  # the cycle of the last one
+    heard: int  # 1: the heartbeat that is awaited came once
+    heard_at: int
+    guarded: int  # the next toggle
+    power: int
+    word_before: int  # of the command
+    mode: int
+    enabled: int
+    moves: int
+    pends: int
+    acknowledged: int
+    homed: int
+    reached: int
+    limited: int
+    behind_since: int
+    near_since: int
+    stopped_before: int
+    wanted: int
+    steps_left: int
+    leaves: int  # for which state, after a ramp
+    segment_row: int
+    segment_toggle: int
+    segment_at: int
+    segment_size: int
+    segment_since: int
+    segment_data: int
+    segment_loads: int
+    position: float
+    velocity: float
+    before: float
+    offset: float
+    demand_position: float
+    demand_velocity: float
+    integral: float
+    target: float
+    pending: float
+    step: float
+
+
+class DriveGains(Element):
+    """Of its loops."""
+
+    position_per_s: float
+    velocity: float
+    integral_per_s: float
+
+
+class Drive(Record):
+    """The drive; of a robot's: what both have."""
+
+    on: int  # 1: there is one
+    hears: int  # of `compiled.stage.call_at`
+    works: int  # of `compiled.stage.call_at`
+    speaks: int  # of `compiled.stage.call_at`
+    node: int
+    n: int  # objects
+    place_position: int  # of variables of the table; velocity -1: the differences
+    place_velocity: int
+    place_command: int
+    place_gains: int  # three
+    place_seen: int  # the first of what is seen, see `executive.loop.plant_drive`
+    rate_hz: float
+    rated: float  # the command at 100 %
+    position_scale: float  # increments to the unit of the position
+    velocity_scale: float
+    gains: DriveGains
+    objects: Cells[ObjectRow] = cells(MAX_OBJECTS)
+    text: Cells[Byte] = cells(TEXTS * TEXT_BYTES)
+    k: int  # the cycle
+    n_out: int
+    answers_last: int  # 1: in lockstep, behind what its node sends
+    outbox: Cells[FrameBytes] = cells(OUTBOX_FRAMES)
+    value: Cells[int] = carried(shape=MAX_OBJECTS)
+    state: DriveState = carried()
+    map_id: Cells[int] = carried(shape=2 * PDOS)  # -1: not valid
+    map_n: Cells[int] = carried(shape=2 * PDOS)
+    map_row: Cells[int] = carried(shape=2 * PDOS * MAX_ENTRIES)
+    mistakes: Cells[int] = carried(shape=len(Mistake))  # of the master
+    pending: Cells[int] = carried(shape=PDOS)  # 1: what came waits for a SYNC
+    owed: Cells[int] = carried(shape=PDOS)  # more, or fewer, than the SYNCs between
+    since_sync: Cells[int] = carried(shape=PDOS)  # how often it came; -1: never, not awaited
+    pending_low: Cells[int] = carried(shape=PDOS)  # its first four bytes, and the others
+    pending_high: Cells[int] = carried(shape=PDOS)
+    sent_low: Cells[int] = carried(shape=PDOS)
+    sent_high: Cells[int] = carried(shape=PDOS)
+    sent_at: Cells[int] = carried(shape=PDOS)  # -1: not yet
+    sync_count: Cells[int] = carried(shape=PDOS)

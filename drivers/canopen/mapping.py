@@ -8,8 +8,6 @@
 Source: CiA 301, 7.5.2.35 to 7.5.2.38.
 """
 
-from typing import Any
-
 from pcpc.drivers.canopen import layout as at
 from pcpc.drivers.canopen.dictionary import (
     NO_OBJECT,
@@ -20,6 +18,7 @@ from pcpc.drivers.canopen.dictionary import (
     WRONG_VALUE,
     row_of_object,
 )
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
 MAX_BITS = 64
@@ -33,7 +32,7 @@ MAX_ENTRIES, TO_DRIVE, FROM_DRIVE = at.MAX_ENTRIES, at.TO_DRIVE, at.FROM_DRIVE
 
 
 @loop_inline
-def pdo_of(row: Any) -> Any:
+def pdo_of(row: int) -> int:
     """Return the number of the PDO to which a row belongs."""
     if row < FIRST_TPDO:
         return row // RPDO_ROWS
@@ -41,25 +40,25 @@ def pdo_of(row: Any) -> Any:
 
 
 @loop_inline
-def first_row(p: Any) -> Any:
+def first_row(p: int) -> int:
     """Return the first row of a PDO."""
     return p * RPDO_ROWS if p < PDOS else FIRST_TPDO + (p - PDOS) * TPDO_ROWS
 
 
 @loop_inline
-def mapping_row(p: Any) -> Any:
+def mapping_row(p: int) -> int:
     """Return the row with the number of a PDO's entries."""
     return first_row(p) + (RPDO_MAPPING if p < PDOS else TPDO_MAPPING)
 
 
 @loop_inline
-def is_valid(d: Any, p: Any) -> Any:
+def is_valid(d: Drive, p: int) -> bool:
     """Return whether a PDO is in use."""
     return d.value[first_row(p) + COB_ID] & _NOT_VALID == 0
 
 
 @loop_function
-def why_not(d: Any, row: Any, raw: Any) -> Any:
+def why_not(d: Drive, row: int, raw: int) -> int:
     """Return the abort code for a value of a PDO's row; 0 if it may be written."""
     p = pdo_of(row)
     place, mapping = row - first_row(p), mapping_row(p)
@@ -86,7 +85,7 @@ def why_not(d: Any, row: Any, raw: Any) -> Any:
 
 
 @loop_inline
-def _why_no_id(d: Any, p: Any, row: Any, raw: Any) -> Any:
+def _why_no_id(d: Drive, p: int, row: int, raw: int) -> int:
     wanted = raw & _ID
     if raw & _FRAME_BIT != 0 or wanted < _LOWEST_ID or wanted > _HIGHEST_ID:
         return WRONG_VALUE
@@ -96,7 +95,7 @@ def _why_no_id(d: Any, p: Any, row: Any, raw: Any) -> Any:
 
 
 @loop_function
-def _why_no_entry(d: Any, p: Any, entry: Any) -> Any:
+def _why_no_entry(d: Drive, p: int, entry: int) -> int:
     """Return why an object cannot be mapped; 0 of an entry that is empty or right."""
     if entry == 0:
         return 0
@@ -110,7 +109,7 @@ def _why_no_entry(d: Any, p: Any, entry: Any) -> Any:
 
 
 @loop_function
-def arrange(d: Any, p: Any) -> None:
+def arrange(d: Drive, p: int) -> None:
     """Take over what the objects of a PDO say; a sent one begins anew."""
     first, mapping = first_row(p), mapping_row(p)
     d.map_id[p] = d.value[first + COB_ID] & _ID if is_valid(d, p) else -1

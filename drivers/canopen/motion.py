@@ -22,11 +22,16 @@ u_rated its value at 100 %; q and w are in the plant's units. Source: CiA 402-2,
 """
 
 import math
-from typing import Any
 
-import numpy as np
-
-from pcpc.drivers.canopen.layout import ErrorCode, ErrorRegister, Mistake, Mode, Power, Row
+from pcpc.drivers.canopen.layout import (
+    Drive,
+    ErrorCode,
+    ErrorRegister,
+    Mistake,
+    Od,
+    OperationMode,
+    Power,
+)
 from pcpc.drivers.canopen.network import mode_to_be
 from pcpc.drivers.canopen.power import (
     end_ramp,
@@ -36,6 +41,7 @@ from pcpc.drivers.canopen.power import (
     tell_status,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import int64
 
 NEW_SETPOINT, AT_ONCE, RELATIVE, HALT = 1 << 4, 1 << 5, 1 << 6, 1 << 8
 LARGEST, FINITE = 2147483647.0, 1e300  # beyond FINITE the last measured value stays
@@ -44,46 +50,46 @@ FIRST_SLOW = 1, 5  # options that take the deceleration of the profile
 
 
 @loop_inline
-def raw_of(x: Any, scale: Any) -> Any:
+def raw_of(x: float, scale: float) -> int:
     """Return a value in increments, the nearest that 32 bits hold."""
     r = x * scale
     if not abs(r) < LARGEST:
-        return np.int64(LARGEST) if r > 0.0 else np.int64(-LARGEST)
-    return np.int64(r + 0.5) if r >= 0.0 else -np.int64(0.5 - r)
+        return int64(LARGEST) if r > 0.0 else int64(-LARGEST)
+    return int64(r + 0.5) if r >= 0.0 else -int64(0.5 - r)
 
 
 @loop_inline
-def toward(x: Any, goal: Any, step: Any) -> Any:
+def toward(x: float, goal: float, step: float) -> float:
     """Return `goal`, or the nearest to it that is at most `step` from `x`."""
     return min(max(goal, x - step), x + step)
 
 
 @loop_inline
-def position_of(d: Any, row: Any) -> Any:
+def position_of(d: Drive, row: int) -> float:
     """Return an object of a position or its acceleration in the plant's unit."""
     return d.value[row] / d.position_scale
 
 
 @loop_inline
-def velocity_of(d: Any, row: Any) -> Any:
+def velocity_of(d: Drive, row: int) -> float:
     """Return an object of a velocity in the plant's unit."""
     return d.value[row] / d.velocity_scale
 
 
 @loop_function
-def begin_mode(d: Any) -> None:
+def begin_mode(d: Drive) -> None:
     """Begin where the motor is."""
     x = d.state
     x.demand_position, x.demand_velocity, x.integral = x.position, x.velocity, 0.0
     x.target, x.moves, x.pends, x.acknowledged = x.position, 0, 0, 0
     x.reached, x.behind_since, x.near_since = 0, -1, -1
-    x.wanted, x.steps_left = d.value[Row.POSITION_ACTUAL], 0
+    x.wanted, x.steps_left = d.value[Od.POSITION_ACTUAL], 0
 
 
 @loop_inline
-def within_limits(d: Any, q: Any) -> Any:
+def within_limits(d: Drive, q: float) -> float:
     """Return a position within the limits of object 0x607D."""
-    low, high = position_of(d, Row.LIMIT_LOW), position_of(d, Row.LIMIT_HIGH)
+    low, high = position_of(d, Od.LIMIT_LOW), position_of(d, Od.LIMIT_HIGH)
     value = min(max(q, low), high) if low < high else q
     if value != q:
         d.state.limited = 1
@@ -91,14 +97,14 @@ def within_limits(d: Any, q: Any) -> Any:
 
 
 @loop_function
-def take_setpoint(d: Any) -> None:
+def take_setpoint(d: Drive) -> None:
     """Take a new target with the edge of bit 4; one more waits, unless it is wanted at once."""
-    x, word = d.state, d.value[Row.CONTROLWORD]
+    x, word = d.state, d.value[Od.CONTROLWORD]
     if word & NEW_SETPOINT != 0 and x.word_before & NEW_SETPOINT == 0 and x.pends == 0:
         base = 0.0
         if word & RELATIVE != 0:
             base = x.target if x.moves != 0 else x.demand_position
-        asked = position_of(d, Row.TARGET_POSITION) + base
+        asked = position_of(d, Od.TARGET_POSITION) + base
         goal = within_limits(d, asked)
         d.mistakes[Mistake.TARGET_CLIPPED] += 1 if goal != asked else 0
         x.acknowledged = 1
@@ -113,25 +119,25 @@ def take_setpoint(d: Any) -> None:
 
 
 @loop_inline
-def fastest_that_stops(left: Any, slow: Any, dt: Any) -> Any:
+def fastest_that_stops(left: float, slow: float, dt: float) -> float:
     """Return the velocity of a cycle after which equal steps of deceleration end at `left` (3)."""
     cycles = math.floor((math.sqrt(1.0 + 8.0 * left / (slow * dt * dt)) - 1.0) / 2.0)
     return left / ((cycles + 1.0) * dt) + 0.5 * cycles * slow * dt
 
 
 @loop_function
-def profile_position(d: Any, dt: Any) -> Any:
+def profile_position(d: Drive, dt: float) -> float:
     """Advance the demand to the target (3); return the velocity that is wanted (1)."""
     x = d.state
     take_setpoint(d)
-    a, slow = position_of(d, Row.ACCELERATION), position_of(d, Row.DECELERATION)
+    a, slow = position_of(d, Od.ACCELERATION), position_of(d, Od.DECELERATION)
     left = x.target - x.demand_position
     fastest = min(
         fastest_that_stops(abs(left), slow, dt),
-        velocity_of(d, Row.PROFILE_VELOCITY),
-        velocity_of(d, Row.MAX_PROFILE_VELOCITY),
+        velocity_of(d, Od.PROFILE_VELOCITY),
+        velocity_of(d, Od.MAX_PROFILE_VELOCITY),
     )
-    if d.value[Row.CONTROLWORD] & HALT != 0:
+    if d.value[Od.CONTROLWORD] & HALT != 0:
         fastest = 0.0
     goal = fastest if left > 0.0 else -fastest
     grows = abs(goal) > abs(x.demand_velocity)
@@ -143,12 +149,12 @@ def profile_position(d: Any, dt: Any) -> Any:
         x.demand_position += v * dt
     x.demand_velocity = v
     near = abs(raw_of(x.target - x.position, d.position_scale))
-    judge_reached(d, x.moves == 0 and near <= d.value[Row.POSITION_WINDOW], Row.POSITION_MS)
+    judge_reached(d, x.moves == 0 and near <= d.value[Od.POSITION_WINDOW], Od.POSITION_MS)
     return v + d.gains.position_per_s * (x.demand_position - x.position)
 
 
 @loop_function
-def judge_reached(d: Any, near: Any, row: Any) -> None:
+def judge_reached(d: Drive, near: bool, row: int) -> None:
     """Let the target be reached once it has been near for the time of an object, ms."""
     x = d.state
     if not near:
@@ -160,33 +166,33 @@ def judge_reached(d: Any, near: Any, row: Any) -> None:
 
 
 @loop_function
-def profile_velocity(d: Any, dt: Any) -> Any:
+def profile_velocity(d: Drive, dt: float) -> float:
     """Return the velocity that is wanted: on its way to the target."""
-    x, most = d.state, velocity_of(d, Row.MAX_PROFILE_VELOCITY)
-    goal = min(max(velocity_of(d, Row.TARGET_VELOCITY), -most), most)
-    if d.value[Row.CONTROLWORD] & HALT != 0:
+    x, most = d.state, velocity_of(d, Od.MAX_PROFILE_VELOCITY)
+    goal = min(max(velocity_of(d, Od.TARGET_VELOCITY), -most), most)
+    if d.value[Od.CONTROLWORD] & HALT != 0:
         goal = 0.0
     grows = abs(goal) > abs(x.demand_velocity)
-    row = Row.ACCELERATION if grows else Row.DECELERATION
+    row = Od.ACCELERATION if grows else Od.DECELERATION
     x.demand_velocity = toward(x.demand_velocity, goal, position_of(d, row) * dt)
     off = abs(raw_of(goal - x.velocity, d.velocity_scale))
-    judge_reached(d, off <= d.value[Row.VELOCITY_WINDOW], Row.VELOCITY_MS)
+    judge_reached(d, off <= d.value[Od.VELOCITY_WINDOW], Od.VELOCITY_MS)
     return x.demand_velocity
 
 
 @loop_function
-def interpolate(d: Any) -> None:
+def interpolate(d: Drive) -> None:
     """Bring the demand to a new target in equal steps over the period of object 0x60C2."""
     x = d.state
-    goal = within_limits(d, position_of(d, Row.TARGET_POSITION))
-    if d.value[Row.TARGET_POSITION] != x.wanted:
-        clipped = goal != position_of(d, Row.TARGET_POSITION)
+    goal = within_limits(d, position_of(d, Od.TARGET_POSITION))
+    if d.value[Od.TARGET_POSITION] != x.wanted:
+        clipped = goal != position_of(d, Od.TARGET_POSITION)
         d.mistakes[Mistake.TARGET_CLIPPED] += 1 if clipped else 0
-        x.wanted = d.value[Row.TARGET_POSITION]
-        cycles = d.value[Row.PERIOD] * d.rate_hz
-        for _ in range(-d.value[Row.PERIOD_EXPONENT]):
+        x.wanted = d.value[Od.TARGET_POSITION]
+        cycles = d.value[Od.PERIOD] * d.rate_hz
+        for _ in range(-d.value[Od.PERIOD_EXPONENT]):
             cycles = cycles / 10.0
-        x.steps_left = max(np.int64(cycles + 0.5), 1)
+        x.steps_left = max(int64(cycles + 0.5), 1)
         x.target = goal
         x.step = (x.target - x.demand_position) / x.steps_left
     if x.steps_left > 0:
@@ -197,28 +203,28 @@ def interpolate(d: Any) -> None:
 
 
 @loop_function
-def go_home(d: Any) -> None:
+def go_home(d: Drive) -> None:
     """With the edge of bit 4, let where the motor stands be the home offset."""
-    x, word = d.state, d.value[Row.CONTROLWORD]
+    x, word = d.state, d.value[Od.CONTROLWORD]
     if word & NEW_SETPOINT != 0 and x.word_before & NEW_SETPOINT == 0:
-        x.offset += position_of(d, Row.HOME_OFFSET) - x.position
-        x.position = position_of(d, Row.HOME_OFFSET)
+        x.offset += position_of(d, Od.HOME_OFFSET) - x.position
+        x.position = position_of(d, Od.HOME_OFFSET)
         x.demand_position, x.homed, x.reached = x.position, 1, 1
     elif word & NEW_SETPOINT == 0:
         x.homed = 0
 
 
 @loop_function
-def limited_command(d: Any, u: Any) -> Any:
+def limited_command(d: Drive, u: float) -> float:
     """Return a command within the largest torque; note if it was larger."""
-    most = d.rated * d.value[Row.MAX_TORQUE] * 1e-3
+    most = d.rated * d.value[Od.MAX_TORQUE] * 1e-3
     if abs(u) > most:
         d.state.limited = 1
     return min(max(u, -most), most)
 
 
 @loop_function
-def follow_velocity(d: Any, wanted: Any, dt: Any) -> Any:
+def follow_velocity(d: Drive, wanted: float, dt: float) -> float:
     """Return the command of the velocity loop (2)."""
     x, g = d.state, d.gains
     e = wanted - x.velocity
@@ -226,16 +232,16 @@ def follow_velocity(d: Any, wanted: Any, dt: Any) -> Any:
     held = limited_command(d, u)
     if held == u or u * e < 0.0:
         x.integral += g.integral_per_s * e * dt
-    d.value[Row.VELOCITY_DEMAND] = raw_of(wanted, d.velocity_scale)
+    d.value[Od.VELOCITY_DEMAND] = raw_of(wanted, d.velocity_scale)
     return held
 
 
 @loop_function
-def ramp_down(d: Any, option: Any, dt: Any) -> Any:
+def ramp_down(d: Drive, option: int, dt: float) -> float:
     """Return the command on the way to rest; at its end the state is left."""
     x = d.state
     slow = option in FIRST_SLOW
-    rate = position_of(d, Row.DECELERATION if slow else Row.QUICK_STOP_DECELERATION)
+    rate = position_of(d, Od.DECELERATION if slow else Od.QUICK_STOP_DECELERATION)
     x.demand_velocity = toward(x.demand_velocity, 0.0, rate * dt)
     x.demand_position = x.position
     u = follow_velocity(d, x.demand_velocity, dt)
@@ -245,28 +251,28 @@ def ramp_down(d: Any, option: Any, dt: Any) -> Any:
 
 
 @loop_function
-def in_operation(d: Any, dt: Any) -> Any:
+def in_operation(d: Drive, dt: float) -> float:
     """Return the command of the mode."""
     x = d.state
-    offset = velocity_of(d, Row.VELOCITY_OFFSET)
-    if x.mode == Mode.CYCLIC_TORQUE:
-        share = (d.value[Row.TARGET_TORQUE] + d.value[Row.TORQUE_OFFSET]) * 1e-3
+    offset = velocity_of(d, Od.VELOCITY_OFFSET)
+    if x.mode == OperationMode.CYCLIC_TORQUE:
+        share = (d.value[Od.TARGET_TORQUE] + d.value[Od.TORQUE_OFFSET]) * 1e-3
         x.demand_position, x.demand_velocity = x.position, x.velocity
         return limited_command(d, d.rated * share)
     wanted = 0.0
-    if x.mode == Mode.PROFILE_POSITION:
+    if x.mode == OperationMode.PROFILE_POSITION:
         wanted = profile_position(d, dt)
-    elif x.mode == Mode.PROFILE_VELOCITY:
+    elif x.mode == OperationMode.PROFILE_VELOCITY:
         wanted = profile_velocity(d, dt)
         x.demand_position = x.position
-    elif x.mode == Mode.CYCLIC_POSITION:
+    elif x.mode == OperationMode.CYCLIC_POSITION:
         interpolate(d)
         x.demand_velocity = x.velocity
         wanted = offset + d.gains.position_per_s * (x.demand_position - x.position)
-    elif x.mode == Mode.CYCLIC_VELOCITY:
-        wanted = x.demand_velocity = velocity_of(d, Row.TARGET_VELOCITY) + offset
+    elif x.mode == OperationMode.CYCLIC_VELOCITY:
+        wanted = x.demand_velocity = velocity_of(d, Od.TARGET_VELOCITY) + offset
         x.demand_position = x.position
-    elif x.mode == Mode.HOMING:
+    elif x.mode == OperationMode.HOMING:
         go_home(d)
         x.demand_velocity = 0.0
         wanted = d.gains.position_per_s * (x.demand_position - x.position)
@@ -276,35 +282,35 @@ def in_operation(d: Any, dt: Any) -> Any:
 
 
 @loop_function
-def watch_following(d: Any) -> None:
+def watch_following(d: Drive) -> None:
     """Let a demand that is not followed for long be a fault (0x6065, 0x6066)."""
     x = d.state
-    watched = x.mode == Mode.PROFILE_POSITION or x.mode == Mode.CYCLIC_POSITION
+    watched = x.mode == OperationMode.PROFILE_POSITION or x.mode == OperationMode.CYCLIC_POSITION
     error = raw_of(x.demand_position - x.position, d.position_scale)
-    d.value[Row.FOLLOWING_ERROR] = error
-    window = d.value[Row.FOLLOWING_WINDOW]
+    d.value[Od.FOLLOWING_ERROR] = error
+    window = d.value[Od.FOLLOWING_WINDOW]
     far = watched and window != NO_WINDOW and abs(error) > window
     if x.power != Power.OPERATION_ENABLED or not far:
         x.behind_since = -1
         return
     if x.behind_since < 0:
         x.behind_since = d.k
-    if d.k - x.behind_since >= d.value[Row.FOLLOWING_MS] * 1e-3 * d.rate_hz:
+    if d.k - x.behind_since >= d.value[Od.FOLLOWING_MS] * 1e-3 * d.rate_hz:
         fail(d, ErrorCode.FOLLOWING, ErrorRegister.MOTION)
 
 
 @loop_function
-def measure(d: Any, position: Any, velocity: Any) -> None:
+def measure(d: Drive, position: float, velocity: float) -> None:
     """Take what the sensors say, before homing; write it into its objects."""
     x = d.state
     if abs(position) < FINITE and abs(velocity) < FINITE:
         x.position, x.velocity = position + x.offset, velocity
-    d.value[Row.POSITION_ACTUAL] = raw_of(x.position, d.position_scale)
-    d.value[Row.VELOCITY_ACTUAL] = raw_of(x.velocity, d.velocity_scale)
+    d.value[Od.POSITION_ACTUAL] = raw_of(x.position, d.position_scale)
+    d.value[Od.VELOCITY_ACTUAL] = raw_of(x.velocity, d.velocity_scale)
 
 
 @loop_function
-def advance(d: Any) -> Any:
+def advance(d: Drive) -> float:
     """Do a cycle of the drive: the states, then the command for what was measured; return it."""
     x, dt = d.state, 1.0 / d.rate_hz
     x.limited = 0
@@ -321,23 +327,23 @@ def advance(d: Any) -> Any:
     elif x.power == Power.OPERATION_ENABLED:
         u = in_operation(d, dt)
     elif x.power == Power.QUICK_STOP_ACTIVE:
-        u = ramp_down(d, d.value[Row.QUICK_STOP_OPTION], dt)
+        u = ramp_down(d, d.value[Od.QUICK_STOP_OPTION], dt)
     elif x.power == Power.FAULT_REACTION_ACTIVE:
-        u = ramp_down(d, d.value[Row.FAULT_OPTION], dt)
+        u = ramp_down(d, d.value[Od.FAULT_OPTION], dt)
     if not has_power(x.power):
         u, x.demand_position, x.demand_velocity, x.reached = 0.0, x.position, x.velocity, 0
-        d.value[Row.VELOCITY_DEMAND] = 0
+        d.value[Od.VELOCITY_DEMAND] = 0
     watch_following(d)
-    x.word_before = d.value[Row.CONTROLWORD]
+    x.word_before = d.value[Od.CONTROLWORD]
     tell_demand(d, u)
     tell_status(d)
     return u
 
 
 @loop_function
-def tell_demand(d: Any, u: Any) -> None:
+def tell_demand(d: Drive, u: float) -> None:
     """Write what is demanded into its objects."""
     x, torque = d.state, raw_of(u, 1000.0 / d.rated)
-    d.value[Row.MODE_DISPLAY] = x.mode
-    d.value[Row.POSITION_DEMAND] = raw_of(x.demand_position, d.position_scale)
-    d.value[Row.TORQUE_DEMAND] = d.value[Row.TORQUE_ACTUAL] = torque
+    d.value[Od.MODE_DISPLAY] = x.mode
+    d.value[Od.POSITION_DEMAND] = raw_of(x.demand_position, d.position_scale)
+    d.value[Od.TORQUE_DEMAND] = d.value[Od.TORQUE_ACTUAL] = torque

@@ -14,22 +14,19 @@ The heartbeat of a master (0x1016: node << 16 | ms) that came once and then no m
 connection, see `drivers.canopen.power`. Source: CiA 301, 7.2.8 and 7.3.2.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.canopen.dictionary import is_possible
 from pcpc.drivers.canopen.frames import HEARTBEAT, put, put_heartbeat
-from pcpc.drivers.canopen.layout import SELF_STARTING, Heartbeat, Mode, Power, Row
+from pcpc.drivers.canopen.layout import SELF_STARTING, Drive, Heartbeat, Od, OperationMode, Power
 from pcpc.drivers.canopen.mapping import PDOS, arrange
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.records import int64
 
 START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
 OF_COMMUNICATION = 0x1000, 0x1FFF
 
 
 @loop_function
-def boot(d: Any) -> None:
+def boot(d: Drive) -> None:
     """Say that the drive is there, and be in its first state."""
     x = d.state
     for p in range(2 * PDOS):
@@ -37,9 +34,7 @@ def boot(d: Any) -> None:
     x.nmt = Heartbeat.BOOT_UP
     put_heartbeat(d)
     x.nmt = (
-        Heartbeat.OPERATIONAL
-        if d.value[Row.STARTUP] == SELF_STARTING
-        else Heartbeat.PRE_OPERATIONAL
+        Heartbeat.OPERATIONAL if d.value[Od.STARTUP] == SELF_STARTING else Heartbeat.PRE_OPERATIONAL
     )
     x.heard = x.guarded = 0
     x.segment_row = 0
@@ -47,7 +42,7 @@ def boot(d: Any) -> None:
 
 
 @loop_function
-def start_over(d: Any, whole: Any) -> None:
+def start_over(d: Drive, whole: bool) -> None:
     """Give the objects their first values: all, or those of the communication; boot."""
     for i in range(d.n):
         index = d.objects[i].index
@@ -55,14 +50,14 @@ def start_over(d: Any, whole: Any) -> None:
             d.value[i] = d.objects[i].start
     if whole:
         x = d.state
-        x.power, x.mode, x.word_before, x.enabled = Power.NOT_READY, Mode.NONE, 0, 0
+        x.power, x.mode, x.word_before, x.enabled = Power.NOT_READY, OperationMode.NONE, 0, 0
         x.homed, x.offset = 0, 0.0
         x.moves, x.pends, x.acknowledged = 0, 0, 0
     boot(d)
 
 
 @loop_function
-def command(d: Any, code: Any) -> None:
+def command(d: Drive, code: int) -> None:
     """Do what the NMT master wants."""
     x = d.state
     before = x.nmt
@@ -83,34 +78,34 @@ def command(d: Any, code: Any) -> None:
 
 
 @loop_function
-def beat(d: Any) -> None:
+def beat(d: Drive) -> None:
     """Send the heartbeat when it is due."""
-    ms = d.value[Row.HEARTBEAT_MS]
+    ms = d.value[Od.HEARTBEAT_MS]
     if ms > 0 and d.k - d.state.beat_at >= ms * 1e-3 * d.rate_hz:
         put_heartbeat(d)
 
 
 @loop_function
-def answer_guard(d: Any) -> None:
+def answer_guard(d: Drive) -> None:
     """Answer a master that guards its nodes: the state, and a bit that toggles."""
     x = d.state
-    put(d, HEARTBEAT + d.node, 1, x.nmt | x.guarded << np.int64(7), 0)
+    put(d, HEARTBEAT + d.node, 1, x.nmt | x.guarded << int64(7), 0)
     x.guarded = 1 - x.guarded
 
 
 @loop_function
-def note_heartbeat(d: Any, node: Any) -> Any:
+def note_heartbeat(d: Drive, node: int) -> bool:
     """Note the heartbeat of another node; return whether it is the one that is awaited."""
-    if d.value[Row.CONSUMER] >> 16 == node and node != 0:
+    if d.value[Od.CONSUMER] >> 16 == node and node != 0:
         d.state.heard, d.state.heard_at = 1, d.k
         return True
     return False
 
 
 @loop_function
-def master_is_silent(d: Any) -> Any:
+def master_is_silent(d: Drive) -> bool:
     """Return whether the heartbeat that is awaited came once and is missing now."""
-    ms = d.value[Row.CONSUMER] & 0xFFFF
+    ms = d.value[Od.CONSUMER] & 0xFFFF
     if ms == 0 or d.state.heard == 0:
         return False
     if d.k - d.state.heard_at <= ms * 1e-3 * d.rate_hz:
@@ -120,7 +115,7 @@ def master_is_silent(d: Any) -> Any:
 
 
 @loop_function
-def mode_to_be(d: Any) -> Any:
+def mode_to_be(d: Drive) -> int:
     """Return the mode that is asked for, or the one before if it does not exist."""
-    wanted = d.value[Row.MODE]
-    return wanted if is_possible(d, Row.MODE, wanted) else d.state.mode
+    wanted = d.value[Od.MODE]
+    return wanted if is_possible(d, Od.MODE, wanted) else d.state.mode

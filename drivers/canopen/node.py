@@ -9,14 +9,10 @@ the remote frame 0x700 + node (node guarding).
 Frames with the ids that the drive sends are another drive's with its number.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen import pdo, sdo
 from pcpc.drivers.canopen.frames import EMERGENCY, HEARTBEAT, SDO_ANSWER
-from pcpc.drivers.canopen.layout import ErrorCode, Heartbeat
+from pcpc.drivers.canopen.layout import Drive, ErrorCode, Heartbeat
 from pcpc.drivers.canopen.mapping import PDOS
 from pcpc.drivers.canopen.motion import advance
 from pcpc.drivers.canopen.network import (
@@ -30,11 +26,12 @@ from pcpc.drivers.canopen.network import (
 from pcpc.drivers.canopen.power import has_power, lose_connection
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 
 SYNC, SDO_REQUEST, LAST_NODE = 0x080, 0x600, 127
-REMOTE = np.int64(1 << 30)
+REMOTE = int64(1 << 30)
 hear_sync, receive_pdo, serve = pdo.hear_sync, pdo.receive, sdo.serve
 send_due, give_up = pdo.send_due, sdo.give_up
 
@@ -46,38 +43,38 @@ class Whose(NumberedEnum):
 
 
 @loop_function
-def hear(d: Any, frame: Any) -> Any:
+def hear(d: Drive, frame: Cells[Byte]) -> int:
     """Take a frame (16,) that came; return whose it is."""
     if d.state.boots == 0:
         boot(d)
-    can_id, dlc, data = four_bytes(frame, 0), np.int64(frame[LENGTH]), data_of(frame)
+    can_id, dlc, data = four_bytes(frame, 0), int64(frame[LENGTH]), data_of(frame)
     if can_id & REMOTE != 0:
         if can_id != REMOTE | HEARTBEAT + d.node:
-            return np.int64(Whose.OTHER)
+            return int64(Whose.OTHER)
         answer_guard(d)
-        return np.int64(Whose.OURS)
+        return int64(Whose.OURS)
     if can_id == 0:
         if dlc >= 2 and (data[1] == 0 or data[1] == d.node):
-            command(d, np.int64(data[0]))
-            return np.int64(Whose.OURS)
-        return np.int64(Whose.OTHER)
+            command(d, int64(data[0]))
+            return int64(Whose.OURS)
+        return int64(Whose.OTHER)
     if can_id == SYNC:
         hear_sync(d)
-        return np.int64(Whose.ALL)
+        return int64(Whose.ALL)
     if can_id == SDO_REQUEST + d.node:
         if dlc == 8 and d.state.nmt != Heartbeat.STOPPED:
             serve(d, data)
-        return np.int64(Whose.OURS)
+        return int64(Whose.OURS)
     if is_own(d, can_id):
-        return np.int64(Whose.TWIN)
+        return int64(Whose.TWIN)
     if HEARTBEAT < can_id <= HEARTBEAT + LAST_NODE:
         awaited = note_heartbeat(d, can_id - HEARTBEAT)
-        return np.int64(Whose.ALL if awaited else Whose.OTHER)
-    return np.int64(Whose.OURS if receive_pdo(d, can_id, dlc, data) else Whose.OTHER)
+        return int64(Whose.ALL if awaited else Whose.OTHER)
+    return int64(Whose.OURS if receive_pdo(d, can_id, dlc, data) else Whose.OTHER)
 
 
 @loop_function
-def is_own(d: Any, can_id: Any) -> Any:
+def is_own(d: Drive, can_id: int) -> bool:
     """Return whether only this drive sends frames of this id."""
     if can_id == EMERGENCY + d.node or can_id == SDO_ANSWER + d.node:
         return True
@@ -90,7 +87,7 @@ def is_own(d: Any, can_id: Any) -> Any:
 
 
 @loop_function
-def work(d: Any) -> Any:
+def work(d: Drive) -> float:
     """Do a cycle; return the command."""
     if d.state.boots == 0:
         boot(d)
@@ -105,7 +102,7 @@ def work(d: Any) -> Any:
 
 
 @loop_function
-def speak(d: Any) -> None:
+def speak(d: Drive) -> None:
     """Put into the outbox what is due at the end of a cycle."""
     beat(d)
     send_due(d)

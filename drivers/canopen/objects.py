@@ -15,10 +15,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pcpc.drivers.canopen import layout as at
-from pcpc.drivers.canopen.layout import RO, RW, Heartbeat, Kind, Row
+from pcpc.drivers.canopen.layout import RO, RW, Heartbeat, ObjectType, Od
 
-BITS = {Kind.I8: 8, Kind.I16: 16, Kind.I32: 32, Kind.U8: 8, Kind.U16: 16, Kind.U32: 32}
-BITS[Kind.F32] = 32  # as they are on the wire
+BITS = {
+    ObjectType.I8: 8,
+    ObjectType.I16: 16,
+    ObjectType.I32: 32,
+    ObjectType.U8: 8,
+    ObjectType.U16: 16,
+    ObjectType.U32: 32,
+}
+BITS[ObjectType.F32] = 32  # as they are on the wire
 NOT_VALID = 1 << 31  # of a COB-ID
 STATUS_MS = 20  # event timer of the first sent PDO: masters wait 0.2 s for a statusword
 
@@ -30,7 +37,7 @@ class Object:
     name: str
     index: int
     subindex: int
-    kind: Kind
+    kind: ObjectType
     access: int
     start: int = 0
     low: int | None = None
@@ -45,7 +52,7 @@ class Object:
     @property
     def signed(self) -> bool:
         """Whether raw values are in two's complement."""
-        return self.kind in (Kind.I8, Kind.I16, Kind.I32)
+        return self.kind in (ObjectType.I8, ObjectType.I16, ObjectType.I32)
 
     @property
     def bounds(self) -> tuple[int, int]:
@@ -61,14 +68,14 @@ class Object:
 
 
 _FIRST = {  # of CiA 402: what the PDOs carry at first; all but the first are not valid then
-    "received": ((Row.CONTROLWORD,), (Row.CONTROLWORD, Row.MODE),
-                 (Row.CONTROLWORD, Row.TARGET_POSITION), (Row.CONTROLWORD, Row.TARGET_VELOCITY)),
-    "sent": ((Row.STATUSWORD,), (Row.STATUSWORD, Row.MODE_DISPLAY),
-             (Row.STATUSWORD, Row.POSITION_ACTUAL), (Row.STATUSWORD, Row.VELOCITY_ACTUAL)),
+    "received": ((Od.CONTROLWORD,), (Od.CONTROLWORD, Od.MODE),
+                 (Od.CONTROLWORD, Od.TARGET_POSITION), (Od.CONTROLWORD, Od.TARGET_VELOCITY)),
+    "sent": ((Od.STATUSWORD,), (Od.STATUSWORD, Od.MODE_DISPLAY),
+             (Od.STATUSWORD, Od.POSITION_ACTUAL), (Od.STATUSWORD, Od.VELOCITY_ACTUAL)),
 }  # fmt: skip
 
 
-def _mapping_entry(row: Row) -> int:
+def _mapping_entry(row: Od) -> int:
     """Return a mapping entry: index, subindex and bits of an object."""
     index, subindex, kind = row.declared[:3]
     return int(index) << 16 | int(subindex) << 8 | BITS[kind]
@@ -79,28 +86,30 @@ def _pdo(received: bool, number: int, node: int) -> Iterator[Object]:
     index = (0x1400 if received else 0x1800) + number
     what = f"{'R' if received else 'T'}PDO {number + 1}"
     cob_id = (0x200 if received else 0x180) + 0x100 * number + node
-    yield Object(f"{what} communication", index, 0, Kind.U8, RO, 2 if received else 5)
+    yield Object(f"{what} communication", index, 0, ObjectType.U8, RO, 2 if received else 5)
     valid = 0 if number == 0 else NOT_VALID
-    yield Object(f"{what} COB-ID", index, 1, Kind.U32, RW, cob_id | valid)
-    yield Object(f"{what} transmission type", index, 2, Kind.U8, RW, 255)
+    yield Object(f"{what} COB-ID", index, 1, ObjectType.U32, RW, cob_id | valid)
+    yield Object(f"{what} transmission type", index, 2, ObjectType.U8, RW, 255)
     if not received:
-        yield Object(f"{what} inhibit time", index, 3, Kind.U16, RW)
-        yield Object(f"{what} event timer", index, 5, Kind.U16, RW, 0 if number else STATUS_MS)
+        yield Object(f"{what} inhibit time", index, 3, ObjectType.U16, RW)
+        yield Object(
+            f"{what} event timer", index, 5, ObjectType.U16, RW, 0 if number else STATUS_MS
+        )
     first = _FIRST["received" if received else "sent"][number]
     mapping = index + 0x200
-    yield Object(f"{what} mapping", mapping, 0, Kind.U8, RW, len(first), 0, at.MAX_ENTRIES)
+    yield Object(f"{what} mapping", mapping, 0, ObjectType.U8, RW, len(first), 0, at.MAX_ENTRIES)
     for i in range(at.MAX_ENTRIES):
         start = _mapping_entry(first[i]) if i < len(first) else 0
-        yield Object(f"{what} entry {i + 1}", mapping, i + 1, Kind.U32, RW, start)
+        yield Object(f"{what} entry {i + 1}", mapping, i + 1, ObjectType.U32, RW, start)
 
 
 def objects(node: int, name: str) -> list[Object]:
     """Return the dictionary of the drive `node`, in the order of the rows; `name` is the rig's."""
     found = [one for i in range(at.PDOS) for one in _pdo(True, i, node)]
     found += [one for i in range(at.PDOS) for one in _pdo(False, i, node)]
-    own = {Row.EMERGENCY_ID: 0x80 + node, Row.SDO_IN: 0x600 + node, Row.SDO_OUT: 0x580 + node}
-    texts = {Row.DEVICE_NAME: name, Row.HARDWARE: "emulated", Row.SOFTWARE: "pcpc"}
-    for row in Row:
+    own = {Od.EMERGENCY_ID: 0x80 + node, Od.SDO_IN: 0x600 + node, Od.SDO_OUT: 0x580 + node}
+    texts = {Od.DEVICE_NAME: name, Od.HARDWARE: "emulated", Od.SOFTWARE: "pcpc"}
+    for row in Od:
         one = Object(row.name.replace("_", " ").capitalize(), *row.declared)
         found.append(replace(one, start=own.get(row, one.start), text=texts.get(row, "")))
     return found
@@ -127,13 +136,13 @@ def changed_dictionary(every: list[Object], starts: Mapping[str, int]) -> list[O
 
 
 def install(d: object, node: int, every: list[Object]) -> None:
-    """Write the dictionary into the zeroed DRIVE record `d`, which is as after power-on."""
+    """Write the dictionary into the zeroed Drive record `d`, which is as after power-on."""
     into: Any = d
     into.node, into.n, into.on = node, len(every), 1
     texts = 0
     for i, one in enumerate(every):
         place = -1
-        if one.kind == Kind.TEXT:
+        if one.kind == ObjectType.TEXT:
             place = texts * at.TEXT_BYTES
             raw = one.text.encode("ascii", "replace")[: at.TEXT_BYTES]
             into.text[place : place + len(raw)] = list(raw)

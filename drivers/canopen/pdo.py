@@ -10,14 +10,10 @@ A value outside of its object's bounds is not taken. A frame that is too short i
 0x8210, and not taken. Only in OPERATIONAL. Source: CiA 301, 7.2.2 and 7.5.2.35.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can.codec import eight_bytes, four_bytes
 from pcpc.drivers.canopen.dictionary import from_bits, is_possible, low_word, to_bits
 from pcpc.drivers.canopen.frames import put, tell_error
-from pcpc.drivers.canopen.layout import ErrorCode, Heartbeat, Mistake, Row
+from pcpc.drivers.canopen.layout import Drive, ErrorCode, Heartbeat, Mistake, Od
 from pcpc.drivers.canopen.mapping import (
     EVENT,
     INHIBIT,
@@ -27,23 +23,24 @@ from pcpc.drivers.canopen.mapping import (
     first_row,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 
 LAST_SYNC_KIND = 240
 
 
 @loop_function
-def bits_of(d: Any, p: Any) -> Any:
+def bits_of(d: Drive, p: int) -> int:
     """Return how many bits are mapped in a PDO."""
-    bits = np.int64(0)
+    bits = int64(0)
     for i in range(d.map_n[p]):
         bits += d.objects[d.map_row[p * MAX_ENTRIES + i]].bits
     return bits
 
 
 @loop_function
-def take(d: Any, p: Any, word: Any) -> None:
+def take(d: Drive, p: int, word: int) -> None:
     """Write the data of a received PDO into its objects."""
-    shift = np.int64(0)
+    shift = int64(0)
     for i in range(d.map_n[p]):
         row = d.map_row[p * MAX_ENTRIES + i]
         raw = from_bits(d, row, word >> shift)
@@ -56,7 +53,7 @@ def take(d: Any, p: Any, word: Any) -> None:
 
 
 @loop_function
-def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
+def receive(d: Drive, can_id: int, dlc: int, data: Cells[Byte]) -> bool:
     """Take a frame if it is a PDO; return whether it is one."""
     for p in range(PDOS):
         if d.map_id[p] == can_id:
@@ -65,7 +62,7 @@ def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
                 return True
             if 8 * dlc < bits_of(d, p):
                 d.mistakes[Mistake.PDO_SHORT] += 1
-                tell_error(d, ErrorCode.PDO_SHORT, d.value[Row.ERROR_REGISTER])
+                tell_error(d, ErrorCode.PDO_SHORT, d.value[Od.ERROR_REGISTER])
             elif d.value[first_row(p) + KIND] <= LAST_SYNC_KIND:
                 d.pending[p] = 1
                 d.since_sync[p] = max(d.since_sync[p], 0) + 1
@@ -78,9 +75,9 @@ def receive(d: Any, can_id: Any, dlc: Any, data: Any) -> Any:
 
 
 @loop_function
-def judge_rates(d: Any) -> None:
+def judge_rates(d: Drive) -> None:
     """Count what was wrong between the last two SYNCs: PDOs that come with them, and their time."""
-    x, period = d.state, d.value[Row.SYNC_PERIOD] * 1e-6 * d.rate_hz
+    x, period = d.state, d.value[Od.SYNC_PERIOD] * 1e-6 * d.rate_hz
     off = abs(d.k - x.sync_at - period)
     if period > 0.0 and x.sync_at > 0 and off > max(0.5 * period, 1.0):
         d.mistakes[Mistake.SYNC_OFF] += 1
@@ -94,7 +91,7 @@ def judge_rates(d: Any) -> None:
 
 
 @loop_inline
-def judge_count(d: Any, p: Any, more: Any) -> None:
+def judge_count(d: Drive, p: int, more: int) -> None:
     """Count a PDO that came `more` than once, or not, unless it only changed sides with a SYNC.
 
     On a line a SYNC overtakes a PDO that is sent just before it: then one more follows one less.
@@ -110,7 +107,7 @@ def judge_count(d: Any, p: Any, more: Any) -> None:
 
 
 @loop_function
-def hear_sync(d: Any) -> None:
+def hear_sync(d: Drive) -> None:
     """Take what waited for a SYNC; let be due what is sent with it."""
     if d.state.nmt != Heartbeat.OPERATIONAL:
         return
@@ -123,7 +120,7 @@ def hear_sync(d: Any) -> None:
 
 
 @loop_function
-def is_due(d: Any, t: Any, changed: Any) -> Any:
+def is_due(d: Drive, t: int, changed: bool) -> bool:
     """Return whether the sent PDO `t` goes out in this cycle."""
     first = first_row(PDOS + t)
     kind, since = d.value[first + KIND], d.k - d.sent_at[t]
@@ -144,19 +141,19 @@ def is_due(d: Any, t: Any, changed: Any) -> Any:
 
 
 @loop_function
-def send_due(d: Any) -> None:
+def send_due(d: Drive) -> None:
     """Send the PDOs that are due in this cycle."""
     if d.state.nmt == Heartbeat.OPERATIONAL:
         for t in range(PDOS):
             p = PDOS + t
             if d.map_id[p] < 0 or d.map_n[p] == 0:
                 continue
-            word, shift = np.int64(0), np.int64(0)
+            word, shift = int64(0), int64(0)
             for i in range(d.map_n[p]):
                 row = d.map_row[p * MAX_ENTRIES + i]
-                word |= np.int64(to_bits(d, row)) << shift
+                word |= int64(to_bits(d, row)) << shift
                 shift += d.objects[row].bits
-            low, high = low_word(word), low_word(word >> np.int64(32))
+            low, high = low_word(word), low_word(word >> int64(32))
             if is_due(d, t, low != d.sent_low[t] or high != d.sent_high[t]):
                 d.sent_low[t], d.sent_high[t] = low, high
                 d.sent_at[t] = d.k

@@ -25,8 +25,6 @@
 Transitions have the numbers of CiA 402. Source: CiA 402-2, IEC 61800-7-201, 6.3.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,14 +35,16 @@ from pcpc.drivers.canopen.layout import (
     REACHED,
     REMOTE,
     VOLTAGE,
+    Drive,
     ErrorRegister,
     Mistake,
-    Mode,
+    Od,
+    OperationMode,
     Power,
-    Row,
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import int64
 
 FAULT_RESET, COMMAND_BITS = 0x80, 0x8F
 FIRST_STAYING = 5  # option of the quick stop
@@ -52,7 +52,7 @@ BIT_12, BIT_13 = 1 << 12, 1 << 13
 ABORT_IS_FAULT, ABORT_DISABLES, ABORT_QUICK_STOPS = 1, 2, 3  # of object 0x6007
 
 
-class Command(NumberedEnum):
+class PowerCommand(NumberedEnum):
     """What a controlword asks for."""
 
     DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = range(5)
@@ -79,19 +79,19 @@ NEXT = _next()
 
 
 @loop_inline
-def command_of(word: Any) -> Any:
+def command_of(word: int) -> int:
     """Return what a controlword asks for, fault reset aside."""
     if word & 2 == 0:
-        return Command.DISABLE_VOLTAGE
+        return PowerCommand.DISABLE_VOLTAGE
     if word & 4 == 0:
-        return Command.QUICK_STOP
+        return PowerCommand.QUICK_STOP
     if word & 1 == 0:
-        return Command.SHUTDOWN
-    return Command.ENABLE_OPERATION if word & 8 != 0 else Command.SWITCH_ON
+        return PowerCommand.SHUTDOWN
+    return PowerCommand.ENABLE_OPERATION if word & 8 != 0 else PowerCommand.SWITCH_ON
 
 
 @loop_inline
-def has_power(power: Any) -> Any:
+def has_power(power: int) -> bool:
     """Return whether the motor is driven in a state."""
     return (
         power == Power.OPERATION_ENABLED
@@ -101,43 +101,43 @@ def has_power(power: Any) -> Any:
 
 
 @loop_function
-def next_power(power: Any, word: Any, before: Any, option: Any) -> Any:
+def next_power(power: int, word: int, before: int, option: int) -> int:
     """Return the state that follows a controlword; `before`: the one of the last cycle."""
     if power == Power.NOT_READY:
-        return np.int64(Power.SWITCH_ON_DISABLED)
+        return int64(Power.SWITCH_ON_DISABLED)
     if power == Power.FAULT:
         edge = word & FAULT_RESET != 0 and before & FAULT_RESET == 0
-        return np.int64(Power.SWITCH_ON_DISABLED if edge else Power.FAULT)
+        return int64(Power.SWITCH_ON_DISABLED if edge else Power.FAULT)
     wanted = command_of(word)
-    stays = wanted == Command.ENABLE_OPERATION and option < FIRST_STAYING
+    stays = wanted == PowerCommand.ENABLE_OPERATION and option < FIRST_STAYING
     if power == Power.QUICK_STOP_ACTIVE and stays:
-        return np.int64(power)
-    if power == Power.OPERATION_ENABLED and wanted == Command.QUICK_STOP and option == 0:
-        return np.int64(Power.SWITCH_ON_DISABLED)
+        return int64(power)
+    if power == Power.OPERATION_ENABLED and wanted == PowerCommand.QUICK_STOP and option == 0:
+        return int64(Power.SWITCH_ON_DISABLED)
     return NEXT[power, wanted]
 
 
 @loop_function
-def is_ignored(power: Any, word: Any, option: Any) -> Any:
+def is_ignored(power: int, word: int, option: int) -> bool:
     """Return whether a controlword asks for a transition that a state does not have.
 
     What asks to stay is none; nor are the bits of a fault reset, or those that want no power.
     """
     wanted = command_of(word)
     if power == Power.FAULT:
-        return wanted >= Command.SHUTDOWN and word & FAULT_RESET == 0
+        return wanted >= PowerCommand.SHUTDOWN and word & FAULT_RESET == 0
     if power == Power.SWITCH_ON_DISABLED:
-        return wanted >= Command.SWITCH_ON
-    stays = wanted == Command.ENABLE_OPERATION and option < FIRST_STAYING
+        return wanted >= PowerCommand.SWITCH_ON
+    stays = wanted == PowerCommand.ENABLE_OPERATION and option < FIRST_STAYING
     return power == Power.QUICK_STOP_ACTIVE and (
-        wanted == Command.SHUTDOWN or wanted == Command.SWITCH_ON or stays
+        wanted == PowerCommand.SHUTDOWN or wanted == PowerCommand.SWITCH_ON or stays
     )
 
 
 @loop_function
-def obey(d: Any) -> None:
+def obey(d: Drive) -> None:
     """Go to the state that the controlword asks for, some after a ramp; a reset ends the fault."""
-    x, word, option = d.state, d.value[Row.CONTROLWORD], d.value[Row.QUICK_STOP_OPTION]
+    x, word, option = d.state, d.value[Od.CONTROLWORD], d.value[Od.QUICK_STOP_OPTION]
     if (word ^ x.word_before) & COMMAND_BITS != 0 and is_ignored(x.power, word, option):
         d.mistakes[Mistake.COMMAND_IGNORED] += 1
     power = next_power(x.power, word, x.word_before, option)
@@ -145,50 +145,50 @@ def obey(d: Any) -> None:
         tell_error(d, 0, 0)
     x.leaves = 0
     if x.power == Power.OPERATION_ENABLED and (
-        (power == Power.READY_TO_SWITCH_ON and d.value[Row.SHUTDOWN_OPTION] != 0)
-        or (power == Power.SWITCHED_ON and d.value[Row.DISABLE_OPTION] != 0)
+        (power == Power.READY_TO_SWITCH_ON and d.value[Od.SHUTDOWN_OPTION] != 0)
+        or (power == Power.SWITCHED_ON and d.value[Od.DISABLE_OPTION] != 0)
     ):
         x.leaves, power = power, x.power
     x.power = power
 
 
 @loop_function
-def fail(d: Any, code: Any, register: Any) -> None:
+def fail(d: Drive, code: int, register: int) -> None:
     """Note a fault: an emergency, and the reaction that the rig or the master has chosen."""
     x = d.state
     if x.power == Power.FAULT or x.power == Power.FAULT_REACTION_ACTIVE:
         return
-    reacts = has_power(x.power) and d.value[Row.FAULT_OPTION] != 0
+    reacts = has_power(x.power) and d.value[Od.FAULT_OPTION] != 0
     x.power = Power.FAULT_REACTION_ACTIVE if reacts else Power.FAULT
     tell_error(d, code, register)
 
 
 @loop_function
-def lose_connection(d: Any, code: Any) -> None:
+def lose_connection(d: Drive, code: int) -> None:
     """React to a master that is silent or has stopped the node, as object 0x6007 says."""
-    x, option = d.state, d.value[Row.ABORT_OPTION]
+    x, option = d.state, d.value[Od.ABORT_OPTION]
     if option == ABORT_IS_FAULT:
         fail(d, code, ErrorRegister.COMMUNICATION)
     elif option == ABORT_DISABLES and has_power(x.power):
-        x.power = np.int64(Power.SWITCH_ON_DISABLED)
+        x.power = int64(Power.SWITCH_ON_DISABLED)
     elif option == ABORT_QUICK_STOPS and x.power == Power.OPERATION_ENABLED:
-        x.power = np.int64(Power.QUICK_STOP_ACTIVE)
+        x.power = int64(Power.QUICK_STOP_ACTIVE)
 
 
 @loop_function
-def end_ramp(d: Any) -> None:
+def end_ramp(d: Drive) -> None:
     """Leave the state of a ramp that has come to its end."""
     x = d.state
     if x.leaves != 0:
         x.power = x.leaves
     elif x.power == Power.FAULT_REACTION_ACTIVE:
         x.power = Power.FAULT
-    elif x.power == Power.QUICK_STOP_ACTIVE and d.value[Row.QUICK_STOP_OPTION] < FIRST_STAYING:
+    elif x.power == Power.QUICK_STOP_ACTIVE and d.value[Od.QUICK_STOP_OPTION] < FIRST_STAYING:
         x.power = Power.SWITCH_ON_DISABLED
 
 
 @loop_function
-def tell_status(d: Any) -> None:
+def tell_status(d: Drive) -> None:
     """Write the statusword.
 
     Bit 12: setpoint acknowledged; speed 0; homing attained; the target is followed. Bit 13:
@@ -199,15 +199,15 @@ def tell_status(d: Any) -> None:
     word |= LIMITED if x.limited != 0 else 0
     word |= REACHED if x.reached != 0 else 0
     enabled = x.power == Power.OPERATION_ENABLED
-    if x.mode == Mode.PROFILE_POSITION:
+    if x.mode == OperationMode.PROFILE_POSITION:
         word |= BIT_12 if x.acknowledged != 0 else 0
-    elif x.mode == Mode.PROFILE_VELOCITY:
-        still = abs(d.value[Row.VELOCITY_ACTUAL]) <= d.value[Row.VELOCITY_WINDOW]
+    elif x.mode == OperationMode.PROFILE_VELOCITY:
+        still = abs(d.value[Od.VELOCITY_ACTUAL]) <= d.value[Od.VELOCITY_WINDOW]
         word |= BIT_12 if still else 0
-    elif x.mode == Mode.HOMING:
+    elif x.mode == OperationMode.HOMING:
         word |= BIT_12 if x.homed != 0 else 0
-    elif x.mode >= Mode.CYCLIC_POSITION:
+    elif x.mode >= OperationMode.CYCLIC_POSITION:
         word |= BIT_12 if enabled else 0
-    if x.mode == Mode.PROFILE_POSITION or x.mode == Mode.CYCLIC_POSITION:
+    if x.mode == OperationMode.PROFILE_POSITION or x.mode == OperationMode.CYCLIC_POSITION:
         word |= BIT_13 if x.behind_since >= 0 and enabled else 0
-    d.value[Row.STATUSWORD] = word
+    d.value[Od.STATUSWORD] = word

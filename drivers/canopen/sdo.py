@@ -15,10 +15,6 @@ there is not, after which a master takes segments: no object has more than 32 by
 use blocks only when told to. Source: CiA 301, 7.2.4.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen import dictionary as why
 from pcpc.drivers.canopen.dictionary import (
@@ -32,9 +28,10 @@ from pcpc.drivers.canopen.dictionary import (
 from pcpc.drivers.canopen.frames import SDO_ANSWER, put
 from pcpc.drivers.canopen.layout import READ as MAY_READ
 from pcpc.drivers.canopen.layout import WRITE as MAY_WRITE
-from pcpc.drivers.canopen.layout import Mistake, Row
+from pcpc.drivers.canopen.layout import Drive, Mistake, Od
 from pcpc.drivers.canopen.mapping import PDO_ROWS, arrange, pdo_of, why_not
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 
 DOWN_SEGMENT, DOWN, UP, UP_SEGMENT, ABORT = range(5)
 LOADS_UP, LOADS_DOWN = range(2)  # what `segment_loads` says is under way
@@ -49,7 +46,7 @@ READ_ONLY, WRITE_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
 
 
 @loop_function
-def write(d: Any, row: Any, raw: Any) -> Any:
+def write(d: Drive, row: int, raw: int) -> int:
     """Write an object, with what follows from it; return the abort code, 0 for none."""
     one = d.objects[row]
     if one.access & MAY_WRITE == 0:
@@ -67,17 +64,17 @@ def write(d: Any, row: Any, raw: Any) -> Any:
     d.value[row] = raw
     if row < PDO_ROWS:
         arrange(d, pdo_of(row))
-    elif row == Row.ERROR_COUNT:
-        for i in range(Row.ERROR_1, Row.ERROR_4 + 1):
+    elif row == Od.ERROR_COUNT:
+        for i in range(Od.ERROR_1, Od.ERROR_4 + 1):
             d.value[i] = 0
     return 0
 
 
 @loop_function
-def serve(d: Any, data: Any) -> None:
+def serve(d: Drive, data: Cells[Byte]) -> None:
     """Answer a client's frame of 8 bytes."""
-    command = np.int64(data[0]) >> 5
-    about = np.int64(data[1]) | np.int64(data[2]) << 8 | np.int64(data[3]) << 16
+    command = int64(data[0]) >> 5
+    about = int64(data[1]) | int64(data[2]) << 8 | int64(data[3]) << 16
     row = row_of_object(d, about & 0xFFFF, about >> 16)
     if command == UP:
         begin_up(d, row, about)
@@ -94,7 +91,7 @@ def serve(d: Any, data: Any) -> None:
 
 
 @loop_function
-def abort(d: Any, about: Any, code: Any) -> None:
+def abort(d: Drive, about: int, code: int) -> None:
     """Refuse, and forget the transfer."""
     d.state.segment_row = 0
     d.mistakes[Mistake.SDO_ABORTED] += 1
@@ -102,16 +99,16 @@ def abort(d: Any, about: Any, code: Any) -> None:
 
 
 @loop_function
-def about_of(d: Any) -> Any:
+def about_of(d: Drive) -> int:
     """Return index and subindex of the object that is being transferred."""
     if d.state.segment_row == 0:
-        return np.int64(0)
+        return int64(0)
     one = d.objects[d.state.segment_row - 1]
     return one.index | one.subindex << 16
 
 
 @loop_function
-def begin_up(d: Any, row: Any, about: Any) -> None:
+def begin_up(d: Drive, row: int, about: int) -> None:
     """Send a value at once, or the length of a text that follows in segments."""
     if row < 0:
         abort(d, about, why_none(row))
@@ -131,21 +128,21 @@ def begin_up(d: Any, row: Any, about: Any) -> None:
 
 
 @loop_function
-def next_up(d: Any, data: Any) -> None:
+def next_up(d: Drive, data: Cells[Byte]) -> None:
     """Send the next segment of a text."""
     x = d.state
     if x.segment_row == 0 or x.segment_loads != LOADS_UP:
         abort(d, about_of(d), NO_COMMAND)
         return
-    if (np.int64(data[0]) >> 4) & 1 != x.segment_toggle:
+    if (int64(data[0]) >> 4) & 1 != x.segment_toggle:
         abort(d, about_of(d), TOGGLE)
         return
     left = x.segment_size - x.segment_at
     n = min(left, SEGMENT)
-    words = np.int64(0)
+    words = int64(0)
     place = d.objects[x.segment_row - 1].text + x.segment_at
     for i in range(n):
-        words |= np.int64(d.text[place + i]) << (8 * i)
+        words |= int64(d.text[place + i]) << (8 * i)
     last = 1 if left <= SEGMENT else 0
     head = x.segment_toggle << 4 | (SEGMENT - n) << 1 | last
     put(d, SDO_ANSWER + d.node, 8, head | (words & 0xFFFFFF) << 8, words >> 24)
@@ -156,12 +153,12 @@ def next_up(d: Any, data: Any) -> None:
 
 
 @loop_function
-def begin_down(d: Any, row: Any, about: Any, data: Any) -> None:
+def begin_down(d: Drive, row: int, about: int, data: Cells[Byte]) -> None:
     """Write what the frame has, or wait for segments."""
     if row < 0:
         abort(d, about, why_none(row))
         return
-    head, x, size = np.int64(data[0]), d.state, d.objects[row].bits // 8
+    head, x, size = int64(data[0]), d.state, d.objects[row].bits // 8
     sized, told = head & 1, low_word(four_bytes(data, 4))
     if d.objects[row].access & MAY_WRITE == 0:
         abort(d, about, READ_ONLY)
@@ -184,9 +181,9 @@ def begin_down(d: Any, row: Any, about: Any, data: Any) -> None:
 
 
 @loop_function
-def next_down(d: Any, data: Any) -> None:
+def next_down(d: Drive, data: Cells[Byte]) -> None:
     """Take the next segment; with the last one write the object."""
-    x, head = d.state, np.int64(data[0])
+    x, head = d.state, int64(data[0])
     if x.segment_row == 0 or x.segment_loads != LOADS_DOWN:
         abort(d, about_of(d), NO_COMMAND)
         return
@@ -199,7 +196,7 @@ def next_down(d: Any, data: Any) -> None:
         abort(d, about_of(d), WRONG_LENGTH)
         return
     for i in range(n):
-        x.segment_data |= np.int64(data[1 + i]) << (8 * (x.segment_at + i))
+        x.segment_data |= int64(data[1 + i]) << (8 * (x.segment_at + i))
     x.segment_at += n
     x.segment_since = d.k
     if head & 1 != 0:
@@ -213,7 +210,7 @@ def next_down(d: Any, data: Any) -> None:
 
 
 @loop_function
-def give_up(d: Any) -> None:
+def give_up(d: Drive) -> None:
     """Forget a transfer whose client is silent."""
     if d.state.segment_row != 0 and d.k - d.state.segment_since > PATIENCE_S * d.rate_hz:
         abort(d, about_of(d), TIMED_OUT)

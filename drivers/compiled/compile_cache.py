@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
+SHORT_S = 2.0  # of compiling, or of waiting for who does: a user's law takes less, no word
 FUNCTIONS = 180  # compiled by a first start of the barrel, in about 20 s on two processors
 _PROJECT = Path(__file__).resolve().parents[2]
 SHIPPED = Path(__file__).resolve().parent / "shipped"  # `make release` fills it
@@ -31,21 +32,23 @@ _INTO_CODE = (".py", ".csv", ".txt", ".npy", ".npz", ".mat")  # modules, and tab
 
 
 class _Watch:
-    """Whom this process tells that it compiles: before each function, with those done so far."""
+    """Whom this process tells that it compiles: before each function, with those done so far.
+
+    Or that it waits, with the process that compiles.
+    """
 
     def __init__(self) -> None:
-        self.listener: Callable[[int], None] | None = None
+        self.listener: Callable[..., None] | None = None
         self.done = 0
         self.helper = 0  # the process that compiles for this one
         self._named: set[str] = set()
 
     def tell_holder(self, process: str) -> None:
-        """Say for which process this one waits, once, but for its own helper."""
-        if self.listener is not None and process not in {*self._named, str(self.helper)}:
+        """Tell for which process this one waits, once, but for its own helper."""
+        known = {*self._named, str(self.helper)}
+        if self.listener is not None and process not in known:
             self._named.add(process)
-            print(
-                f"waiting for process {process}, which is compiling the same code", file=sys.stderr
-            )
+            self.listener(self.done, process)
 
 
 watch = _Watch()
@@ -193,19 +196,25 @@ def writable_folder(name: str) -> Path:
 
 def count(since_s: float) -> int:
     """Return how many functions were compiled for the present sources since then (Unix time)."""
-    return sum(_written_s(path) >= since_s for path in _compiled_files())
+    files = (path for folder in folders() for path in _compiled_files(folder))
+    return sum(_written_s(path) >= since_s for path in files)
+
+
+def used_folder() -> Path | None:
+    """Return the first folder that has code compiled for the present sources; None for none."""
+    every = (*folders(), *shipped_folders())
+    return next((folder for folder in every if any(_compiled_files(folder))), None)
 
 
 def is_empty() -> bool:
     """Return whether nothing is compiled for the present sources, here or in what was shipped."""
-    return not shipped_folders() and next(_compiled_files(), None) is None
+    return used_folder() is None
 
 
-def _compiled_files() -> Iterator[str]:
+def _compiled_files(folder: Path) -> Iterator[str]:
     """Find the files with functions that were compiled here."""
-    for folder in folders():
-        for at, _, names in os.walk(folder):
-            yield from (os.path.join(at, name) for name in names if name.endswith(".nbc"))
+    for at, _, names in os.walk(folder):
+        yield from (os.path.join(at, name) for name in names if name.endswith(".nbc"))
 
 
 def _written_s(path: str) -> float:

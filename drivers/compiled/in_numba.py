@@ -5,8 +5,8 @@ numba reads its environment when it is first imported; `drivers.compiled.jit` ha
 
 import sys
 import warnings
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 from pcpc.drivers.compiled import compile_cache, jit, ready_code
 from pcpc.drivers.compiled.kinds import Kind, Signature
@@ -16,31 +16,38 @@ _HIDDEN = "scipy" not in sys.modules
 if _HIDDEN:
     sys.modules["scipy"] = None  # type: ignore[assignment] # an import of it fails
 import numba.np.arraymath  # noqa: E402  the environment must stand before numba reads it
+from llvmlite.ir import Value  # noqa: E402
 from numba import from_dtype, types  # noqa: E402
 from numba.core import ir  # noqa: E402
+from numba.core.cpu import CPUContext as Context  # noqa: E402  what lowers
+from numba.core.datamodel.manager import DataModelManager  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning, TypingError  # noqa: E402
-from numba.core.registry import cpu_target  # noqa: E402
+from numba.core.typing.context import BaseContext as TypingContext  # noqa: E402  what types
+from numba.core.typing.templates import Signature as CallSignature  # noqa: E402
 from numba.extending import typeof_impl  # noqa: E402
 from numba.np.numpy_support import carray  # noqa: E402
 
 from pcpc.drivers.compiled import inner, kept_code  # noqa: E402
 from pcpc.drivers.compiled.deferred import Deferred  # noqa: E402
+from pcpc.drivers.compiled.target import Dispatcher, njit  # noqa: E402
 
-__all__ = ["carray", "f8", "from_dtype", "i8", "numba", "types", "u1"]
+__all__ = [
+    "CallSignature", "Context", "DataModelManager", "TypingContext", "Values", "carray", "f8",
+    "from_dtype", "i8", "njit", "numba", "types", "u1",
+]  # fmt: skip
 
 if _HIDDEN:
     del sys.modules["scipy"]  # from here on it can be imported
-inner.install()
-kept_code.install()
 numba.config.reload_config()  # should somebody have imported numba before us
 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # blocks are first-class functions
 
 f8, i8, u1 = types.float64, types.int64, types.uint8
+Values: TypeAlias = Sequence[Value]  # of arguments
 
 
 @typeof_impl.register(Deferred)
 def _typeof_deferred(value: Deferred, context: Any) -> Any:
-    return cpu_target.typing_context.resolve_value_type(value.in_numba)
+    return Dispatcher.targetdescr.typing_context.resolve_value_type(value.in_numba)
 
 
 @typeof_impl.register(jit.Function)
@@ -53,25 +60,25 @@ def dispatcher(
 ) -> Any:
     """Return what numba makes of a function, for its callers in compiled code."""
     with_types = () if signature is None else (signature.in_numba(),)
-    made = numba.njit(*with_types, **options)(function)
+    made = njit(*with_types, **options)(function)
     made = kept_code.for_callers(made) if for_callers else made
     return inner.part(made) if part else made
 
 
 def decorator(signature: Any, options: Any, for_callers: bool) -> Callable[[Any], Any]:
     """Return what compiles a function with a signature of numba's."""
-    made = numba.njit(*signature, **options)
+    made = njit(*signature, **options)
     return lambda function: kept_code.for_callers(made(function)) if for_callers else made(function)
 
 
 def compiled(
-    source: ready_code.Source,
+    source: ready_code.ImportedFunction,
     key: str,
     function: Any,
     types_of: Any,
     options: Any,
     by_address: bool = False,
-) -> ready_code.Code:
+) -> ready_code.ReadyFunction:
     """Compile what Python calls by its address, and keep it.
 
     `types_of()`: numba's signature, or the types of the arguments; any of numba's errors.
@@ -83,7 +90,7 @@ def compiled(
         watch = compile_cache.watch
         if watch.listener is not None:
             watch.listener(watch.done)
-        made: Any = numba.njit(**options)(function)
+        made: Any = njit(**options)(function)
         with inner.outermost():  # should a module be imported while another function is compiled
             made.compile(types_of())
         (result,) = made.overloads.values()
@@ -98,13 +105,13 @@ def compiled(
             )
         if mark is None or calls_python:
             source.keep(key, "", "", b"")
-            return ready_code.Code(0, "")
+            return ready_code.ReadyFunction(0, "")
         watch.done += 1
         name = result.fndesc.llvm_func_name
         address = result.library.get_pointer_to_function(name)  # now there is object code for sure
         if not result.library.has_dynamic_globals:  # addresses of large tables, say
             source.keep(key, name, mark, result.library._get_compiled_object())
-        return ready_code.Code(address, mark)
+        return ready_code.ReadyFunction(address, mark)
 
 
 _RESULTS = {

@@ -8,8 +8,7 @@ its address, it becomes machine code, too: a root. What callers link in of a hel
 plants is kept for further ones (`kept_code.for_callers`). A `part` is a root always, so that one
 process can compile it while another one is at something else (`executive.nodes.first_start`).
 
-The bits and the speed are the same, a first start takes half the processor time. Uses private
-parts of numba: `install` names each of them.
+The bits and the speed are the same, a first start takes half the processor time.
 """
 
 import gc
@@ -19,10 +18,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from llvmlite import binding
-from numba.core import codegen, cpu, dispatcher, environment, sigutils
+from numba.core import codegen, environment
 
 _COLLECT = 50_000, 20, 100  # thresholds of the garbage collector, which took a tenth of the time
-_set_environment = codegen.JITCPUCodegen.set_env
 
 
 class _Depth(threading.local):
@@ -41,6 +39,16 @@ def part(function: Any) -> Any:
     return function
 
 
+def is_part(function: Any) -> bool:
+    """Return whether a function is a root even where another one calls it."""
+    return function in _parts
+
+
+def depth() -> int:
+    """Return how many functions this thread compiles now, each for the one before."""
+    return _depth.now
+
+
 def inside() -> bool:
     """Return whether what is compiled now is compiled for another function."""
     return _depth.now > 1
@@ -53,7 +61,8 @@ class Library(codegen.JITCodeLibrary):
 
     def add_linking_library(self, library: Any) -> None:
         """Link another's code in; what nobody has asked the address of by then is inner."""
-        library.inner = library.inner or not library._finalized
+        if isinstance(library, Library):  # not numba's runtime, or what is compiled for others
+            library.inner = library.inner or not library._finalized
         super().add_linking_library(library)
 
     def finalize(self) -> None:
@@ -99,15 +108,16 @@ class Library(codegen.JITCodeLibrary):
         for name in [one.name for one in self._final_module.global_variables]:
             found = environment.lookup_environment(name)
             if found is not None:
-                _set_environment(self.codegen, name, found)
+                codegen.JITCPUCodegen.set_env(self.codegen, name, found)
 
 
-class _Entry:
+class InnerFunction:
     """What the callers of an inner function know it by: nothing that Python could call."""
 
 
 @contextmanager
-def _deeper(root: bool) -> Iterator[None]:
+def deeper(root: bool) -> Iterator[None]:
+    """Count one function more that is compiled, or let a root begin anew."""
     above, patience = _depth.now, gc.get_threshold()
     _depth.now = 1 if root else above + 1
     if above == 0:
@@ -128,58 +138,3 @@ def outermost() -> Iterator[None]:
         yield
     finally:
         _depth.now = above
-
-
-def install() -> None:
-    """Let numba compile so from now on, whoever's functions."""
-    private: Any = dispatcher
-    made, kinds = private.Dispatcher, private._FunctionCompiler
-    compile_one, add_overload, result_of = made.compile, made.add_overload, made.get_compile_result
-    customized, executable = kinds._customize_flags, cpu.CPUContext.get_executable
-
-    def compiled(self: Any, signature: Any) -> Any:
-        known = self.overloads.get(tuple(sigutils.normalize_signature(signature)[0]))
-        if known is not None and (_depth.now or not known.library.inner):
-            return known.entry_point
-        if known is not None:  # Python calls it now: it is compiled again
-            del self.overloads[tuple(known.signature.args)]
-        with _deeper(root=self in _parts):
-            try:
-                return compile_one(self, signature)
-            finally:
-                if hasattr(self._cache, "release"):  # not where a function is not kept
-                    self._cache.release()
-
-    def with_address(self: Any, signature: Any) -> Any:
-        with outermost():
-            self.compile(signature)
-        return result_of(self, signature)
-
-    def add(self: Any, result: Any) -> None:
-        if isinstance(result.entry_point, _Entry):
-            self.overloads[tuple(result.signature.args)] = result
-        else:
-            add_overload(self, result)
-
-    def flags_of(self: Any, flags: Any) -> Any:
-        flags = customized(self, flags)
-        if inside():
-            flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-        return flags
-
-    def entry(self: Any, library: Any, described: Any, own: Any) -> Any:
-        if not inside():
-            return executable(self, library, described, own)
-        library.inner = True
-        return _Entry()
-
-    def set_environment(self: Any, name: str, own: Any) -> None:
-        if not inside():  # an inner function's is set with that of its caller
-            _set_environment(self, name, own)
-
-    codegen.JITCPUCodegen.set_env = set_environment  # type: ignore[method-assign]
-    made.compile, made.add_overload = compiled, add
-    made.get_compile_result = with_address
-    kinds._customize_flags = flags_of
-    cpu.CPUContext.get_executable = entry  # type: ignore[method-assign]
-    codegen.JITCPUCodegen._library_class = Library

@@ -5,8 +5,8 @@ needed to find it, by `drivers.compiled.ready_code`. The processor is `generic`,
 also serves another machine or an emulated one.
 
 Everything else gets numba from `drivers.compiled.in_numba`, because numba reads its environment
-when it is first imported. `numba`, `from_dtype`, `carray` of this module import it, and so does
-what `types` has but `void`, `Array`, `UniTuple`.
+when it is first imported. `numba`, `njit` (of `drivers.compiled.target`), `from_dtype`, `carray` of
+this module import it, and so does what `types` has but `void`, `Array`, `UniTuple`.
 
 Switches, read once at import (they select what is compiled, so they cannot be arguments):
 
@@ -20,7 +20,7 @@ import platform
 from collections.abc import Callable
 from functools import update_wrapper
 from threading import RLock
-from typing import Any
+from typing import Any, TypeVar
 
 from pcpc.drivers.compiled import kinds, ready_code
 from pcpc.drivers.compiled.deferred import open_numba
@@ -96,12 +96,13 @@ types: Any = _Types()
 
 
 def __getattr__(name: str) -> Any:
-    if name not in ("numba", "from_dtype", "carray"):
+    if name not in ("numba", "njit", "from_dtype", "carray"):
         raise AttributeError(f"module {__name__} has no attribute {name}")
     return getattr(open_numba(), name)
 
 
 _one_at_a_time = RLock()
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 
 class Function:
@@ -123,7 +124,7 @@ class Function:
         self.py_func, self._signature = function, signature
         self._options, self._for_callers, self._part = options, for_callers, part
         update_wrapper(self, function)
-        self._source = ready_code.Source(function)
+        self._source = ready_code.ImportedFunction(function)
         self._made: Any = None
         self._bound: dict[Any, Callable[..., Any]] = {}
         self._places: dict[tuple[str, ...], int] = {}
@@ -199,9 +200,9 @@ class Function:
 
     def _compiled_code(
         self, marks: tuple[str, ...], arguments: tuple[Any, ...], kinds: tuple[Kind, ...]
-    ) -> ready_code.Code:
+    ) -> ready_code.ReadyFunction:
         if not self._source.can_be_kept:
-            return ready_code.Code(0, "")
+            return ready_code.ReadyFunction(0, "")
         with_numba = open_numba()
 
         def kinds_in_numba() -> Any:
@@ -210,13 +211,13 @@ class Function:
             return with_numba.types_of(arguments, kinds)
 
         try:
-            found: ready_code.Code = with_numba.compiled(
+            found: ready_code.ReadyFunction = with_numba.compiled(
                 self._source, self._key(marks), self.py_func, kinds_in_numba, _BARE | self._options
             )
         except Exception:
             if self._signature is not None:
                 raise
-            return ready_code.Code(0, "")  # numba says more when it is called
+            return ready_code.ReadyFunction(0, "")  # numba says more when it is called
         return found
 
 
@@ -252,16 +253,21 @@ def loop(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return _function(signature)
 
 
-def loop_function(function: Callable[..., Any]) -> Any:
+def loop_function(function: _F) -> _F:
     """As `loop`, on first call: the loop's larger parts, which stay functions (compile time)."""
-    return function if LOOP_INTERPRETED else Function(function)
+    return function if LOOP_INTERPRETED else _typed(Function(function))
 
 
-def loop_part(function: Callable[..., Any]) -> Any:
+def loop_part(function: _F) -> _F:
     """As `loop_function`, compiled and kept by itself: perhaps by another process meanwhile."""
-    return function if LOOP_INTERPRETED else Function(function, part=True)
+    return function if LOOP_INTERPRETED else _typed(Function(function, part=True))
 
 
-def loop_inline(function: Callable[..., Any]) -> Any:
+def loop_inline(function: _F) -> _F:
     """As `inline`, for what must be plain Python when the loop runs interpreted."""
-    return function if LOOP_INTERPRETED else Function(function, forceinline=True)
+    return function if LOOP_INTERPRETED else _typed(Function(function, forceinline=True))
+
+
+def _typed(function: Any) -> Any:
+    """Let mypy take it for what it was made of, so that its arguments are checked."""
+    return function

@@ -4,7 +4,7 @@
     cannot be kept (disk full, read-only)    kept in a temporary folder, else compiled at each start
     shipped with a wheel                     read, where the user has none; never written
 
-`install` puts it in the place of numba's own cache, whose errors end the program. A file is the
+It stands in the place of numba's own cache, whose errors end the program. A file is the
 SHA-256 of the rest and the rest: what it is of, as a text, and numba's code of one function and
 signature. There is no index, in which processes would lose each other's entries. Of processes that
 want the same function one compiles it, the others wait. The one place that uses private parts of
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numba
-from numba.core import bytecode, caching, dispatcher, entrypoints, serialize, sigutils, types
+from numba.core import bytecode, caching, serialize, sigutils, types
 from numba.core.runtime.nrt import rtsys
 
 from pcpc.drivers.compiled import compile_cache, inner, kept_files
@@ -206,16 +206,5 @@ def for_callers(function: Any) -> Any:
     return function
 
 
-def install() -> None:
-    """Let numba keep compiled code here, and look for others' extensions only to compile."""
-    dispatcher.FunctionCache = CodeCache  # type: ignore[attr-defined]
-    _number_anew()
-    os.register_at_fork(after_in_child=_number_anew)
-    made: Any = dispatcher.Dispatcher
-    made._compilation_chain_init_hook = _extend
-
-
-def _extend(function: Any) -> None:
-    """Look for extensions of numba before a function's arguments have types, but for ours."""
-    if not isinstance(function._cache, CodeCache):
-        entrypoints.init_all()
+_number_anew()
+os.register_at_fork(after_in_child=_number_anew)

@@ -10,6 +10,7 @@ import os
 import pickle
 import sys
 import sysconfig
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import EnumMeta
@@ -27,6 +28,7 @@ _INSTALLED = [
 ]
 _CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
 _SEAL = hashlib.sha256().digest_size
+_POLL_S = 0.002  # a first start waits for its helper at many functions
 
 
 def write_sealed(path: Path, rest: bytes) -> None:
@@ -75,16 +77,25 @@ def claim(folder: Path, name: str) -> IO[bytes] | None:
         compile_cache.make(folder)
         lock = folder / f"{name}.lock"
         held = open(lock, "a+b", 0)  # noqa: SIM115  closed by who asked
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
-            fcntl.flock(held, fcntl.LOCK_EX)
+        begin_s = time.monotonic()
+        while not _is_locked(held):
+            if time.monotonic() - begin_s >= compile_cache.SHORT_S:
+                compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
+            time.sleep(_POLL_S)
         held.truncate(0)
         held.write(str(os.getpid()).encode())
     except OSError:
         return None
     return held
+
+
+def _is_locked(held: IO[bytes]) -> bool:
+    """Lock a file; return False where another process has it locked. OSError: it knows no locks."""
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 State = tuple[int, int] | None
@@ -111,7 +122,7 @@ def state_now(file: str) -> State:
     return found.st_mtime_ns, found.st_size
 
 
-def content(function: Any) -> str:
+def content(function: FunctionType) -> str:
     """Return a digest of the code and constants that a function from outside the project can name.
 
     "" for one of the project. Compiled code has in it what it calls, whose file may be another one,

@@ -88,6 +88,17 @@ def tuple_of(kind: Kind, count: int) -> Kind:
     return Kind(f"({','.join([kind.mark] * count)})", make)
 
 
+def tuple_with(*members: Kind) -> Kind:
+    """Return the type of a tuple of these."""
+
+    def make() -> Any:
+        from numba.core import types
+
+        return types.Tuple(tuple(one.in_numba() for one in members))
+
+    return Kind(f"({','.join(one.mark for one in members)})", make)
+
+
 _structures: dict[np.dtype[Any], Kind] = {}
 
 

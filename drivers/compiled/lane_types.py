@@ -8,7 +8,15 @@ from collections.abc import Callable
 from typing import Any
 
 # ruff: isort: off
-from pcpc.drivers.compiled.in_numba import f8, types
+from pcpc.drivers.compiled.in_numba import (
+    CallSignature,
+    Context,
+    DataModelManager,
+    TypingContext,
+    Values,
+    f8,
+    types,
+)
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core import cgutils
@@ -32,11 +40,11 @@ class Lane(types.Type):
     def __init__(self) -> None:
         super().__init__(f"Lane({WIDTH})")
 
-    def unify(self, context: Any, other: Any) -> Any:
+    def unify(self, context: TypingContext, other: types.Type) -> Any:
         """Return what a variable is that holds both: a number in each lane."""
         return self if isinstance(other, types.Float | types.Integer) else None
 
-    def can_convert_from(self, context: Any, other: Any) -> Any:
+    def can_convert_from(self, context: TypingContext, other: types.Type) -> Any:
         """Return how a number gets into all lanes."""
         return Conversion.safe if isinstance(other, types.Float | types.Integer) else None
 
@@ -53,17 +61,17 @@ LANE, MASK = Lane(), Mask()
 
 @register_model(Lane)
 class _LaneModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: DataModelManager, kind: types.Type) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.DoubleType(), WIDTH))
 
 
 @register_model(Mask)
 class _MaskModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: DataModelManager, kind: types.Type) -> None:
         super().__init__(manager, kind, ir.VectorType(_BIT, WIDTH))
 
 
-def in_all(builder: Any, number: Any) -> Any:
+def in_all(builder: ir.IRBuilder, number: ir.Value) -> Any:
     """Return the vector that holds a number in every lane."""
     vector = ir.VectorType(number.type, WIDTH)
     nothing = ir.Constant(vector, ir.Undefined)
@@ -74,25 +82,31 @@ def in_all(builder: Any, number: Any) -> Any:
 
 @lower_cast(types.Float, Lane)
 @lower_cast(types.Integer, Lane)
-def _from_number(context: Any, builder: Any, given: Any, wanted: Any, number: Any) -> Any:
+def _from_number(
+    context: Context, builder: ir.IRBuilder, given: types.Type, wanted: types.Type, number: ir.Value
+) -> Any:
     return in_all(builder, context.cast(builder, number, given, f8))
 
 
-def _is_number(kind: Any) -> bool:
+def _is_number(kind: types.Type) -> bool:
     return isinstance(kind, types.Float | types.Integer)
 
 
-def one_is_lane(*kinds: Any) -> bool:
+def one_is_lane(*kinds: types.Type) -> bool:
     """Return whether these are lanes and numbers, and at least one is a lane."""
     return LANE in kinds and all(kind == LANE or _is_number(kind) for kind in kinds)
 
 
-def _binary(function: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
+def _binary(
+    function: Callable[..., Any], result: types.Type, emit: Callable[[Any, Any, Any], Any]
+) -> None:
     @type_callable(function)
-    def typed(context: Any) -> Any:
+    def typed(context: TypingContext) -> Any:
         return lambda x, y: result if one_is_lane(x, y) else None
 
-    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def lower(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         given = zip(arguments, signature.args, strict=True)
         return emit(builder, *(context.cast(builder, value, kind, LANE) for value, kind in given))
 
@@ -100,9 +114,11 @@ def _binary(function: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) ->
         lower_builtin(function, *kinds)(lower)
 
 
-def _unary(function: Any, kind: Any, result: Any, lower: Callable[..., Any]) -> None:
+def _unary(
+    function: Callable[..., Any], kind: types.Type, result: types.Type, lower: Callable[..., Any]
+) -> None:
     @type_callable(function)
-    def typed(context: Any) -> Any:
+    def typed(context: TypingContext) -> Any:
         return lambda x: result if x == kind else None
 
     lower_builtin(function, kind)(lower)
@@ -131,7 +147,9 @@ for _function in (operator.invert, operator.not_):
 def intrinsic_lowering(name: str) -> Callable[..., Any]:
     """Return the lowering of an LLVM intrinsic of one double or LANE."""
 
-    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def lower(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         kind = arguments[0].type
         suffix = f"v{WIDTH}f64" if isinstance(kind, ir.VectorType) else "f64"
         wanted = ir.FunctionType(kind, [kind])
@@ -147,10 +165,16 @@ _unary(abs, LANE, LANE, intrinsic_lowering("llvm.fabs"))
 for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_"), (operator.xor, "xor")):
 
     @type_callable(_function)
-    def _type_of_both(context: Any) -> Any:
+    def _type_of_both(context: TypingContext) -> Any:
         return lambda x, y: MASK if MASK in (x, y) and {x, y} <= {MASK, types.boolean} else None
 
-    def _both(context: Any, builder: Any, signature: Any, given: Any, name: str = _its) -> Any:
+    def _both(
+        context: Context,
+        builder: ir.IRBuilder,
+        signature: CallSignature,
+        given: Values,
+        name: str = _its,
+    ) -> Any:
         masks = (
             value if kind == MASK else in_all(builder, builder.trunc(value, _BIT))
             for value, kind in zip(given, signature.args, strict=True)
@@ -161,16 +185,18 @@ for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_"), (operato
         lower_builtin(_function, *_kinds)(_both)
 
 
-def _bits(builder: Any, mask: Any) -> Any:
+def _bits(builder: ir.IRBuilder, mask: ir.Value) -> Any:
     return builder.bitcast(mask, _WORD)
 
 
-def _end_if(context: Any, builder: Any, differs: Any) -> None:
+def _end_if(context: Context, builder: ir.IRBuilder, differs: ir.Value) -> None:
     with builder.if_then(differs, likely=False):
         context.call_conv.return_user_exc(builder, LanesDiffer, ("the lanes differ",))
 
 
-def _decision(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _decision(
+    context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+) -> Any:
     bits = _bits(builder, arguments[0])
     some = builder.icmp_unsigned("!=", bits, ir.Constant(_WORD, 0))
     some_not = builder.icmp_unsigned("!=", bits, ir.Constant(_WORD, 2**WIDTH - 1))
@@ -181,7 +207,9 @@ def _decision(context: Any, builder: Any, signature: Any, arguments: Any) -> Any
 _unary(bool, MASK, types.boolean, _decision)
 
 
-def _count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _count(
+    context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+) -> Any:
     first = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
     differ = builder.fcmp_unordered("!=", arguments[0], in_all(builder, first))
     bits = _bits(builder, differ)
@@ -193,10 +221,12 @@ _unary(int, LANE, types.int64, _count)
 
 
 @intrinsic
-def in_single(typing: Any, x: Any) -> Any:
+def in_single(typing: TypingContext, x: types.Type) -> Any:
     """Return a LANE rounded to the precision of float32."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         narrow = ir.VectorType(ir.FloatType(), WIDTH)
         return builder.fpext(builder.fptrunc(arguments[0], narrow), arguments[0].type)
 

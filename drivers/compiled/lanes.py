@@ -15,7 +15,7 @@ done one by one (`executive.batch`); nothing is ever computed by the wrong branc
 What numba makes of them stands in `drivers.compiled.lane_types`.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from pcpc.drivers.compiled.deferred import Deferred
 
 WIDTH = 8  # doubles in the widest register of today; narrower ones take two or four
 _ALIGNED = 8 * WIDTH
+Lane: TypeAlias = float  # mypy takes them for what they are in a single run
+Mask: TypeAlias = bool
 
 
 class LanesDiffer(Exception):

@@ -29,7 +29,7 @@ _RUNTIME = ("NRT_", "numba_", "Py", "_Py")  # begin names that only numba and Py
 _NEVER_CALLED = "NRT_MemInfo_call_dtor"  # where nothing is allocated, nothing is freed
 
 
-class Code(NamedTuple):
+class ReadyFunction(NamedTuple):
     """The address of a function, 0 if only numba can call it, and the mark of its result."""
 
     address: int
@@ -103,7 +103,7 @@ def _raise(error: ctypes.c_void_p) -> None:
     exec(code, {"_raised": raised})
 
 
-class Source:
+class ImportedFunction:
     """A function as it was imported, and the files of its compiled code."""
 
     def __init__(self, function: Any, more: str = "") -> None:
@@ -120,7 +120,7 @@ class Source:
         """Return whether there is a file for arguments and result of these marks."""
         return any(path.is_file() for path in self._files(key))
 
-    def load(self, key: str) -> Code | None:
+    def load(self, key: str) -> ReadyFunction | None:
         """Put what is kept into memory; None if there is nothing, or nothing whole."""
         for path in self._files(key):
             try:
@@ -130,7 +130,7 @@ class Source:
             if text != self._text(key):
                 continue
             compile_cache.was_compiled(file, self._function.__code__.co_filename)
-            return Code(_address(content, symbol) if symbol else 0, result)
+            return ReadyFunction(_address(content, symbol) if symbol else 0, result)
         return None
 
     def keep(self, key: str, symbol: str, result: str, content: bytes) -> None:

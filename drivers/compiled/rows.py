@@ -5,14 +5,8 @@ DBC file, `drivers.can.codec` and `drivers.can.e2e` go by them. Words that sever
 are in records too.
 """
 
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.compiled.numbered import NumberedEnum
-
-LINE_BYTES = 64  # of a cache line
+from pcpc.drivers.compiled.records import Bytes, Element
 
 # struct canfd_frame: id and flags [0:4], [LENGTH], `Flag` [FLAGS], data [HEAD_BYTES:72]; a classic
 # frame is struct can_frame, its first 16 bytes, without a flag
@@ -26,35 +20,63 @@ class Flag(NumberedEnum):
     NONE, BRS, ESI, FD = 0, 1, 2, 4
 
 
-def row_of(names: str, floats: str = "") -> np.dtype[Any]:
-    """Return the type of a row with these int64, and these float64 behind them."""
-    fields = [(name, "<i8") for name in names.split()]
-    return np.dtype((np.record, fields + [(name, "<f8") for name in floats.split()]))
+class FrameBytes(Bytes):
+    """A frame."""
+
+    count = FRAME_BYTES
 
 
-def lines_of(*groups: Sequence[str]) -> np.dtype[Any]:
-    """Return the type of a record of these int64, each group on cache lines of its own."""
-    places: dict[str, int] = {}
-    end = 0
-    for group in groups:
-        places |= {name: end + 8 * i for i, name in enumerate(group)}
-        end += -(-8 * len(group) // LINE_BYTES) * LINE_BYTES
-    return np.dtype((np.record, {
-        "names": list(places), "formats": ["<i8"] * len(places), "offsets": list(places.values()),
-        "itemsize": end, "aligned": True,
-    }))  # fmt: skip
+class FrameRow(Element):
+    """A frame; protected: of `drivers.can.dbc`."""
+
+    can_id: int
+    extended: int
+    dlc: int
+    fd_flags: int
+    first: int  # its signals are rows `first` to `end` - 1
+    end: int
+    every_n: int
+    protected: int
+    sequence: int
+    counter_byte: int
+    counter_shift: int
+    counter_mask: int
+    crc_byte: int
+    data_id: int
+    selector: int  # 1 + the row of its multiplexer, 0 without one
 
 
-FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`;
-    # selector: 1 + the row of its multiplexer, 0 without one
-    "can_id extended dlc fd_flags first end every_n protected sequence"
-    " counter_byte counter_shift counter_mask crc_byte data_id selector"
-)
-SIGNAL = row_of(  # in 8 bytes from `byte` on; bits, codes: of its limits, raw; layout: 1 + the
-    # raw value of the multiplexer with which it comes, 0: it always does
-    "byte big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high layout",
-    "factor offset code_low code_high",
-)
-RECEIVER = row_of(  # of one frame; see `drivers.can.e2e`
-    "last_counter state received lost repeated wrong_sequence errors age_cycles fresh still_cycles"
-)
+class SignalRow(Element):
+    """A signal."""
+
+    byte: int  # it is in 8 bytes from this one on
+    big_endian: int
+    shift: int
+    mask: int
+    sign: int
+    kind: int
+    variable: int
+    int_factor: int
+    int_offset: int
+    bits_low: int  # bits, codes: of its limits, raw
+    bits_high: int
+    layout: int  # 1 + the raw value of the multiplexer with which it comes, 0: it always does
+    factor: float
+    offset: float
+    code_low: float
+    code_high: float
+
+
+class Receiver(Element):
+    """Of one frame; see `drivers.can.e2e`."""
+
+    last_counter: int
+    state: int
+    received: int
+    lost: int
+    repeated: int
+    wrong_sequence: int
+    errors: int
+    age_cycles: int
+    fresh: int
+    still_cycles: int

@@ -15,6 +15,8 @@ import numpy as np
 from pcpc.drivers.compiled import ready_code
 from pcpc.drivers.compiled.deferred import Deferred
 from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, i8
+from pcpc.drivers.compiled.kinds import Kind
+from pcpc.drivers.compiled.records import Record
 from pcpc.drivers.compiled.views import Layout, pointer_at
 
 _MARKS = ("d", "d", "s", "s", "s", "s")
@@ -28,8 +30,8 @@ class Stage:
         self.py_func = function
         self.__doc__, self.__name__ = function.__doc__, function.__name__
         self.declared = _annotated_ports(function)
-        self._source = ready_code.Source(function, "stage")
-        self._in_memory: dict[str, ready_code.Code] = {}
+        self._source = ready_code.ImportedFunction(function, "stage")
+        self._in_memory: dict[str, ready_code.ReadyFunction] = {}
         self._bound: Any = None
         if not JIT_OFF and not self._source.has(self._key("f8")):
             self._code("f8")  # says what is wrong with it
@@ -66,7 +68,7 @@ class Stage:
     def _key(self, element: str) -> str:
         return f"{element} {[ports.layout for ports in self.declared]}"
 
-    def _code(self, element: str) -> ready_code.Code:
+    def _code(self, element: str) -> ready_code.ReadyFunction:
         """Return the code for values that are each one number, or a lane: kept or compiled now."""
         if element not in self._in_memory:
             key = self._key(element)
@@ -119,7 +121,7 @@ def _part(values: Any, place: Any) -> Any:
 _by_number: list[Any] = []  # of the interpreted loop
 
 
-def entry_of(function: Any, kind: Any) -> int:
+def entry_of(function: Any, kind: Kind) -> int:
     """Return what `call_at` takes for a loop function of one structure; its result is an int64.
 
     Only rigs that need such a function compile it.
@@ -131,10 +133,12 @@ def entry_of(function: Any, kind: Any) -> int:
     return _by_number.index(function)
 
 
-def _call_by_number(entry: int, n: Any) -> Any:
+def _call_by_number(entry: int, n: Record) -> Any:
     return _by_number[entry](n)
 
 
+Entry = int | Stage  # what `call` takes, see `Stage.entry`
+Steps = tuple[Entry, ...]
 ENTRY = i8  # the type of an address
 _TYPES = "pcpc.drivers.compiled.stage_types"
 call_at: Any = _call_by_number if LOOP_INTERPRETED else Deferred(_TYPES, "call_at")

@@ -1,13 +1,23 @@
 """How numba compiles a step, and calls it by its address: see `drivers.compiled.stage`."""
 
+from collections.abc import Callable
 from typing import Any
 
 # ruff: isort: off
 from pcpc.drivers.compiled import ready_code
-from pcpc.drivers.compiled.in_numba import compiled, f8, i8, types
+from pcpc.drivers.compiled.in_numba import (
+    CallSignature,
+    Context,
+    TypingContext,
+    Values,
+    compiled,
+    f8,
+    i8,
+    types,
+)
 from pcpc.drivers.compiled.jit import OPTIONS
 from pcpc.drivers.compiled.lane_types import LANE
-from pcpc.drivers.compiled.view_types import POINTER, View
+from pcpc.drivers.compiled.view_types import POINTER, view
 from pcpc.drivers.compiled.views import Layout
 from llvmlite import ir
 from numba.core.compiler import Compiler
@@ -32,10 +42,14 @@ _ELEMENTS = {"f8": f8, "lane": LANE}
 
 
 def step_of(
-    source: ready_code.Source, key: str, function: Any, layouts: tuple[Layout, ...], element: str
-) -> ready_code.Code:
+    source: ready_code.ImportedFunction,
+    key: str,
+    function: Callable[..., Any],
+    layouts: tuple[Layout, ...],
+    element: str,
+) -> ready_code.ReadyFunction:
     """Return the code of a step on values that are each one number, or a lane."""
-    views = [View(layout, _ELEMENTS[element]) for layout in layouts]
+    views = [view(layout, _ELEMENTS[element]) for layout in layouts]
     return compiled(
         source, key, function, lambda: types.void(f8, f8, *views), _OPTIONS, by_address=True
     )
@@ -43,11 +57,20 @@ def step_of(
 
 @intrinsic
 def call(
-    typing: Any, entry: Any, t: Any, dt: Any, p: Any, x: Any, u: Any, y: Any
+    typing: TypingContext,
+    entry: types.Type,
+    t: types.Type,
+    dt: types.Type,
+    p: types.Type,
+    x: types.Type,
+    u: types.Type,
+    y: types.Type,
 ) -> Any:  # numba takes the arguments by position
     """Step the stage at an address; what it raises goes on to the caller."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         convention, kinds = context.call_conv, signature.args[1:]
         kind = ir.PointerType(convention.get_function_type(types.none, kinds))
         function = builder.inttoptr(arguments[0], kind)
@@ -62,10 +85,12 @@ def call(
 
 
 @intrinsic
-def call_at(typing: Any, entry: Any, n: Any) -> Any:
+def call_at(typing: TypingContext, entry: types.Type, n: types.Type) -> Any:
     """Call what is at an address with a structure; what it raises goes on to the caller."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         convention, kinds = context.call_conv, signature.args[1:]
         kind = ir.PointerType(convention.get_function_type(types.int64, kinds))
         function = builder.inttoptr(arguments[0], kind)

@@ -1,16 +1,22 @@
 """What `drivers.compiled.structures` names, as numba types it and lowers it."""
 
-import hashlib
 from typing import Any
 
 import numpy as np
 
 # ruff: isort: off
-from pcpc.drivers.compiled.in_numba import numba, types
+from pcpc.drivers.compiled.in_numba import (
+    CallSignature,
+    Context,
+    TypingContext,
+    Values,
+    numba,
+    types,
+)
 from pcpc.drivers.compiled.kinds import plain
 from pcpc.drivers.compiled.numbered import NumberedEnum, NumberedKind
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, HEAD_BYTES, Flag
-from pcpc.drivers.compiled.view_types import Cells, Fields, Pointer, data
+from pcpc.drivers.compiled.view_types import CellsType, Fields, data, mark_of
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core.imputils import lower_constant, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
@@ -26,26 +32,7 @@ from numba.extending import (
 # ruff: isort: on
 
 _I64 = ir.IntType(64)
-
-
-class Structure(Fields):
-    """The type of a pointer to a structure; `fields`: name, type, place in bytes."""
-
-    element = types.uint8
-
-    def __init__(self, fields: tuple[tuple[str, Any, int], ...], size: int) -> None:
-        self.fields = {name: (kind, place) for name, kind, place in fields}
-        self.size = size
-        mark = hashlib.sha256(repr((fields, size)).encode()).hexdigest()[:12]
-        super().__init__(f"Structure({mark})")
-
-    def field(self, name: str) -> tuple[Any, int] | None:
-        """Return a number, Cells or a nested structure."""
-        return self.fields.get(name)
-
-
-register_model(Structure)(Pointer)
-_known: dict[np.dtype[Any], Structure] = {}
+_known: dict[np.dtype[Any], Fields] = {}
 
 
 def structure(dtype: np.dtype[Any]) -> Any:
@@ -53,8 +40,9 @@ def structure(dtype: np.dtype[Any]) -> Any:
     bare = plain(dtype)
     if bare not in _known:
         places: Any = bare.fields
-        fields = ((name, _kind(places[name][0]), places[name][1]) for name in places)
-        _known[bare] = Structure(tuple(fields), bare.itemsize)
+        fields = tuple((name, _kind(places[name][0]), places[name][1]) for name in places)
+        mark = mark_of((fields, bare.itemsize))
+        _known[bare] = Fields(f"Structure({mark})", fields, bare.itemsize)
     return _known[bare]
 
 
@@ -63,7 +51,7 @@ def _kind(dtype: np.dtype[Any]) -> Any:
         return structure(dtype)
     base, shape = dtype.subdtype or (dtype, ())
     number = numba.from_dtype(base) if base.fields is None else structure(base)
-    return Cells(shape, number) if shape else number
+    return CellsType(shape, number) if shape else number
 
 
 @typeof_impl.register(np.record)
@@ -71,8 +59,8 @@ def _typeof(value: np.record, context: Any) -> Any:
     return _known.get(plain(value.dtype)) or numba.from_dtype(value.dtype)
 
 
-@unbox(Structure)
-def _unbox(kind: Any, value: Any, c: Any) -> Any:
+@unbox(Fields)
+def _unbox(kind: types.Type, value: ir.Value, c: Any) -> Any:
     buffer = c.pyapi.alloca_buffer()
     pointer = c.pyapi.extract_record_data(value, buffer)
     failed = c.builder.icmp_unsigned("==", pointer, ir.Constant(pointer.type, None))
@@ -80,7 +68,7 @@ def _unbox(kind: Any, value: Any, c: Any) -> Any:
     return NativeValue(pointer, failed, lambda: c.pyapi.release_buffer(buffer))
 
 
-class Names(types.Type):
+class EnumType(types.Type):
     """The type of a Numbered class, whose members are int64."""
 
     def __init__(self, numbered: NumberedKind) -> None:
@@ -88,45 +76,53 @@ class Names(types.Type):
         super().__init__(f"Names({numbered.__module__}.{numbered.__qualname__})")
 
 
-register_model(Names)(models.OpaqueModel)
-typeof_impl.register(NumberedKind)(lambda numbered, context: Names(numbered))
+register_model(EnumType)(models.OpaqueModel)
+typeof_impl.register(NumberedKind)(lambda numbered, context: EnumType(numbered))
 typeof_impl.register(NumberedEnum)(lambda member, context: types.int64)
 
 
 @infer_getattr
 class _Members(AttributeTemplate):
-    key = Names
+    key = EnumType
 
-    def generic_resolve(self, kind: Names, name: str) -> Any:  # type: ignore[override]
+    def generic_resolve(self, kind: EnumType, name: str) -> Any:  # type: ignore[override]
         return types.int64 if name in kind.numbered.__members__ else None
 
 
-@lower_constant(Names)
-def _no_value(context: Any, builder: Any, kind: Any, numbered: Any) -> Any:
+@lower_constant(EnumType)
+def _no_value(
+    context: Context, builder: ir.IRBuilder, kind: EnumType, numbered: NumberedKind
+) -> Any:
     return context.get_dummy_value()
 
 
-@lower_getattr_generic(Names)
-def _member(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+@lower_getattr_generic(EnumType)
+def _member(
+    context: Context, builder: ir.IRBuilder, kind: EnumType, value: ir.Value, name: str
+) -> Any:
     return context.get_constant(types.int64, int(kind.numbered[name]))
 
 
 @intrinsic
-def data_of(typing: Any, frame: Any) -> Any:
+def data_of(typing: TypingContext, frame: types.Type) -> Any:
     """Return the data bytes of a frame."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         return builder.gep(arguments[0], [ir.Constant(_I64, HEAD_BYTES)], inbounds=True)
 
-    return Cells((FRAME_BYTES - HEAD_BYTES,), types.uint8)(frame), generate
+    return CellsType((FRAME_BYTES - HEAD_BYTES,), types.uint8)(frame), generate
 
 
 @intrinsic
-def copy(typing: Any, target: Any, source: Any) -> Any:
+def copy(typing: TypingContext, target: types.Type, source: types.Type) -> Any:
     """Load 16 bytes, then store them, of an FD frame the rest too: source and target lie apart."""
     byte = ir.IntType(8)
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values
+    ) -> Any:
         into, out_of = (
             builder.bitcast(data(context, builder, kind, value), byte.as_pointer())
             for kind, value in zip(signature.args, arguments, strict=True)
@@ -147,13 +143,3 @@ def copy(typing: Any, target: Any, source: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(target, source), generate
-
-
-@intrinsic
-def words(typing: Any, structure: Any) -> Any:
-    """Return all int64 of a structure."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], _I64.as_pointer())
-
-    return Cells((structure.size // 8,), types.int64)(structure), generate

@@ -20,6 +20,7 @@ import numpy as np
 from pcpc.drivers.compiled import kinds
 from pcpc.drivers.compiled.deferred import Deferred, is_open
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
+from pcpc.drivers.compiled.records import Byte, Cells
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FLAGS, FRAME_BYTES, HEAD_BYTES, Flag
 
 _TYPES = "pcpc.drivers.compiled.structure_types"
@@ -39,15 +40,15 @@ def words_of(structure: Any) -> Any:
     return np.asarray(structure).reshape(-1).view(np.int64)
 
 
-def _data_interpreted(frame: Any) -> Any:
+def _data_interpreted(frame: Cells[Byte]) -> Any:
     return frame[HEAD_BYTES:]
 
 
-def _copy_interpreted(target: Any, source: Any) -> None:
+def _copy_interpreted(target: Cells[Byte], source: Cells[Byte]) -> None:
     n = FRAME_BYTES if source[FLAGS] & Flag.FD else CLASSIC_BYTES
     target[:n] = source[:n]
 
 
 data_of: Any = _data_interpreted if LOOP_INTERPRETED else Deferred(_TYPES, "data_of")
-words: Any = words_of if LOOP_INTERPRETED else Deferred(_TYPES, "words")
+words: Any = words_of if LOOP_INTERPRETED else Deferred("pcpc.drivers.compiled.view_types", "flat")
 copy: Any = _copy_interpreted if LOOP_INTERPRETED else Deferred(_TYPES, "copy")

@@ -3,7 +3,7 @@
 A View is a pointer to values whose names, places and shapes are part of its type; Cells are a
 pointer to an array of fixed shape in it. A value is a float64, or one of each run of a batch
 (`drivers.compiled.lanes`). So every access is a load or store at an address that
-the compiler knows, up to the index. Nothing is checked at run time; `executive.rig.trial` does
+the compiler knows, up to the index. Nothing is checked at run time; `executive.own_laws.trial` does
 that.
 
     View(layout)    x.name     a value, Cells for a port with a shape, another View for a group

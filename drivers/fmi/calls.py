@@ -1,6 +1,6 @@
 """Memory and functions of an FMU by their addresses; a plain twin of each for when numba is off.
 
-instance_at(address)             the structure HEAD that lies there
+instance_at(address)             the structure Head that lies there
 call(function, arguments)        its status; `arguments`: a tuple of numbers, as C has them
 read(kind, address, i)           value `i` of an array of a type, as a float64
 write(kind, address, i, value)   the other way round, for a value that the type has
@@ -16,9 +16,9 @@ import numpy as np
 from pcpc.drivers.compiled.deferred import Deferred, with_numba
 from pcpc.drivers.compiled.jit import JIT_OFF
 from pcpc.drivers.compiled.structures import structure
-from pcpc.drivers.fmi.layout import DTYPES, HEAD
+from pcpc.drivers.fmi.layout import DTYPES, Head
 
-structure(HEAD)
+structure(Head.dtype)
 _TYPES = "pcpc.drivers.fmi.calls_types"
 _IN_C = {"i": ctypes.c_int32, "l": ctypes.c_int64, "d": ctypes.c_double}
 
@@ -28,7 +28,7 @@ def _array(address: int, dtype: Any, n: int) -> Any:
 
 
 def _instance_at(address: int) -> Any:
-    return _array(address, HEAD, 1).view(np.recarray)[0]
+    return _array(address, Head.dtype, 1).view(np.recarray)[0]
 
 
 def _call(function: int, arguments: tuple[Any, ...]) -> int:

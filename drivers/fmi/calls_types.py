@@ -6,7 +6,7 @@ from typing import Any
 # ruff: isort: off
 from pcpc.drivers.compiled.in_numba import f8, from_dtype, i8, types
 from pcpc.drivers.compiled.structures import structure
-from pcpc.drivers.fmi.layout import DTYPES, HEAD
+from pcpc.drivers.fmi.layout import DTYPES, Head
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -22,7 +22,7 @@ def instance_at(typing: Any, address: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
-    return structure(HEAD).in_numba()(i8), generate
+    return structure(Head.dtype).in_numba()(i8), generate
 
 
 @intrinsic

@@ -1,7 +1,7 @@
 """What the loop reads of an instance of an FMU (no numba here).
 
-    HEAD     the instance: its functions, where it stands, and its groups
-    GROUP    all variables of one type and role: their references and values, the places of the
+    Head     the instance: its functions, where it stands, and its groups
+    Group    all variables of one type and role: their references and values, the places of the
              values among the block's own, and of parameters what they were last
 
 Functions and arrays are addresses. `told` and `told_s` are what doStep of FMI 3.0 writes.
@@ -10,7 +10,7 @@ Functions and arrays are addresses. `told` and `told_s` are what doStep of FMI 3
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.compiled.rows import row_of
+from pcpc.drivers.compiled.records import Cells, Element, Record, cells
 
 
 class Status(NumberedEnum):
@@ -54,10 +54,36 @@ def _bounds(name: str) -> tuple[float, float]:
 LOWEST, HIGHEST = np.array([_bounds(name) for name in TYPES]).T.copy()
 
 MOST_GROUPS = len(Role) * len(TYPES)
-GROUP = row_of("role function kind n_references references n_values values places last")
-_WORDS = (
-    "version", "instance", "do_step", "steps", "status", "failed", "n_groups", "n_out",
-    "told", "told_s",
-)  # fmt: skip
-HEAD = np.dtype([*((name, "<i8") for name in _WORDS), ("groups", GROUP, (MOST_GROUPS,))])
-TOLD = 8 * _WORDS.index("told")  # its place
+
+
+class ValueGroup(Element):
+    """Of values that one call sets or gets."""
+
+    role: int
+    function: int
+    kind: int
+    n_references: int
+    references: int
+    n_values: int
+    values: int
+    places: int
+    last: int
+
+
+class Head(Record):
+    """Of an instance."""
+
+    version: int
+    instance: int
+    do_step: int
+    steps: int
+    status: int
+    failed: int
+    n_groups: int
+    n_out: int
+    told: int
+    told_s: int
+    groups: Cells[ValueGroup] = cells(MOST_GROUPS)
+
+
+TOLD = Head.offset_of("told")

@@ -4,7 +4,7 @@
     call k > 0    tunable parameters that have changed, inputs, doStep, outputs       t = k T
 
 Time is counted in steps: doStep goes from (k - 1) T to k T. What is not OK (nor a warning) makes
-all outputs NaN from then on, which is a fault of the loop; HEAD says what it was.
+all outputs NaN from then on, which is a fault of the loop; Head says what it was.
 """
 
 from typing import Any
@@ -30,7 +30,7 @@ NEVER = np.int32(1)  # is an earlier state set again
 ENDS = 0xFFFF00  # of what doStep tells: bytes 1 and 2, it wants an end, it returned early
 
 
-class Values:
+class FmuValues:
     """The values of a block whose names only the FMU knows, as `x.of[i]`."""
 
     layout, size = Layout("Values", (Field("of", 0, (1,), None),)), 0

@@ -3,13 +3,11 @@
     value     its settings, in the order of the dialect's own table (`odrive`, `mit`, `moteus`)
     state     what it carries from one cycle to the next, in the units of its protocol
 
-Where it measures, its gains, its outbox: those of `drivers.canopen.layout.DRIVE`.
+Where it measures, its gains, its outbox: those of `drivers.canopen.layout.Drive`.
 """
 
-import numpy as np
-
 from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
-from pcpc.drivers.compiled.rows import row_of
+from pcpc.drivers.compiled.records import Cells, Element, Record, carried, cells
 
 MAX_SETTINGS = 64
 CYCLIC = 8  # frames that are sent by themselves, at most
@@ -33,28 +31,68 @@ class Mistake(WordedEnum):
     NOT_SWITCHED = "frame of CAN FD came without the bit rate switch of the bus"
 
 
-SETTING = row_of("number whole writable", "start low high")
-STATE = row_of(  # regained: 1 once the master has given gains; way: what is demanded of the loops
-    "power errors disarmed_by result arrived boots beat_at fed_at regained",
-    "position velocity torque offset"
-    " target_position target_velocity target_torque stiffness damping most_velocity most_torque"
-    " way_position way_velocity way_torque integral",
-)
-ROBOT = np.dtype(
-    [
-        ("dialect", "<i8"),
-        ("n", "<i8"),  # settings
-        ("position_scale", "<f8"),  # of the protocol's unit to that of the plant
-        ("velocity_scale", "<f8"),
-        ("settings", SETTING, (MAX_SETTINGS,)),
-        ("cursor", row_of("at end ok out answers mode")),  # in a frame and its answer
-        # from here on kept in keyframes
-        ("value", "<f8", (MAX_SETTINGS,)),
-        ("state", STATE),
-        ("mistakes", "<i8", (len(Mistake),)),
-        ("switches", "<i8"),  # 1: the bus has a second bit rate
-        ("sent_at", "<i8", (CYCLIC,)),
-    ],
-    align=True,
-)
-KEPT = ("value", "state", "mistakes", "sent_at")
+class SettingRow(Element):
+    """A setting as it was declared."""
+
+    number: int
+    whole: int
+    writable: int
+    start: float
+    low: float
+    high: float
+
+
+class RobotState(Element):
+    """What it carries from one cycle to the next, in the units of its protocol."""
+
+    power: int
+    errors: int
+    disarmed_by: int
+    result: int
+    arrived: int
+    boots: int
+    beat_at: int
+    fed_at: int
+    regained: int  # 1 once the master has given gains
+    position: float
+    velocity: float
+    torque: float
+    offset: float
+    target_position: float
+    target_velocity: float
+    target_torque: float
+    stiffness: float
+    damping: float
+    most_velocity: float
+    most_torque: float
+    way_position: float  # what is demanded of the loops, and the next two
+    way_velocity: float
+    way_torque: float
+    integral: float
+
+
+class Cursor(Element):
+    """A place in a frame and its answer."""
+
+    at: int
+    end: int
+    ok: int
+    out: int
+    answers: int
+    mode: int
+
+
+class Robot(Record):
+    """The drive, beside its `drivers.canopen.layout.Drive`."""
+
+    dialect: int
+    n: int  # settings
+    position_scale: float  # of the protocol's unit to that of the plant
+    velocity_scale: float
+    settings: Cells[SettingRow] = cells(MAX_SETTINGS)
+    cursor: Cursor  # in a frame and its answer
+    value: Cells[float] = carried(shape=MAX_SETTINGS)
+    state: RobotState = carried()
+    mistakes: Cells[int] = carried(shape=len(Mistake))
+    switches: int  # 1: the bus has a second bit rate
+    sent_at: Cells[int] = carried(shape=CYCLIC)

@@ -10,20 +10,21 @@ command for a torque of 1. The integral stands while T is limited and would grow
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.compiled.records import Byte, Cells, int64
+from pcpc.drivers.robots.layout import Mistake, Robot
 
 FINITE = 1e300
 _LARGEST = 3.4028234e38  # a float32
 
 
 @loop_inline
-def number_at(data: Any, at: Any) -> Any:
+def number_at(data: Cells[Byte], at: int) -> float:
     """Return the float32 in 4 bytes of `data`."""
     word = four_bytes(data, at)
     if word >= 1 << 31:
@@ -32,21 +33,21 @@ def number_at(data: Any, at: Any) -> Any:
 
 
 @loop_inline
-def short_at(data: Any, at: Any) -> Any:
+def short_at(data: Cells[Byte], at: int) -> float:
     """Return the signed number in 2 bytes."""
-    word = np.int64(data[at]) | np.int64(data[at + 1]) << np.int64(8)
+    word = int64(data[at]) | int64(data[at + 1]) << int64(8)
     return np.float64(word - 65536 if word >= 32768 else word)
 
 
 @loop_inline
-def word_of(x: Any) -> Any:
+def word_of(x: float) -> int:
     """Return a number as the 4 bytes of a float32."""
     x = min(max(x, -_LARGEST), _LARGEST)
-    return np.int64(np.float32(x).view(np.int32)) & np.int64(0xFFFFFFFF)
+    return int64(np.float32(x).view(np.int32)) & int64(0xFFFFFFFF)
 
 
 @loop_function
-def measure(r: Any, position: Any, velocity: Any) -> None:
+def measure(r: Robot, position: float, velocity: float) -> None:
     """Take what the sensors say, in the plant's units."""
     x = r.state
     if abs(position) < FINITE and abs(velocity) < FINITE:
@@ -55,7 +56,7 @@ def measure(r: Any, position: Any, velocity: Any) -> None:
 
 
 @loop_function
-def start_here(r: Any) -> None:
+def start_here(r: Robot) -> None:
     """Let every target be where the motor stands."""
     x = r.state
     x.target_position = x.way_position = x.position
@@ -65,7 +66,7 @@ def start_here(r: Any) -> None:
 
 
 @loop_function
-def is_number(r: Any, value: Any) -> Any:
+def is_number(r: Robot, value: float) -> bool:
     """Return whether a value is a finite number; count it if not."""
     if abs(value) < FINITE:
         return True
@@ -74,7 +75,7 @@ def is_number(r: Any, value: Any) -> Any:
 
 
 @loop_function
-def place_at(r: Any, position: Any) -> None:
+def place_at(r: Robot, position: float) -> None:
     """Let where the motor stands be `position`; targets move along."""
     x = r.state
     if is_number(r, position):
@@ -86,7 +87,7 @@ def place_at(r: Any, position: Any) -> None:
 
 
 @loop_inline
-def braking_velocity(left: Any, most: Any, slow: Any, dt: Any) -> Any:
+def braking_velocity(left: float, most: float, slow: float, dt: float) -> float:
     """Return the velocity from which, slowing down at `slow`, one still stops where `left` ends."""
     half = 0.5 * slow * dt
     fastest = min(math.sqrt(half * half + 2.0 * slow * abs(left)) - half, most)
@@ -94,7 +95,7 @@ def braking_velocity(left: Any, most: Any, slow: Any, dt: Any) -> Any:
 
 
 @loop_inline
-def wanted_velocity(r: Any, d: Any, most: Any) -> Any:
+def wanted_velocity(r: Robot, d: Drive, most: float) -> float:
     """Return w_d of (1) for the way's position and velocity."""
     x = r.state
     wanted = x.way_velocity + d.gains.position_per_s * (x.way_position - x.position)
@@ -102,7 +103,7 @@ def wanted_velocity(r: Any, d: Any, most: Any) -> Any:
 
 
 @loop_function
-def torque_for(r: Any, d: Any, wanted: Any, most: Any) -> Any:
+def torque_for(r: Robot, d: Drive, wanted: float, most: float) -> float:
     """Return T of (2) for a velocity."""
     x, g, dt = r.state, d.gains, 1.0 / d.rate_hz
     e = wanted - x.velocity

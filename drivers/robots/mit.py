@@ -17,18 +17,18 @@ in register 7. A mode's command in another mode does nothing. With a time-out in
 each) a motor that is on and hears no command has error D. Source: the motors' manual.
 """
 
-from typing import Any
-
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen.frames import put
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
-from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import (
     FINITE,
     number_at,
@@ -53,13 +53,13 @@ class Power(NumberedEnum):
     OFF, ON, LOST = 0, 1, 13
 
 
-class Mode(NumberedEnum):
+class MitMode(NumberedEnum):
     """Register 10."""
 
     MIT, POSITION, VELOCITY, FORCE = 1, 2, 3, 4
 
 
-class Key(NumberedEnum):
+class MitKey(NumberedEnum):
     """Rows of the settings: registers by name."""
 
     (
@@ -91,75 +91,75 @@ SETTINGS = tuple(
 
 
 @loop_inline
-def raw_value(x: Any, low: Any, high: Any, bits: Any) -> Any:
+def raw_value(x: float, low: float, high: float, bits: int) -> int:
     """Return a value as so many bits."""
     x = min(max(x, low), high)
-    return np.int64((x - low) * ((np.int64(1) << np.int64(bits)) - 1) / (high - low))
+    return int64((x - low) * ((int64(1) << int64(bits)) - 1) / (high - low))
 
 
 @loop_inline
-def decoded(code: Any, low: Any, high: Any, bits: Any) -> Any:
+def decoded(code: int, low: float, high: float, bits: int) -> float:
     """Return the value that so many bits are."""
-    return code * (high - low) / ((np.int64(1) << np.int64(bits)) - 1) + low
+    return code * (high - low) / ((int64(1) << int64(bits)) - 1) + low
 
 
 @loop_function
-def boot(r: Any, d: Any) -> None:
+def boot(r: Robot, d: Drive) -> None:
     """Be as after power-on."""
     x = r.state
     x.boots += 1
     x.power, x.offset, x.torque = Power.OFF, 0.0, 0.0
-    r.value[Key.NODE] = d.node
+    r.value[MitKey.NODE] = d.node
     start_here(r)
 
 
 @loop_function
-def hear(r: Any, d: Any, frame: Any) -> Any:
+def hear(r: Robot, d: Drive, frame: Cells[Byte]) -> int:
     """Take a frame that came; return whose it is."""
     if r.state.boots == 0:
         boot(r, d)
-    can_id, n, data = four_bytes(frame, 0), np.int64(frame[LENGTH]), data_of(frame)
+    can_id, n, data = four_bytes(frame, 0), int64(frame[LENGTH]), data_of(frame)
     if can_id == REGISTERS:
-        if n < 4 or (np.int64(data[0]) | np.int64(data[1]) << np.int64(8)) != d.node:
-            return np.int64(Whose.OTHER)
+        if n < 4 or (int64(data[0]) | int64(data[1]) << int64(8)) != d.node:
+            return int64(Whose.OTHER)
         serve(r, d, data, n)
-        return np.int64(Whose.OURS)
+        return int64(Whose.OURS)
     mode = can_id >> 8
     if can_id & 0xFF == d.node and 1 <= mode <= 3:
         take_target(r, d, mode + 1, data, n)
     elif can_id == d.node:
         take_mit(r, d, data, n)
-    elif can_id == np.int64(r.value[Key.MASTER]):
-        return np.int64(Whose.TWIN)
+    elif can_id == int64(r.value[MitKey.MASTER]):
+        return int64(Whose.TWIN)
     else:
-        return np.int64(Whose.OTHER)
+        return int64(Whose.OTHER)
     feed_back(r, d)
-    return np.int64(Whose.OURS)
+    return int64(Whose.OURS)
 
 
 @loop_function
-def take_mit(r: Any, d: Any, data: Any, n: Any) -> None:
+def take_mit(r: Robot, d: Drive, data: Cells[Byte], n: int) -> None:
     """Take an order or a command of MIT mode."""
     x = r.state
     if n < 8:
         r.mistakes[Mistake.FRAME_SHORT] += 1
         return
     if four_bytes(data, 0) == 0xFFFFFFFF and four_bytes(data, 4) & 0xFFFFFF == 0xFFFFFF:
-        order = np.int64(data[7])
+        order = int64(data[7])
         if FORGET <= order <= ZERO:
             obey(r, d, order)
             return
-    if np.int64(r.value[Key.MODE]) != Mode.MIT or x.power != Power.ON:
+    if int64(r.value[MitKey.MODE]) != MitMode.MIT or x.power != Power.ON:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
         return
     x.fed_at = d.k
-    p, v, t = r.value[Key.P_MAX], r.value[Key.V_MAX], r.value[Key.T_MAX]
+    p, v, t = r.value[MitKey.P_MAX], r.value[MitKey.V_MAX], r.value[MitKey.T_MAX]
     one, two, three, four, five, six = data[2], data[3], data[4], data[5], data[6], data[7]
-    position = np.int64(data[0]) << np.int64(8) | np.int64(data[1])
-    velocity = np.int64(one) << np.int64(4) | np.int64(two) >> np.int64(4)
-    stiffness = (np.int64(two) & 15) << np.int64(8) | np.int64(three)
-    damping = np.int64(four) << np.int64(4) | np.int64(five) >> np.int64(4)
-    torque = (np.int64(five) & 15) << np.int64(8) | np.int64(six)
+    position = int64(data[0]) << int64(8) | int64(data[1])
+    velocity = int64(one) << int64(4) | int64(two) >> int64(4)
+    stiffness = (int64(two) & 15) << int64(8) | int64(three)
+    damping = int64(four) << int64(4) | int64(five) >> int64(4)
+    torque = (int64(five) & 15) << int64(8) | int64(six)
     x.target_position = decoded(position, -p, p, 16)
     x.target_velocity = decoded(velocity, -v, v, 12)
     x.stiffness = decoded(stiffness, 0.0, STIFFEST, 12)
@@ -168,7 +168,7 @@ def take_mit(r: Any, d: Any, data: Any, n: Any) -> None:
 
 
 @loop_function
-def obey(r: Any, d: Any, order: Any) -> None:
+def obey(r: Robot, d: Drive, order: int) -> None:
     """Switch on or off, let here be 0, or forget an error."""
     x = r.state
     x.fed_at = d.k
@@ -187,40 +187,40 @@ def obey(r: Any, d: Any, order: Any) -> None:
 
 
 @loop_function
-def take_target(r: Any, d: Any, mode: Any, data: Any, n: Any) -> None:
+def take_target(r: Robot, d: Drive, mode: int, data: Cells[Byte], n: int) -> None:
     """Take a command of another mode than MIT."""
     x = r.state
-    if n < (4 if mode == Mode.VELOCITY else 8):
+    if n < (4 if mode == MitMode.VELOCITY else 8):
         r.mistakes[Mistake.FRAME_SHORT] += 1
         return
-    if np.int64(r.value[Key.MODE]) != mode or x.power != Power.ON:
+    if int64(r.value[MitKey.MODE]) != mode or x.power != Power.ON:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
         return
     first, second = number_at(data, 0), 0.0
-    if mode == Mode.POSITION:
+    if mode == MitMode.POSITION:
         second = number_at(data, 4)
     if not abs(first) < FINITE or not abs(second) < FINITE:
         r.mistakes[Mistake.NOT_FINITE] += 1
         return
     x.fed_at = d.k
-    most = r.value[Key.P_MAX]
-    x.most_torque = r.value[Key.T_MAX]
-    if mode == Mode.VELOCITY:
-        most = r.value[Key.V_MAX]
+    most = r.value[MitKey.P_MAX]
+    x.most_torque = r.value[MitKey.T_MAX]
+    if mode == MitMode.VELOCITY:
+        most = r.value[MitKey.V_MAX]
         x.target_velocity, x.most_velocity = min(max(first, -most), most), most
     else:
         x.target_position, x.most_velocity = min(max(first, -most), most), abs(second)
     r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
-    if mode == Mode.FORCE:
+    if mode == MitMode.FORCE:
         word = four_bytes(data, 4)
         x.most_velocity = 0.01 * (word & 0xFFFF)
-        x.most_torque = 1e-4 * min(word >> 16, 10_000) * r.value[Key.T_MAX]
+        x.most_torque = 1e-4 * min(word >> 16, 10_000) * r.value[MitKey.T_MAX]
 
 
 @loop_function
-def serve(r: Any, d: Any, data: Any, n: Any) -> None:
+def serve(r: Robot, d: Drive, data: Cells[Byte], n: int) -> None:
     """Read, write or save a register, or say where the motor is."""
-    what, number, row = np.int64(data[2]), np.int64(data[3]), -1
+    what, number, row = int64(data[2]), int64(data[3]), -1
     if what == REFRESH:
         feed_back(r, d)
         return
@@ -228,7 +228,7 @@ def serve(r: Any, d: Any, data: Any, n: Any) -> None:
         if r.settings[i].number == number:
             row = i
     if what == SAVE:
-        reply(r, d, what, np.int64(1), np.int64(0))
+        reply(r, d, what, int64(1), int64(0))
         return
     if row < 0 or (what != READ and what != WRITE) or (what == WRITE and n < 8):
         r.mistakes[Mistake.VALUE_REFUSED] += 1
@@ -240,41 +240,41 @@ def serve(r: Any, d: Any, data: Any, n: Any) -> None:
             r.mistakes[Mistake.VALUE_REFUSED] += 1
         else:
             r.value[row] = value
-            if row == Key.MODE:
+            if row == MitKey.MODE:
                 start_here(r)
-    r.value[Key.POSITION] = r.value[Key.OUTPUT] = r.state.position
+    r.value[MitKey.POSITION] = r.value[MitKey.OUTPUT] = r.state.position
     value = r.value[row]
-    reply(r, d, what, number, np.int64(value) if one.whole != 0 else word_of(value))
+    reply(r, d, what, number, int64(value) if one.whole != 0 else word_of(value))
 
 
 @loop_function
-def reply(r: Any, d: Any, what: Any, number: Any, word: Any) -> None:
+def reply(r: Robot, d: Drive, what: int, number: int, word: int) -> None:
     """Answer about a register."""
-    low = d.node | what << np.int64(16) | number << np.int64(24)
-    put(d, np.int64(r.value[Key.MASTER]), 8, low, word)
+    low = d.node | what << int64(16) | number << int64(24)
+    put(d, int64(r.value[MitKey.MASTER]), 8, low, word)
 
 
 @loop_function
-def feed_back(r: Any, d: Any) -> None:
+def feed_back(r: Robot, d: Drive) -> None:
     """Say where the motor is, and how it is."""
     x = r.state
-    p, v, t = r.value[Key.P_MAX], r.value[Key.V_MAX], r.value[Key.T_MAX]
-    first = d.node & 15 | x.power << np.int64(4)
+    p, v, t = r.value[MitKey.P_MAX], r.value[MitKey.V_MAX], r.value[MitKey.T_MAX]
+    first = d.node & 15 | x.power << int64(4)
     position, velocity = raw_value(x.position, -p, p, 16), raw_value(x.velocity, -v, v, 12)
     torque = raw_value(x.torque, -t, t, 12)
     low = first | (position >> 8) << 8 | (position & 255) << 16 | (velocity >> 4) << 24
     high = (velocity & 15) << 4 | torque >> 8 | (torque & 255) << 8
-    high |= np.int64(r.value[Key.BOARD]) << 16 | np.int64(r.value[Key.ROTOR]) << 24
-    put(d, np.int64(r.value[Key.MASTER]), 8, low, high)
+    high |= int64(r.value[MitKey.BOARD]) << 16 | int64(r.value[MitKey.ROTOR]) << 24
+    put(d, int64(r.value[MitKey.MASTER]), 8, low, high)
 
 
 @loop_function
-def work(r: Any, d: Any) -> Any:
+def work(r: Robot, d: Drive) -> float:
     """Do a cycle; return the torque."""
     x = r.state
     if x.boots == 0:
         boot(r, d)
-    patience = r.value[Key.TIMEOUT] * TICK_S * d.rate_hz
+    patience = r.value[MitKey.TIMEOUT] * TICK_S * d.rate_hz
     if patience > 0.0 and x.power == Power.ON and d.k - x.fed_at > patience:
         x.power = Power.LOST
         r.mistakes[Mistake.SILENT] += 1
@@ -282,12 +282,12 @@ def work(r: Any, d: Any) -> Any:
     if x.power != Power.ON:
         x.integral = 0.0
         return 0.0
-    mode, most = np.int64(r.value[Key.MODE]), r.value[Key.T_MAX]
-    if mode == Mode.MIT:
+    mode, most = int64(r.value[MitKey.MODE]), r.value[MitKey.T_MAX]
+    if mode == MitMode.MIT:
         stiff = x.stiffness * (x.target_position - x.position)
         torque = stiff + x.damping * (x.target_velocity - x.velocity) + x.target_torque  # (1)
         x.torque = min(max(torque, -most), most)
-    elif mode == Mode.VELOCITY:
+    elif mode == MitMode.VELOCITY:
         x.torque = torque_for(r, d, x.target_velocity, most)
     else:
         x.way_position, x.way_velocity = x.target_position, 0.0
@@ -297,5 +297,5 @@ def work(r: Any, d: Any) -> Any:
 
 
 @loop_function
-def speak(r: Any, d: Any) -> None:
+def speak(r: Robot, d: Drive) -> None:
     """Send nothing: a motor only answers."""

@@ -15,17 +15,17 @@ its firmware and its Python package.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes, put_four_bytes
-from pcpc.drivers.canopen.layout import OUTBOX_FRAMES
+from pcpc.drivers.canopen.layout import OUTBOX_FRAMES, Drive
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, LENGTH, Flag
 from pcpc.drivers.compiled.structures import data_of
-from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import (
     FINITE,
     number_at,
@@ -42,36 +42,36 @@ from pcpc.drivers.robots.moteus_registers import (
     ROW,
     SCALES,
     Coding,
-    Key,
-    Mode,
+    MoteusKey,
+    MoteusMode,
     Register,
 )
 
 __all__ = ["NODES", "boot", "hear", "speak", "work"]
 NODES = 127  # 0x7F is all of them
 LONGEST = 64
-ANSWER, EXTENDED, REMOTE = 0x8000, np.int64(1 << 31), np.int64(1 << 30)
+ANSWER, EXTENDED, REMOTE = 0x8000, int64(1 << 31), int64(1 << 30)
 INT8, INT16, INT32, FLOAT = 0, 1, 2, 3
 WRITE_FAILED, READ_FAILED, NOTHING = 0x30, 0x31, 0x50
 NO_REGISTER, NOT_WRITABLE, WRONG_VALUE = 1, 2, 3
 
 
 @loop_function
-def hear(r: Any, d: Any, frame: Any) -> Any:
+def hear(r: Robot, d: Drive, frame: Cells[Byte]) -> int:
     """Take a frame (72,) that came; return whose it is."""
     if r.state.boots == 0:
         boot(r, d)
-    word, flags = four_bytes(frame, 0), np.int64(frame[FLAGS])
+    word, flags = four_bytes(frame, 0), int64(frame[FLAGS])
     can_id = word & ~EXTENDED
     if can_id > 0xFFFF or word & REMOTE != 0 or flags & Flag.FD == 0:
-        return np.int64(Whose.OTHER)
+        return int64(Whose.OTHER)
     source, whom = can_id >> 8 & 0x7F, can_id & 0xFF
     if whom != d.node and whom != NODES:
         twin = source == d.node and can_id & ANSWER == 0
-        return np.int64(Whose.TWIN if twin else Whose.OTHER)
+        return int64(Whose.TWIN if twin else Whose.OTHER)
     r.mistakes[Mistake.NOT_SWITCHED] += r.switches if flags & Flag.BRS == 0 else 0
     c = r.cursor
-    c.at, c.end, c.ok, c.out = 0, min(np.int64(frame[LENGTH]), LONGEST), 1, 0
+    c.at, c.end, c.ok, c.out = 0, min(int64(frame[LENGTH]), LONGEST), 1, 0
     c.answers = 1 if can_id & ANSWER != 0 and d.n_out < OUTBOX_FRAMES else 0
     c.mode = -1
     while c.ok != 0 and c.at < c.end:
@@ -79,26 +79,26 @@ def hear(r: Any, d: Any, frame: Any) -> Any:
     if c.mode >= 0:
         obey(r, d, c.mode)
     if c.answers != 0:
-        answer(r, d, d.node << np.int64(8) | source, flags & Flag.BRS | Flag.FD)
-    return np.int64(Whose.OURS)
+        answer(r, d, d.node << int64(8) | source, flags & Flag.BRS | Flag.FD)
+    return int64(Whose.OURS)
 
 
 @loop_function
-def answer(r: Any, d: Any, can_id: Any, flags: Any) -> None:
+def answer(r: Robot, d: Drive, can_id: int, flags: int) -> None:
     """Let the outbox have the answer that was written into it."""
     c, frame, n = r.cursor, d.outbox[d.n_out], r.cursor.out
     if n > 8:
         step = 4 if n <= 24 else (8 if n <= 32 else 16)
         n = (n + step - 1) // step * step
     put_four_bytes(frame, 0, can_id | EXTENDED if can_id > 0x7FF else can_id)
-    put_four_bytes(frame, 4, n | flags << np.int64(8))
+    put_four_bytes(frame, 4, n | flags << int64(8))
     for i in range(8 + c.out, FRAME_BYTES):
         frame[i] = NOTHING if i < 8 + n else 0
     d.n_out += 1
 
 
 @loop_function
-def say(r: Any, d: Any, byte: Any) -> None:
+def say(r: Robot, d: Drive, byte: int) -> None:
     """Write a byte of the answer, if there is one and it has room."""
     c = r.cursor
     if c.answers != 0 and c.out < LONGEST:
@@ -107,7 +107,7 @@ def say(r: Any, d: Any, byte: Any) -> None:
 
 
 @loop_function
-def say_number(r: Any, d: Any, number: Any) -> None:
+def say_number(r: Robot, d: Drive, number: int) -> None:
     """Write a number in 7 bits a byte."""
     while number > 127:
         say(r, d, number & 127 | 128)
@@ -116,44 +116,44 @@ def say_number(r: Any, d: Any, number: Any) -> None:
 
 
 @loop_function
-def say_failed(r: Any, d: Any, what: Any, register: Any, error: Any) -> None:
+def say_failed(r: Robot, d: Drive, what: int, register: int, error: int) -> None:
     """Write that a register could not be read or written, and count it."""
     r.mistakes[Mistake.VALUE_REFUSED] += 1
     if r.cursor.out > LONGEST - 7:
         r.cursor.ok = 0
         return
-    say(r, d, np.int64(what))
+    say(r, d, int64(what))
     say_number(r, d, register)
-    say(r, d, np.int64(error))
+    say(r, d, int64(error))
 
 
 @loop_function
-def number_of(r: Any, data: Any) -> Any:
+def number_of(r: Robot, data: Cells[Byte]) -> int:
     """Take a number in 7 bits a byte; `ok` 0: there is none."""
-    c, number = r.cursor, np.int64(0)
+    c, number = r.cursor, int64(0)
     for i in range(5):
         if c.at < c.end:
-            byte = np.int64(data[c.at])
+            byte = int64(data[c.at])
             c.at += 1
-            number |= (byte & 127) << np.int64(7 * i)
+            number |= (byte & 127) << int64(7 * i)
             if byte < 128:
                 return number
     return is_cut(r)
 
 
 @loop_function
-def is_cut(r: Any) -> Any:
+def is_cut(r: Robot) -> int:
     """Count a frame that ends too early; return 0."""
     r.cursor.ok = 0
     r.mistakes[Mistake.FRAME_SHORT] += 1
-    return np.int64(0)
+    return int64(0)
 
 
 @loop_function
-def take_subframe(r: Any, d: Any, data: Any) -> None:
+def take_subframe(r: Robot, d: Drive, data: Cells[Byte]) -> None:
     """Take what follows in the frame."""
     c = r.cursor
-    what = np.int64(data[c.at])
+    what = int64(data[c.at])
     c.at += 1
     if what == NOTHING:
         return
@@ -173,18 +173,18 @@ def take_subframe(r: Any, d: Any, data: Any) -> None:
 
 
 @loop_inline
-def size_of(kind: Any) -> Any:
+def size_of(kind: int) -> int:
     """Return the bytes of a value."""
     return 1 if kind == INT8 else (2 if kind == INT16 else 4)
 
 
 @loop_function
-def value_at(data: Any, at: Any, kind: Any) -> Any:
+def value_at(data: Cells[Byte], at: int, kind: int) -> float:
     """Return the value there, as it is sent."""
     if kind == FLOAT:
         return number_at(data, at)
     if kind == INT8:
-        byte = np.int64(data[at])
+        byte = int64(data[at])
         return np.float64(byte - 256 if byte >= 128 else byte)
     if kind == INT16:
         return short_at(data, at)
@@ -193,7 +193,7 @@ def value_at(data: Any, at: Any, kind: Any) -> Any:
 
 
 @loop_function
-def take_values(r: Any, d: Any, data: Any, kind: Any, first: Any, count: Any) -> None:
+def take_values(r: Robot, d: Drive, data: Cells[Byte], kind: int, first: int, count: int) -> None:
     """Take the values of a write."""
     c, size, i = r.cursor, size_of(kind), 0
     while i < count and c.ok != 0:
@@ -209,7 +209,7 @@ def take_values(r: Any, d: Any, data: Any, kind: Any, first: Any, count: Any) ->
 
 
 @loop_function
-def scaled_value(coding: Any, kind: Any, raw: Any) -> Any:
+def scaled_value(coding: int, kind: int, raw: float) -> float:
     """Return what a value means; the smallest whole number is NaN."""
     if kind == FLOAT or coding == Coding.WHOLE:
         return raw
@@ -219,7 +219,7 @@ def scaled_value(coding: Any, kind: Any, raw: Any) -> Any:
 
 
 @loop_function
-def write(r: Any, d: Any, register: Any, kind: Any, raw: Any) -> Any:
+def write(r: Robot, d: Drive, register: int, kind: int, raw: float) -> int:
     """Write a register; return the error."""
     if register >= REGISTERS:
         return NO_REGISTER
@@ -246,20 +246,25 @@ def write(r: Any, d: Any, register: Any, kind: Any, raw: Any) -> Any:
 
 
 @loop_function
-def take_mode(r: Any, raw: Any) -> Any:
+def take_mode(r: Robot, raw: float) -> int:
     """Note the mode that is asked for, with the defaults of all commands; return the error."""
-    known = raw == Mode.STOPPED or raw == Mode.CURRENT or raw == Mode.POSITION
-    known = known or raw == Mode.ZERO_VELOCITY or raw == Mode.STAY_WITHIN or raw == Mode.BRAKE
+    known = raw == MoteusMode.STOPPED or raw == MoteusMode.CURRENT or raw == MoteusMode.POSITION
+    known = (
+        known
+        or raw == MoteusMode.ZERO_VELOCITY
+        or raw == MoteusMode.STAY_WITHIN
+        or raw == MoteusMode.BRAKE
+    )
     if not known:
         return WRONG_VALUE
-    r.cursor.mode = np.int64(raw)
+    r.cursor.mode = int64(raw)
     for i in range(COMMANDS):
         r.value[i] = r.settings[i].start
     return 0
 
 
 @loop_inline
-def can_be_read(register: Any, kind: Any) -> Any:
+def can_be_read(register: int, kind: int) -> bool:
     """Return whether a register has a value of this size."""
     if register >= REGISTERS or KIND[register] < 0:
         return False
@@ -267,7 +272,7 @@ def can_be_read(register: Any, kind: Any) -> Any:
 
 
 @loop_function
-def tell(r: Any, d: Any, kind: Any, first: Any, count: Any) -> None:
+def tell(r: Robot, d: Drive, kind: int, first: int, count: int) -> None:
     """Write the values of registers into the answer, as many as it has room for."""
     c, size, i = r.cursor, size_of(kind), 0
     while i < count and c.ok != 0:
@@ -276,9 +281,9 @@ def tell(r: Any, d: Any, kind: Any, first: Any, count: Any) -> None:
         while run < room and i + run < count and can_be_read(register + run, kind):
             run += 1
         if run > 0:
-            say(r, d, np.int64(0x20 | kind << 2 | (run if run <= 3 else 0)))
+            say(r, d, int64(0x20 | kind << 2 | (run if run <= 3 else 0)))
             if run > 3:
-                say(r, d, np.int64(run))
+                say(r, d, int64(run))
             say_number(r, d, register)
             for k in range(run):
                 say_value(r, d, register + k, kind)
@@ -291,23 +296,23 @@ def tell(r: Any, d: Any, kind: Any, first: Any, count: Any) -> None:
 
 
 @loop_function
-def say_value(r: Any, d: Any, register: Any, kind: Any) -> None:
+def say_value(r: Robot, d: Drive, register: int, kind: int) -> None:
     """Write a register's value: cut to the whole, and to what fits."""
     value, coding = register_value(r, d, register), KIND[register]
     if kind == FLOAT:
-        word = word_of(value) if value == value else np.int64(0x7FC00000)
+        word = word_of(value) if value == value else int64(0x7FC00000)
     else:
         most = 127.0 if kind == INT8 else (32767.0 if kind == INT16 else 2147483647.0)
         whole = -most - 1.0
         if value == value:
             whole = min(max(value / SCALES[3 * coding + kind], -most), most)
-        word = np.int64(whole)
+        word = int64(whole)
     for i in range(size_of(kind)):
-        say(r, d, word >> np.int64(8 * i))
+        say(r, d, word >> int64(8 * i))
 
 
 @loop_function
-def register_value(r: Any, d: Any, register: Any) -> Any:
+def register_value(r: Robot, d: Drive, register: int) -> float:
     """Return the value of a register."""
     x, row = r.state, ROW[register]
     if row >= 0:
@@ -321,18 +326,18 @@ def register_value(r: Any, d: Any, register: Any) -> Any:
     if register == Register.HOME or register == Register.VALID:
         return np.float64(1.0 if register == Register.HOME else 3.0)
     if register == Register.MILLISECONDS:
-        return np.float64(np.int64(d.k * 1000.0 / d.rate_hz) & 0x7FFFFFFF)
+        return np.float64(int64(d.k * 1000.0 / d.rate_hz) & 0x7FFFFFFF)
     if register == Register.MULTIPLEX_ID:
         return np.float64(d.node)
     if register == Register.Q_CURRENT:
-        return x.torque / r.value[Key.TORQUE_CONSTANT]
+        return x.torque / r.value[MoteusKey.TORQUE_CONSTANT]
     if register == Register.POWER:
         return x.torque * x.velocity * 2.0 * math.pi
     return of_motion(r, d, register)
 
 
 @loop_function
-def of_motion(r: Any, d: Any, register: Any) -> Any:
+def of_motion(r: Robot, d: Drive, register: int) -> float:
     """Return the value of a register of (1), or where the motor is."""
     x = r.state
     if register == Register.VELOCITY or register == Register.ENCODER_VELOCITY:
@@ -361,5 +366,5 @@ def of_motion(r: Any, d: Any, register: Any) -> Any:
 
 
 @loop_function
-def speak(r: Any, d: Any) -> None:
+def speak(r: Robot, d: Drive) -> None:
     """Send nothing: it only answers."""

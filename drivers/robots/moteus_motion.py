@@ -15,51 +15,56 @@ has a command of 0: windings in short-circuit, where that is a voltage.
 """
 
 import math
-from typing import Any
 
-import numpy as np
-
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.canopen.motion import toward
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import FINITE, braking_velocity, start_here
-from pcpc.drivers.robots.moteus_registers import ACTIVE, COMMANDS, Fault, Key, Mode
+from pcpc.drivers.robots.moteus_registers import (
+    ACTIVE,
+    COMMANDS,
+    MoteusFault,
+    MoteusKey,
+    MoteusMode,
+)
 
 
 @loop_function
-def boot(r: Any, d: Any) -> None:
+def boot(r: Robot, d: Drive) -> None:
     """Be as after power-on."""
     x = r.state
     x.boots += 1
-    x.power, x.errors, x.offset, x.torque = Mode.STOPPED, Fault.NONE, 0.0, 0.0
+    x.power, x.errors, x.offset, x.torque = MoteusMode.STOPPED, MoteusFault.NONE, 0.0, 0.0
     start_here(r)
 
 
 @loop_inline
-def usual(value: Any, default: Any) -> Any:
+def usual(value: float, default: float) -> float:
     """Return a value, for NaN its default."""
     return value if abs(value) < FINITE else default
 
 
 @loop_function
-def obey(r: Any, d: Any, mode: Any) -> None:
+def obey(r: Robot, d: Drive, mode: int) -> None:
     """Be in a mode, with the commands that came; out of a fault or time-out only by stopping."""
     x, v = r.state, r.value
-    if mode == Mode.STOPPED:
-        x.power, x.errors, x.torque = Mode.STOPPED, Fault.NONE, 0.0
+    if mode == MoteusMode.STOPPED:
+        x.power, x.errors, x.torque = MoteusMode.STOPPED, MoteusFault.NONE, 0.0
         start_here(r)
         return
-    if x.power == Mode.FAULT or x.power == Mode.TIMEOUT:
+    if x.power == MoteusMode.FAULT or x.power == MoteusMode.TIMEOUT:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
         return
-    low, high = v[Key.POSITION_MIN], v[Key.POSITION_MAX]
-    bounded = mode == Mode.POSITION and v[Key.UNBOUNDED] == 0.0
-    if bounded and x.power == Mode.STOPPED and (x.position < low or x.position > high):
-        fail(r, Fault.OUTSIDE_LIMIT)
+    low, high = v[MoteusKey.POSITION_MIN], v[MoteusKey.POSITION_MAX]
+    bounded = mode == MoteusMode.POSITION and v[MoteusKey.UNBOUNDED] == 0.0
+    if bounded and x.power == MoteusMode.STOPPED and (x.position < low or x.position > high):
+        fail(r, MoteusFault.OUTSIDE_LIMIT)
         return
-    limited = abs(v[Key.MOST_VELOCITY]) < FINITE or abs(v[Key.ACCELERATION]) < FINITE
-    if mode == Mode.POSITION and limited and abs(v[Key.STOP]) < FINITE:
-        fail(r, Fault.STOP_POSITION)
+    limited = abs(v[MoteusKey.MOST_VELOCITY]) < FINITE or abs(v[MoteusKey.ACCELERATION]) < FINITE
+    if mode == MoteusMode.POSITION and limited and abs(v[MoteusKey.STOP]) < FINITE:
+        fail(r, MoteusFault.STOP_POSITION)
         return
     if x.power != mode:
         velocity = x.velocity
@@ -72,11 +77,14 @@ def obey(r: Any, d: Any, mode: Any) -> None:
 
 
 @loop_function
-def take_target(r: Any, bounded: Any) -> None:
+def take_target(r: Robot, bounded: bool) -> None:
     """Take what the commands aim at."""
     x, v = r.state, r.value
-    position, stop = v[Key.POSITION], v[Key.STOP]
-    x.target_velocity, x.target_torque = usual(v[Key.VELOCITY], 0.0), usual(v[Key.FORWARD], 0.0)
+    position, stop = v[MoteusKey.POSITION], v[MoteusKey.STOP]
+    x.target_velocity, x.target_torque = (
+        usual(v[MoteusKey.VELOCITY], 0.0),
+        usual(v[MoteusKey.FORWARD], 0.0),
+    )
     x.result = 0
     if abs(position) < FINITE:
         x.target_position, x.result = position, 1
@@ -84,41 +92,41 @@ def take_target(r: Any, bounded: Any) -> None:
         speed = abs(x.target_velocity)
         x.target_velocity = speed if stop >= x.way_position else -speed
     x.arrived = 0
-    outside = position < v[Key.POSITION_MIN] or position > v[Key.POSITION_MAX]
+    outside = position < v[MoteusKey.POSITION_MIN] or position > v[MoteusKey.POSITION_MAX]
     r.mistakes[Mistake.TARGET_CLIPPED] += 1 if bounded and outside else 0
 
 
 @loop_function
-def fail(r: Any, fault: Any) -> None:
+def fail(r: Robot, fault: int) -> None:
     """Have a fault: no torque until it is stopped."""
-    r.state.power, r.state.errors = Mode.FAULT, fault
+    r.state.power, r.state.errors = MoteusMode.FAULT, fault
     r.mistakes[Mistake.COMMAND_REFUSED] += 1
 
 
 @loop_function
-def damping(r: Any, d: Any) -> Any:
+def damping(r: Robot, d: Drive) -> float:
     """Return Kd kd of (1)."""
     gain = d.gains.velocity / (d.rated * r.velocity_scale)
-    return gain * usual(r.value[ACTIVE + Key.KD_SCALE], 1.0)
+    return gain * usual(r.value[ACTIVE + MoteusKey.KD_SCALE], 1.0)
 
 
 @loop_function
-def stiffness(r: Any, d: Any) -> Any:
+def stiffness(r: Robot, d: Drive) -> float:
     """Return Kp kp of (1)."""
     gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
-    return gain * usual(r.value[ACTIVE + Key.KP_SCALE], 1.0)
+    return gain * usual(r.value[ACTIVE + MoteusKey.KP_SCALE], 1.0)
 
 
 @loop_function
-def torque_of(r: Any, d: Any, stiff: Any) -> Any:
+def torque_of(r: Robot, d: Drive, stiff: float) -> float:
     """Return T of (1) and do a step of (2); `stiff` 0: damping only."""
     x, v = r.state, r.value
-    most = v[Key.CURRENT_LIMIT] * v[Key.TORQUE_CONSTANT]
-    most = min(abs(usual(v[ACTIVE + Key.MOST_TORQUE], most)), most)
+    most = v[MoteusKey.CURRENT_LIMIT] * v[MoteusKey.TORQUE_CONSTANT]
+    most = min(abs(usual(v[ACTIVE + MoteusKey.MOST_TORQUE], most)), most)
     e, torque = x.way_position - x.position, damping(r, d) * (x.way_velocity - x.velocity)
     if stiff != 0:
         gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
-        limit = v[Key.INTEGRAL_LIMIT] * abs(usual(v[ACTIVE + Key.INTEGRAL_SCALE], 1.0))
+        limit = v[MoteusKey.INTEGRAL_LIMIT] * abs(usual(v[ACTIVE + MoteusKey.INTEGRAL_SCALE], 1.0))
         limit = min(limit, most)
         x.integral += gain * d.gains.integral_per_s * e / d.rate_hz
         x.integral = min(max(x.integral, -limit), limit)
@@ -127,18 +135,18 @@ def torque_of(r: Any, d: Any, stiff: Any) -> Any:
 
 
 @loop_function
-def limit_of(r: Any, key: Any, default: Any) -> Any:
+def limit_of(r: Robot, key: int, default: float) -> float:
     """Return a limit of the way; NaN: there is none. Below 0 there is none either."""
     limit = usual(r.value[ACTIVE + key], r.value[default])
     return limit if limit >= 0.0 else math.nan
 
 
 @loop_function
-def advance_way(r: Any, dt: Any) -> None:
+def advance_way(r: Robot, dt: float) -> None:
     """Advance q_d and w_d to the next cycle."""
     x, v = r.state, r.value
-    most = limit_of(r, Key.MOST_VELOCITY, Key.USUAL_VELOCITY)
-    a = limit_of(r, Key.ACCELERATION, Key.USUAL_ACCELERATION)
+    most = limit_of(r, MoteusKey.MOST_VELOCITY, MoteusKey.USUAL_VELOCITY)
+    a = limit_of(r, MoteusKey.ACCELERATION, MoteusKey.USUAL_ACCELERATION)
     limited, ramped = most == most, a == a
     w, most = x.target_velocity, most if limited else FINITE
     w = min(max(w, -most), most)
@@ -160,7 +168,7 @@ def advance_way(r: Any, dt: Any) -> None:
         x.way_velocity = most if left > 0.0 else -most
     x.way_position += x.way_velocity * dt
     x.target_position += w * dt if x.result != 0 else 0.0
-    slip, stop = v[Key.SLIP], v[ACTIVE + Key.STOP]
+    slip, stop = v[MoteusKey.SLIP], v[ACTIVE + MoteusKey.STOP]
     if slip >= 0.0:
         x.way_position = min(max(x.way_position, x.position - slip), x.position + slip)
     beyond = x.way_position - stop
@@ -171,10 +179,10 @@ def advance_way(r: Any, dt: Any) -> None:
 
 
 @loop_function
-def keep_within(r: Any) -> None:
+def keep_within(r: Robot) -> None:
     """Let q_d be within the bounds of the position."""
-    x, low, high = r.state, r.value[Key.POSITION_MIN], r.value[Key.POSITION_MAX]
-    if r.value[ACTIVE + Key.UNBOUNDED] != 0.0:
+    x, low, high = r.state, r.value[MoteusKey.POSITION_MIN], r.value[MoteusKey.POSITION_MAX]
+    if r.value[ACTIVE + MoteusKey.UNBOUNDED] != 0.0:
         return
     if x.way_position < low:
         x.way_position, x.way_velocity = low, 0.0
@@ -183,24 +191,24 @@ def keep_within(r: Any) -> None:
 
 
 @loop_function
-def watch(r: Any, d: Any) -> None:
+def watch(r: Robot, d: Drive) -> None:
     """Be in the time-out if the master was silent for too long."""
     x = r.state
-    patience = r.value[ACTIVE + Key.TIMEOUT]
+    patience = r.value[ACTIVE + MoteusKey.TIMEOUT]
     if patience == 0.0:
-        patience = r.value[Key.USUAL_TIMEOUT]
-    waits = x.power == Mode.POSITION or x.power == Mode.ZERO_VELOCITY
-    waits = waits or x.power == Mode.STAY_WITHIN
+        patience = r.value[MoteusKey.USUAL_TIMEOUT]
+    waits = x.power == MoteusMode.POSITION or x.power == MoteusMode.ZERO_VELOCITY
+    waits = waits or x.power == MoteusMode.STAY_WITHIN
     if waits and d.k - x.fed_at > patience * d.rate_hz:
         r.mistakes[Mistake.SILENT] += 1
-        x.power, x.integral, x.target_velocity, x.target_torque = Mode.TIMEOUT, 0.0, 0.0, 0.0
+        x.power, x.integral, x.target_velocity, x.target_torque = MoteusMode.TIMEOUT, 0.0, 0.0, 0.0
         x.way_position, x.result = x.position, 0
 
 
 @loop_function
-def stay_within(r: Any, d: Any) -> None:
+def stay_within(r: Robot, d: Drive) -> None:
     """Push back what is outside of the bounds; within them only what is fed forward acts."""
-    x, low, high = r.state, r.value[ACTIVE + Key.LOWER], r.value[ACTIVE + Key.UPPER]
+    x, low, high = r.state, r.value[ACTIVE + MoteusKey.LOWER], r.value[ACTIVE + MoteusKey.UPPER]
     x.way_position, x.way_velocity = x.position, x.velocity
     if x.position < low or x.position > high:
         x.way_position, x.way_velocity = low if x.position < low else high, 0.0
@@ -210,26 +218,26 @@ def stay_within(r: Any, d: Any) -> None:
 
 
 @loop_function
-def work(r: Any, d: Any) -> Any:
+def work(r: Robot, d: Drive) -> float:
     """Do a cycle; return the torque."""
     x, v = r.state, r.value
     if x.boots == 0:
         boot(r, d)
     watch(r, d)
     mode = x.power
-    if mode == Mode.TIMEOUT:
-        mode = np.int64(v[Key.TIMEOUT_MODE])
+    if mode == MoteusMode.TIMEOUT:
+        mode = int64(v[MoteusKey.TIMEOUT_MODE])
     x.torque = 0.0
-    if mode == Mode.POSITION:
+    if mode == MoteusMode.POSITION:
         advance_way(r, 1.0 / d.rate_hz)
         x.torque = torque_of(r, d, 1)
-    elif mode == Mode.ZERO_VELOCITY:
+    elif mode == MoteusMode.ZERO_VELOCITY:
         x.way_position, x.way_velocity = x.position, 0.0
         x.torque = torque_of(r, d, 0)
-    elif mode == Mode.STAY_WITHIN:
+    elif mode == MoteusMode.STAY_WITHIN:
         stay_within(r, d)
-    elif mode == Mode.CURRENT:
-        most = v[Key.CURRENT_LIMIT]
-        current = min(max(usual(v[ACTIVE + Key.Q_CURRENT], 0.0), -most), most)
-        x.torque = current * v[Key.TORQUE_CONSTANT]
+    elif mode == MoteusMode.CURRENT:
+        most = v[MoteusKey.CURRENT_LIMIT]
+        current = min(max(usual(v[ACTIVE + MoteusKey.Q_CURRENT], 0.0), -most), most)
+        x.torque = current * v[MoteusKey.TORQUE_CONSTANT]
     return x.torque

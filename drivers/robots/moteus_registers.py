@@ -16,14 +16,14 @@ from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.robots.settings import LARGEST, Setting
 
 
-class Mode(NumberedEnum):
+class MoteusMode(NumberedEnum):
     """Register 0x000."""
 
     STOPPED, FAULT, CURRENT, POSITION, TIMEOUT = 0, 1, 9, 10, 11
     ZERO_VELOCITY, STAY_WITHIN, BRAKE = 12, 13, 15
 
 
-class Fault(NumberedEnum):
+class MoteusFault(NumberedEnum):
     """Register 0x00f."""
 
     NONE, OUTSIDE_LIMIT, STOP_POSITION = 0, 39, 45
@@ -58,7 +58,7 @@ class Register(NumberedEnum):
     MULTIPLEX_ID, NEAREST, EXACT, RECAPTURE = 0x110, 0x130, 0x131, 0x133
 
 
-class Key(NumberedEnum):
+class MoteusKey(NumberedEnum):
     """Rows of the settings; behind the last the commands that are obeyed."""
 
     (
@@ -120,7 +120,7 @@ _IDENTITY: tuple[_Row, ...] = tuple(
     )
 )  # fmt: skip
 _ROWS = (*_COMMANDS, *_CONFIGURATION, *_IDENTITY)
-_WHOLE = (Key.UNBOUNDED, Key.TIMEOUT_MODE)
+_WHOLE = (MoteusKey.UNBOUNDED, MoteusKey.TIMEOUT_MODE)
 SETTINGS = tuple(
     Setting(name, number, start, low, high, coding == Coding.WORD or i in _WHOLE, i < COMMANDS)
     for i, (name, number, coding, start, low, high) in enumerate(_ROWS)

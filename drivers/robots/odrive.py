@@ -22,18 +22,19 @@ A velocity beyond 1.2 vel_limit is an error. Source: ODrive's CAN protocol and i
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen.frames import put
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.canopen.motion import toward
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
-from pcpc.drivers.robots.layout import Mistake
+from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import (
     braking_velocity,
     is_number,
@@ -50,26 +51,31 @@ from pcpc.drivers.robots.odrive_settings import (
     OWN,
     SENT,
     Axis,
-    Command,
+    CommandId,
     Control,
     Error,
     Input,
-    Key,
-    Result,
+    OdriveKey,
+    ProcedureResult,
 )
 
 NODES = 64
 PROTOCOL, FIRMWARE = 2, (0, 6, 10)
 _LONG_AGO = 1 << 40  # cycles
-_REMOTE = np.int64(1 << 30)
+_REMOTE = int64(1 << 30)
 
 
 @loop_function
-def boot(r: Any, d: Any) -> None:
+def boot(r: Robot, d: Drive) -> None:
     """Be as after power-on; the offset of the position is lost."""
     x = r.state
     x.boots += 1
-    x.power, x.errors, x.disarmed_by, x.result = Axis.IDLE, Error.NONE, Error.NONE, Result.SUCCESS
+    x.power, x.errors, x.disarmed_by, x.result = (
+        Axis.IDLE,
+        Error.NONE,
+        Error.NONE,
+        ProcedureResult.SUCCESS,
+    )
     x.offset = x.torque = 0.0
     for i in range(r.n):
         r.value[i] = r.settings[i].start
@@ -79,76 +85,76 @@ def boot(r: Any, d: Any) -> None:
 
 
 @loop_function
-def disarm(r: Any, error: Any) -> None:
+def disarm(r: Robot, error: int) -> None:
     """Note an error; without torque from now on."""
     x = r.state
     x.errors |= error
     if x.power == Axis.CLOSED_LOOP:
-        x.power, x.disarmed_by, x.result = Axis.IDLE, error, Result.DISARMED
+        x.power, x.disarmed_by, x.result = Axis.IDLE, error, ProcedureResult.DISARMED
 
 
 @loop_function
-def hear(r: Any, d: Any, frame: Any) -> Any:
+def hear(r: Robot, d: Drive, frame: Cells[Byte]) -> int:
     """Take a frame that came; return whose it is."""
     if r.state.boots == 0:
         boot(r, d)
     can_id = four_bytes(frame, 0)
     remote, number = can_id & _REMOTE != 0, can_id & ~_REMOTE
     if number >> 5 != d.node:
-        return np.int64(Whose.OTHER)
+        return int64(Whose.OTHER)
     command = number & 31
     if remote:
         answer(r, d, command)
     elif OWN[command] != 0:
-        return np.int64(Whose.TWIN)
+        return int64(Whose.TWIN)
     elif frame[LENGTH] < LENGTHS[command]:
         r.mistakes[Mistake.FRAME_SHORT] += 1
     else:
         obey(r, d, command, data_of(frame))
-    return np.int64(Whose.OURS)
+    return int64(Whose.OURS)
 
 
 @loop_function
-def obey(r: Any, d: Any, command: Any, data: Any) -> None:
+def obey(r: Robot, d: Drive, command: int, data: Cells[Byte]) -> None:
     """Do what a frame wants."""
     x = r.state
-    if command == Command.ESTOP:
+    if command == CommandId.ESTOP:
         disarm(r, Error.ESTOP)
-    elif command == Command.READ_OR_WRITE:
+    elif command == CommandId.READ_OR_WRITE:
         serve(r, d, data)
-    elif command == Command.STATE:
+    elif command == CommandId.STATE:
         ask_for(r, four_bytes(data, 0))
         x.fed_at = d.k
-    elif command == Command.MODE:
+    elif command == CommandId.MODE:
         control, mode = np.float64(four_bytes(data, 0)), np.float64(four_bytes(data, 4))
-        write_both(r, Key.CONTROL_MODE, control, Key.INPUT_MODE, mode)
-    elif Command.POSITION <= command <= Command.TORQUE:
+        write_both(r, OdriveKey.CONTROL_MODE, control, OdriveKey.INPUT_MODE, mode)
+    elif CommandId.POSITION <= command <= CommandId.TORQUE:
         take_input(r, command, data)
         x.fed_at = d.k
-    elif command == Command.LIMITS:
-        torque = number_at(data, 4) * r.value[Key.TORQUE_CONSTANT]
-        write_both(r, Key.VELOCITY_LIMIT, number_at(data, 0), Key.TORQUE_LIMIT, torque)
-    elif command == Command.TRAJECTORY_VELOCITY:
-        write(r, Key.TRAJECTORY_VELOCITY, number_at(data, 0))
-    elif command == Command.TRAJECTORY_ACCELERATION:
+    elif command == CommandId.LIMITS:
+        torque = number_at(data, 4) * r.value[OdriveKey.TORQUE_CONSTANT]
+        write_both(r, OdriveKey.VELOCITY_LIMIT, number_at(data, 0), OdriveKey.TORQUE_LIMIT, torque)
+    elif command == CommandId.TRAJECTORY_VELOCITY:
+        write(r, OdriveKey.TRAJECTORY_VELOCITY, number_at(data, 0))
+    elif command == CommandId.TRAJECTORY_ACCELERATION:
         up, down = number_at(data, 0), number_at(data, 4)
-        write_both(r, Key.ACCELERATION, up, Key.DECELERATION, down)
-    elif command == Command.INERTIA:
-        write(r, Key.INERTIA, number_at(data, 0))
-    elif command == Command.REBOOT and (data[0] == 0 or data[0] == 2):
+        write_both(r, OdriveKey.ACCELERATION, up, OdriveKey.DECELERATION, down)
+    elif command == CommandId.INERTIA:
+        write(r, OdriveKey.INERTIA, number_at(data, 0))
+    elif command == CommandId.REBOOT and (data[0] == 0 or data[0] == 2):
         boot(r, d)
-    elif command == Command.CLEAR:
+    elif command == CommandId.CLEAR:
         x.errors = Error.NONE
-    elif command == Command.ABSOLUTE:
+    elif command == CommandId.ABSOLUTE:
         place_at(r, number_at(data, 0))
-    elif command == Command.POSITION_GAIN or command == Command.VELOCITY_GAINS:
+    elif command == CommandId.POSITION_GAIN or command == CommandId.VELOCITY_GAINS:
         take_gains(r, d, command, data)
     else:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
 
 
 @loop_function
-def fits(r: Any, key: Any, value: Any) -> Any:
+def fits(r: Robot, key: int, value: float) -> bool:
     """Return whether a setting takes a value; count what it does not."""
     if not is_number(r, value):
         return False
@@ -160,67 +166,67 @@ def fits(r: Any, key: Any, value: Any) -> Any:
 
 
 @loop_function
-def write(r: Any, key: Any, value: Any) -> None:
+def write(r: Robot, key: int, value: float) -> None:
     """Give a setting a value, if it takes it."""
     if fits(r, key, value):
         r.value[key] = value
 
 
 @loop_function
-def write_both(r: Any, key: Any, value: Any, other: Any, value_of_other: Any) -> None:
+def write_both(r: Robot, key: int, value: float, other: int, value_of_other: float) -> None:
     """Give two settings their values, both or none."""
     if fits(r, key, value) and fits(r, other, value_of_other):
         r.value[key], r.value[other] = value, value_of_other
 
 
 @loop_function
-def ask_for(r: Any, state: Any) -> None:
+def ask_for(r: Robot, state: int) -> None:
     """Go to a state of the axis, or say how that ended."""
     x = r.state
     if state == Axis.IDLE:
-        x.power, x.result = Axis.IDLE, Result.SUCCESS
+        x.power, x.result = Axis.IDLE, ProcedureResult.SUCCESS
     elif state == Axis.CLOSED_LOOP and x.errors != 0:
-        x.result = Result.DISARMED
+        x.result = ProcedureResult.DISARMED
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
     elif state == Axis.CLOSED_LOOP:
         if x.power != Axis.CLOSED_LOOP:
             start_here(r)
-        x.power, x.result = Axis.CLOSED_LOOP, Result.SUCCESS
+        x.power, x.result = Axis.CLOSED_LOOP, ProcedureResult.SUCCESS
     elif state == 3 or state == 4 or state == 7:
-        x.power, x.result = Axis.IDLE, Result.SUCCESS
+        x.power, x.result = Axis.IDLE, ProcedureResult.SUCCESS
     else:
-        x.result = Result.INVALID_STATE
+        x.result = ProcedureResult.INVALID_STATE
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
 
 
 @loop_function
-def take_input(r: Any, command: Any, data: Any) -> None:
+def take_input(r: Robot, command: int, data: Cells[Byte]) -> None:
     """Take a target, with what is fed forward."""
     x, first, second, third = r.state, number_at(data, 0), 0.0, 0.0
-    if command == Command.POSITION:
+    if command == CommandId.POSITION:
         second, third = 1e-3 * short_at(data, 4), 1e-3 * short_at(data, 6)
-    elif command == Command.VELOCITY:
+    elif command == CommandId.VELOCITY:
         third = number_at(data, 4)
     if not is_number(r, first) or not is_number(r, third):
         return
-    if command == Command.POSITION:
+    if command == CommandId.POSITION:
         x.target_position, x.target_velocity, x.target_torque = first, second, third
         x.arrived = 0
-    elif command == Command.VELOCITY:
-        most = r.value[Key.VELOCITY_LIMIT]
+    elif command == CommandId.VELOCITY:
+        most = r.value[OdriveKey.VELOCITY_LIMIT]
         r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
         x.target_velocity, x.target_torque = first, third
     else:
-        most = r.value[Key.TORQUE_LIMIT]
+        most = r.value[OdriveKey.TORQUE_LIMIT]
         r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
         x.target_torque = first
 
 
 @loop_function
-def take_gains(r: Any, d: Any, command: Any, data: Any) -> None:
+def take_gains(r: Robot, d: Drive, command: int, data: Cells[Byte]) -> None:
     """Take gains of the loops, into those of the drive."""
     first, second = number_at(data, 0), 0.0
-    if command == Command.VELOCITY_GAINS:
+    if command == CommandId.VELOCITY_GAINS:
         second = number_at(data, 4)
     if not is_number(r, first) or not is_number(r, second):
         return
@@ -228,7 +234,7 @@ def take_gains(r: Any, d: Any, command: Any, data: Any) -> None:
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
     r.state.regained = 1
-    if command == Command.POSITION_GAIN:
+    if command == CommandId.POSITION_GAIN:
         d.gains.position_per_s = first
         return
     d.gains.velocity = first * d.rated * r.velocity_scale
@@ -236,9 +242,9 @@ def take_gains(r: Any, d: Any, command: Any, data: Any) -> None:
 
 
 @loop_function
-def serve(r: Any, d: Any, data: Any) -> None:
+def serve(r: Robot, d: Drive, data: Cells[Byte]) -> None:
     """Read or write a setting by the number of its endpoint."""
-    number = np.int64(data[1]) | np.int64(data[2]) << np.int64(8)
+    number = int64(data[1]) | int64(data[2]) << int64(8)
     if data[0] > 1 or number >= r.n:
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
@@ -248,43 +254,43 @@ def serve(r: Any, d: Any, data: Any) -> None:
         write(r, number, np.float64(word) if whole else number_at(data, 4))
         return
     value = r.value[number]
-    word = np.int64(value) if whole else word_of(value)
-    send(d, Command.ANSWER, number << np.int64(8), word)
+    word = int64(value) if whole else word_of(value)
+    send(d, CommandId.ANSWER, number << int64(8), word)
 
 
 @loop_function
-def send(d: Any, command: Any, low: Any, high: Any) -> None:
+def send(d: Drive, command: int, low: int, high: int) -> None:
     """Send one of the drive's own frames."""
-    put(d, d.node << np.int64(5) | command, 8, low, high)
+    put(d, d.node << int64(5) | command, 8, low, high)
 
 
 @loop_function
-def answer(r: Any, d: Any, command: Any) -> None:
+def answer(r: Robot, d: Drive, command: int) -> None:
     """Send what a command tells; a remote frame of any other is a mistake."""
     x, torque = r.state, r.state.torque
-    if command == Command.VERSION:
+    if command == CommandId.VERSION:
         major, minor, patch = FIRMWARE
-        send(d, command, np.int64(PROTOCOL), np.int64(major | minor << 8 | patch << 16))
-    elif command == Command.HEARTBEAT:
-        flags = x.power | x.result << np.int64(8) | x.arrived << np.int64(16)
+        send(d, command, int64(PROTOCOL), int64(major | minor << 8 | patch << 16))
+    elif command == CommandId.HEARTBEAT:
+        flags = x.power | x.result << int64(8) | x.arrived << int64(16)
         send(d, command, x.errors, flags)
-    elif command == Command.ERROR:
+    elif command == CommandId.ERROR:
         send(d, command, x.errors, x.disarmed_by)
-    elif command == Command.ENCODER:
+    elif command == CommandId.ENCODER:
         send(d, command, word_of(x.position), word_of(x.velocity))
-    elif command == Command.IQ:
-        current = torque / max(r.value[Key.TORQUE_CONSTANT], 1e-9)
+    elif command == CommandId.IQ:
+        current = torque / max(r.value[OdriveKey.TORQUE_CONSTANT], 1e-9)
         send(d, command, word_of(current), word_of(current))
-    elif command == Command.TEMPERATURE:
-        degrees = word_of(r.value[Key.TEMPERATURE])
+    elif command == CommandId.TEMPERATURE:
+        degrees = word_of(r.value[OdriveKey.TEMPERATURE])
         send(d, command, degrees, degrees)
-    elif command == Command.BUS:
-        voltage = max(r.value[Key.BUS_VOLTAGE], 1e-9)
+    elif command == CommandId.BUS:
+        voltage = max(r.value[OdriveKey.BUS_VOLTAGE], 1e-9)
         power = torque * x.velocity * 2.0 * math.pi
         send(d, command, word_of(voltage), word_of(power / voltage))
-    elif command == Command.TORQUES:
+    elif command == CommandId.TORQUES:
         send(d, command, word_of(x.way_torque), word_of(torque))
-    elif command == Command.POWERS:
+    elif command == CommandId.POWERS:
         power = word_of(torque * x.velocity * 2.0 * math.pi)
         send(d, command, power, power)
     else:
@@ -292,44 +298,44 @@ def answer(r: Any, d: Any, command: Any) -> None:
 
 
 @loop_function
-def advance_way(r: Any, dt: Any) -> Any:
+def advance_way(r: Robot, dt: float) -> bool:
     """Advance what is demanded, by the input mode; return False for a mode that is none."""
     x, v = r.state, r.value
-    mode, control = np.int64(v[Key.INPUT_MODE]), np.int64(v[Key.CONTROL_MODE])
+    mode, control = int64(v[OdriveKey.INPUT_MODE]), int64(v[OdriveKey.CONTROL_MODE])
     if mode == Input.PASSTHROUGH:
         x.way_position, x.way_velocity = x.target_position, x.target_velocity
         x.way_torque = x.target_torque
     elif mode == Input.VELOCITY_RAMP and control == Control.VELOCITY:
         before = x.way_velocity
-        x.way_velocity = toward(before, x.target_velocity, v[Key.RAMP_VELOCITY] * dt)
-        x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
+        x.way_velocity = toward(before, x.target_velocity, v[OdriveKey.RAMP_VELOCITY] * dt)
+        x.way_torque = (x.way_velocity - before) / dt * v[OdriveKey.INERTIA]
     elif mode == Input.POSITION_FILTER and control == Control.POSITION:
-        k = 2.0 * min(v[Key.BANDWIDTH], 0.25 / dt)
+        k = 2.0 * min(v[OdriveKey.BANDWIDTH], 0.25 / dt)
         far = x.target_position - x.way_position
         a = 0.25 * k * k * far + k * (x.target_velocity - x.way_velocity)  # (1)
         x.way_velocity += a * dt
         x.way_position += x.way_velocity * dt
-        x.way_torque = a * v[Key.INERTIA]
+        x.way_torque = a * v[OdriveKey.INERTIA]
     elif mode == Input.TRAPEZOID and control == Control.POSITION:
         follow_trapezoid(r, dt)
     elif mode == Input.TORQUE_RAMP and control == Control.TORQUE:
-        x.way_torque = toward(x.way_torque, x.target_torque, v[Key.RAMP_TORQUE] * dt)
+        x.way_torque = toward(x.way_torque, x.target_torque, v[OdriveKey.RAMP_TORQUE] * dt)
     else:
         return mode == Input.INACTIVE
     return True
 
 
 @loop_function
-def follow_trapezoid(r: Any, dt: Any) -> None:
+def follow_trapezoid(r: Robot, dt: float) -> None:
     """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
     x, v = r.state, r.value
-    slow, left = v[Key.DECELERATION], x.target_position - x.way_position
-    goal = braking_velocity(left, v[Key.TRAJECTORY_VELOCITY], slow, dt)
+    slow, left = v[OdriveKey.DECELERATION], x.target_position - x.way_position
+    goal = braking_velocity(left, v[OdriveKey.TRAJECTORY_VELOCITY], slow, dt)
     grows = abs(goal) > abs(x.way_velocity)
-    rate = v[Key.ACCELERATION] if grows else slow
+    rate = v[OdriveKey.ACCELERATION] if grows else slow
     before = x.way_velocity
     x.way_velocity = toward(before, goal, rate * dt)
-    x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
+    x.way_torque = (x.way_velocity - before) / dt * v[OdriveKey.INERTIA]
     if abs(left) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
         x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
     else:
@@ -337,17 +343,17 @@ def follow_trapezoid(r: Any, dt: Any) -> None:
 
 
 @loop_function
-def work(r: Any, d: Any) -> Any:
+def work(r: Robot, d: Drive) -> float:
     """Do a cycle; return the torque."""
     x, v, dt = r.state, r.value, 1.0 / d.rate_hz
     if x.boots == 0:
         boot(r, d)
-    patience = v[Key.WATCHDOG_S] * d.rate_hz
-    if v[Key.WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and d.k - x.fed_at > patience:
+    patience = v[OdriveKey.WATCHDOG_S] * d.rate_hz
+    if v[OdriveKey.WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and d.k - x.fed_at > patience:
         disarm(r, Error.WATCHDOG)
         r.mistakes[Mistake.SILENT] += 1
-    most, control = v[Key.VELOCITY_LIMIT], np.int64(v[Key.CONTROL_MODE])
-    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[Key.TOLERANCE] * most:
+    most, control = v[OdriveKey.VELOCITY_LIMIT], int64(v[OdriveKey.CONTROL_MODE])
+    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[OdriveKey.TOLERANCE] * most:
         disarm(r, Error.VELOCITY)
     if x.power == Axis.CLOSED_LOOP and (control < Control.TORQUE or not advance_way(r, dt)):
         disarm(r, Error.BAD_CONFIG)
@@ -355,7 +361,7 @@ def work(r: Any, d: Any) -> Any:
     if x.power != Axis.CLOSED_LOOP:
         x.integral, x.way_position, x.way_velocity = 0.0, x.position, 0.0
         return 0.0
-    limit = v[Key.TORQUE_LIMIT]
+    limit = v[OdriveKey.TORQUE_LIMIT]
     if control == Control.TORQUE:
         gain = d.gains.velocity / (d.rated * r.velocity_scale)
         torque = min(max(x.way_torque, gain * (-most - x.velocity)), gain * (most - x.velocity))
@@ -368,7 +374,7 @@ def work(r: Any, d: Any) -> Any:
 
 
 @loop_function
-def speak(r: Any, d: Any) -> None:
+def speak(r: Robot, d: Drive) -> None:
     """Send what is due."""
     for i in range(len(SENT)):
         ms = r.value[i]

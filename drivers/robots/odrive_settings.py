@@ -14,7 +14,7 @@ _AXIS, _CAN = "axis0.", "axis0.config.can."
 _CONTROL, _TRAJECTORY = "axis0.controller.config.", "axis0.trap_traj.config."
 
 
-class Command(NumberedEnum):
+class CommandId(NumberedEnum):
     """The lower five bits of an id."""
 
     VERSION, HEARTBEAT, ESTOP, ERROR, READ_OR_WRITE, ANSWER = range(6)
@@ -37,7 +37,7 @@ class Error(NumberedEnum):
     WATCHDOG, ESTOP = 1 << 24, 1 << 25
 
 
-class Result(NumberedEnum):
+class ProcedureResult(NumberedEnum):
     """How the last procedure ended."""
 
     SUCCESS, DISARMED, INVALID_STATE = 0, 3, 13
@@ -56,7 +56,7 @@ class Control(NumberedEnum):
     TORQUE, VELOCITY, POSITION = 1, 2, 3
 
 
-class Key(NumberedEnum):
+class OdriveKey(NumberedEnum):
     """Rows of the settings; those of what is sent by itself come first."""
 
     (
@@ -68,29 +68,29 @@ class Key(NumberedEnum):
 
 
 _SENT = (  # by themselves, in the order of their settings
-    Command.HEARTBEAT, Command.ENCODER, Command.ERROR, Command.IQ, Command.TEMPERATURE,
-    Command.BUS, Command.TORQUES, Command.POWERS,
+    CommandId.HEARTBEAT, CommandId.ENCODER, CommandId.ERROR, CommandId.IQ, CommandId.TEMPERATURE,
+    CommandId.BUS, CommandId.TORQUES, CommandId.POWERS,
 )  # fmt: skip
 SENT = np.array(_SENT, np.int64)
 LENGTHS = np.zeros(32, np.int64)  # of commands that carry something
 for _command, _length in {
-    Command.READ_OR_WRITE: 4,
-    Command.STATE: 4,
-    Command.MODE: 8,
-    Command.POSITION: 8,
-    Command.VELOCITY: 8,
-    Command.TORQUE: 4,
-    Command.LIMITS: 8,
-    Command.TRAJECTORY_VELOCITY: 4,
-    Command.TRAJECTORY_ACCELERATION: 8,
-    Command.INERTIA: 4,
-    Command.ABSOLUTE: 4,
-    Command.POSITION_GAIN: 4,
-    Command.VELOCITY_GAINS: 8,
+    CommandId.READ_OR_WRITE: 4,
+    CommandId.STATE: 4,
+    CommandId.MODE: 8,
+    CommandId.POSITION: 8,
+    CommandId.VELOCITY: 8,
+    CommandId.TORQUE: 4,
+    CommandId.LIMITS: 8,
+    CommandId.TRAJECTORY_VELOCITY: 4,
+    CommandId.TRAJECTORY_ACCELERATION: 8,
+    CommandId.INERTIA: 4,
+    CommandId.ABSOLUTE: 4,
+    CommandId.POSITION_GAIN: 4,
+    CommandId.VELOCITY_GAINS: 8,
 }.items():
     LENGTHS[_command] = _length
 OWN = np.zeros(32, np.int64)  # commands that only the drive sends data for
-OWN[[*_SENT, Command.VERSION, Command.ANSWER]] = 1
+OWN[[*_SENT, CommandId.VERSION, CommandId.ANSWER]] = 1
 
 _LIST: tuple[tuple[str, float, float, bool], ...] = (  # name, start, highest, whole
     (f"{_CAN}heartbeat_msg_rate_ms", 100.0, 65535.0, True),
@@ -117,8 +117,8 @@ _LIST: tuple[tuple[str, float, float, bool], ...] = (  # name, start, highest, w
     ("vbus_voltage", 24.0, 1e6, False),
     (f"{_AXIS}motor.motor_thermistor.temperature", 25.0, 1e3, False),
 )
-_READ_ONLY = (Key.BUS_VOLTAGE, Key.TEMPERATURE)
+_READ_ONLY = (OdriveKey.BUS_VOLTAGE, OdriveKey.TEMPERATURE)
 SETTINGS = tuple(
-    Setting(name, i, start, 0.0, high, whole, Key(i) not in _READ_ONLY)
+    Setting(name, i, start, 0.0, high, whole, OdriveKey(i) not in _READ_ONLY)
     for i, (name, start, high, whole) in enumerate(_LIST)
 )

@@ -37,7 +37,7 @@ def changed_settings(every: Sequence[Setting], starts: Mapping[str, float]) -> l
 
 
 def install(r: object, dialect: Dialect, every: Sequence[Setting]) -> None:
-    """Write settings into the zeroed ROBOT record `r`, which is as after power-on."""
+    """Write settings into the zeroed Robot record `r`, which is as after power-on."""
     into: Any = r
     into.dialect, into.n = dialect, len(every)
     for i, one in enumerate(every):

@@ -12,7 +12,7 @@ since nothing disturbs the bytes; a frame is the rounded codes of its signals.
     keep        the traces that somebody wants
 
 What lanes share with a single run is what has no branch by run: the LOOP record with its tables and
-wiring, the declarations of states and counters, the stages of the blocks, the constants of losses.
+wiring, the declarations of states and counters, the stages of the blocks, the constants of draws.
 The steps above stand here a second time because in a single run they branch: `if` skips work there
 and is `where` here, for which values of all runs are computed; written as `where` for both, a
 single run would do all of it in every cycle.
@@ -26,25 +26,27 @@ table of variables, then EXTRA, then some of each limit and of each received fra
 the row of the other node for each frame sent, -1 where nobody listens.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e
-from pcpc.drivers.can.dbc import Kind, Protection
-from pcpc.drivers.compiled.jit import OPTIONS, inline, numba
-from pcpc.drivers.compiled.lanes import WIDTH, in_single
+from pcpc.drivers.can.dbc import Protection, SignalKind
+from pcpc.drivers.compiled.jit import OPTIONS, inline, njit
+from pcpc.drivers.compiled.lanes import WIDTH, Lane, Mask, in_single
+from pcpc.drivers.compiled.records import Cells
 from pcpc.drivers.compiled.stage import call, part
-from pcpc.drivers.compiled.views import lane_rows
+from pcpc.drivers.compiled.views import Array, lane_rows
 from pcpc.executive.laws.emath import ROUND, where
-from pcpc.executive.loop import losses
+from pcpc.executive.loop import draws
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.control import COUNTERS
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import FINITE
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.variables import (
     CLAMPED,
-    COUNTERS,
     COUNTERS_AT,
     MISSING,
     NMT,
@@ -66,13 +68,13 @@ _COUNTED = np.array(  # the row of EXTRA for each of COUNTERS; -1: none is ever 
 _PASSES_AT = COUNTERS_AT + [word for word, *_ in COUNTERS].index("passes")
 _TWO_52 = 2.0**52
 _OPTIONS = OPTIONS | {"_nrt": False}  # nothing is allocated: counting references is 4 % of a run
-_PRIME, _FACTOR = float(losses.PRIME), float(losses.FACTOR)
+_PRIME, _FACTOR = float(draws.PRIME), float(draws.FACTOR)
 
 
 class Seat(NamedTuple):
     """A node of a batch, see the module; `trace` (cycles, wanted, lanes) keeps `wanted` rows."""
 
-    n: Any
+    n: Loop
     values: NDArray[np.float64]
     steps: NDArray[np.int64]
     heard_as: NDArray[np.int64]
@@ -80,31 +82,31 @@ class Seat(NamedTuple):
     trace: NDArray[np.float64]
 
 
-def rows_of(loop: Any) -> int:
+def rows_of(loop: Loop) -> int:
     """Return how many rows the values of a seat have."""
     return int(loop.n_variables + EXTRA + loop.limits.n + OF_FRAME * loop.rx.n)
 
 
 @inline
-def of_limit(n: Any, i: Any) -> Any:
+def of_limit(n: Loop, i: int) -> int:
     """Return the row of the value that was sent last under limit `i`."""
     return n.n_variables + EXTRA + i
 
 
 @inline
-def of_frame(n: Any, row: Any) -> Any:
+def of_frame(n: Loop, row: int) -> int:
     """Return the row of the first value of received frame `row`."""
     return of_limit(n, n.limits.n) + OF_FRAME * row
 
 
 @inline
-def number(answer: Any) -> Any:
+def number(answer: Mask) -> Lane:
     """Return 1 where it is true, else 0."""
     return where(answer, 1.0, 0.0)
 
 
 @inline
-def add(n: Any, w: Any, which: Any, amount: Any) -> None:
+def add(n: Loop, w: Cells[Lane], which: int, amount: Lane) -> None:
     """Count."""
     w[n.n_variables + which] = w[n.n_variables + which] + amount
 
@@ -113,7 +115,7 @@ def add(n: Any, w: Any, which: Any, amount: Any) -> None:
 
 
 @inline
-def supervise(n: Any, w: Any) -> None:
+def supervise(n: Loop, w: Cells[Lane]) -> None:
     """Count what is missing and advance the states; a fault is odd."""
     own, before = n.n_variables, w[STATE]
     complete, running = w[own + COMPLETE] > 0.5, w[STATE] >= float(State.RUN)
@@ -131,7 +133,7 @@ def supervise(n: Any, w: Any) -> None:
 
 
 @inline
-def tune(n: Any, w: Any, k: Any) -> None:
+def tune(n: Loop, w: Cells[Lane], k: int) -> None:
     """Apply the rig's tunings whose time has come."""
     tuning = n.tuning
     while tuning.done < tuning.n and tuning.schedule[tuning.done].cycle <= k:
@@ -143,7 +145,7 @@ def tune(n: Any, w: Any, k: Any) -> None:
 
 
 @inline
-def carry(n: Any, w: Any, block: Any) -> None:
+def carry(n: Loop, w: Cells[Lane], block: int) -> None:
     """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
     first = n.blocks.copies_end[block - 1] if block > 0 else 0
     for i in range(first, n.blocks.copies_end[block]):
@@ -151,7 +153,14 @@ def carry(n: Any, w: Any, block: Any) -> None:
 
 
 @inline
-def step(n: Any, w: Any, values: Any, width: Any, steps: Any, k: Any) -> None:
+def step(
+    n: Loop,
+    w: Cells[Lane],
+    values: Array,
+    width: int,
+    steps: Cells[int],
+    k: int,
+) -> None:
     """Step every block at time k T, `width` runs at once: WIDTH lanes of `values`, or one."""
     dt = n.clock.period_ns * 1e-9
     t = k * dt
@@ -172,7 +181,7 @@ def step(n: Any, w: Any, values: Any, width: Any, steps: Any, k: Any) -> None:
 
 
 @inline
-def look_for_odd(n: Any, w: Any, first: Any, past: Any) -> None:
+def look_for_odd(n: Loop, w: Cells[Lane], first: int, past: int) -> None:
     """Mark runs in which one of these values is no finite number."""
     odd = w[n.n_variables + ODD]
     for i in range(first, past):
@@ -181,7 +190,7 @@ def look_for_odd(n: Any, w: Any, first: Any, past: Any) -> None:
 
 
 @inline
-def limit(n: Any, w: Any) -> None:
+def limit(n: Loop, w: Cells[Lane]) -> None:
     """Carry the outputs into what is sent; clamp them and limit their rate."""
     carry(n, w, sh.MAX_BLOCKS)
     for b in range(n.blocks.n):
@@ -201,14 +210,14 @@ def limit(n: Any, w: Any) -> None:
 
 
 @inline
-def clamp(value: Any, low: Any, high: Any) -> Any:
+def clamp(value: Lane, low: Lane, high: Lane) -> Lane:
     """Return min(max(value, low), high) as of a single run: of equals, the first."""
     above = where(value < low, low, value)
     return where(above > high, high, above)
 
 
 @inline
-def mark_unsettled(n: Any, w: Any) -> None:
+def mark_unsettled(n: Loop, w: Cells[Lane]) -> None:
     """Mark runs at whose end a command may not be safe at once: they go on for a ramp."""
     for i in range(n.limits.n):
         way = abs(w[of_limit(n, i)] - n.limits.table[i].safe)
@@ -216,7 +225,7 @@ def mark_unsettled(n: Any, w: Any) -> None:
 
 
 @inline
-def end(n: Any, w: Any) -> None:
+def end(n: Loop, w: Cells[Lane]) -> None:
     """Be in STOP, every command safe."""
     w[STATE], w[NMT] = float(State.STOP), HEARTBEATS[State.STOP]
     carry(n, w, sh.MAX_BLOCKS)
@@ -228,7 +237,7 @@ def end(n: Any, w: Any) -> None:
 
 
 @inline
-def survives(m: Any, z: Any, row: Any) -> Any:
+def survives(m: Loop, z: Cells[Lane], row: int) -> Mask:
     """Return in which runs a frame of `row` is used, by its loss and its counter."""
     if m.rx.loss[row].enter <= 0.0:
         add(m, z, RECEIVED, 1.0)
@@ -254,34 +263,34 @@ def survives(m: Any, z: Any, row: Any) -> Any:
 
 
 @inline
-def encoded(n: Any, w: Any, i: Any) -> Any:
+def encoded(n: Loop, w: Cells[Lane], i: int) -> tuple[Lane, Mask]:
     """Return the raw value of signal `i` of what is sent, and where it saturated."""
     signal = n.tx.signals[i]
     kind, low, high = signal.kind, signal.code_low, signal.code_high
     code = w[signal.variable]
     code = (code - signal.offset) / signal.factor
-    if kind < Kind.FLOAT_32:
+    if kind < SignalKind.FLOAT_32:
         size = abs(code)
         size = where(size < _TWO_52, (size + _TWO_52) - _TWO_52, size)
         code = where(code < 0.0, -size, size)
     void = code != code
     outside = void | (code < low) | (code > high)
     code = where(void, 0.0, where(code < low, low, where(code > high, high, code)))
-    if kind == Kind.FLOAT_32:
+    if kind == SignalKind.FLOAT_32:
         return in_single(code), outside
-    return (code + 0.0 if kind < Kind.FLOAT_32 else code), outside
+    return (code + 0.0 if kind < SignalKind.FLOAT_32 else code), outside
 
 
 @inline
-def decoded(m: Any, i: Any, code: Any) -> Any:
+def decoded(m: Loop, i: int, code: Lane) -> Lane:
     """Return the value of signal `i` of what is received."""
     signal = m.rx.signals[i]
-    factor, offset, whole = signal.factor, signal.offset, signal.kind < Kind.FLOAT_32
+    factor, offset, whole = signal.factor, signal.offset, signal.kind < SignalKind.FLOAT_32
     return code * factor + offset if whole or factor != 1.0 or offset != 0.0 else code
 
 
 @inline
-def send(n: Any, w: Any, row: Any, m: Any, z: Any, to: Any) -> None:
+def send(n: Loop, w: Cells[Lane], row: int, m: Loop, z: Cells[Lane], to: int) -> None:
     """Send the frame of `row`; the other node hears it as `to`, or not (-1)."""
     used = z[m.n_variables + ODD] == z[m.n_variables + ODD]
     if to >= 0:
@@ -301,7 +310,9 @@ def send(n: Any, w: Any, row: Any, m: Any, z: Any, to: Any) -> None:
 
 
 @inline
-def transmit(n: Any, w: Any, heard_as: Any, m: Any, z: Any, k: Any) -> None:
+def transmit(
+    n: Loop, w: Cells[Lane], heard_as: Cells[int], m: Loop, z: Cells[Lane], k: int
+) -> None:
     """Send what is due, in the order of the rows."""
     for row in range(n.tx.n):
         if k % n.tx.frames[row].every_n == 0:
@@ -312,7 +323,7 @@ def transmit(n: Any, w: Any, heard_as: Any, m: Any, z: Any, k: Any) -> None:
 
 
 @inline
-def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
+def keep(n: Loop, w: Cells[Lane], seat: Seat, k: int) -> None:
     """Write the counters to the table, and the traces of this cycle."""
     for i in range(_COUNTED.shape[0]):
         if _COUNTED[i] >= 0:
@@ -325,8 +336,8 @@ def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
         trace[first + i] = w[seat.wanted[i]]
 
 
-@numba.njit(**_OPTIONS)
-def one_pass(seat: Any, k: Any, other: Any) -> None:
+@njit(**_OPTIONS)
+def one_pass(seat: Seat, k: int, other: Seat) -> None:
     """Do cycle `k` of a node, whose frames go to the other one."""
     n, w = seat.n, lane_rows(seat.values)
     n.control.passes = k
@@ -338,8 +349,8 @@ def one_pass(seat: Any, k: Any, other: Any) -> None:
     keep(n, w, seat, k)
 
 
-@numba.njit(**_OPTIONS)
-def advance(top: Any, low: Any, first: Any, past: Any) -> None:
+@njit(**_OPTIONS)
+def advance(top: Seat, low: Seat, first: int, past: int) -> None:
     """Do the executive's cycles from `first` on, each followed by the plant's for the next one."""
     if first == 0:
         one_pass(low, 0, top)
@@ -348,8 +359,8 @@ def advance(top: Any, low: Any, first: Any, past: Any) -> None:
         one_pass(low, k + 1, top)
 
 
-@numba.njit(**_OPTIONS)
-def finish(top: Any, low: Any, cycles: Any) -> None:
+@njit(**_OPTIONS)
+def finish(top: Seat, low: Seat, cycles: int) -> None:
     """Mark the runs that go on after their last cycle, or whose plant is not told of the end."""
     n, m = top.n, low.n
     w, z = lane_rows(top.values), lane_rows(low.values)

@@ -7,7 +7,7 @@ Nothing is sent and nobody supervises: what was received is given, so that a pla
 and the noise of the recorded run gives its bits. Settings that part the lanes are done one by one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -15,19 +15,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, OPTIONS, inline, numba
-from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, table
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, OPTIONS, inline, njit
+from pcpc.drivers.compiled.lanes import WIDTH, Lane, LanesDiffer, table
+from pcpc.drivers.compiled.records import Cells
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.batch import cycle
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import StepError, watched_result
+from pcpc.executive.own_laws.preparation import prepared_values
 from pcpc.executive.rig.blocks import BlockSpec
-from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import Rig
 
 _OPTIONS = OPTIONS | {"_nrt": False}
@@ -36,16 +38,16 @@ Array = NDArray[np.float64]
 
 @inline
 def _rows(
-    n: Any,
-    w: Any,
-    values: Any,
-    width: Any,
-    steps: Any,
-    places: Any,
-    given: Any,
-    wanted: Any,
-    kept: Any,
-    first: Any,
+    n: Loop,
+    w: Cells[Lane],
+    values: Array,
+    width: int,
+    steps: Cells[int],
+    places: Cells[int],
+    given: Array,
+    wanted: Cells[int],
+    kept: Cells[Lane],
+    first: int,
 ) -> None:
     """Do the rows of `given` from cycle `first` on, `width` runs at once."""
     for row in range(given.shape[0]):
@@ -58,18 +60,32 @@ def _rows(
             kept[row * wanted.shape[0] + i] = w[wanted[i]]
 
 
-@numba.njit(**_OPTIONS)
+@njit(**_OPTIONS)
 def _in_lanes(
-    n: Any, values: Any, steps: Any, places: Any, given: Any, wanted: Any, trace: Any, first: Any
+    n: Loop,
+    values: Array,
+    steps: Cells[int],
+    places: Cells[int],
+    given: Array,
+    wanted: Cells[int],
+    trace: Array,
+    first: int,
 ) -> None:
     """Do the rows in all lanes: `values` and `trace` a LANE each."""
     w, kept = lane_rows(values), lane_rows(trace)
     _rows(n, w, values, WIDTH, steps, places, given, wanted, kept, first)
 
 
-@numba.njit(**_OPTIONS)
+@njit(**_OPTIONS)
 def _alone(
-    n: Any, values: Any, steps: Any, places: Any, given: Any, wanted: Any, trace: Any, first: Any
+    n: Loop,
+    values: Array,
+    steps: Cells[int],
+    places: Cells[int],
+    given: Array,
+    wanted: Cells[int],
+    trace: Array,
+    first: int,
 ) -> None:
     """Do the same for one: `values` (rows,), `trace` (rows * wanted,)."""
     _rows(n, values, values, 1, steps, places, given, wanted, trace, first)
@@ -205,7 +221,7 @@ class DrivenPlant:
         return values
 
     def _lanes(
-        self, columns: Sequence[Array], wanted: Any, given: Array, first: int
+        self, columns: Sequence[Array], wanted: NDArray[np.int64], given: Array, first: int
     ) -> Array | None:
         """Return the signals of at most WIDTH columns; None where lanes cannot."""
         try:
@@ -227,13 +243,13 @@ class DrivenPlant:
         shaped = trace.reshape(len(given), len(wanted), WIDTH)
         return np.ascontiguousarray(shaped.transpose(2, 0, 1)[: len(columns)])
 
-    def _one(self, values: Array, wanted: Any, given: Array, first: int) -> Array:
+    def _one(self, values: Array, wanted: NDArray[np.int64], given: Array, first: int) -> Array:
         trace, loop = np.zeros(len(given) * len(wanted)), self._block.loop
         about = loop, values, self._single, self._places, given, wanted, trace, first
         self._call_watched(lambda: _alone(*about))
         return trace.reshape(len(given), len(wanted))
 
-    def _call_watched(self, do: Any) -> None:
+    def _call_watched(self, do: Callable[[], object]) -> None:
         try:
             watched_result(do, [self._block.loop])
         except StepError:

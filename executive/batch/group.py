@@ -17,11 +17,12 @@ from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, table
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.batch import cycle
 from pcpc.executive.log.description import NodeDescription, node_description
-from pcpc.executive.loop import exchange, losses, reception
+from pcpc.executive.loop import draws, exchange, reception
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.control import COUNTERS, Control
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.variables import (
-    COUNTERS,
     COUNTERS_AT,
     DISARMED,
     ERROR_REGISTER,
@@ -33,12 +34,12 @@ from pcpc.executive.loop.variables import (
     TIMING_AT,
     WALL,
 )
-from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
+from pcpc.executive.nodes.parts import PARTS
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
 from pcpc.executive.nodes.planned_controllers import standby_copies
 from pcpc.executive.nodes.watched import StepError, watched_result
-from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.own_laws.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -52,7 +53,7 @@ class NotInLanes(Exception):
     """Why runs of this rig are done one by one."""
 
 
-class Group:
+class LaneGroup:
     """The memory of WIDTH runs; `plans` by role, `seats` executive and plant."""
 
     def __init__(
@@ -66,18 +67,10 @@ class Group:
             raise NotInLanes("nothing is compiled")
         if rig.roles != ("executive", "plant"):
             raise NotInLanes(f"it has the nodes {', '.join(rig.roles)}")
-        if rig.config.faults:
-            raise NotInLanes("it has faults on purpose")
-        if any(section.plausible for section in rig.config.sections.values()):
-            raise NotInLanes("it limits what it receives")
-        if rig.config.bus.emulate is not None:
-            raise NotInLanes("its line is emulated")
-        if rig.config.drives:
-            raise NotInLanes("its plant is a drive")
-        if rig.config.supervisor.arm == "manual":
-            raise NotInLanes("it is armed by hand")
-        if any(step_of(spec) for node in rig.nodes().values() for spec in node.blocks):
-            raise NotInLanes("it has an FMU")
+        reasons = ["its line is emulated"] * (rig.config.bus.emulate is not None)
+        reasons += filter(None, (part.in_no_lane(rig) for part in PARTS))
+        if reasons:
+            raise NotInLanes(", ".join(reasons))
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = {
@@ -132,7 +125,7 @@ class Group:
     def put_seed(self, lane: int, seed: int) -> None:
         """Give the losses of a run their seed."""
         for role, place, frame in self._lossy:
-            self.seats[role].values[place, lane] = losses.first(seed, frame)
+            self.seats[role].values[place, lane] = draws.first(seed, frame)
 
     def repeat(self, lane: int, others: Sequence[int]) -> None:
         """Let other lanes do what a lane does."""
@@ -181,7 +174,7 @@ class Group:
         return False
 
 
-def hanging_step(description: Mapping[str, Any], control: Any) -> str:
+def hanging_step(description: Mapping[str, Any], control: Control) -> str:
     """Return which step of a node does not return; "" for none."""
     if control.fault != Fault.STEP_HANGS:
         return ""
@@ -211,7 +204,7 @@ def _trace(traces: Traces, role: Role, rows: int) -> NDArray[np.float64]:
 
 
 def _seat(
-    made: Plan, loop: Any, other: Plan, wanted: Sequence[str], trace: NDArray[np.float64]
+    made: Plan, loop: Loop, other: Plan, wanted: Sequence[str], trace: NDArray[np.float64]
 ) -> cycle.Seat:
     for signal in (signal for frame in made.tx_frames for signal in frame.signals):
         if not signal.is_float and max(map(abs, signal.codes)) >= _WHOLE:

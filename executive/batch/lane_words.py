@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import Block
-from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.purity import has_decorator
+from pcpc.executive.own_laws.law_errors import cause
+from pcpc.executive.own_laws.purity import has_decorator
 
 _WHERE = "where(c, a, b)"
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.drivers.errors import UserError
-from pcpc.executive.batch.group import Group, NotInLanes, Traces, hanging_step
+from pcpc.executive.batch.group import LaneGroup, NotInLanes, Traces, hanging_step
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Columns
@@ -25,8 +25,8 @@ from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.own_laws.preparation import prepared_values
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
-from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 
@@ -63,7 +63,7 @@ class RunResult:
     refused: str = ""
 
 
-class Runs:
+class BatchRuns:
     """Runs of one rig and controller, for one thread."""
 
     def __init__(
@@ -77,7 +77,7 @@ class Runs:
         """Lay the rig out once. Raises RigError, BusError.
 
         `settings`: as `--set`, of all runs; `wanted`: the variables that are kept, by node;
-        `traces`: see `Group`.
+        `traces`: see `LaneGroup`.
         """
         self.path, self.controller, self.settings = path, controller, list(settings)
         self.rig, self.why = load_rig(path, controller, settings), ""
@@ -90,7 +90,7 @@ class Runs:
         }
         self._known: dict[tuple[Role, str], dict[str, int]] = {}
         try:
-            self.group: Group | None = Group(self.rig, wanted, traces)
+            self.group: LaneGroup | None = LaneGroup(self.rig, wanted, traces)
         except NotInLanes as error:
             self.group, self.why = None, str(error)
 
@@ -128,7 +128,7 @@ class Runs:
                     )
         return [found[i] for i in range(len(cases))]
 
-    def _places(self, group: Group, role: Role, spec: BlockSpec) -> Mapping[str, int]:
+    def _places(self, group: LaneGroup, role: Role, spec: BlockSpec) -> Mapping[str, int]:
         """Return the places of a block's own names in the table of its node."""
         known = self._known.setdefault((role, spec.name), {})
         if not known:
@@ -140,7 +140,7 @@ class Runs:
         other = {name for case in cases for name in case.settings if name not in self._own}
         return f"{', '.join(sorted(other))} is not a setting of a block" if other else ""
 
-    def _fill(self, group: Group, cases: Sequence[Case]) -> list[str]:
+    def _fill(self, group: LaneGroup, cases: Sequence[Case]) -> list[str]:
         """Put the cases into the lanes; return why one is refused, "" for the others."""
         group.begin()
         found = []
@@ -174,8 +174,8 @@ class Runs:
                 if own or seeded:
                     yield role, replace(spec, settings=spec.settings | own)
 
-    def _log(self, group: Group, case: Case, lane: int, traces: Traces) -> logs.Log:
-        """Return what was kept of a lane, as a log; `traces`: of all, see `Group.columns`."""
+    def _log(self, group: LaneGroup, case: Case, lane: int, traces: Traces) -> logs.Log:
+        """Return what was kept of a lane, as a log; `traces`: of all, see `LaneGroup.columns`."""
         nodes = {}
         for role, about in group.described.items():
             rows = group.cycles + (role == "plant")
@@ -184,7 +184,7 @@ class Runs:
                 for name, own in zip(self.wanted[role], traces[role], strict=True)
             }
             timing = set(about["timing_columns"])
-            nodes[str(role)] = logs.Node(
+            nodes[str(role)] = logs.NodeLog(
                 self._cycles[:rows],
                 self._stamps_ns[:rows],
                 Columns(about["state_columns"], columns.__getitem__),

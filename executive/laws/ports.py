@@ -192,7 +192,7 @@ class Ports:
 
     def values(self) -> Any:
         """Return all values as one vector: `flat` of an interpreted view."""
-        if hasattr(self._values, "about"):  # guarded, see executive.rig.trial
+        if hasattr(self._values, "about"):  # guarded, see executive.own_laws.trial
             self._values.about = f"flat({self._label})"
         return self._values
 
@@ -248,7 +248,7 @@ class _Access:
         if isinstance(self.what, _Group):
             return self.what.ports(part, f"{view._label}.{self.name}")
         part = part.reshape(self.what.shape)
-        if hasattr(part, "about"):  # guarded, see executive.rig.trial
+        if hasattr(part, "about"):  # guarded, see executive.own_laws.trial
             part.about = f"{view._label}.{self.name}"
         return part
 

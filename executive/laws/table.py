@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, flat, port, stage
 from pcpc.executive.laws.emath import floor
+from pcpc.executive.laws.units import unit, unit_of_name
 
 _SAME_S = 1e-9  # k T and a time of a file are the same, but for their last bits
-_UNITS = {
-    "rad": "rad", "m": "m", "Nm": "N m", "N": "N", "V": "V", "A": "A", "s": "s", "hz": "Hz",
-    "rad_s": "rad/s", "m_s": "m/s", "rad_s2": "rad/s2", "m_s2": "m/s2",
-}  # fmt: skip
+_ENDINGS = (  # of a name, behind the word for its derivative
+    "rad", "m", "Nm", "N", "V", "A", "s", "hz", "rad_s", "m_s", "rad_s2", "m_s2",
+)  # fmt: skip
 
 
 class Row(Ports):
@@ -33,25 +33,26 @@ class Row(Ports):
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the end of a name says, "" for none: N m of `load_Nm`."""
-    return _UNITS.get(_stem_and_unit(name)[1], "")
+    """Return the SI unit that the end of a name says, "" for none: N m of `load_Nm`."""
+    said = unit_of_name(name)
+    return said.text if said is not None and said.factor == 1 else ""
 
 
-def _stem_and_unit(name: str) -> tuple[str, str]:
-    """Return a name's stem and its ending of `_UNITS`."""
-    ends = [end for end in _UNITS if name.endswith(f"_{end}")]
+def _stem_and_ending(name: str) -> tuple[str, str]:
+    """Return a name's stem and its ending of `_ENDINGS`."""
+    ends = [end for end in _ENDINGS if name.endswith(f"_{end}")]
     end = max(ends, key=len, default="")
     return (name[: -len(end) - 1], end) if end else (name, "")
 
 
-def derivative(name: str, unit: str, order: int) -> tuple[str, str]:
+def derivative(name: str, of: str, order: int) -> tuple[str, str]:
     """Return name and unit of the first or second derivative: `q_d_rate_rad_s`, rad/s."""
-    stem, end = _stem_and_unit(name)
+    stem, end = _stem_and_ending(name)
     word, per = ("rate", "s") if order == 1 else ("acc", "s2")
     if end.endswith("_s"):
         end, per = end[:-2], "s2" if order == 1 else "s3"
-    base = unit.removesuffix("/s") if per != "s" or order == 2 else unit
-    return "_".join(filter(None, (stem, word, end, per * bool(end)))), f"{base or '1'}/{per}"
+    name = "_".join(filter(None, (stem, word, end, per * bool(end))))
+    return name, unit(of).per_second(order).text
 
 
 def block(
@@ -66,14 +67,14 @@ def block(
     `columns`: names and units of the outputs. Each has its derivatives as further outputs, unless
     they are columns themselves.
     """
-    outputs = {name: port(unit, "of the table") for name, unit in columns.items()}
+    outputs = {name: port(its_unit, "of the table") for name, its_unit in columns.items()}
     rate_at = np.full(len(columns), -1)  # the place of each column's slope among the outputs
     for order, what in ((1, "slope of"), (2, "0, second derivative of")):
-        for column, (name, unit) in enumerate(columns.items()):
-            derived, its_unit = derivative(name, unit, order)
+        for column, (name, its_unit) in enumerate(columns.items()):
+            derived, derived_unit = derivative(name, its_unit, order)
             if derived not in outputs:
                 rate_at[column] = len(outputs) if order == 1 else rate_at[column]
-                outputs[derived] = port(its_unit, f"{what} {name}")
+                outputs[derived] = port(derived_unit, f"{what} {name}")
     declared: Any = type("Outputs", (Ports,), {"__doc__": "Of a table.", **outputs})
     begins = times_s - _SAME_S
     last, n = len(times_s) - 1, len(columns)

@@ -23,7 +23,7 @@ from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import BulkWriter, message_records
 from pcpc.executive.log.schemas import FD_FRAME_SCHEMA, FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfFrame, OfRecord, data_bytes
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 
 _OF_THE_MEMORY = (
     "attachments",

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypedDict, cast
 
 from msgspec import Meta
 
-from pcpc.executive.rig.carried_files import CarriedFile
+from pcpc.executive.own_laws.carried_files import CarriedFile
 
 LATEST = 1 << 62  # ns or cycles; the sum of two is an int64
 LONGEST_PERIOD_NS = 10**12

@@ -21,7 +21,7 @@ Rows = NDArray[np.uint8]  # (messages, bytes of each record)
 
 KINDS = ("state", "timing", "can/frames", "events", "tunings")
 _LEAST = {"state": 1, "timing": 1, "can/frames": 0, "tunings": 0}  # cycles from message to message
-_SEQUENCE = slice(11, 15)  # its bytes in a message record
+SEQUENCE = slice(11, 15)  # its bytes in a message record
 _HALF = 1 << 31
 CHUNK_HEAD = 28  # bytes of a chunk: its times, its size and the CRC-32 of what is in it
 _CHUNKS = 1 << 16  # the last of nine hours
@@ -42,6 +42,9 @@ class Inventory:
     def __init__(self) -> None:
         self.kept: Counter[str] = Counter()
         self.left_out: Counter[str] = Counter()
+        self.impossible: Counter[str] = Counter()  # frames that no reader keeps, by topic
+        self.cycles: dict[str, int] = {}  # the last one that was taken out, by topic of columns
+        self.said: set[str] = set()  # of the log as a whole, to be told once
         self._chunks: dict[bytes, None] = {}
         self._newest: dict[str, tuple[int, bool]] = {}  # cycle, and whether messages fell behind it
 
@@ -71,7 +74,7 @@ class Inventory:
 
     def _in_order(self, name: str, rows: Rows, least: int) -> NDArray[np.bool_]:
         """Return which messages are by `least` later than those before; cycle numbers wrap."""
-        low = np.ascontiguousarray(rows[:, _SEQUENCE]).view("<u4")[:, 0].astype(np.int64)
+        low = np.ascontiguousarray(rows[:, SEQUENCE]).view("<u4")[:, 0].astype(np.int64)
         newest, behind = self._newest.get(name, (int(low[0]) - 1, False))
         ahead = (low - newest + _HALF) % (2 * _HALF) - _HALF
         top = np.maximum.accumulate(np.concatenate(([0], ahead)))

@@ -12,11 +12,13 @@ the whole run beside it, `sidecar`, for who judges the run and removes them.
 """
 
 import mmap
+import sys
 import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.description import NodeDescription
-from pcpc.executive.log.reader import Log, Node
+from pcpc.executive.log.reader import Log, NodeLog
 
 SHORT_CYCLES = 120_000  # of a node: with all columns 150 MB
 PART_CYCLES = 100_000  # of a long log looked at at once
@@ -64,7 +65,7 @@ def _column_slice(columns: Mapping[str, Vector], begin: int, end: int) -> Column
     return Columns(list(columns), lambda name: columns[name][begin:end])
 
 
-class Table:
+class ColumnFile:
     """Rows of a node in a file: written once, then mapped."""
 
     def __init__(self, file: BinaryIO, names: Sequence[str]) -> None:
@@ -80,7 +81,7 @@ class Table:
         """End writing."""
         self._file.close()
 
-    def write(self, node: Node) -> None:
+    def write(self, node: NodeLog) -> None:
         """Append the rows of a piece of the node's run."""
         rows = np.empty((len(node.cycle), 2 + len(self.names)), np.int64)
         rows[:, 0], rows[:, 1] = node.cycle, node.stamp_ns
@@ -120,7 +121,7 @@ class Table:
 class LongLog(Log):
     """A log whose columns lie in tables; `part_cycles` of it are looked at at once."""
 
-    tables: dict[str, list[Table]] = field(default_factory=dict)
+    tables: dict[str, list[ColumnFile]] = field(default_factory=dict)
     part_cycles: int = PART_CYCLES
 
     def parts(self, leader: str) -> Iterator[tuple[Log, int, int]]:
@@ -133,8 +134,12 @@ class LongLog(Log):
             end = min(begin + self.part_cycles, count)
             first, past = max(begin - 1, 0), min(end + 1, count)
             yield self._stretch(leader, first, past), begin - first, end - first
-            for table in (table for tables in self.tables.values() for table in tables):
-                table.forget()
+            self.forget()
+
+    def forget(self) -> None:
+        """Give the memory back in which pages of the tables lie."""
+        for table in chain.from_iterable(self.tables.values()):
+            table.forget()
 
     def _stretch(self, leader: str, first: int, past: int) -> Log:
         lead = self.node[leader]
@@ -177,37 +182,36 @@ def read(
 
     `wanted`: the columns that will be asked of a log like this one, which is its beginning.
     """
-    kept: dict[str, list[Node]] = {}
-    about: dict[str, NodeDescription] = {}
-    entries: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in logs.NODES}
+    pieces = logs.pieces(path, short=short)
+    first, is_all = next(pieces)
+    if is_all and _longest(first) <= short:
+        return first
+    asked, known = wanted(first), {name for name, node in first.node.items() if node.columns}
+    tables: dict[str, list[ColumnFile]] = {}
+    entries: dict[str, tuple[list[Any], list[Any]]] = {}
     notes: list[str] = []
-    tables: dict[str, list[Table]] = {}
-    for piece, _ in logs.pieces(path):
+    piece, most = first, sys.maxsize
+    del first  # has all columns
+    while True:
         notes += piece.missing
         for name, node in piece.node.items():
-            about[name] = node.description
-            for known, more in zip(entries[name], (node.events, node.tunings), strict=True):
-                known += more[: MOST_ENTRIES - len(known)] if tables else more
-            if tables:
-                if name not in tables:
-                    tables[name] = [_table(path, ())]
+            own = entries.setdefault(name, ([], []))
+            for kept, more in zip(own, (node.events, node.tunings), strict=True):
+                kept += more[: max(most - len(kept), 0)]
+            if name not in tables and len(node.cycle):  # of one that comes later nothing was asked
+                every = (*node.columns, *node.timing)
+                tables[name] = [_table(path, asked.get(name, ()) if name in known else every)]
+            if name in tables:
                 tables[name][0].write(node)
-            elif len(node.cycle) or name not in kept:
-                kept.setdefault(name, []).append(node)
-        longest = max((sum(len(node.cycle) for node in own) for own in kept.values()), default=0)
-        if not tables and longest > short:
-            one = {name: [max(own, key=lambda n: len(n.cycle))] for name, own in kept.items()}
-            first = _joined_log(path, one, about, entries, piece, notes)
-            names = wanted(first)
-            tables = {name: [_table(path, names.get(name, ()))] for name in kept}
-            for name, parts in kept.items():
-                for part_of_it in parts:
-                    tables[name][0].write(part_of_it)
-            columns = {name: (list(n.columns), list(n.timing)) for name, n in first.node.items()}
-            kept.clear()
-    if not tables:
-        return _joined_log(path, kept, about, entries, piece, notes)
-    return _mapped_log(path, tables, columns, about, entries, piece, notes, part)
+        if is_all:
+            break
+        (piece, is_all), most = next(pieces), MOST_ENTRIES
+    return _mapped_log(piece, tables, entries, notes, short, part)
+
+
+def _longest(log: Log) -> int:
+    """Return the cycles of the node that has most of them."""
+    return max(len(node.cycle) for node in log.node.values())
 
 
 def sidecar(log: Path, node: str) -> Path:
@@ -220,7 +224,7 @@ def whole_run(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = P
     nodes, tables = {}, {}
     for name, node in log.node.items():
         try:
-            table = Table(sidecar(log.path, name).open("rb"), wanted.get(name, ()))
+            table = ColumnFile(sidecar(log.path, name).open("rb"), wanted.get(name, ()))
         except OSError:
             return log  # the node came never, or the recorder could not write
         rows = table.rows()
@@ -230,85 +234,69 @@ def whole_run(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = P
             )
             for key in table.names
         }
-        nodes[name] = Node(
-            np.array(rows[:, 0]),
-            np.array(rows[:, 1]),
-            columns,
-            columns,
-            np.empty(0, logs.FRAME),
-            node.events,
-            node.tunings,
-            node.description,
+        nodes[name] = replace(
+            node,
+            cycle=np.array(rows[:, 0]),
+            stamp_ns=np.array(rows[:, 1]),
+            columns=columns,
+            timing=columns,
         )
         tables[name] = [table]
     about = log.attachments, log.metadata, log.missing
-    if max((len(node.cycle) for node in nodes.values()), default=0) <= short:
-        return Log(log.path, nodes, *about)
+    whole = Log(log.path, nodes, *about)
+    if _longest(whole) <= short:
+        return whole
     return LongLog(log.path, nodes, *about, log.files, tables=tables, part_cycles=part)
 
 
-def _joined_log(
-    path: Path,
-    kept: Mapping[str, list[Node]],
-    about: Mapping[str, NodeDescription],
-    entries: Mapping[str, tuple[list[Any], list[Any]]],
-    last: Log,
-    notes: list[str],
-) -> Log:
-    """Return consecutive pieces as one log."""
-    nodes = {name: logs.join(parts, about[name], *entries[name]) for name, parts in kept.items()}
-    return Log(path, nodes, last.attachments, last.metadata, notes)
-
-
 def _mapped_log(
-    path: Path,
-    tables: dict[str, list[Table]],
-    columns: Mapping[str, tuple[Sequence[str], Sequence[str]]],
-    about: Mapping[str, NodeDescription],
-    entries: Mapping[str, tuple[list[Any], list[Any]]],
     last: Log,
+    tables: dict[str, list[ColumnFile]],
+    entries: Mapping[str, tuple[list[Any], list[Any]]],
     notes: list[str],
+    short: int,
     part: int,
-) -> Log:
-    """Return a log whose columns lie in `tables`; of each node `columns`: (state, timing)."""
+) -> LongLog:
+    """Return a log whose columns lie in `tables`; `last` is its last piece."""
     nodes = {}
-    for name, own in tables.items():
+    for name, node in last.node.items():
+        own = tables.setdefault(name, [_table(last.path, ())])
         rows = own[0].rows()
-        known = columns.get(name, ((), ()))
 
-        def fetch(key: str, name: str = name, own: list[Table] = own) -> Vector:
+        def fetch(key: str, name: str = name, own: list[ColumnFile] = own) -> Vector:
             for table in own:
                 if key in table.names:
                     return table.column(key)
-            own.append(_more(path, name, key))
+            own.append(_more(last.path, name, key, short))
             return own[-1].column(key)
 
-        nodes[name] = Node(
-            rows[:, 0],
-            rows[:, 1],
-            Columns(known[0], fetch),
-            Columns(known[1], fetch),
-            np.empty(0, logs.FRAME),
-            *entries[name],
-            about[name],
+        events, tunings = entries[name]
+        nodes[name] = replace(
+            node,
+            cycle=rows[:, 0],
+            stamp_ns=rows[:, 1],
+            columns=Columns(list(node.columns), fetch),
+            timing=Columns(list(node.timing), fetch),
+            events=events,
+            tunings=tunings,
         )
-    about_all = last.attachments, last.metadata, notes, last.files
-    return LongLog(path, nodes, *about_all, tables=tables, part_cycles=part)
+    about = last.attachments, last.metadata, notes, last.files
+    return LongLog(last.path, nodes, *about, tables=tables, part_cycles=part)
 
 
-def _more(path: Path, name: str, column: str) -> Table:
-    """Return a table of one column more, by one more pass over the file."""
+def _more(path: Path, name: str, column: str, short: int) -> ColumnFile:
+    """Return a table of one column more, by one more pass over the file, in the same pieces."""
     table = _table(path, (column,))
-    for piece, _ in logs.pieces(path):
+    for piece, _ in logs.pieces(path, short=short):
         if name in piece.node:
             table.write(piece.node[name])
     return table
 
 
-def _table(path: Path, names: Sequence[str]) -> Table:
+def _table(path: Path, names: Sequence[str]) -> ColumnFile:
     """Return an empty table in a file without a name, beside the log where that can be."""
     try:
         file: Any = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  while it is mapped
     except OSError:
         file = tempfile.TemporaryFile()  # noqa: SIM115
-    return Table(file, names)
+    return ColumnFile(file, names)

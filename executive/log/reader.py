@@ -24,44 +24,52 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compiled.rows import HEAD_BYTES
 from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log.description import LATEST, NodeDescription
-from pcpc.executive.log.inventory import topic
+from pcpc.executive.log.frames import (
+    CDR_BYTES,
+    FD_FRAME,
+    FRAME,
+    FRAME_SIZES,
+    frame_type,
+    frames_in,
+    on_bus,
+)
+from pcpc.executive.log.inventory import SEQUENCE, TOPICS, topic
 from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, Times, message_dtype
-from pcpc.executive.loop.ring_layout import data_bytes
 from pcpc.executive.rig.roles import ROLES as NODES
 
 __all__ = [
+    "CDR_BYTES",
+    "FD_FRAME",
+    "FRAME",
+    "FRAME_SIZES",
     "LATEST",
     "NODES",
     "LogError",
     "Scan",
     "Times",
+    "frame_type",
+    "frames_in",
     "message_dtype",
+    "on_bus",
     "scan",
     "topic",
     "walk",
 ]  # and its own
 
-CARRIED = "files/"  # of attachments that `executive.rig.carried_files` describes
+CARRIED = "files/"  # of attachments that `executive.own_laws.carried_files` describes
 PIECE_BYTES = 1 << 23  # of a file that is read in pieces
-CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
-FRAME, FD_FRAME = (
-    np.dtype([
-        ("stamp_ns", "<i8"), ("cycle", "<i8"), ("id", "<u4"), ("dlc", "u1"),
-        ("direction", "u1"), ("e2e", "u1"), ("flags", "u1"), ("data", "u1", (n,)),
-    ])
-    for n in (8, 64)
-)  # fmt: skip
-FRAME_SIZES = (FRAME.itemsize, FD_FRAME.itemsize)
+_PATIENCE_BYTES = 1 << 25  # unpacked, until a piece ends though one half of its records is ahead
+_STATES = {topic(name, "state") for name in NODES}
+_FRAMES = "/frames", "/keyframes"  # ends of topics
 _FIELD = re.compile(r"float64 (\w+)(.*)")
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeLog:
     """One node's run: `cycle`, `stamp_ns` (n,) int64; `columns`, `timing`: name -> (n,) float64."""
 
     cycle: NDArray[np.int64]
@@ -83,16 +91,16 @@ class Log:
     """
 
     path: Path
-    node: dict[str, Node]
+    node: dict[str, NodeLog]
     attachments: dict[str, str]
     metadata: dict[str, dict[str, str]]
     missing: list[str]
-    files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.rig.carried_files`
+    files: Mapping[str, bytes] = field(default_factory=dict)  # of `own_laws.carried_files`
     rig: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
-class Variable:
+class LoggedVariable:
     """A field of a topic of columns: its name in the message, its dotted name, its unit."""
 
     field: str
@@ -118,43 +126,60 @@ def pieces(
     size: int = PIECE_BYTES,
     see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
     only: Times | None = None,
+    short: int | None = None,
 ) -> Iterator[tuple[Log, bool]]:
     """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
 
     `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
     each run of messages, channel and rows (n, bytes of a message), as they come; at the end channel
-    -1. `only`: of `walk`.
+    -1. `only`: of `walk`. With `short` there are no frames and keyframes, and a log whose nodes
+    have at most so many cycles is one piece.
     """
-    found, begin, told = Scan(), 0, 0
+    found, begin, told, waited, sifted = Scan(), 0, 0, 0, 0
+    newest: dict[str, bytes] = {}  # sequence of the last message, by topic
+    is_due = short is None
     for piece in walk(path, found, only):
-        if found.place - begin >= size:
-            yield assemble(path, found, told), False
-            found.pieces.clear()
-            begin, told = found.place, len(found.missing)
-        found.pieces.append(piece)
+        name, rows = found.topic(piece[0]), piece[1]
+        if short is not None:
+            is_due = is_due or (name in _STATES and found.inventory.kept[name] > short)
+            if found.place - sifted >= size:
+                _leave_frames_out(found)
+                sifted = found.place
+        if is_due and found.place - begin >= size:
+            waited += rows.nbytes
+            if waited > _PATIENCE_BYTES or _is_level(found, newest):
+                if short is not None:
+                    _leave_frames_out(found)
+                log = assemble(path, found, told)
+                begin, told, waited = found.place, len(found.missing), 0
+                found.pieces.clear()
+                yield log, False
+        found.pieces.append(
+            piece if short is None else (piece[0], rows.copy())
+        )  # else its chunk stays
+        newest[name] = rows[-1, SEQUENCE].tobytes()
         see(found, *piece)
     see(found, -1, np.empty((0, 0), np.uint8))
+    if short is not None:
+        _leave_frames_out(found)
     yield assemble(path, found, told), True
 
 
-def join(
-    parts: Sequence[Node], about: NodeDescription, events: list[Any], tunings: list[Any]
-) -> Node:
-    """Return consecutive pieces of a node as one, without frames."""
-    columns, timing = (
-        {key: np.concatenate([which(part)[key] for part in parts]) for key in which(parts[-1])}
-        for which in (lambda part: part.columns, lambda part: part.timing)
-    )
-    return Node(
-        np.concatenate([part.cycle for part in parts]),
-        np.concatenate([part.stamp_ns for part in parts]),
-        columns,
-        timing,
-        np.empty(0, FRAME),
-        events,
-        tunings,
-        about,
-    )
+def _is_level(found: Scan, newest: Mapping[str, bytes]) -> bool:
+    """Return whether states and timing of each node, where both are logged, are at one cycle."""
+    logged = {channel.topic for channel in found.channels.values()}
+    logged |= {record.name.removeprefix("variables:") for record in found.metadata}
+    halves = ((name, topic(TOPICS[name][0], "timing")) for name in _STATES & logged)
+    return all(newest.get(a) == newest.get(b) or b not in logged for a, b in halves)
+
+
+def _leave_frames_out(found: Scan) -> None:
+    """Take frames and keyframes out of a scan; count frames that cannot be."""
+    for name in {c.topic for c in found.channels.values() if c.topic.endswith("/frames")}:
+        for size in FRAME_SIZES:
+            _, sane = _frames_of(found, name, size)
+            found.inventory.impossible[name] += len(sane) - int(sane.sum())
+    found.pieces = [p for p in found.pieces if not found.topic(p[0]).endswith(_FRAMES)]
 
 
 def assemble(path: Path, found: Scan, told: int = 0) -> Log:
@@ -172,7 +197,9 @@ def assemble(path: Path, found: Scan, told: int = 0) -> Log:
         for one in found.attachments
         if one.name not in files
     }
-    descriptions = _descriptions(metadata, attachments, notes)
+    wrong: list[str] = []
+    descriptions = _descriptions(metadata, attachments, wrong)
+    notes += _unsaid(found, wrong)
     if not descriptions:
         reason = found.missing[0] if found.missing else "no metadata of a node"
         raise LogError(f"{path}: an MCAP file, but not a log of pcpc ({reason})")
@@ -190,7 +217,7 @@ def frame_names(log: Log) -> dict[int, str]:
     return names
 
 
-def variables(found: Scan, name: str) -> list[Variable]:
+def variables(found: Scan, name: str) -> list[LoggedVariable]:
     """Return the fields of a topic of columns, in the order of its messages; empty if unknown."""
     schemas = [found.schemas.get(c.schema_id) for c in found.channels.values() if c.topic == name]
     text = schemas[0].data.decode("utf-8", "replace") if schemas and schemas[0] else ""
@@ -202,7 +229,7 @@ def variables(found: Scan, name: str) -> list[Variable]:
             given = known.get(short, "absent")
             about = _json_value(given, {"name": dotted or short, "unit": unit}, "", [])
             name, unit = about.get("name", dotted or short), about.get("unit", "")
-            listed.append(Variable(short, str(name), str(unit)))
+            listed.append(LoggedVariable(short, str(name), str(unit)))
     return listed
 
 
@@ -256,7 +283,7 @@ def _node(
     metadata: Mapping[str, Mapping[str, str]],
     about: NodeDescription,
     notes: list[str],
-) -> Node:
+) -> NodeLog:
     cycle, log_time, columns = _columns(found, topic(name, "state"))
     timing_cycle, _, timing = _columns(found, topic(name, "timing"))
     if timing and not np.array_equal(cycle, timing_cycle):  # one of them lost messages
@@ -266,12 +293,14 @@ def _node(
         cycle, log_time = cycle[kept], log_time[kept]
         columns = {key: values[kept] for key, values in columns.items()}
         timing = {key: values[timing_kept] for key, values in timing.items()}
+    wrong: list[str] = []
     wall_ns, monotonic_ns = (
-        _json_value(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
+        _json_value(metadata[name].get(key, "absent"), 0, f"{name}: {key}", wrong)
         for key in ("clock_wall_ns", "clock_monotonic_ns")
     )
+    notes += _unsaid(found, wrong)
     frames = _frames(found, name, notes, frame_type(about))
-    return Node(
+    return NodeLog(
         cycle,
         log_time - (wall_ns - monotonic_ns),
         columns,
@@ -284,49 +313,34 @@ def _node(
     )
 
 
-def frame_type(about: Mapping[str, Any]) -> np.dtype[Any]:
-    """Return the type of a node's frames, by its description."""
-    return FD_FRAME if data_bytes(about) > 8 else FRAME
+def _unsaid(found: Scan, lines: list[str]) -> list[str]:
+    """Return what was not told with an earlier piece of the log."""
+    fresh = [line for line in lines if line not in found.inventory.said]
+    found.inventory.said.update(fresh)
+    return fresh
 
 
 def _frames(found: Scan, name: str, notes: list[str], kind: np.dtype[Any]) -> NDArray[Any]:
     """Return the frames of a node; what no bus could have carried is left out."""
-    messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + kind.itemsize)
-    frames, sane = frames_in(messages)
-    if not sane.all():
-        notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
+    place = topic(name, "can/frames")
+    frames, sane = _frames_of(found, place, kind.itemsize)
+    if lost := len(frames) - int(sane.sum()) + found.inventory.impossible.pop(place, 0):
+        notes.append(f"{name}: {lost} frames that no bus could have carried")
         frames = frames[sane]
     return frames
 
 
-def on_bus(frames: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the bytes of frames (n,) as a bus has them, see `drivers.can.wire_layout`.
-
-    Shape (n, 16), with CAN FD (n, 72).
-    """
-    width = frames["data"].shape[1]
-    raw = np.zeros((len(frames), HEAD_BYTES + width), np.uint8)
-    raw[:, :4] = np.ascontiguousarray(frames["id"]).view(np.uint8).reshape(-1, 4)
-    raw[:, 4] = frames["dlc"]
-    raw[:, 5] = frames["flags"] if width > 8 else 0
-    raw[:, HEAD_BYTES:] = frames["data"]
-    return raw
+def _frames_of(found: Scan, name: str, size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return the frames of a topic of `size` bytes, and which of them a bus could have carried."""
+    none = np.empty(0, message_dtype(CDR_BYTES + size))
+    return frames_in(np.concatenate([none, *_messages(found, name, CDR_BYTES + size)]))
 
 
-def frames_in(messages: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return the frames of messages (n,), and which of them a bus could have carried."""
-    payload = np.ascontiguousarray(messages["data"][:, CDR_BYTES:])
-    frames = payload.view(FRAME if payload.shape[1] == FRAME.itemsize else FD_FRAME)[:, 0]
-    return frames, log_checks.possible_frames(frames)
-
-
-def _messages(found: Scan, name: str, payload_bytes: int) -> NDArray[Any]:
-    """Return the messages of a topic of one payload size as one structured array."""
+def _messages(found: Scan, name: str, payload_bytes: int) -> list[NDArray[Any]]:
+    """Return the messages of a topic of one payload size as structured arrays, each (n,)."""
     dtype = message_dtype(payload_bytes)
-    rows = [piece for piece in found.pieces_of(name) if piece.shape[1] == dtype.itemsize]
-    if not rows:
-        return np.empty(0, dtype)
-    return np.concatenate(rows).view(dtype)[:, 0]
+    pieces = found.pieces_of(name)
+    return [piece.view(dtype)[:, 0] for piece in pieces if piece.shape[1] == dtype.itemsize]
 
 
 def _columns(
@@ -335,10 +349,18 @@ def _columns(
     """Return (cycle, log_time in ns, columns by dotted name) of a topic of flat float64 fields."""
     names = [variable.name for variable in variables(found, name)]
     messages = _messages(found, name, CDR_BYTES + 8 * len(names))
-    rows = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
-    values = rows.reshape(len(messages), len(names)).T.copy()
-    cycle = log_checks.unwrapped_cycles(messages["sequence"].astype(np.int64))
-    return cycle, messages["log_time"].astype(np.int64), dict(zip(names, values, strict=True))
+    count = sum(map(len, messages))
+    cycle, log_time = np.empty((2, count), np.int64)
+    values = np.empty((len(names), count))
+    begin = 0
+    for piece in messages:
+        rows = slice(begin, begin := begin + len(piece))
+        cycle[rows], log_time[rows] = piece["sequence"], piece["log_time"]
+        values[:, rows] = np.ascontiguousarray(piece["data"][:, CDR_BYTES:]).view("<f8").T
+    cycle = log_checks.unwrapped_cycles(cycle, found.inventory.cycles.get(name))
+    if count:
+        found.inventory.cycles[name] = int(cycle[-1])
+    return cycle, log_time, dict(zip(names, values, strict=True))
 
 
 def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:

@@ -64,7 +64,10 @@ class _Node:
         return bool(self.block.control.pid) and not self.block.control.done
 
     def drain(self, sink: Sink) -> bool:
-        """Move the rows that are now in the rings on; return whether one was 1/8 full."""
+        """Move the rows that are now in the rings on; return whether one was 1/8 full.
+
+        The ring of the record keeps a row until `end_pass`.
+        """
         for alarm in self.alarms.look():
             entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
             stamp_ns = self.channels.stamp(time.monotonic_ns(), alarm.cycle)
@@ -90,7 +93,8 @@ class _Node:
                 messages = self.channels.messages(ring, rows[start : start + count])
                 self.counts.add(ring, rows[start : start + count])
                 taken += count
-                self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
+                self.taken[ring] = taken
+                self.block[f"{ring}_taken"][0] = taken - (ring == "record" and taken == put)
                 (sink.write if ring == "event" else sink.add)(messages)
                 self.written[ring] += count
                 if ring == "event":
@@ -98,6 +102,13 @@ class _Node:
                         stamp = int(row[OfEvent.STAMP_NS]) + self.channels.wall_ns
                         sink.note_event(int(row[OfEvent.CODE]), stamp)
         return full
+
+    def end_pass(self) -> None:
+        """Give back the rows that were held: all nodes have been drained.
+
+        Until then a node sees that the recorder lags, and has patience with one that waits for it.
+        """
+        self.block["record_taken"][0] = self.taken["record"]
 
 
 def _rows_taken(block: NodeMemory, ring: str) -> int:
@@ -216,6 +227,8 @@ class Recorder:
     def _drain(self, now_ns: int) -> None:
         self._attach_late()
         full = [node.drain(self.sink) for node in self.nodes]
+        for node in self.nodes:
+            node.end_pass()
         self._full = any(full)
         if now_ns - self.flushed_ns >= FLUSH_NS:
             self.writer.flush()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log.description import NodeDescription
-from pcpc.executive.log.long_logs import Table, sidecar
+from pcpc.executive.log.long_logs import ColumnFile, sidecar
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 
 DRIVEN = "drive.command"  # a variable of drives alone
@@ -81,7 +81,7 @@ class RunCounts:
         self._about = about
         self._frames: Counter[int] = Counter()
         self._absences = Absences(not any(name == DRIVEN for name, *_ in about["variables"]))
-        self._table: Table | None = None
+        self._table: ColumnFile | None = None
         self._cells: list[int] = []
 
     def open_table(self, log: Path, columns: Sequence[str]) -> None:
@@ -91,7 +91,7 @@ class RunCounts:
         first = RECORD_HEAD + len(about["state_columns"]) + 1
         cells |= {name: first + i for i, name in enumerate(about["timing_columns"])}
         file = sidecar(log, about["node"]).open("wb")
-        self._table = Table(file, [name for name in columns if name in cells])
+        self._table = ColumnFile(file, [name for name in columns if name in cells])
         self._cells = [
             OfRecord.CYCLE,
             OfRecord.STAMP_NS,

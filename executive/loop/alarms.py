@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.timing_layout import BUCKETS, Stage
+from pcpc.executive.loop.buckets import OF_STAGES, place_of
+from pcpc.executive.loop.timing_layout import Stage
 
 EVERY_S = 1.0
 KINDS = {  # a key of the rig's `alarms` but for its end; word of `control`, what it counts
@@ -50,10 +51,8 @@ class Alarms:
         self._period_ns = int(about["period_ns"])
         self._limits = about.get("alarms", {})
         late_us = self._limits.get("late_us") or 1e-3 * self._period_ns
-        self._past, self._late = (
-            _bucket(round(1e3 * late_us)) + 1,
-            f"cycle later than {late_us:.6g} us",
-        )
+        self._past = place_of(round(1e3 * late_us), *OF_STAGES) + 1
+        self._late = f"cycle later than {late_us:.6g} us"
         self._told = dict.fromkeys(("late", *KINDS), 0)
         self._quiet_s, self._second_s = (dict.fromkeys(self._told, 0.0) for _ in range(2))
 
@@ -79,9 +78,3 @@ class Alarms:
         if alarm or rose < 0 or now_s >= self._second_s[kind]:  # below 0: it was reset
             self._told[kind], self._second_s[kind] = count, now_s + EVERY_S
         return rose if alarm else 0
-
-
-def _bucket(ns: int) -> int:
-    """Return the bucket of a time, as `executive.loop.timing` has them."""
-    e = ns.bit_length() - 1
-    return ns if e < 4 else min(16 + 8 * (e - 4) + ((ns >> (e - 3)) & 7), BUCKETS - 1)

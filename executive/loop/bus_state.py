@@ -4,27 +4,27 @@ An error frame is recorded as received, in the state BUS_ERROR. Emergency frames
 controller is back: what is sent meanwhile is lost.
 """
 
-from typing import Any
-
 import numpy as np
 
-from pcpc.drivers.can import error_frames as told
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import words
+from pcpc.drivers.line import error_frames as told
 from pcpc.executive.loop import control
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_frame
-from pcpc.executive.loop.variables import BUS_AT, BUS_COUNTERS
+from pcpc.executive.loop.variables import BUS_AT
 
-COUNTER_WORDS = np.array([control.place(word) for word, *_ in BUS_COUNTERS])
+COUNTER_WORDS = np.array([control.place(word) for word, *_ in control.BUS_COUNTERS])
 
 
 @loop_function
-def note_bus_error(n: Any) -> None:
+def note_bus_error(n: Loop) -> None:
     """Count the error frame in `wire.rx`, and note whether the controller is off the bus."""
     frame = n.wire.rx
-    kind, detail = np.int64(frame[0]) | np.int64(frame[1]) << 8, np.int64(frame[9])
+    kind, detail = int64(frame[0]) | int64(frame[1]) << 8, int64(frame[9])
     changed = kind & told.STATE != 0
     push_frame(n, n.wire.rx, 1, FrameState.BUS_ERROR)
     back = kind & told.RESTARTED != 0 or (changed and detail & told.ACTIVE != 0)
@@ -42,14 +42,14 @@ def note_bus_error(n: Any) -> None:
 
 
 @loop_function
-def _count(n: Any, i: Any, happened: Any) -> None:
+def _count(n: Loop, i: int, happened: bool) -> None:
     counts, at = words(n.control), COUNTER_WORDS[i]
     counts[at] += 1 if happened else 0
     n.v[BUS_AT + i] = np.float64(counts[at])
 
 
 @loop_function
-def fault_while_off(n: Any) -> None:
+def fault_while_off(n: Loop) -> None:
     """Let a controller that is off be a fault, and stay one until it is back."""
     if n.guard.faulted == Fault.NONE:
         n.guard.faulted = Fault.BUS_OFF

@@ -17,15 +17,13 @@ wire count passes. Order on the wire in every cycle k:  SYNC(k) -> feedback(k) -
 SYNC(k+1).  The plant samples at SYNC(k); the command computed from that sample acts from SYNC(k+1):
 always one sample of delay.
 
-`n` is the LOOP record of `executive.loop.shared`, set up by `executive.nodes.plan`. In here: no
+`n` is the LOOP record of `executive.loop.layout`, set up by `executive.nodes.plan`. In here: no
 Python object, no allocation, no lock, no file.
 """
 
-from typing import Any
-
 from pcpc.drivers.compiled import libc
-from pcpc.drivers.compiled.jit import i8, loop, loop_function, loop_inline, types
-from pcpc.drivers.compiled.stage import ENTRY, call_at
+from pcpc.drivers.compiled.jit import loop_function, loop_inline, types
+from pcpc.drivers.compiled.stage import ENTRY, Steps, call_at
 from pcpc.drivers.compiled.structures import structure
 from pcpc.executive.loop import control, meeting, timing
 from pcpc.executive.loop import shared as sh
@@ -34,21 +32,22 @@ from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.keyframes import keep_frame
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import settled
-from pcpc.executive.loop.reception import receive, wait_for_peer
+from pcpc.executive.loop.reception import receive
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
-from pcpc.executive.loop.sending import LastWord, announce, request_first_sample, transmit
+from pcpc.executive.loop.sending import LastWord, announce, transmit
 from pcpc.executive.loop.stalls import pass_stalled_period, skip_stalled_periods, stalled
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.stepping import limit, step
-from pcpc.executive.loop.strangers import listen, refused
+from pcpc.executive.loop.strangers import refused
 from pcpc.executive.loop.supervisor import hear_requests, judge_overrun, supervise
 from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import NMT, STATE
 
 
 @loop_function
-def one_pass(n: Any, steps: Any) -> Any:
+def one_pass(n: Loop, steps: Steps) -> bool:
     """Run one cycle; return False when the node is to stop."""
     set_time(n)
     wait(n)
@@ -84,7 +83,7 @@ DONE = control.place("done")
 
 
 @loop_inline
-def publish(n: Any) -> None:
+def publish(n: Loop) -> None:
     """Publish the table and record the cycle; note when it was done."""
     timing.note(n)
     publish_table(n)
@@ -99,7 +98,7 @@ def publish(n: Any) -> None:
 
 
 @loop_inline
-def next_cycle(n: Any) -> None:
+def next_cycle(n: Loop) -> None:
     """Advance to the next cycle; tell how many periods were skipped."""
     next_period(n)
     if n.clock.behind > 0:
@@ -107,7 +106,7 @@ def next_cycle(n: Any) -> None:
 
 
 @loop_function
-def finish(n: Any) -> None:
+def finish(n: Loop) -> None:
     """Send the last frames, with state STOP and a safe command, and mark the node as done.
 
     A node that was refused says nothing: its frames are those of another one.
@@ -137,22 +136,7 @@ def finish(n: Any) -> None:
 
 
 @loop_function
-def pass_or_finish(n: Any, steps: Any) -> None:
+def pass_or_finish(n: Loop, steps: Steps) -> None:
     """Run one cycle of a node that has not ended, and its end when that comes."""
     if n.control.done == 0 and not one_pass(n, steps):
         finish(n)
-
-
-@loop(i8(N, STEPS))
-def run(n: Any, steps: Any) -> Any:
-    """Run the node on its bus to the end; return the number of cycles done."""
-    listen(n)
-    if n.meeting.seeks_below != 0:
-        if wait_for_peer(n):
-            request_first_sample(n)
-    elif n.meeting.ordered != 0 and not refused(n):
-        announce(n)
-    while not refused(n) and one_pass(n, steps):
-        pass
-    finish(n)
-    return n.passes

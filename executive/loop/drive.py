@@ -12,18 +12,17 @@ in the previous cycle was clamped. The error code is 0 without a fault. An emerg
 code and register; it is sent when the code changes.
 """
 
-from typing import Any
-
 from pcpc.drivers.canopen.layout import LIMITED, POWER_WORDS, WARNING, Power
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.faults import ERROR_CODES, ERROR_REGISTERS
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import settled
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import CLAMPED, ERROR_CODE, ERROR_REGISTER, STATUS_WORD
 
 
 @loop_function
-def drive_state(n: Any, state: Any) -> Any:
+def drive_state(n: Loop, state: int) -> int:
     """Return CiA 402's state in `state` of the supervisor."""
     guard = n.guard
     if state == State.STOP:
@@ -43,7 +42,7 @@ def drive_state(n: Any, state: Any) -> Any:
 
 
 @loop_inline
-def tell_drive(n: Any, state: Any) -> None:
+def tell_drive(n: Loop, state: int) -> None:
     """Write status word, error code and error register."""
     word = POWER_WORDS[drive_state(n, state)]
     word |= WARNING if state == State.HOLD else 0

@@ -15,14 +15,17 @@ from functools import cache
 from typing import Any
 
 from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import Wire
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.stage import Steps
 from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.reception import wait_for_peer
 from pcpc.executive.loop.sending import announce, request_first_sample
 
 
 @loop_function
-def pass_on(nodes: Any, i: Any) -> None:
+def pass_on(nodes: tuple[Loop, ...], i: int) -> None:
     """Carry what node `i` has sent to its neighbours."""
     end = nodes[i].wire
     if i == 0 and nodes[0].meeting.peers > 1:
@@ -38,7 +41,7 @@ def pass_on(nodes: Any, i: Any) -> None:
 
 
 @loop_function
-def _share(nodes: Any, end: Any) -> None:
+def _share(nodes: tuple[Loop, ...], end: Wire) -> None:
     """Carry what the executive has sent to each plant on the bus of the frame."""
     for k in range(end.outbox_put):
         second = wire.on_second(end, end.outbox[k])
@@ -49,7 +52,7 @@ def _share(nodes: Any, end: Any) -> None:
 
 
 @loop_function
-def meet(nodes: Any) -> None:
+def meet(nodes: tuple[Loop, ...]) -> None:
     """Let each node find those below it, and ask them for the sample of t = 0."""
     above = len(nodes) - nodes[0].meeting.peers
     for i in range(above, len(nodes)):
@@ -62,7 +65,7 @@ def meet(nodes: Any) -> None:
 
 
 @loop_function
-def work_below(nodes: Any, steps: Any) -> None:
+def work_below(nodes: tuple[Loop, ...], steps: tuple[Steps, ...]) -> None:
     """Do a cycle of each node below the executive, which takes what the last one passed on."""
     for i in range(len(nodes) - 1, 0, -1):
         pass_or_finish(nodes[i], steps[i])
@@ -70,7 +73,7 @@ def work_below(nodes: Any, steps: Any) -> None:
 
 
 @loop_function
-def end_run(nodes: Any, steps: Any) -> None:
+def end_run(nodes: tuple[Loop, ...], steps: tuple[Steps, ...]) -> None:
     """Send the executive's last frames and let the nodes below it end."""
     above = len(nodes) - nodes[0].meeting.peers
     finish(nodes[0])
@@ -88,7 +91,7 @@ def end_run(nodes: Any, steps: Any) -> None:
             finish(nodes[i])
 
 
-def _run(nodes: Any, steps: Any, cycles: Any) -> Any:
+def _run(nodes: tuple[Loop, ...], steps: tuple[Steps, ...], cycles: int) -> int:
     """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
     top = nodes[0]
     if top.passes == 0:

@@ -11,6 +11,7 @@ import numpy as np
 from pcpc.drivers.can import can_id
 from pcpc.drivers.canopen.layout import ErrorCode
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.executive.loop.control import Control
 from pcpc.executive.loop.shared import GREETING
 
 RAMP = "ramp"
@@ -89,7 +90,7 @@ ERROR_CODES = np.array([float(fault.code) for fault in Fault])
 ERROR_REGISTERS = np.array([float(fault.code.register) for fault in Fault])
 
 
-def reason(description: Mapping[str, Any], control: Any) -> str:
+def reason(description: Mapping[str, Any], control: Control) -> str:
     """Return the reason of the fault in a block's `control`."""
     fault = int(control.fault)
     if fault == Fault.ANOTHER_SENDER and int(control.culprit) & can_id.ID >= GREETING:
@@ -111,6 +112,6 @@ def frame_text(word: int, name: str) -> str:
     return f"0x{can_id.text_of(word)} ({name})"
 
 
-def _culprit(description: Mapping[str, Any], control: Any) -> str:
+def _culprit(description: Mapping[str, Any], control: Control) -> str:
     word = int(control.culprit)
     return frame_text(word, description["frames"].get(str(word & can_id.ID), "?"))

@@ -5,19 +5,17 @@ arbitration. A bus that knows its bits (a real one, or `bus.emulate`) has less r
 that does not only carries them to receivers, which leave them. They are not in the log.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop.injection import acts, is_on, size
+from pcpc.executive.loop.layout import Loop
 
 
 @loop_function
-def flood(n: Any) -> None:
+def flood(n: Loop) -> None:
     """Send what the floods that are on send in a cycle."""
     faults, frame = n.faults, n.wire.tx
     for f in range(faults.n, faults.n + faults.n_floods):
@@ -28,5 +26,5 @@ def flood(n: Any) -> None:
             frame[LENGTH], frame[FLAGS] = 8, 0
             for i in range(8):
                 data[i] = 0
-            for _ in range(np.int64(size(n, f))):
+            for _ in range(int64(size(n, f))):
                 put_frame(n.wire)

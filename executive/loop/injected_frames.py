@@ -21,8 +21,6 @@ their place (INJECTED and what the acceptance made of them). Of several faults o
 changes what the one before it left. A frame that is taken away is not waited for.
 """
 
-from typing import Any
-
 import numpy as np
 
 from pcpc.drivers.can import codec, e2e
@@ -31,36 +29,24 @@ from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.drivers.can.wire import CAN_BE
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import copy, data_of
+from pcpc.executive.loop.doubts import note_sender
+from pcpc.executive.loop.fault_kinds import FrameChange
+from pcpc.executive.loop.fault_kinds import WrongFrame as Wrong
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
-from pcpc.executive.loop.intrusion import suspect
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.strangers import note_repeat, word_of
 
-
-class Wrong(NumberedEnum):
-    """What a fault does to a frame."""
-
-    LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE = range(7)
-    ADDRESSING, LENGTH, COUNTER, CHECKSUM, PAYLOAD, FORGERY = range(7, 13)
-
-
-class FrameChange(NumberedEnum):
-    """What a counter, a checksum or data become."""
-
-    VALUE, FREEZE, RANDOM, OFFSET = range(4)
-
-
-KINDS, HOWS = Wrong.words(), FrameChange.words()
 GONE, CHANGED, AND_ANOTHER = 1, 2, 4  # what faults did to a frame
 EXCUSED_CYCLES = 20  # after a fault a frame that does not fit the counter is its consequence
 
 
 @loop_function
-def inject(n: Any, row: Any) -> Any:
+def inject(n: Loop, row: int) -> int:
     """Do to the frame in `wire.rx` what faults do; return 0 if none did, else GONE, CHANGED, ..."""
     faults, done = n.faults, 0
     copy(faults.raw, n.wire.rx)
@@ -87,7 +73,7 @@ def inject(n: Any, row: Any) -> Any:
 
 
 @loop_function
-def disturb(n: Any, row: Any, f: Any) -> Any:
+def disturb(n: Loop, row: int, f: int) -> int:
     """Do to the frame in `wire.rx` what fault `f` does, and note a further one to come."""
     faults, frame = n.faults, n.wire.rx
     kind, data = faults.kind[f], data_of(n.wire.rx)
@@ -107,12 +93,12 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
     if kind in (Wrong.SEQUENCE, Wrong.DELAY):
         return hold(n, f)
     if kind == Wrong.CORRUPTION:
-        for _ in range(np.int64(size(n, f))):
-            bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[LENGTH]), 1))
+        for _ in range(int64(size(n, f))):
+            bit = int64(uniform(n, f) * 8 * max(int64(frame[LENGTH]), 1))
             data[bit >> 3] = data[bit >> 3] ^ (1 << (bit & 7))
     elif kind == Wrong.LENGTH:
         long = frame[FLAGS] & Flag.FD != 0
-        length = np.int64(min(max(size(n, f), 0.0), 64.0 if long else 8.0))
+        length = int64(min(max(size(n, f), 0.0), 64.0 if long else 8.0))
         while long and CAN_BE[length] == 0:
             length += 1
         frame[LENGTH] = np.uint8(length)
@@ -125,7 +111,7 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
 
 
 @loop_function
-def hold(n: Any, f: Any) -> Any:
+def hold(n: Loop, f: int) -> int:
     """Let the frame wait for later ones; return what came instead of it."""
     faults, frame = n.faults, n.wire.rx
     if faults.kind[f] == Wrong.SEQUENCE:
@@ -136,7 +122,7 @@ def hold(n: Any, f: Any) -> Any:
         copy(faults.another, faults.waiting[f, 0])
         faults.count[f] = 0
         return CHANGED | AND_ANOTHER
-    late = np.int64(min(max(size(n, f), 0.0), FAULT_DEPTH - 1.0))
+    late = int64(min(max(size(n, f), 0.0), FAULT_DEPTH - 1.0))
     at = faults.count[f]
     faults.count[f] = at + 1
     copy(faults.waiting[f, at % FAULT_DEPTH], frame)
@@ -147,25 +133,25 @@ def hold(n: Any, f: Any) -> Any:
 
 
 @loop_inline
-def data_length(frame: Any) -> Any:
+def data_length(frame: Cells[Byte]) -> int:
     """Return how many bytes of a frame's data count, 8 or more."""
-    return max(np.int64(frame[LENGTH]), np.int64(8))
+    return max(int64(frame[LENGTH]), int64(8))
 
 
 @loop_function
-def draw(n: Any, f: Any, frame: Any, data: Any) -> None:
+def draw(n: Loop, f: int, frame: Cells[Byte], data: Cells[Byte]) -> None:
     """Fill data at random, as many bytes as `frame` has, at least 8."""
     for i in range(data_length(frame)):
         data[i] = np.uint8(256.0 * uniform(n, f))
 
 
 @loop_function
-def rewrite(n: Any, row: Any, f: Any) -> None:
+def rewrite(n: Loop, row: int, f: int) -> None:
     """Change data, counter or CRC of the frame in `wire.rx`, and make the rest right."""
     faults, frames, data = n.faults, n.rx.frames, data_of(n.wire.rx)
     kind, how, crc = faults.kind[f], faults.how[f], e2e.crc_of(data, row, frames)
     byte, shift = frames[row].counter_byte, frames[row].counter_shift
-    counter = np.int64(data[byte]) >> shift & frames[row].counter_mask
+    counter = int64(data[byte]) >> shift & frames[row].counter_mask
     if faults.count[f] == 0:
         faults.count[f] = 1
         copy(faults.waiting[f, 0], n.wire.rx)
@@ -177,7 +163,7 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
     if kind == Wrong.COUNTER and is_on(n, f):
         faults.kept[f] = substitute(n, f, how, counter, 256.0) - counter
     if kind == Wrong.COUNTER:
-        counter += np.int64(faults.kept[f])
+        counter += int64(faults.kept[f])
     elif kind == Wrong.PAYLOAD and how == FrameChange.FREEZE:
         for i in range(data_length(n.wire.rx)):
             data[i] = faults.waiting[f, 0, 8 + i]
@@ -187,18 +173,18 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
 
 
 @loop_function
-def substitute(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
+def substitute(n: Loop, f: int, how: int, true: int, span: float) -> int:
     """Return a counter or checksum in the place of the true one; a drawn one is below `span`."""
     if how == FrameChange.FREEZE:
         return n.faults.first[f]
     if how == FrameChange.RANDOM:
-        return np.int64(span * uniform(n, f))
-    wanted = np.int64(size(n, f))
+        return int64(span * uniform(n, f))
+    wanted = int64(size(n, f))
     return true + wanted if how == FrameChange.OFFSET else wanted
 
 
 @loop_function
-def judge(n: Any, row: Any) -> Any:
+def judge(n: Loop, row: int) -> int:
     """Check an injected frame in `wire.rx` and record it; return its state."""
     frame = n.wire.rx
     state, lost = e2e.check(
@@ -207,14 +193,14 @@ def judge(n: Any, row: Any) -> Any:
     push_frame(n, frame, 1, INJECTED + state)
     n.control.lost += lost
     if state != FrameState.OK and state != FrameState.OK_SOME_LOST:
-        suspect(n, row, state, lost)
+        note_sender(n, row, state, lost)
     if state == FrameState.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
         note_repeat(n, word_of(frame))
     return state
 
 
 @loop_function
-def excused(n: Any, row: Any) -> Any:
+def excused(n: Loop, row: int) -> bool:
     """Return whether what is wrong with a frame of `row` may follow from a fault on purpose."""
     acted = n.faults.acted[row]  # 0 without faults
     return acted > 0 and n.passes + 1 - acted <= EXCUSED_CYCLES

@@ -24,31 +24,23 @@ With x the true value, a the fault's `value`, T the period, n the cycles since i
 """
 
 from math import floor
-from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import int64
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.fault_kinds import WrongValue as Wrong
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
+from pcpc.executive.loop.layout import Loop
 
-
-class Wrong(NumberedEnum):
-    """What a fault makes of a value."""
-
-    VALUE, BIAS, GAIN, DRIFT, STUCK, DROPOUT, NOISE, RANDOM, QUANTISE, DELAY = range(10)
-    SATURATION, RATE, DEAD_ZONE, NAN = range(10, 14)
-
-
-KINDS = Wrong.words()
 # Where a fault acts: SENT, the inputs of block b at b, its outputs at OUTPUTS + b
 PARAMETERS, SENT, OUTPUTS = -1, sh.MAX_BLOCKS, sh.MAX_BLOCKS + 1
 
 
 @loop_function
-def spoil(n: Any, seam: Any) -> None:
+def spoil(n: Loop, seam: int) -> None:
     """Put wrong values in the place of true ones at a seam."""
     faults = n.faults
     for f in range(faults.n_values):
@@ -71,7 +63,7 @@ def spoil(n: Any, seam: Any) -> None:
 
 
 @loop_function
-def begin(n: Any, f: Any, x: Any) -> None:
+def begin(n: Loop, f: int, x: float) -> None:
     """Note the value and the cycle with which a fault begins."""
     n.faults.since[f] = n.k
     n.faults.kept[f] = x
@@ -80,7 +72,7 @@ def begin(n: Any, f: Any, x: Any) -> None:
 
 
 @loop_function
-def wrong(n: Any, f: Any, x: Any) -> Any:
+def wrong(n: Loop, f: int, x: float) -> float:
     """Return what fault `f` makes of `x` in this cycle; it keeps what it needs for the next one."""
     faults = n.faults
     kind, a, cycles = faults.kind[f], size(n, f), n.k - faults.since[f]
@@ -96,7 +88,7 @@ def wrong(n: Any, f: Any, x: Any) -> Any:
 
 
 @loop_function
-def injected_value(n: Any, f: Any, x: Any, a: Any, cycles: Any) -> Any:
+def injected_value(n: Loop, f: int, x: float, a: float, cycles: int) -> float:
     """Return (1) to (14)."""
     faults, period_s = n.faults, n.clock.period_ns * 1e-9
     kind, kept = faults.kind[f], faults.kept[f]
@@ -120,7 +112,7 @@ def injected_value(n: Any, f: Any, x: Any, a: Any, cycles: Any) -> Any:
     if kind == Wrong.QUANTISE:
         return a * floor(x / a + 0.5) if abs(x / a) < 2.0**52 else x
     if kind == Wrong.DELAY:
-        back = np.int64(min(max(a, 0.0), FAULT_DEPTH - 1.0))
+        back = int64(min(max(a, 0.0), FAULT_DEPTH - 1.0))
         return faults.earlier[f, (cycles - back) % FAULT_DEPTH]
     if kind == Wrong.SATURATION:
         return min(max(x, -a), a)

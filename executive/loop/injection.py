@@ -8,33 +8,33 @@ Each fault of the rig has four variables, side by side in the table of the node 
     fault.NAME.burst   how many in a row, on average
 
 So a fault begins by a tuning, which the log holds and a replay takes from it. Whether it acts is
-drawn from a generator of its own (two states, see `executive.loop.losses`), so that the same rig
+drawn from a generator of its own (two states, as in `executive.loop.losses`), so that the same rig
 and seed give the same faults whatever the pacing and the bus.
 """
 
-from typing import Any
-
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.executive.loop.losses import FACTOR, PRIME
+from pcpc.drivers.compiled.records import Cells
+from pcpc.executive.loop.draws import FACTOR, PRIME
+from pcpc.executive.loop.layout import Loop
 
 LEFT, VALUE, SHARE, BURST = range(4)  # places from that of `fault.NAME.left` on
 FOR_EVER = 1e15  # cycles
 
 
 @loop_inline
-def is_on(n: Any, f: Any) -> Any:
+def is_on(n: Loop, f: int) -> bool:
     """Return whether fault `f` is on."""
     return n.v[n.faults.place[f] + LEFT] > 0.0
 
 
 @loop_inline
-def size(n: Any, f: Any) -> Any:
+def size(n: Loop, f: int) -> float:
     """Return how large fault `f` is."""
     return n.v[n.faults.place[f] + VALUE]
 
 
 @loop_function
-def uniform(n: Any, f: Any) -> Any:
+def uniform(n: Loop, f: int) -> float:
     """Draw a number between 0 and 1 from the generator of fault `f`."""
     s = n.faults.seed[f] * FACTOR % PRIME
     n.faults.seed[f] = s
@@ -42,7 +42,7 @@ def uniform(n: Any, f: Any) -> Any:
 
 
 @loop_function
-def acts(n: Any, f: Any) -> Any:
+def acts(n: Loop, f: int) -> int:
     """Draw whether fault `f`, which is on, acts this time: always, singly, or in bursts."""
     at = n.faults.place[f]
     share = n.v[at + SHARE]
@@ -56,7 +56,7 @@ def acts(n: Any, f: Any) -> Any:
 
 
 @loop_function
-def count_down(n: Any, periods: Any) -> None:
+def count_down(n: Loop, periods: int) -> None:
     """Let periods pass for all faults that are on."""
     for i in range(n.faults.n_places):
         at = n.faults.every_place[i]
@@ -64,7 +64,7 @@ def count_down(n: Any, periods: Any) -> None:
 
 
 @loop_function
-def any_on(n: Any, places: Any, count: Any) -> Any:
+def any_on(n: Loop, places: Cells[int], count: int) -> bool:
     """Return whether one of `count` faults, by the places of `left`, is on."""
     on = False
     for i in range(count):
@@ -73,6 +73,6 @@ def any_on(n: Any, places: Any, count: Any) -> Any:
 
 
 @loop_inline
-def peer_stalled(n: Any) -> Any:
+def peer_stalled(n: Loop) -> bool:
     """Return whether the other node stands still now, so that nobody waits for it."""
     return any_on(n, n.faults.peer_stall, n.faults.n_peer_stalls)

@@ -15,18 +15,15 @@ What is believed leads to what the rig chose: it is counted and told (always), t
 this cycle's input and what came of it is taken back (hold), the node faults as well (fault).
 """
 
-from typing import Any
-
-import numpy as np
-
-from pcpc.drivers.can import can_id, codec, e2e
+from pcpc.drivers.can import can_id, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.compiled.structures import copy, data_of
+from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.plausibility import take_plausible
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.strangers import blame, word_of
 
@@ -44,7 +41,7 @@ REACTIONS = Reaction.words()
 
 
 @loop_function
-def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
+def suspect(n: Loop, row: int, state: int, lost: int) -> None:
     """Look for a second sender in a frame that is not used; `lost` before it, as of its check."""
     rx, every, before = n.rx, n.rx.frames[row].every_n, n.intrusion.counted_frame[row]
     if state == FrameState.ERROR:
@@ -55,7 +52,7 @@ def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
             note_sign(n, row, Event.TWO_SENDERS, HINTS)
     else:
         mask = rx.frames[row].counter_mask
-        heard = np.int64(before[8 + rx.frames[row].counter_byte])
+        heard = int64(before[8 + rx.frames[row].counter_byte])
         ahead = rx.state[row].last_counter - (heard >> rx.frames[row].counter_shift)
         ahead &= mask
         turns = lost + 1  # since the counter moved, or more than it did
@@ -68,7 +65,7 @@ def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
 
 
 @loop_function
-def differs(n: Any, row: Any) -> Any:
+def differs(n: Loop, row: int) -> bool:
     """Return whether the frame in `wire.rx` is another than the one that had its counter."""
     other = False
     for i in range(8, 8 + n.rx.frames[row].dlc):
@@ -77,7 +74,7 @@ def differs(n: Any, row: Any) -> Any:
 
 
 @loop_function
-def watch_beat(n: Any, row: Any) -> None:
+def watch_beat(n: Loop, row: int) -> None:
     """Look at the time between two heartbeats; after a stall they come together."""
     watch = n.intrusion
     every, before = watch.beat_every[row], watch.beat_at[row]
@@ -89,7 +86,7 @@ def watch_beat(n: Any, row: Any) -> None:
 
 
 @loop_function
-def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
+def note_sign(n: Loop, row: int, event: int, weight: int) -> None:
     """Count and tell a sign of a second sender of a frame; believe it, or HINTS of them."""
     watch, word = n.intrusion, word_of(n.wire.rx)
     n.control.intrusions += 1
@@ -101,43 +98,35 @@ def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
         watch.told_until[row] = n.k + EVENT_CYCLES
         push_event(n, event, word & can_id.ID, n.control.intrusions)
     if watch.hints[row] >= HINTS and watch.reaction != Reaction.COUNT:
-        take_back(n, row)
+        watch.doubted[row] = n.passes + 1
         if watch.reaction == Reaction.FAULT:
             blame(n, Fault.INTRUSION, word)
 
 
 @loop_function
-def take_back(n: Any, row: Any) -> None:
-    """Let a frame be none of this cycle's input; its values are those of the cycle before."""
-    rx, watch, cycle = n.rx, n.intrusion, n.passes + 1
-    watch.doubted[row] = cycle
-    if watch.kept[row] != cycle:
-        return
+def is_out(n: Loop, row: int) -> bool:
+    """Return whether a frame is none of this cycle's input, since two senders are believed."""
+    return n.intrusion.doubted[row] == n.passes + 1
+
+
+@loop_function
+def keep_values(n: Loop, row: int, new: bool) -> None:
+    """Keep the values that the first frame of its row in this cycle is about to replace."""
+    rx, watch = n.rx, n.intrusion
+    if new and watch.reaction != Reaction.COUNT:
+        watch.kept[row] = n.passes + 1
+        for i in range(rx.frames[row].first, rx.frames[row].end):
+            watch.before[i] = n.v[rx.signals[i].variable]
+
+
+@loop_function
+def take_back(n: Loop, row: int) -> bool:
+    """Take back what a frame that is out was to this cycle; return whether it was anything."""
+    rx, watch = n.rx, n.intrusion
+    if not is_out(n, row) or watch.kept[row] != n.passes + 1:
+        return False
     watch.kept[row] = 0
     rx.fresh -= watch.fresh[row]
     for i in range(rx.frames[row].first, rx.frames[row].end):
         n.v[rx.signals[i].variable] = watch.before[i]
-    for i in range(n.plausible.n):
-        if n.plausible.row[i] == row:
-            n.plausible.taken[i] = n.v[n.plausible.place[i]]
-
-
-@loop_function
-def unpack_with_care(n: Any, row: Any, new: Any) -> None:
-    """Decode `wire.rx`, of a row whose frames or values are doubted; what is no input is none."""
-    rx, watch, cycle = n.rx, n.intrusion, n.passes + 1
-    awaited = rx.role[row].awaited * new
-    if watch.beat_every[row] > 0:
-        watch_beat(n, row)
-    if watch.doubted[row] == cycle:
-        rx.fresh -= awaited
-        return
-    if new and watch.reaction != Reaction.COUNT:
-        watch.kept[row] = cycle
-        for i in range(rx.frames[row].first, rx.frames[row].end):
-            watch.before[i] = n.v[rx.signals[i].variable]
-    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, n.v)
-    known = take_plausible(n, row)
-    if new:
-        watch.fresh[row] = awaited * known
-        rx.fresh -= awaited - watch.fresh[row]
+    return True

@@ -14,76 +14,39 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.canopen.layout import KEPT as KEPT_OF_DRIVE
-from pcpc.drivers.robots.layout import KEPT as KEPT_OF_ROBOT
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.control import OF_THE_LOOP
+from pcpc.executive.loop.layout import LOOP, Loop
 
 Span = tuple[str, str, int, int]
 
 HEAD_WORDS = 3  # passes, cycle, stamp ns
-_OF_FAULTS = ("earlier", "waiting")  # large, and of no use without one
-KEPT: Mapping[str, Mapping[str, tuple[str, ...]]] = {  # record -> field -> its columns, () for all
-    "control": dict.fromkeys(OF_THE_LOOP, ()),
-    "rx": dict.fromkeys(
-        ("started", "fresh", "state", "foreign", "repeats", "loss_state"), ()
-    ),
-    "guard": {
-        "safe": ("last",),
-        **dict.fromkeys(
-            (
-                "missing", "overruns", "faulted", "disarmed", "reset", "stop", "off", "quick",
-                "gain", "pace",
-            ), (),
-        ),
-    },
-    "faults": dict.fromkeys(
-        (
-            "stalled", "seed", "acting", "since", "true", "kept", "count", "first", "shown",
-            "on_wire", "missed", "acted", *_OF_FAULTS,
-        ), (),
-    ),
-    "blocks": {"noted": ()},
-    "limits": {"table": ("last", "sent")},
-    "tx": {"kind": ("told",)},
-    "wire": {"muted": ()},
-    "plausible": dict.fromkeys(
-        ("taken", "taken_at", "came", "came_at", "in_a_row", "told_until"), ()
-    ),
-    "intrusion": dict.fromkeys(
-        (
-            "counted_frame", "hints", "hint_since", "told_until", "beat_at", "early_at", "doubted",
-            "kept", "fresh", "before",
-        ), (),
-    ),
-}  # fmt: skip
-NO_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {}
-OF_DRIVE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "canopen": dict.fromkeys(KEPT_OF_DRIVE, ())
-}
-OF_ROBOT: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "robot": dict.fromkeys(KEPT_OF_ROBOT, ()),
-    "canopen": {"state": ()},
-}
+Marks = Mapping[str, Mapping[str, tuple[str, ...]]]  # record -> field -> its columns, () for all
+
+
+def _marks_of(*names: str) -> Marks:
+    kinds = Loop.records()
+    return {name: kinds[name].carried_fields for name in names or kinds}
+
+
+OF_DRIVE, OF_ROBOT = _marks_of("canopen"), {**_marks_of("robot"), "canopen": {"state": ()}}
+KEPT = {name: marks for name, marks in _marks_of().items() if marks and name not in OF_ROBOT}
+NO_DRIVE: Marks = {}
 _LARGEST = 1 << 62  # cycles, ns, counts
 _BITS = ("odd_bits",)  # words that hold a float64: of a value that is not finite, for one
 
 
-def spans(
-    variables: int, faults: bool, more: Mapping[str, Mapping[str, tuple[str, ...]]] = NO_DRIVE
-) -> list[Span]:
+def spans(variables: int, faults: bool, more: Marks = NO_DRIVE) -> list[Span]:
     """Return what a keyframe holds of a node with so many variables.
 
     `faults`: there are some on purpose; `more`: OF_DRIVE or OF_ROBOT of such a node. Record, field,
     offset in LOOP and bytes; ("", "v") first.
     """
-    kinds: Any = sh.LOOP.fields
+    kinds: Any = LOOP.fields
     found = [("", "v", int(kinds["v"][1]), 8 * variables)]
     for record, names in {**KEPT, **more}.items():
         kind, at = kinds[record][:2]
         for name in names:
             inner, place = kind.fields[name][:2]
-            if faults or name not in _OF_FAULTS:
+            if faults or name not in Loop.records()[record].large_fields:
                 found.append((record, name, at + place, inner.itemsize))
     return found
 
@@ -102,10 +65,10 @@ def name_of(held: Sequence[Span], variables: Sequence[str]) -> str:
 @cache
 def _kind_of(record: str) -> str:
     """Return a record's type in words, which numpy takes milliseconds for."""
-    return str(sh.LOOP[record])
+    return str(LOOP[record])
 
 
-def install(loop: Any, held: Sequence[Span], every: int) -> None:
+def install(loop: Loop, held: Sequence[Span], every: int) -> None:
     """Let the loop keep a keyframe every so many passes; 0 for none."""
     keep, n, past, base = loop.keep, 0, -1, held[0][2]
     for _, _, offset, size in held:
@@ -128,7 +91,7 @@ def impossible(held: Sequence[Span], state: bytes) -> str:
     return ""
 
 
-def restore(loop: Any, held: Sequence[Span], state: bytes) -> None:
+def restore(loop: Loop, held: Sequence[Span], state: bytes) -> None:
     """Put a keyframe into a node, as it was installed."""
     for record, name, values in fields(held, state):
         if not record:
@@ -146,7 +109,7 @@ def fields(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]
     """Yield record, field and values, flat, of what a keyframe holds."""
     at = 0
     for record, name, _, size in held:
-        of_record: Any = sh.LOOP[record].fields if record else sh.LOOP.fields
+        of_record: Any = LOOP[record].fields if record else LOOP.fields
         kind = of_record[name][0].base
         yield record, name, np.frombuffer(state, kind, size // kind.itemsize, at)
         at += size

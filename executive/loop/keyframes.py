@@ -1,21 +1,20 @@
 """Keyframes: the loop copies once in a while what `executive.loop.keyframe_layout` names."""
 
-from typing import Any
-
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
+from pcpc.executive.loop.layout import Loop
 
 
 @loop_inline
-def keep_frame(n: Any) -> None:
+def keep_frame(n: Loop) -> None:
     """Publish a keyframe when it is time for one."""
     if n.passes == n.keep.next:
         copy_out(n)
 
 
 @loop_function
-def copy_out(n: Any) -> None:
+def copy_out(n: Loop) -> None:
     """Copy what is kept, under the seqlock."""
     keep, s = n.keep, n.keyframe_seq[0] | 1
     keep.next = n.passes + keep.every

@@ -11,14 +11,12 @@ ramp     command = safe + gain (last - safe), gain falling from 1 to 0 by `pace`
 reset    command = safe + gain (wanted - safe), gain rising; last is what it would be at gain 1
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import Cells, int64
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import CommandLimits, Loop
 from pcpc.executive.loop.rings import bits_of, push_event
 from pcpc.executive.loop.states import RAMPS, SENDS
 from pcpc.executive.loop.variables import CLAMPED, STATE
@@ -33,22 +31,22 @@ class Quick(NumberedEnum):
 
 
 @loop_function
-def find_not_finite(v: Any, first: Any, past: Any) -> Any:
+def find_not_finite(v: Cells[float], first: int, past: int) -> int:
     """Return the first of these places that holds no finite number, -1 for none."""
-    odd = np.int64(0)
+    odd = int64(0)
     for i in range(first, past):
         odd |= not abs(v[i]) < FINITE
     if odd != 0:
         for i in range(first, past):
             if not abs(v[i]) < FINITE:
-                return np.int64(i)
-    return np.int64(-1)
+                return int64(i)
+    return int64(-1)
 
 
 @loop_inline
-def check_finite(n: Any) -> Any:
+def check_finite(n: Loop) -> bool:
     """Look at all outputs and at what is to be sent; note the first value that is not finite."""
-    place = np.int64(-1)
+    place = int64(-1)
     for b in range(n.blocks.n):
         if place < 0:
             place = find_not_finite(n.v, n.blocks.views[b].y, n.blocks.views[b].y_end)
@@ -63,12 +61,12 @@ def check_finite(n: Any) -> Any:
 
 
 @loop_inline
-def limit_commands(n: Any) -> None:
+def limit_commands(n: Loop) -> None:
     """Judge what is to be sent: finite or a fault; clamp, limit the rate, ramp to safe."""
     guard, table = n.guard, n.limits.table
     odd = check_finite(n)
     n.v[CLAMPED] = 0.0
-    state = np.int64(n.v[STATE])
+    state = int64(n.v[STATE])
     waits = guard.safe_start != 0 and SENDS[state] == 0
     ramping = RAMPS[state] != 0 or guard.pace > 0.0
     rising = guard.gain < 1.0
@@ -102,7 +100,7 @@ def limit_commands(n: Any) -> None:
 
 
 @loop_function
-def settled(limits: Any) -> Any:
+def settled(limits: CommandLimits) -> bool:
     """Return whether every command may be its safe value in the next frame."""
     table = limits.table
     for i in range(limits.n):  # noqa: SIM110  compiled
@@ -112,7 +110,7 @@ def settled(limits: Any) -> Any:
 
 
 @loop_inline
-def quick_stop(n: Any, fault: Any) -> None:
+def quick_stop(n: Loop, fault: int) -> None:
     """Note a fault whose ramp is a quick stop, also if another fault came first."""
     if n.guard.faulted == Fault.NONE:
         n.guard.faulted = fault
@@ -121,7 +119,7 @@ def quick_stop(n: Any, fault: Any) -> None:
 
 
 @loop_function
-def begin_ramp(n: Any, asked: Any) -> None:
+def begin_ramp(n: Loop, asked: bool) -> None:
     """Set the pace of the ramp by the slowest command; at an end nobody above is waited for."""
     guard, rx, table = n.guard, n.rx, n.limits.table
     guard.pace = guard.ramp_step

@@ -2,24 +2,21 @@
 
     two states, good and lost, a draw a frame (Gilbert):
     good -> lost with p,  lost -> good with q = 1/burst,  p = q share/(1 - share)           (1)
-    s' = 48271 s mod 2^31 - 1,  u = s/(2^31 - 1)            Park and Miller's generator     (2)
 
 Each frame has a generator of its own, so that the order in which frames come does not matter, and a
 virtual run loses what a run on a bus loses.
 """
 
-import zlib
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.compiled.jit import loop_inline
-
-PRIME, FACTOR = 2**31 - 1, 48271
+from pcpc.executive.loop.draws import FACTOR, PRIME, first
+from pcpc.executive.loop.layout import Loop
 
 
 def install(
-    loop: Any, frames: list[dbc.Frame], losses: Mapping[str, tuple[float, float]], seed: int
+    loop: Loop, frames: list[dbc.Frame], losses: Mapping[str, tuple[float, float]], seed: int
 ) -> None:
     """Write the losses of the received `frames` into the LOOP record: share and burst by name."""
     for row, frame in enumerate(frames):
@@ -31,14 +28,9 @@ def install(
             loop.faults.spoiled[row] = 1
 
 
-def first(seed: int, name: str) -> int:
-    """Return the s with which the generator of a frame begins (2)."""
-    return 1 + zlib.crc32(f"{seed} {name}".encode()) % (PRIME - 1)
-
-
 @loop_inline
-def is_lost(n: Any, row: Any) -> Any:
-    """Draw whether the frame that has just come in on `row` is lost (1) (2)."""
+def is_lost(n: Loop, row: int) -> int:
+    """Draw whether the frame that has just come in on `row` is lost (1)."""
     loss, state = n.rx.loss[row], n.rx.loss_state[row]
     if loss.enter <= 0.0:
         return False

@@ -12,20 +12,19 @@ A node that stands still on purpose takes what it would have sent; who knows of 
 Losses, which belong to the rig's bus, excuse no stale cycle.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can import codec, e2e
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import data_of
+from pcpc.executive.loop.doubts import is_doubted
 from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
 from pcpc.executive.loop.injection import peer_stalled
+from pcpc.executive.loop.layout import Loop
 
 
 @loop_inline
-def age_frames(n: Any) -> None:
+def age_frames(n: Loop) -> None:
     """Age the frames to which something may be done, as they came, by one cycle."""
     for row in range(n.rx.n):
         if n.faults.spoiled[row] != 0:
@@ -33,7 +32,7 @@ def age_frames(n: Any) -> None:
 
 
 @loop_inline
-def note_as_came(n: Any, row: Any) -> None:
+def note_as_came(n: Loop, row: int) -> None:
     """Check and count the frame in `wire.rx` as it came, if something may be done to it."""
     n.faults.shown = 0
     if n.faults.spoiled[row] != 0:
@@ -41,18 +40,18 @@ def note_as_came(n: Any, row: Any) -> None:
 
 
 @loop_function
-def _note(n: Any, row: Any) -> None:
+def _note(n: Loop, row: int) -> None:
     frame, rx = n.wire.rx, n.rx
     length = codec.length_of(frame, row, rx.frames)
     state, lost = e2e.check(data_of(frame), length, row, rx.frames, n.faults.on_wire)
     count(n, state, lost)
     acted, right = n.faults.acted[row], state == FrameState.OK or state == FrameState.OK_SOME_LOST
-    lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row].every_n)
-    n.faults.shown = np.int64(right and acted > 0 and n.passes + 1 - acted <= lasts)
+    lasts = max(int64(EXCUSED_CYCLES), 2 * rx.frames[row].every_n)
+    n.faults.shown = int64(right and acted > 0 and n.passes + 1 - acted <= lasts)
 
 
 @loop_inline
-def count(n: Any, state: Any, lost: Any) -> None:
+def count(n: Loop, state: int, lost: int) -> None:
     """Count what is wrong with a frame of this state, before which `lost` are missing."""
     n.control.missed += lost
     n.control.crc_errors += 1 if state == FrameState.ERROR else 0
@@ -61,13 +60,13 @@ def count(n: Any, state: Any, lost: Any) -> None:
 
 
 @loop_function
-def taken_on_purpose(n: Any) -> Any:
+def taken_on_purpose(n: Loop) -> bool:
     """Return whether all input that is missing in this cycle was taken by faults on purpose."""
     if peer_stalled(n):
         return True
     short = n.rx.awaited - n.rx.fresh
     for row in range(n.rx.n):
-        unused = n.rx.state[row].fresh == 0 or n.intrusion.doubted[row] == n.passes + 1
+        unused = n.rx.state[row].fresh == 0 or is_doubted(n, row)
         if n.faults.spoiled[row] != 0 and n.faults.on_wire[row].fresh != 0 and unused:
             short -= n.rx.role[row].awaited
     return short <= 0

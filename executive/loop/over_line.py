@@ -5,7 +5,7 @@
                 up to 1: take what is through by then, send
     local node  it is on the line; between it and its plant frames take no time
 
-What is sent waits for the line (`drivers.can.line`) from that time on; a frame that is not through
+What is sent waits for the line (`drivers.line.line`) from that time on; a frame that is not through
 when its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an
 error frame tells it. Nobody waits for frames: both nodes are as on a clock from their first cycle
 on. The meeting before it and the last words are carried at once.
@@ -14,19 +14,23 @@ on. The meeting before it and the last words are carried at once.
 from functools import cache
 from typing import Any
 
-from pcpc.drivers.can import error_frames, wire
-from pcpc.drivers.can import line as lines
-from pcpc.drivers.can.line import Outcome
-from pcpc.drivers.can.ticks import tick_at
+from pcpc.drivers.can import wire
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.records import Cells
+from pcpc.drivers.compiled.stage import Steps
+from pcpc.drivers.line import error_frames
+from pcpc.drivers.line import line as lines
+from pcpc.drivers.line.line import Line, Outcome
+from pcpc.drivers.line.ticks import tick_at
 from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
 from pcpc.executive.loop.exchange import end_run, meet, work_below
+from pcpc.executive.loop.layout import Loop
 
 _REST_BITS = 1_000_000  # in which what is on its way at the end comes through
 
 
 @loop_function
-def _queue(line: Any, nodes: Any, s: Any, at: Any) -> None:
+def _queue(line: Line, nodes: tuple[Loop, ...], s: int, at: int) -> None:
     """Queue what node `s` has sent at tick `at`."""
     end = nodes[s].wire
     for k in range(end.outbox_put):
@@ -40,7 +44,7 @@ def _queue(line: Any, nodes: Any, s: Any, at: Any) -> None:
 
 
 @loop_function
-def _go_on(line: Any, nodes: Any, until: Any) -> None:
+def _go_on(line: Line, nodes: tuple[Loop, ...], until: int) -> None:
     """Let the line go on to tick `until`, and put what is through into its receiver's inbox."""
     what = lines.advance(line, until)
     while what != Outcome.NOTHING:
@@ -52,7 +56,9 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
         what = lines.advance(line, until)
 
 
-def _run(nodes: Any, steps: Any, line: Any, phases: Any, cycles: Any) -> Any:
+def _run(
+    nodes: tuple[Loop, ...], steps: tuple[Steps, ...], line: Line, phases: Cells[int], cycles: int
+) -> int:
     """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
     top = nodes[0]
     if top.passes == 0:

@@ -11,21 +11,21 @@ are also the node's own, where its DBC file has them.
 
 from typing import Any
 
-import numpy as np
-
 from pcpc.drivers.can import codec
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.canopen import layout as canopen
-from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.layout import Od
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import Whose, hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.robots import layout as robots
 from pcpc.drivers.robots import mit, moteus, odrive
 from pcpc.drivers.robots.layout import Dialect
 from pcpc.drivers.robots.loops import measure as measure_robot
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.sending import send_tx
 from pcpc.executive.loop.strangers import note_foreign, word_of
@@ -66,7 +66,7 @@ MISTAKES, MISTAKES_ROBOT = len(SEEN) - len(canopen.Mistake), len(SEEN_ROBOT) - l
 
 
 @loop_function
-def hear_drive(n: Any) -> Any:
+def hear_drive(n: Loop) -> int:
     """Let the drive hear `wire.rx`; return 1 if it is nobody else's, else 0."""
     d = n.canopen
     d.k = n.k
@@ -74,7 +74,7 @@ def hear_drive(n: Any) -> Any:
 
 
 @loop_function
-def hear_robot(n: Any) -> Any:
+def hear_robot(n: Loop) -> int:
     """Let a robot's drive hear it."""
     d, r, at = n.canopen, n.robot, n.canopen.place_gains
     d.k = n.k
@@ -93,23 +93,23 @@ def hear_robot(n: Any) -> Any:
 
 
 @loop_function
-def taken(n: Any, whose: Any) -> Any:
+def taken(n: Loop, whose: int) -> int:
     """Record `wire.rx` and answer; return 1 if it is nobody else's, else 0."""
     word = word_of(n.wire.rx)
     awaited = whose == Whose.ALL and codec.frame_of(word, n.rx.frames, n.rx.n) >= 0
     if whose == Whose.OTHER or awaited:
-        return np.int64(0)
+        return int64(0)
     if whose == Whose.TWIN:
         note_foreign(n, word)
     else:
         push_frame(n, n.wire.rx, 1, FrameState.OK)
         n.control.received += 1
     answer(n)
-    return np.int64(1)
+    return int64(1)
 
 
 @loop_function
-def begin(n: Any) -> None:
+def begin(n: Loop) -> None:
     """Tell the drive cycle and gains."""
     d, at = n.canopen, n.canopen.place_gains
     d.k = n.k
@@ -118,16 +118,16 @@ def begin(n: Any) -> None:
 
 
 @loop_function
-def work_drive(n: Any) -> Any:
+def work_drive(n: Loop) -> int:
     """Step the drive: from the last sample to its command."""
     begin(n)
     n.v[n.canopen.place_command] = work(n.canopen)
     answer(n)
-    return np.int64(0)
+    return int64(0)
 
 
 @loop_function
-def work_robot(n: Any) -> Any:
+def work_robot(n: Loop) -> int:
     """Step a robot's drive."""
     d, r = n.canopen, n.robot
     begin(n)
@@ -138,11 +138,11 @@ def work_robot(n: Any) -> Any:
     else:
         torque = work_moteus(r, d)
     n.v[d.place_command] = d.rated * torque
-    return np.int64(0)
+    return int64(0)
 
 
 @loop_function
-def velocity_at(n: Any, position: Any) -> Any:
+def velocity_at(n: Loop, position: float) -> float:
     """Return the velocity of the new sample: measured, or by the difference of positions."""
     d, velocity = n.canopen, 0.0
     if d.place_velocity >= 0:
@@ -154,31 +154,31 @@ def velocity_at(n: Any, position: Any) -> Any:
 
 
 @loop_function
-def speak_drive(n: Any) -> Any:
+def speak_drive(n: Loop) -> int:
     """Let the drive take the new sample and send what is due; show it."""
     d, position = n.canopen, n.v[n.canopen.place_position]
     measure(d, position, velocity_at(n, position))
     speak(d)
     send_outbox(n)
     x, at = d.state, d.place_seen
-    n.v[at + Seen.CONTROLWORD] = d.value[Row.CONTROLWORD]
-    n.v[at + Seen.STATUSWORD] = d.value[Row.STATUSWORD]
+    n.v[at + Seen.CONTROLWORD] = d.value[Od.CONTROLWORD]
+    n.v[at + Seen.STATUSWORD] = d.value[Od.STATUSWORD]
     n.v[at + Seen.MODE] = x.mode
     n.v[at + Seen.NMT] = x.nmt
-    n.v[at + Seen.ERROR_CODE] = d.value[Row.ERROR_CODE]
-    n.v[at + Seen.TARGET_POSITION] = d.value[Row.TARGET_POSITION] / d.position_scale
-    n.v[at + Seen.TARGET_VELOCITY] = d.value[Row.TARGET_VELOCITY] / d.velocity_scale
-    n.v[at + Seen.TARGET_TORQUE] = d.value[Row.TARGET_TORQUE] * 1e-3
+    n.v[at + Seen.ERROR_CODE] = d.value[Od.ERROR_CODE]
+    n.v[at + Seen.TARGET_POSITION] = d.value[Od.TARGET_POSITION] / d.position_scale
+    n.v[at + Seen.TARGET_VELOCITY] = d.value[Od.TARGET_VELOCITY] / d.velocity_scale
+    n.v[at + Seen.TARGET_TORQUE] = d.value[Od.TARGET_TORQUE] * 1e-3
     n.v[at + Seen.DEMAND_POSITION] = x.demand_position
     n.v[at + Seen.POSITION] = x.position
     n.v[at + Seen.VELOCITY] = x.velocity
     for i in range(len(d.mistakes)):
         n.v[at + MISTAKES + i] = d.mistakes[i]
-    return np.int64(0)
+    return int64(0)
 
 
 @loop_function
-def speak_robot(n: Any) -> Any:
+def speak_robot(n: Loop) -> int:
     """Do the same for a robot's drive."""
     d, r, position = n.canopen, n.robot, n.v[n.canopen.place_position]
     measure_robot(r, position, velocity_at(n, position))
@@ -200,11 +200,11 @@ def speak_robot(n: Any) -> Any:
     n.v[at + SeenRobot.TORQUE] = x.torque
     for i in range(len(r.mistakes)):
         n.v[at + MISTAKES_ROBOT + i] = r.mistakes[i]
-    return np.int64(0)
+    return int64(0)
 
 
 @loop_function
-def answer(n: Any) -> None:
+def answer(n: Loop) -> None:
     """Send what the drive has to say at once; in lockstep, if there is room, behind its node's.
 
     There whoever waits for a frame of the drive goes on once it is here.
@@ -215,7 +215,7 @@ def answer(n: Any) -> None:
 
 
 @loop_function
-def send_outbox(n: Any) -> None:
+def send_outbox(n: Loop) -> None:
     """Send what the drive has to say."""
     d = n.canopen
     for i in range(d.n_out):

@@ -12,12 +12,11 @@ Then y stays in the table (0 before the first). `fault_after` such values in a r
 Until each of its limited signals has been taken once, a frame is not the input that starts a node.
 """
 
-from typing import Any
-
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import WordedEnum
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import FINITE
 from pcpc.executive.loop.rings import bits_of, push_event
 
@@ -38,7 +37,7 @@ WHYS = [why.says for why in Implausibility]
 
 
 @loop_function
-def take_plausible(n: Any, row: Any) -> Any:
+def take_plausible(n: Loop, row: int) -> bool:
     """Put back what of the frame just decoded is not plausible; return whether all is known."""
     these, known = n.plausible, True
     for i in range(these.n):
@@ -56,7 +55,24 @@ def take_plausible(n: Any, row: Any) -> Any:
 
 
 @loop_function
-def judged(n: Any, i: Any, x: Any) -> Any:
+def is_limited(n: Loop, row: int) -> bool:
+    """Return whether a frame has limited signals."""
+    limited = False
+    for i in range(n.plausible.n):
+        limited |= n.plausible.row[i] == row
+    return limited
+
+
+@loop_function
+def take_again(n: Loop, row: int, back: bool) -> None:
+    """Take the values in the table as those taken last, if a frame was taken back."""
+    for i in range(n.plausible.n):
+        if back and n.plausible.row[i] == row:
+            n.plausible.taken[i] = n.v[n.plausible.place[i]]
+
+
+@loop_function
+def judged(n: Loop, i: int, x: float) -> int:
     """Return what is wrong with a value of limited signal `i`."""
     these, bounds = n.plausible, n.plausible.bounds[i]
     if x != these.came[i]:
@@ -76,7 +92,7 @@ def judged(n: Any, i: Any, x: Any) -> Any:
 
 
 @loop_function
-def note_implausible(n: Any, i: Any, x: Any, why: Any) -> None:
+def note_implausible(n: Loop, i: int, x: float, why: int) -> None:
     """Count a value that was not taken, tell it, and be a fault in the end."""
     these, place = n.plausible, n.plausible.place[i]
     n.control.implausible += 1

@@ -4,12 +4,8 @@ receive      the frames of a cycle: those that are there, or until all awaited a
 take_frame   whose is it: one of ours, a stranger's, or part of the meeting of the nodes
 disturbed    what the rig does to it on purpose; the one seam between wire and acceptance
 accept       counter and CRC
-decode       signals to the table, but for what is not plausible; or refuse, which counts why not
+decode       signals to the table, but for what is doubted; or refuse, which counts why not
 """
-
-from typing import Any
-
-import numpy as np
 
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.bus import RECEIVE_TIMEOUT_US
@@ -18,16 +14,18 @@ from pcpc.drivers.can.wire import WAIT_MS, get_frame
 from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.stage import call_at
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop import meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
+from pcpc.executive.loop.doubts import has_doubts, note_sender, note_used, take_values
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
 from pcpc.executive.loop.injection import peer_stalled
-from pcpc.executive.loop.intrusion import suspect, unpack_with_care
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import quick_stop
 from pcpc.executive.loop.losses import is_lost
 from pcpc.executive.loop.meeting import Turn
@@ -40,7 +38,7 @@ RECEIVE_NS, LONGEST_LOOK_NS = 1000 * RECEIVE_TIMEOUT_US, 1_000_000 * WAIT_MS
 
 
 @loop_inline
-def receive(n: Any) -> None:
+def receive(n: Loop) -> None:
     """Drain what is there; before the clock runs, and in lockstep, block until all is here."""
     if paced(n):
         drain(n)
@@ -57,7 +55,7 @@ def receive(n: Any) -> None:
 
 
 @loop_inline
-def drain(n: Any) -> None:
+def drain(n: Loop) -> None:
     """Take the frames that are there."""
     for _ in range(DRAIN_FRAMES):
         result = take(n, False)
@@ -66,14 +64,14 @@ def drain(n: Any) -> None:
 
 
 @loop_function
-def gather(n: Any) -> None:
+def gather(n: Loop) -> None:
     """Block until the frames that start this cycle are here, or the other node counts as silent.
 
     There is no limit of frames, unless the host asks for the end: those of others may come before.
     They break no silence. Of each look at most a time-out counts: a process that was stopped
     meanwhile has not waited.
     """
-    waited_ns, drained, before, since = np.int64(0), 0, n.rx.started, now(n.clock)
+    waited_ns, drained, before, since = int64(0), 0, n.rx.started, now(n.clock)
     if peer_stalled(n):
         n.rx.started += n.rx.starters
     while n.rx.started < n.rx.starters and drained < DRAIN_FRAMES:
@@ -82,7 +80,7 @@ def gather(n: Any) -> None:
         waited_ns += min(time - since, LONGEST_LOOK_NS)
         since = time
         if n.rx.started > before or n.passes == 0:  # the host gives the first meeting up
-            waited_ns, before = np.int64(0), n.rx.started
+            waited_ns, before = int64(0), n.rx.started
         if result == Arrival.FRAME:
             if refused(n):
                 break
@@ -101,7 +99,7 @@ def gather(n: Any) -> None:
 
 
 @loop_function
-def give_up(n: Any) -> None:
+def give_up(n: Loop) -> None:
     """Wait no longer for the other node; note the first of its frames that did not come."""
     n.guard.faulted = Fault.PEER_SILENT
     for row in range(n.rx.n - 1, -1, -1):
@@ -112,7 +110,7 @@ def give_up(n: Any) -> None:
 
 
 @loop_function
-def patience(n: Any) -> Any:
+def patience(n: Loop) -> int:
     """Return how many time-outs are silence: more while the recorder lags."""
     lags = n.record_ends.head != libc.load_acquire(n.record_taken, 0)
     waits = n.rings.wait_recorder != 0 and n.control.recorded != 0 and lags
@@ -120,7 +118,7 @@ def patience(n: Any) -> Any:
 
 
 @loop_inline
-def take(n: Any, block: Any) -> Any:
+def take(n: Loop, block: bool) -> int:
     """Take one frame, if one comes; return what came, see `drivers.can.wire.get_frame`."""
     result = get_frame(n.wire, block)
     if result == Arrival.FRAME:
@@ -134,14 +132,14 @@ def take(n: Any, block: Any) -> Any:
 
 
 @loop_function
-def take_one(n: Any) -> None:
+def take_one(n: Loop) -> None:
     """Let the drive of this node, if it is one, or the node itself take `wire.rx`."""
     if n.canopen.on == 0 or call_at(n.canopen.hears, n) == 0:
         take_frame(n)
 
 
 @loop_function
-def wait_for_peer(n: Any) -> Any:
+def wait_for_peer(n: Loop) -> bool:
     """Block until all nodes below are heard, and answer; return False when the host stops us.
 
     Without a clock a local node turns to the node above only then.
@@ -168,20 +166,20 @@ def wait_for_peer(n: Any) -> Any:
 
 
 @loop_function
-def take_frame(n: Any) -> Any:
+def take_frame(n: Loop) -> int:
     """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
     word = word_of(n.wire.rx)
     row = codec.frame_of(word, n.rx.frames, n.rx.n)
     if is_foreign(n, row, word):
         note_foreign(n, word)
-        return np.int64(-1)
+        return int64(-1)
     if row < 0:
         meeting.compare_greeting(n, word)
         return row
     if n.meeting.ordered != 0 and n.passes == 0:
         what = meeting.sorted_out(n, row)
         if what == Turn.LEAVE:
-            return np.int64(-1)
+            return int64(-1)
         if what == Turn.HELD_FIRST:
             peer = n.rx.role[row].peer - 1
             meeting.exchange_held(n, peer)
@@ -191,12 +189,12 @@ def take_frame(n: Any) -> Any:
 
 
 @loop_function
-def use_frame(n: Any, row: Any) -> Any:
+def use_frame(n: Loop, row: int) -> int:
     """Disturb, accept and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost."""
     after_loss = n.rx.loss_state[row].lost
     on_wire.note_as_came(n, row)
     if disturbed(n, row):
-        return np.int64(-1)
+        return int64(-1)
     if n.faults.n > n.faults.n_values:
         done = inject(n, row)
         if done != 0:
@@ -207,13 +205,13 @@ def use_frame(n: Any, row: Any) -> Any:
     if state == FrameState.OK or state == FrameState.OK_SOME_LOST:
         decode(n, row, new)
     else:
-        suspect(n, row, state, lost)
+        note_sender(n, row, state, lost)
         refuse(n, row, state, after_loss)
     return row
 
 
 @loop_function
-def put_in_place(n: Any, row: Any, done: Any) -> None:
+def put_in_place(n: Loop, row: int, done: int) -> None:
     """Accept what faults put in the place of a frame, and the one that comes after it."""
     new, used = n.rx.state[row].fresh == 0, False
     n.faults.shown = 1
@@ -234,7 +232,7 @@ def put_in_place(n: Any, row: Any, done: Any) -> None:
 
 
 @loop_inline
-def disturbed(n: Any, row: Any) -> Any:
+def disturbed(n: Loop, row: int) -> bool:
     """Do to the frame what the rig wants of its bus; return True if nothing is left of it."""
     if not is_lost(n, row):
         return False
@@ -246,7 +244,7 @@ def disturbed(n: Any, row: Any) -> Any:
 
 
 @loop_inline
-def accept(n: Any, row: Any) -> Any:
+def accept(n: Loop, row: int) -> tuple[int, int]:
     """Check counter and CRC, record the frame; return its state, and how many were lost."""
     frame = n.wire.rx
     state, lost = e2e.check(
@@ -260,14 +258,14 @@ def accept(n: Any, row: Any) -> Any:
 
 
 @loop_inline
-def decode(n: Any, row: Any, new: Any) -> None:
+def decode(n: Loop, row: int, new: bool) -> None:
     """Write the frame's signals to the table; `new`: it is the first of its row in this cycle."""
     rx = n.rx
-    if n.intrusion.care[row] != 0:
-        unpack_with_care(n, row, new)
+    if has_doubts(n, row):
+        take_values(n, row, new)
     else:
         codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, n.v)
-    copy(n.intrusion.counted_frame[row], n.wire.rx)
+    note_used(n, row)
     n.control.received += 1
     if row == n.guard.stop_row:
         quick_stop(n, Fault.STOP_FRAME)
@@ -279,7 +277,7 @@ def decode(n: Any, row: Any, new: Any) -> None:
 
 
 @loop_function
-def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
+def refuse(n: Loop, row: int, state: int, after_loss: int) -> None:
     """Do what follows from a frame that is not used; what was on purpose is no mistake."""
     if excused(n, row):
         n.rx.started += n.rx.role[row].starts

@@ -5,11 +5,26 @@ number of the request that was answered, the cycle, a Refusal and the slot that 
 """
 
 from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
-from pcpc.drivers.compiled.rows import lines_of
+from pcpc.drivers.compiled.records import Element, line
 
 SLOTS = 64  # variables of a request
-MAIL = lines_of(("request", "count"), ("lock",))
-ANSWER = lines_of(("request", "cycle", "refusal", "entry"))
+
+
+class Mail(Element):
+    """What a client asks."""
+
+    request: int
+    count: int
+    lock: int = line()
+
+
+class Answer(Element):
+    """What the loop answers."""
+
+    request: int = line()
+    cycle: int
+    refusal: int
+    entry: int
 
 
 class Lock(NumberedEnum):

@@ -12,9 +12,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.compiled.rows import lines_of, row_of
+from pcpc.drivers.compiled.records import Cells, Element, Record, cells, line
+from pcpc.executive.loop.sizes import MAX_VARIABLES
 
-ENDS = lines_of(("head",), ("dropped",))  # rows put and dropped
+
+class Ends(Element):
+    """Of a ring: rows put and dropped."""
+
+    head: int = line()
+    dropped: int = line()
 
 
 class OfRecord(NumberedEnum):
@@ -36,7 +42,32 @@ class OfEvent(NumberedEnum):
 
 
 RECORD_HEAD, FRAME_WORDS, EVENT_WORDS = len(OfRecord), len(OfFrame), len(OfEvent)
-EVENT_ROW = row_of(" ".join(OfEvent.words()))
+RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
+FRAME_RING_WORDS = FRAME_WORDS << 16  # six seconds of ten classic frames a cycle at 1 kHz
+EVENT_RING_ROWS = 1 << 10
+
+
+class EventRow(Element):
+    """An event, as `OfEvent` has it."""
+
+    stamp_ns: int
+    cycle: int
+    code: int
+    argument: int
+    bits: int
+
+
+class Rings(Record):
+    """What goes into them."""
+
+    wait_recorder: int  # lockstep: a full ring delays instead of dropping
+    record_rows: int
+    frame_rows: int
+    frame_words: int  # of a row
+    n_state: int
+    n_timing: int
+    state_columns: Cells[int] = cells(MAX_VARIABLES)
+    timing_columns: Cells[int] = cells(MAX_VARIABLES)
 
 
 def data_bytes(description: Mapping[str, Any]) -> int:

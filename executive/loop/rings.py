@@ -14,24 +14,26 @@ from pcpc.drivers.can import codec
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import machine_ns, stamp, stopping
-from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
+from pcpc.executive.loop.layout import Loop
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, Ends, OfFrame, OfRecord
 
 LAST_WAIT_NS = 2_000_000_000
 NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
 
 
 @loop_inline
-def bits_of(value: Any) -> Any:
+def bits_of(value: float) -> Any:
     """Return the 64 bits of a float64 as int64, every NaN as the same one."""
     bits = np.float64(value).view(np.int64)
     return bits if value == value else NAN_BITS
 
 
 @loop_inline
-def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
+def _free_row(n: Loop, ends: Ends, taken: Cells[int], rows: int) -> int:
     """Return the row to fill, or -1 when the ring is full and the row is dropped.
 
     The row follows from the loop's own words alone: `taken` may hold anything.
@@ -39,14 +41,14 @@ def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
     put = ends.head
     if put - libc.load_acquire(taken, 0) >= rows and not _room(n, ends, taken, rows):
         ends.dropped += 1
-        return np.int64(-1)
-    return np.int64(np.uint64(put) % np.uint64(rows))
+        return int64(-1)
+    return int64(np.uint64(put) % np.uint64(rows))
 
 
 @loop_function
-def _room(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
+def _room(n: Loop, ends: Ends, taken: Cells[int], rows: int) -> bool:
     """Wait for room in a full ring, where the rig says so; return whether there is any."""
-    until = np.int64(0)
+    until = int64(0)
     while ends.head - libc.load_acquire(taken, 0) >= rows:
         over = n.rings.wait_recorder == 0
         if not over and stopping(n):
@@ -59,12 +61,12 @@ def _room(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
 
 
 @loop_function
-def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
+def push_frame(n: Loop, frame: Cells[Byte], received: int, state: int) -> None:
     """Append one frame, sent or received, with its receiver state."""
     row = _free_row(n, n.frame_ends, n.frame_taken, n.rings.frame_rows)
     if row < 0:
         return
-    word = codec.four_bytes(frame, 0) | np.int64(frame[LENGTH]) << 32 | np.int64(frame[FLAGS]) << 56
+    word = codec.four_bytes(frame, 0) | int64(frame[LENGTH]) << 32 | int64(frame[FLAGS]) << 56
     into, at = n.frame, row * n.rings.frame_words
     into[at + OfFrame.HEADER] = sh.CDR_HEADER
     into[at + OfFrame.STAMP_NS] = stamp(n.clock)
@@ -78,7 +80,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
 
 
 @loop_function
-def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
+def push_event(n: Loop, code: int, argument: int, value: float) -> None:
     """Append one event."""
     row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
     if row < 0:
@@ -93,7 +95,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
 
 
 @loop_inline
-def push_record(n: Any) -> None:
+def push_record(n: Loop) -> None:
     """Append the row of this cycle: the payloads of its state and timing messages."""
     rings, record = n.rings, n.record
     columns = RECORD_HEAD + rings.n_state + 1 + rings.n_timing
@@ -115,11 +117,10 @@ def push_record(n: Any) -> None:
 
 
 @loop_inline
-def publish_table(n: Any) -> None:
+def publish_table(n: Loop) -> None:
     """Copy the table into the snapshot under the seqlock."""
     s = n.seq[0] | 1
     libc.store_release(n.seq, 0, s)
     libc.fence_release()
-    for i in range(n.n_variables):
-        n.snapshot[i] = n.v[i]
+    libc.memcpy(libc.address(n.snapshot), libc.address(n.v), 8 * n.n_variables)
     libc.store_release(n.seq, 0, s + 1)

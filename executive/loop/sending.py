@@ -1,19 +1,17 @@
 """What a node sends: its frames in the order of the rows, its heartbeats, the first SYNC."""
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.can.wire import blank, put_frame
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.rows import FLAGS, LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
 from pcpc.executive.loop.floods import flood
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.meeting import greet
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.states import HEARTBEATS
@@ -27,7 +25,7 @@ class LastWord(NumberedEnum):
 
 
 @loop_inline
-def copy_inputs(n: Any, block: Any) -> None:
+def copy_inputs(n: Loop, block: int) -> None:
     """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
     first = n.blocks.copies_end[block - 1] if block > 0 else 0
     for i in range(first, n.blocks.copies_end[block]):
@@ -35,7 +33,7 @@ def copy_inputs(n: Any, block: Any) -> None:
 
 
 @loop_inline
-def encode(n: Any, row: Any, counter: Any) -> Any:
+def encode(n: Loop, row: int, counter: int) -> int:
     """Encode and protect the frame of one row of the transmit table; return the values clamped."""
     frame = n.wire.tx
     word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
@@ -50,7 +48,7 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
 
 
 @loop_inline
-def send_tx(n: Any) -> None:
+def send_tx(n: Loop) -> None:
     """Send `wire.tx`; count and record it."""
     if put_frame(n.wire):
         n.control.sent += 1
@@ -61,7 +59,7 @@ def send_tx(n: Any) -> None:
 
 
 @loop_function
-def send_frame(n: Any, row: Any, counter: Any) -> None:
+def send_frame(n: Loop, row: int, counter: int) -> None:
     """Encode and send the frame of one row of the transmit table."""
     clamped = encode(n, row, counter)
     if clamped > 0:
@@ -71,7 +69,7 @@ def send_frame(n: Any, row: Any, counter: Any) -> None:
 
 
 @loop_function
-def transmit(n: Any) -> None:
+def transmit(n: Loop) -> None:
     """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
     tx = n.tx
     if n.faults.n_floods > 0:
@@ -79,7 +77,7 @@ def transmit(n: Any) -> None:
     for row in range(tx.n):
         every = tx.frames[row].every_n
         if tx.kind[row].is_emergency != 0:
-            code = np.int64(n.v[ERROR_CODE])
+            code = int64(n.v[ERROR_CODE])
             if code != tx.kind[row].told and n.guard.off == 0:
                 tx.kind[row].told = code
                 send_frame(n, row, 0)
@@ -89,21 +87,21 @@ def transmit(n: Any) -> None:
 
 
 @loop_function
-def announce(n: Any) -> None:
+def announce(n: Loop) -> None:
     """Send the heartbeat: to a node that was heard, and at the end."""
     _send_heartbeat(n, True)
 
 
 @loop_function
-def announce_again(n: Any) -> None:
+def announce_again(n: Loop) -> None:
     """Send the heartbeat while waiting for the other node; without a clock off the record."""
     _send_heartbeat(n, n.meeting.ordered == 0)
 
 
 @loop_function
-def _send_heartbeat(n: Any, recorded: Any) -> None:
+def _send_heartbeat(n: Loop, recorded: bool) -> None:
     greet(n)
-    n.v[NMT] = HEARTBEATS[np.int64(n.v[STATE])]
+    n.v[NMT] = HEARTBEATS[int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
     for row in range(n.tx.n):
         if n.tx.kind[row].is_heartbeat != 0:
@@ -115,7 +113,7 @@ def _send_heartbeat(n: Any, recorded: Any) -> None:
 
 
 @loop_function
-def request_first_sample(n: Any) -> None:
+def request_first_sample(n: Loop) -> None:
     """Send SYNC(0): the plant answers with its sample of t = 0."""
     for row in range(n.tx.n):
         if n.tx.kind[row].is_sync != 0:

@@ -5,19 +5,18 @@ other node, which does not wait, and this one stay in step. Afterwards the node 
 periods, as after a stall of the machine.
 """
 
-from typing import Any
-
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.clock import Time, paced
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import any_on
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.reception import receive
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.tuning import tune
 
 
 @loop_inline
-def stalled(n: Any) -> Any:
+def stalled(n: Loop) -> bool:
     """Return whether this node stands still now; in a replay the record says when it did."""
     if n.faults.n_own_stalls == 0 or n.clock.kind == Time.GIVEN:
         return False
@@ -25,7 +24,7 @@ def stalled(n: Any) -> Any:
 
 
 @loop_function
-def pass_stalled_period(n: Any) -> None:
+def pass_stalled_period(n: Loop) -> None:
     """Let a period pass in a stall on purpose: what comes is not worked on, nothing is sent."""
     if not paced(n):
         receive(n)
@@ -40,7 +39,7 @@ def pass_stalled_period(n: Any) -> None:
 
 
 @loop_inline
-def forget(n: Any) -> None:
+def forget(n: Loop) -> None:
     """Take nothing that came in this period for new in the next."""
     n.rx.started = 0
     for row in range(n.rx.n):
@@ -48,7 +47,7 @@ def forget(n: Any) -> None:
 
 
 @loop_inline
-def skip_stalled_periods(n: Any) -> None:
+def skip_stalled_periods(n: Loop) -> None:
     """After a stall on purpose, have skipped its periods."""
     if n.faults.stalled > 0:
         n.clock.behind = n.faults.stalled

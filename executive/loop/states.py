@@ -30,8 +30,6 @@ The same table serves the executive (fresh = a complete valid set of feedback) a
 (`tools.make.generate.declared`) and the value tables of DBC files (`tools.make.dbc`).
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -102,8 +100,8 @@ HEARTBEATS = _numbers("heartbeat").astype(np.float64)
 
 @loop_inline
 def next_state(
-    state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any, disarmed: Any
-) -> Any:
+    state: int, fresh: bool, fault: int, stopping: bool, ramped: bool, disarmed: bool
+) -> int:
     """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code.
 
     In FAULT no fault code means that a reset was granted. Being disarmed keeps no node in INIT.

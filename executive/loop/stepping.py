@@ -1,13 +1,12 @@
 """The turn of the blocks in a cycle: each steps on its views of the table; what they send."""
 
-from typing import Any
-
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
-from pcpc.drivers.compiled.stage import call, part
+from pcpc.drivers.compiled.stage import Steps, call, part
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injected_values import OUTPUTS, PARAMETERS, SENT, spoil
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import limit_commands
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import copy_inputs
@@ -15,7 +14,7 @@ from pcpc.executive.loop.variables import FALLBACK, T_S
 
 
 @loop_function
-def step(n: Any, steps: Any) -> None:
+def step(n: Loop, steps: Steps) -> None:
     """Step the blocks for this cycle; after a stall the emulator's for the periods it owes."""
     owed = n.clock.behind if n.blocks.owe_periods != 0 else 0
     if n.faults.n_values > 0:
@@ -27,7 +26,7 @@ def step(n: Any, steps: Any) -> None:
 
 
 @loop_inline
-def step_blocks(n: Any, steps: Any, k: Any) -> None:
+def step_blocks(n: Loop, steps: Steps, k: int) -> None:
     """Step every block at time k T on its views of the table."""
     v, blocks, dt = n.v, n.blocks, n.clock.period_ns * 1e-9
     v[T_S] = k * dt
@@ -47,7 +46,7 @@ def step_blocks(n: Any, steps: Any, k: Any) -> None:
 
 
 @loop_inline
-def note_changes(n: Any) -> None:
+def note_changes(n: Loop) -> None:
     """Tell which of the rig's noted variables changed."""
     blocks = n.blocks
     for i in range(blocks.n_noted):
@@ -58,7 +57,7 @@ def note_changes(n: Any) -> None:
 
 
 @loop_part
-def limit(n: Any) -> None:
+def limit(n: Loop) -> None:
     """Carry the outputs into what is sent; clamp them, limit their rate, ramp them to safe."""
     copy_inputs(n, sh.MAX_BLOCKS)
     if n.faults.n_values > 0:

@@ -16,18 +16,17 @@ A source that was silent for more than SILENT_TURNS of its frame's turns may be 
 that was started again is let in.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can import can_id, codec
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import get_frame
 from pcpc.drivers.can.wire_layout import STRANGER, Arrival
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.executive.loop.clock import now, runs, stopping
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
+from pcpc.executive.loop.reception_layout import Streak
 from pcpc.executive.loop.rings import push_event, push_frame
 
 FLOOD_NS = 200_000_000  # of a bus that is never empty
@@ -38,13 +37,13 @@ SILENT_TURNS = 3
 
 
 @loop_inline
-def word_of(frame: Any) -> Any:
+def word_of(frame: Cells[Byte]) -> int:
     """Return id and flags of a frame (16,)."""
     return codec.four_bytes(frame, 0)
 
 
 @loop_function
-def is_foreign(n: Any, row: Any, word: Any) -> Any:
+def is_foreign(n: Loop, row: int, word: int) -> bool:
     """Return whether the frame in `wire.rx`, of `row` in the receive table or -1, is foreign."""
     source = n.wire.source
     if row < 0:
@@ -59,7 +58,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
 
 
 @loop_function
-def note_foreign(n: Any, word: Any) -> None:
+def note_foreign(n: Loop, word: int) -> None:
     """Count and record the foreign frame in `wire.rx`; too many are a fault."""
     n.control.foreign += 1
     push_frame(n, n.wire.rx, 1, FrameState.FOREIGN)
@@ -70,14 +69,14 @@ def note_foreign(n: Any, word: Any) -> None:
 
 
 @loop_function
-def note_repeat(n: Any, word: Any) -> None:
+def note_repeat(n: Loop, word: int) -> None:
     """Count a repeated awaited frame; too many are a fault."""
     if _note(n, n.rx.repeats, REPEATED_CYCLES) >= REPEATED_FRAMES:
         blame(n, Fault.REPEATED_INPUT, word)
 
 
 @loop_function
-def _note(n: Any, streak: Any, cycles: Any) -> Any:
+def _note(n: Loop, streak: Streak, cycles: int) -> int:
     """Count one more of a kind; return how many there were within `cycles` cycles."""
     if streak.count == 0 or n.passes - streak.since >= cycles:
         streak.since = n.passes
@@ -87,7 +86,7 @@ def _note(n: Any, streak: Any, cycles: Any) -> Any:
 
 
 @loop_function
-def blame(n: Any, fault: Any, word: Any) -> None:
+def blame(n: Loop, fault: int, word: int) -> None:
     """Fault because of a frame, if nothing else was wrong before."""
     if n.guard.faulted == Fault.NONE:
         n.guard.faulted = fault
@@ -95,13 +94,13 @@ def blame(n: Any, fault: Any, word: Any) -> None:
 
 
 @loop_function
-def refused(n: Any) -> Any:
+def refused(n: Loop) -> bool:
     """Return True if this node must not begin: another one of its kind is on the bus."""
     return n.passes == 0 and n.guard.faulted == Fault.ANOTHER_SENDER
 
 
 @loop_function
-def listen(n: Any) -> None:
+def listen(n: Loop) -> None:
     """Hear the bus before the first word, for another node of this kind.
 
     Long enough for the cyclic frames of a running node and the heartbeats of a waiting one, counted
@@ -109,12 +108,12 @@ def listen(n: Any) -> None:
     """
     if not runs(n.clock) or n.rx.listen_ns <= 0:
         return
-    time, result = now(n.clock), np.int64(Arrival.FRAME)
+    time, result = now(n.clock), int64(Arrival.FRAME)
     until = time + n.rx.listen_ns
     while time < until or (result == Arrival.FRAME and time < until + FLOOD_NS):
         if stopping(n) or n.guard.faulted != Fault.NONE:
             break
-        result = np.int64(get_frame(n.wire, time < until))
+        result = int64(get_frame(n.wire, time < until))
         time = now(n.clock)
         if result == Arrival.FRAME:
             word = word_of(n.wire.rx)

@@ -20,18 +20,16 @@ there, without a fault. Time, references and laws go on, with the measured feedb
 RUN with the next complete input, and `gain` rises as after a reset.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.can import e2e
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
 from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.records import int64
 from pcpc.executive.loop import on_wire
 from pcpc.executive.loop.clock import Trigger, stopping
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.limits import Quick, begin_ramp, quick_stop, settled
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.states import EXPECTS, HEARTBEATS, RAMPS, RUNS, SENDS, State, next_state
@@ -55,7 +53,7 @@ class Overrun(NumberedEnum):
 
 
 @loop_function
-def judge_overrun(n: Any) -> None:
+def judge_overrun(n: Loop) -> None:
     """Count cycles in a row that ran past their end; do what the rig says about too many."""
     guard, behind = n.guard, n.clock.behind
     guard.overruns = guard.overruns + 1 if behind > 0 and n.passes > guard.grace_passes else 0
@@ -70,7 +68,7 @@ def judge_overrun(n: Any) -> None:
 
 
 @loop_function
-def over(n: Any) -> Any:
+def over(n: Loop) -> bool:
     """Return True once the run is over, by its duration, its host or the node above."""
     guard = n.guard
     told = guard.mode_index >= 0 and n.v[guard.mode_index] == State.STOP
@@ -78,7 +76,7 @@ def over(n: Any) -> Any:
 
 
 @loop_inline
-def count_missing(n: Any, running: Any) -> None:
+def count_missing(n: Loop, running: int) -> None:
     """Count cycles without complete valid input; turn to the input of the next one."""
     guard, rx = n.guard, n.rx
     if rx.fresh >= rx.awaited:
@@ -97,9 +95,9 @@ def count_missing(n: Any, running: Any) -> None:
 
 
 @loop_part
-def supervise(n: Any) -> None:
+def supervise(n: Loop) -> None:
     """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
-    guard, before, asked = n.guard, np.int64(n.v[STATE]), over(n)
+    guard, before, asked = n.guard, int64(n.v[STATE]), over(n)
     count_missing(n, RUNS[before])
     silent = EXPECTS[before] != 0 and guard.missing >= guard.fault_after
     if silent and guard.faulted == Fault.NONE and not asked:
@@ -128,7 +126,7 @@ def supervise(n: Any) -> None:
 
 
 @loop_inline
-def watch_estop(n: Any) -> None:
+def watch_estop(n: Loop) -> None:
     """Let an emergency stop be a fault, whatever else is wrong, and the ramp a quick stop."""
     guard = n.guard
     if guard.estop_index >= 0 and n.v[guard.estop_index] != 0.0:
@@ -136,7 +134,7 @@ def watch_estop(n: Any) -> None:
 
 
 @loop_function
-def hear_requests(n: Any) -> None:
+def hear_requests(n: Loop) -> None:
     """Note what was asked of the supervisor, for its next cycle; a request is heard once.
 
     Being disarmed is no request: it lasts.
@@ -144,7 +142,7 @@ def hear_requests(n: Any) -> None:
     A reset forgets the fault, so that a detector that still sees one tells it until then.
     """
     guard, safe = n.guard, n.guard.gain <= 0.0 and settled(n.limits)
-    guard.disarmed = np.int64(n.v[DISARMED] != 0.0)
+    guard.disarmed = int64(n.v[DISARMED] != 0.0)
     if n.v[RESET_ASKED] != 0.0:
         n.v[RESET_ASKED] = 0.0
         if n.v[STATE] == State.FAULT and guard.waits != 0 and safe:
@@ -156,7 +154,7 @@ def hear_requests(n: Any) -> None:
 
 
 @loop_inline
-def judge_reset(n: Any, possible: Any) -> None:
+def judge_reset(n: Loop, possible: bool) -> None:
     """Leave no fault, if that is possible and none was seen since; else tell which one is there."""
     guard = n.guard
     guard.reset = 0
@@ -170,7 +168,7 @@ def judge_reset(n: Any, possible: Any) -> None:
 
 
 @loop_inline
-def enter(n: Any, before: Any, state: Any) -> None:
+def enter(n: Loop, before: int, state: int) -> None:
     """Tell the state, and the fault with which it was entered."""
     guard = n.guard
     if state != before:
@@ -190,7 +188,7 @@ def enter(n: Any, before: Any, state: Any) -> None:
 
 
 @loop_inline
-def watch_input(n: Any, state: Any) -> None:
+def watch_input(n: Loop, state: int) -> None:
     """Be the watchdog: hold the input, in FAULT ramp it to the safe value, after a reset back."""
     guard, safe = n.guard, n.guard.safe
     ramps = RAMPS[state] != 0

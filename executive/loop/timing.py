@@ -1,9 +1,8 @@
 """What the loop counts about its own time: histograms, extremes, its latest cycles whole.
 
     stages     wake_late, receive, step, send, publish, work (all but the first), ns
-    bucket     of v ns:  v                                       v < 16                      (1)
-                         16 + 8 (e - 4) + (v >> (e - 3)) % 8     e = floor(log2 v)           (2)
-               eight to an octave: a percentile is known to 1/8, and never taken as less
+    bucket     of `executive.loop.buckets`, eight to an octave: a percentile is known to 1/8, and
+               never taken as less
     latest     the LATEST cycles that woke latest, each with all its stages and with what the kernel
                counted for this thread since the cycle before: page faults, context switches
 
@@ -11,19 +10,19 @@ Counting costs a system call and some hundred additions a cycle, after the cycle
 counted in virtual time. `reset` starts anew.
 """
 
-from typing import Any
-
 import numpy as np
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import words
-from pcpc.executive.loop import control
+from pcpc.executive.loop import buckets, control
+from pcpc.executive.loop.buckets import OF_STAGES
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.timing_layout import BUCKETS, LATEST, STAGES, USAGE, Stage
 from pcpc.executive.loop.variables import (
-    COUNTERS,
     COUNTERS_AT,
     REFUSED,
     RESET,
@@ -37,11 +36,12 @@ RUSAGE_THREAD = 1
 SHOWN = np.array([Stage.WAKE_LATE, Stage.WORK])
 POINTS = np.array([0.5, 0.99, 0.999])
 _USAGE = np.array([*USAGE.values()])
-COUNTER_WORDS = np.array([control.place(word) for word, *_ in COUNTERS])
+place_of, end_of = loop_function(buckets.place_of), loop_function(buckets.end_of)
+COUNTER_WORDS = np.array([control.place(word) for word, *_ in control.COUNTERS])
 
 
 @loop_inline
-def note(n: Any) -> None:
+def note(n: Loop) -> None:
     """Write the stage times and the counters of this cycle into the table."""
     v, clock, timing = n.v, n.clock, n.timing
     v[TIMING_AT + Stage.WAKE_LATE] = 0.001 * (clock.wake - clock.deadline)
@@ -57,28 +57,7 @@ def note(n: Any) -> None:
 
 
 @loop_function
-def bucket(value: Any) -> Any:
-    """Return the bucket (1) (2) of a time in ns."""
-    v = max(np.int64(value), np.int64(0))
-    e = np.int64(3)
-    while v >> (e + 1) > 0 and e < 40:
-        e += 1
-    if e < 4:
-        return v
-    return min(16 + 8 * (e - 4) + ((v >> (e - 3)) & 7), BUCKETS - 1)
-
-
-@loop_function
-def bucket_end(i: Any) -> Any:
-    """Return the largest whole ns of bucket `i`."""
-    if i < 16:
-        return i
-    e = 4 + (i - 16) // 8
-    return ((8 + (i - 16) % 8 + 1) << (e - 3)) - 1
-
-
-@loop_function
-def reset(n: Any) -> None:
+def reset(n: Loop) -> None:
     """Forget all that was counted."""
     for s in range(STAGES):
         stage = n.stages[s]
@@ -92,7 +71,7 @@ def reset(n: Any) -> None:
 
 
 @loop_part
-def count(n: Any) -> None:
+def count(n: Loop) -> None:
     """Count the cycle that has just been done; renew the table's statistics now and then."""
     if n.v[RESET] >= 0.5:
         n.v[RESET] = 0.0
@@ -110,7 +89,7 @@ def count(n: Any) -> None:
         stage.total += t
         stage.least = min(stage.least, t)
         stage.most = max(stage.most, t)
-        n.histogram[s, bucket(t)] += 1
+        n.histogram[s, place_of(max(t, 0), *OF_STAGES)] += 1
     libc.getrusage(RUSAGE_THREAD, libc.address(timing.usage))
     _note_latest(n)
     for i in range(_USAGE.shape[0]):
@@ -120,7 +99,7 @@ def count(n: Any) -> None:
 
 
 @loop_function
-def _note_latest(n: Any) -> None:
+def _note_latest(n: Loop) -> None:
     """Keep this cycle if it is among those that woke latest; the first is not comparable."""
     timing, late = n.timing, n.timing.stage_ns[Stage.WAKE_LATE]
     least = n.latest[0]
@@ -138,25 +117,25 @@ def _note_latest(n: Any) -> None:
 
 
 @loop_function
-def percentile(n: Any, stage: Any, share: Any) -> Any:
+def percentile(n: Loop, stage: int, share: float) -> int:
     """Return the end of the bucket below which `share` of the times lie, ns."""
-    wanted, seen = share * n.stages[stage].count, np.int64(0)
+    wanted, seen = share * n.stages[stage].count, int64(0)
     for i in range(BUCKETS):
         seen += n.histogram[stage, i]
         if seen >= wanted:
-            return min(bucket_end(i), n.stages[stage].most)
+            return min(end_of(i, OF_STAGES[0]), n.stages[stage].most)
     return n.stages[stage].most
 
 
 @loop_function
-def show(n: Any) -> None:
+def show(n: Loop) -> None:
     """Write least, mean, most and percentiles of lateness and work to the table, us."""
     at = STATISTICS_AT
     for j in range(SHOWN.shape[0]):
         s = SHOWN[j]
         stage = n.stages[s]
         n.v[at] = 0.001 * stage.least
-        n.v[at + 1] = 0.001 * stage.total / max(stage.count, np.int64(1))
+        n.v[at + 1] = 0.001 * stage.total / max(stage.count, int64(1))
         n.v[at + 2] = 0.001 * stage.most
         at += 3
         for k in range(POINTS.shape[0]):

@@ -1,9 +1,7 @@
 """What the loop counts about its own time: stages of a cycle, what is kept of them (no numba)."""
 
-import numpy as np
-
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.compiled.rows import row_of
+from pcpc.drivers.compiled.records import Cells, Element, Record, cells
 
 
 class Stage(NumberedEnum):
@@ -14,14 +12,33 @@ class Stage(NumberedEnum):
 
 USAGE = {"minor_faults": 8, "major_faults": 9, "switches": 16, "forced_switches": 17}  # in rusage
 STAGES, BUCKETS, LATEST = len(Stage), 320, 8  # see `executive.loop.timing`
-FIGURES = row_of("count total least most")  # of a stage's ns
-LATE = np.dtype(
-    (
-        np.record,
-        [  # of a cycle; usage: since the one before
-            ("cycle", "<i8"),
-            ("stage_ns", "<i8", (STAGES,)),
-            ("usage", "<i8", (len(USAGE),)),
-        ],
-    )
-)
+
+
+class Figures(Element):
+    """Of a stage, ns."""
+
+    count: int
+    total: int
+    least: int
+    most: int
+
+
+class Late(Element):
+    """A cycle that woke late."""
+
+    cycle: int
+    stage_ns: Cells[int] = cells(STAGES)
+    usage: Cells[int] = cells(len(USAGE))  # since the cycle before
+
+
+class Timing(Record):
+    """When this cycle did what; see `executive.loop.timing`."""
+
+    received: int
+    stepped: int
+    sent: int
+    done: int
+    publish_ns: int
+    stage_ns: Cells[int] = cells(STAGES)
+    usage: Cells[int] = cells(18)  # struct rusage
+    usage_before: Cells[int] = cells(len(USAGE))

@@ -5,15 +5,13 @@ locked the node. The answer stands in `answer`: request, cycle, reason, the entr
 reason. Anything may stand in the mailbox at any time; nothing of it is used unchecked.
 """
 
-from typing import Any
-
-import numpy as np
-
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_part
+from pcpc.drivers.compiled.records import int64
 from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import count_down
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.requests import SLOTS, Lock, Refusal
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.states import State
@@ -23,7 +21,7 @@ INFINITE = float("inf")
 
 
 @loop_part
-def tune(n: Any) -> None:
+def tune(n: Loop) -> None:
     """Apply the tunings whose time has come, and those in the mailbox, which are answered."""
     tuning = n.tuning
     if n.faults.n_places > 0 and n.clock.kind != Time.GIVEN:
@@ -39,7 +37,7 @@ def tune(n: Any) -> None:
 
 
 @loop_function
-def answer(n: Any, request: Any) -> None:
+def answer(n: Loop, request: int) -> None:
     """Carry out a request as a whole or refuse it; it is copied first, for clients may go on.
 
     One that changes meanwhile is looked at in the next cycle.
@@ -66,9 +64,9 @@ def answer(n: Any, request: Any) -> None:
 
 
 @loop_function
-def judge_request(n: Any, count: Any, lock: Any) -> Any:
+def judge_request(n: Loop, count: int, lock: int) -> tuple[int, int]:
     """Return why the copied request is refused, or ACCEPTED, and the entry that is the reason."""
-    tuning, first = n.tuning, np.int64(0)
+    tuning, first = n.tuning, int64(0)
     if count < 0 or count > SLOTS:
         return Refusal.BAD_COUNT, first
     stops = count == 1 and tuning.asked_index[0] == STOP_ASKED  # which nobody can lock
@@ -77,11 +75,11 @@ def judge_request(n: Any, count: Any, lock: Any) -> Any:
     for i in range(count):
         j, value = tuning.asked_index[i], tuning.asked_value[i]
         if j < 0 or j >= n.n_variables or tuning.low[j] != tuning.low[j]:
-            return Refusal.NO_PARAMETER, np.int64(i)
+            return Refusal.NO_PARAMETER, int64(i)
         if not (abs(value) < INFINITE and tuning.low[j] <= value <= tuning.high[j]):
-            return Refusal.OUT_OF_RANGE, np.int64(i)
+            return Refusal.OUT_OF_RANGE, int64(i)
         if j == RESET_ASKED and (
             n.v[STATE] != State.FAULT or n.guard.waits == 0 or n.guard.gain > 0.0
         ):
-            return Refusal.NO_RESET, np.int64(i)
+            return Refusal.NO_RESET, int64(i)
     return Refusal.ACCEPTED, first

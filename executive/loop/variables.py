@@ -1,5 +1,7 @@
 """The variables that the loop itself writes, at the head of every table."""
 
+from pcpc.executive.loop.control import BUS_COUNTERS, COUNTERS
+
 HEAD = (
     ("time.t_s", "s", "time of the cycle, k T"),
     ("supervisor.state", "", "0 INIT, 1 READY, 2 RUN, 3 HOLD, 4 FAULT, 5 STOP"),
@@ -11,40 +13,6 @@ HEAD = (
     ("supervisor.saturated", "", "1 if a value sent in the previous cycle was clamped"),
 )
 T_S, STATE, FAULT, GAIN, MISSING, NMT, FALLBACK, CLAMPED = range(8)
-COUNTERS = (  # counted since the start: control word, variable, meaning
-    ("passes", "health.passes", "cycles done before this one"),
-    ("late", "health.late_cycles", "cycles that started later than the rig's fraction of a period"),
-    ("skipped", "health.skipped_cycles", "periods skipped because a cycle ran past its end"),
-    ("held", "health.held_cycles", "cycles that ran on a held input"),
-    ("stale", "health.stale_cycles", "cycles whose input was held longer than the rig allows"),
-    ("sent", "health.frames_sent", "frames sent"),
-    ("received", "health.frames_received", "frames received and used"),
-    ("lost", "health.frames_lost", "frames missing by their counters"),
-    ("crc_errors", "health.crc_errors", "frames with a wrong CRC or length"),
-    ("repeated", "health.frames_repeated", "frames received twice"),
-    ("saturated", "health.saturated_values", "values clamped on sending"),
-    (
-        "lost_on_purpose",
-        "health.frames_lost_on_purpose",
-        "frames that the rig's losses took from this receiver",
-    ),
-    ("wrong_sequence", "health.wrong_sequence", "frames whose counter jumped too far"),
-    ("foreign", "health.frames_foreign", "frames of this node's from another sender"),
-    ("send_errors", "health.send_errors", "frames that the bus did not take"),
-    ("bus_errors", "health.bus_errors", "errors that the CAN controller told"),
-    ("intrusions", "health.intrusions", "signs of a second sender of a received frame"),
-    ("missed", "health.frames_missed", "frames lost, those aside that were taken on purpose"),
-    (
-        "starved",
-        "health.starved_cycles",
-        "stale cycles, those aside whose input was taken on purpose",
-    ),
-    (
-        "signs_on_purpose",
-        "health.signs_on_purpose",
-        "signs of a second sender that a fault on purpose gave",
-    ),
-)
 TIMING = (
     ("timing.wake_late_us", "us", "start of the cycle behind its deadline"),
     ("timing.receive_us", "us", "draining and decoding"),
@@ -70,26 +38,6 @@ DRIVE = (  # as CiA 402 and CiA 301 have them, see `executive.loop.drive`
     ("supervisor.status_word", "", "CiA 402: state of the drive"),
     ("supervisor.error_code", "", "CiA 301: 0 without a fault"),
     ("supervisor.error_register", "", "CiA 301: kind of the fault"),
-)
-BUS_COUNTERS = (  # by `executive.loop.bus_state`: control word, variable, meaning
-    (
-        "bus_warnings",
-        "health.bus_warnings",
-        "times an error counter of the CAN controller reached 96",
-    ),
-    ("bus_passives", "health.bus_passives", "times the CAN controller became error passive"),
-    ("bus_offs", "health.bus_offs", "times the CAN controller went bus-off"),
-    ("bus_restarts", "health.bus_restarts", "times it came back"),
-    (
-        "bus_no_acks",
-        "health.bus_no_acks",
-        "frames that nobody acknowledged, as the controller told",
-    ),
-    (
-        "bus_tx_timeouts",
-        "health.bus_tx_timeouts",
-        "transmissions that timed out, as the controller told",
-    ),
 )
 BUS = tuple((name, "", meaning) for _, name, meaning in BUS_COUNTERS)
 TIMING_AT = len(HEAD)

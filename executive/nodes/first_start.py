@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+from typing import Any
 
 from pcpc.drivers.compiled import compile_cache
 
@@ -47,10 +48,12 @@ def main(rig: str, parent: int) -> None:
     from pcpc.executive.rig.reading import load_rig
 
     node = structure(shared.LOOP)
-    for part in (supervisor.supervise, tuning.tune, stepping.limit, timing.count):
+    parts: tuple[Any, ...] = supervisor.supervise, tuning.tune, stepping.limit, timing.count
+    for part in parts:
         part.compile((node,))
     loaded = load_rig(rig)
-    timing.reset.compile((node,))
+    last: Any = timing.reset
+    last.compile((node,))
     selftest()
     for role in loaded.roles:
         plan(loaded, role, loaded.config.pacing)

@@ -1,6 +1,6 @@
 """Instances of FMUs: unpacked, loaded, set up, and described to the loop by their addresses.
 
-`install` makes one for each block that is an FMU, for each memory that is to run; it is freed with
+The part makes one for each block that is an FMU, for each memory that is to run; it is freed with
 the plan. What goes wrong before the first step is a RigError with the FMU's own words, what goes
 wrong later a fault of the loop, which `failures` puts into words.
 
@@ -18,19 +18,19 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.compiled import compile_cache
-from pcpc.drivers.fmi.layout import DTYPES, HEAD, KINDS, Role, Status
+from pcpc.drivers.fmi.layout import DTYPES, KINDS, Head, Role, Status
 from pcpc.executive.errors import RigError, one_line
+from pcpc.executive.loop.layout import Loop
+from pcpc.executive.nodes.part import Part, Plan
 from pcpc.executive.rig.blocks import BlockSpec
-from pcpc.executive.rig.fmu_model import Variable
-
-if TYPE_CHECKING:
-    from pcpc.executive.nodes.plan import Plan
+from pcpc.executive.rig.fmu_model import FmuVariable
+from pcpc.executive.rig.reading import Rig
 
 _FOLDER = "fmus"
 _MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
@@ -64,24 +64,35 @@ def step_of(spec: BlockSpec) -> Any:
     return spec.block.step if hasattr(spec.block.step, "model") else None
 
 
-def install(made: "Plan", loop: Any) -> None:
-    """Make an instance of each FMU of a node, and tell `loop` where its calls are; RigError."""
-    for spec in made.spec.blocks:
-        step = step_of(spec)
-        if step is None or spec.name in made.external:
-            continue
-        where, model, file = spec.where("law"), step.model, step.file
-        if file is None:
-            what = f"the log does not hold the FMU {model.name} (sha256 {model.sha256[:16]})"
-            raise RigError(f"{what}, only its description; say where it is: --fmu FILE")
-        if model.once and _live.get(model.sha256):
-            continue  # its step does nothing: the memory of the warm-up
-        one = Instance(spec, where)
-        made.opened.append(one)
-        loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.address)
+class Fmus(Part):
+    """Blocks that are FMUs."""
+
+    def in_no_lane(self, rig: Rig) -> str:
+        """Return that there is one."""
+        return (
+            "it has an FMU"
+            if any(step_of(spec) for node in rig.nodes().values() for spec in node.blocks)
+            else ""
+        )
+
+    def install(self, made: Plan, loop: Loop) -> None:
+        """Make an instance of each, and tell `loop` where its calls are; RigError."""
+        for spec in made.spec.blocks:
+            step = step_of(spec)
+            if step is None or spec.name in made.external:
+                continue
+            where, model, file = spec.where("law"), step.model, step.file
+            if file is None:
+                what = f"the log does not hold the FMU {model.name} (sha256 {model.sha256[:16]})"
+                raise RigError(f"{what}, only its description; say where it is: --fmu FILE")
+            if model.once and _live.get(model.sha256):
+                continue  # its step does nothing: the memory of the warm-up
+            one = Instance(spec, where)
+            made.opened.append(one)
+            loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.address)
 
 
-def failures(made: "Plan") -> Iterator[str]:
+def failures(made: Plan) -> Iterator[str]:
     """Yield a line for each FMU of a node that failed while it ran, or warned."""
     first = {one.name: one for one in reversed(made.opened)}  # others are of warm-ups
     for one in reversed(first.values()):
@@ -89,14 +100,14 @@ def failures(made: "Plan") -> Iterator[str]:
             yield text
 
 
-def close(made: "Plan") -> None:
+def close(made: Plan) -> None:
     """Free the instances of a node, whose loop has ended."""
     while made.opened:
         made.opened.pop().close()
 
 
 class Instance:
-    """One instance, initialised for t = 0; RigError. `head`: HEAD of `drivers.fmi.layout`."""
+    """One instance, initialised for t = 0; RigError. `head`: Head of `drivers.fmi.layout`."""
 
     def __init__(self, spec: BlockSpec, where: str) -> None:
         self.name, self._where = spec.name, where
@@ -119,7 +130,7 @@ class Instance:
             self._initialise(spec.settings)
         except Exception as error:
             raise self._error("it cannot be initialised", error) from None
-        self._memory = np.zeros(1, HEAD).view(np.recarray)
+        self._memory = np.zeros(1, Head.dtype).view(np.recarray)
         self.head: Any = self._memory[0]
         self.address = int(self._memory.ctypes.data)
         self._describe(spec)
@@ -199,7 +210,7 @@ class Instance:
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
 
-    def _start(self, elements: list[Variable], settings: Mapping[str, float]) -> None:
+    def _start(self, elements: list[FmuVariable], settings: Mapping[str, float]) -> None:
         """Set one variable, all its elements."""
         chosen = {one.element: one for one in elements}
         kind = _method(chosen[0].kind, self._three)
@@ -225,9 +236,9 @@ class Instance:
         head.n_groups, head.n_out = len(rows), len(outputs)
 
     def _groups(
-        self, role: int, variables: list[Variable], settings: Mapping[str, float]
+        self, role: int, variables: list[FmuVariable], settings: Mapping[str, float]
     ) -> Iterator[tuple[int, ...]]:
-        """Yield a row of GROUP for the variables of each type."""
+        """Yield a row of ValueGroup for the variables of each type."""
         for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
             own = [
                 (place, one)

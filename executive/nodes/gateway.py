@@ -1,4 +1,4 @@
-"""A gateway that makes one CAN line of channels: the model of `drivers.can.line` on a clock.
+"""A gateway that makes one CAN line of channels: the model of `drivers.line.line` on a clock.
 
 What comes on one side waits in that side's transmit queue, and goes out on the others at the time
 at which its last bit would be there. The model's tick 0 is the start of the gateway; a frame counts
@@ -13,40 +13,39 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import error_frames, line, wire
-from pcpc.drivers.can.line import Outcome
-from pcpc.drivers.can.ticks import ns_of, tick_at
-from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
+from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import Arrival, Medium, Wire
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function
+from pcpc.drivers.compiled.records import Cells, Record, cells
 from pcpc.drivers.compiled.structures import copy, structure
 from pcpc.drivers.errors import BusError
+from pcpc.drivers.line import error_frames, line
+from pcpc.drivers.line.line import SENDERS, Line, Outcome
+from pcpc.drivers.line.ticks import ns_of, tick_at
 from pcpc.executive.loop.clock import machine_ns
-from pcpc.executive.nodes.player import CONTROL, DOUBLINGS, FINE, error_us, note
+from pcpc.executive.nodes.player import DOUBLINGS, FINE, PlayerControl, error_us, note
 
 _LONGEST_SLEEP_NS = 50_000_000  # between two looks at the stop word
 _READ_AT_ONCE = 64  # frames of a side; then what is due goes first
 
-GATEWAY = np.dtype(
-    [
-        ("control", CONTROL),
-        ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
-        ("timespec", "<i8", (2,)),
-        ("sides", "<i8"),
-        ("polled", "<i8", (line.SENDERS,)),  # of struct pollfd, as in WIRE
-        ("start_ns", "<i8"),
-        ("until", "<i8"),  # the tick up to which the model is
-        (
-            "foreign",
-            "<i8",
-            (line.SENDERS,),
-        ),  # frames that cannot be carried: remote, no CAN, FD on a classic line
-        ("line", line.LINE),
-        ("side", WIRE, (line.SENDERS,)),
-    ],
-    align=True,
-)
-N = structure(GATEWAY)
+
+class GatewayMemory(Record):
+    """What the loop has."""
+
+    control: PlayerControl
+    bins: Cells[int] = cells(FINE * (DOUBLINGS + 2))
+    timespec: Cells[int] = cells(2)
+    sides: int
+    polled: Cells[int] = cells(SENDERS)  # of struct pollfd, as in Wire
+    start_ns: int
+    until: int  # the tick up to which the model is
+    foreign: Cells[int] = cells(SENDERS)  # no CAN, remote, FD on a classic line
+    line: Line
+    side: Cells[Wire] = cells(SENDERS)
+
+
+N = structure(GatewayMemory.dtype)
 
 
 @loop_function
@@ -128,7 +127,7 @@ class Gateway:
     """A gateway between buses; `carry` runs in a thread of the caller until `stop`."""
 
     def __init__(self, room: int, fd: bool = False, sides: int = 2, **options: Any) -> None:
-        """`fd`: frames of CAN FD are carried too; `options` of `drivers.can.line.prepare`."""
+        """`fd`: frames of CAN FD are carried too; `options` of `drivers.line.line.prepare`."""
         self._fd, self._sides = fd, sides
         self.n = self._block(room, options)
         dry = self._block(room, options)  # compiled, loaded, touched
@@ -138,12 +137,12 @@ class Gateway:
         carry(dry)
 
     def _block(self, room: int, options: dict[str, Any]) -> Any:
-        n: Any = np.zeros(1, GATEWAY).view(np.recarray)[0]
+        n: Any = np.zeros(1, GatewayMemory.dtype).view(np.recarray)[0]
         n.sides = self._sides
         line.prepare(n.line, self._sides, room, **options)
         return n
 
-    def open(self, sides: Sequence[buses.Bus]) -> None:
+    def open(self, sides: Sequence[buses.BusAddress]) -> None:
         """Open all sides, which are heard from now on; BusError."""
         for bus, end in zip(sides, self.n.side, strict=False):
             end.fd = self._fd

@@ -17,8 +17,9 @@ import yaml
 
 from pcpc.drivers.can import can_id, dbc
 from pcpc.drivers.compiled.rows import LENGTH
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.shared import GREETING
-from pcpc.executive.rig.carried_files import with_local_imports
+from pcpc.executive.own_laws.carried_files import with_local_imports
 from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import PLANTS, ROLES, Role
@@ -26,7 +27,7 @@ from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 PLANT_BYTES = 8
 
 
-def install(loop: Any, rig: Rig, role: Role) -> None:
+def install(loop: Loop, rig: Rig, role: Role) -> None:
     """Let a node greet; not one whose DBC file has an id of the greeting."""
     ids = {message.frame_id for message in dbc.load(rig.dbc).messages}
     if ids & {GREETING + i for i in range(len(ROLES))}:

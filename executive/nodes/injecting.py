@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop.fault_kinds import WrongNode
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.live import Live
-from pcpc.executive.nodes.planned_faults import STALL
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def inject(
     cycles = {}
     for live in having:
         clocked = live.block.description["metadata"]["pacing"] in ("real", "sync")
-        if _fault_descriptions(live)[name]["kind"] == STALL and not clocked:
+        if _fault_descriptions(live)[name]["kind"] == WrongNode.STALL.word and not clocked:
             what = "without a clock it has no effect; give it a time in the rig file"
             raise UserError(f"{name}: a stall on demand needs pacing real or sync: {what}")
         left = FOR_EVER if for_s is None else float(round(for_s * 1e9 / live.period_ns))

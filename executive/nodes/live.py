@@ -42,7 +42,7 @@ _GLOB = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
-class Variable:
+class LiveVariable:
     """What a node says about one of its variables; only parameters have a range."""
 
     name: str
@@ -57,7 +57,7 @@ class Variable:
         return f"{value:.9g} {self.unit}".rstrip()
 
 
-class Values(Mapping[str, float]):
+class CycleValues(Mapping[str, float]):
     """All variables of a node, as they were at the end of one cycle."""
 
     def __init__(self, cycle: int, places: Mapping[str, int], values: NDArray[np.float64]) -> None:
@@ -88,7 +88,7 @@ class Live:
         about = block.description
         self.block, self.name, self.period_ns = block, block.name, int(about["period_ns"])
         self.variables = {
-            name: Variable(name, unit, kind, writer, help, _pair(about["ranges"].get(name)))
+            name: LiveVariable(name, unit, kind, writer, help, _pair(about["ranges"].get(name)))
             for name, unit, kind, writer, help in about["variables"]
         }
         self._places = {name: place for place, name in enumerate(self.variables)}
@@ -144,7 +144,7 @@ class Live:
     def __getitem__(self, name: str) -> float:
         return self.read()[name]
 
-    def read(self) -> Values:
+    def read(self) -> CycleValues:
         """Return all variables, of one and the same cycle.
 
         LiveError if the node stands still in the middle of writing them.
@@ -157,7 +157,7 @@ class Live:
                 raise LiveError(what, Exit.ENVIRONMENT)
             pause(self.block, POLL_S)
         t_s = values[self._places["time.t_s"]] if "time.t_s" in self._places else 0.0
-        return Values(round(float(t_s) * 1e9 / self.period_ns), self._places, values)
+        return CycleValues(round(float(t_s) * 1e9 / self.period_ns), self._places, values)
 
     def select(self, words: Sequence[str]) -> list[str]:
         """Return the names that names or patterns (* ? []) choose, in their order, each once.
@@ -169,7 +169,7 @@ class Live:
             if _GLOB.search(word):
                 found = [name for name in self.variables if fnmatchcase(name, word)]
                 if not found:
-                    raise LiveError(f"{word}: matches no variable; `pcpc list` shows all")
+                    raise LiveError(f"{word}: matches no variable; `pcpc get` shows all")
                 chosen |= dict.fromkeys(found)
             else:
                 chosen[known_name(word, self.variables)] = None
@@ -183,7 +183,7 @@ class Live:
 
     # Waiting
 
-    def every(self, seconds: float) -> Iterator[Values]:
+    def every(self, seconds: float) -> Iterator[CycleValues]:
         """Yield the values now and then again and again, no cycle twice, until the node ends."""
         next_s, seen = time.monotonic(), -1
         while self.running:
@@ -196,8 +196,8 @@ class Live:
                 pause(self.block, min(rest_s, _SLICE_S))
 
     def wait_until(
-        self, holds: Callable[[Values], bool], within_s: float, what: str = "the condition"
-    ) -> Values:
+        self, holds: Callable[[CycleValues], bool], within_s: float, what: str = "the condition"
+    ) -> CycleValues:
         """Return the values for which `holds` is true first; LiveError if that takes too long.
 
         It looks once a period: what lasts for a single cycle may be missed, and without a clock
@@ -311,7 +311,7 @@ def find_for(words: Sequence[str], among: Mapping[str, Live] | None = None) -> L
     for word in words:
         if not any(_has(live, word) for live in nodes.values()):
             if _GLOB.search(word):
-                raise LiveError(f"{word}: matches no variable; `pcpc list` shows all")
+                raise LiveError(f"{word}: matches no variable; `pcpc get` shows all")
             every = {name: 0 for live in nodes.values() for name in live.variables}
             raise LiveError(f"{word}: no such variable{did_you_mean(word, every)}")
     holders = [name for name, live in nodes.items() if all(_has(live, word) for word in words)]

@@ -51,7 +51,9 @@ class Mailbox:
         with self._one_client():
             level = level_of(block)
             if level != "none" and [*places] != [STOP]:
-                raise LiveError(f"{block.name}: locked ({level}); `pcpc lock none` allows tunings")
+                raise LiveError(
+                    f"{block.name}: locked ({level}); `pcpc operate lock none` allows tunings"
+                )
             if not block.control.passes:
                 what = "no cycle yet; it waits for the other node"
                 raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)

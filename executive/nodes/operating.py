@@ -26,7 +26,7 @@ def arm(live: Live) -> int:
     state = int(now["supervisor.state"])
     if state == State.FAULT:
         why = faults.reason(live.block.description, live.block.control)
-        raise LiveError(f"{live.name}: FAULT, {why}; `pcpc reset` first", Exit.NOT_MET)
+        raise LiveError(f"{live.name}: FAULT, {why}; `pcpc operate reset` first", Exit.NOT_MET)
     if state == State.INIT:
         raise LiveError(f"{live.name}: waits for the other node; try again later", Exit.NOT_MET)
     if now[DISARMED] == 0.0:

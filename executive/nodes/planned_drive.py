@@ -13,12 +13,15 @@ from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
 from pcpc.drivers.robots.layout import Dialect
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.laws.units import unit
 from pcpc.executive.log.run_counts import DRIVEN
 from pcpc.executive.loop import plant_drive
 from pcpc.executive.loop.clock import Trigger
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.shared import LOOP
 from pcpc.executive.loop.table import Table, Variable
 from pcpc.executive.nodes import planned_robot
+from pcpc.executive.nodes.part import Part, Plan
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.messages import (
@@ -62,7 +65,7 @@ def _names(node: int, start: Any) -> dict[int, str]:
 
 
 KINDS = planned_robot.KINDS | {
-    CIA402: planned_robot.Kind(Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
+    CIA402: planned_robot.RobotKind(Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
 }
 
 
@@ -184,36 +187,6 @@ def names(rig: Rig, role: Role) -> dict[str, str]:
     }
 
 
-def add_variables(
-    rig: Rig, role: Role, table: Table, blocks: Sequence[BlockSpec]
-) -> dict[int, float]:
-    """Add what is seen of the drive and its gains; return these. RigError for a wrong key."""
-    drive = drive_of(rig, role)
-    if drive is None:
-        return {}
-    position = _measured_unit(rig, table, f"{role}.drive.position", drive.position)
-    velocity = f"{position}/s"
-    if drive.velocity is not None:
-        velocity = _measured_unit(rig, table, f"{role}.drive.velocity", drive.velocity)
-    command = _unit_of_command(rig, role, blocks)
-    units = {"position": position, "velocity": velocity, "": ""}
-    for name, unit, help in shown_variables(drive):
-        table.add(Variable(f"drive.{name}", units[unit], "output", "drive", help))
-    table.add(Variable(COMMAND, command, "output", "drive", "what moves the plant"))
-    own = (f"({command})/({velocity})", "velocity loop")
-    for name, (unit, help) in zip(
-        GAINS,
-        (("1/s", "position loop"), own, ("1/s", "integral of the velocity loop")),
-        strict=True,
-    ):
-        table.add(
-            Variable(name, unit, "parameter", "drive", help, 0.0, _HIGHEST_GAIN, recorded=False)
-        )
-    gains = drive.gains.position_per_s, drive.gains.velocity, drive.gains.integral_per_s
-    starts(rig, role)
-    return {table.index[name]: value for name, value in zip(GAINS, gains, strict=True)}
-
-
 def shown_variables(drive: Drive) -> Sequence[tuple[str, str, str]]:
     """Return what the table shows of a drive: name, unit (or whose), meaning."""
     return plant_drive.SEEN if drive.profile == CIA402 else plant_drive.SEEN_ROBOT
@@ -245,32 +218,65 @@ def _unit_of_command(rig: Rig, role: Role, blocks: Sequence[BlockSpec]) -> str:
     raise RigError(f"{rig.where(f'{role}.drive')}: {what}")
 
 
-def install_drive(rig: Rig, role: Role, table: Table, loop: Any) -> None:
-    """Write the drive into the LOOP record; it waits for no other node's frames but for SYNC.
+class PlantDrive(Part):
+    """A drive that moves the plant, as its master on the bus tells it."""
 
-    On a clock not even for that: a master may come at any time.
-    """
-    drive = drive_of(rig, role)
-    if drive is None:
-        return
-    d, index = loop.canopen, table.index
-    node = structure(LOOP)
-    if drive.profile == CIA402:
-        hooks = plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive
-        objects.install(d, drive.node, dictionary_of(rig, role))
-        d.position_scale = drive.scale.position or _SCALE
-        d.velocity_scale = drive.scale.velocity or _SCALE
-    else:
-        hooks = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
-        planned_robot.install_robot(loop, rig, drive)
-    d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
-    d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
-    d.answers_last = loop.meeting.ordered
-    d.place_position, d.place_command = index[drive.position], index[COMMAND]
-    d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
-    d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{shown_variables(drive)[0][0]}"]
-    loop.rx.role["awaited"] = 0
-    if loop.clock.trigger == Trigger.CLOCKED:
-        loop.rx.role["starts"] = 0
-        loop.clock.arm_pass = min(loop.clock.arm_pass, 0)
-    loop.rx.starters, loop.rx.awaited = loop.rx.role["starts"].sum(), 0
+    def variables(self, made: Plan) -> None:
+        """Add what is seen of the drive, and its gains; RigError for a wrong key."""
+        rig, role, drive = made.rig, made.role, drive_of(made.rig, made.role)
+        if drive is None:
+            return
+        position = _measured_unit(rig, made.table, f"{role}.drive.position", drive.position)
+        velocity = unit(position).per_second().text
+        if drive.velocity is not None:
+            velocity = _measured_unit(rig, made.table, f"{role}.drive.velocity", drive.velocity)
+        command = _unit_of_command(rig, role, made.spec.blocks)
+        units = {"position": position, "velocity": velocity, "": ""}
+        for name, whose, help in shown_variables(drive):
+            made.add(Variable(f"drive.{name}", units[whose], "output", "drive", help))
+        made.add(Variable(COMMAND, command, "output", "drive", "what moves the plant"))
+        gains = drive.gains
+        for name, of, help, value in zip(
+            GAINS,
+            ("1/s", unit(command).named_over(unit(velocity)).text, "1/s"),
+            ("position loop", "velocity loop", "integral of the velocity loop"),
+            (gains.position_per_s, gains.velocity, gains.integral_per_s),
+            strict=True,
+        ):
+            span = 0.0, _HIGHEST_GAIN
+            made.add(Variable(name, of, "parameter", "drive", help, *span, recorded=False), value)
+        starts(rig, role)
+
+    def in_no_lane(self, rig: Rig) -> str:
+        """Return that there is one."""
+        return "its plant is a drive" if rig.config.drives else ""
+
+    def install(self, made: Plan, loop: Loop) -> None:
+        """Write the drive; it waits for no other node's frames but for SYNC.
+
+        On a clock not even for that: a master may come at any time.
+        """
+        rig, drive, index = made.rig, drive_of(made.rig, made.role), made.table.index
+        if drive is None:
+            return
+        d, node = loop.canopen, structure(LOOP)
+        if drive.profile == CIA402:
+            hooks = plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive
+            objects.install(d, drive.node, dictionary_of(rig, made.role))
+            d.position_scale = drive.scale.position or _SCALE
+            d.velocity_scale = drive.scale.velocity or _SCALE
+        else:
+            hooks = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
+            planned_robot.install_robot(loop, rig, drive)
+        d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
+        d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
+        d.answers_last = loop.meeting.ordered
+        d.place_position, d.place_command = index[drive.position], index[COMMAND]
+        d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
+        shown = shown_variables(drive)[0][0]
+        d.place_gains, d.place_seen = index[GAINS[0]], index[f"drive.{shown}"]
+        loop.rx.role["awaited"] = 0
+        if loop.clock.trigger == Trigger.CLOCKED:
+            loop.rx.role["starts"] = 0
+            loop.clock.arm_pass = min(loop.clock.arm_pass, 0)
+        loop.rx.starters, loop.rx.awaited = loop.rx.role["starts"].sum(), 0

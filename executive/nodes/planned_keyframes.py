@@ -1,36 +1,40 @@
 """What a plan says of the keyframes of its node: how often, what is in them, what cannot be."""
 
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import keyframe_layout as layout
-from pcpc.executive.loop.table import Table
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.nodes import planned_drive
-from pcpc.executive.nodes.planned_faults import Group
-from pcpc.executive.rig.reading import NodeSpec, Rig
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.nodes.acting_faults import Seam
+from pcpc.executive.nodes.part import Part, Plan
 
 _MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns")  # control words
 _ANY_NUMBER = ("input", "output", "received", "sent")  # kinds of variables
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
 
 
-class KeyframePlan(Protocol):
-    """What is used of a plan, see `executive.nodes.plan`."""
+class Keyframes(Part):
+    """The states of the whole node that a log keeps."""
 
-    rig: Rig
-    role: Role
-    table: Table
-    spec: NodeSpec
-    faults: Any
-    external: Any
-    values: dict[int, float]
+    def install(self, made: Plan, loop: Loop) -> None:
+        """Write which bytes to copy, and when."""
+        layout.install(loop, held_spans(made), passes_of(made))
+
+    def described(self, made: Plan) -> NodeDescription:
+        """Return how often, how large, and what lies where in one."""
+        held = held_spans(made)
+        return {
+            "keyframe_passes": passes_of(made),
+            "keyframe_bytes": layout.size_of(held),
+            "keyframe_layout": layout.name_of(held, made.names),
+        }
 
 
-def passes_of(made: KeyframePlan) -> int:
+def passes_of(made: Plan) -> int:
     """Return the passes between two keyframes, 0 for none: not all state is the table's then."""
     config = made.rig.config
     elsewhere = made.external or any(hasattr(one.block.step, "model") for one in made.spec.blocks)
@@ -39,7 +43,7 @@ def passes_of(made: KeyframePlan) -> int:
     return max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
 
 
-def held_spans(made: KeyframePlan) -> list[layout.Span]:
+def held_spans(made: Plan) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
     drive = planned_drive.drive_of(made.rig, made.role)
     more = layout.NO_DRIVE
@@ -48,17 +52,7 @@ def held_spans(made: KeyframePlan) -> list[layout.Span]:
     return layout.spans(len(made.table.variables), bool(made.faults), more)
 
 
-def keyframe_description(made: KeyframePlan) -> NodeDescription:
-    """Return what the description of the node says of them."""
-    held = held_spans(made)
-    return {
-        "keyframe_passes": passes_of(made),
-        "keyframe_bytes": layout.size_of(held),
-        "keyframe_layout": layout.name_of(held, [one.name for one in made.table.variables]),
-    }
-
-
-def why_none(made: KeyframePlan, state: bytes) -> str:
+def why_none(made: Plan, state: bytes) -> str:
     """Return why nothing goes on from the state of a keyframe, in words; "" if a node can.
 
     What laws and frames give may be any number, or none; what they and the loop count with may not.
@@ -66,7 +60,7 @@ def why_none(made: KeyframePlan, state: bytes) -> str:
     if what := layout.impossible(held_spans(made), state):
         return f"{what}, which no run has"
     values = np.frombuffer(state, "<f8", len(made.table.variables))
-    spoiled = {one.target for one in made.faults if one.group == Group.VALUES}
+    spoiled = {one.target for one in made.faults if one.group == Seam.VALUES}
     for i, (one, value) in enumerate(zip(made.table.variables, values, strict=True)):
         low, high = (one.low, one.high) if one.kind == "parameter" else (-_LARGEST, _LARGEST)
         can_be = max(low, -_LARGEST) <= value <= min(high, _LARGEST) or i in spoiled
@@ -77,7 +71,7 @@ def why_none(made: KeyframePlan, state: bytes) -> str:
     return ""
 
 
-def differences(made: KeyframePlan, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
+def differences(made: Plan, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
     """Yield name and both values where two states of a node differ, what was measured aside."""
     held, variables = held_spans(made), made.table.variables
     both = zip(layout.fields(held, one), layout.fields(held, other), strict=True)
@@ -91,12 +85,7 @@ def differences(made: KeyframePlan, one: bytes, other: bytes) -> Iterator[tuple[
                 yield variables[i].name, float(old[i]), float(new[i])
 
 
-def install(made: KeyframePlan, loop: Any) -> None:
-    """Tell the loop of the node which bytes to copy, and when."""
-    layout.install(loop, held_spans(made), passes_of(made))
-
-
-def restore(made: KeyframePlan, loop: Any, passes: int, cycle: int, state: bytes) -> None:
+def restore(made: Plan, loop: Loop, passes: int, cycle: int, state: bytes) -> None:
     """Let a node, as it was installed, stand behind a cycle, the last of so many passes and one."""
     layout.restore(loop, held_spans(made), state)
     loop.k, loop.passes = cycle + 1, passes + 1

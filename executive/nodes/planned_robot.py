@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
 from pcpc.drivers.robots.layout import Dialect
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 
 Starts = Mapping[str, float]
 
 
-class Kind(NamedTuple):
+class RobotKind(NamedTuple):
     """A dialect: its number, its nodes, its settings, its scale; of a node and these its ids.
 
     `spoken_ids`: those that no other drive on its bus may have; a master's orders may be to many.
@@ -37,12 +38,12 @@ def _mit_ids(node: int, starts: Starts) -> set[int]:
 
 
 KINDS = {
-    "odrive": Kind(
+    "odrive": RobotKind(
         Dialect.ODRIVE, range(odrive.NODES), odrive_settings.SETTINGS, 0.5 / math.pi,
         _odrive_ids, _odrive_ids,
-        lambda node, _: {node << 5 | one: one.name.lower() for one in odrive_settings.Command},
+        lambda node, _: {node << 5 | one: one.name.lower() for one in odrive_settings.CommandId},
     ),
-    "mit": Kind(
+    "mit": RobotKind(
         Dialect.MIT, range(mit.NODES), mit.SETTINGS, 1.0,
         lambda node, starts: _mit_ids(node, starts) | {mit.REGISTERS}, _mit_ids,
         lambda node, starts: {
@@ -50,7 +51,7 @@ KINDS = {
             int(starts["MST_ID"]): "feedback", mit.REGISTERS: "register",
         },
     ),
-    "moteus": Kind(
+    "moteus": RobotKind(
         Dialect.MOTEUS, range(1, moteus.NODES), moteus_registers.SETTINGS, 0.5 / math.pi,
         lambda node, _: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
                          for asks in (0, 1) for whom in (node, moteus.NODES)}
@@ -76,7 +77,7 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
         raise rig.error(f"{at}.objects", str(error)) from None
 
 
-def install_robot(loop: Any, rig: Rig, drive: Drive) -> None:
+def install_robot(loop: Loop, rig: Rig, drive: Drive) -> None:
     """Write the drive into the LOOP record, but for what `planned_drive` does."""
     kind, r = KINDS[drive.profile], loop.robot
     settings.install(r, kind.dialect, settings_of(rig, drive))

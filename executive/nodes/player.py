@@ -8,8 +8,7 @@ later deadlines are unmoved, since a recording with gaps is worth less than an u
 queue (ENOBUFS, EAGAIN) is waited for; any other refusal counts as a send error and the next frame
 has its turn.
 
-The errors go into bins 1 % wide, so that memory does not grow with time: below 256 ns a bin a
-nanosecond, above it 128 bins to each doubling.
+The errors go into bins 1 % wide, so that memory does not grow with time: `executive.loop.buckets`.
 """
 
 import os
@@ -20,22 +19,34 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, WIRE, Arrival, Medium
+from pcpc.drivers.can.wire_layout import CLASSIC_BYTES, Arrival, Medium, Wire
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
-from pcpc.drivers.compiled.rows import lines_of
+from pcpc.drivers.compiled.records import Cells, Element, Record, cells, line
 from pcpc.drivers.compiled.structures import copy, structure
+from pcpc.executive.loop.buckets import end_of, place_of
 from pcpc.executive.loop.clock import machine_ns
 
 WITHIN_NS = 200_000  # the share of frames with an error up to here is counted exactly
 FINE = 128  # bins to a doubling
 DOUBLINGS = 40  # errors up to 39 hours
 
-CONTROL = lines_of(
-    ("stop",),  # 1: the end is asked for, by another thread
-    ("sent", "errors", "errno", "waited", "within", "max_ns", "first_due", "first_sent",
-     "last_due", "last_sent"),
-)  # fmt: skip
+
+class PlayerControl(Element):
+    """What it is told, and tells."""
+
+    stop: int = line()  # the end is asked for, by another thread
+    sent: int = line()
+    errors: int
+    errno: int
+    waited: int
+    within: int
+    max_ns: int
+    first_due: int
+    first_sent: int
+    last_due: int
+    last_sent: int
+
 
 _STOP_EVERY_NS = 50_000_000  # the longest sleep between two looks at the stop word
 _QUEUE_POLL_NS = 100_000  # a frame of 8 bytes takes longer at 1 Mbit/s
@@ -43,20 +54,22 @@ _QUEUE_PATIENCE_NS = 200_000_000  # a bus that takes nothing for so long has nob
 _ENOBUFS = 105
 _LEAD_NS = 2_000_000  # from the call to the first frame: the loop's thread is asleep by then
 
-PLAYER = np.dtype(
-    [
-        ("control", CONTROL),
-        ("timed", "<i8"),  # 0: there are no deadlines, everything goes as fast as the bus takes it
-        ("refused", "<i8"),  # the last frame was not taken: the next is tried once
-        ("timespec", "<i8", (2,)),
-        ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
-        ("wire", WIRE),
-    ],
-    align=True,
-)
-N = structure(PLAYER)
+
+class PlayerMemory(Record):
+    """What the loop has."""
+
+    control: PlayerControl
+    timed: int  # 0: there are no deadlines, everything goes as fast as the bus takes it
+    refused: int  # the last frame was not taken: the next is tried once
+    timespec: Cells[int] = cells(2)
+    bins: Cells[int] = cells(FINE * (DOUBLINGS + 2))
+    wire: Wire
+
+
+N = structure(PlayerMemory.dtype)
 FRAMES = types.Array(types.uint8, 2, "C")
 TIMES = types.Array(types.int64, 1, "C")
+_place_of = loop_function(place_of)
 
 
 @loop_function
@@ -96,10 +109,7 @@ def note(n: Any, error: Any) -> None:
     """Count one timing error, ns, in `control` and `bins`."""
     n.control.max_ns = max(n.control.max_ns, error)
     n.control.within += error <= WITHIN_NS
-    doublings = np.int64(0)
-    while error >> doublings >= 2 * FINE and doublings < DOUBLINGS:
-        doublings += 1
-    n.bins[FINE * doublings + min(error >> doublings, np.int64(2 * FINE - 1))] += 1
+    n.bins[_place_of(error, FINE, DOUBLINGS)] += 1
 
 
 @loop(i8(N, FRAMES, TIMES, i8, i8, i8))
@@ -161,7 +171,7 @@ class Player:
         wire.prepare(dry.wire, Medium.MEMORY, -1, -1)
         play(dry, self.frames[:1], self.due_ns[:1], 0, 0, 1)  # compiled, loaded, touched
 
-    def open(self, bus: buses.Bus, receive_ids: list[int]) -> None:
+    def open(self, bus: buses.BusAddress, receive_ids: list[int]) -> None:
         """Open `bus`, listening to `receive_ids`; BusError."""
         self.n.wire.fd = self.frames.shape[1] > CLASSIC_BYTES
         buses.open_bus(bus, receive_ids, self.n.wire)
@@ -212,12 +222,10 @@ def error_us(n: Any, share: float) -> float:
     if total[-1] == 0:
         return 0.0
     place = int(np.searchsorted(total, share * total[-1]))
-    doublings = max(place // FINE - 1, 0)
-    upper = (place - FINE * doublings + 1 << doublings) - 1
-    return 1e-3 * min(upper, int(n.control.max_ns))
+    return 1e-3 * min(end_of(place, FINE), int(n.control.max_ns))
 
 
 def _block(timed: bool) -> Any:
-    n: Any = np.zeros(1, PLAYER).view(np.recarray)[0]
+    n: Any = np.zeros(1, PlayerMemory.dtype).view(np.recarray)[0]
     n.timed = timed
     return n

@@ -40,8 +40,10 @@ from pcpc.executive.log.provenance import facts, of_rig
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Trigger
-from pcpc.executive.loop.cycle import STEPS, N, finish, run
+from pcpc.executive.loop.cycle import STEPS, N, finish
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
+from pcpc.executive.loop.running import run
 from pcpc.executive.nodes import fmus, greeting, planned_drive, without_effect
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
@@ -52,7 +54,7 @@ from pcpc.executive.nodes.plan import (
     plan,
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_error
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 from pcpc.executive.rig.bus_load import check_rate
 from pcpc.executive.rig.buses import check_line, second_bus, side_of, wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -176,7 +178,7 @@ class Process:
         return Exit.SAFETY_STOP if block.control.fault else Exit.OK
 
     def _watch(
-        self, call: Callable[[], Any], loop: Any, served: sharing.ServedMemory | None = None
+        self, call: Callable[[], Any], loop: Loop, served: sharing.ServedMemory | None = None
     ) -> None:
         """Let `call` step `loop` to its end, in a thread; hear signals, serve clients. StepError.
 
@@ -200,7 +202,7 @@ class Process:
         if work.error is not None:
             raise loop_error(work.error, [loop]) from work.error
 
-    def _hangs(self, loop: Any, served: sharing.ServedMemory | None) -> NoReturn:
+    def _hangs(self, loop: Loop, served: sharing.ServedMemory | None) -> NoReturn:
         """End the process, whose loop stands in a step; its host reads the fault in the block."""
         loop.control.fault = Fault.STEP_HANGS
         if served is None:
@@ -279,7 +281,7 @@ class Process:
         run(block.loop, self.plan.steps)
 
 
-def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
+def claim_frames(rig: Rig, made: Plan, bus: buses.BusAddress) -> list[socket.socket]:
     """Claim the frames that a node of `rig` sends; BusError if one of them has a sender here.
 
     Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
@@ -303,8 +305,8 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.Bus) -> list[socket.socket]:
     return claims
 
 
-def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
-    """Open the bus of a node of `rig`, or both, into the WIRE `end`; BusError.
+def open_buses(rig: Rig, bus: buses.BusAddress, made: Plan, end: Any) -> None:
+    """Open the bus of a node of `rig`, or both, into the Wire `end`; BusError.
 
     `bus` is the executive's. A node also listens to its own ids: nobody else may send them;
     a drive to all, since a master may choose the ids of its PDOs.
@@ -326,7 +328,7 @@ def warm_up_memory(made: Plan) -> Any:
     """Return scratch memory for a few cycles, so that the loop is compiled and touched."""
     scratch = np.recarray(1, sh.LOOP)
     scratch.view(np.uint8)[:] = 0
-    loop: Any = scratch[0]
+    loop: Loop = scratch[0]
     install_in_memory(made, loop)
     loop.clock.trigger, loop.clock.arm_pass = Trigger.CLOCKED, -1  # every deadline is over already
     loop.meeting.seeks_below = 0  # it waits for nobody

@@ -13,65 +13,47 @@ a node sends while it looks for the other one or ends.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import e2e_states, error_frames
+from pcpc.drivers.can import e2e_states
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import STRANGER
-from pcpc.drivers.compiled.jit import f8, i8, loop, loop_function, u1
-from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.frontier import ALL
 from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.bus_state import note_bus_error
-from pcpc.executive.loop.clock import Time, paced
-from pcpc.executive.loop.cycle import STEPS, N, one_pass
-from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.clock import Time
+from pcpc.executive.loop.control import COUNTERS
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
-from pcpc.executive.loop.reception import take_one
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame
-from pcpc.executive.loop.rings import push_event
-from pcpc.executive.loop.sending import request_first_sample
-from pcpc.executive.loop.stalls import forget
 from pcpc.executive.loop.states import State
-from pcpc.executive.loop.variables import COUNTED, COUNTERS, GAIN, STATE
+from pcpc.executive.loop.variables import COUNTED, GAIN
 from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
+from pcpc.executive.nodes.recompute import (
+    BUS_FAILED,
+    COLUMNS,
+    ENDS,
+    FRAMES_END,
+    TUNINGS_END,
+    recompute,
+)
+from pcpc.executive.nodes.slices import HEAD, K, Slice
 from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.buses import virtual_pacing
 from pcpc.executive.rig.messages import is_heartbeat
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
-CYCLES_AT_ONCE = 1000  # the rings hold several thousand
-K, PASSES, STAMP, HEAD = range(4)  # first columns of Slice.rows, and how many
 _OF_THE_MACHINE = ("late", "skipped", "send_errors")  # counters that no frame tells
-BUS_FAILED, FRAMES_END, TUNINGS_END, ENDS = range(3, 7)  # further columns of the loop's rows
-
-
-@dataclass(frozen=True)
-class Slice:
-    """Consecutive cycles of a node as recorded, with their frames and tunings.
-
-    `rows` (cycles, HEAD + variables) int64: cycle, passes, stamp ns, then the variables' bits;
-    `tunings`: cycle, name, value.
-    """
-
-    rows: NDArray[np.int64]
-    frames: NDArray[Any]
-    tunings: Sequence[tuple[int, str, float]]
 
 
 @dataclass(frozen=True)
@@ -80,160 +62,6 @@ class Recomputation:
 
     values: NDArray[np.int64]
     sent: NDArray[Any]
-
-
-class Assembler:
-    """Orders the pieces of a node's log into slices whose frames and tunings are complete."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        """`names`: the recorded variables, state and timing."""
-        self.names, self.behind = names, -1  # later cycles are taken
-        self.every = 0  # passes: a slice ends where their number is a multiple of it; 0: anywhere
-        self.alone = ALL  # from this cycle on a slice has one
-        self._rows = np.empty((0, HEAD + len(names)), np.int64)
-        self._frames = np.empty(0, logs.FRAME)
-        self._tunings: list[tuple[int, str, float]] = []
-
-    def add(self, node: logs.Node) -> None:
-        """Append a further piece of the log; LogError if it lacks what each cycle has."""
-        new = node.frames[node.frames["cycle"] > self.behind]
-        self._frames = np.concatenate((self._frames, new)) if len(self._frames) else new
-        tunings = map(tuning_of, node.tunings)
-        self._tunings += [one for one in tunings if one[0] > self.behind]
-        if not len(node.cycle):
-            return
-        both = {**node.columns, **node.timing}
-        absent = [name for name in self.names if name not in both]
-        if absent:
-            raise logs.LogError(f"{len(absent)} variables, as {absent[0]}, have no record")
-        rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
-        rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
-        passes = both.get("health.passes", node.cycle)
-        rows[:, PASSES] = np.where(np.abs(passes) < 2.0**62, passes, -1)  # no count: a gap
-        for i, name in enumerate(self.names):
-            rows[:, HEAD + i] = both[name].view(np.int64)
-        self._rows = np.concatenate((self._rows, rows[rows[:, K] > self.behind]))
-
-    @property
-    def left(self) -> NDArray[np.int64]:
-        """Return the cycles that were not taken. Shape (n,)."""
-        return self._rows[:, K]
-
-    def take(self, whole: int, end: bool) -> Iterator[Slice]:
-        """Yield the slices up to cycle `whole`; before the `end` only full ones."""
-        while True:
-            here = self._rows[:CYCLES_AT_ONCE]
-            count = int(np.argmax(here[:, K] > whole)) if (here[:, K] > whole).any() else len(here)
-            if not count or ((full := self._full(here[:count])) == 0 and not end):
-                return
-            count = full or count
-            rows, self._rows = self._rows[:count], self._rows[count:]
-            last = rows[-1, K]
-            n = int(np.searchsorted(self._frames["cycle"], last, side="right"))
-            frames, self._frames = self._frames[:n], self._frames[n:]
-            tunings = [t for t in self._tunings if t[0] <= last]
-            self._tunings = [t for t in self._tunings if t[0] > last]
-            yield Slice(rows, frames, tunings)
-
-    def _full(self, rows: NDArray[np.int64]) -> int:
-        """Return how many of the next rows are a full slice; 0 if it is to be waited for more."""
-        first = int(np.searchsorted(rows[:, K], self.alone))
-        ends = [max(first, 1)] if first < len(rows) else []
-        if self.every:
-            ends += [
-                int(i) + 1 for i in np.flatnonzero((rows[:, PASSES] + 1) % self.every == 0)[:1]
-            ]
-        return min(ends, default=CYCLES_AT_ONCE if len(rows) == CYCLES_AT_ONCE else 0)
-
-
-def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:
-    """Return cycle, name and value of a recorded tuning; LogError for what is none."""
-    try:
-        return int(entry["cycle"]), str(entry["name"]), float(entry["value"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise logs.LogError(f"a recorded tuning is invalid: {str(entry)[:80]}") from None
-
-
-@loop_function
-def hear(n: Any, frame: Any) -> None:
-    """Take a recorded frame as the bus brought it; byte 6 says that it was foreign."""
-    copy(n.wire.rx, frame)
-    n.wire.source = STRANGER if frame[6] != 0 else 0
-    n.wire.rx[6] = 0
-    if frame[3] & error_frames.FLAG != 0:
-        note_bus_error(n)
-    else:
-        take_one(n)
-
-
-@loop_function
-def tune_as_recorded(n: Any, place: Any, value: Any) -> None:
-    """Take a recorded tuning, and note it again."""
-    n.v[place] = value
-    push_event(n, Event.TUNING, place, value)
-
-
-@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
-def recompute(
-    n: Any, steps: Any, rows: Any, frames: Any, heard: Any, times: Any, tuned: Any, values: Any,
-    clocks: Any, clocked: Any,
-) -> Any:  # fmt: skip
-    """Run the cycles of `rows`; return how many were done before the node stopped of itself.
-
-    `frames` (k, bytes), received in cycles `heard`: byte 6, of no use on a bus, says that one was
-    foreign. `clocked` (cycles, clocks): for the places `clocks`, what was measured in the cycle
-    before or written from outside. Periods that the node stood still on purpose are over before the
-    next frames; those of the machine pass behind them. The last cycle's frames stay in the outbox.
-    """
-    frame, tuning = 0, 0
-    for i in range(rows.shape[0]):
-        k = n.k
-        stood_still = any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
-        n.clock.behind = rows[i, K] - k
-        n.k = rows[i, K]
-        n.passes = rows[i, PASSES]
-        n.clock.now_ns = n.clock.deadline = rows[i, STAMP]
-        n.wire.outbox_put = 0
-        if n.passes == 0 and n.meeting.seeks_below != 0:
-            request_first_sample(n)
-        while stood_still and k < rows[i, K]:
-            n.k, n.clock.now_ns = k, rows[i, STAMP] - (rows[i, K] - k) * n.clock.period_ns
-            while frame < rows[i, FRAMES_END] and heard[frame] <= k:
-                hear(n, frames[frame])
-                frame += 1
-            if not paced(n):
-                forget(n)
-            count_down(n, 1)
-            while tuning < rows[i, TUNINGS_END] and times[tuning] <= k:
-                tune_as_recorded(n, tuned[tuning], values[tuning])
-                tuning += 1
-            k += 1
-        n.k, n.clock.now_ns = rows[i, K], rows[i, STAMP]
-        if n.clock.behind > 0:
-            push_event(n, Event.SKIP, n.clock.behind, 0.0)
-        while frame < rows[i, FRAMES_END]:
-            hear(n, frames[frame])
-            frame += 1
-        if peer_stalled(n):
-            n.rx.started += n.rx.starters
-        while tuning < rows[i, TUNINGS_END]:
-            periods = max(times[tuning] + 1 - k, 0)
-            count_down(n, periods)
-            k += periods
-            tune_as_recorded(n, tuned[tuning], values[tuning])
-            tuning += 1
-        count_down(n, rows[i, K] + 1 - k)
-        for j in range(clocks.shape[0]):
-            n.v[clocks[j]] = clocked[i, j]
-        if rows[i, BUS_FAILED] != 0:
-            n.guard.faulted = Fault.BUS_FAILED
-        waits = n.guard.disarmed != 0 and n.v[STATE] == State.READY  # else its end was asked for
-        if rows[i, ENDS] != 0 and not waits:
-            n.control.stop = 1
-        one_pass(n, steps)
-        if n.passes == rows[i, PASSES]:
-            return i
-    return rows.shape[0]
 
 
 class Replay:
@@ -301,7 +129,7 @@ class Replay:
             self.check_tuning(*tuning)
         tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
         values = np.array([t[2] for t in tunings], np.float64)
-        rows = np.zeros((len(part.rows), 7), np.int64)
+        rows = np.zeros((len(part.rows), COLUMNS), np.int64)
         rows[:, :HEAD] = part.rows[:, :HEAD]
         fault = part.rows[:, HEAD + names.index("supervisor.fault")].view(np.float64)
         rows[:, BUS_FAILED] = fault == Fault.BUS_FAILED
@@ -318,13 +146,10 @@ class Replay:
         both = self._clocked_before(part, names), self._written_values(part, names)
         clocked = np.ascontiguousarray(np.hstack(both))
         heard = np.ascontiguousarray(received["cycle"]).astype(np.int64)
-        loop, places = self.block.loop, self._places
-        watched_result(
-            lambda: recompute(
-                loop, self.steps, rows, raw, heard, times, tuned, values, places, clocked
-            ),
-            [loop],
-        )
+        places, done = self._places, np.zeros(2, np.int64)
+        recording = rows, raw, heard, times, tuned, values, places, clocked, done
+        loop = self.block.loop
+        watched_result(lambda: recompute(loop, self.steps, recording), [loop])
         self._new_rows("event")
         return Recomputation(self._new_rows("record")[:, self._columns], self.sent(self._frames()))
 

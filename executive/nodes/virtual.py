@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import line as lines
+from pcpc.drivers.line import line as lines
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.description import node_description
@@ -67,7 +67,7 @@ class Memory:
             n = len(about["state_columns"])
             columns = dict(zip(about["state_columns"], values[RECORD_HEAD:], strict=False))
             timing = dict(zip(about["timing_columns"], values[RECORD_HEAD + n + 1 :], strict=True))
-            nodes[about["node"]] = logs.Node(
+            nodes[about["node"]] = logs.NodeLog(
                 table[:, 0], table[:, 1], columns, timing, np.empty(0, logs.FRAME), [], [], about
             )
         first = self._blocks[0].description
@@ -176,7 +176,7 @@ class VirtualRun:
 def _over_line(rig: Rig) -> tuple[Any, NDArray[np.int64]]:
     """Return the rig's emulated line, and which other node is how far behind, ns."""
     config = rig.config
-    line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
+    line: Any = np.zeros(1, lines.Line.dtype).view(np.recarray)[0]
     lines.prepare(line, len(on_line(rig)), config.bus.queue, **line_options(rig))
     phases = [config.realtime.of_node(role).phase for role in rig.roles]
     behind = [(phase - phases[0]) % 1.0 or 1.0 for phase in phases[1:]]

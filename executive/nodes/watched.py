@@ -13,7 +13,7 @@ from typing import Any
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.variables import T_S
-from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.own_laws.law_errors import cause
 
 POLL_S = 0.05
 HANG_S = 3.0  # less than the other node's patience in lockstep, so that the cause is told first

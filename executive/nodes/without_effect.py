@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError
 from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.blocks import BlockSpec
@@ -71,8 +71,8 @@ def _check_watch(made: Plan) -> None:
     for role, node in made.rig.nodes().items():
         if role != made.role:
             known |= dict.fromkeys(_variables(node.blocks))
-    if watch is not None and watch not in known:
-        raise made.rig.error("watch", f"no variable {watch}{did_you_mean(watch, known)}")
+    if watch is not None:
+        made.rig.known("watch", watch, known, "variable")
 
 
 def _variables(specs: list[BlockSpec]) -> Iterator[str]:

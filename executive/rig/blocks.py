@@ -12,7 +12,7 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import fmu, tables, wired_units, yamlfile
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.law_lookup import Use, law_block
-from pcpc.executive.rig.node_keys import Entry, Plant, Section
+from pcpc.executive.rig.node_keys import BlockEntry, Plant, Section
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Parameter
 from pcpc.executive.rig.yamlfile import Document, Keys
@@ -49,7 +49,7 @@ class _RawBlock:
 
     name: str
     keys: Keys
-    entry: Entry
+    entry: BlockEntry
     law: Any
     block: "Block"
     text: str
@@ -87,7 +87,7 @@ def law_keys(config: Config, section: str, name: str) -> Keys:
 def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]:
     """Return the blocks of a node, with laws imported and settings complete; RigError."""
     specs: list[BlockSpec] = []
-    found: list[_RawBlock] = []
+    raw_blocks: list[_RawBlock] = []
     shared = _shared_parameters(document, section, config.sections[section])
     unused = dict(shared)
     for name, entry in entries(config, section):
@@ -104,26 +104,28 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
         else:
             block = law_block(document, keys, str(law.law), use)
         inputs = {**entry.inputs, **law.inputs}
-        found.append(_RawBlock(name, keys, entry, law, block, text, inputs))
-    for one in found:
-        name, keys, entry, law = one.name, one.keys, one.entry, one.law
+        raw_blocks.append(_RawBlock(name, keys, entry, law, block, text, inputs))
+    for raw in raw_blocks:
+        name, keys, entry, law = raw.name, raw.keys, raw.entry, raw.law
         unit = entry.unit if law is entry else None
-        block = wired_units.in_its_unit(document, keys, name, one.block, unit, found)
+        block = wired_units.in_its_unit(document, keys, name, raw.block, unit, raw_blocks)
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
-        for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
-            places |= {f"inputs.{key}": document.where((*at, "inputs", key)) for key in inputs}
+        for inputs, its_keys in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
+            places |= {
+                f"inputs.{key}": document.where((*its_keys, "inputs", key)) for key in inputs
+            }
         settings = _settings(document, keys, law.parameters, block, shared, places)
         for used in settings:
             unused.pop(used, None)
-        specs.append(BlockSpec(name, block, settings, one.inputs, places, one.text))
-    for name, (_, source, at) in unused.items():
+        specs.append(BlockSpec(name, block, settings, raw.inputs, places, raw.text))
+    for name, (_, source, its_keys) in unused.items():
         known = [setting for spec in specs for setting in spec.settings]
-        raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")
+        source.known(its_keys, name, known, "block of the plant has")
     return specs
 
 
-def entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
+def entries(config: Config, section: Role) -> Iterator[tuple[str, BlockEntry]]:
     """Yield the blocks of a node; those of other controllers follow, and are wired alike."""
     for name, entry in config.sections[section].blocks.items():
         yield name, entry
@@ -145,19 +147,19 @@ def _settings(
     ports = {name: port for port in block.settings for name in port.names()}
     for name in given:
         if name not in ports:
-            at = (*keys, "parameters", name)
-            raise document.error(at, f"unknown parameter{did_you_mean(name, ports)}")
+            its_keys = (*keys, "parameters", name)
+            raise document.error(its_keys, f"unknown parameter{did_you_mean(name, ports)}")
     settings: dict[str, float] = {}
     for name, port in ports.items():
-        source, at = document, (*keys, "parameters", name)
+        source, its_keys = document, (*keys, "parameters", name)
         if name in shared and shared[name][0].unit != port.unit:
-            parameter, source, at = shared[name]
+            parameter, source, its_keys = shared[name]
             what = f"unit '{parameter.unit}' where block {keys[-1]} has '{port.unit}'"
-            raise source.error((*at, "unit"), what)
+            raise source.error((*its_keys, "unit"), what)
         if name in given:
             settings[name] = given[name]
         elif name in shared:
-            parameter, source, at = shared[name]
+            parameter, source, its_keys = shared[name]
             settings[name] = parameter.value
         elif port.default is not None:
             settings[name] = port.default
@@ -165,8 +167,8 @@ def _settings(
         else:
             unit = f" [{port.unit}]" if port.unit else ""
             raise document.error(keys, f"parameter {name}{unit} is missing: {port.help}")
-        places[f"parameters.{name}"] = source.where(at)
-        _check_range(source, at, name, port, settings[name])
+        places[f"parameters.{name}"] = source.where(its_keys)
+        _check_range(source, its_keys, name, port, settings[name])
     return settings
 
 

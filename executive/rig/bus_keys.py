@@ -19,7 +19,7 @@ BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s
 class Bus(Keyed):
     """A bus as python-can names it; without `bitrate` its load is not checked.
 
-    `emulate`: a line of this bit rate, see `drivers.can.line`, with `queue` places in each node.
+    `emulate`: a line of this bit rate, see `drivers.line.line`, with `queue` places in each node.
     """
 
     interface: Word = "auto"

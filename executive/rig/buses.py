@@ -4,8 +4,8 @@ from typing import Any
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.choice import BusRequest
-from pcpc.drivers.can.ticks import MOST_TICKS, ticks_per_s
 from pcpc.drivers.can.wire_layout import Flag
+from pcpc.drivers.line.ticks import MOST_TICKS, ticks_per_s
 from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -26,7 +26,7 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> BusReque
     return BusRequest(*asked, rig=config.rig, roles=roles, count=count)
 
 
-def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:
+def second_bus(rig: Rig, bus: buses.BusAddress, role: Role) -> buses.BusAddress | None:
     """Return the bus of a node that is not the executive's; None where that is its only one.
 
     It is that between local node and plant, that of some plants, or, of a plant, its own side of
@@ -48,7 +48,7 @@ def second_bus(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus | None:
     return buses.bus_named(keys.interface, channel)
 
 
-def side_of(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus:
+def side_of(rig: Rig, bus: buses.BusAddress, role: Role) -> buses.BusAddress:
     """Return the bus of a node at an emulated line, or where none is `bus`, the executive's."""
     if rig.config.bus.emulate is not None and role in rig.roles:
         for _ in range(rig.roles.index(role)):
@@ -56,7 +56,7 @@ def side_of(rig: Rig, bus: buses.Bus, role: Role) -> buses.Bus:
     return bus
 
 
-def master_side(rig: Rig, bus: buses.Bus) -> buses.Bus:
+def master_side(rig: Rig, bus: buses.BusAddress) -> buses.BusAddress:
     """Return the bus of an XCP master: the last side of an emulated line; where none is `bus`."""
     for _ in rig.roles if rig.config.bus.emulate is not None else ():
         bus = buses.neighbour_of(bus)
@@ -72,22 +72,24 @@ def check_line(rig: Rig, pacing: str) -> None:
     """Raise RigError if the rig's line cannot be emulated; `pacing` may be virtual."""
     if rig.config.bus.emulate is None:
         return
-    what, bus = "", rig.config.bus
+    problem, bus = "", rig.config.bus
     nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     switched += ["a moteus drive"] if has_fd_drive(rig) else []
     if pacing == "lockstep":
-        what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
+        problem = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
     elif any(one.bus is not None for one in rig.config.plants.values()):
-        what = "some plants are on a second bus; only one can be emulated"
+        problem = "some plants are on a second bus; only one can be emulated"
     elif not 1000 <= nominal <= 1_000_000:
-        what = f"{bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s, CAN FD before its switch too"
+        problem = (
+            f"{bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s, CAN FD before its switch too"
+        )
     elif switched and fast is None:
-        what = f"{switched[0]} switches its bit rate; give bus.data_bitrate, in bit/s"
+        problem = f"{switched[0]} switches its bit rate; give bus.data_bitrate, in bit/s"
     elif fast is not None:
-        what = odd_rates(nominal, fast)
-    if what:
-        raise rig.error("bus.emulate", what)
+        problem = odd_rates(nominal, fast)
+    if problem:
+        raise rig.error("bus.emulate", problem)
 
 
 def odd_rates(bitrate: int, data_bitrate: int) -> str:
@@ -105,7 +107,7 @@ def virtual_pacing(rig: Rig) -> str:
 
 
 def line_options(rig: Rig) -> dict[str, Any]:
-    """Return what the rig says of its emulated line, for `drivers.can.line.prepare`."""
+    """Return what the rig says of its emulated line, for `drivers.line.line.prepare`."""
     bus = rig.config.bus
     rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate}
     return rates | {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.own_laws.modules import project_file
 from pcpc.executive.rig import fmu, standby, tables
-from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.conversion import as_data, convert, file_keys_of
 from pcpc.executive.rig.effective import file_keys, value_at
-from pcpc.executive.rig.modules import project_file
 from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Expected
 from pcpc.executive.rig.yamlfile import Document, Keys
@@ -29,7 +29,7 @@ _CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
 _SHORTEST_KEYFRAME_NS = 10**8
 _LONGEST_KEEP_NS = 10**15  # the longest run
 _PORTS = 1 << 16
-_TAKEN = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
+_TAKEN = {*file_keys_of(Config), FALLBACK, "rx", "tx", "timing"} - {"controller"}
 
 
 def check_characters(document: Document) -> None:
@@ -53,22 +53,21 @@ def check(document: Document, config: Config) -> None:
     """Raise the first contradiction between the keys of a rig; RigError."""
     problems = chain(
         _plants(config),
-        _controller(config),
         _blocks(document, config),
-        _overrun(config),
-        standby.problems(config),
+        _overrun(document, config),
+        standby.problems(document, config),
         _keep(config),
         _xcp(config),
         _limits(config),
         _patience(config),
         _expectations(config),
-        _requirements(config),
+        _requirements(document, config),
         _ids(config),
     )
     for keys, what in problems:
         raise document.error(keys, what)
     evaluation(document, config)
-    for keys in file_keys(msgspec.to_builtins(config)):
+    for keys in file_keys(as_data(config)):
         if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
             document.file(keys, value_at(document.data, keys), _CURES.get(keys, ""))
 
@@ -77,24 +76,20 @@ def _plants(config: Config) -> Problems:
     """Refuse plants beside a local node, without the first one, and on a third bus."""
     nodes: dict[str, Role] = {}
     buses = {role: one.bus for role, one in config.plants.items() if one.bus is not None}
-    for role, one in config.plants.items():
+    for role, plant in config.plants.items():
         if config.local is not None and (role != "plant" or role in buses):
             yield (role,), "a rig with a local node has one plant, on the local node's bus"
-        if one.node in nodes:
-            yield (role, "node"), f"{one.node} is {nodes[one.node]}; give each its own DBC node"
-        nodes[one.node] = role
+        if plant.node in nodes:
+            yield (role, "node"), f"{plant.node} is {nodes[plant.node]}; give each its own DBC node"
+        nodes[plant.node] = role
     first = next(iter(buses), None)
     for role, bus in buses.items():
         if first is not None and bus != buses[first]:
             yield (role, "bus"), f"differs from {first}.bus; a rig has two buses at the most"
 
 
-def _controller(config: Config) -> Problems:
-    if config.controller not in config.controllers:
-        yield ("controller",), config.no_controller(config.controller)
-
-
 def _blocks(document: Document, config: Config) -> Problems:
+    document.known(("controller",), config.controller, config.controllers, "controller")
     first: dict[str, Role] = {}
     for role, node in config.sections.items():
         for name, entry in node.blocks.items():
@@ -118,16 +113,15 @@ def _blocks(document: Document, config: Config) -> Problems:
         yield ("executive", "blocks"), "block controller is missing"
 
 
-def _overrun(config: Config) -> Problems:
-    fallback, at = config.overrun.fallback, ("overrun", "fallback")
+def _overrun(document: Document, config: Config) -> Problems:
+    fallback, its_keys = config.overrun.fallback, ("overrun", "fallback")
     if fallback is None:
         return
     if config.overrun.fault_after is not None:
-        yield at, "fault_after is given too; choose one of the two"
-    if fallback not in config.controllers:
-        yield at, config.no_controller(fallback)
+        yield its_keys, "fault_after is given too; choose one of the two"
+    document.known(its_keys, fallback, config.controllers, "controller")
     if fallback == config.controller:
-        yield at, f"{fallback} is the controller itself; name another one"
+        yield its_keys, f"{fallback} is the controller itself; name another one"
 
 
 def _keep(config: Config) -> Problems:
@@ -186,7 +180,7 @@ def _expectations(config: Config) -> Problems:
                 yield ("expect", name, figure), what
 
 
-def _requirements(config: Config) -> Problems:
+def _requirements(document: Document, config: Config) -> Problems:
     """Refuse requirements that say nothing, whatever the names in them stand for."""
     from pcpc.executive.rig.requirements import (  # here: few rigs have some
         RequirementError,
@@ -195,8 +189,7 @@ def _requirements(config: Config) -> Problems:
 
     for i, entry in enumerate(config.require):
         for name in entry.controllers or ():
-            if name not in config.controllers:
-                yield ("require", i, "controllers"), config.no_controller(name)
+            document.known(("require", i, "controllers"), name, config.controllers, "controller")
         try:
             timed_requirement(entry, lambda name: None)
         except RequirementError as error:
@@ -218,12 +211,12 @@ def _ids(config: Config) -> Problems:
             if isinstance(one, Expected)
         ]
         known: dict[str, str] = {}
-        for keys, one in entries:
-            if one is None:
+        for keys, word in entries:
+            if word is None:
                 continue
-            if one in known:
-                yield keys, f"{one} is the id of {known[one]} too; give each requirement its own"
-            known[one] = ".".join(map(str, keys[:-1])).replace("require.", "require ")
+            if word in known:
+                yield keys, f"{word} is the id of {known[word]} too; give each requirement its own"
+            known[word] = ".".join(map(str, keys[:-1])).replace("require.", "require ")
 
 
 def evaluation(document: Document, config: Config) -> Evaluation | None:
@@ -233,10 +226,10 @@ def evaluation(document: Document, config: Config) -> Evaluation | None:
     numbers = dict(config.evaluation)
     named = {key: numbers.pop(key) for key in ("file", "window_s") if key in numbers}
     named.setdefault("window_s", [0.0, config.duration_s])
-    found = convert(document, named, Evaluation, ("evaluation",))
-    if not 0 <= found.window_s[0] < found.window_s[1]:
+    given = convert(document, named, Evaluation, ("evaluation",))
+    if not 0 <= given.window_s[0] < given.window_s[1]:
         raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
-    own = project_file(found.file)
-    file = document.file(("evaluation", "file"), found.file) if own is None else own
+    shipped = project_file(given.file)
+    file = document.file(("evaluation", "file"), given.file) if shipped is None else shipped
     own_numbers = convert(document, numbers, dict[str, float], ("evaluation",))
-    return msgspec.structs.replace(found, file=str(file), numbers=own_numbers)
+    return msgspec.structs.replace(given, file=str(file), numbers=own_numbers)

@@ -23,8 +23,8 @@ def commands(rig: Rig, role: Role, sent: Iterable[str]) -> dict[str, Limit]:
     }
     given = dict(nodes[role].limits)
     given |= {name: Limit() for name in sent if name in theirs and name not in given}
-    found = {}
+    limits = {}
     for name, limit in given.items():
         safe = theirs.get(name, 0.0) if limit.safe is None else limit.safe
-        found[name] = msgspec.structs.replace(limit, safe=min(max(safe, limit.low), limit.high))
-    return found
+        limits[name] = msgspec.structs.replace(limit, safe=min(max(safe, limit.low), limit.high))
+    return limits

@@ -5,10 +5,10 @@ from types import UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
-from msgspec import Struct
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.keyed import Keyed
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 T = TypeVar("T")
@@ -20,10 +20,40 @@ def convert(document: Document, data: Any, kind: type[T], keys: Keys) -> T:
     RigError: the data are wrong, with their place.
     """
     try:
-        return msgspec.convert(data, kind)
+        return msgspec.convert(_gathered(data, kind), kind)
     except msgspec.ValidationError as error:
         _raise_at_part(document, data, kind, keys)
         raise document.error(keys, _message(str(error), data)) from None
+
+
+def file_keys_of(kind: type[Keyed]) -> dict[str, tuple[Any, bool]]:
+    """Return the keys of a mapping in a file: the type of each, and whether it has to be there."""
+    keys: dict[str, tuple[Any, bool]] = {}
+    for info in msgspec.structs.fields(kind):
+        if names := kind.spread.get(info.name):
+            keys |= dict.fromkeys(names, (get_args(info.type)[1] | None, False))
+        else:
+            keys[info.encode_name] = info.type, info.required
+    return keys
+
+
+def as_data(whole: Keyed) -> dict[str, Any]:
+    """Return all values under the keys that they have in a file."""
+    data: dict[str, Any] = {}
+    for key, value in msgspec.to_builtins(whole).items():
+        data |= value if key in whole.spread else {key: value}
+    return data
+
+
+def _gathered(data: Any, kind: Any) -> Any:
+    """Return data whose `spread` keys are in the fields of the kind; ValidationError."""
+    spread = getattr(kind, "spread", {}) if isinstance(data, dict) else {}
+    for field, names in spread.items():
+        if field in data:
+            raise msgspec.ValidationError(field)
+        entries = {name: data[name] for name in names if data.get(name) is not None}
+        data = {key: value for key, value in data.items() if key not in names} | {field: entries}
+    return data
 
 
 def _raise_at_part(document: Document, data: Any, kind: Any, keys: Keys) -> None:
@@ -31,18 +61,18 @@ def _raise_at_part(document: Document, data: Any, kind: Any, keys: Keys) -> None
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is UnionType and isinstance(data, dict | list):
         for one in arguments:
-            if isinstance(data, dict) == (isinstance(one, type) and issubclass(one, Struct)):
+            if isinstance(data, dict) == (isinstance(one, type) and issubclass(one, Keyed)):
                 _raise_at_part(document, data, one, keys)
-    if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
-        fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
+    if isinstance(kind, type) and issubclass(kind, Keyed) and isinstance(data, dict):
+        fields = file_keys_of(kind)
         for key in data:
             if key not in fields:
                 known = (*getattr(kind, "carried_out", ()), *fields)
                 raise document.error((*keys, key), f"unknown key{did_you_mean(key, known)}")
-        for name, info in fields.items():
+        for name, (below, required) in fields.items():
             if name in data:
-                convert(document, data[name], info.type, (*keys, name))
-            elif info.required:
+                convert(document, data[name], below, (*keys, name))
+            elif required:
                 raise document.error(keys, f"key {name} is missing")
     elif origin is dict and isinstance(data, dict):
         for key, child in data.items():

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
+from pcpc.executive.own_laws.modules import project_name
 from pcpc.executive.rig import fmu
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
-from pcpc.executive.rig.modules import project_name
+from pcpc.executive.rig.conversion import as_data
 from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 from pcpc.executive.rig.schema import Config
 from pcpc.executive.rig.yamlfile import Document, Keys
@@ -23,7 +22,7 @@ def data(
     document: Document, config: Config, specs: Mapping[Role, Sequence[BlockSpec]]
 ) -> dict[str, Any]:
     """Return a rig's data with all values of its blocks."""
-    whole: dict[str, Any] = msgspec.to_builtins(config)
+    whole = as_data(config)
     for keys in file_keys(whole):
         value_at(whole, keys[:-1])[keys[-1]] = rebased_path(document, keys, value_at(whole, keys))
     for role, blocks in specs.items():
@@ -37,16 +36,13 @@ def data(
                 entry["interpolation"] = entry["interpolation"] or "hold"
     if config.xcp is None:
         del whole["xcp"]
-    for role in PLANTS:
-        if role not in specs:
-            del whole[role]
-            continue
-        own = whole[role]
-        own["parameters_file"] = None
-        if own["drive"] is not None and own["drive"]["eds"] is not None:
-            own["drive"]["eds"] = eds_name(role)
-        if own["bus"] is None:
-            del own["bus"]
+    for role in config.plants:
+        plant = whole[role]
+        plant["parameters_file"] = None
+        if plant["drive"] is not None and plant["drive"]["eds"] is not None:
+            plant["drive"]["eds"] = eds_name(role)
+        if plant["bus"] is None:
+            del plant["bus"]
     return whole
 
 

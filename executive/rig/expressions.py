@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.rig.units import AFTER_NUMBER, NONE, Unit, unit
+from pcpc.executive.laws.units import AFTER_NUMBER, NONE, Unit, unit
 
 Vector = NDArray[np.float64]
 Units = Callable[[str], Unit | None]  # of a variable; None for any. Raises ExpressionError
@@ -39,16 +39,14 @@ _TOKEN = re.compile(
     r"|(?P<name>(?:(?:executive|local|plant(?:_\d+)?):)?[A-Za-z_]\w*(?:\.\w+)*)(?![\w.]|\s*\()"
 )
 _PLACEHOLDER = re.compile(r"_(\d+)_")
-_ARITHMETIC: dict[type, tuple[str, Any]] = {
-    ast.Add: ("+", np.add), ast.Sub: ("-", np.subtract),
-    ast.Mult: ("*", None), ast.Div: ("/", None),
+_ARITHMETIC: dict[type, str] = {
+    ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide",
 }  # fmt: skip
 _COMPARED: dict[type, str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
-_SIGNS = {  # what holds, and the opposite
-    "<": (operator.lt, ">="), "<=": (operator.le, ">"), ">": (operator.gt, "<="),
-    ">=": (operator.ge, "<"), "==": (operator.eq, "!="), "!=": (operator.ne, "=="),
+_FUNCTIONS = {
+    "abs": "absolute", "sqrt": "sqrt", "rate": "rate", "min": "minimum", "max": "maximum",
 }  # fmt: skip
 
 
@@ -79,7 +77,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedValue:
     """A comparison at one cycle: what was compared, its value and limit, in `unit`."""
 
     what: str
@@ -89,19 +87,44 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Value:
-    """A number a cycle, in base units; `unit` None adapts to what it stands beside.
+class Term:
+    """A part of an expression, as data: what is done, `op`, with what, `of`, in which unit.
 
-    `parts`: how `at` makes it, for those who cannot call it: the name of a function of numpy, abs,
-    sqrt, rate, `column` or `number`; then values, names and numbers.
+    `of`: parts, but the name and the factor of a `column`, and a `number` in base units.
     """
 
-    text: str
+    op: str
+    of: tuple[Any, ...]
     unit: Unit | None
-    at: Callable[[Rows], Any]
-    names: frozenset[str] = frozenset()
-    number: Fraction | None = None  # of a constant, in base units
-    parts: tuple[Any, ...] = ()
+    text: str
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The variables that it is about."""
+        if self.op == "column":
+            return frozenset(self.of[:1])
+        parts = (part.names for part in self.of if isinstance(part, Term))
+        return frozenset[str]().union(*parts)
+
+
+class Value(Term):
+    """A number a cycle, in base units; `unit` None adapts to what it stands beside.
+
+    `op` is a function of numpy, or of `_FROM_ROWS`.
+    """
+
+    @property
+    def number(self) -> Fraction | None:
+        """The number of a constant, in base units."""
+        return self.of[0] if self.op == "number" else None
+
+    def at(self, rows: Rows) -> Any:
+        """Return its value of each row, or of all."""
+        arguments = [part.at(rows) if isinstance(part, Value) else part for part in self.of]
+        with np.errstate(all="ignore"):
+            if self.op in _FROM_ROWS:
+                return _FROM_ROWS[self.op](rows, *arguments)
+            return _ELEMENTWISE[self.op](*arguments)
 
     def taken_as(self, other: Unit | None) -> "Value":
         """Return a bare number, or a value of unknown unit, in the unit of its neighbour."""
@@ -109,74 +132,79 @@ class Value:
             return self
         if self.number is not None:
             return _constant(self.text, self.number * other.factor, other)
-        factor = float(other.factor)
-        parts = "multiply", self, _constant("", other.factor, None)
-        return Value(self.text, other, lambda rows: self.at(rows) * factor, self.names, parts=parts)
+        return Value("multiply", (self, _constant("", other.factor, None)), other, self.text)
 
 
-@dataclass(frozen=True)
-class Condition:
-    """What holds or not in a cycle.
+class Condition(Term):
+    """What holds or not in a cycle: a sign between two values, or `and`, `or` of conditions.
 
-    `margin`  of each row; negative exactly where it does not hold
-    `said`    of row i: the comparison that decided
-    `inverse` what holds where this does not; NaN apart, where neither does
-    `parts`   `and` or `or` with conditions, or a sign, what it compares, and `said`'s two values
+    `unit`: in which a comparison is told.
     """
 
-    text: str
-    names: frozenset[str]
-    margin: Callable[[Rows], Vector]
-    said: Callable[[Rows, int], Comparison]
-    inverse: "Callable[[], Condition]"
-    parts: tuple[Any, ...] = ()
+    @property
+    def sides(self) -> tuple[Value, Value]:
+        """The value that a comparison is about, and its limit."""
+        a, b = self.of
+        return (b, a) if a.number is not None else (a, b)
+
+    def margin(self, rows: Rows) -> Vector:
+        """Return the margin of each row; negative exactly where it does not hold."""
+        if self.op in _JUNCTIONS:
+            pick, _ = _JUNCTIONS[self.op]
+            return np.asarray(pick.reduce([part.margin(rows) for part in self.of]))
+        x, y, _ = np.broadcast_arrays(*(side.at(rows) for side in self.of), rows.cycle)
+        with np.errstate(invalid="ignore", over="ignore"):
+            held, far = _HOLDS[self.op](x, y), np.abs(x - y)
+        far = np.where(np.isnan(far), 0.0, far)  # of equal infinities
+        margin = np.where(held, 0.0 if self.op == "==" else far, np.minimum(-far, BARELY))
+        return np.where(np.isnan(x) | np.isnan(y), -np.inf, margin)
+
+    def said(self, rows: Rows, i: int) -> ComparedValue:
+        """Return the comparison that decided in row i."""
+        if self.op in _JUNCTIONS:
+            _, decisive = _JUNCTIONS[self.op]
+            part: Condition = self.of[int(decisive([part.margin(rows)[i] for part in self.of]))]
+            return part.said(rows, i)
+        x, y = (np.broadcast_to(side.at(rows), len(rows))[i] for side in self.sides)
+        shown = self.unit or NONE
+        factor = float(shown.factor)
+        return ComparedValue(self.sides[0].text, float(x) / factor, float(y) / factor, shown)
+
+    def inverse(self) -> "Condition":
+        """Return what holds where this does not; NaN apart, where neither does."""
+        opposite = _OPPOSITE[self.op]
+        if opposite in _JUNCTIONS:
+            return _junction([part.inverse() for part in self.of], opposite)
+        return comparison(self.of[0], opposite, self.of[1])
 
 
 def condition(text: str, units: Units) -> Condition:
     """Return the condition that a text states; ExpressionError."""
-    found = _Reader(text, units).whole()
-    if isinstance(found, Value):
-        raise ExpressionError(f"{text} is a value; expected a condition, like {found.text} > 0")
-    return found
+    whole = _Reader(text, units).whole()
+    if isinstance(whole, Value):
+        raise ExpressionError(f"{text} is a value; expected a condition, like {whole.text} > 0")
+    return whole
 
 
 def value(text: str, units: Units) -> Value:
     """Return the value that a text states; ExpressionError."""
-    found = _Reader(text, units).whole()
-    if isinstance(found, Condition):
+    whole = _Reader(text, units).whole()
+    if isinstance(whole, Condition):
         raise ExpressionError(f"{text} is a condition; expected a value")
-    return found
+    return whole
 
 
 def comparison(a: Value, sign: str, b: Value) -> Condition:
     """Return a comparison; ExpressionError for different units."""
     text = f"{a.text} {sign} {b.text}"
     a, b = _in_one_unit(a, b, text)
-    left, right = (b, a) if a.number is not None else (a, b)  # the value, and its limit
-    shown = left.unit or right.unit or NONE
-    holds, opposite = _SIGNS[sign]
+    first, last = (b, a) if a.number is not None else (a, b)
+    return Condition(sign, (a, b), first.unit or last.unit or NONE, text)
 
-    def margin(rows: Rows) -> Vector:
-        with np.errstate(invalid="ignore", over="ignore"):
-            x, y, _ = np.broadcast_arrays(a.at(rows), b.at(rows), rows.cycle)
-            held, far = holds(x, y), np.abs(x - y)
-        far = np.where(np.isnan(far), 0.0, far)  # of equal infinities
-        found = np.where(held, 0.0 if sign == "==" else far, np.minimum(-far, BARELY))
-        return np.where(np.isnan(x) | np.isnan(y), -np.inf, found)
 
-    def said(rows: Rows, i: int) -> Comparison:
-        x, y = (np.broadcast_to(one.at(rows), len(rows))[i] for one in (left, right))
-        factor = float(shown.factor)
-        return Comparison(left.text, float(x) / factor, float(y) / factor, shown)
-
-    return Condition(
-        text,
-        a.names | b.names,
-        margin,
-        said,
-        lambda: comparison(a, opposite, b),
-        (sign, a, b, left, right, shown),
-    )
+def column(name: str, unit: Unit | None, factor: float = 1.0, text: str = "") -> Value:
+    """Return the value of a column of the rows, which times `factor` is in base units."""
+    return Value("column", (name, factor), unit, text or name)
 
 
 class _Reader:
@@ -199,38 +227,39 @@ class _Reader:
     def wrong(self, what: str) -> ExpressionError:
         return ExpressionError(f"{self.text} {what}")
 
-    def _put_away(self, found: re.Match[str]) -> str:
-        if (name := found["name"]) in _WORDS:
-            return found[0]
+    def _put_away(self, token: re.Match[str]) -> str:
+        if (name := token["name"]) in _WORDS:
+            return token[0]
         if name:
-            self.operands.append(_variable(name, self.units(name)))
+            known = self.units(name)
+            self.operands.append(column(name, known, 1.0 if known is None else float(known.factor)))
         else:
-            own = unit(found["unit"].strip()) if found["unit"] else None
-            number = Fraction(found["number"]) * (own.factor if own else 1)
-            self.operands.append(_constant(found[0], number, own))
+            known = unit(token["unit"].strip()) if token["unit"] else None
+            number = Fraction(token["number"]) * (known.factor if known else 1)
+            self.operands.append(_constant(token[0], number, known))
         return f"_{len(self.operands) - 1}_"
 
     def read(self, node: ast.AST) -> Value | Condition:
         """Return what a part of the tree stands for."""
         text = ast.get_source_segment(self.prepared, node) or ""
-        text = _PLACEHOLDER.sub(lambda found: self.operands[int(found[1])].text, text)
+        text = _PLACEHOLDER.sub(lambda mark: self.operands[int(mark[1])].text, text)
         match node:
-            case ast.Name(id=name) if found := _PLACEHOLDER.fullmatch(name):
-                return self.operands[int(found[1])]
-            case ast.UnaryOp(op=ast.Not(), operand=one):
-                return self._condition(one).inverse()
-            case ast.UnaryOp(op=ast.UAdd(), operand=one):
-                return self._value(one)
-            case ast.UnaryOp(op=ast.USub(), operand=one):
-                return _product(text, _constant("-1", Fraction(-1), None), "*", self._value(one))
-            case ast.BinOp(left=a, op=ast.Add() | ast.Sub() as op, right=b):
-                return _combination(text, _ARITHMETIC[type(op)][1], self._value(a), self._value(b))
-            case ast.BinOp(left=a, op=ast.Mult() | ast.Div() as op, right=b):
-                return _product(text, self._value(a), _ARITHMETIC[type(op)][0], self._value(b))
+            case ast.Name(id=name) if mark := _PLACEHOLDER.fullmatch(name):
+                return self.operands[int(mark[1])]
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return self._condition(operand).inverse()
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self._value(operand)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                minus = _constant("-1", Fraction(-1), None)
+                return _product(text, "multiply", minus, self._value(operand))
+            case ast.BinOp(left=a, op=op, right=b) if word := _ARITHMETIC.get(type(op)):
+                made = _combination if word in ("add", "subtract") else _product
+                return made(text, word, self._value(a), self._value(b))
             case ast.Compare(left=a, ops=ops, comparators=more) if all(
                 type(op) in _COMPARED for op in ops
             ):
-                sides = pairwise([self._value(one) for one in (a, *more)])
+                sides = pairwise([self._value(side) for side in (a, *more)])
                 signs = [_COMPARED[type(op)] for op in ops]
                 return _junction(
                     [comparison(x, sign, y) for sign, (x, y) in zip(signs, sides, strict=True)],
@@ -238,143 +267,118 @@ class _Reader:
                 )
             case ast.BoolOp(op=op, values=parts):
                 word = "and" if isinstance(op, ast.And) else "or"
-                return _junction([self._condition(one) for one in parts], word)
+                return _junction([self._condition(part) for part in parts], word)
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
-                return self._call(text, name, [self._value(one) for one in given])
+                return self._call(text, name, [self._value(argument) for argument in given])
         known = "names, numbers, + - * /, comparisons, and or not, abs min max sqrt rate"
         raise self.wrong(f"is more than {known}")
 
     def _value(self, node: ast.AST) -> Value:
-        found = self.read(node)
-        if isinstance(found, Condition):
-            raise self.wrong(f"calculates with the condition {found.text}")
-        return found
+        part = self.read(node)
+        if isinstance(part, Condition):
+            raise self.wrong(f"calculates with the condition {part.text}")
+        return part
 
     def _condition(self, node: ast.AST) -> Condition:
-        found = self.read(node)
-        if isinstance(found, Value):
-            raise self.wrong(f"needs a condition for {found.text}, like {found.text} > 0")
-        return found
+        part = self.read(node)
+        if isinstance(part, Value):
+            raise self.wrong(f"needs a condition for {part.text}, like {part.text} > 0")
+        return part
 
     def _call(self, text: str, name: str, given: list[Value]) -> Value:
-        if name in ("min", "max") and len(given) > 1:
-            which = np.minimum if name == "min" else np.maximum
-            return reduce(lambda a, b: _combination(text, which, a, b), given)
-        if name not in _FUNCTIONS or len(given) != 1:
+        op = _FUNCTIONS.get(name, "")
+        if op in ("minimum", "maximum") and len(given) > 1:
+            return reduce(lambda a, b: _combination(text, op, a, b), given)
+        if op not in _UNIT_AFTER or len(given) != 1:
             raise self.wrong(
                 "calls an unknown function; known: abs sqrt rate of one value, min max of several"
             )
-        (one,), (act, own) = given, _FUNCTIONS[name]
-        made = one.unit and own(one.unit)
-        return Value(text, made, lambda rows: act(rows, one.at(rows)), one.names, parts=(name, one))
-
-
-def _variable(name: str, own: Unit | None) -> Value:
-    factor = 1.0 if own is None else float(own.factor)
-
-    def at(rows: Rows) -> Vector:
-        return rows.columns[name] if factor == 1.0 else rows.columns[name] * factor
-
-    return Value(name, own, at, frozenset({name}), parts=("column", name, factor))
+        (argument,) = given
+        return Value(op, (argument,), argument.unit and _UNIT_AFTER[op](argument.unit), text)
 
 
 def _constant(text: str, number: Fraction, own: Unit | None) -> Value:
     try:
-        base = float(number)
+        float(number)
     except OverflowError:
         raise ExpressionError(f"{text} is beyond the range of a float") from None
-    return Value(text, own, lambda rows: base, number=number, parts=("number", base))
+    return Value("number", (number,), own, text)
 
 
-def _product(text: str, a: Value, sign: str, b: Value) -> Value:
+def _product(text: str, op: str, a: Value, b: Value) -> Value:
     """Return a product or a quotient; a bare number in it has no unit."""
-    first, second = (one.unit or (NONE if one.number is not None else None) for one in (a, b))
-    own = None
+    first, second = (side.unit or (NONE if side.number is not None else None) for side in (a, b))
+    both = None
     if first and second and not (a.unit is None and b.unit is None):
-        own = first if b.unit is None else first * second if sign == "*" else first / second
-        own = second if a.unit is None and sign == "*" else own
-    if a.number is not None and b.number is not None:
-        if sign == "/" and not b.number:
-            raise ExpressionError(f"{text} divides by 0")
-        return _constant(text, a.number * b.number if sign == "*" else a.number / b.number, own)
-    act = np.multiply if sign == "*" else np.divide
-
-    def at(rows: Rows) -> Any:
-        with np.errstate(all="ignore"):
-            return act(a.at(rows), b.at(rows))
-
-    return Value(text, own, at, a.names | b.names, parts=(act.__name__, a, b))
+        both = first if b.unit is None else first * second if op == "multiply" else first / second
+        both = second if a.unit is None and op == "multiply" else both
+    return _folded(text, op, both, a, b)
 
 
-def _combination(text: str, act: Any, a: Value, b: Value) -> Value:
+def _combination(text: str, op: str, a: Value, b: Value) -> Value:
     """Return what two values of the same unit give: their sum, difference, minimum, maximum."""
     a, b = _in_one_unit(a, b, text)
-    if a.number is not None and b.number is not None and act in _EXACT:
-        return _constant(text, _EXACT[act](a.number, b.number), a.unit)
+    return _folded(text, op, a.unit, a, b)
 
-    def at(rows: Rows) -> Any:
-        with np.errstate(all="ignore"):
-            return act(a.at(rows), b.at(rows))
 
-    return Value(text, a.unit, at, a.names | b.names, parts=(act.__name__, a, b))
+def _folded(text: str, op: str, own: Unit | None, a: Value, b: Value) -> Value:
+    """Return what two values give, of two constants a constant."""
+    if a.number is None or b.number is None:
+        return Value(op, (a, b), own, text)
+    if op == "divide" and not b.number:
+        raise ExpressionError(f"{text} divides by 0")
+    return _constant(text, _EXACT[op](a.number, b.number), own)
 
 
 def _in_one_unit(a: Value, b: Value, text: str) -> tuple[Value, Value]:
     """Return two values of the same unit; ExpressionError."""
     a, b = a.taken_as(b.unit), b.taken_as(a.unit)
     if a.unit is not None and b.unit is not None and a.unit.powers != b.unit.powers:
-        units = (f"{one.text} is in {one.unit.text or '1'!r}" for one in (a, b) if one.unit)
+        units = (f"{side.text} is in {side.unit.text or '1'!r}" for side in (a, b) if side.unit)
         raise ExpressionError(f"{text}: {', '.join(units)}; take values of the same unit")
     return a, b
 
 
-def _junction(found: list[Condition], word: str) -> Condition:
+def _junction(parts: list[Condition], word: str) -> Condition:
     """Return what holds where all hold, or any."""
-    if len(found) == 1:
-        return found[0]
-    pick, where, other = _WORD[word]
-
-    def margin(rows: Rows) -> Vector:
-        return np.asarray(pick.reduce([one.margin(rows) for one in found]))
-
-    def said(rows: Rows, i: int) -> Comparison:
-        decided = int(where([one.margin(rows)[i] for one in found]))
-        return found[decided].said(rows, i)
-
-    text = f" {word} ".join(one.text for one in found)
-    names = frozenset[str]().union(*(one.names for one in found))
-    return Condition(
-        text,
-        names,
-        margin,
-        said,
-        lambda: _junction([one.inverse() for one in found], other),
-        (word, *found),
-    )
+    if len(parts) == 1:
+        return parts[0]
+    return Condition(word, tuple(parts), None, f" {word} ".join(part.text for part in parts))
 
 
-def _rate(rows: Rows, found: Any) -> Vector:
+def _rate(rows: Rows, given: Any) -> Vector:
     """Return the change since the recorded cycle before, a second; 0 in the first one."""
-    values = np.broadcast_to(np.asarray(found, np.float64), len(rows))
-    with np.errstate(all="ignore"):
-        change = np.diff(values) / (np.diff(rows.cycle) * rows.period_s)
+    values = np.broadcast_to(np.asarray(given, np.float64), len(rows))
+    change = np.diff(values) / (np.diff(rows.cycle) * rows.period_s)
     return np.concatenate((np.zeros(min(len(rows), 1)), change))
 
 
-def _root(rows: Rows, found: Any) -> Any:
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(found)
+def _column(rows: Rows, name: str, factor: float) -> Vector:
+    return rows.columns[name] if factor == 1.0 else rows.columns[name] * factor
 
 
-_FUNCTIONS: dict[str, tuple[Callable[[Rows, Any], Any], Callable[[Unit], Unit]]] = {
-    "abs": (lambda rows, found: np.abs(found), lambda own: own),
-    "sqrt": (_root, lambda own: own.to_the(Fraction(1, 2))),
-    "rate": (_rate, lambda own: own.a_second()),
-}
-_WORD: dict[str, tuple[Any, Any, str]] = {
-    "and": (np.minimum, np.argmin, "or"),
-    "or": (np.maximum, np.argmax, "and"),
-}
-_EXACT: dict[Any, Any] = {
-    np.add: operator.add, np.subtract: operator.sub, np.minimum: min, np.maximum: max,
+_FROM_ROWS: dict[str, Callable[..., Any]] = {
+    "column": _column, "number": lambda rows, number: float(number), "rate": _rate,
+}  # fmt: skip
+_ELEMENTWISE: dict[str, Callable[..., Any]] = {
+    "add": np.add, "subtract": np.subtract, "multiply": np.multiply, "divide": np.divide,
+    "minimum": np.minimum, "maximum": np.maximum, "absolute": np.absolute, "sqrt": np.sqrt,
+}  # fmt: skip
+_EXACT: dict[str, Callable[..., Fraction]] = {  # of numbers
+    "add": operator.add, "subtract": operator.sub, "multiply": operator.mul,
+    "divide": operator.truediv, "minimum": min, "maximum": max,
+}  # fmt: skip
+_UNIT_AFTER: dict[str, Callable[[Unit], Unit]] = {
+    "absolute": lambda own: own, "sqrt": lambda own: own.to_the(Fraction(1, 2)),
+    "rate": lambda own: own.per_second(),
+}  # fmt: skip
+_HOLDS: dict[str, Callable[[Any, Any], Any]] = {
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq,
+    "!=": operator.ne,
+}  # fmt: skip
+_JUNCTIONS: dict[str, tuple[Any, Any]] = {  # of margins: the whole, and which one decides
+    "and": (np.minimum, np.argmin), "or": (np.maximum, np.argmax),
+}  # fmt: skip
+_OPPOSITE = {
+    "<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "==", "and": "or", "or": "and",
 }  # fmt: skip

@@ -15,6 +15,7 @@ import hashlib
 import re
 import zipfile
 from collections.abc import Iterator, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +23,12 @@ import msgspec
 
 from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig.fmu_model import INPUT, PARAMETER, START, Model, Variable
+from pcpc.executive.laws.units import from_fmi
+from pcpc.executive.rig.fmu_model import INPUT, PARAMETER, START, FmuModel, FmuVariable
+from pcpc.executive.rig.node_keys import BlockEntry
+from pcpc.executive.rig.placed import PlacedMap, child, places_in
 from pcpc.executive.rig.roles import PLANTS, Role
-from pcpc.executive.rig.schema import Entry
-from pcpc.executive.rig.yamlfile import Document, Keys, Place, display_path
+from pcpc.executive.rig.yamlfile import Document, Keys, display_path
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block
@@ -49,33 +52,23 @@ def expand_shorthand(document: Document) -> None:
     """Turn `plant: {fmu: FILE, inputs, parameters}` into a block `fmu`, the first; RigError."""
     for role in PLANTS:
         plant = document.data.get(role)
-        if isinstance(plant, dict) and "fmu" in plant:
+        if isinstance(plant, PlacedMap) and "fmu" in plant:
             _expand(document, role, plant)
 
 
-def _expand(document: Document, role: Role, plant: dict[str, Any]) -> None:
-    blocks = plant.get("blocks", {})
-    if not isinstance(blocks, dict) or "fmu" in blocks:
+def _expand(document: Document, role: Role, plant: PlacedMap) -> None:
+    blocks = plant.get("blocks", PlacedMap())
+    if not isinstance(blocks, PlacedMap) or "fmu" in blocks:
         raise document.error((role, "fmu"), "a block fmu is there, too; rename that")
-    entry: dict[str, Any] = {"law": LAW}
+    entry = PlacedMap({"law": LAW})
     for key in _SHORT:
         if key in plant:
-            new = "file" if key == "fmu" else key
-            entry[new] = plant.pop(key)
-            _move_places(document, (role, key), (role, "blocks", "fmu", new))
-    document.places[(role, "blocks", "fmu")] = document.place((role, "blocks", "fmu", "file"))
-    plant["blocks"] = {"fmu": entry, **blocks}
+            entry.take("file" if key == "fmu" else key, plant, key)
+            del plant[key]
+    plant["blocks"] = PlacedMap({"fmu": entry, **blocks}, {"fmu": entry.at["file"], **blocks.at})
 
 
-def _move_places(document: Document, old: Keys, new: Keys) -> None:
-    found: list[tuple[Keys, Place]] = [
-        (keys, place) for keys, place in document.places.items() if keys[: len(old)] == old
-    ]
-    for keys, place in found:
-        document.places[(*new, *keys[len(old) :])] = place
-
-
-def read_fmu(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Entry]":
+def read_fmu(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Block, str, BlockEntry]":
     """Return the block of an FMU, its description as text, and `entry` with the names here.
 
     RigError for what is wrong with the file or with the names of its inputs.
@@ -108,16 +101,16 @@ def read_fmu(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str,
 
 
 def _by_own_names(
-    document: Document, at: Keys, given: Mapping[str, Any], names: Mapping[str, str]
+    document: Document, keys: Keys, given: Mapping[str, Any], names: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return a mapping by the names here, where it goes by the FMU's own; places go along."""
-    for name in given:
-        if names.get(name, name) != name and (*at, name) in document.places:
-            document.places[(*at, names[name])] = document.places[(*at, name)]
-    return {names.get(name, name): value for name, value in given.items()}
+    own = {name: names.get(name, name) for name in given}
+    places = places_in(reduce(child, keys, document.data))
+    places |= {own[name]: places[name] for name in given if name in places}
+    return {own[name]: value for name, value in given.items()}
 
 
-def _no_input(model: Model, name: str, file: Path) -> str:
+def _no_input(model: FmuModel, name: str, file: Path) -> str:
     """Return what is wrong with a wired name."""
     found = next((one for one in model.variables if name in (one.given, one.name)), None)
     if found is not None:
@@ -127,10 +120,10 @@ def _no_input(model: Model, name: str, file: Path) -> str:
     return f"{file.name} has no input {name}{did_you_mean(name, known)}"
 
 
-def _model_of_log(file: Path) -> Model:
+def _model_of_log(file: Path) -> FmuModel:
     """Return the model of a log's text; RigError."""
     try:
-        return msgspec.json.decode(file.read_bytes(), type=Model)
+        return msgspec.json.decode(file.read_bytes(), type=FmuModel)
     except (OSError, msgspec.DecodeError) as error:
         raise RigError(f"{display_path(file)}: no description of an FMU: {error}") from None
 
@@ -138,30 +131,32 @@ def _model_of_log(file: Path) -> Model:
 # ---------------------------------------------------------------------------- the FMU's own text
 
 
-def read_description(file: Path) -> Model:
+def read_description(file: Path) -> FmuModel:
     """Return what an FMU's description says; RigError in a line for what cannot be used."""
-    found = _read(file)
-    where, simulated = display_path(file), found.coSimulation
+    description = _read(file)
+    where, simulated = display_path(file), description.coSimulation
     if simulated is None:
         kinds = {
-            "model exchange": found.modelExchange,
-            "scheduled execution": found.scheduledExecution,
+            "model exchange": description.modelExchange,
+            "scheduled execution": description.scheduledExecution,
         }
         has = " and ".join(kind for kind, there in kinds.items() if there is not None)
         raise RigError(f"{where}: an FMU for {has} only; export it for co-simulation")
     if simulated.needsExecutionTool:
-        raise RigError(f"{where}: needs {found.generationTool or 'the tool that made it'} to run")
+        raise RigError(
+            f"{where}: needs {description.generationTool or 'the tool that made it'} to run"
+        )
     with file.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    return Model(
-        name=found.modelName or simulated.modelIdentifier,
-        fmi=found.fmiVersion,
+    return FmuModel(
+        name=description.modelName or simulated.modelIdentifier,
+        fmi=description.fmiVersion,
         identifier=simulated.modelIdentifier,
-        token=found.guid or "",
+        token=description.guid or "",
         sha256=digest,
         once=bool(simulated.canBeInstantiatedOnlyOncePerProcess),
-        made_by=found.generationTool or "",
-        variables=tuple(_variables(found)),
+        made_by=description.generationTool or "",
+        variables=tuple(_variables(description)),
     )
 
 
@@ -187,13 +182,13 @@ def _read(file: Path) -> Any:
     if version not in ("2.0", "3.0"):
         raise RigError(f"{where}: FMI {version}; 2.0 and 3.0 are supported")
     try:
-        found = read_model_description(str(file), validate=True)
+        description = read_model_description(str(file), validate=True)
     except Exception as error:  # lxml's and FMPy's own
         problems = getattr(error, "problems", None) or [str(error)]
         raise RigError(f"{where}: modelDescription.xml: {' '.join(problems[0].split())}") from None
-    if found.coSimulation is not None:
-        folder = platform if found.fmiVersion == "2.0" else platform_tuple
-        library = f"binaries/{folder}/{found.coSimulation.modelIdentifier}.so"
+    if description.coSimulation is not None:
+        folder = platform if description.fmiVersion == "2.0" else platform_tuple
+        library = f"binaries/{folder}/{description.coSimulation.modelIdentifier}.so"
         if library not in inside:
             others = sorted(
                 {
@@ -204,7 +199,7 @@ def _read(file: Path) -> Any:
             )
             has = f"; it has {', '.join(others)}" if others else ""
             raise RigError(f"{where}: nothing for this machine, {library}{has}")
-    return found
+    return description
 
 
 def _version(file: Path) -> str:
@@ -214,75 +209,75 @@ def _version(file: Path) -> str:
     return found[1].decode(errors="replace") if found else "of no version"
 
 
-def _variables(found: Any) -> Iterator[Variable]:
+def _variables(description: Any) -> Iterator[FmuVariable]:
     """Yield the numbers of a description that are inputs, outputs, parameters or starts."""
     taken: set[str] = {"fmi_address", "fmi_status"}
-    for one in found.modelVariables:
-        if one.type not in _NUMBERS or one.alias is not None:
+    for variable in description.modelVariables:
+        if variable.type not in _NUMBERS or variable.alias is not None:
             continue
-        roles = [*_roles(one)]
-        for element, name in _elements(one, found):
+        roles = [*_roles(variable)]
+        for element, name in _elements(variable):
             for role, ending in roles:
-                yield _variable(one, role, element, name, _unique_name(name + ending, taken))
+                yield _variable(variable, role, element, name, _unique_name(name + ending, taken))
 
 
-def _roles(one: Any) -> Iterator[tuple[str, str]]:
+def _roles(variable: Any) -> Iterator[tuple[str, str]]:
     """Yield each role of a variable, and the ending of its name there."""
-    if one.causality in ("input", "output"):
-        yield one.causality, ""
-    if one.causality == "parameter":
+    if variable.causality in ("input", "output"):
+        yield variable.causality, ""
+    if variable.causality == "parameter":
         yield "parameter", ""
-    elif one.start is not None and (
-        one.causality == "input"
+    elif variable.start is not None and (
+        variable.causality == "input"
         or (
-            one.initial == "exact"
-            and one.variability != "constant"
-            and one.causality in ("output", "local")
+            variable.initial == "exact"
+            and variable.variability != "constant"
+            and variable.causality in ("output", "local")
         )
     ):
         yield "start", "_start"
 
 
-def _elements(one: Any, found: Any) -> Iterator[tuple[int, str]]:
+def _elements(variable: Any) -> Iterator[tuple[int, str]]:
     """Yield place and name of each element: 0 and the name, or those of an array."""
     size = 1
-    for dimension in one.dimensions:
+    for dimension in variable.dimensions:
         by = dimension.start
         if by is None and dimension.variable is not None:
             by = dimension.variable.start
         size *= int(by or 0)
-    if not one.dimensions:
-        yield 0, one.name
+    if not variable.dimensions:
+        yield 0, variable.name
     elif 0 < size <= _MOST:
-        yield from ((i, f"{one.name}[{i + 1}]") for i in range(size))
+        yield from ((i, f"{variable.name}[{i + 1}]") for i in range(size))
 
 
-def _variable(one: Any, role: str, element: int, name: str, here: str) -> Variable:
-    declared = one.declaredType
-    text = one.unit or (declared.unit if declared is not None else "") or ""
-    about = " ".join((one.description or "").split())
+def _variable(variable: Any, role: str, element: int, name: str, here: str) -> FmuVariable:
+    declared = variable.declaredType
+    text = variable.unit or (declared.unit if declared is not None else "") or ""
+    about = " ".join((variable.description or "").split())
     low, high = (
         _number(end if end is not None else getattr(declared, side, None))
-        for end, side in ((one.min, "min"), (one.max, "max"))
+        for end, side in ((variable.min, "min"), (variable.max, "max"))
     )
-    if one.type == "Boolean":
+    if variable.type == "Boolean":
         low, high = 0.0, 1.0
-    start = None if role == "output" else _number(one.start, element)
+    start = None if role == "output" else _number(variable.start, element)
     if role == "parameter" and start is None:
         start = 0.0
-    return Variable(
+    return FmuVariable(
         name=here,
         given=name,
         role=role,
-        kind=one.type,
-        reference=one.valueReference,
+        kind=variable.type,
+        reference=variable.valueReference,
         element=element,
-        unit=unit_of(text),
+        unit=from_fmi(text),
         start=start,
         low=low,
         high=high,
         help=about or f"{name} of the FMU",
-        tunable=role == "parameter" and one.variability == "tunable",
+        tunable=role == "parameter" and variable.variability == "tunable",
     )
 
 
@@ -304,15 +299,9 @@ def _unique_name(name: str, taken: set[str]) -> str:
     """Return the name of a variable as an identifier, with a number if that is taken."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     word = word if re.match("[A-Za-z]", word) else f"v_{word}"
-    found, number = word, 1
-    while found in taken:
+    unique, number = word, 1
+    while unique in taken:
         number += 1
-        found = f"{word}_{number}"
-    taken.add(found)
-    return found
-
-
-def unit_of(text: str) -> str:
-    """Return a unit of FMI as pcpc writes it: N.m as N m, m/s^2 as m/s2, 1 as none."""
-    text = re.sub(r"\s*[.*](?=[A-Za-z(])\s*", " ", text.strip()).replace("^", "")
-    return "" if text in ("1", "-") else text
+        unique = f"{word}_{number}"
+    taken.add(unique)
+    return unique

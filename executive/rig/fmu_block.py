@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.compiled.stage import Stage, stage
-from pcpc.drivers.fmi.step import Values, advance
+from pcpc.drivers.fmi.step import FmuValues, advance
 from pcpc.executive.laws.block import Block, Ports, Prepared, port
-from pcpc.executive.rig.fmu_model import INPUT, OUTPUT, PARAMETER, START, Model, Variable
+from pcpc.executive.rig.fmu_model import INPUT, OUTPUT, PARAMETER, START, FmuModel, FmuVariable
 
 
 class States(Ports):
@@ -32,7 +32,7 @@ class States(Ports):
 
 
 @stage
-def step(t: float, dt: float, p: Values, x: States, u: Values, y: Values) -> None:
+def step(t: float, dt: float, p: FmuValues, x: States, u: FmuValues, y: FmuValues) -> None:
     """Step an FMU, see `drivers.fmi.step`; do nothing without an instance."""
     x.status[0] = advance(dt, x.address[0], p.of, u.of, y.of)
 
@@ -42,11 +42,11 @@ class FmuStep(Stage):
 
     def __init__(
         self,
-        model: Model,
+        model: FmuModel,
         file: Path | None,
         declared: tuple[Any, ...],
-        wired: list[Variable],
-        tunable: list[Variable],
+        wired: list[FmuVariable],
+        tunable: list[FmuVariable],
     ) -> None:
         self.model, self.file, self.declared = model, file, declared
         self.wired, self.tunable = wired, tunable
@@ -67,7 +67,7 @@ class FmuStep(Stage):
         step(t, dt, p, x, u, y)
 
 
-def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
+def block(model: FmuModel, file: Path | None, wired: Mapping[str, str]) -> Block:
     """Return the block of an FMU whose inputs `wired`, by their names here, have sources."""
     whole = {(one.kind, one.reference) for one in model.of(INPUT) if one.name in wired}  # arrays
     inputs = [one for one in model.of(INPUT) if (one.kind, one.reference) in whole]
@@ -92,7 +92,7 @@ def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
     return Block(own, _ports("Settings", settings), prepare)
 
 
-def _ports(kind: str, variables: list[Variable]) -> Any:
+def _ports(kind: str, variables: list[FmuVariable]) -> Any:
     """Return a declaration with a port of one value for each variable, under its name."""
     made = {
         f"v{i}": port(

@@ -5,7 +5,7 @@ from msgspec import Struct
 INPUT, OUTPUT, PARAMETER, START = "input", "output", "parameter", "start"  # roles
 
 
-class Variable(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class FmuVariable(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One value of an FMU: `name` as pcpc has it, `given` as the FMU has it.
 
     `kind`: the type's name in FMI; `reference`: its value reference, `element`: which of an array;
@@ -26,7 +26,7 @@ class Variable(Struct, frozen=True, kw_only=True, omit_defaults=True):
     tunable: bool = False
 
 
-class Model(Struct, frozen=True, kw_only=True):
+class FmuModel(Struct, frozen=True, kw_only=True):
     """What an FMU's description says, as far as a rig needs it; `sha256` is that of its file."""
 
     name: str
@@ -36,8 +36,8 @@ class Model(Struct, frozen=True, kw_only=True):
     sha256: str
     once: bool  # only one instance in a process
     made_by: str
-    variables: tuple[Variable, ...]
+    variables: tuple[FmuVariable, ...]
 
-    def of(self, *roles: str) -> list[Variable]:
+    def of(self, *roles: str) -> list[FmuVariable]:
         """Return the variables of these roles."""
         return [one for one in self.variables if one.role in roles]

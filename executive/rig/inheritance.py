@@ -12,10 +12,9 @@ a key away. The names mean the entries as they are after all `base:` files. What
 the place where it was written, for messages.
 """
 
-import copy
 from typing import Any
 
-from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.placed import PlacedMap
 from pcpc.executive.rig.roles import PLANTS
 from pcpc.executive.rig.yamlfile import Document, Keys
 
@@ -37,41 +36,33 @@ def _inherit(
     document: Document, entries: dict[str, Any], section: Keys, name: str, above: tuple[str, ...]
 ) -> None:
     entry, keys = entries[name], (*section, name, "like")
-    if not isinstance(entry, dict) or "like" not in entry:
+    if not isinstance(entry, PlacedMap) or "like" not in entry:
         return
-    what = "controller" if section else "plant"
+    kind = "controller" if section else "plant"
     likes = entry["like"] if isinstance(entry["like"], list) else [entry["like"]]
     for other in likes:
         if not isinstance(other, str):
-            expected = f"expected the name of a {what}, or a list of names, got {other!r}"
+            expected = f"expected the name of a {kind}, or a list of names, got {other!r}"
             raise document.error(keys, expected)
         if other in (*above, name):
             chain = " -> ".join((*above, name, other))
-            raise document.error(keys, f"the {what}s build on each other: {chain}")
-        if other not in entries:
-            raise document.error(keys, f"no {what} {other}{did_you_mean(other, entries)}")
+            raise document.error(keys, f"the {kind}s build on each other: {chain}")
+        document.known(keys, other, entries, kind)
         _inherit(document, entries, section, other, (*above, name))
     del entry["like"]
     for other in reversed(likes):
-        if isinstance(entries[other], dict):
-            _copy_absent(document, (*section, name), entry, (*section, other), entries[other])
+        if isinstance(entries[other], PlacedMap):
+            _copy_absent(entry, entries[other])
     _drop_nulls(entry)
 
 
-def _copy_absent(
-    document: Document, to: Keys, mine: dict[str, Any], source: Keys, theirs: dict[str, Any]
-) -> None:
+def _copy_absent(mine: PlacedMap, theirs: PlacedMap) -> None:
     """Copy what `mine` lacks from `theirs`, with its places."""
-    absent = theirs.keys() - mine.keys()
-    own = len(source)
-    for keys, place in list(document.places.items()) if absent else ():
-        if keys[:own] == source and len(keys) > own and keys[own] in absent:
-            document.places[(*to, *keys[own:])] = place
     for key, value in theirs.items():
-        if key in absent:
-            mine[key] = copy.deepcopy(value)
-        elif isinstance(mine[key], dict) and isinstance(value, dict):
-            _copy_absent(document, (*to, key), mine[key], (*source, key), value)
+        if key not in mine:
+            mine.take(key, theirs)
+        elif isinstance(mine[key], PlacedMap) and isinstance(value, PlacedMap):
+            _copy_absent(mine[key], value)
 
 
 def _drop_nulls(entry: dict[str, Any]) -> None:

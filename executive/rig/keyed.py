@@ -1,6 +1,7 @@
 """What the mappings of a rig file are made of: keys by name, none of them unknown or changed."""
 
-from typing import Any, dataclass_transform
+from collections.abc import Mapping
+from typing import Any, ClassVar, dataclass_transform
 
 from msgspec import Struct, StructMeta
 
@@ -17,4 +18,9 @@ class _KeyedMeta(StructMeta):
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 class Keyed(Struct, frozen=True, metaclass=_KeyedMeta):
-    """A mapping of a rig file."""
+    """A mapping of a rig file.
+
+    `spread`: fields whose entries, of these names, stand among the keys of the file.
+    """
+
+    spread: ClassVar[Mapping[str, tuple[str, ...]]] = {}

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig import trial
-from pcpc.executive.rig.carried_files import Reads
-from pcpc.executive.rig.law_errors import cause, is_numba_error, is_users
-from pcpc.executive.rig.modules import (
+from pcpc.executive.own_laws import trial
+from pcpc.executive.own_laws.carried_files import Reads
+from pcpc.executive.own_laws.law_errors import cause, is_numba_error, is_users
+from pcpc.executive.own_laws.modules import (
     OURS,
     PROJECT,
     module_of,
@@ -26,7 +26,7 @@ from pcpc.executive.rig.modules import (
     project_name,
     reads_of,
 )
-from pcpc.executive.rig.preparation import check_size
+from pcpc.executive.own_laws.preparation import check_size
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -48,24 +48,24 @@ class Use:
 def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     """Return the block that `law` names; any failure of its module is an error of the rig file.
 
-    A law that is not of the project is tried first (`executive.rig.trial`), unless it passed
+    A law that is not of the project is tried first (`executive.own_laws.trial`), unless it passed
     before.
     """
     from pcpc.executive.laws.block import Block  # here, because it imports numba
 
-    at = (*keys, "law")
-    found = re.fullmatch(r"([^:]+)(?::(\w+))?", present_name(law))
-    if not found:
+    its_keys = (*keys, "law")
+    parts = re.fullmatch(r"([^:]+)(?::(\w+))?", present_name(law))
+    if not parts:
         raise document.error(
-            at, f"'{law}' is not a law; expected NAME, pkg.mod:NAME or file.py:NAME"
+            its_keys, f"'{law}' is not a law; expected NAME, pkg.mod:NAME or file.py:NAME"
         )
-    module_name, name = found[1], found[2] or "BLOCK"
+    module_name, name = parts[1], parts[2] or "BLOCK"
     is_file, is_bare = module_name.endswith(".py"), "." not in module_name
     full_name = shipped_laws().get(module_name, module_name) if is_bare else module_name
-    file = document.file(at, module_name) if is_file else Path()
+    file = document.file(its_keys, module_name) if is_file else Path()
     case = users_case(law, file, use)
     if case is not None and (problem := trial.law_problem(case)):
-        raise document.error(at, problem)
+        raise document.error(its_keys, problem)
     try:
         with own_streams():
             module = module_of("" if is_file else full_name, file)
@@ -74,24 +74,24 @@ def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
         if absent and f"{full_name}.".startswith(f"{absent}."):
             cure = did_you_mean(module_name, shipped_laws()) if is_bare else ""
             what = "law" if is_bare else "module"
-            raise document.error(at, f"no {what} {full_name}{cure}") from None
+            raise document.error(its_keys, f"no {what} {full_name}{cure}") from None
         what = "" if is_numba_error(error) else f"{module_name} cannot be imported: "
-        raise document.error(at, f"{what}{cause(error)}") from error
+        raise document.error(its_keys, f"{what}{cause(error)}") from error
     block = getattr(module, name, None)
     if isinstance(block, Block):
         try:
             check_size(block)
         except ValueError as error:
-            raise document.error(at, f"{name} of {module_name}: {error}") from error
+            raise document.error(its_keys, f"{name} of {module_name}: {error}") from error
         return block
     blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
     kind = type(block).__name__
     what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
     cure = did_you_mean(name, blocks) if blocks else f"; end the file with {name} = Block(step)"
-    raise document.error(at, f"{name} of {module_name} {what}{cure}")
+    raise document.error(its_keys, f"{name} of {module_name} {what}{cure}")
 
 
-def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
+def users_case(law: str, file: Path, use: Use) -> trial.TrialCase | None:
     """Return what a trial of `law` needs, None for a law of the project; `file` is its module's."""
     module, _, name = present_name(law).partition(":")
     if module.endswith(".py"):
@@ -108,7 +108,7 @@ def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
         if spec is None or spec.origin is None or not is_users(spec.origin):
             return None
         file = Path(spec.origin)
-    return trial.Case(str(file), module, name or "BLOCK", use.settings, use.rate_hz, use.seed)
+    return trial.TrialCase(str(file), module, name or "BLOCK", use.settings, use.rate_hz, use.seed)
 
 
 def _is_projects(file: Path) -> bool:

@@ -9,8 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from pcpc.drivers.can import dbc
-from pcpc.executive.errors import did_you_mean
-from pcpc.executive.loop.meeting import Part
+from pcpc.executive.loop.meeting import MeetingPart
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import PLANTS, Role
 
@@ -89,23 +88,6 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
         )
 
 
-def check_losses(rig: Rig, database: dbc.Database) -> None:
-    """Raise RigError for losses of a frame that is not there, or that starts cycles."""
-    if not rig.config.losses:
-        return
-    frames = frames_of_rig(rig, database)
-    names = [frame.name for frame in frames if is_awaited(frame) and not is_heartbeat(frame)]
-    beats = [frame.name for frame in frames if is_heartbeat(frame)]
-    for name in rig.config.losses:
-        if name not in names:
-            what = f"no frame {name}{did_you_mean(name, names)}"
-            if any(frame.name == name for frame in frames):
-                why = "a heartbeat, for which the start waits" * (name in beats)
-                why = why or "not sent every cycle"
-                what = f"{name} is {why}; losses work on {', '.join(names)}"
-            raise rig.error(f"losses.{name}", what)
-
-
 def check_stops(rig: Rig, database: dbc.Database) -> None:
     """Raise RigError for an emergency stop or a stop frame that no node hears or that one sends."""
     nodes = [node.node for node in rig.config.sections.values()]
@@ -117,10 +99,9 @@ def check_stops(rig: Rig, database: dbc.Database) -> None:
         ("estop", stops.estop, signals),
         ("stop_frame", stops.stop_frame, single),
     ):
-        if name is not None and name not in known:
+        if name is not None:
             what = "signal" if key == "estop" else "frame of GenMsgSendType Event"
-            cure = did_you_mean(name, known)
-            raise rig.error(f"supervisor.{key}", f"no node receives a {what} {name}{cure}")
+            rig.known(f"supervisor.{key}", name, known, f"node receives a {what}")
     sent = [frame.name for node in nodes for frame in dbc.frames(database, node, "tx")]
     if stops.stop_frame in sent:
         what = f"{stops.stop_frame} is sent by a node of the rig; leave its sender open"
@@ -295,7 +276,9 @@ def peers_of(
     return [int(made_for != "local" or frame.name in below) for frame in rx]
 
 
-def parts_in_meeting(made_for: Role, rx: Sequence[dbc.Frame], peers: Sequence[int]) -> list[Part]:
+def parts_in_meeting(
+    made_for: Role, rx: Sequence[dbc.Frame], peers: Sequence[int]
+) -> list[MeetingPart]:
     """Return what each received frame is to the meeting; `peers`: of `peers_of`.
 
     All frames of the executive come from below, none of a plant's.
@@ -304,16 +287,16 @@ def parts_in_meeting(made_for: Role, rx: Sequence[dbc.Frame], peers: Sequence[in
     first: dict[int, dbc.Frame] = {}
     for frame in sorted(filter(is_heartbeat, rx), key=sending_order):
         first.setdefault(below[rx.index(frame)], frame)
-    found = []
+    parts = []
     for frame, peer in zip(rx, below, strict=True):
         beat = first.get(peer)
         if is_heartbeat(frame) and peer == 0 and made_for != "executive":
-            found.append(Part.FROM_ABOVE)
+            parts.append(MeetingPart.FROM_ABOVE)
         elif beat is None or peer == 0:
-            found.append(Part.NO_PART)
+            parts.append(MeetingPart.NO_PART)
         elif frame is beat:
-            found.append(Part.FROM_BELOW)
+            parts.append(MeetingPart.FROM_BELOW)
         else:
             later = sending_order(frame) > sending_order(beat)
-            found.append(Part.AFTER if later else Part.BEFORE)
-    return found
+            parts.append(MeetingPart.AFTER if later else MeetingPart.BEFORE)
+    return parts

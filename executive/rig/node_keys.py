@@ -13,7 +13,7 @@ from pcpc.executive.rig.keyed import Keyed
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
 
 
-class Entry(Keyed):
+class BlockEntry(Keyed):
     """A block of a node; only the executive's `controller` has no law here.
 
     With `law: table` a `file` of numbers over time, or a log and its `signal`; see `rig.tables`.
@@ -60,7 +60,7 @@ class Executive(Keyed):
     """The controller node; the order of `blocks` is the schedule."""
 
     node: str
-    blocks: dict[BlockName, Entry]
+    blocks: dict[BlockName, BlockEntry]
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}
     plausible: dict[str, Plausible] = {}
@@ -76,7 +76,7 @@ class Plant(Keyed):
     carried_out: ClassVar[tuple[str, ...]] = ("like", "fmu", "inputs", "parameters")
 
     node: str
-    blocks: dict[BlockName, Entry]
+    blocks: dict[BlockName, BlockEntry]
     parameters_file: str | None = None
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}
@@ -94,7 +94,7 @@ class Local(Keyed):
     """
 
     node: str
-    blocks: dict[BlockName, Entry]
+    blocks: dict[BlockName, BlockEntry]
     bus: Bus | None = None
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}

@@ -8,13 +8,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import msgspec
-
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.conversion import as_data, convert
 from pcpc.executive.rig.law_lookup import Use, law_block
-from pcpc.executive.rig.roles import MORE_PLANTS, Role
+from pcpc.executive.rig.placed import PlacedMap
+from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import EARLIER, Config
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted_path
 
@@ -28,7 +27,7 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
-    keys_of = dict(_leaves(_whole(config), ())) | {"xcp": ("xcp",)}  # a word or a mapping
+    keys_of = dict(_leaves(as_data(config), ())) | {"xcp": ("xcp",)}  # a word or a mapping
     keys_of |= {dotted_path(earlier): keys for earlier, keys in EARLIER.items()}
     blocks: dict[str, list[Role]] = {}  # plants may have the same
     for role, node in config.sections.items():
@@ -61,8 +60,9 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
         if block not in blocks or not setting:
             raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
         chosen = document.data["controller"]
-        if block == "controller" and chosen not in document.data["controllers"]:
-            raise document.error(("controller",), config.no_controller(str(chosen)))
+        if block == "controller":
+            names = document.data["controllers"]
+            document.known(("controller",), str(chosen), names, "controller")
         for role in blocks[block]:
             own: Keys = (role, "blocks", block)
             keys = (*(("controllers", chosen) if block == "controller" else own), "parameters")
@@ -93,21 +93,23 @@ def rename_earlier_keys(document: Document) -> None:
     RigError: both keys are there.
     """
     for earlier, keys in EARLIER.items():
-        if earlier not in document.places:
+        around = document.data.get(earlier[0])
+        if not isinstance(around, PlacedMap) or earlier[1] not in around:
             continue
-        if keys[:-1] in document.places:
+        if keys[1] in around.at:
             where = document.where(keys[:-1])
             raise document.error(earlier, f"is {dotted_path(keys)} today; write it there, {where}")
-        around = _value_at(document.data, earlier[:-1])
-        document.put(keys, around.pop(earlier[-1]), document.places.pop(earlier))
+        document.put(keys, around.pop(earlier[1]), around.at.pop(earlier[1]))
 
 
 def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
     """Return the suggestion for a setting that is none: only what this rig has."""
-    own, whole = list(_block_settings(document, config)), _whole(config)
-    if same := [setting for setting in own if setting.endswith(f".{name}")]:
+    own_settings, whole = list(_block_settings(document, config)), as_data(config)
+    if same := [setting for setting in own_settings if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
-    begun = [setting for setting in own if setting.partition(".")[2].startswith(f"{name}_")]
+    begun = [
+        setting for setting in own_settings if setting.partition(".")[2].startswith(f"{name}_")
+    ]
     if len(begun) == 1:  # kv for controller.kv_Nms_rad
         return f"; did you mean {begun[0]}?"
     first, _, rest = name.partition(".")
@@ -120,7 +122,7 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
         cure = f"; write {first}: {entry} into the rig file, then --set can change it"
         return cure + whole_one * (first == "faults")
     lists = {key for key, at in keys.items() if isinstance(_value_at(whole, at), list)}
-    return did_you_mean(name, [*(key for key in keys if key not in lists), *own])
+    return did_you_mean(name, [*(key for key in keys if key not in lists), *own_settings])
 
 
 def _block_settings(document: Document, config: Config) -> Iterator[str]:
@@ -140,12 +142,6 @@ def _block_settings(document: Document, config: Config) -> Iterator[str]:
                 continue  # wrong itself, which is said once the option is mended
             ports = block.settings
             yield from (f"{name}.{setting}" for port in ports for setting in port.names())
-
-
-def _whole(config: Config) -> dict[str, Any]:
-    """Return all values of a rig, without the plants that it has not."""
-    whole: dict[str, Any] = msgspec.to_builtins(config)
-    return {key: v for key, v in whole.items() if key not in MORE_PLANTS or v is not None}
 
 
 def _value_at(data: Any, keys: Keys) -> Any:

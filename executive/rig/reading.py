@@ -19,7 +19,7 @@ Every message says where: `file:line:column: path: what; cure`.
 numba is imported with the first law, so that reading a rig with `resolve=False` is fast.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,15 +28,15 @@ from typing import Any
 import msgspec
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig import checks, effective, fmu, yamlfile
-from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys
-from pcpc.executive.rig.carried_files import (
+from pcpc.executive.own_laws.carried_files import (
     CarriedFile,
     Reads,
     add_reads,
     file_entries,
     with_local_imports,
 )
+from pcpc.executive.rig import checks, effective, fmu, yamlfile
+from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.law_lookup import law_source
@@ -98,6 +98,10 @@ class Rig:
         """Return the error `file:line:column: path: what` for the caller to raise."""
         return self.document.error(path, what)
 
+    def known(self, path: str, name: str, names: Collection[str], what: str) -> None:
+        """Raise RigError `no WHAT NAME; did you mean X?` for a name that is not among `names`."""
+        self.document.known(path, name, names, what)
+
     @property
     def roles(self) -> tuple[Role, ...]:
         """The nodes that this rig has."""
@@ -123,16 +127,16 @@ class Rig:
 
     def laws(self) -> list[tuple[Keys, str]]:
         """Return the laws in use: the path of the key that names one, and its value."""
-        found = [
+        keys_of_laws = [
             (*law_keys(self.config, role, name), "law")
             for role in self.roles
             for name, _ in entries(self.config, role)
         ]
-        return [(keys, str(effective.value_at(self.document.data, keys))) for keys in found]
+        return [(keys, str(effective.value_at(self.document.data, keys))) for keys in keys_of_laws]
 
     def tables(self) -> dict[str, str]:
         """Return tables of all blocks and the drives' EDS as texts, by the names of `resolved`."""
-        found = {
+        texts = {
             effective.table_name(role, block, self.config): block.table
             for role, node in self.nodes().items()
             for block in node.blocks
@@ -141,23 +145,23 @@ class Rig:
         for role, drive in self.config.drives.items():
             if drive.eds is not None:
                 file = self.document.file((role, "drive", "eds"), drive.eds)
-                found[effective.eds_name(role)] = file.read_bytes().decode("latin-1")
-        return found
+                texts[effective.eds_name(role)] = file.read_bytes().decode("latin-1")
+        return texts
 
     def carried_files(self, reads: Reads) -> list[CarriedFile]:
         """Return the entries of evaluation, drawing and laws, and of other files `reads`."""
-        found: Reads = {file: set(texts) for file, texts in reads.items()}
+        files: Reads = {file: set(texts) for file, texts in reads.items()}
         laws: dict[Path, set[str]] = {}
         for keys, law in self.laws():
             file, opened = law_source(self.document, keys, law)
-            add_reads(found, opened)
+            add_reads(files, opened)
             if file is not None:
                 text = effective.rebased_path(self.document, keys, law).partition(":")[0]
                 laws.setdefault(file, set()).add(text)
-                add_reads(found, {one: set() for one in with_local_imports(file)})
+                add_reads(files, {one: set() for one in with_local_imports(file)})
         judges = with_local_imports(Path(self.evaluation.file)) if self.evaluation else []
         draws = with_local_imports(self.drawing) if self.drawing else []
-        return file_entries(found, laws, judges, draws, self.path)
+        return file_entries(files, laws, judges, draws, self.path)
 
     def effective(self) -> dict[str, Any]:
         """Return what `resolved` writes, as plain data with pairs as tuples; not to be changed."""

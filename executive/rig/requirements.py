@@ -27,10 +27,10 @@ import msgspec
 import numpy as np
 
 from pcpc.executive.durations import duration_ns
+from pcpc.executive.laws.units import NONE
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig import schema
 from pcpc.executive.rig.expressions import Condition, ExpressionError, Units, Value
-from pcpc.executive.rig.units import NONE, Unit
 
 _SPOKEN = (  # the order of the keys in a sentence
     "when", "always", "never", "settles", "overshoot", "rate", "to", "into", "over", "at_most",
@@ -124,24 +124,24 @@ def timed_requirement(entry: schema.Requirement, units: Units) -> TimedRequireme
     form = _form(entry)
     given = {key: str(value) for key, value in msgspec.to_builtins(entry).items()}
     seconds = {key: _seconds(given, key) for key in ("within", "for", "after", "before")}
-    own = _Part(given, units)
+    expressions = _Part(given, units)
     window_s = seconds["after"] or 0.0, np.inf if (end := seconds["before"]) is None else end
     if not window_s[0] < window_s[1]:
         raise RequirementError("before", f"{given['before']} is not later than after")
-    event = own.event() if entry.when else None
+    event = expressions.event() if entry.when else None
     until, lasts_s, past = None, seconds["for"], None
     if form in ("always", "never", "then"):
-        holds = own.condition(form)
+        holds = expressions.condition(form)
         holds = holds.inverse() if form == "never" else holds
-        until = own.condition("until") if entry.until else None
+        until = expressions.condition("until") if entry.until else None
         lasts_s = lasts_s or 0.0 if form == "then" else None
     elif form == "settles":
-        holds = own.settles()
+        holds = expressions.settles()
     elif form == "overshoot":
-        past, holds = own.overshoot()
+        past, holds = expressions.overshoot()
         event = event or Event(changes=past.over)
     else:
-        holds = own.rate()
+        holds = expressions.rate()
     made = TimedRequirement(
         text_of(entry), holds, event, until, seconds["within"], lasts_s, window_s, past
     )
@@ -231,22 +231,16 @@ class _Part:
 
     def overshoot(self) -> tuple[Overshoot, Condition]:
         """Return how an overshoot is measured, and that it is small enough."""
-        one, over, limit = (self.value(key) for key in ("overshoot", "over", "at_most"))
+        value, over, limit = (self.value(key) for key in ("overshoot", "over", "at_most"))
         if limit.number is None:
             raise RequirementError("at_most", "expected a number, like 10 % or 2 mrad")
         relative = limit.unit is not None and limit.unit.text == "%"
         if not relative:
-            self.at_most("at_most", one, limit)
-            limit = limit.taken_as(one.unit)
-        self.at_most("over", one, over)
-        own = one.unit or over.unit or NONE
-        what = _column(f"overshoot of {one.text}", PAST, own)
-        bound = _column(LIMIT, LIMIT, own)
-        past = Overshoot(one, over, float(limit.number or 0), relative)
+            self.at_most("at_most", value, limit)
+            limit = limit.taken_as(value.unit)
+        self.at_most("over", value, over)
+        own = value.unit or over.unit or NONE
+        what = ex.column(PAST, own, text=f"overshoot of {value.text}")
+        bound = ex.column(LIMIT, own)
+        past = Overshoot(value, over, float(limit.number or 0), relative)
         return past, ex.comparison(what, "<=", bound)
-
-
-def _column(text: str, key: str, own: Unit) -> Value:
-    return Value(
-        text, own, lambda rows: rows.columns[key], frozenset({key}), parts=("column", key, 1.0)
-    )

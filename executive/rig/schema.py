@@ -2,12 +2,12 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
-from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig.bus_keys import Bus, Drive, Watchdog, Xcp
 from pcpc.executive.rig.judged_keys import Duration, Name, Word
 from pcpc.executive.rig.judged_keys import Expected as Expected
@@ -20,14 +20,13 @@ from pcpc.executive.rig.node_keys import (
     Plant,
     Section,
 )
-from pcpc.executive.rig.node_keys import Entry as Entry
 from pcpc.executive.rig.node_keys import Limit as Limit
-from pcpc.executive.rig.node_keys import Plausible as Plausible
-from pcpc.executive.rig.roles import ROLES, Role
+from pcpc.executive.rig.roles import MORE_PLANTS, Role
 from pcpc.executive.rig.scheduling import Realtime
-from pcpc.executive.rig.yamlfile import Keys
 
-EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and today's
+EARLIER: dict[
+    tuple[str, str], tuple[str, str, str]
+] = {  # keys of earlier versions and of their logs, and today's
     ("realtime", f"{prefix}{key}"): ("realtime", role, key)
     for role, prefix, keys in (
         ("executive", "", ("priority", "cpu")),
@@ -214,6 +213,8 @@ class Record(Keyed):
 class Config(Keyed):
     """A rig file as it stands, with defaults filled in and options applied."""
 
+    spread: ClassVar[Mapping[str, tuple[str, ...]]] = {"more_plants": MORE_PLANTS}
+
     rig: Name
     title: str = ""
     dbc: str
@@ -237,22 +238,7 @@ class Config(Keyed):
     executive: Executive
     plant: Plant
     local: Local | None = None
-    # beside `plant`, each with an entry of its own or `like: plant`, see `inheritance`
-    plant_2: Plant | None = None
-    plant_3: Plant | None = None
-    plant_4: Plant | None = None
-    plant_5: Plant | None = None
-    plant_6: Plant | None = None
-    plant_7: Plant | None = None
-    plant_8: Plant | None = None
-    plant_9: Plant | None = None
-    plant_10: Plant | None = None
-    plant_11: Plant | None = None
-    plant_12: Plant | None = None
-    plant_13: Plant | None = None
-    plant_14: Plant | None = None
-    plant_15: Plant | None = None
-    plant_16: Plant | None = None
+    more_plants: dict[Role, Plant] = {}  # each with an entry of its own or `like: plant`
     losses: dict[str, Loss] = {}
     faults: dict[BlockName, Fault] = {}
     evaluation: dict[str, Any] | None = None
@@ -266,13 +252,13 @@ class Config(Keyed):
     @property
     def sections(self) -> dict[Role, Section]:
         """The nodes that this rig has, by role."""
-        nodes = {role: getattr(self, role) for role in ROLES}
-        return {role: node for role, node in nodes.items() if node is not None}
+        local: dict[Role, Section] = {} if self.local is None else {"local": self.local}
+        return {"executive": self.executive, **local, **self.plants}
 
     @property
     def plants(self) -> dict[Role, Plant]:
         """The nodes of the plant side, by role."""
-        return {role: node for role, node in self.sections.items() if isinstance(node, Plant)}
+        return {"plant": self.plant, **self.more_plants}
 
     @property
     def below(self) -> tuple[Role, ...]:
@@ -314,10 +300,6 @@ class Config(Keyed):
         """Return the ids of the limits of the controller that runs, by their metrics."""
         limits = self.expected.items()
         return {key: one.id for key, one in limits if isinstance(one, Expected) and one.id}
-
-    def no_controller(self, name: str) -> str:
-        """Return what is wrong with a name that is no controller's."""
-        return f"no controller {name}{did_you_mean(name, self.controllers)}"
 
 
 class Evaluation(Keyed):

@@ -5,10 +5,11 @@ segments:
   - {to: 0.2, by: quintic, over_s: 1.5}      step, line, quintic
 """
 
-from typing import Any, Literal
+from typing import Literal
 
 from pcpc.executive.rig.conversion import convert
 from pcpc.executive.rig.keyed import Keyed
+from pcpc.executive.rig.placed import PlacedMap
 from pcpc.executive.rig.roles import ROLES
 from pcpc.executive.rig.yamlfile import Document, Keys
 
@@ -32,38 +33,46 @@ def expand_segments(document: Document) -> None:
         node = document.data.get(role)
         blocks = node.get("blocks") if isinstance(node, dict) else None
         for name, entry in blocks.items() if isinstance(blocks, dict) else ():
-            if isinstance(entry, dict) and KEY in entry:
+            if isinstance(entry, PlacedMap) and KEY in entry:
                 _expand(document, (role, "blocks", name), entry)
 
 
-def _expand(document: Document, keys: Keys, entry: dict[str, Any]) -> None:
-    at, law, given = (*keys, KEY), entry.get("law"), entry.pop(KEY)
-    if given is None:  # by a rig over its base
-        return
-    if law != LAW:
-        raise document.error(at, f"only `law: {LAW}` takes segments, got {law}")
-    found = convert(document, given, list[Segment], at)
-    if not 1 <= len(found) <= _MOST:
-        what = f"{len(found)} segments, expected 1 to {_MOST}; more: law: table (docs/rig.md)"
-        raise document.error(at, what)
-    parameters = entry.setdefault("parameters", {})
-    if not isinstance(parameters, dict):
-        return  # refused with all other keys
-    for number, one in enumerate(found, 1):
-        here = (*at, number - 1)
-        if (one.to is None) != (one.by == "hold"):
-            what = "`to: VALUE` goes with `by: step`, `line` or `quintic`; neither of them: hold"
-            raise document.error(here, what)
-        if not 0.0 <= one.over_s <= 1e6:
-            raise document.error((*here, "over_s"), f"{one.over_s:g} is outside 0..1e+06 s")
-        if one.over_s == 0.0 and one.by in ("line", "quintic"):
-            raise document.error((*here, "over_s"), f"a {one.by} takes time; 0 s is `by: step`")
-        values = {"to": one.to or 0.0, "over": one.over_s, "shape": float(_SHAPES[one.by])}
-        for what, value in values.items():
-            name = f"{what}_{number}_s" if what == "over" else f"{what}_{number}"
-            if name in parameters:
-                place = (*keys, "parameters", name)
-                raise document.error(place, f"segment {number} gives it; change that one")
-            key = "over_s" if what == "over" else what
-            place = (*here, key) if (*here, key) in document.places else here
-            document.put((*keys, "parameters", name), value, document.place(place))
+def _expand(document: Document, keys: Keys, entry: PlacedMap) -> None:
+    its_keys, law, given = (*keys, KEY), entry.get("law"), entry[KEY]
+    if given is not None:  # null: by a rig over its base
+        if law != LAW:
+            raise document.error(its_keys, f"only `law: {LAW}` takes segments, got {law}")
+        segments = convert(document, given, list[Segment], its_keys)
+        if not 1 <= len(segments) <= _MOST:
+            what = (
+                f"{len(segments)} segments, expected 1 to {_MOST}; more: law: table (docs/rig.md)"
+            )
+            raise document.error(its_keys, what)
+        parameters = entry.setdefault("parameters", PlacedMap())
+        for number, segment in enumerate(segments, 1):
+            if isinstance(parameters, PlacedMap):  # else refused with all other keys
+                _put_parameters(document, keys, parameters, number, segment)
+    del entry[KEY]
+
+
+def _put_parameters(
+    document: Document, keys: Keys, parameters: PlacedMap, number: int, segment: Segment
+) -> None:
+    """Put what a segment says into the parameters of its block; RigError."""
+    here = (*keys, KEY, number - 1)
+    if (segment.to is None) != (segment.by == "hold"):
+        what = "`to: VALUE` goes with `by: step`, `line` or `quintic`; neither of them: hold"
+        raise document.error(here, what)
+    if not 0.0 <= segment.over_s <= 1e6:
+        raise document.error((*here, "over_s"), f"{segment.over_s:g} is outside 0..1e+06 s")
+    if segment.over_s == 0.0 and segment.by in ("line", "quintic"):
+        raise document.error((*here, "over_s"), f"a {segment.by} takes time; 0 s is `by: step`")
+    for name, key, value in (
+        (f"to_{number}", "to", segment.to or 0.0),
+        (f"over_{number}_s", "over_s", segment.over_s),
+        (f"shape_{number}", "shape", float(_SHAPES[segment.by])),
+    ):
+        if name in parameters:
+            at = (*keys, "parameters", name)
+            raise document.error(at, f"segment {number} gives it; change that one")
+        parameters[name], parameters.at[name] = value, document.place((*here, key))

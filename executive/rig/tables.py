@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.schema import Entry
+from pcpc.executive.rig.node_keys import BlockEntry
 from pcpc.executive.rig.yamlfile import Document, Keys, display_path
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def table_reader(ending: str) -> Callable[[Reader], Reader]:
     return registered_reader
 
 
-def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
+def read_table(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Block, str]":
     """Return the block of a table and its numbers as text; RigError for what is wrong."""
     from pcpc.executive.laws import table  # here, because it imports numba
 
@@ -78,11 +78,11 @@ def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, st
     numbers = reader(file, wanted) if reader else _read_csv(file)
     columns: dict[str, str] = {}
     for text in numbers.columns:
-        found = _COLUMN.fullmatch(text)
-        if found is None or found[1] in columns:
-            what = "named twice" if found else "expected a name such as q_d_rad or load [N m]"
+        column = _COLUMN.fullmatch(text)
+        if column is None or column[1] in columns:
+            what = "named twice" if column else "expected a name such as q_d_rad or load [N m]"
             raise RigError(f"{display_path(file)}: column '{text[:60]}': {what}")
-        columns[found[1]] = table.unit_of(found[1]) if found[2] is None else found[2].strip()
+        columns[column[1]] = table.unit_of(column[1]) if column[2] is None else column[2].strip()
     linear = entry.interpolation == "linear"
     block = table.block(numbers.times_s, numbers.values, columns, linear, entry.repeat)
     return block, numbers.text()
@@ -92,21 +92,23 @@ def _read_csv(file: Path) -> Numbers:
     """Return what a CSV holds; RigError."""
     where, header, rows = display_path(file), list[str](), list[list[float]]()
     for number, text in _lines(file):
-        at, cells = f"{where}:{number}", _cells(text)
+        line, cells = f"{where}:{number}", _cells(text)
         if not header:
             header = cells
             if header[0] != _TIME or len(header) < 2:
                 what = f"the first line names the columns, {_TIME} first, as `{_TIME}, q_d_rad`"
-                raise RigError(f"{at}: {what}; got '{text[:60]}'")
+                raise RigError(f"{line}: {what}; got '{text[:60]}'")
             continue
         if len(cells) != len(header):
-            raise RigError(f"{at}: {len(cells)} values where the header has {len(header)} columns")
-        rows.append([_number(at, name, cell) for name, cell in zip(header, cells, strict=True)])
+            raise RigError(
+                f"{line}: {len(cells)} values where the header has {len(header)} columns"
+            )
+        rows.append([_number(line, name, cell) for name, cell in zip(header, cells, strict=True)])
         if len(rows) > 1 and not rows[-2][0] < rows[-1][0]:
             what = f"{_TIME} {rows[-1][0]:g} is not later than that of the row before"
-            raise RigError(f"{at}: {what}, {rows[-2][0]:g}")
+            raise RigError(f"{line}: {what}, {rows[-2][0]:g}")
         if len(rows) * (len(header) - 1) > MOST_VALUES:
-            raise RigError(f"{at}: more than {MOST_VALUES} values; leave out rows or columns")
+            raise RigError(f"{line}: more than {MOST_VALUES} values; leave out rows or columns")
     if len(rows) < 2:
         raise RigError(f"{where}: a header and at least two rows are needed, got {len(rows)}")
     both = np.array(rows)

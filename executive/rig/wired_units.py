@@ -7,10 +7,10 @@
 Given units are compared with the wiring as all others are, by `executive.loop.table`.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
+from pcpc.executive.laws.units import unit
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ def in_its_unit(
             what = "only references of any unit take it, as law: profiles:step"
             raise document.error((*keys, "unit"), what)
         return block
-    unit = _fed_unit(document, keys, name, others) if given is None else given.strip()
-    return block.with_units(lambda text: _derived_unit(text, unit))
+    its = _fed_unit(document, keys, name, others) if given is None else given.strip()
+    return block.with_units(lambda text: _derived_unit(text, its))
 
 
 def _fed_unit(document: Document, keys: Keys, name: str, others: Sequence[WiredBlock]) -> str:
@@ -63,39 +63,24 @@ def _fed_unit(document: Document, keys: Keys, name: str, others: Sequence[WiredB
             for target, source in other.inputs.items():
                 if source != f"{name}.{output}" or target not in ports:
                     continue
-                unit = _integrated_unit(ports[target], order)
-                if unit is None:
+                its = _integrated_unit(ports[target], order)
+                if its is None:
                     what = f"{source} feeds {other.name}.{target}, whose unit "
                     kind = "a rate" if order == 1 else "an acceleration"
                     what += f"'{ports[target]}' is not {kind}"
                     raise document.error(keys, f"{what}; give `unit: ...` for the value")
-                return unit
+                return its
     what = "no input defines its unit: wire its value to one"
     raise document.error(keys, f'{what}, or give `unit: m` (`unit: ""`: a plain number)')
 
 
-def _derived_unit(text: str, unit: str) -> str:
-    """Return "?", "?/s" or "?/s2" with `unit` in the place of the ?; other texts as they are."""
-    head, mark, per = text.partition("?")
-    if not mark or not per:
-        return unit if mark else text
-    base, power = _base_and_power(unit)
-    return head + _per(base, power + int(per.removeprefix("/s") or 1))
+def _derived_unit(text: str, given: str) -> str:
+    """Return "?", "?/s" or "?/s2" with `given` in the place of the ?; other texts as they are."""
+    head, mark, _ = text.partition("?")
+    return head + unit(given).per_second(unit(text).order).text if mark else text
 
 
-def _integrated_unit(unit: str, order: int) -> str | None:
-    """Return the unit whose derivative of this order is `unit`; None if there is none."""
-    base, power = _base_and_power(unit)
-    return _per(base, power - order) if power >= order else None
-
-
-def _base_and_power(unit: str) -> tuple[str, int]:
-    """Return a unit without the seconds that it is divided by last, and their power: m, 2."""
-    found = re.fullmatch(r"(.+)/s(\d?)", unit)
-    return (found[1], int(found[2] or 1)) if found else (unit, 0)
-
-
-def _per(base: str, power: int) -> str:
-    if power == 0:
-        return "" if base == "1" else base
-    return f"{base or '1'}/s{power if power > 1 else ''}"
+def _integrated_unit(given: str, order: int) -> str | None:
+    """Return the unit whose derivative of this order is `given`; None if there is none."""
+    known = unit(given)
+    return known.per_second(-order).text if known.order >= order else None

@@ -15,7 +15,7 @@ import contextlib
 import errno
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -24,10 +24,13 @@ from typing import Any
 import yaml
 
 from pcpc.drivers.machine.regular_files import open_regular
-from pcpc.executive.errors import RigError, near_file
+from pcpc.executive.errors import RigError, did_you_mean, near_file
+from pcpc.executive.errors import display_path as display_path
+from pcpc.executive.rig.placed import Items, PlacedMap, child, copied, keys_of, places_in
+from pcpc.executive.rig.placed import Keys as Keys
+from pcpc.executive.rig.placed import Place as Place
+from pcpc.executive.rig.placed import dotted_path as dotted_path
 from pcpc.executive.rig.yaml_parser import compose, reads_the_same
-
-Keys = tuple[str | int, ...]
 
 MOST_BYTES = 1 << 20  # of a rig file, which has a few thousand; PyYAML takes 10 s for it
 _MOST_BASES = 100  # files over each other: a thousand are too deep for Python
@@ -44,49 +47,24 @@ _WORDS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a value was given: a file with line and column (from 1), or a command line `option`."""
-
-    file: Path
-    line: int = 1
-    column: int = 1
-    option: str = ""
-
-    def __str__(self) -> str:
-        return self.option or f"{display_path(self.file)}:{self.line}:{self.column}"
-
-    @property
-    def folder(self) -> Path:
-        """The folder that relative paths written at this place start from."""
-        return (_working_folder() or Path()) if self.option else self.file.parent
-
-
 @dataclass
 class Document:
-    """Plain data (dict, list, str, float, int, bool, None) and the place of every value.
+    """Plain data (`PlacedMap`, `Items`, str, float, int, bool, None) that know their places.
 
     `text` is the file as given, without its bases; `sources` holds the text of every file read.
     """
 
     path: Path
     text: str
-    data: dict[str, Any]
-    places: dict[Keys, Place]
+    data: PlacedMap
     sources: dict[Path, str] = field(default_factory=dict)
-    _named: dict[str, Place] = field(default_factory=dict, repr=False, compare=False)
 
     def place(self, path: str | Keys) -> Place:
         """Return the place of the value at `path`, or of the nearest mapping or list around it."""
-        if isinstance(path, tuple):
-            while path not in self.places:
-                path = path[:-1]
-            return self.places[path]
-        if len(self._named) != len(self.places):
-            self._named = {dotted_path(keys): place for keys, place in self.places.items()}
-        while path not in self._named:
-            path = path[: max(path.rfind("."), path.rfind("["), 0)]
-        return self._named[path]
+        place, data = Place(self.path), self.data
+        for key in path if isinstance(path, tuple) else keys_of(data, path):
+            place, data = places_in(data).get(key, place), child(data, key)
+        return place
 
     def where(self, path: str | Keys) -> str:
         """Return `file:line:column` (or the option) of `path`, or of what is nearest around it."""
@@ -97,6 +75,11 @@ class Document:
         place, name = self.place(path), dotted_path(path) if isinstance(path, tuple) else path
         whole = what if place.option or not name else f"{name}: {what}"
         return RigError(f"{place}: {whole}")
+
+    def known(self, path: str | Keys, name: str, names: Collection[str], what: str) -> None:
+        """Raise RigError `no WHAT NAME; did you mean X?` for a name that is not among `names`."""
+        if name not in names:
+            raise self.error(path, f"no {what} {name}{did_you_mean(name, names)}")
 
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that `text` at `keys` names, from where it was written; RigError."""
@@ -112,22 +95,10 @@ class Document:
         """Set the value at `keys` (texts only), as given at `place`."""
         target: Any = self.data
         for key in keys[:-1]:
-            if not isinstance(target.get(key), dict):
-                target[key] = {}
+            if not isinstance(target.get(key), PlacedMap):
+                target[key] = PlacedMap()
             target = target[key]
-        target[keys[-1]] = value
-        for known in [one for one in self.places if one[: len(keys)] == keys]:
-            del self.places[known]
-        self.places[keys] = place
-        self._named = {}
-
-
-@dataclass(frozen=True)
-class _Node:
-    """`value` is a dict or list of nodes, or a scalar."""
-
-    value: Any
-    place: Place
+        target[keys[-1]], target.at[keys[-1]] = value, place
 
 
 def load(path: str | Path, text: str | None = None) -> Document:
@@ -140,17 +111,15 @@ def load(path: str | Path, text: str | None = None) -> Document:
     except (OSError, ValueError) as error:
         raise RigError(f"{str(path)[:200]}: cannot be read: {_reason(error)}") from None
     sources: dict[Path, str] = {}
-    root = _read_file(file, text, sources, (), None)
-    document = Document(file, sources[file], _plain(root), dict(_places(root, ())), sources)
-    document.places[()] = Place(file)
-    return document
+    data = copied(_read_file(file, text, sources, (), None))
+    return Document(file, sources[file], data, sources)
 
 
 def parse_value(text: str, place: Place) -> Any:
     """Return the value of an option NAME=`text`: a scalar, flow list or mapping; RigError."""
     try:
         node = compose(text)
-        return None if node is None else _plain(_tree(node, place.file, place))
+        return None if node is None else _tree(node, place.file, place)
     except yaml.YAMLError as error:
         raise RigError(f"{place}: {getattr(error, 'problem', error)}") from None
     except RecursionError:
@@ -197,34 +166,6 @@ def parse_scalar(text: str) -> Any:
     return text
 
 
-@lru_cache(10_000)
-def dotted_path(keys: Keys) -> str:
-    """Return the written form of a path: `a.b[2].c`."""
-    parts = (f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
-    return "".join(parts).removeprefix(".")
-
-
-def display_path(file: Path) -> str:
-    """Return the path of `file` as messages show it: relative below the working directory."""
-    try:
-        return _path_below(file, os.getcwd())
-    except OSError:  # it is gone
-        return str(file)
-
-
-@lru_cache(maxsize=64)  # every value of a rig has a place
-def _path_below(file: Path, folder: str) -> str:
-    return str(file.relative_to(folder) if file.is_relative_to(folder) else file)
-
-
-def _working_folder() -> Path | None:
-    """Return the working folder; None where it is gone."""
-    try:
-        return Path.cwd()
-    except OSError:
-        return None
-
-
 def _real_path(path: Path) -> Path:
     """Return the absolute name behind all links; OSError, in every Python, for a loop of them."""
     try:
@@ -261,8 +202,10 @@ def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
-_Slow.add_representer(str, _text_node)
-_Fast.add_representer(str, _text_node)
+for _dumper in (_Slow, _Fast):
+    _dumper.add_representer(str, _text_node)
+    _dumper.add_representer(PlacedMap, yaml.SafeDumper.represent_dict)
+    _dumper.add_representer(Items, yaml.SafeDumper.represent_list)
 
 
 def _read_file(
@@ -271,12 +214,12 @@ def _read_file(
     sources: dict[Path, str],
     above: tuple[Path, ...],
     named_at: Place | None,
-) -> _Node:
-    """Return the tree of `file` merged over its bases; `above` are the files that build on it."""
-    at = f"{named_at}: base: " if named_at else ""
+) -> PlacedMap:
+    """Return the data of `file` merged over its bases; `above` are the files that build on it."""
+    prefix = f"{named_at}: base: " if named_at else ""
     if file in above:
         chain = " -> ".join(display_path(f) for f in (*above[above.index(file) :], file))
-        raise RigError(f"{at}the files build on each other: {chain}")
+        raise RigError(f"{prefix}the files build on each other: {chain}")
     if text is None:
         try:
             if len(above) > _MOST_BASES:
@@ -285,20 +228,20 @@ def _read_file(
         except (OSError, ValueError) as error:
             why = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
             why = f"no such file{near_file(file)}" if isinstance(error, FileNotFoundError) else why
-            raise RigError(f"{at}{display_path(file)}: {why}") from None
+            raise RigError(f"{prefix}{display_path(file)}: {why}") from None
     sources[file] = text
     parsed = _parse(file, text)
-    base = parsed.value.get("base")
-    root = _Node({key: node for key, node in parsed.value.items() if key != "base"}, parsed.place)
-    if base is None:
-        return root
-    if not isinstance(base.value, str):
-        raise RigError(f"{base.place}: base: expected the path of a file")
+    if "base" not in parsed:
+        return parsed
+    own_data = PlacedMap({key: value for key, value in parsed.items() if key != "base"}, parsed.at)
+    base, place = parsed["base"], parsed.at["base"]
+    if not isinstance(base, str):
+        raise RigError(f"{place}: base: expected the path of a file")
     try:
-        named = _real_path(file.parent / base.value)
+        named = _real_path(file.parent / base)
     except (OSError, ValueError) as error:
-        raise RigError(f"{base.place}: base: is no file: {_reason(error)}") from None
-    return _merge(_read_file(named, None, sources, (*above, file), base.place), root)
+        raise RigError(f"{place}: base: is no file: {_reason(error)}") from None
+    return _merge(_read_file(named, None, sources, (*above, file), place), own_data)
 
 
 def _text_of(file: Path) -> str:
@@ -311,13 +254,13 @@ def _text_of(file: Path) -> str:
 
 
 @lru_cache(maxsize=64)  # an experiment loads the same few files a thousand times
-def _parse(file: Path, text: str) -> _Node:
-    """Return the tree of a file, which nobody changes."""
+def _parse(file: Path, text: str) -> PlacedMap:
+    """Return the data of a file, which nobody changes."""
     try:
         node = compose(text)
         if not isinstance(node, yaml.MappingNode):
             raise RigError(f"{Place(file)}: expected a mapping, `key: value` lines")
-        return _tree(node, file)
+        return _pairs(node, file, None)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
@@ -333,23 +276,24 @@ def _parse(file: Path, text: str) -> _Node:
         raise RigError(f"{Place(file)}: nested too deeply") from None
 
 
-def _tree(node: yaml.Node, file: Path, place: Place | None = None) -> _Node:
-    """Return our tree of PyYAML's; `place`, else the node's own position, is where it stands."""
+def _tree(node: yaml.Node, file: Path, option: Place | None) -> Any:
+    """Return our data of PyYAML's nodes; `option`, else a node's position, is where it stands."""
     if isinstance(node, yaml.MappingNode):
-        return _Node(_pairs(node, file, place), place or _place(node, file))
+        return _pairs(node, file, option)
     if isinstance(node, yaml.SequenceNode):
-        return _Node([_tree(item, file, place) for item in node.value], place or _place(node, file))
+        at = {i: option or _place(item, file) for i, item in enumerate(node.value)}
+        return Items((_tree(item, file, option) for item in node.value), at)
     assert isinstance(node, yaml.ScalarNode), "YAML has three kinds of nodes"
     if node.style:  # quoted, or a block
-        return _Node(node.value, place or _place(node, file))
+        return node.value
     try:
-        return _Node(parse_scalar(node.value), place or _place(node, file))
+        return parse_scalar(node.value)
     except ValueError as error:
-        raise RigError(f"{place or _place(node, file)}: {error}") from None
+        raise RigError(f"{option or _place(node, file)}: {error}") from None
 
 
-def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> dict[str, _Node]:
-    pairs: dict[str, _Node] = {}
+def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> PlacedMap:
+    pairs = PlacedMap()
     for key_node, value_node in node.value:
         place, key = option or _place(key_node, file), key_node.value
         if not isinstance(key, str) or not key:
@@ -357,9 +301,9 @@ def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> dict[str
         if key == "<<" and not key_node.style:
             raise RigError(f"{place}: merge keys are not supported; share values with `base:`")
         if key in pairs:
-            first = pairs[key].place
+            first = pairs.at[key]
             raise RigError(f"{place}: {key}: given twice, first at {first}; remove one of the two")
-        pairs[key] = _Node(_tree(value_node, file, option).value, place)
+        pairs[key], pairs.at[key] = _tree(value_node, file, option), place
     return pairs
 
 
@@ -367,34 +311,14 @@ def _place(node: yaml.Node, file: Path) -> Place:
     return Place(file, node.start_mark.line + 1, node.start_mark.column + 1)
 
 
-def _merge(base: _Node, over: _Node) -> _Node:
-    if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
-        return over
-    below, above = base.value, over.value
-    names = above if below.keys() <= above.keys() else {**below, **above}
-    merged: dict[str, _Node] = {}
-    for name in names:
-        if name in below and name in above:
-            if above[name].value is not None:
-                merged[name] = _merge(below[name], above[name])
-        else:
-            merged[name] = above[name] if name in above else below[name]
-    return _Node(merged, over.place)
-
-
-def _plain(node: _Node) -> Any:
-    if isinstance(node.value, dict):
-        return {key: _plain(child) for key, child in node.value.items()}
-    if isinstance(node.value, list):
-        return [_plain(child) for child in node.value]
-    return node.value
-
-
-def _places(node: _Node, keys: Keys) -> Iterator[tuple[Keys, Place]]:
-    yield keys, node.place
-    if isinstance(node.value, dict):
-        for key, child in node.value.items():
-            yield from _places(child, (*keys, key))
-    elif isinstance(node.value, list):
-        for index, child in enumerate(node.value):
-            yield from _places(child, (*keys, index))
+def _merge(below: PlacedMap, above: PlacedMap) -> PlacedMap:
+    merged = PlacedMap()
+    for key in above if below.keys() <= above.keys() else {**below, **above}:
+        if key not in above:
+            merged[key], merged.at[key] = below[key], below.at[key]
+        elif key not in below or above[key] is not None:
+            lower, value = below.get(key), above[key]
+            if isinstance(lower, PlacedMap) and isinstance(value, PlacedMap):
+                value = _merge(lower, value)
+            merged[key], merged.at[key] = value, above.at[key]
+    return merged

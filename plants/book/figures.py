@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from pcpc.plants.pages import Line, Panel, bare, sheet
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NONE: Mapping[str, str] = {}
 REFERENCE: dict[str, Any] = {"color": "#000000", "linestyle": "--"}
@@ -34,7 +34,7 @@ def times(scale: float, name: str) -> Callable[[Traces], Any]:
 
 
 def overlay(
-    ax: Any, runs: Iterable[Result], source: Source, colours: Mapping[str, str], width: float,
+    ax: Any, runs: Iterable[CaseResult], source: Source, colours: Mapping[str, str], width: float,
     names: Mapping[str, str] | None = None,
 ) -> None:  # fmt: skip
     """Draw a trace of runs over time, a colour a controller, of those that have a colour."""
@@ -63,13 +63,13 @@ def draw_lines(ax: Any, lines: Iterable[Line], traces: Mapping[str, Any], **look
 
 
 def columns(
-    runs: Sequence[Result],
+    runs: Sequence[CaseResult],
     panels: Sequence[Panel],
     limits: Sequence[tuple[float, float] | None],
     size_in: tuple[float, float],
-    title: Callable[[Result], str],
+    title: Callable[[CaseResult], str],
     colours: Mapping[str, str] = NONE,
-    below: Callable[[Any, Result], None] | None = None,
+    below: Callable[[Any, CaseResult], None] | None = None,
     until_s: float | None = None,
     left: float = 0.0,
     dpi: float = 120,

@@ -17,11 +17,11 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, CaseResult, markdown, of_group
 
 Words = tuple[str, ...]
-Key = Callable[[Result], object]
-Runs = Sequence[Result]
+Key = Callable[[CaseResult], object]
+Runs = Sequence[CaseResult]
 Text = str | Callable[[Any], str]
 Expected = Callable[..., Words]
 JOINTS = (1, 2)
@@ -67,22 +67,22 @@ def bracketed_cells(found: Sequence[str], expected: Sequence[str]) -> list[str]:
     return [f"{cell} ({other})" if other else cell for cell, other in pairs]
 
 
-def rig_name(result: Result) -> str:
+def rig_name(result: CaseResult) -> str:
     """Return the name of a result's rig."""
     return Path(result.case.rig).stem
 
 
-def controller_of(result: Result) -> str:
+def controller_of(result: CaseResult) -> str:
     """Return the name of a result's controller."""
     return result.case.controller
 
 
-def label_of(result: Result) -> str:
+def label_of(result: CaseResult) -> str:
     """Return the label of a result."""
     return result.case.label
 
 
-def group_of(result: Result) -> str:
+def group_of(result: CaseResult) -> str:
     """Return the group of a result."""
     return result.case.group
 
@@ -97,26 +97,26 @@ def joined(*keys: Key) -> Key:
     return lambda result: ", ".join(str(key(result)) for key in keys)
 
 
-def grouped(results: Iterable[Result], *keys: Key) -> dict[Words, list[Result]]:
+def grouped(results: Iterable[CaseResult], *keys: Key) -> dict[Words, list[CaseResult]]:
     """Return results by their keys, in the order of the cases."""
-    found: dict[Words, list[Result]] = {}
+    found: dict[Words, list[CaseResult]] = {}
     for result in results:
         found.setdefault(tuple(str(key(result)) for key in keys), []).append(result)
     return found
 
 
-def by_case(results: Iterable[Result], of: str) -> dict[Words, Result]:
+def by_case(results: Iterable[CaseResult], of: str) -> dict[Words, CaseResult]:
     """Return the first results of a group by (rig, controller, label)."""
     found = grouped(of_group(results, of), rig_name, controller_of, label_of)
     return {names: runs[0] for names, runs in found.items()}
 
 
-def by_label(results: Iterable[Result], of: str) -> dict[str, Result]:
+def by_label(results: Iterable[CaseResult], of: str) -> dict[str, CaseResult]:
     """Return the first results of a group by label."""
     return {name: runs[0] for (name,), runs in grouped(of_group(results, of), label_of).items()}
 
 
-def recorded(name: str) -> Callable[[Result], float]:
+def recorded(name: str) -> Callable[[CaseResult], float]:
     """Return what gives a metric as it came, of a run that ended early too."""
     return lambda result: result.metrics.get(name, float("nan"))
 
@@ -156,7 +156,7 @@ class Column:
     """
 
     head: str
-    source: str | int | Callable[[Result], Any]
+    source: str | int | Callable[[CaseResult], Any]
     of: Callable[[list[Any]], Any] = first
     text: Text = "{:.4f}"
     between: str = " / "
@@ -207,7 +207,7 @@ def across(
 
 
 @dataclass(frozen=True)
-class Table:
+class RunsTable:
     """A table of the runs of a group, or of several; the first is that of expected.csv.
 
     `rows`: heads, and what names a row; {}: one row of all runs. `nested`: rows of one first name
@@ -221,7 +221,7 @@ class Table:
     nested: bool = False
     metrics: Mapping[str, str] = field(default_factory=dict)
 
-    def markdown(self, results: Iterable[Result], known: Expected) -> str:
+    def markdown(self, results: Iterable[CaseResult], known: Expected) -> str:
         """Return title and table; `known`: what is expected of a group's row."""
         own, of = _runs(results, self.group)
         rows = [
@@ -248,13 +248,13 @@ class Sentence:
     columns: Sequence[Column]
     text: str
 
-    def markdown(self, results: Iterable[Result], known: Expected) -> str:
+    def markdown(self, results: Iterable[CaseResult], known: Expected) -> str:
         """Return the text."""
         own, of = _runs(results, self.group)
         return self.text.format(*_cells(self.columns, own, known(of)))
 
 
-def _runs(results: Iterable[Result], group: str | Words) -> tuple[list[Result], str]:
+def _runs(results: Iterable[CaseResult], group: str | Words) -> tuple[list[CaseResult], str]:
     """Return the runs of a group, or of groups, and what expected.csv calls them."""
     of = (group,) if isinstance(group, str) else group
     return [result for result in results if result.case.group in of], of[0]
@@ -268,7 +268,7 @@ def _cells(
     return cells if apart else bracketed_cells(cells, expected)
 
 
-Part = Table | Sentence | str | Callable[[Runs], str]
+Part = RunsTable | Sentence | str | Callable[[Runs], str]
 
 
 def page(results: Runs, parts: Iterable[Part], known: Expected = nothing) -> str:

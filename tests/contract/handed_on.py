@@ -91,7 +91,15 @@ def as_a_device(run: Recorded, folder: Path) -> list[str]:
     for name, text in files.items():
         (folder / name).write_text(text)
     subprocess.run(["make", "-s", "-C", str(folder), "linux", "CFLAGS=-O1 -Werror"], check=True)
-    words = ("plant", *loaded_words(run.given), "--bus", own_bus(), "-o", str(folder / "run"))
+    words = (
+        "run",
+        "--only=plant",
+        *loaded_words(run.given),
+        "--bus",
+        own_bus(),
+        "-o",
+        str(folder / "run"),
+    )
     program = ("--device", str(folder / "linux"), "{bus}")
     done = pcpc(*words, "--pacing", "lockstep", "--no-figure", "--json", *program)
     if done.code == 2:

@@ -96,7 +96,7 @@ def columns_differing(
     return found
 
 
-def _columns_differing(mine: logs.Node, theirs: logs.Node) -> list[str]:
+def _columns_differing(mine: logs.NodeLog, theirs: logs.NodeLog) -> list[str]:
     if not np.array_equal(mine.cycle, theirs.cycle):
         return [f"{len(mine.cycle)} cycles, {len(theirs.cycle)}"]
     if list(mine.columns) != list(theirs.columns):
@@ -108,14 +108,14 @@ def _columns_differing(mine: logs.Node, theirs: logs.Node) -> list[str]:
     ]
 
 
-def _frames(node: logs.Node) -> Counter[Any]:
+def _frames(node: logs.NodeLog) -> Counter[Any]:
     names = ("cycle", "id", "dlc", "direction", "e2e")
     return Counter((*(int(f[n]) for n in names), f["data"].tobytes()) for f in node.frames)
 
 
-def _events(node: logs.Node) -> Counter[Any]:
+def _events(node: logs.NodeLog) -> Counter[Any]:
     return Counter(json.dumps({k: e[k] for k in e if k != "t_ns"}) for e in node.events)
 
 
-def _tunings(node: logs.Node) -> Counter[Any]:
+def _tunings(node: logs.NodeLog) -> Counter[Any]:
     return Counter((t["cycle"], t["name"], float(t["value"]).hex()) for t in node.tunings)

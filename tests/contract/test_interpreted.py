@@ -17,7 +17,7 @@ from interpreting import interpreted
 from places import ROOT
 
 from pcpc.executive.laws.block import Block
-from pcpc.executive.rig.preparation import prepared_values
+from pcpc.executive.own_laws.preparation import prepared_values
 from pcpc.executive.rig.reading import load_rig
 
 TEMPLATE = "tools/make/template"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from json_schemas import COMMON, SCHEMAS, holds, validator, without_a_key_or_with_another
+from json_schemas import COMMON, SCHEMAS, file_of, holds, validator, without_a_key_or_with_another
 from jsonschema import Draft202012Validator
 from logcommand import DBC, barrel_log, run_here
 from places import ROOT
@@ -24,28 +24,28 @@ from pcpc.tools.dev.evidence.options import SOAK
 from pcpc.tools.terminal.command import Command
 
 SUMMARY = {"ids", "device", "bound", "rig_git"}
-OPTIONAL = dict.fromkeys(("run", "simulate", "plant", "exec", "branch"), SUMMARY)
-OPTIONAL |= {"doctor": {"can_run"}, "log require": {"id"}}  # keys that are not always there
+OPTIONAL = dict.fromkeys(("run", "simulate", "branch"), SUMMARY)
+OPTIONAL |= {"doctor": {"can_run"}, "report": {"id"}}  # keys that are not always there
+FORMS = "get --long", "replay --cycle", "replay --brief", "compare --bits"  # others of a command
 QUICKLY = "--no-figure --quiet"
 SHORT = f"slew10 --set duration_s=0.1 {QUICKLY}"
 HERE = [  # command, its other words beside the files of `folder`, exit code
     ("rigs", "", 0), ("check", "hull", 0), ("check", "probe", 0), ("doctor", "", 0),
-    ("simulate", f"{SHORT} -o made", 0), ("branch", f"a.mcap --cycle 200 -o made {QUICKLY}", 1),
+    ("simulate", f"{SHORT} -o made", 1), ("branch", f"a.mcap --cycle 200 -o made {QUICKLY}", 1),
     ("bus", "hull", 0), ("bus", "hull --bitrate 125k", 1), ("replay", "a.mcap --quiet", 0),
-    ("step", "a.mcap --cycle 5 --quiet", 0), ("verify", "a.mcap --jobs 1 --quiet", 0),
+    ("replay --cycle", "5 a.mcap --quiet", 0), ("replay --brief", "a.mcap --jobs 1 --quiet", 0),
     ("compare", "a.mcap b.mcap --quiet", 1), ("bounds", "slew10 --set duration_s=0.1 --quiet", 0),
     ("log info", "a.mcap", 0), ("log info", "made.mcap", 0),
-    ("log diff", "a.mcap a.mcap", 0), ("log diff", "a.mcap b.mcap", 1),
-    ("log recover", "a.mcap -o new.mcap", 0), ("log require", "run", 1),
+    ("compare --bits", "a.mcap a.mcap", 0), ("compare --bits", "a.mcap b.mcap", 1),
+    ("log recover", "a.mcap -o new.mcap", 0), ("report", "run --requirements", 1),
     ("log import", f"frames.blf --dbc {DBC} -o new.mcap", 0),
     *(("log export", f"a.mcap -o {name}", 0)
       for name in ("new.log", "new.blf", "new.asc", "new.csv", "new.mf4")),
 ]  # fmt: skip
-APART = {"run", "plant", "exec", "play", "jitter", "margin", "fit"}
-SILENT = {"local"}  # it records nothing: the executive tells of the run
+APART = {"run", "bus emulate", "play", "jitter", "margin", "fit"}
 LIVE = {
-    "list", "get", "set", "load", "undo", "watch", "scope", "lock", "stop", "reset", "arm", "hold",
-    "resume", "handover", "fault",
+    "get", "get --long", "set", "load", "undo", "watch", "scope", "stop", "fault",
+    *(f"operate {verb}" for verb in ("lock", "reset", "arm", "hold", "resume", "handover")),
 }  # fmt: skip
 WHERE_THEY_ARE = {  # what takes a repository, minutes, or a machine
     "bisect": "tests/tools/after/bisect/test_bisect.py",
@@ -58,7 +58,7 @@ def with_json(commands: Sequence[Command], above: str = "") -> Iterator[str]:
     """Yield the names of all commands that take --json."""
     for one in commands:
         names: list[str] = []
-        one.arguments(lambda *words, names=names, **about: names.extend(words))  # type: ignore[misc]
+        one.asked.add_to(lambda *words, names=names, **about: names.extend(words))  # type: ignore[misc]
         if "--json" in names:
             yield above + one.name.rpartition(".")[2]
         yield from with_json(one.parts, f"{above}{one.name} ")
@@ -93,9 +93,9 @@ def strictly_holds(command: str, text: str) -> Any:
 
 
 def test_every_command_with_json_has_a_schema_and_a_case_and_there_is_no_other() -> None:
-    names = {*with_json([*cli.COMMANDS.values(), BENCH, EVIDENCE, SOAK])}
-    assert SCHEMAS.keys() == {*(name.replace(" ", "-") for name in names), COMMON}
-    assert names == {name for name, *_ in HERE} | APART | SILENT | LIVE | WHERE_THEY_ARE.keys()
+    names = {*with_json([*cli.COMMANDS.values(), BENCH, EVIDENCE, SOAK]), *FORMS}
+    assert SCHEMAS.keys() == {*map(file_of, names), COMMON}
+    assert names == {name for name, *_ in HERE} | APART | LIVE | WHERE_THEY_ARE.keys()
     for name, file in WHERE_THEY_ARE.items():
         assert f'holds("{name}", ' in (ROOT / file).read_text(), file
 
@@ -107,7 +107,8 @@ def test_a_schema_is_one_and_strict(name: str) -> None:
     while todo:
         one = todo.pop()
         if isinstance(one, dict):
-            assert "properties" not in one or one.get("additionalProperties") is False, one
+            closed = one.get("additionalProperties") is False or "propertyNames" in one
+            assert "properties" not in one or closed or "$ref" in one, one
             todo += one.values()
         elif isinstance(one, list):
             todo += one
@@ -121,7 +122,7 @@ def test_what_a_command_prints_is_of_its_schema(
     for made in folder.iterdir():
         (tmp_path / made.name).symlink_to(made)
     monkeypatch.chdir(tmp_path)
-    form = ("--json", "-") if command == "compare" else ("--json",)
+    form = ("--json", "-") if command.startswith("compare") else ("--json",)
     done = run_here(*command.split(), *shlex.split(words), *form)
     assert done.code == code, done
     strictly_holds(command, done.out)
@@ -132,11 +133,21 @@ def test_a_run_in_lockstep_and_each_of_its_nodes_alone(tmp_path: Path) -> None:
     short = *QUICKLY.split(), "--json", "--pacing", "lockstep", "--set", "duration_s=0.2"
     done = pcpc("run", "slew10", *short, "-o", str(tmp_path / "run"))
     assert strictly_holds("run", done.out)["pacing"] == "lockstep", done
-    device = PCPC, "exec", "slew10", *short, "--bus", "{bus}", "-o", str(tmp_path / "exec")
+    device = (
+        PCPC,
+        "run",
+        "--only=executive",
+        "slew10",
+        *short,
+        "--bus",
+        "{bus}",
+        "-o",
+        str(tmp_path / "exec"),
+    )
     words = "slew10", *short, "--bus", own_bus(), "-o", str(tmp_path / "plant")
-    done = pcpc("plant", *words, "--device", *device)
-    assert strictly_holds("plant", done.out)["device"], done
-    strictly_holds("exec", (tmp_path / "plant/device.txt").read_text())
+    done = pcpc("run", "--only=plant", *words, "--device", *device)
+    assert strictly_holds("run", done.out)["device"], done
+    strictly_holds("run", (tmp_path / "plant/device.txt").read_text())
 
 
 def test_a_bus_is_emulated_and_a_log_played() -> None:
@@ -144,7 +155,7 @@ def test_a_bus_is_emulated_and_a_log_played() -> None:
     first = own_bus()
     second = str(buses.neighbour_of(buses.bus_named(*buses.parse(first))))
     done = pcpc("bus", "emulate", first, second, "--for", "100ms", "--json", "--quiet")
-    assert done.code == 0 and len(strictly_holds("bus", done.out)["sides"]) == 2, done
+    assert done.code == 0 and len(strictly_holds("bus emulate", done.out)["sides"]) == 2, done
     words = "play", str(barrel_log("pd")), "--bus", own_bus(), "--json", "--quiet"
     done = pcpc(*words)
     assert done.code == 0 and strictly_holds("play", done.out)["timing_error_us"], done

@@ -52,7 +52,7 @@ def node(live: pcpc.Live, role: str = "executive") -> Live:
 
 def told(command: str, *words: str, at: str = "") -> Any:
     """Return what a command prints, which its schema has to hold of, but not with a new key."""
-    done = run_here(command, *words, "--json", *(("--node", at) if at else ()))
+    done = run_here(*command.split(), *words, "--json", *(("--node", at) if at else ()))
     assert done.code == 0, done.err
     found = holds(command, done.out)
     *_, (_, with_a_new_key) = without_a_key_or_with_another(found)
@@ -62,26 +62,26 @@ def told(command: str, *words: str, at: str = "") -> Any:
 
 def refused(code: int, command: str, *words: str) -> None:
     """Hold that a command which fails prints no JSON, but a line elsewhere."""
-    done = run_here(command, *words, "--json")
+    done = run_here(*command.split(), *words, "--json")
     assert (done.code, done.out, done.err.count("\n")) == (code, "", 1), done
 
 
 def test_the_loop_is_closed_opened_and_handed_over(live: pcpc.Live) -> None:
     executive = node(live).name
     live.wait_until(lambda now: now["supervisor.state"] == State.READY, within_s=WITHIN_S)
-    assert told("arm", at=executive)["armed"] is True
-    assert told("hold", at=executive)["armed"] is False
-    assert told("resume", at=executive)["armed"] is True
-    assert told("handover", "second", at=executive)["in_charge"] == "second"
-    assert told("handover", "proportional", at=executive)["in_charge"] == "proportional"
-    refused(2, "handover", "third", "--node", executive)
-    refused(2, "arm", "--node", node(live, "plant").name)
+    assert told("operate arm", at=executive)["armed"] is True
+    assert told("operate hold", at=executive)["armed"] is False
+    assert told("operate resume", at=executive)["armed"] is True
+    assert told("operate handover", "second", at=executive)["in_charge"] == "second"
+    assert told("operate handover", "proportional", at=executive)["in_charge"] == "proportional"
+    refused(2, "operate handover", "third", "--node", executive)
+    refused(2, "operate arm", "--node", node(live, "plant").name)
 
 
 def test_variables_are_shown_and_tuned(live: pcpc.Live, tmp_path: Path) -> None:
     executive, plant = node(live).name, node(live, "plant").name
-    assert {one["name"]: one for one in told("list", at=executive)}[GAIN]["range"] == [0, 100]
-    told("list", at=plant)
+    assert {one["name"]: one for one in told("get --long", at=executive)}[GAIN]["range"] == [0, 100]
+    told("get --long", at=plant)
     several = told("get", f"{executive}:{GAIN}", f"{plant}:lag.position")
     assert [*several] == [f"executive:{GAIN}", "plant:lag.position"]
     assert told("set", f"{GAIN}=5", at=executive)["values"] == {GAIN: 5.0}
@@ -93,7 +93,7 @@ def test_variables_are_shown_and_tuned(live: pcpc.Live, tmp_path: Path) -> None:
         assert len(told("load", str(file), at=executive)["values"]) == changes
         until(lambda: live[GAIN] == 6.0, "loaded", WITHIN_S)
     for level in ("all", "tune", "none"):
-        assert told("lock", level, at=executive) == {"lock": level}
+        assert told("operate lock", level, at=executive) == {"lock": level}
     refused(2, "set", f"{GAIN}=-1", "--node", executive)
     refused(2, "get", "controller.gian", "--node", executive)
 
@@ -137,12 +137,12 @@ def test_a_capture_says_what_it_holds_and_what_it_lacks(live: pcpc.Live, tmp_pat
 
 def test_what_is_not_finite_is_null_and_a_fault_is_reset(live: pcpc.Live) -> None:
     executive = node(live).name
-    refused(1, "reset", NAME)
+    refused(1, "operate reset", NAME)
     live.set({GAIN: 10.0, "controller.target": 10.0})
     told("fault", "endless", at=executive)
     live.wait_until(lambda now: now["supervisor.state"] == State.FAULT, within_s=WITHIN_S)
     until(lambda: told("get", COMMAND, at=executive)[COMMAND] is None, "infinite", WITHIN_S)
-    assert None in {one["value"] for one in told("list", at=executive)}
+    assert None in {one["value"] for one in told("get --long", at=executive)}
     with started("watch", COMMAND, "--json", "--node", executive) as watcher:
         assert watcher.stdout is not None
         assert holds("watch", watcher.stdout.readline())[COMMAND] is None
@@ -150,6 +150,6 @@ def test_what_is_not_finite_is_null_and_a_fault_is_reset(live: pcpc.Live) -> Non
         watcher.communicate(timeout=WITHIN_S)
     told("fault", "endless", "--end", at=executive)
     live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=WITHIN_S)
-    assert [*told("reset", NAME)] == [executive]
+    assert [*told("operate reset", NAME)] == [executive]
     assert [*told("stop", NAME, "--quick")] == [executive]
     live.wait(WITHIN_S)

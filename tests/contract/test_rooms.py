@@ -76,13 +76,13 @@ ROOMS = (
     Room("dev/evidence", ("evidence",), "no such command"),
     Room("live/watchdog", ("run", "watched.yaml"), "not in this installation", 4),
     Room("live/xcp", ("xcp",), "no such command"),
-    Room("make/device", ("plant", "probe", "--device", "true"), "no option --device"),
+    Room("make/device", ("run", "probe", "--device", "true"), "no option --device"),
     Room("after/bisect", ("bisect", "hull", "a", "b"), "no such command"),
     Room("after/branch", ("branch", "latest"), "no such command"),
     Room("after/compare", ("compare", "a", "b"), "no such command",
          goes_with=("after/bisect", "after/branch"), names=("Comparison", "compare")),
-    Room("after/step", ("step", "latest"), "no such command"),
-    Room("after/verify", ("verify", "latest"), "no such command"),
+    Room("after/step", ("replay", "latest", "--cycle", "1"), "no option --cycle"),
+    Room("after/verify", ("replay", "latest", "--brief"), "no option --brief"),
     Room("live/top", ("top",), "no such command"),
     Room("machine/doctor", ("doctor",), "no such command"),
     Room("machine/vm", ("vm",), "no such command", goes_with=("machine/doctor",)),
@@ -143,7 +143,8 @@ def in_copy(copy: Path, commands: list[tuple[str, ...]], folder: Path) -> dict[s
 
 def listed(text: str) -> set[str]:
     """Return the commands that `pcpc help all` lists."""
-    return {line.split()[0] for line in text.splitlines() if line[:2] == "  " != line[2:4]}
+    rows = (line[2:] for line in text.splitlines() if line[:2] == "  " != line[2:4])
+    return {row.partition("  ")[0] for row in rows}
 
 
 def commands_in(folder: str) -> set[str]:

@@ -26,7 +26,7 @@ from two_processes import Whole, differing, lockstep, virtual
 
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.drivers.errors import BusError
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
@@ -144,7 +144,7 @@ def in_lanes(run: Recorded, folder: Path) -> list[str]:
     """Simulate WIDTH equal runs, an element of a vector each."""
     names = {role: list(node.description["state_columns"]) for role, node in run.log.node.items()}
     try:
-        group = Group(run.rig, names)
+        group = LaneGroup(run.rig, names)
         group.begin()
         odd = group.run()
     except (NotInLanes, LanesDiffer) as why:

@@ -13,6 +13,7 @@ A python or yaml block whose first line is `# FILE` is written there instead. A 
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ _FENCE = re.compile(
     r"^(?:<!-- not run: (?P<reason>.*) -->\n)?```(?P<language>.*)\n(?P<text>(?s:.*?))^```$",
     re.MULTILINE,
 )
+_LIMIT_S = 900.0  # for a block; the longest takes a minute on two idle processors
 _FILE = re.compile(r"# (\S+\.(?:py|yaml))\n")
 
 
@@ -90,18 +92,24 @@ class Reader:
             "PATH": f"{copies().bin_folder()}:{Path(sys.executable).parent}:{os.environ['PATH']}",
             "COLUMNS": "80",
         }
-        done = subprocess.run(
+        with subprocess.Popen(
             ["bash", "-euo", "pipefail", "-c", block.text + "\npwd\n"],
             cwd=self.folder,
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            check=False,
+            start_new_session=True,
+        ) as shell:
+            try:
+                self.printed, _ = shell.communicate(timeout=_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                os.killpg(shell.pid, signal.SIGKILL)
+                raise AssertionError(f"{block.where}: not at its end in {_LIMIT_S} s") from None
+        assert shell.returncode == 0, (
+            f"{block.where}: ended with {shell.returncode}\n{self.printed}"
         )
-        self.printed = done.stdout
-        assert done.returncode == 0, f"{block.where}: ended with {done.returncode}\n{done.stdout}"
-        *_, last = done.stdout.splitlines()
+        *_, last = self.printed.splitlines()
         self.folder = Path(last)
 
     def _compare(self, block: Block) -> None:

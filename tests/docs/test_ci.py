@@ -190,7 +190,7 @@ def test_the_step_on_vcan0_is_a_command_line() -> None:
     words = shlex.split(STEPS[ON_VCAN]["run"].replace("$RIG", "motor"))
     options = cli.parsed_options(words[1:])
     inner = cli.parsed_options(options.rest[1:])
-    assert (words[0], options.rest[0], options.timeout) == ("pcpc", "pcpc", 1200.0)
+    assert (words[0], options.rest[0], options.timeout_s) == ("pcpc", "pcpc", 1200.0)
     assert (inner.command, inner.bus, inner.pacing, inner.output) == (
         "run", "vcan0", "lockstep", "runs/vcan0",
     )  # fmt: skip

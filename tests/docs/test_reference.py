@@ -23,7 +23,7 @@ def test_the_written_pages_are_what_the_sources_say() -> None:
 
 def test_every_option_and_every_function_has_its_line() -> None:
     commands, api = reference.commands(), reference.api()
-    for told in ("### pcpc run\n", "### pcpc log cat\n", "\n--set NAME=VALUE ", "-- COMMAND"):
+    for told in ("### pcpc run\n", "### pcpc log export\n", "\n--set NAME=VALUE ", "-- COMMAND"):
         assert told in commands, told
     assert all(f"## pcpc.{name}\n" in api for name in pcpc.__all__)
     python = reference.rig_python()

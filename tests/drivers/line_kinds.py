@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from test_fd_stuffing import Stream, fd_frame, stream
 from test_frame_bits import FD_LENGTHS, classic_stream
 
-from pcpc.drivers.can import line as lines
-from pcpc.drivers.can.line import Outcome
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
+from pcpc.drivers.line import line as lines
+from pcpc.drivers.line.line import Outcome
 
 A, B, C = range(3)
 BIT, FAST = 5, 1  # ticks of CAN FD
@@ -50,7 +50,7 @@ def sent_by(one: Bytes, passive: bool) -> Bytes:
 
 
 def new(senders: int = 2, room: int = 64, **options: Any) -> Any:
-    line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
+    line: Any = np.zeros(1, lines.Line.dtype).view(np.recarray)[0]
     lines.prepare(line, senders, room, **options)
     return line
 

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.drivers.can import bus, choice, python_can_port, wire, wire_layout
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
@@ -36,8 +36,8 @@ def own_channel(group: str = bus.UDP_GROUP) -> str:
 
 
 def new_wire() -> Any:
-    """Return a zeroed WIRE record."""
-    records = np.recarray(1, wire_layout.WIRE)
+    """Return a zeroed Wire record."""
+    records = np.recarray(1, wire_layout.Wire.dtype)
     records.view(np.uint8)[:] = 0
     return records[0]
 
@@ -49,7 +49,7 @@ def open_udp() -> Iterator[Open]:
 
     def opener(channel: str) -> Any:
         end = new_wire()
-        bus.open_bus(Bus("udp_multicast", channel), [], end)
+        bus.open_bus(BusAddress("udp_multicast", channel), [], end)
         wires.append(end)
         return end
 
@@ -119,7 +119,7 @@ def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, gro
 def test_an_end_on_two_buses_sends_by_the_id_and_hears_both(open_udp: Open) -> None:
     channels = own_channel(), own_channel(OTHER_GROUP)
     end, first, second = open_udp(channels[0]), *map(open_udp, channels)
-    bus.open_second(Bus("udp_multicast", channels[1]), [], end)
+    bus.open_second(BusAddress("udp_multicast", channels[1]), [], end)
     bus.set_own_address(end)
     end.second[0], end.n_second = 0x9ABCDEF0, 1
     send(end, 0x123, b"first")
@@ -142,7 +142,7 @@ def test_an_end_on_two_buses_sends_by_the_id_and_hears_both(open_udp: Open) -> N
 
 def test_a_listener_hears_frames_with_the_time_at_which_they_came(open_udp: Open) -> None:
     channel, before = own_channel(), len(os.listdir("/proc/self/fd"))
-    with bus.listener(Bus("udp_multicast", channel)) as ear:
+    with bus.listener(BusAddress("udp_multicast", channel)) as ear:
         assert len(os.listdir("/proc/self/fd")) == before + 1, "it sends nothing"
         send(open_udp(channel), 0x123, b"frame")
         text, more, *_ = ear.recvmsg(2048, 64)
@@ -249,7 +249,7 @@ def test_a_port_of_a_program_that_does_not_share_is_named(group: str) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as selfish:
         selfish.bind(("", port))
         with pytest.raises(BusError, match=rf"port {port} is in use .* --bus udp_multicast:239"):
-            bus.open_bus(Bus("udp_multicast", f"{group}:{port}"), [], new_wire())
+            bus.open_bus(BusAddress("udp_multicast", f"{group}:{port}"), [], new_wire())
     left = len(os.listdir("/proc/self/fd"))
     assert left == descriptors, f"{left - descriptors} descriptors left open"
 
@@ -261,7 +261,7 @@ def test_a_port_of_a_program_that_does_not_share_is_named(group: str) -> None:
 )  # fmt: skip
 def test_a_bad_channel_is_refused_with_an_example(channel: str) -> None:
     with pytest.raises(BusError, match=rf"expected an IPv4 multicast group .* {bus.UDP_GROUP}:"):
-        bus.open_bus(Bus("udp_multicast", channel), [], new_wire())
+        bus.open_bus(BusAddress("udp_multicast", channel), [], new_wire())
 
 
 @given(st.text() | st.from_regex(r"\d{1,4}(\.\d{1,4}){0,4}(:\d{0,6})?", fullmatch=True))
@@ -276,7 +276,7 @@ def test_any_channel_text_is_an_address_or_a_bus_error(channel: str) -> None:
 
 def test_a_missing_can_interface_is_refused_with_the_cure() -> None:
     with pytest.raises(BusError) as refused:
-        bus.open_bus(Bus("socketcan", "vcan77"), [0x80], new_wire())
+        bus.open_bus(BusAddress("socketcan", "vcan77"), [0x80], new_wire())
     text = str(refused.value)
     for part in ("vcan77: ", "ip link add dev vcan77 type vcan", "pcpc vm", "udp_multicast"):
         assert part in text, f"{part!r} is not in {text!r}"
@@ -285,7 +285,7 @@ def test_a_missing_can_interface_is_refused_with_the_cure() -> None:
 @pytest.mark.parametrize("name", ["can7", "slcan7", "mycan"])
 def test_a_missing_adapter_is_not_replaced_by_a_virtual_one(name: str) -> None:
     with pytest.raises(BusError) as refused:
-        bus.open_bus(Bus("socketcan", name), [0x80], new_wire())
+        bus.open_bus(BusAddress("socketcan", name), [0x80], new_wire())
     text = str(refused.value)
     assert f"ip link set {name} up type can bitrate 1000000" in text, text
     assert "type vcan" not in text, text
@@ -294,11 +294,11 @@ def test_a_missing_adapter_is_not_replaced_by_a_virtual_one(name: str) -> None:
 @pytest.mark.parametrize("name", ["a" * 16, "b" * 300])
 def test_an_impossible_interface_name_is_a_bus_error(name: str) -> None:
     with pytest.raises(BusError, match=rf"^{name}: "):
-        bus.open_bus(Bus("socketcan", name), [], new_wire())
+        bus.open_bus(BusAddress("socketcan", name), [], new_wire())
 
 
 def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
-    end, wanted = new_wire(), Bus("virtual", "test")
+    end, wanted = new_wire(), BusAddress("virtual", "test")
     if not LOOP_INTERPRETED:
         with pytest.raises(BusError, match="PCPC_LOOP=interpreted"):
             bus.open_bus(wanted, [], end)
@@ -323,7 +323,7 @@ def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
 
 def test_a_bus_that_python_can_cannot_open_is_a_bus_error() -> None:
     with pytest.raises(BusError, match=r"^no_such_interface:x: "):
-        bus.open_bus(Bus("no_such_interface", "x"), [], new_wire())
+        bus.open_bus(BusAddress("no_such_interface", "x"), [], new_wire())
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_a_bus_of_python_can_is_claimed_by_nobody() -> None:
 def test_the_virtual_interfaces_come_first_and_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     there = {f"vcan{number}" for number in range(3)}
     monkeypatch.setattr(choice, "vcan_ready", there.__contains__)
-    monkeypatch.setattr(choice, "neighbour_of", lambda one: bus.Bus("socketcan", "vcan1"))
+    monkeypatch.setattr(choice, "neighbour_of", lambda one: bus.BusAddress("socketcan", "vcan1"))
     for count, expected in ((1, "vcan0 vcan1 vcan2"), (2, "vcan0 vcan1"), (4, "")):
         found = choice._vcans(BusRequest("auto", None, "rig", (), count))
         assert [(one.channel, why) for one, why in found] == [(w, "") for w in expected.split()]

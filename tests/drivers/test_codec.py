@@ -17,7 +17,7 @@ from interpreting import interpreted
 from places import ROOT
 
 from pcpc.drivers.can import can_id, codec, dbc
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.drivers.can.wire_layout import LENGTHS
 
 ATB1000 = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
@@ -101,7 +101,7 @@ def in_layout(message: Message, layout: int) -> list[Signal]:
     return [one for one in message.signals if one.multiplexer_ids in (None, [layout])]
 
 
-def tables(message: Message) -> dbc.Table:
+def tables(message: Message) -> dbc.CodecTable:
     """Return the tables of one message; one that dbc refuses for its width is discarded."""
     try:
         return dbc.table([dbc.frame(message)], 1000.0)
@@ -110,7 +110,7 @@ def tables(message: Message) -> dbc.Table:
         raise
 
 
-def unpack(data: bytes, frame: int, table: dbc.Table) -> dict[str, float]:
+def unpack(data: bytes, frame: int, table: dbc.CodecTable) -> dict[str, float]:
     values = np.full(len(table.variables), np.nan)
     array = np.frombuffer(data.ljust(8, b"\xa5"), np.uint8).copy()
     codec.unpack(array, frame, table.frames, table.signals, values)
@@ -119,7 +119,7 @@ def unpack(data: bytes, frame: int, table: dbc.Table) -> dict[str, float]:
     return dict(zip(names, values[first:end].tolist(), strict=True))
 
 
-def pack(values: dict[str, float], frame: int, table: dbc.Table) -> tuple[bytes, int]:
+def pack(values: dict[str, float], frame: int, table: dbc.CodecTable) -> tuple[bytes, int]:
     first, end = table.frames[frame].first, table.frames[frame].end
     dlc = int(table.frames[frame].dlc)
     array, data = np.zeros(len(table.variables)), np.full(max(dlc, 8), 0xA5, np.uint8)
@@ -264,7 +264,7 @@ def test_a_signal_of_any_start_and_length_agrees_with_cantools_both_ways(order: 
         assert_same_values(value, expected, data)
         got = pack(value, 0, table)
         assert got == reference(message, value), f"{value} {signal} {got[0].hex(' ')}"
-        n_wide += int(table.signals[0].kind != Kind.SCALED)
+        n_wide += int(table.signals[0].kind != SignalKind.SCALED)
     assert n_wide > 20, f"only {n_wide} signals needed integer arithmetic"
 
 
@@ -281,7 +281,7 @@ def test_every_decoded_frame_of_32_bit_integers_encodes_to_itself(
     assert got == (data, 0), f"{got[0].hex(' ')} from {data.hex(' ')}"
 
 
-def single(signal: Signal) -> dbc.Table:
+def single(signal: Signal) -> dbc.CodecTable:
     """Return the tables of a frame of 8 bytes with one signal."""
     return dbc.table([dbc.frame(Message(1, "M", 8, [signal], cycle_time=1, strict=True))], 1000.0)
 

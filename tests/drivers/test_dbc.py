@@ -174,11 +174,12 @@ def test_units_and_comments_are_read_in_the_encodings_of_the_world(
     body = 'BO_ 1 M: 1 A\n SG_ a : 0|8@1+ (1,0) [0|0] "\u00b0C" B\n'
     body += 'CM_ BO_ 1 "\u00fcber 5 \u00b5s\x07";\n'
     path = tmp_path / "plant.dbc"
-    path.write_bytes((HEAD + body + CYCLIC).replace("\n", "\r\n").encode(encoding))
+    end = "\x1a" + "\0" * 9  # of DOS, and of a file that lost its power
+    path.write_bytes((HEAD + body + CYCLIC + end).replace("\n", "\r\n").encode(encoding))
     (entry,) = dbc.frames(dbc.load(path), "A", "tx")
     got = entry.signals[0].unit, entry.help
     assert got == ("\u00b0C", "\u00fcber 5 \u00b5s\\x07"), got
-    assert "\r" not in dbc.text(path)
+    assert not set("\r\x1a\0") & set(dbc.text(path))
 
 
 @pytest.mark.parametrize(

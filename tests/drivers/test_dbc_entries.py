@@ -73,6 +73,7 @@ CHANGING = [  # the frame, which no node may use then
 ]
 FINE = [  # as other programs write it
     "BS_: 500 : 1,28", "BS_: 1 : 2, 2", "VAL_ 256 v -1 \"a\" 1 \"b\"", "CM_ \"no end\"",
+    'BS_: 500 VAL_ 256 a 1 "b";',
     "// a comment", "/* BO_ 1\n SG_ */", 'SG_MUL_VAL_ 256 a page 0 - 0 ;',
     'VAL_ 256 v 0 "a \\" quote" ;', "SIG_GROUP_ 256 g 1 : v a;", 'EV_ e: 0 [0|1] "" 0 1 D D;',
     'BA_DEF_ SG_ "SPN" STRING ;\nBA_ "SPN" SG_ 256 v "none";', "BU_:",
@@ -252,6 +253,8 @@ def test_ranges_are_those_of_the_signal_of_this_name_whose_marker_is_in_them() -
         ("p m0M, r m0M", "1 p r 0-0;SG_MUL_VAL_ 1 r p 0-0", "", "its multiplexer is not there"),
         ("p M, q m0, q", "1 q p 0-0", "p None, q p, q None", "1 q: it is always there; mark it"),
         ("p M, q m0", "1 q p 0-65535", "p None, q p", ""),
+        ("p M, q m7", "1 q p 7-7", "p None, q p", ""),
+        ("p M, q m7", "1 q p 0-1,7-6", "p None, q p", "1 q: a range that ends before it begins"),
         ("p M, q m0, r m0", "1 q p 0-40000;SG_MUL_VAL_ 1 r p 0-40000", "p None, q p, r p",
          "1 r: 0-40000: more than 65536 values"),
     ],

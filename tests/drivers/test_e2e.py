@@ -17,7 +17,7 @@ from places import ROOT
 from pcpc.drivers.can import dbc, e2e
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import INJECTED, FrameState, name_of
-from pcpc.drivers.compiled.rows import RECEIVER
+from pcpc.drivers.compiled.rows import Receiver
 from pcpc.tools.dev.evidence.expected import crc16
 
 DBC = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")
@@ -70,7 +70,7 @@ def let_pass(state: np.ndarray, name: str, turns: int) -> None:
 
 def counts(state: NDArray[np.int64], name: str) -> dict[str, int]:
     values = state[ROWS[name]].tolist()
-    return dict(zip(RECEIVER.names or (), values, strict=True))
+    return dict(zip(Receiver.dtype.names or (), values, strict=True))
 
 
 @pytest.mark.parametrize(

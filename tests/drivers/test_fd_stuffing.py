@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from test_frame_bits import FD_LENGTHS, fd_bits
 
-from pcpc.drivers.can.fd_stuffing import Place, encode_fd
-from pcpc.drivers.can.stuffing import RAW_BITS, WIRE_BITS
 from pcpc.drivers.compiled.rows import Flag
+from pcpc.drivers.line.fd_stuffing import Place, encode_fd
+from pcpc.drivers.line.stuffing import RAW_BITS, WIRE_BITS
 
 DIVISORS = {17: 0x3685B, 21: 0x302899}
 COUNTS = ("0000", "0011", "0110", "0101", "1100", "1111", "1010", "1001")  # the standard's table

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers.fmi.layout import DTYPES, HEAD, KINDS, TYPES, Doing, Role, Status
+from pcpc.drivers.fmi.layout import DTYPES, KINDS, TYPES, Doing, Head, Role, Status
 from pcpc.executive.rig import fmu_block
 
 DT = 0.25
@@ -35,7 +35,7 @@ class Fmu:
         self.given, self.taken = (np.zeros(2, DTYPES[code]) for _ in range(2))
         self.last, self.places = np.array([7.0, 7.0]), np.array([1, 0])
         self.references = np.array([4, 5], np.uint32)
-        self.memory = np.zeros(1, HEAD).view(np.recarray)
+        self.memory = np.zeros(1, Head.dtype).view(np.recarray)
         self.head: Any = self.memory[0]
         kept: Any = EXCHANGE[self.version]
         self.kept = [kept(self._set), kept(self._get), DO_STEP[self.version](self._step)]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can.frame_bits import UNSTUFFED, classic_bits, fd_bits, transmission_ns
-from pcpc.drivers.can.stuffing import RAW_BITS, WIRE_BITS, encode
+from pcpc.drivers.line.stuffing import RAW_BITS, WIRE_BITS, encode
 
 CRC15 = 0x4599
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)

@@ -11,8 +11,9 @@ import pytest
 from places import ROOT
 
 from pcpc.drivers.compiled import inner
-from pcpc.drivers.compiled.in_numba import f8, i8, numba, types
+from pcpc.drivers.compiled.in_numba import f8, i8, types
 from pcpc.drivers.compiled.jit import JIT_OFF
+from pcpc.drivers.compiled.target import njit
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
 LAW = """
@@ -81,19 +82,19 @@ def test_an_inner_function_raises_what_it_says(tmp_path: Path, cold: bool) -> No
 def test_an_address_of_an_inner_function_can_be_called() -> None:
     kind = types.FunctionType(f8(f8))
 
-    @numba.njit
+    @njit
     def third(x: float) -> float:
         return x / 3.0
 
-    @numba.njit
+    @njit
     def direct(x: float) -> float:
         return third(x)
 
-    @numba.njit(f8(kind, f8))
+    @njit(f8(kind, f8))
     def apply(function: object, x: float) -> float:
         return function(x)  # type: ignore[operator]
 
-    @numba.njit
+    @njit
     def of_third(x: float) -> float:
         return apply(third, x)
 
@@ -101,14 +102,14 @@ def test_an_address_of_an_inner_function_can_be_called() -> None:
 
 
 def test_threads_that_compile_at_the_same_time_get_what_they_call() -> None:
-    @numba.njit
+    @njit
     def power(x: float, n: int) -> float:
         value = 1.0
         for _ in range(n):
             value *= x
         return value
 
-    makers = [numba.njit(lambda x, n=n: power(x, n)) for n in range(6)]
+    makers = [njit(lambda x, n=n: power(x, n)) for n in range(6)]
     found: dict[int, float] = {}
 
     def work(i: int) -> None:
@@ -126,21 +127,21 @@ def test_threads_that_compile_at_the_same_time_get_what_they_call() -> None:
 def test_what_is_compiled_for_another_is_optimised_once() -> None:
     """The library of an inner function is linked and no more: numba's engine never sees it."""
 
-    @numba.njit(f8(f8))
+    @njit(f8(f8))
     def never_called(x: float) -> float:
         return x
 
-    @numba.njit
+    @njit
     def small(x: float) -> float:
         return x + 1.0
 
-    @numba.njit(f8(f8))
+    @njit(f8(f8))
     def large(x: float) -> float:
         return small(x)
 
     (one,), (two,) = small.overloads.values(), large.overloads.values()
     assert one.library.inner and not two.library.inner
-    assert not isinstance(two.entry_point, inner._Entry)
+    assert not isinstance(two.entry_point, inner.InnerFunction)
     assert large(1.0) == 2.0 and never_called(1.0) == 1.0
 
 
@@ -175,15 +176,81 @@ def test_two_processes_do_not_compile_the_same_function(tmp_path: Path) -> None:
 
 
 def test_arrays_pass_through() -> None:
-    @numba.njit
+    @njit
     def total(values: np.ndarray) -> float:
         found = 0.0
         for value in values:
             found += value
         return found
 
-    @numba.njit(f8(types.float64[::1], i8))
+    @njit(f8(types.float64[::1], i8))
     def mean(values: np.ndarray, n: int) -> float:
         return total(values) / n
 
     assert mean(np.arange(4.0), 4) == 1.5
+
+
+USERS = """
+import numba
+import numpy as np
+from numba.core import caching, codegen, cpu, dispatcher, registry, target_extension
+
+CLASSES = (dispatcher.Dispatcher, dispatcher._FunctionCompiler, cpu.CPUContext,
+           codegen.JITCPUCodegen, codegen.JITCodeLibrary, caching.Cache, registry.CPUDispatcher)
+
+@numba.njit
+def before(x):
+    return 3.0 * x
+
+@numba.njit
+def with_helpers_of_numba(x):
+    a = np.zeros(4)
+    a[1:3] = (x, x)
+    return a.sum()
+
+first = before(with_helpers_of_numba(0.5))
+was = first, [dict(vars(one)) for one in CLASSES], dispatcher.FunctionCache
+
+import law
+from pcpc.drivers.compiled.deferred import is_open
+assert not is_open()
+assert law.root(1.0) == 10.0
+assert [dict(vars(one)) for one in CLASSES] == was[1], "a class of numba's is another"
+assert dispatcher.FunctionCache is was[2] and numba.njit.__module__ == "numba.core.decorators"
+
+@numba.njit(cache=True)
+def after(x):
+    return 3.0 * x
+
+@numba.njit
+def above(x):
+    return law.root(x) + before(x)
+
+from pcpc.drivers.compiled.jit import compiled
+@compiled()
+def ours(x):
+    return above(x) + after(x) + law.helper(x)
+
+helped = with_helpers_of_numba.py_func
+assert compiled()(helped)(1.0) == with_helpers_of_numba(1.0) == 2.0
+@numba.njit
+def helped_again(x):
+    a = np.zeros(3)
+    a[0:2] = (x, x)
+    return a.max()
+assert helped_again(1.0) == 1.0 and compiled()(helped_again.py_func)(2.0) == 2.0
+
+assert ours(1.0) == 19.0 and above(1.0) == 13.0 and after(1.0) == before(1.0) == 3.0
+assert type(after) is type(before) is registry.CPUDispatcher
+assert type(after._cache) is caching.FunctionCache
+steps = [[line.split()[0] for line in one.inspect_asm(one.signatures[0]).splitlines()
+          if line.startswith("\\t") and not line.startswith("\\t.")] for one in (before, after)]
+assert steps[0] == steps[1] and "mulsd" in steps[0], steps
+print(law.root(1.0))
+"""
+
+
+def test_what_others_compile_in_the_same_process_stays_with_numba(tmp_path: Path) -> None:
+    """A user's `@njit` before and after ours: same classes, same cache, called both ways."""
+    (tmp_path / "users.py").write_text(USERS)
+    assert said(tmp_path, "import users") == "10.0"

@@ -1,10 +1,12 @@
 """Compiled code that is damaged, another's, or cannot be kept: compiled again, nothing worse."""
 
+import math
 import os
 import pwd
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,8 @@ import pytest
 from places import ROOT
 
 from pcpc.drivers.compiled import compile_cache, kept_files
-from pcpc.executive.rig import law_errors
-from pcpc.executive.rig.modules import module_of
+from pcpc.executive.own_laws import law_errors
+from pcpc.executive.own_laws.modules import module_of
 
 LAW = "from pcpc.drivers.compiled.jit import compiled, f8\n" + "".join(
     f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
@@ -171,6 +173,23 @@ def test_a_place_that_takes_no_code_is_never_named_without_a_reason(
     kept_files.keep_first(folders, keep)
     said = capsys.readouterr().err
     assert said == f"compiled code cannot be kept in {wanted}: {why}; it goes to {other}\n", said
+
+
+@pytest.mark.parametrize(("short_s", "said"), [(0.0, [str(os.getpid())]), (math.inf, [])])
+def test_a_long_wait_for_who_compiles_the_same_is_said_once(
+    short_s: float, said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holders: list[str] = []
+    monkeypatch.setattr(compile_cache, "SHORT_S", short_s)
+    monkeypatch.setattr(compile_cache, "watch", compile_cache._Watch())
+    compile_cache.watch.listener = lambda done, holder="": holders.append(holder)
+    held = kept_files.claim(tmp_path, "f")
+    assert held is not None
+    end = threading.Timer(0.1, held.close)
+    end.start()
+    again = kept_files.claim(tmp_path, "f")
+    assert held.closed and again is not None and holders == said
+    again.close()
 
 
 def test_a_cache_that_is_no_folder_is_bypassed(machine: Machine) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers.compiled.jit import numba
+from pcpc.drivers.compiled.jit import njit
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, in_single, table
 from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.laws.emath import pow2, sqrt, where
@@ -45,14 +45,14 @@ def same(found: list[float], wanted: list[float]) -> bool:
 def test_two_operands(function: Callable[[Any, Any], Any]) -> None:
     compares = function in BINARY[4:]
 
-    @numba.njit(error_model="numpy")
+    @njit(error_model="numpy")
     def lanes(values: Any, n: Any) -> None:
         w = lane_rows(values)
         for i in range(n):
             found = function(w[i], w[n + i])
             w[2 * n + i] = where(found, 1.0, 0.0) if compares else found
 
-    @numba.njit(error_model="numpy")
+    @njit(error_model="numpy")
     def one(a: Any, b: Any) -> Any:
         return function(a, b)
 
@@ -61,7 +61,7 @@ def test_two_operands(function: Callable[[Any, Any], Any]) -> None:
     assert same(in_lanes(lanes, first, second), wanted)
 
 
-@numba.njit(error_model="numpy")
+@njit(error_model="numpy")
 def _one_operand(values: Any, n: Any) -> None:
     w = lane_rows(values)
     for i in range(n):
@@ -88,7 +88,7 @@ def test_one_operand_and_what_joins_masks() -> None:
         assert same(found.tolist(), column.tolist()), i
 
 
-@numba.njit(error_model="numpy")
+@njit(error_model="numpy")
 def _powers(values: Any, n: Any) -> None:
     w = lane_rows(values)
     for i in range(n):
@@ -100,7 +100,7 @@ def test_powers_of_two() -> None:
     assert same(in_lanes(_powers, k), [2.0**one for one in k])
 
 
-@numba.njit(error_model="numpy")
+@njit(error_model="numpy")
 def _decides(values: Any) -> Any:
     w, done = lane_rows(values), 0
     if w[0] > 0.5:

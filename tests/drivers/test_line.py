@@ -29,9 +29,9 @@ from line_kinds import (
 from test_fd_stuffing import fd_frame, stream
 from test_frame_bits import FD_LENGTHS, arbitration
 
-from pcpc.drivers.can import line as lines
 from pcpc.drivers.can.frame_bits import fd_bits
 from pcpc.drivers.compiled.rows import Flag
+from pcpc.drivers.line import line as lines
 from pcpc.tools.start.bus.response import Message, responses_ns
 
 BRS, ESI = Flag.BRS, Flag.ESI
@@ -119,7 +119,7 @@ def test_a_bit_that_is_closed_begins_what_waits_and_the_rest_comes_too_late(kind
     ("senders", "room"), [(0, 1), (lines.SENDERS + 1, 1), (1, 0), (1, lines.MOST_ROOM + 1)]
 )
 def test_a_line_has_so_many_senders_and_so_much_room(senders: int, room: int) -> None:
-    line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
+    line: Any = np.zeros(1, lines.Line.dtype).view(np.recarray)[0]
     with pytest.raises(ValueError, match=f"{senders} senders with room for {room}: at most "):
         lines.prepare(line, senders, room, bitrate=500_000)
 

@@ -30,8 +30,8 @@ from line_kinds import (
 from test_fd_stuffing import fd_frame
 from test_frame_bits import FD_LENGTHS, classic_stream
 
-from pcpc.drivers.can import line as lines
-from pcpc.drivers.can.line import Condition, Outcome
+from pcpc.drivers.line import line as lines
+from pcpc.drivers.line.line import Outcome, SenderState
 
 # ---------------------------------------------------------------------------------- error frames
 
@@ -148,10 +148,10 @@ def test_the_counters_pass_warning_passive_and_bus_off_where_the_standard_says(k
         assert event[0] == (Outcome.ERROR if n < 32 else Outcome.BUS_OFF)
         line.waiting[A] = min(line.waiting[A], 1)
     expected = (
-        [Condition.ACTIVE] * 11
-        + [Condition.WARNING] * 4
-        + [Condition.PASSIVE] * 16
-        + [Condition.OFF]
+        [SenderState.ACTIVE] * 11
+        + [SenderState.WARNING] * 4
+        + [SenderState.PASSIVE] * 16
+        + [SenderState.OFF]
     )
     assert states == expected, "96 is the 12th, 128 the 16th, 256 the 32nd"
     assert (line.times_off[A], line.worst[A]) == (1, 256)
@@ -247,7 +247,7 @@ def test_who_has_only_errors_goes_bus_off_and_its_frame_is_lost(kind: Kind) -> N
     lines.put(line, A, kind.frame(1, kind.longest), 0)
     found = events(line, 100_000)
     assert [what for what, *_ in found[:32]] == [Outcome.ERROR] * 31 + [Outcome.BUS_OFF]
-    assert lines.state_of(line, A) in (Condition.OFF, Condition.ACTIVE)
+    assert lines.state_of(line, A) in (SenderState.OFF, SenderState.ACTIVE)
     assert (line.lost_off[A], line.sent[A]) == (1, 0)
 
 

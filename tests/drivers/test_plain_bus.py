@@ -15,11 +15,11 @@ from free_bus import own_bus
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import can_id, plain_bus
-from pcpc.drivers.can.plain_bus import Can, Frame
+from pcpc.drivers.can.plain_bus import BusFrame, Can
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import BusError
 
-FRAME = Frame(0x123, b"\x01\x02")
+FRAME = BusFrame(0x123, b"\x01\x02")
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_what_is_no_message_at_all_is_no_frame(text: bytes) -> None:
 
 
 def test_a_datagram_with_the_largest_numbers_is_a_frame() -> None:
-    def frame(**said: Any) -> Frame | None:
+    def frame(**said: Any) -> BusFrame | None:
         return plain_bus._frame_of_datagram(msgpack.packb(GOOD | said))
 
     assert frame() == (0x7FF, b"hi", Flag.NONE)
@@ -121,9 +121,9 @@ def test_a_datagram_with_the_largest_numbers_is_a_frame() -> None:
 
 def test_frames_go_both_ways_over_udp_and_none_of_its_own_comes_back() -> None:
     channel = own_bus().removeprefix("udp_multicast:")
-    one, other = (plain_bus.open_bus(buses.Bus("udp_multicast", channel)) for _ in range(2))
+    one, other = (plain_bus.open_bus(buses.BusAddress("udp_multicast", channel)) for _ in range(2))
     extended = can_id.word_of(0x18FF0001, True)
-    sent = [FRAME, Frame(extended, bytes(12), Flag.FD | Flag.BRS), Frame(1, b"", Flag.FD)]
+    sent = [FRAME, BusFrame(extended, bytes(12), Flag.FD | Flag.BRS), BusFrame(1, b"", Flag.FD)]
     for frame in sent:
         one.put(*frame)
     assert isinstance(one, plain_bus.Udp)
@@ -142,7 +142,7 @@ def test_frames_go_both_ways_over_can(
     monkeypatch.setattr(socket.socket, "setsockopt", lambda *words: options.append(words[1:]))
     options: list[tuple[int, ...]] = []
     monkeypatch.setattr(buses, "_mtu", lambda channel: 72)
-    bus = plain_bus.open_bus(buses.Bus("socketcan", "can7"))
+    bus = plain_bus.open_bus(buses.BusAddress("socketcan", "can7"))
     assert options == [(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)]
     bus.put(0x123, bytes(12), Flag.FD | Flag.BRS)
     assert near.recv(100) == struct.pack("<IBB2x64x", 0x123, 12, Flag.FD | Flag.BRS)
@@ -152,7 +152,7 @@ def test_frames_go_both_ways_over_can(
                           (1, 9, 16), (2, 12, 72)):  # fmt: skip
         near.send(struct.pack("<IBB", word, n, Flag.BRS).ljust(size, b"\0"))
     assert bus.fileno() == bus._can.fileno()  # type: ignore[union-attr]
-    got = [Frame(1, bytes(2)), Frame(2, bytes(12), Flag.FD | Flag.BRS)]
+    got = [BusFrame(1, bytes(2)), BusFrame(2, bytes(12), Flag.FD | Flag.BRS)]
     assert [*bus.frames()] == got
     bus.close()
     near.close()
@@ -162,4 +162,4 @@ def test_frames_go_both_ways_over_can(
 
 def test_no_other_bus_is_opened() -> None:
     with pytest.raises(BusError, match=r"^pcan:x: expected socketcan or udp_multicast$"):
-        plain_bus.open_bus(buses.Bus("pcan", "x"))
+        plain_bus.open_bus(buses.BusAddress("pcan", "x"))

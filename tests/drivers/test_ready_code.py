@@ -13,18 +13,22 @@ from places import ROOT
 
 from pcpc.drivers.compiled import kept_files, kinds
 from pcpc.drivers.compiled.jit import JIT_OFF, VIEW, compiled, f8, i8, types
-from pcpc.drivers.compiled.ready_code import Source
+from pcpc.drivers.compiled.ready_code import ImportedFunction
 from pcpc.drivers.compiled.structures import structure
 
 pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
 LAW = """
 import numpy as np
 from pcpc.drivers.compiled.jit import compiled, f8, i8, types
-from pcpc.drivers.compiled.rows import row_of
+from pcpc.drivers.compiled.records import Element
 from pcpc.drivers.compiled.structures import structure
 
-PAIR = row_of("first second", "third")
-N = structure(PAIR)
+class Pair(Element):
+    first: int
+    second: int
+    third: float
+
+N = structure(Pair.dtype)
 
 @compiled(f8(f8, i8))
 def declared(x, n):
@@ -62,7 +66,7 @@ import numpy as np
 import law
 from pcpc.drivers.compiled.compile_cache import watch
 
-pair = np.zeros(2, law.PAIR).view(np.recarray)
+pair = np.zeros(2, law.Pair.dtype).view(np.recarray)
 law.fill((pair[0], pair[1]), 0.5)
 table = np.arange(6.0).reshape(2, 3)
 said = [law.declared(1.5, 2), law.total(table), law.total(table.T), law.total(table[:, ::2])]
@@ -77,7 +81,7 @@ for i in range(2):
         said += [*error.args, trace.tb_lineno]
 print(said, watch.done, "numba" in sys.modules)
 """
-RIGHT = [3.5, 15.0, 15.0, 10.0, 3, 4, 0.5, (True, -2.0, 7), "below zero", 33, "below zero", 33]
+RIGHT = [3.5, 15.0, 15.0, 10.0, 3, 4, 0.5, (True, -2.0, 7), "below zero", 37, "below zero", 37]
 
 
 def said(folder: Path, main: str, **more: str) -> str:
@@ -200,5 +204,5 @@ def test_what_cannot_be_kept_is_compiled_without_a_word(
 ) -> None:
     monkeypatch.setattr(kept_files, "_told", [])
     outside = object()  # no constant: no file tells what it is
-    Source(lambda: outside).keep("", "step", "", b"code")
+    ImportedFunction(lambda: outside).keep("", "step", "", b"code")
     assert capsys.readouterr().err == ""

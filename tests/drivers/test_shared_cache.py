@@ -7,6 +7,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,9 @@ pytestmark = [
     pytest.mark.skipif(JIT_OFF, reason="numba is switched off"),
     pytest.mark.skipif(platform.machine() != "x86_64", reason="the names are of its processors"),
 ]
-PROCESSORS = ("generic", "nehalem", "sandybridge", "x86-64-v2")  # every machine of today runs them
+PROCESSORS = (  # every machine of today runs them: names and features, "" for its own ones
+    ("generic", ""), ("nehalem", ""), ("generic", "+sse2"), ("generic", "+sse2,+sse4.2"),
+)  # fmt: skip
 SHARED = """
 from pcpc.drivers.compiled.jit import inline
 @inline
@@ -95,8 +98,8 @@ def said(process: "subprocess.Popen[str]") -> str:
     return text.strip()
 
 
-def on(processor: str) -> dict[str, str]:
-    return {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
+def on(processor: tuple[str, str]) -> dict[str, str]:
+    return dict(zip(("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"), processor, strict=True))
 
 
 def write_steps(folder: Path) -> None:
@@ -143,6 +146,9 @@ def test_processors_of_four_kinds_that_fill_one_cache_at_once_have_equal_bits(
         ]
         for i, process in enumerate(processes):
             assert said(process).split() == right().split()[:: 1 - 2 * (i % 2)]
+    kept = Counter(file.name.partition("-")[0] for file in (tmp_path / "cache").rglob("*.nbc"))
+    wanted = {f"{name}.{what}": 4 for name in ("falls", "turns") for what in ("step", "slope")}
+    assert {name: kept[name] for name in wanted} == wanted, "one took what another one has kept"
 
 
 def test_functions_of_one_name_that_two_processes_compiled_are_two(tmp_path: Path) -> None:
@@ -162,7 +168,7 @@ def test_a_module_that_is_imported_while_another_function_is_compiled_is_compile
     main = """
 from pcpc.drivers.compiled import inner
 import pcpc.drivers.compiled.in_numba
-with inner._deeper(root=False), inner._deeper(root=False):
+with inner.deeper(root=False), inner.deeper(root=False):
     import falls
 assert falls.step.entry != 0
 """

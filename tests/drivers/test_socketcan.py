@@ -16,8 +16,8 @@ import pytest
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.bus import Bus
-from pcpc.drivers.can.wire_layout import WIRE, Arrival, Flag, Medium
+from pcpc.drivers.can.bus import BusAddress
+from pcpc.drivers.can.wire_layout import Arrival, Flag, Medium, Wire
 from pcpc.drivers.errors import BusError
 
 UP, DOWN = "0x41\n", "0x40\n"
@@ -85,8 +85,8 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
 
 
 def new_wire(fd: int = 0) -> Any:
-    """Return a zeroed WIRE record."""
-    records = np.recarray(1, WIRE)
+    """Return a zeroed Wire record."""
+    records = np.recarray(1, Wire.dtype)
     records.view(np.uint8)[:] = 0
     records[0].fd = fd
     return records[0]
@@ -94,7 +94,7 @@ def new_wire(fd: int = 0) -> Any:
 
 def test_a_node_hears_its_frames_the_controller_and_no_others(machine: Machine) -> None:
     end = new_wire()
-    buses.open_bus(Bus("socketcan", "vcan0"), [0x123, 0x18FF0001], end)
+    buses.open_bus(BusAddress("socketcan", "vcan0"), [0x123, 0x18FF0001], end)
     assert (end.kind, end.fd_tx, end.fd_rx, end.fd_rx2) == (Medium.SOCKETCAN, 77, 77, -1)
     ids = 0x80000000 | 0x18FF0001, 0xC0000000 | 0x1FFFFFFF  # extended, and no remote frame
     assert machine.options[socket.CAN_RAW_FILTER] == struct.pack("=IIII", 0x123, 0xC00007FF, *ids)
@@ -105,7 +105,7 @@ def test_a_node_hears_its_frames_the_controller_and_no_others(machine: Machine) 
 
 def test_who_may_not_enlarge_its_buffer_has_what_everybody_has(machine: Machine) -> None:
     machine.refusals["option 33"] = PermissionError(1, "no")
-    buses.open_bus(Bus("socketcan", "vcan0"), [], new_wire())
+    buses.open_bus(BusAddress("socketcan", "vcan0"), [], new_wire())
     assert machine.options[socket.SO_RCVBUF] == buses.RECEIVE_BUFFER_BYTES
 
 
@@ -120,10 +120,10 @@ def test_can_fd_is_asked_for_where_the_rig_has_it_and_refused_where_the_interfac
         ),
     ):
         with pytest.raises(BusError, match="the interface has no CAN FD") as refused:
-            buses.open_bus(Bus("socketcan", name), [], new_wire(fd=1))
+            buses.open_bus(BusAddress("socketcan", name), [], new_wire(fd=1))
         assert cure in str(refused.value) and machine.sockets == 0
     machine.mtu = 72
-    buses.open_bus(Bus("socketcan", "vcan0"), [], new_wire(fd=1))
+    buses.open_bus(BusAddress("socketcan", "vcan0"), [], new_wire(fd=1))
     assert machine.options[socket.CAN_RAW_FD_FRAMES] == 1
 
 
@@ -140,7 +140,7 @@ def test_a_refusal_of_the_kernel_is_told_with_the_cure(
 ) -> None:
     machine.refusals[at] = refusal
     with pytest.raises(BusError, match=said) as refused:
-        buses.open_bus(Bus("socketcan", "vcan0"), [], new_wire())
+        buses.open_bus(BusAddress("socketcan", "vcan0"), [], new_wire())
     assert "ip link add dev vcan0 type vcan" in str(refused.value)
     assert machine.sockets == 0
 
@@ -148,17 +148,17 @@ def test_a_refusal_of_the_kernel_is_told_with_the_cure(
 def test_a_group_that_cannot_be_joined_is_told_and_nothing_stays_open(machine: Machine) -> None:
     machine.flags = {}
     with pytest.raises(BusError, match=r"No such device; is the loopback interface up"):
-        buses.open_bus(Bus("udp_multicast", buses.UDP_GROUP), [], new_wire())
+        buses.open_bus(BusAddress("udp_multicast", buses.UDP_GROUP), [], new_wire())
     assert machine.sockets == 0
 
 
 def test_an_interface_that_is_down_or_missing_is_told(machine: Machine) -> None:
     machine.flags["vcan0"] = DOWN
     with pytest.raises(BusError, match="vcan0: the interface is down; run `sudo ip link set vcan"):
-        buses.open_bus(Bus("socketcan", "vcan0"), [], new_wire())
+        buses.open_bus(BusAddress("socketcan", "vcan0"), [], new_wire())
     assert machine.sockets == 0
     with pytest.raises(BusError, match="vcan7: no such interface; create it"):
-        buses.open_bus(Bus("socketcan", "vcan7"), [], new_wire())
+        buses.open_bus(BusAddress("socketcan", "vcan7"), [], new_wire())
 
 
 @pytest.mark.parametrize(
@@ -186,44 +186,46 @@ def test_a_virtual_interface_is_ready_or_made_where_root_may(
 
 
 def test_auto_is_the_virtual_interface_where_there_is_one(machine: Machine) -> None:
-    assert buses.bus_named("auto", None) == Bus("socketcan", "vcan0")
-    assert buses.bus_named("auto", "can0") == Bus("socketcan", "can0")
+    assert buses.bus_named("auto", None) == BusAddress("socketcan", "vcan0")
+    assert buses.bus_named("auto", "can0") == BusAddress("socketcan", "can0")
     machine.refusals["socket"] = OSError("no CAN")
-    assert buses.bus_named("auto", "can0") == Bus("udp_multicast", buses.UDP_GROUP)
-    assert buses.bus_named("socketcan", None) == Bus("socketcan", "vcan0")
+    assert buses.bus_named("auto", "can0") == BusAddress("udp_multicast", buses.UDP_GROUP)
+    assert buses.bus_named("socketcan", None) == BusAddress("socketcan", "vcan0")
 
 
 def test_the_bus_beside_one_is_the_next_of_its_kind(machine: Machine) -> None:
     group = buses.UDP_GROUP
     for channel, beside in ((group, f"{group}:43114"), (f"{group}:65535", group)):
-        assert buses.neighbour_of(Bus("udp_multicast", channel)) == Bus("udp_multicast", beside)
-    assert buses.neighbour_of(Bus("socketcan", "vcan0")) == Bus("socketcan", "vcan1")
+        assert buses.neighbour_of(BusAddress("udp_multicast", channel)) == BusAddress(
+            "udp_multicast", beside
+        )
+    assert buses.neighbour_of(BusAddress("socketcan", "vcan0")) == BusAddress("socketcan", "vcan1")
     assert len(machine.commands) == 2  # it was missing
     machine.flags["vcan1"] = DOWN  # another node is just making it
-    assert buses.neighbour_of(Bus("socketcan", "vcan0")) == Bus("socketcan", "vcan1")
+    assert buses.neighbour_of(BusAddress("socketcan", "vcan0")) == BusAddress("socketcan", "vcan1")
     assert len(machine.commands) == 4
     machine.flags["vcan1"] = UP
-    assert buses.neighbour_of(Bus("socketcan", "vcan0")) == Bus("socketcan", "vcan1")
+    assert buses.neighbour_of(BusAddress("socketcan", "vcan0")) == BusAddress("socketcan", "vcan1")
     assert len(machine.commands) == 4
-    for odd in (Bus("pcan", "x1"), Bus("socketcan", "mycan")):
+    for odd in (BusAddress("pcan", "x1"), BusAddress("socketcan", "mycan")):
         with pytest.raises(BusError, match="which bus is beside it is unknown; name it"):
             buses.neighbour_of(odd)
 
 
 def test_a_second_bus_is_of_the_kind_of_the_first(machine: Machine) -> None:
     end = new_wire()
-    buses.open_bus(Bus("socketcan", "vcan0"), [], end)
-    buses.open_second(Bus("socketcan", "can0"), [], end)
+    buses.open_bus(BusAddress("socketcan", "vcan0"), [], end)
+    buses.open_second(BusAddress("socketcan", "can0"), [], end)
     assert (end.fd_tx2, end.fd_rx2) == (77, 77)
     buses.set_own_address(end)  # nothing comes back
     assert not end.own.any()
-    for other in (Bus("udp_multicast", buses.UDP_GROUP), Bus("virtual", "x")):
+    for other in (BusAddress("udp_multicast", buses.UDP_GROUP), BusAddress("virtual", "x")):
         with pytest.raises(BusError, match="make both buses of a local node socketcan, or both"):
             buses.open_second(other, [], end)
 
 
 def test_a_listener_hears_all_and_the_time(machine: Machine) -> None:
-    buses.listener(Bus("socketcan", "vcan0"))
+    buses.listener(BusAddress("socketcan", "vcan0"))
     assert socket.CAN_RAW_FILTER not in machine.options
     assert machine.options[buses._SO_TIMESTAMPNS] == 1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.compiled.jit import loop_function, numba
-from pcpc.drivers.compiled.structures import copy, data_of, structure
+from pcpc.drivers.compiled.structures import copy, data_of, structure, words, words_of
 
 INNER = np.dtype([("flag", "<i8"), ("table", "<f8", (3, 4)), ("byte", "u1", (5,))], align=True)
 OUTER = np.dtype(
@@ -14,7 +14,9 @@ OUTER = np.dtype(
      ("count", "<i8"), ("words", "<i8", (6,))],
     align=True,
 )  # fmt: skip
+COUNTS = np.dtype([("first", "<i8"), ("rows", [("a", "<i8"), ("b", "<i8", (2,))], (3,))])
 structure(OUTER)
+structure(COUNTS)
 
 
 @loop_function
@@ -87,3 +89,20 @@ def test_a_field_that_is_not_there_and_a_whole_table_are_refused() -> None:
         read(record(1))
     with pytest.raises(TypeError, match="set them one by one"):
         write(record(1))
+
+
+@loop_function
+def weighed(n: Any) -> Any:
+    """Return a sum that each word and its place change."""
+    every, total = words(n), 0
+    for i in range(len(every)):
+        total += (i + 1) * every[i]
+    return total
+
+
+def test_the_words_of_a_structure_are_those_of_its_memory() -> None:
+    n = np.arange(10, 20).view(COUNTS)[0:1].view(np.recarray)[0]
+    assert words_of(n).tolist() == list(range(10, 20))
+    assert weighed(n) == sum((i + 1) * (i + 10) for i in range(10))
+    with pytest.raises(numba.core.errors.TypingError, match="No implementation of function"):
+        weighed(record(1))

@@ -55,8 +55,8 @@ PACKET[: wire.TEMPLATE_BYTES] = np.frombuffer(wire.TEMPLATE, np.uint8)
 
 
 def new_wire(kind: int = Medium.MEMORY) -> Any:
-    """Return a zeroed WIRE record, prepared for `kind`."""
-    records = np.recarray(1, wire_layout.WIRE)
+    """Return a zeroed Wire record, prepared for `kind`."""
+    records = np.recarray(1, wire_layout.Wire.dtype)
     records.view(np.uint8)[:] = 0
     wire.prepare(records[0], kind, -1, -1)
     return records[0]

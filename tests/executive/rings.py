@@ -27,7 +27,7 @@ PERIOD_NS = 1_000_000
 TESTS = [str(Path(__file__).parent), str(Path(__file__).parents[1])]  # for a process of its own
 
 
-def absent(node: logs.Node) -> int:
+def absent(node: logs.NodeLog) -> int:
     """Return how many cycles between the first and the last are not in the log."""
     return int(node.cycle[-1] - node.cycle[0]) + 1 - len(node.cycle)
 

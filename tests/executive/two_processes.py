@@ -20,7 +20,7 @@ from pcpc.drivers.can import bus as buses
 from pcpc.executive.log.reader import Log
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.executive.loop.cycle import run
+from pcpc.executive.loop.running import run
 from pcpc.executive.nodes.install import install
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.process import open_buses

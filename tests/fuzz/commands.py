@@ -33,13 +33,33 @@ def lines_of(log: Path, other: Path, out: Path) -> dict[str, list[str]]:
     return {
         "info": ["log", "info", a, *quiet],
         "info json": ["log", "info", a, "--json", *quiet],
-        "cat": ["log", "cat", a, *quiet],
-        "cat all": ["log", "cat", a, "--format", "ndjson", *quiet],
-        "cat frames": ["log", "cat", a, "--topics", "/can/frames", *quiet],
-        "cat frames csv": ["log", "cat", a, "--topics", "/can/frames", "--format", "csv", *quiet],
-        "cat plant": ["log", "cat", a, "--topics", "/plant/state", "--start", "1ms", *quiet],
-        "diff": ["log", "diff", a, b, *quiet],
-        "diff back": ["log", "diff", b, a, "*", "--json", *quiet],
+        "cat": ["log", "export", a, "-o-", *quiet],
+        "cat all": ["log", "export", a, "-o-", "--format", "ndjson", *quiet],
+        "cat frames": ["log", "export", a, "-o-", "--topics", "/can/frames", *quiet],
+        "cat frames csv": [
+            "log",
+            "export",
+            a,
+            "-o-",
+            "--topics",
+            "/can/frames",
+            "--format",
+            "csv",
+            *quiet,
+        ],
+        "cat plant": [
+            "log",
+            "export",
+            a,
+            "-o-",
+            "--topics",
+            "/plant/state",
+            "--start",
+            "1ms",
+            *quiet,
+        ],
+        "diff": ["compare", "--bits", a, b, *quiet],
+        "diff back": ["compare", "--bits", b, a, "*", "--json", "-", *quiet],
         "recover": ["log", "recover", a, "-o", str(out / "r.mcap"), *quiet],
         "csv": ["log", "export", a, "-o", str(out / "o.csv"), *quiet],
         "candump": ["log", "export", a, "-o", str(out / "o.log"), *quiet],
@@ -103,13 +123,10 @@ def tried(words: list[str], out: Path) -> Finding | None:
 
 def tried_to_play(log: Path) -> Finding | None:
     """Choose the frames to play, as `pcpc play` does before it opens a bus."""
-    import argparse
-
     from pcpc.executive.log import reader as logs
 
-    options = argparse.Namespace(role=None, only=[], start=0.0, duration=None)
     try:
-        play_frames.choose(play_frames.bus_frames(logs.read(log)), options, str(log))
+        play_frames.choose(play_frames.bus_frames(logs.read(log)), str(log))
     except (play_frames.PlayError, logs.LogError):
         return None
     except Exception as error:

@@ -10,16 +10,14 @@ from hypothesis import strategies as st
 
 from pcpc.drivers.errors import BusError
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop import injected_frames, injected_values
+from pcpc.executive.loop.fault_kinds import KINDS, WrongFrame, WrongNode, WrongValue
 from pcpc.executive.loop.requests import SLOTS, Refusal
-from pcpc.executive.nodes.planned_faults import FLOOD, HOWS, STALL, WITHOUT_VALUE
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.evidence import envelope
 
 PROBE = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
-VALUES, IN_FRAMES = injected_values.KINDS, injected_frames.KINDS
 PLACES = ("controller.command", "plant:tx.FB.position", "plant:lag.position", "controller.gain",
           "plant:lag.tau_s", "tx.CMD.command", "rx.FB.position", "time.t_s", "x.y")  # fmt: skip
 FRAMES = ("FB", "CMD", "SYNC", "HB_PLANT", "fb")
@@ -34,26 +32,26 @@ ANY = (
     | st.text(max_size=5)
     | st.just([])
     | st.just({})
-    | st.sampled_from((*VALUES, *IN_FRAMES, *PLACES, *FRAMES, *TIMES))
+    | st.sampled_from((*KINDS, *PLACES, *FRAMES, *TIMES))
 )
 
 
 @st.composite
 def entries(draw: st.DrawFn) -> dict[str, Any]:
     """Draw a fault that makes sense; in half of them one or two keys do not."""
-    kind = draw(st.sampled_from((*VALUES, *IN_FRAMES, STALL, FLOOD)))
-    entry: dict[str, Any] = {"kind": kind}
-    if kind in VALUES:
+    kind = draw(st.sampled_from((*WrongValue, *WrongFrame, *WrongNode)))
+    entry: dict[str, Any] = {"kind": kind.word}
+    if isinstance(kind, WrongValue):
         entry["at"] = draw(st.sampled_from(PLACES[:5]))
-    elif kind in IN_FRAMES:
+    elif isinstance(kind, WrongFrame):
         entry["frame"] = draw(st.sampled_from(FRAMES[:3]))
     else:
         entry["node"] = draw(st.sampled_from(["executive", "plant"]))
-    if kind == "addressing":
+    if kind.row.copies:
         entry["data_of"] = draw(st.sampled_from(FRAMES[:3]))
-    if kind in HOWS:
-        entry["how"] = draw(st.sampled_from(HOWS[kind]))
-    if kind not in WITHOUT_VALUE:
+    if kind.row.hows:
+        entry["how"] = draw(st.sampled_from(kind.row.hows))
+    if kind.row.sized:
         entry["value"] = draw(st.floats(0.1, 7.0) | st.integers(1, 8) | NUMBERS)
     entry |= {"from": draw(st.sampled_from(TIMES[:3])), "for": draw(st.sampled_from(TIMES[:4]))}
     for key in draw(st.just([]) | st.lists(st.sampled_from(KEYS), min_size=1, max_size=2)):

@@ -1,15 +1,12 @@
 """Today's code against the golden runs: every bit of short logs and of whole runs."""
 
-import argparse
 from pathlib import Path
 
 import golden
 import pytest
 import zstandard
 from golden import LOG_BYTES, blessed, changes, missing, packed_log, rigs, whole
-
-from pcpc.tools.after.replay import replay
-from pcpc.tools.terminal.progress import Progress
+from replays import replayed
 
 RUNS = {name: (file, controller) for name, file, controller in rigs()}
 BLESS = "if this is meant, `make bless` and say why in the commit"
@@ -21,8 +18,7 @@ def test_a_golden_log_is_recomputed_bit_for_bit(name: str, tmp_path: Path) -> No
     assert len(packed) < LOG_BYTES, f"{name}: {len(packed)} bytes"
     log = tmp_path / "log.mcap"
     log.write_bytes(zstandard.ZstdDecompressor().decompress(packed, max_output_size=1 << 24))
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    for verdict in replay(log, options, Progress(quiet=True)):
+    for verdict in replayed(log):
         assert verdict.cycles >= 30, verdict.cycles
         assert verdict.identical, f"{name}: {verdict.first()} {verdict.incomplete}; {BLESS}"
 

@@ -8,14 +8,14 @@ import pytest
 
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.book import tuning
-from pcpc.plants.atb1000.book.tuning import RANGES, TABLE, Row
+from pcpc.plants.atb1000.book.tuning import RANGES, TABLE, Candidate
 from pcpc.tools.study.experiment.runs import alone
 from pcpc.tools.study.margin.book import tuning as command
 
 FOUND = tuning.read()
 
 
-def row(law: str, number: int) -> Row:
+def row(law: str, number: int) -> Candidate:
     return next(one for one in FOUND if (one.law, one.number) == (law, number))
 
 

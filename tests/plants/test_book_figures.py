@@ -9,15 +9,15 @@ from matplotlib.text import Text
 
 from pcpc.plants.book.figures import columns, draw_lines, legends, overlay, reference, save, times
 from pcpc.plants.pages import Line, Panel, sheet
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 T_S = np.linspace(0.0, 2.0, 5)
 
 
-def result(law: str, label: str = "") -> Result:
+def result(law: str, label: str = "") -> CaseResult:
     """Return a run with two traces."""
     case = Case("g", f"rigs/{law}.yaml", law, label)
-    return Result(case, {}, {"t": T_S, "a": T_S + 1.0, "b": -T_S})
+    return CaseResult(case, {}, {"t": T_S, "a": T_S + 1.0, "b": -T_S})
 
 
 def lines_of(ax: Any) -> list[tuple[str, str, str, str, float, str, list[float]]]:

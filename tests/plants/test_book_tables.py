@@ -12,8 +12,8 @@ import pytest
 from pcpc.plants.book import tables
 from pcpc.plants.book.tables import (
     Column,
+    RunsTable,
     Sentence,
-    Table,
     across,
     at,
     joined,
@@ -21,16 +21,16 @@ from pcpc.plants.book.tables import (
     page,
     part,
 )
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 from pcpc.tools.study.experiment.cli import studies
 
 LAWS = {"pd": 1.0, "nn": 5.0}
 
 
-def results() -> list[Result]:
+def results() -> list[CaseResult]:
     """Return two laws of two labels each, three runs of the first; the last of them diverged."""
     return [
-        Result(
+        CaseResult(
             Case("g", f"rigs/{rig}.yaml", law, f"{label} {law}"),
             {
                 "e": base + i + 0.25 * (rig == "two"),
@@ -47,7 +47,7 @@ def results() -> list[Result]:
     ]
 
 
-BY_LAW: dict[str, Callable[[Result], str]] = {"law": tables.controller_of}
+BY_LAW: dict[str, Callable[[CaseResult], str]] = {"law": tables.controller_of}
 
 
 @pytest.mark.parametrize(
@@ -77,11 +77,11 @@ BY_LAW: dict[str, Callable[[Result], str]] = {"law": tables.controller_of}
     ],
 )  # fmt: skip
 def test_a_cell_is_a_statistic_of_the_runs_of_its_row(column: Column, pd: str, nn: str) -> None:
-    text = Table("g", [column], rows=BY_LAW).markdown(results(), tables.nothing)
+    text = RunsTable("g", [column], rows=BY_LAW).markdown(results(), tables.nothing)
     assert text == f"| law |  |\n|---|---|\n| pd | {pd} |\n| nn | {nn} |\n"
 
 
-def rows_of(table: Table) -> list[str]:
+def rows_of(table: RunsTable) -> list[str]:
     """Return the rows of a table without its head."""
     return table.markdown(results(), tables.nothing).splitlines()[2:]
 
@@ -89,26 +89,28 @@ def rows_of(table: Table) -> list[str]:
 @pytest.mark.parametrize(
     ("table", "rows"),
     [
-        (Table("g", [], rows={"law": part(1), "label": part(0)}),
+        (RunsTable("g", [], rows={"law": part(1), "label": part(0)}),
          ["pd | b", "pd | a", "nn | b", "nn | a"]),
-        (Table("g", [], rows={"label": part(0), "law": part(1)}),
+        (RunsTable("g", [], rows={"label": part(0), "law": part(1)}),
          ["b | pd", "a | pd", "b | nn", "a | nn"]),
-        (Table("g", [], rows={"label": part(0), "law": part(1)}, nested=True),
+        (RunsTable("g", [], rows={"label": part(0), "law": part(1)}, nested=True),
          ["b | pd", "b | nn", "a | pd", "a | nn"]),
-        (Table("g", [], rows={"": joined(part(1), part(0))}), ["pd, b", "pd, a", "nn, b", "nn, a"]),
-        (Table(("g", "h"), [], rows={"group": tables.group_of}), ["g"]),
-        (Table("h", []), []),
-        (Table("g", across(part(1), LAWS, Column("{}", "e", text="{:.0f}")), rows={}), ["1 | 5"]),
-        (Table("g", [Column("", "", max, "{:.0f}")], metrics={"first": "q_1", "second": "off"}),
+        (RunsTable("g", [], rows={"": joined(part(1), part(0))}),
+         ["pd, b", "pd, a", "nn, b", "nn, a"]),
+        (RunsTable(("g", "h"), [], rows={"group": tables.group_of}), ["g"]),
+        (RunsTable("h", []), []),
+        (RunsTable("g", across(part(1), LAWS, Column("{}", "e", text="{:.0f}")), rows={}),
+         ["1 | 5"]),
+        (RunsTable("g", [Column("", "", max, "{:.0f}")], metrics={"first": "q_1", "second": "off"}),
          ["first | inf", "second | inf"]),
     ],
 )  # fmt: skip
-def test_a_row_is_what_its_keys_give_alike(table: Table, rows: list[str]) -> None:
+def test_a_row_is_what_its_keys_give_alike(table: RunsTable, rows: list[str]) -> None:
     assert rows_of(table) == [f"| {row} |" for row in rows]
 
 
 def test_a_head_names_every_key_then_every_column() -> None:
-    table = Table("g", [Column("e", "e")], rows={"label": part(0), "law": part(1)})
+    table = RunsTable("g", [Column("e", "e")], rows={"label": part(0), "law": part(1)})
     assert table.markdown(results(), tables.nothing).startswith(
         "| label | law | e |\n|---|---|---|"
     )
@@ -126,9 +128,9 @@ def test_expected_figures_stand_in_brackets_or_in_columns_of_their_own() -> None
         return figures[row]
 
     e, off = Column("e", "e", text="{:.0f}"), Column("off", "off", text="{:.0f}")
-    beside = Table(("g", "h"), (e, Column("there", 1), off), "Title", BY_LAW)
+    beside = RunsTable(("g", "h"), (e, Column("there", 1), off), "Title", BY_LAW)
     sentence = Sentence("g", [off, e], "{}, {} at most\n")
-    parts = ("Text", Table("g", (e, off), rows=BY_LAW), beside, sentence, len_text)
+    parts = ("Text", RunsTable("g", (e, off), rows=BY_LAW), beside, sentence, len_text)
     assert page(results(), parts, known) == (
         "Text\n| law | e | off |\n|---|---|---|\n| pd | 1 (0.9) | 0 |\n| nn | 5 | 0 (7) |\n"
         "\nTitle\n\n| law | e | there | off |\n|---|---|---|---|\n| pd | 1 |  | 0 |\n"
@@ -160,7 +162,7 @@ def test_every_figure_of_an_independent_implementation_stands_in_a_table(
     ones = defaultdict[str, float](lambda: 1.0)  # a rig's numbers take seconds to read
     monkeypatch.setattr(study, "nominal", lambda: (ones, ones), raising=False)
     monkeypatch.setattr(study, "known", known)
-    text = study.report([Result(case, defaultdict(float)) for case in study.cases()])
+    text = study.report([CaseResult(case, defaultdict(float)) for case in study.cases()])
     with file.open(encoding="utf-8", newline="") as lines:
         for group, row, *cells in csv.reader(lines):
             assert (group, row) in asked, f"{group}, {row}: no table has this row"

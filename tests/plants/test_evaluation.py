@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.executive.log.reader import FRAME, Log, Node
+from pcpc.executive.log.reader import FRAME, Log, NodeLog
 from pcpc.plants.atb1000 import ports
 from pcpc.plants.atb1000.evaluation import EVALUATION
 from pcpc.plants.judging import paired_rows
@@ -36,20 +36,20 @@ plant: {blocks: {barrel: {law: model.py, parameters: {gear_ratio: 60.0}}}}
 """
 
 
-def node(columns: dict[str, Array], phase_ns: int = 0) -> Node:
+def node(columns: dict[str, Array], phase_ns: int = 0) -> NodeLog:
     """Return a node of one cycle a period; `phase_ns` is added to the stamps."""
     cycle = np.arange(len(next(iter(columns.values()))), dtype=np.int64)
     stamps = cycle * PERIOD_NS + phase_ns
-    return Node(cycle, stamps, columns, {}, np.empty(0, FRAME), [], [], {})
+    return NodeLog(cycle, stamps, columns, {}, np.empty(0, FRAME), [], [], {})
 
 
-def rows_of(old: Node, rows: Array) -> Node:
+def rows_of(old: NodeLog, rows: Array) -> NodeLog:
     """Return a node with these rows only."""
     columns = {name: values[rows] for name, values in old.columns.items()}
     return replace(old, cycle=old.cycle[rows], stamp_ns=old.stamp_ns[rows], columns=columns)
 
 
-def with_nodes(log: Log, **nodes: Node) -> Log:
+def with_nodes(log: Log, **nodes: NodeLog) -> Log:
     """Return a log with other nodes."""
     return replace(log, node={**log.node, **nodes})
 

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.executive.log.reader import FRAME, Log, Node
+from pcpc.executive.log.reader import FRAME, Log, NodeLog
 from pcpc.plants.evaluation import EACH, LATE, RUN, Evaluation, Mean, Peak
-from pcpc.plants.judging import Mistake, Run
+from pcpc.plants.judging import DeclarationError, Run
 
 CYCLES, PERIOD_NS = 200, 1_000_000
 PHASES_NS = {"executive": 70_000, "local": 40_000, "plant": 0}  # they wake one after the other
 NODES = tuple(PHASES_NS)
 
 
-def told_by(node: str, skipped: range, pacing: str) -> Node:
+def told_by(node: str, skipped: range, pacing: str) -> NodeLog:
     """Return a node that counts the periods in `NODE.k`; a cycle that was skipped is not there."""
     k = np.setdiff1d(np.arange(CYCLES), skipped)
     stamps = k * PERIOD_NS + (PHASES_NS[node] if pacing == "real" else 0)
     columns = {f"{node}.k": k.astype(float)}
-    return Node(k, stamps, columns, {}, np.empty(0, FRAME), [], [], {})
+    return NodeLog(k, stamps, columns, {}, np.empty(0, FRAME), [], [], {})
 
 
 def log(skipping: str = "", pacing: str = "real", skipped: range = range(50, 57)) -> Log:
@@ -54,7 +54,9 @@ def test_the_local_nodes_variables_are_its_own() -> None:
     run = Run(log("executive"), 1e-3)
     assert np.array_equal(run.get("local:local.k"), run.cycle), "the executive wakes after it"
     assert np.isnan(run.get("local:plant.k")).all(), "the plant's are not the local node's"
-    with pytest.raises(Mistake, match=r"no signal locl:local.k; did you mean local:local.k\?"):
+    with pytest.raises(
+        DeclarationError, match=r"no signal locl:local.k; did you mean local:local.k\?"
+    ):
         run["locl:local.k"]
 
 

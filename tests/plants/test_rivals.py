@@ -8,20 +8,20 @@ import pytest
 
 from pcpc.plants.atb1000.book import rivals
 from pcpc.plants.atb1000.book.tuning import RMS, STEP
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 CASES = list(rivals.cases(plants=6))
 MARGINS = dict.fromkeys(rivals.LAWS, 1.0)
 
 
-def made_up(factors: Mapping[str, float]) -> list[Result]:
+def made_up(factors: Mapping[str, float]) -> list[CaseResult]:
     """Return results with an error of its own a plant and seed, times the factor of the law."""
 
     def error(case: Case) -> float:
         own = np.random.default_rng([int(case.label), len(case.group)]).uniform(1.0, 3.0)
         return float(own * factors.get(case.controller, 4.0))
 
-    return [Result(case, {RMS: error(case), STEP: 0.1}) for case in CASES]
+    return [CaseResult(case, {RMS: error(case), STEP: 0.1}) for case in CASES]
 
 
 def test_all_laws_run_on_the_same_plants_with_the_same_noise() -> None:

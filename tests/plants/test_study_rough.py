@@ -7,18 +7,18 @@ import pytest
 
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.book import study_rough as study
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 from pcpc.tools.study.experiment import runs as runs
 
 CASES = list(study.cases())
 COST = {"gyros": 1.25, study.ALL: 3.0}  # of each law, made up
 
 
-def of(case: Case) -> Result:
+def of(case: Case) -> CaseResult:
     """Return a result as if errors were the barrel's number, worse by law and part."""
     law, i = study.LAWS.index(case.controller), int(case.label)
     rms = (1.0 + law) * (1.0 + i) * COST.get(case.group, 1.0)
-    return Result(case, {study.RMS: rms, study.STEP: 0.1})
+    return CaseResult(case, {study.RMS: rms, study.STEP: 0.1})
 
 
 RESULTS = [of(case) for case in CASES]
@@ -73,7 +73,7 @@ def test_costs_are_of_the_same_barrel_and_intervals_hold_the_median() -> None:
 
 def test_a_run_that_ended_early_counts_as_lost(tmp_path: Path) -> None:
     lost = [
-        Result(r.case, diverged=True)
+        CaseResult(r.case, diverged=True)
         if r.case.controller == "lqg" and r.case.group == study.ALL and r.case.label == "7"
         else r
         for r in RESULTS

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcpc.executive.log.reader import Node
+from pcpc.executive.log.reader import NodeLog
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
@@ -183,7 +183,7 @@ def test_of_a_log_with_holes_the_longest_whole_stretch_is_taken() -> None:
     theorem = theorem_of(rig)
     log = observed.of_rig(rig, theorem.states)
 
-    def without(node: str, begin: int, end: int) -> Node:
+    def without(node: str, begin: int, end: int) -> NodeLog:
         one = log.node[node]
         left = (one.cycle < begin) | (one.cycle >= end)
         columns = {name: values[left] for name, values in one.columns.items()}

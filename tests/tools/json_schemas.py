@@ -19,9 +19,14 @@ _REGISTRY: Registry[Any] = Registry().with_resources(
 )
 
 
+def file_of(command: str) -> str:
+    """Return the name of the schema of a command, or of one with an option: get-long."""
+    return command.replace(" --", "-").replace(" ", "-")
+
+
 def validator(command: str) -> Draft202012Validator:
     """Return what judges the output of a command."""
-    return Draft202012Validator(SCHEMAS[command.replace(" ", "-")], registry=_REGISTRY)
+    return Draft202012Validator(SCHEMAS[file_of(command)], registry=_REGISTRY)
 
 
 def strictly(text: str) -> Any:

@@ -14,7 +14,7 @@ from json_schemas import holds
 from processes import ROOT
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.can.wire_layout import Wire
 
 ENOUGH_S = 120.0
 
@@ -25,7 +25,7 @@ class Listener:
     """Hears a bus in python-can's udp_multicast format, decoded by msgpack."""
 
     def __init__(self, bus: str) -> None:
-        end = np.zeros(1, WIRE).view(np.recarray)[0]
+        end = np.zeros(1, Wire.dtype).view(np.recarray)[0]
         buses.open_bus(buses.bus_named(*buses.parse(bus)), [], end)
         socket.socket(fileno=int(end.fd_tx)).close()
         self.socket = socket.socket(fileno=int(end.fd_rx))  # with a time-out of 0.1 s

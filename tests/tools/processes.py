@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import tempfile
@@ -77,6 +78,12 @@ class Done:
 
     def __str__(self) -> str:
         return f"{' '.join(self.words)}\nexit code {self.code}\n{self.out}\n{self.err}"
+
+    @property
+    def ran(self) -> bool:
+        """Whether nothing speaks against the run; it may be too short for the rig's limits."""
+        unjudged = re.search(r'verdict(": "|  )not judged', self.out)
+        return self.code == (1 if unjudged else 0)
 
     @property
     def summary(self) -> dict[str, Any]:

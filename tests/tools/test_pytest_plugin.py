@@ -216,11 +216,15 @@ def test_what_became_of_an_id_is_a_property_of_its_test(pytester: pytest.Pyteste
         "  - {id: R-1, never: abs(controller.e_rad) > 1000}\n"
         "  - {id: R-2, always: time.t_s < 1}\n"
         "  - {id: R-3, when: time.t_s > 1000, then: time.t_s > 0}\n"
-        "expect: {pd: {muzzle_error_rms_mrad: {low: 0, high: 1.0e-9, id: R-4}}}\n"
+        "  - {name: R-5 hub_error_max_mrad at rest, always: time.t_s < 1}\n"
+        "expect: {pd: {muzzle_error_rms_mrad: {low: 0, high: 1.0e-9, id: R-4}, "
+        "hub_error_max_mrad: {low: 0, id: R-5}}}\n"
     )
     pytester.makepyfile(f"def test_it(simulate):\n    simulate({str(rig)!r})\n")
     run(pytester, "--junitxml=junit.xml").assert_outcomes(passed=1)
     found = ElementTree.parse(pytester.path / "junit.xml").iter("property")
     told = {str(one.get("name")).rpartition(": ")[2]: one.get("value") for one in found}
     known = {name: word for name, word in told.items() if name.startswith("R-")}
-    assert known == {"R-1": "met", "R-2": "violated", "R-3": "not judged", "R-4": "violated"}
+    assert known == {
+        "R-1": "met", "R-2": "violated", "R-3": "not judged", "R-4": "violated", "R-5": "met",
+    }  # fmt: skip

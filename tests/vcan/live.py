@@ -34,8 +34,9 @@ class Command:
 
     def __init__(self, folder: Path, word: str, settings: Sequence[str], *options: str) -> None:
         self.folder = folder
-        self.words = [PCPC, word, RIG, "--json", "--quiet", "--no-figure", "-o", str(folder)]
-        self.words += options
+        self.words = [PCPC, word, RIG, "--quiet", "--no-figure", *options]
+        if "--only=plant" not in options:  # whose log is the executive's
+            self.words += ["--json", "-o", str(folder)]
         self.words += itertools.chain.from_iterable(("--set", setting) for setting in settings)
         self.process = subprocess.Popen(
             self.words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -12,7 +12,7 @@ from fd_rig import fd_rig
 from live import CHANNEL, PCPC, candump_into, until
 
 from pcpc.drivers.can import bus, wire, wire_layout
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag
 from pcpc.executive.log import reader as logs
 
@@ -23,11 +23,11 @@ LONG = LENGTHS[9:]
 
 def opened(receive_ids: list[int], fd: int = 1) -> Any:
     """Return a wire on vcan0."""
-    records = np.recarray(1, wire_layout.WIRE)
+    records = np.recarray(1, wire_layout.Wire.dtype)
     records.view(np.uint8)[:] = 0
     end = records[0]
     end.fd = fd
-    bus.open_bus(Bus("socketcan", CHANNEL), receive_ids, end)
+    bus.open_bus(BusAddress("socketcan", CHANNEL), receive_ids, end)
     return end
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.can import bus
-from pcpc.drivers.can.stuffing import INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
+from pcpc.drivers.line.stuffing import INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
 from pcpc.executive.nodes.gateway import Gateway
 
 pytestmark = pytest.mark.vcan
@@ -58,7 +58,10 @@ def test_canbusload_counts_the_same_bits() -> None:
 
 
 def test_a_gateway_carries_between_vcan0_and_vcan1_both_ways() -> None:
-    sides = [bus.Bus("socketcan", "vcan0"), bus.neighbour_of(bus.Bus("socketcan", "vcan0"))]
+    sides = [
+        bus.BusAddress("socketcan", "vcan0"),
+        bus.neighbour_of(bus.BusAddress("socketcan", "vcan0")),
+    ]
     gateway = Gateway(256, bitrate=1_000_000)
     gateway.open(sides)
     thread = threading.Thread(target=gateway.carry, daemon=True)
@@ -84,7 +87,10 @@ def test_a_gateway_carries_between_vcan0_and_vcan1_both_ways() -> None:
 
 
 def test_a_sender_that_goes_bus_off_on_the_line_hears_so_from_its_own_channel() -> None:
-    sides = [bus.Bus("socketcan", "vcan0"), bus.neighbour_of(bus.Bus("socketcan", "vcan0"))]
+    sides = [
+        bus.BusAddress("socketcan", "vcan0"),
+        bus.neighbour_of(bus.BusAddress("socketcan", "vcan0")),
+    ]
     gateway = Gateway(8, bitrate=1_000_000, p=1.0)
     gateway.open(sides)
     thread = threading.Thread(target=gateway.carry)

@@ -51,11 +51,11 @@ def log(simulated: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def frames(log: Path) -> play_frames.Frames:
+def frames(log: Path) -> play_frames.LoggedFrames:
     return play_frames.bus_frames(logs.read(log))
 
 
-def sent(frames: play_frames.Frames) -> list[Frame]:
+def sent(frames: play_frames.LoggedFrames) -> list[Frame]:
     words = frames.words.tolist()
     return [(w, r[8 : 8 + r[4]].tobytes()) for w, r in zip(words, frames.raw, strict=True)]
 
@@ -113,7 +113,7 @@ def listeners(can_id: int) -> int:
 
 
 def test_candump_hears_the_recording_frame_by_frame(
-    part: Played, frames: play_frames.Frames
+    part: Played, frames: play_frames.LoggedFrames
 ) -> None:
     since_s = 1e-9 * (frames.stamp_ns - frames.stamp_ns[0])
     expected = sent(frames.keep((since_s >= BEGIN_S) & (since_s < BEGIN_S + PART_S)))
@@ -137,7 +137,7 @@ def test_the_time_of_the_whole_is_kept(part: Played) -> None:
 
 
 def test_the_player_waits_for_the_node_opposite_and_hears_nobody_else(
-    stand_in: Played, frames: play_frames.Frames
+    stand_in: Played, frames: play_frames.LoggedFrames
 ) -> None:
     plant = sent(frames.keep(frames.sent_by("plant")))
     assert stand_in.code == 0, stand_in.err

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pcpc.drivers.can import bus, wire, wire_layout
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival
 
@@ -24,8 +24,8 @@ Open = Callable[[list[int]], Any]
 
 
 def new_wire() -> Any:
-    """Return a zeroed WIRE record."""
-    records = np.recarray(1, wire_layout.WIRE)
+    """Return a zeroed Wire record."""
+    records = np.recarray(1, wire_layout.Wire.dtype)
     records.view(np.uint8)[:] = 0
     return records[0]
 
@@ -37,7 +37,7 @@ def open_can() -> Iterator[Open]:
 
     def opener(receive_ids: list[int]) -> Any:
         end = new_wire()
-        bus.open_bus(Bus("socketcan", CHANNEL), receive_ids, end)
+        bus.open_bus(BusAddress("socketcan", CHANNEL), receive_ids, end)
         wires.append(end)
         return end
 
@@ -148,7 +148,7 @@ def somebody_hears_all_frames() -> bool:
 
 def test_a_missing_interface_is_named_with_the_cure() -> None:
     with pytest.raises(BusError, match=r"^vcan77: no such interface; .*ip link add dev vcan77"):
-        bus.open_bus(Bus("socketcan", "vcan77"), [], new_wire())
+        bus.open_bus(BusAddress("socketcan", "vcan77"), [], new_wire())
 
 
 def test_an_interface_that_is_down_is_named_with_the_cure() -> None:
@@ -156,7 +156,7 @@ def test_an_interface_that_is_down_is_named_with_the_cure() -> None:
     subprocess.run(["ip", "link", "add", "dev", name, "type", "vcan"], check=True)
     try:
         with pytest.raises(BusError, match=rf"^{name}: the interface is down; .*set {name} up"):
-            bus.open_bus(Bus("socketcan", name), [], new_wire())
+            bus.open_bus(BusAddress("socketcan", name), [], new_wire())
     finally:
         subprocess.run(["ip", "link", "del", name], check=True)
 
@@ -166,7 +166,7 @@ def test_an_interface_taken_down_fails_with_its_error_number() -> None:
     assert bus.vcan_ready(name), f"{name} cannot be created"
     try:
         end = new_wire()
-        bus.open_bus(Bus("socketcan", name), [1], end)
+        bus.open_bus(BusAddress("socketcan", name), [1], end)
         subprocess.run(["ip", "link", "set", name, "down"], check=True)
         got = wire.get_frame(end, True)
         assert got == Arrival.FAILED and end.errno == errno.ENETDOWN, f"{got}, errno {end.errno}"
@@ -177,7 +177,7 @@ def test_an_interface_taken_down_fails_with_its_error_number() -> None:
 
 
 def test_auto_is_vcan0() -> None:
-    assert bus.bus_named("auto", None) == Bus("socketcan", CHANNEL)
+    assert bus.bus_named("auto", None) == BusAddress("socketcan", CHANNEL)
 
 
 def test_an_error_frame_is_heard_as_one(open_can: Open, python_can: can.BusABC) -> None:

@@ -12,7 +12,7 @@ from conftest import SLOW
 from live import CHANNEL, PATIENCE_S, PCPC, RIG, ROOT, until
 
 from pcpc.drivers.can import plain_bus
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live
 from pcpc.tools.live.xcp.packets import LAYOUTS, Cmd
@@ -26,7 +26,7 @@ class Master:
     """A master of the slave with these ids: `dtos` are the packets of its list."""
 
     def __init__(self, down: int, up: int) -> None:
-        self._bus = plain_bus.open_bus(Bus("socketcan", CHANNEL), [up])
+        self._bus = plain_bus.open_bus(BusAddress("socketcan", CHANNEL), [up])
         self._down = down
         self.dtos: list[bytes] = []
         self._others: list[bytes] = []

@@ -1,54 +1,65 @@
 """Commands: replay."""
 
+from collections.abc import Sequence
+from typing import Annotated
+
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import WORD, Offers, Request
 
 
-def replay(add: Add) -> None:
-    """Take a log, and what is changed."""
-    take.log(add)
-    take.node(
-        add, "node to recompute; device: its frames, by the rig's law; default: all", "device"
+class ReplayRequest(Request):
+    """A log or several, and what is changed in one."""
+
+    logs: Annotated[
+        Sequence[str],
+        WORD,
+        "LOG",
+        "log file, run folder or latest; several: a row each",
+    ] = ()
+    node: Annotated[
+        str,
+        "NODE",
+        "node to recompute; device: its frames, by the rig's law; default: all",
+        {"choices": (*ROLES, "device", "all")},
+    ] = "all"
+    since: Annotated[float | None, "--from", "S", "first time that is compared, s of the run"] = (
+        None
     )
-    take.moment(add, "show this cycle only, as `pcpc step` does")
-    add(
-        "--from",
-        dest="since",
-        type=float,
-        metavar="S",
-        help="first time that is compared, s of the run",
-    )
-    add("--to", dest="until", type=float, metavar="S", help="last time that is compared, s")
-    add(
-        "--show",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="print this variable as CSV, a row a cycle; * is any text",
-    )
-    add("--controller", metavar="NAME", help="use another controller of the log's rig")
-    take.settings(add, "recompute with a change, in open loop: recorded frames stay")
-    take.code_of_laws(add)
-    take.json(add)
-    take.quiet(add)
+    until: Annotated[float | None, "--to", "S", "last time that is compared, s"] = None
+    show: Annotated[
+        Sequence[str], "NAME", "print this variable as CSV, a row a cycle; * is any text"
+    ] = ()
+    controller: Annotated[str | None, "NAME", "use another controller of the log's rig"] = None
+    set: Annotated[
+        Sequence[str],
+        "NAME=VALUE",
+        "recompute with a change, in open loop: recorded frames stay",
+    ] = ()
+    code: take.CodeOfLaws = take.CodeOfLaws()
+    beside: Annotated[Offers, "BESIDE_REPLAY"] = Offers()
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
     Command(
         "replay",
-        "recompute a recorded run and compare it bit by bit",
-        "pcpc replay latest",
-        replay,
+        "recompute recorded runs, compare them bit by bit, sign that they are",
+        "pcpc replay latest\npcpc replay latest --cycle 2000 --show 'barrel.*'\n"
+        "pcpc replay runs --table runs/verified.txt --sign ~/.ssh/id_ed25519\n"
+        "pcpc replay --check runs/verified.txt --signers signers --identity me@lab",
+        ReplayRequest,
         codes=codes(
             OK="all bit-identical",
-            NOT_MET="something differs",
-            LOSS="nothing differs, but the log is incomplete",
+            NOT_MET="something differs, or is not as in the table; a wrong signature",
+            LOSS="nothing differs, but a log is incomplete or missing",
             SAFETY_STOP="a law hangs or raises",
             INTERRUPTED="",
         ),
         judges=True,
         compiles=True,
-        reads_logs=True,
         module="after.replay",
         first=True,
     ),

@@ -7,6 +7,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.keyframes import Keyframe, Keyframes, keyframe_of
 from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.replay import Replay
+from pcpc.tools.after.differences import are_nan
 from pcpc.tools.after.replayed import Verdict
 
 _KEPT = 64  # recomputed states of which the log may still bring the keyframe
@@ -25,7 +26,7 @@ class KeyframeCheck:
         self._recorded: dict[int, Keyframe] = {}
         self._recomputed: dict[int, bytes] = {}
 
-    def add(self, node: logs.Node, behind: int) -> None:
+    def add(self, node: logs.NodeLog, behind: int) -> None:
         """Take up the keyframes of a piece of the log, those of cycles later than `behind`."""
         for text in node.keyframes if self.every else ():
             try:
@@ -61,10 +62,12 @@ class KeyframeCheck:
             return
         frame, state = self._recorded.pop(passes), self._recomputed.pop(passes)
         plan = self._replay.plan
-        unequal = list(planned_keyframes.differences(plan, frame.state, state))
+        both = planned_keyframes.differences(plan, frame.state, state)
+        unequal = [one for one in both if not are_nan(*one[1:])]
         if unequal and (what := planned_keyframes.why_none(plan, frame.state)):
             self._leave_out(f"cycle {frame.cycle}, {what}")
             return
         self._verdict.keyframes += 1
         for name, old, new in unequal:
-            self._verdict.note(name, frame.cycle, old, new).count += 1
+            time_s = frame.cycle / self._verdict.rate_hz
+            self._verdict.differences.note(name, frame.cycle, time_s, old, new)

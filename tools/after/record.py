@@ -1,6 +1,5 @@
 """A recorded run from Python: what `pcpc.simulate` and `pcpc.open` return."""
 
-import argparse
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,15 +20,18 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import RequirementError
 from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.judging import Judged, paired_rows
+from pcpc.tools.after.differences import Difference
+from pcpc.tools.after.log import diff, plot, series
 from pcpc.tools.after.log import frames as play_frames
-from pcpc.tools.after.log import plot, series
-from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log.drawing import DPI, Source, page_of
+from pcpc.tools.after.log.drawing import DPI, DrawnLog, page_of
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.findings import Finding
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.requirements import Result, results
+from pcpc.tools.after.verdict.requirements import JudgedRequirement, results
 from pcpc.tools.start.settings import settings
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import part_of
@@ -98,7 +100,7 @@ class Run:
     ) -> None:
         self.path = path
         self._rig_given, self._outcome, self._keep = rig, outcome, keep
-        self._options = argparse.Namespace(trust=trust, law=[], rig=None)
+        self._opened = Opened(path, Trust(trust))
         self.asked = False  # somebody wanted to know what it came to
 
     def __repr__(self) -> str:
@@ -110,7 +112,7 @@ class Run:
     @cached_property
     def log(self) -> logs.Log:
         """The log: nodes with their columns, events, tunings, attachments."""
-        return logs.read(self.path)
+        return self._opened.log
 
     @cached_property
     def period_s(self) -> float:
@@ -228,33 +230,37 @@ class Run:
         """The rig of the run, with all settings."""
         if self._rig_given is not None:
             return self._rig_given
-        self._files = tempfile.TemporaryDirectory(prefix="pcpc-")  # of the rig, as long as it
-        return log_rig.judged_rig(self.log, Path(self._files.name), self._options)[0]
+        return self._opened.judged()[0]
 
     @cached_property
     def _judge(self) -> Judge:
         return Judge.of(self.rig)
 
     @cached_property
-    def _bound_summary(self) -> summaries.Summary | None:
-        return None if self._outcome is not None else summary_file.summary_beside(self.path)
+    def _beside(self) -> tuple[summaries.Summary | None, str]:
+        return (None, "") if self._outcome is not None else summary_file.beside(self.path)
+
+    @property
+    def doubt(self) -> str:
+        """Why summary.json is not of this log."""
+        return self._beside[1]
 
     @property
     def judged_at_its_end(self) -> bool:
-        """Whether the verdict is the run's own; a log alone lacks the run's settings."""
-        return self._outcome is not None or self._bound_summary is not None
+        """Whether the verdict is the run's own."""
+        return self._outcome is not None or self._beside[0] is not None
 
     @property
     def result(self) -> summaries.Summary:
-        """The result of the run; judged again if there is no summary of this log."""
+        """The result; judged again without a summary of this log."""
         self.asked = True
         return self._result
 
     @cached_property
     def _result(self) -> summaries.Summary:
-        if self._bound_summary is not None:
-            return self._bound_summary
-        outcome = self._outcome or summaries.outcome_of(self.log)
+        if self._beside[0] is not None:
+            return self._beside[0]
+        outcome = self._outcome or summaries.outcome_of(self.log, self.doubt)
         return summaries.summarise(self.rig, self.log, outcome, self._judge)
 
     @cached_property
@@ -268,11 +274,16 @@ class Run:
         return dict(self._result.metrics)
 
     @cached_property
-    def requirements(self) -> list[Result]:
+    def requirements(self) -> list[JudgedRequirement]:
         """The results of the rig's requirements: met or not, where first, with which margin."""
         return self._judge.requirements(self.log)
 
-    def require(self, **entry: Any) -> Result:
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What became of each limit and each requirement, as a kind of record for both."""
+        return summary_file.findings_of(self._result, self._judge, self.log)
+
+    def require(self, **entry: Any) -> JudgedRequirement:
         """Return the result of a requirement that holds in this run; NotOk if it does not hold.
 
             run.require(always="abs(controller.e_rad) < 2 mrad", after="1s")
@@ -293,7 +304,7 @@ class Run:
 
     @property
     def verdict(self) -> str:
-        """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
+        """`ok`, `not judged`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
         return self.result.verdict
 
     def check(self) -> "Run":
@@ -325,7 +336,7 @@ class Run:
         """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
         known = self.result if self.judged_at_its_end else None
         page = part_of("after/report", "cli")
-        page.write(self.path, Path(path), self._options, Progress(quiet=True), known)
+        page.write(self.path, Path(path), self._opened.trust, Progress(quiet=True), known)
         return Path(path)
 
     def _plot(self, variables: Sequence[str], place: Path) -> None:
@@ -334,7 +345,7 @@ class Run:
             if name not in self:
                 raise self._unknown(name)
         known, begin_ns = series.all_series(self.log), series.start_ns(self.log)
-        source = Source(self.path.stem, self.log, known, begin_ns)
+        source = DrawnLog(self.path.stem, self.log, known, begin_ns)
         groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in variables])
         page_of([source], groups).savefig(place, dpi=DPI)
 
@@ -355,12 +366,11 @@ class Run:
         """
         from pcpc.tools.after.replay import replay  # time
 
-        options = argparse.Namespace(
-            **vars(self._options),
-            node="all",
-            controller=changes.pop("controller", None),
-            set=settings(changes.pop("set", {})),
-        )
+        own = changes.pop("controller", None), settings(changes.pop("set", {}))
         if changes:
             raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")
-        return replay(self.path, options, Progress(quiet=True))
+        return replay(self._opened, Progress(quiet=True), "all", *own)
+
+    def differences(self, other: "Run") -> list[Difference]:
+        """Return where bits differ, as `compare --bits`."""
+        return diff.compare(self.log, other.log).differences

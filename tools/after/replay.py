@@ -6,7 +6,6 @@ taken from where it lay, if it is unchanged, or with --trust from the log: see `
 loop: the plant does not answer) and shows how far that is from the record.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,104 +22,126 @@ from pcpc.executive.log.frontier import ALL, Frontier
 from pcpc.executive.log.keyframes import newest
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.planned_keyframes import why_none
-from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, Assembler, K, Replay
+from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.slices import HEAD, PASSES, STAMP, Assembler, K
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.commands import ReplayRequest
 from pcpc.tools.after.keyframe_check import KeyframeCheck
-from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.replayed import Difference, Verdict, compare_frames, plain, report
-from pcpc.tools.after.span import Values, cycles_of
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.log.recorded import holds_several, log_of
+from pcpc.tools.after.opened import Opened, opened
+from pcpc.tools.after.replayed import Verdict, compare_frames, plain, report
+from pcpc.tools.after.span import ValuePrinter, cycles_of
+from pcpc.tools.after.trust import Trust
+from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
 _PIECE_BYTES = 1 << 20  # of the log, where only some of it is looked at
 OTHER_LAYOUT = "its keyframes are not compared: their layout is of another version"
+_OF_MANY = ("brief", "table", "sign", "check", "signers", "identity", "junit", "jobs")
+_OF_ONE = ("since", "until", "show", "controller", "set")
 END = "end of the node"  # as a difference
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 
 
-def command(options: argparse.Namespace) -> int:
-    """Replay `options.log`; OK if bit-identical, LOSS if as far as an incomplete log goes.
+def command(request: ReplayRequest) -> int:
+    """Replay its log; OK if bit-identical, LOSS if as far as an incomplete log goes.
 
     UserError: wrong input; StepError: a step hangs or raises.
     """
-    if options.cycle is not None or options.time is not None:
-        return _step(options)
-    if options.show and options.json:
+    one_cycle = request.are_given("cycle", "time")
+    if not one_cycle and (len(request.logs) != 1 or _is_of_many(request)):
+        request.refuse("of one log; several are compared as they are", *_OF_ONE)
+        if request.node == "device":
+            raise UserError("--node device: of one log; leave it out")
+        return int(part_of("after/verify", "cli").command(request))
+    if len(request.logs) != 1:
+        raise UserError(f"--cycle and --time are of one log, got {len(request.logs)}")
+    path = log_of(request.logs[0])
+    if one_cycle:
+        request.refuse("of many logs, not of one cycle", *_OF_MANY)
+        return _step(path, request)
+    if request.show and request.json:
         raise UserError("--show prints CSV; leave out --json")
-    progress = Progress(options.quiet or bool(options.show and sys.stdout.isatty()))
+    progress = Progress(request.quiet or bool(request.show and sys.stdout.isatty()))
+    about = request.node, request.controller, request.set
     try:
-        path = Path(options.log)
-        span = cycles_of(logs.head(path), options)
-        verdicts = replay(path, options, progress, span, options.show)
+        with opened(path, Trust.of(request.code)) as run:
+            span = cycles_of(run.head, request.since, request.until)
+            verdicts = replay(run, progress, *about, span, request.show)
     except BusError as error:  # the log's DBC, not a bus of this machine
         raise UserError(str(error)) from None
     except StepError as error:
-        raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
+        raise StepError(f"{path}: {error or 'a step does not return'}") from None
     progress.close()
-    changed = bool(options.controller or options.set)
+    changed = bool(request.controller or request.set)
     codes = {verdict.code for verdict in verdicts}
-    if options.show and codes == {Exit.OK}:
+    if request.show and codes == {Exit.OK}:
         return Exit.OK
-    if options.json:
-        print(summary_file.text_of([plain(v) for v in verdicts]))
+    if request.json:
+        print(screen.json_text([plain(v) for v in verdicts]))
     else:
-        for verdict in verdicts:
-            print(*report(verdict, changed), sep="\n", file=sys.stderr if options.show else None)
+        lines = screen.fitted(line for verdict in verdicts for line in report(verdict, changed))
+        print(*lines, sep="\n", file=sys.stderr if request.show else None)
     return next(code for code in (Exit.NOT_MET, Exit.LOSS, Exit.OK) if code in codes)
 
 
-def _step(options: argparse.Namespace) -> int:
-    """Show a cycle, as `pcpc step` does."""
-    given = {"--from": options.since, "--to": options.until, "--set": options.set,
-             "--controller": options.controller}  # fmt: skip
-    if beside := [name for name, value in given.items() if value not in (None, [])]:
+def _is_of_many(request: ReplayRequest) -> bool:
+    """Return whether a row a log is asked for, or a folder holds logs of several runs."""
+    return request.are_given(*_OF_MANY) or holds_several(request.logs[0])
+
+
+def _step(path: Path, request: ReplayRequest) -> int:
+    """Show a cycle, stage by stage."""
+    fields = {"--from": "since", "--to": "until", "--set": "set", "--controller": "controller"}
+    if beside := [option for option, name in fields.items() if request.are_given(name)]:
         raise UserError(f"--cycle and --time show one cycle as it was; leave out {beside[0]}")
-    if options.node == "device":
+    if request.node == "device":
         raise UserError("--node device: a device's cycles cannot be shown")
-    return int(part_of("after/step", "cli").command(options))
+    return int(part_of("after/step", "cli").command(path, request))
 
 
 def replay(
-    path: Path,
-    options: argparse.Namespace,
+    run: Opened,
     progress: Progress,
+    node: str = "all",
+    controller: str | None = None,
+    settings: Sequence[str] = (),
     span: tuple[int, int] = (0, ALL),
     words: Sequence[str] = (),
 ) -> list[Verdict]:
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError.
 
-    `span`: first and last cycle. `words`: variables that are printed there, see `Values`.
+    `span`: first and last cycle. `words`: variables that are printed there, see `ValuePrinter`.
     """
-    head = logs.head(path)
     first, last = span
-    values = Values(words, first) if words else None
-    changed = bool(options.controller or options.set)
+    values = ValuePrinter(words, first) if words else None
+    changed = bool(controller or settings)
     how: dict[str, Any] = {"last": last, "seek": 0 if changed else first, "changed": changed}
     how |= {"each": values.look} if values else {}
-    with log_rig.rig_of(head, options) as rig:
-        nodes = comparisons(head, rig, options.node, **how)
+    with run.rig(controller, settings) as rig:
+        nodes = comparisons(run.head, rig, node, **how)
     if values:
-        values.begin([node for node in nodes if isinstance(node, Comparison)])
+        values.begin([one for one in nodes if isinstance(one, NodeComparison)])
     whole = (first, last) == (0, ALL)
-    since_ns = 0 if whole else min(node.since_ns for node in nodes)
-    for _ in recomputed_pieces(path, nodes, last == ALL, since_ns):
-        done = min(node.verdict.cycles for node in nodes)
-        progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
-    for node in () if whole else nodes:
-        node.require_cycle(first)
-    return [node.verdict for node in nodes]
+    since_ns = 0 if whole else min(one.since_ns for one in nodes)
+    for _ in recomputed_pieces(run.path, nodes, last == ALL, since_ns):
+        done = min(one.verdict.cycles for one in nodes)
+        progress.show(f"cycle {done}, {min(one.verdict.speed for one in nodes):.0f} x real time")
+    for one in () if whole else nodes:
+        one.require_cycle(first)
+    return [one.verdict for one in nodes]
 
 
 def comparisons(head: logs.Log, rig: Rig, node: str, **how: Any) -> list[Any]:
     """Return what recomputes a node, or all of a log, its device too; LogError.
 
-    `how`: of `Comparison`. A device is recomputed as a whole.
+    `how`: of `NodeComparison`. A device is recomputed as a whole.
     """
     nodes: list[Any] = [
-        Comparison(head, rig, role, **how)
+        NodeComparison(head, rig, role, **how)
         for role in logs.NODES
         if role in head.node and node in (role, "all")
     ]
@@ -153,7 +174,7 @@ def recomputed_pieces(
             return
 
 
-class Comparison:
+class NodeComparison:
     """One node recomputed and compared piece by piece, until the end or a gap in the log.
 
     Or until cycle `last`, its log written with `metadata`; `each` is called after every slice.
@@ -180,6 +201,7 @@ class Comparison:
         self.role, self.last, self._each = role, last, each
         self.is_there = False  # at its last cycle
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
+        self._last_received = np.empty(0, np.int64)  # its cycle, once there is one
         pacing = pacing_of(head, role)
         external = [str(name) for name in about.get("external", [])]
         steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
@@ -197,7 +219,10 @@ class Comparison:
         self._theirs = [HEAD + theirs.index(name) for name in self.both]
         self._ours = [ours.index(name) for name in self.both]
         self.path = head.path
-        self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
+        described = self.replay.block.description["variables"]
+        self.verdict = Verdict(
+            role, 1e9 / about["period_ns"], variables=len(self.both), described=described
+        )
         self.verdict.planned = int(about.get("cycles", 0))
         self.verdict.dropped = _dropped_count(head, role)
         self.verdict.from_record = [
@@ -248,8 +273,9 @@ class Comparison:
         """Raise UserError if it did not come to its last cycle with the bits of the log."""
         verdict, k, first = self.verdict, int(self.replay.block.loop.k), self.verdict.first()
         if first is not None:
-            what = f"{first.name} in cycle {first.cycle} is recorded as {first.recorded}, "
-            what += f"recomputed it is {first.recomputed}: laws or versions have changed"
+            recorded, recomputed = first.texts
+            what = f"{first.name} in cycle {first.cycle} is recorded as {recorded}, "
+            what += f"recomputed it is {recomputed}: laws or versions have changed"
             raise UserError(f"{self.path}: {self.role}: {what}; see `pcpc replay`")
         if verdict.incomplete or verdict.dropped:
             what = verdict.incomplete or f"{verdict.dropped} frames or events are missing"
@@ -258,12 +284,21 @@ class Comparison:
             what = f"cycle {self.last} is not there; it was skipped, or the log ends before"
             raise UserError(f"{self.path}: {self.role}: {what}; choose another --cycle")
 
+    def _disorder(self, frames: NDArray[Any]) -> str:
+        """Return why received frames cannot be recomputed by their cycles; "" if they can."""
+        cycles = np.append(self._last_received, frames["cycle"][frames["direction"] == 1])
+        self._last_received = cycles[-1:]
+        wrong = np.flatnonzero(cycles[1:] < cycles[:-1])
+        first = f"a frame of cycle {cycles[wrong[0]]}" if len(wrong) else ""
+        return first and f"{first} stands before earlier ones"
+
     def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
         verdict = self.verdict
         verdict.missing += piece.missing
         if self.is_there:
             return
         if self.role in piece.node and not verdict.incomplete:
+            verdict.incomplete = self._disorder(piece.node[self.role].frames)
             try:
                 self.recorded.add(piece.node[self.role])
             except logs.LogError as error:
@@ -293,7 +328,8 @@ class Comparison:
             if done < len(part.rows):
                 cycle = part.rows[done, K]
                 verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
-                verdict.differences[END] = Difference(END, int(cycle), "a cycle", "none", None, 1)
+                at_s = cycle / verdict.rate_hz
+                verdict.differences.note(END, int(cycle), float(at_s), "a cycle", "none")
         self.is_there = whole >= self.last
         verdict.spent_s = time.monotonic() - self._begin_s
 
@@ -356,10 +392,7 @@ def _compare(
     """Note every variable whose bits differ; both are (cycles, variables)."""
     if np.array_equal(recorded, computed):
         return
+    time_s = cycle / verdict.rate_hz
     for j in map(int, np.flatnonzero((recorded != computed).any(axis=0))):
-        at = np.flatnonzero(recorded[:, j] != computed[:, j])
-        old, new = (x[at, j].copy().view(np.float64) for x in (recorded, computed))
-        difference = verdict.note(names[j], int(cycle[at[0]]), float(old[0]), float(new[0]))
-        difference.count += len(at)
-        distance = np.abs(old - new)
-        difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
+        both = (x[:, j].copy().view(np.float64) for x in (recorded, computed))
+        verdict.differences.add(names[j], cycle, time_s, *both)

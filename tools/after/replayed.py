@@ -1,30 +1,15 @@
 """What came of a replay: by node, what was compared and where it differs."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from numpy.typing import NDArray
-
 from pcpc.drivers.errors import Exit
-from pcpc.tools.after.log.cat import unequal_frames, unequal_texts
-from pcpc.tools.after.log.ulp import ulp_distance
+from pcpc.tools.after.differences import SENT, Difference, Differences, Rows
 from pcpc.tools.terminal import screen
 
-SENT = "frames sent"
 _ROWS_SHOWN = 20
-
-
-@dataclass
-class Difference:
-    """Of one variable, or of the frames sent: where it began, how often, how large it became."""
-
-    name: str
-    cycle: int
-    recorded: str
-    recomputed: str
-    ulp: int | None  # of a frame or a NaN none
-    count: int = 0
-    largest: float = 0.0
 
 
 @dataclass
@@ -43,7 +28,12 @@ class Verdict:
     dropped: int = 0  # frames and events that the recorder has not got
     missing: list[str] = field(default_factory=list)  # damage of the log
     from_record: list[str] = field(default_factory=list)  # what was not recomputed
-    differences: dict[str, Difference] = field(default_factory=dict)
+    described: Sequence[Sequence[str]] = ()  # its variables, as in its description
+    differences: Differences = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin without a difference."""
+        self.differences = Differences(self.role, self.described)
 
     @property
     def identical(self) -> bool:
@@ -86,36 +76,17 @@ class Verdict:
         """Recomputed time over time spent."""
         return self.cycles / self.rate_hz / max(self.spent_s, 1e-9)
 
-    def note(self, name: str, cycle: int, old: Any, new: Any) -> Difference:
-        """Return the difference of a variable, which begins here if it has not begun before."""
-        both = isinstance(old, float) and isinstance(new, float)
-        ulp = ulp_distance(old, new) if both else None
-        first = Difference(name, cycle, repr(old), repr(new), ulp)
-        return self.differences.setdefault(name, first)
-
-    def ordered(self) -> list[Difference]:
-        """Return the differences, earliest first, in one cycle in the order of its stages."""
-
-        def stage(d: Difference) -> tuple[int, bool, bool]:
-            return d.cycle, d.name == SENT, d.name.startswith("tx.")
-
-        return sorted(self.differences.values(), key=stage)
-
     def first(self) -> Difference | None:
         """Return the earliest difference."""
-        return next(iter(self.ordered()), None)
+        return next(iter(self.differences.ordered()), None)
 
 
-def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
-    """Note the first frame that differs; `count` counts all. Both (n,) records."""
-    count, at = unequal_frames(recorded, computed, ("cycle", "id", "dlc", "data"))
+def compare_frames(verdict: Verdict, recorded: Rows, computed: Rows) -> None:
+    """Note the first frame that differs; `count` counts all."""
     verdict.frames += min(len(recorded), len(computed))
-    if not count:
-        return
-    old, new = unequal_texts(recorded, computed, at)
-    longer = recorded if len(recorded) > at else computed
-    first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
-    verdict.differences.setdefault(SENT, first).count += count
+    times_s = [frames["cycle"] / verdict.rate_hz for frames in (recorded, computed)]
+    fields = "cycle", "id", "dlc", "data"
+    verdict.differences.add_frames(SENT, recorded, computed, fields, times_s)
 
 
 def plain(verdict: Verdict) -> dict[str, Any]:
@@ -128,9 +99,22 @@ def plain(verdict: Verdict) -> dict[str, Any]:
         "keyframes": verdict.keyframes, "speed": verdict.speed,
         "incomplete": verdict.incomplete, "missing": verdict.missing,
         "from_record": verdict.from_record,
-        "first": None if first is None else vars(first),
-        "differences": [vars(d) for d in verdict.ordered()],
+        "first": None if first is None else _plain(first),
+        "differences": [_plain(d) for d in verdict.differences.ordered()],
     }  # fmt: skip
+
+
+def _plain(one: Difference) -> dict[str, Any]:
+    """Return a difference for JSON."""
+    recorded, recomputed = one.texts
+    return {
+        "name": one.name, "cycle": one.cycle, "recorded": recorded, "recomputed": recomputed,
+        "ulp": one.ulp, "count": one.count, "largest": _largest(one),
+    }  # fmt: skip
+
+
+def _largest(one: Difference) -> float:
+    return math.inf if one.is_endless else one.largest or 0.0
 
 
 def report(verdict: Verdict, changed: bool) -> list[str]:
@@ -139,26 +123,22 @@ def report(verdict: Verdict, changed: bool) -> list[str]:
     state = verdict.state
     if changed and verdict.anything:
         state = "changed, in open loop" if verdict.differences else "no difference"
-    told = screen.wrapped_lines(
-        f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} "
-    )
-    for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
-        if line:
-            told += screen.wrapped_lines(line, "  ")
+    told = [f"{verdict.role:10} {size}: {state} ({verdict.speed:.0f} x real time)"]
+    known = (*verdict.from_record, *verdict.missing, verdict.incomplete)
+    told += [f"  {line}" for line in known if line]
     first = verdict.first()
     if first is None:
         return told
-    told += screen.wrapped_lines(
-        f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
-        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
-        + ("" if first.ulp is None else f", {first.ulp} ULP"),
-        "  ",
+    recorded, recomputed = first.texts
+    told.append(
+        f"  first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
+        f"{first.name}: recorded {recorded}, recomputed {recomputed}"
+        + ("" if first.ulp is None else f", {first.ulp} ULP")
     )
     rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]
-    for d in verdict.ordered()[:_ROWS_SHOWN]:
-        largest = f"{d.largest:.3g}" if d.largest else "-"
-        values = f"{d.recorded}, {d.recomputed}"
-        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, values))
+    for d in verdict.differences.ordered()[:_ROWS_SHOWN]:
+        largest = f"{most:.3g}" if (most := _largest(d)) else "-"
+        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, ", ".join(d.texts)))
     told += screen.table(rows, right=(1, 2, 3))
     if len(verdict.differences) > _ROWS_SHOWN:
         told.append(f"  and {len(verdict.differences) - _ROWS_SHOWN} more; --json prints all")

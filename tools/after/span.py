@@ -6,7 +6,6 @@
 Any variable can be shown, also one that was not recorded. Values are those at the end of a cycle.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -22,24 +21,23 @@ from pcpc.executive.log.frontier import ALL
 from pcpc.executive.nodes.replay import Replay
 
 
-def cycle_of(head: logs.Log, options: argparse.Namespace) -> int:
+def cycle_of(head: logs.Log, cycle: int | None, time_s: float | None) -> int:
     """Return the cycle that `--cycle` or `--time` gives; UserError for one that is none."""
-    if (options.cycle is None) == (options.time is None):
+    if cycle is None and time_s is not None:
+        cycle = _cycle_at(head, "--time", time_s)
+    elif cycle is None or time_s is not None:
         raise UserError("which cycle? give --cycle N or --time S")
-    cycle = options.cycle
-    if cycle is None:
-        cycle = _cycle_at(head, "--time", options.time)
     if not 0 <= cycle < 2**53:
         raise UserError(f"--cycle {cycle}: expected 0 or more")
-    return int(cycle)
+    return cycle
 
 
-def cycles_of(head: logs.Log, options: argparse.Namespace) -> tuple[int, int]:
+def cycles_of(head: logs.Log, since_s: float | None, until_s: float | None) -> tuple[int, int]:
     """Return the first and last cycle that `--from` and `--to` give; UserError for none."""
-    first = 0 if options.since is None else _cycle_at(head, "--from", options.since)
-    last = ALL if options.until is None else _cycle_at(head, "--to", options.until)
+    first = 0 if since_s is None else _cycle_at(head, "--from", since_s)
+    last = ALL if until_s is None else _cycle_at(head, "--to", until_s)
     if last < first:
-        raise UserError(f"--to {options.until:g} is before --from {options.since:g}")
+        raise UserError(f"--to {until_s:g} is before --from {since_s:g}")
     return first, last
 
 
@@ -74,7 +72,7 @@ def chosen_variables(known: dict[str, str], words: Sequence[str]) -> set[str]:
     return found
 
 
-class Values:
+class ValuePrinter:
     """Prints the chosen variables of a node, a row of CSV a cycle, as it is recomputed."""
 
     def __init__(self, words: Sequence[str], first: int) -> None:

@@ -266,7 +266,7 @@ class Live:
             raise UserError(f"{role}: this rig has no such node; known: {', '.join(self._nodes)}")
         return self._nodes[role]
 
-    def _wait(self, node: nodes.Live, holds: Any, within_s: float, what: str) -> nodes.Values:
+    def _wait(self, node: nodes.Live, holds: Any, within_s: float, what: str) -> nodes.CycleValues:
         try:
             return node.wait_until(holds, within_s, what)
         except LiveError as error:

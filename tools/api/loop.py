@@ -23,7 +23,7 @@ from pcpc.tools.start.settings import settings
 Vector = NDArray[np.float64]
 
 
-class Values(MutableMapping[str, float]):
+class NamedValues(MutableMapping[str, float]):
     """Values by name, as the loop has them; UnknownName, with a proposal, for another name."""
 
     def __init__(self, places: Mapping[str, int], values: Vector, writable: bool = False) -> None:
@@ -53,7 +53,7 @@ class Values(MutableMapping[str, float]):
         return len(self._places)
 
 
-class Sample(Values):
+class Sample(NamedValues):
     """A cycle of the executive that waits for your command; valid until the next one.
 
     sample["rx.FB_A.encoder"]            any variable of the executive
@@ -64,8 +64,8 @@ class Sample(Values):
     UnknownName, with a proposal, for another name.
     """
 
-    inputs: Values
-    command: Values
+    inputs: NamedValues
+    command: NamedValues
     t_s = 0.0
     dt_s = 0.0
 
@@ -125,7 +125,7 @@ class Loop:
         simulation = Simulation(self._rig, log, {}, self._outcome, self._external)
         node = simulation.run.blocks[0]
         names = [name for name, *_ in node.description["variables"]]
-        self._sample = Sample({name: i for i, name in enumerate(names)}, node.loop.v)
+        self._sample = Sample({name: i for i, name in enumerate(names)}, node["v"])
         work = Work(lambda: simulation.to_end(self._progress), lambda: self._samples.put(False))
         work.start()
         ended = False
@@ -156,7 +156,10 @@ class Loop:
         if self._over or sample is None:
             return
         sample.t_s, sample.dt_s = t, dt
-        sample.inputs, sample.command = Values(self._ports[0], u), Values(self._ports[1], y, True)
+        sample.inputs, sample.command = (
+            NamedValues(self._ports[0], u),
+            NamedValues(self._ports[1], y, True),
+        )
         self._samples.put(True)
         self._answers.get()
 

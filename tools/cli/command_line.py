@@ -6,6 +6,7 @@ import platform
 import re
 import resource
 import shlex
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from itertools import pairwise
@@ -15,6 +16,7 @@ from typing import Any
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.cli import completion
 from pcpc.tools.cli.commands import COMMANDS, overview
+from pcpc.tools.cli.earlier import present_words
 from pcpc.tools.terminal.command import check_places
 from pcpc.tools.terminal.ending import end_in_order
 from pcpc.tools.terminal.parsing import Parser
@@ -26,17 +28,27 @@ _OF_THE_REPOSITORY = {"bench": "bench", "evidence": "evidence", "soak": "evidenc
 
 def complete() -> None:
     """Answer a shell that asks which words may come next."""
-    completion.complete(parser())
+    completion.complete(parser(), [name for name in COMMANDS if " " in name])
 
 
 def goes_on(words: Sequence[str]) -> bool:
     """Return whether a command has a verdict, whoever reads its words."""
-    return any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
+    now = joined(present_words(words)[0])
+    return any(word in COMMANDS and COMMANDS[word].judges for word in now[:1])
+
+
+def joined(words: Sequence[str]) -> list[str]:
+    """Return the words with a command's name of two as one: `bus emulate`."""
+    name = " ".join(words[:2])
+    return [name, *words[2:]] if name in COMMANDS else [*words]
 
 
 def carry_out(words: Sequence[str], begin_ns: int) -> int:
     """Run a command of a process that began then; return its exit code. UserError, SystemExit."""
+    words, note = present_words(words)
     options = parsed_options(words)
+    if note:
+        print(note, file=sys.stderr)
     command = COMMANDS[options.command]
     options.begin_ns = begin_ns
     _allow_open_files()
@@ -55,7 +67,7 @@ def carry_out(words: Sequence[str], begin_ns: int) -> int:
         gc.freeze()
         gc.enable()
     end_in_order()
-    return int(module.command(options))
+    return int(module.command(options.registered.request(options)))
 
 
 def _allow_open_files() -> None:
@@ -73,6 +85,7 @@ def parsed_options(words: Sequence[str]) -> argparse.Namespace:
     if not words:
         what = "no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"
         raise UserError(f"pcpc: {what}")
+    words = joined(words)
     name = words[0]
     if not name.startswith("-") and name not in COMMANDS:
         from pcpc.executive.errors import did_you_mean

@@ -5,37 +5,46 @@ the parser, values from here. Nothing here imports numba: an answer takes a quar
 """
 
 import argparse
+import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.machine.commands import CompletionRequest
 from pcpc.tools.terminal import option_notes
 
 if TYPE_CHECKING:
-    from pcpc.executive.nodes.live import Live, Variable
+    from pcpc.executive.nodes.live import Live, LiveVariable
 
 _CHAPTER = re.compile(r"^CHAPTER = (\d+)", re.MULTILINE)
 Words = Iterable[str]
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: CompletionRequest) -> int:
     """Print the code by which a shell learns to complete `pcpc`."""
     from argcomplete.shell_integration import shellcode
 
-    print(shellcode(["pcpc"], shell=options.shell))
+    print(shellcode(["pcpc"], shell=request.shell))
     return Exit.OK
 
 
-def complete(parser: argparse.ArgumentParser) -> None:
-    """Answer a shell and end, if it asks (_ARGCOMPLETE)."""
+def complete(parser: argparse.ArgumentParser, names_of_two: Sequence[str]) -> None:
+    """Answer a shell and end, if it asks. `names_of_two`: those of two words, as `bus emulate`."""
     import argcomplete
     from argcomplete.finders import safe_actions
 
     safe_actions.update(option_notes.ACTIONS.values())  # these only note what is typed
-    argcomplete.autocomplete(parser)
+    line = os.environ.get("COMP_LINE", "")
+    names = "|".join(name.replace(" ", r"\s+") for name in names_of_two)
+    if found := re.match(rf"\s*\S+\s+({names})(?=\s)", line):  # one word to the parser
+        name = "\\ ".join(found[1].split())
+        os.environ["COMP_LINE"] = f"{line[: found.start(1)]}{name}{line[found.end(1) :]}"
+        point = int(os.environ.get("COMP_POINT", len(line)))
+        os.environ["COMP_POINT"] = str(point + len(name) - len(found[1]))
+    argcomplete.autocomplete(parser, exclude=[*names_of_two])
 
 
 def attach(command: str, action: argparse.Action) -> None:
@@ -64,6 +73,10 @@ def _rigs(options: argparse.Namespace) -> Words:
         *(name for rig in shipped_rigs() for name in rig.names if "/" not in name),
         *_files(".yaml"),
     ]
+
+
+def _rigs_and(*words: str) -> Callable[[argparse.Namespace], Words]:
+    return lambda options: [*_rigs(options), *words]
 
 
 def _running(options: argparse.Namespace) -> "dict[str, Live]":
@@ -124,7 +137,7 @@ def _parameters(options: argparse.Namespace) -> Words:
     return {f"{one.name}=" for one in _live_variables(options) if one.range is not None}
 
 
-def _live_variables(options: argparse.Namespace) -> "list[Variable]":
+def _live_variables(options: argparse.Namespace) -> "list[LiveVariable]":
     """Return the variables of the node that is named, else of all."""
     return [one for live in _running(options).values() for one in live.variables.values()]
 
@@ -155,9 +168,10 @@ def _studies(options: argparse.Namespace) -> Words:
 
 
 _OF = {  # by the name of an argument, or of a command and its argument
-    "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
-    "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
+    "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "logs": _logs,
+    "words": _logs, "rigs names": _plants, "get names": _variables,
     "watch names": _variables, "scope names": _variables, "set names": _parameters,
-    "lock names": _levels, "handover controller": _laws, "standby": _controllers,
-    "experiment name": _studies, "bus words": _rigs, "run": _runs, "fault name": _faults,
+    "lock level": _levels, "handover controller": _laws, "standby": _controllers,
+    "experiment name": _studies, "bus rig": _rigs_and("emulate"),
+    "sweep rig": _rigs_and("merge", "rerun"), "run": _runs, "fault name": _faults,
 }  # fmt: skip

@@ -21,7 +21,7 @@ def carried_out(command: Command, words: Sequence[str]) -> int:
     Compiling().told(options.quiet)
     module = import_module(f"pcpc.tools.{command.module}")
     end_in_order()
-    return int(module.command(options))
+    return int(module.command(command.request(options)))
 
 
 def main(command: Command, words: Sequence[str], own: bool = False) -> int:

@@ -1,167 +1,248 @@
 """Commands: what looks at a running node, tunes and operates it."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Literal
 
 from pcpc.tools.live import arguments as take_live
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import NODE_CODES, Add, Command, codes
+from pcpc.tools.terminal.command import NODE_CODES, Command, codes
+from pcpc.tools.terminal.request import WORD, Request
 
 
-def list_(add: Add) -> None:
-    """Take variables, and how much about them."""
-    take_live.table("NAME", "*")(add)
-    add("-l", "--long", action="store_true", help="print also writer and meaning")
+class NodeRequest(Request):
+    """What is asked of one node."""
+
+    node: take_live.Node = None
+    elsewhere: take_live.Elsewhere = take_live.Elsewhere()
+    json: take.Json = False
 
 
-def save(add: Add) -> None:
-    """Take where the parameters of a node go."""
-    add("file", type=Path, metavar="FILE", help="the YAML file to write")
-    add("--all", action="store_true", help="all parameters of the rig, not only changed ones")
-    add("--force", action="store_true", help="overwrite FILE")
-    take_live.node(add)
+class GetRequest(NodeRequest):
+    """Variables, and how much about them."""
+
+    names: Annotated[Sequence[str], WORD, {"metavar": "NAME"}] = ()
+    node: take_live.NodeOfNames = None
+    long: Annotated[
+        bool, "-l", "a table of NAME or a pattern: value, unit, range, writer, meaning"
+    ] = False
 
 
-def load(add: Add) -> None:
-    """Take where parameters of a node come from."""
-    add("file", metavar="FILE", help="lines NAME: VALUE, as `pcpc save` writes them")
-    take_live.node(add)
-    take.json(add)
+class SetRequest(NodeRequest):
+    """Parameters and their values."""
+
+    names: Annotated[Sequence[str], {"metavar": "NAME=VALUE"}]
+    node: take_live.NodeOfNames = None
 
 
-def undo(add: Add) -> None:
-    """Take how many tunings."""
-    add(
-        "count",
-        type=take.positive,
-        nargs="?",
-        default=1,
-        metavar="N",
-        help="undo the last N tunings; default: 1",
-    )
-    take_live.node(add)
-    take.json(add)
+class WatchRequest(NodeRequest):
+    """Variables, and how often."""
 
-
-def watch(add: Add) -> None:
-    """Take variables, and how often."""
-    take_live.table("NAME", "+")(add)
-    add(
+    names: Annotated[Sequence[str], {"metavar": "NAME"}]
+    node: take_live.NodeOfNames = None
+    every_s: Annotated[
+        float,
+        take.seconds("--every"),
         "--every",
-        type=take.seconds("--every"),
-        default="200ms",
-        metavar="TIME",
-        help="interval: 500us, 5ms, 10s; default: %(default)s",
-    )
+        "TIME",
+        "interval: 500us, 5ms, 10s; default: 200ms",
+    ] = 0.2
 
 
-def scope(add: Add) -> None:
-    """Take variables, a trigger and where to write."""
-    add("names", nargs="+", metavar="VAR", help="variables of one node, or patterns with * ? []")
-    add(
-        "--trigger",
-        required=True,
-        metavar="CONDITION",
-        help="trigger when this condition becomes true",
-    )
-    pre, post = (take.seconds(option, zero=True) for option in ("--pre", "--post"))
-    add(
+class LockRequest(NodeRequest):
+    """What is forbidden from now on."""
+
+    level: Annotated[str, {"metavar": "none|tune|all"}]
+    node: take_live.NodeOfNames = None
+
+
+class SaveRequest(Request):
+    """Where the parameters of a node go."""
+
+    file: Annotated[Path, "FILE", "the YAML file to write"]
+    all: Annotated[bool, "all parameters of the rig, not only changed ones"] = False
+    force: Annotated[bool, "overwrite FILE"] = False
+    node: take_live.Node = None
+    elsewhere: take_live.Elsewhere = take_live.Elsewhere()
+
+
+class LoadRequest(NodeRequest):
+    """Where parameters of a node come from."""
+
+    file: Annotated[str, "FILE", "lines NAME: VALUE, as `pcpc save` writes them"]
+
+
+class UndoRequest(NodeRequest):
+    """How many tunings."""
+
+    count: Annotated[int, WORD, take.positive, "N", "undo the last N tunings; default: 1"] = 1
+
+
+class ScopeRequest(Request):
+    """Variables, a trigger and where to write."""
+
+    names: Annotated[Sequence[str], "VAR", "variables of one node, or patterns with * ? []"]
+    trigger: Annotated[str, "--trigger", "CONDITION", "trigger when this condition becomes true"]
+    pre_s: Annotated[
+        float,
+        take.seconds("--pre", zero=True),
         "--pre",
-        type=pre,
-        default="200ms",
-        metavar="TIME",
-        help="record before the trigger; default: %(default)s",
-    )
-    add(
+        "TIME",
+        "record before the trigger; default: 200ms",
+    ] = 0.2
+    post_s: Annotated[
+        float,
+        take.seconds("--post", zero=True),
         "--post",
-        type=post,
-        default="1s",
-        metavar="TIME",
-        help="record after the trigger; default: %(default)s",
-    )
-    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap", help="the log to write")
-    add("--plot", type=Path, metavar="FILE.png", help="draw the capture")
-    add(
-        "--mode",
-        choices=("single", "normal", "auto"),
-        default="single",
-        help="one burst, each trigger, or without a trigger; default: %(default)s",
-    )
-    add("--count", type=take.positive, metavar="N", help="normal, auto: stop after N bursts")
-    add("--within", type=take.duration, metavar="TIME", help="give up after this time")
-    add("--past", action="store_true", help="search the node's ring buffer for past triggers too")
-    add("--force", action="store_true", help="overwrite FILE.mcap")
-    take_live.node(add)
-    take.json(add)
-    take.quiet(add)
+        "TIME",
+        "record after the trigger; default: 1s",
+    ] = 1.0
+    output: Annotated[Path, "-o", "FILE.mcap", "the log to write"]
+    plot: Annotated[Path | None, "FILE.png", "draw the capture"] = None
+    mode: Annotated[
+        Literal["single", "normal", "auto"],
+        "one burst, each trigger, or without a trigger; default: %(default)s",
+    ] = "single"
+    count: Annotated[int | None, take.positive, "N", "normal, auto: stop after N bursts"] = None
+    within_s: Annotated[
+        float | None, take.duration, "--within", "TIME", "give up after this time"
+    ] = None
+    past: Annotated[bool, "search the node's ring buffer for past triggers too"] = False
+    force: Annotated[bool, "overwrite FILE.mcap"] = False
+    node: take_live.Node = None
+    elsewhere: take_live.Elsewhere = take_live.Elsewhere()
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
-def stop(add: Add) -> None:
-    """Take which rig's run, and how."""
-    reset(add)
-    add("--quick", action="store_true", help="ramp down in supervisor.quick_stop_s, not ramp_s")
+class ResetRequest(Request):
+    """Which rig's nodes, if there are several."""
+
+    verb = "reset"
+
+    run: Annotated[
+        str | None,
+        WORD,
+        "RIG|RUN",
+        "if there are several runs: the rig's name or file, or RIG.BUS",
+    ] = None
+    elsewhere: take_live.Elsewhere = take_live.Elsewhere()
+    json: take.Json = False
 
 
-def reset(add: Add) -> None:
-    """Take which rig's nodes, if there are several."""
-    add(
-        "run",
-        metavar="RIG|RUN",
-        nargs="?",
-        help="if there are several runs: the rig's name or file, or RIG.BUS",
-    )
-    take_live.at(add)
-    take.json(add)
+class StopRequest(ResetRequest):
+    """Which rig's run, and how."""
+
+    verb = "stop"
+
+    quick: Annotated[bool, "ramp down in supervisor.quick_stop_s, not ramp_s"] = False
 
 
-def operate(add: Add) -> None:
-    """Take which executive."""
-    take_live.node(add)
-    take.json(add)
+class ArmRequest(NodeRequest):
+    """An executive that waits until its loop is closed."""
+
+    verb = "arm"
 
 
-def handover(add: Add) -> None:
-    """Take who is to be in charge."""
-    add(
-        "controller",
-        metavar="CONTROLLER",
-        help="the controller that takes over: one on standby, or the rig's",
-    )
-    take_live.node(add)
-    take.json(add)
+class HoldRequest(NodeRequest):
+    """An executive whose loop is closed."""
+
+    verb = "hold"
 
 
-def fault(add: Add) -> None:
-    """Take a fault of the rig, how long and how large."""
-    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig")
-    add(
+class ResumeRequest(NodeRequest):
+    """An executive that holds."""
+
+    verb = "resume"
+
+
+class HandoverRequest(NodeRequest):
+    """Who is to be in charge."""
+
+    verb = "handover"
+    controller: Annotated[
+        str, "CONTROLLER", "the controller that takes over: one on standby, or the rig's"
+    ]
+
+
+class FaultRequest(Request):
+    """A fault of the rig, how long and how large."""
+
+    name: Annotated[str | None, WORD, "NAME", "a name under faults: in the rig"] = None
+    for_s: Annotated[
+        float | None,
+        take.seconds("--for"),
         "--for",
-        dest="for_s",
-        type=take.seconds("--for"),
-        metavar="TIME",
-        help="duration: 200ms, 5s; default: until --end",
-    )
-    add("--value", type=float, metavar="X", help="magnitude; default: the rig's value")
-    add("--share", type=float, metavar="X", help="probability that it acts, 0 to 1")
-    add("--end", action="store_true", help="end the fault")
-    add("--node", metavar="NODE", help="only in this node: executive, plant or a full name")
-    take_live.at(add)
-    take.json(add)
+        "TIME",
+        "duration: 200ms, 5s; default: until --end",
+    ] = None
+    value: Annotated[float | None, "X", "magnitude; default: the rig's value"] = None
+    share: Annotated[float | None, "X", "probability that it acts, 0 to 1"] = None
+    end: Annotated[bool, "end the fault"] = False
+    node: Annotated[str | None, "NODE", "only in this node: executive, plant or a full name"] = None
+    elsewhere: take_live.Elsewhere = take_live.Elsewhere()
+    json: take.Json = False
 
 
-COMMANDS = (
+_OPERATIONS = (
     Command(
-        "list",
-        "list the variables of a node with values, units and ranges",
-        "pcpc list 'controller.*'",
-        list_,
+        "lock",
+        "forbid tuning (tune) or everything (all), or allow it (none)",
+        "pcpc operate lock tune",
+        LockRequest,
         module="live.variables",
         codes=NODE_CODES,
     ),
     Command(
+        "reset",
+        "clear a fault that waits for a reset (supervisor.on_fault)",
+        "pcpc operate reset hull",
+        ResetRequest,
+        module="live.operation",
+        codes=codes(NODE_CODES, NOT_MET="the cause is still there"),
+    ),
+    Command(
+        "arm",
+        "close the loop of a run that waits for it (supervisor.arm)",
+        "pcpc operate arm",
+        ArmRequest,
+        module="live.operation",
+        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
+    ),
+    Command(
+        "hold",
+        "ramp commands to their safe values, without a fault",
+        "pcpc operate hold",
+        HoldRequest,
+        notes="time, references and laws continue; `pcpc operate resume` closes the loop again",
+        module="live.operation",
+        codes=NODE_CODES,
+    ),
+    Command(
+        "resume",
+        "close the loop after `pcpc operate hold`, on the same ramp",
+        "pcpc operate resume",
+        ResumeRequest,
+        module="live.operation",
+        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
+    ),
+    Command(
+        "handover",
+        "let another controller take over, without a jump",
+        "pcpc run hull --controller pd --standby pd_nn\npcpc operate handover pd_nn",
+        HandoverRequest,
+        module="live.operation",
+        codes=codes(NODE_CODES, NOT_MET="the controller is not usable; the present one stays"),
+    ),
+)
+
+COMMANDS = (
+    Command(
         "get",
-        "print values",
-        "pcpc get controller.e_rad barrel.theta_rad\nssh -t rig-machine pcpc get controller.e_rad",
-        take_live.table("NAME", "+"),
+        "print values; without a name a table of all, with units and ranges",
+        "pcpc get\npcpc get controller.e_rad barrel.theta_rad\n"
+        "ssh -t rig-machine pcpc get -l 'controller.*'",
+        GetRequest,
         module="live.variables",
         codes=NODE_CODES,
     ),
@@ -169,7 +250,7 @@ COMMANDS = (
         "set",
         "tune parameters, all at once",
         "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15",
-        take_live.table("NAME=VALUE", "+"),
+        SetRequest,
         module="live.variables",
         codes=NODE_CODES,
         first=True,
@@ -178,7 +259,7 @@ COMMANDS = (
         "save",
         "write the tuned parameters to a file",
         "pcpc save tuned.yaml",
-        save,
+        SaveRequest,
         notes="use them with --set @FILE, or in a running node with `pcpc load`",
         module="live.tunings",
         codes=NODE_CODES,
@@ -187,7 +268,7 @@ COMMANDS = (
         "load",
         "tune parameters to the values in a file, all at once or none",
         "pcpc load tuned.yaml",
-        load,
+        LoadRequest,
         module="live.tunings",
         codes=NODE_CODES,
     ),
@@ -195,7 +276,7 @@ COMMANDS = (
         "undo",
         "undo the last tuning, of any client",
         "pcpc undo\npcpc undo 3",
-        undo,
+        UndoRequest,
         module="live.tunings",
         codes=NODE_CODES,
     ),
@@ -203,7 +284,7 @@ COMMANDS = (
         "watch",
         "print values periodically",
         "pcpc watch 'controller.*' --every 500ms",
-        watch,
+        WatchRequest,
         codes=NODE_CODES,
         module="live.variables",
     ),
@@ -212,7 +293,7 @@ COMMANDS = (
         "capture every cycle around a trigger into a log",
         "pcpc scope 'controller.*' --trigger 'abs(controller.e_rad) > 2 mrad' "
         "-o burst.mcap --plot burst.png",
-        scope,
+        ScopeRequest,
         codes=codes(
             NOT_MET="no trigger",
             LOSS="cycles were lost",
@@ -222,67 +303,24 @@ COMMANDS = (
         module="live.scope",
     ),
     Command(
-        "lock",
-        "forbid tuning (tune) or everything (all), or allow it (none)",
-        "pcpc lock tune",
-        take_live.table("none|tune|all", 1),
-        module="live.variables",
-        codes=NODE_CODES,
-    ),
-    Command(
         "stop",
         "stop a run in order, even a locked one",
         "pcpc stop --quick",
-        stop,
+        StopRequest,
         module="live.operation",
         codes=NODE_CODES,
     ),
     Command(
-        "reset",
-        "clear a fault that waits for a reset (supervisor.on_fault)",
-        "pcpc reset hull",
-        reset,
-        module="live.operation",
-        codes=codes(NODE_CODES, NOT_MET="the cause is still there"),
-    ),
-    Command(
-        "arm",
-        "close the loop of a run that waits for it (supervisor.arm)",
-        "pcpc arm",
-        operate,
-        module="live.operation",
-        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
-    ),
-    Command(
-        "hold",
-        "ramp commands to their safe values, without a fault",
-        "pcpc hold",
-        operate,
-        notes="time, references and laws continue; `pcpc resume` closes the loop again",
-        module="live.operation",
-        codes=NODE_CODES,
-    ),
-    Command(
-        "resume",
-        "close the loop after `pcpc hold`, on the same ramp",
-        "pcpc resume",
-        operate,
-        module="live.operation",
-        codes=codes(NODE_CODES, NOT_MET="not possible in this state"),
-    ),
-    Command(
-        "handover",
-        "let another controller take over, without a jump",
-        "pcpc run hull --controller pd --standby pd_nn\npcpc handover pd_nn",
-        handover,
-        module="live.operation",
-        codes=codes(NODE_CODES, NOT_MET="the controller is not usable; the present one stays"),
+        "operate",
+        "reset, arm, hold, resume, lock a run, or hand it over to another law",
+        "pcpc operate hold\npcpc operate reset hull",
+        parts=_OPERATIONS,
     ),
     Command(
         "fault",
         "list the injectable faults of a rig, begin or end one",
         "pcpc fault encoder_stuck --for 200ms",
-        fault,
+        FaultRequest,
         codes=NODE_CODES,
         module="live.fault",
     ),

@@ -1,6 +1,5 @@
 """The running nodes of this machine, found by name, by rig or by what they have."""
 
-import argparse
 from collections.abc import Sequence
 
 from pcpc.drivers.errors import Exit
@@ -32,9 +31,9 @@ class Nodes:
         keep_off([found.pid])
         return found
 
-    def chosen(self, options: argparse.Namespace, words: Sequence[str] = ()) -> Live:
-        """Return the node that --node names, else the one that has these variables; LiveError."""
-        return self.find(options.node) if options.node else self.find_for(words)
+    def chosen(self, node: str | None, words: Sequence[str] = ()) -> Live:
+        """Return the node of a name, else the one that has these variables; LiveError."""
+        return self.find(node) if node else self.find_for(words)
 
     def leader(self, rig: str, node: str = "executive") -> Live:
         """Return the node that is meant of a rig's run, "" for any; LiveError with what runs."""

@@ -1,6 +1,5 @@
-"""`pcpc arm|hold|resume|handover|stop|reset`: what an operator asks of a running rig."""
+"""`pcpc stop`, `operate arm|hold|resume|handover|reset`: what is asked of a running rig."""
 
-import argparse
 import json
 from collections.abc import Iterable
 from typing import Any
@@ -12,34 +11,46 @@ from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.roles import ROLES
+from pcpc.tools.live.commands import (
+    ArmRequest,
+    HandoverRequest,
+    HoldRequest,
+    ResetRequest,
+    ResumeRequest,
+    StopRequest,
+)
 from pcpc.tools.live.local_nodes import Nodes
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
 
 
-def command(options: argparse.Namespace) -> int:
+_Operation = ArmRequest | HoldRequest | ResumeRequest | HandoverRequest
+
+
+def command(request: ResetRequest | StopRequest | _Operation) -> int:
     """Carry one out, and tell in which cycle it was taken."""
-    if options.command in ("stop", "reset"):
-        found: dict[str, Any] = _stop(options) if options.command == "stop" else _reset(options)
+    if isinstance(request, ResetRequest):
+        found: dict[str, Any] = (
+            _stop(request) if isinstance(request, StopRequest) else _reset(request)
+        )
         cycles = ", ".join(f"{name} in cycle {cycle}" for name, cycle in found.items())
-        text = f"{options.command}: {cycles}"
+        text = f"{request.verb}: {cycles}"
     else:
-        found, text = _ask_executive(options)
-    print(json.dumps(found) if options.json else text)
+        found, text = _ask_executive(request)
+    print(json.dumps(found) if request.json else text)
     return Exit.OK
 
 
-def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    live = Nodes().find(options.node or "executive")
+def _ask_executive(request: _Operation) -> tuple[dict[str, Any], str]:
+    live = Nodes().find(request.node or "executive")
     if (role := live.block.description["node"]) != "executive":
-        raise UserError(
-            f"{live.name}: this is a {role} node; `pcpc {options.command}` needs an executive"
-        )
-    if options.command == "handover":
-        cycle = operating.hand_over(live, options.controller)
-        text = f"{options.controller} is in charge from cycle {cycle}"
-        return {"cycle": cycle, "in_charge": options.controller}, text
-    if options.command == "hold":
+        what = f"`pcpc operate {request.verb}` needs an executive"
+        raise UserError(f"{live.name}: this is a {role} node; {what}")
+    if isinstance(request, HandoverRequest):
+        cycle = operating.hand_over(live, request.controller)
+        text = f"{request.controller} is in charge from cycle {cycle}"
+        return {"cycle": cycle, "in_charge": request.controller}, text
+    if isinstance(request, HoldRequest):
         cycle = operating.hold(live)
         text = f"the commands ramp to their safe values from cycle {cycle}"
         return {"cycle": cycle, "armed": False}, text
@@ -47,17 +58,17 @@ def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     return {"cycle": cycle, "armed": True}, f"the loop is closed from cycle {cycle}"
 
 
-def _stop(options: argparse.Namespace) -> dict[str, int]:
+def _stop(request: StopRequest) -> dict[str, int]:
     """Ask the executive, whose frames tell the others."""
     there = Nodes()
-    node = there.leader(there.rig_of(options.run))
-    return {node.name: node.tune({"supervisor.stop": 2.0 if options.quick else 1.0})}
+    node = there.leader(there.rig_of(request.run))
+    return {node.name: node.tune({"supervisor.stop": 2.0 if request.quick else 1.0})}
 
 
-def _reset(options: argparse.Namespace) -> dict[str, int]:
+def _reset(request: ResetRequest) -> dict[str, int]:
     """Reset every node in FAULT, the lowest first; LiveError with the fault that is still there."""
     there = Nodes()
-    rig = there.rig_of(options.run)
+    rig = there.rig_of(request.run)
     nodes = there.running(rig)
     found = nodes_in_fault(nodes.values())
     if not found:

@@ -10,7 +10,6 @@ It reads the node's ring of cycles beside the recorder (`executive.nodes.tap`), 
 not notice. Rows that the ring lost before they were read are told, and are a loss.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -24,13 +23,14 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.laws.units import Unit, unit
 from pcpc.executive.loop.ring_layout import OfRecord
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
-from pcpc.executive.rig.units import Unit, unit
-from pcpc.tools.after.log.part import NodePart, Part
+from pcpc.tools.after.log.part import LogPart, NodePart
+from pcpc.tools.live.commands import ScopeRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.picture import check_picture
@@ -138,16 +138,16 @@ class Trigger:
 class Scope:
     """One capture, from arming to its last burst."""
 
-    def __init__(self, options: argparse.Namespace) -> None:
-        self.options, self.progress = options, Progress(options.quiet)
-        self.live, condition, self.names = _selection(options)
+    def __init__(self, request: ScopeRequest) -> None:
+        self.request, self.progress = request, Progress(request.quiet)
+        self.live, condition, self.names = _selection(request)
         period_ns = self.live.period_ns
-        pre, post = (round(1e9 * span_s) // period_ns for span_s in (options.pre, options.post))
-        self.count = 1 if options.mode == "single" else options.count
+        pre, post = (round(1e9 * span_s) // period_ns for span_s in (request.pre_s, request.post_s))
+        self.count = 1 if request.mode == "single" else request.count
         seen = {*self.names, *map(_bare, condition.names)}
         self.tap = Tap(self.live, past=True, names=seen)
-        armed = 0 if options.past else int(self.live.block.control.cycle) + 1
-        auto = options.mode == "auto"
+        armed = 0 if request.past else int(self.live.block.control.cycle) + 1
+        auto = request.mode == "auto"
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
         self.bursts: list[dict[str, Any]] = []
         self.is_cut_short = False  # the node ended within a burst
@@ -155,10 +155,10 @@ class Scope:
 
     def run(self, path: Path) -> None:
         """Capture until all bursts are there, the node or the patience has ended, or Ctrl-C."""
-        part = Part(path)
+        part = LogPart(path)
         log = part.node(self.live.block.description, self.names)
         try:
-            self.progress.say(f"{self.live.name}: waiting for the trigger {self.options.trigger}")
+            self.progress.say(f"{self.live.name}: waiting for the trigger {self.request.trigger}")
             self._capture(log)
         except KeyboardInterrupt:
             if not self.bursts:
@@ -167,7 +167,7 @@ class Scope:
             part.close({log.channels.name: {"record": self.tap.missed["record"]}})
 
     def _capture(self, log: NodePart) -> None:
-        within = self.options.within
+        within = self.request.within_s
         deadline_s = np.inf if within is None else time.monotonic() + within
         while self.count is None or len(self.bursts) < self.count:
             over = not self.live.running or time.monotonic() > deadline_s  # before the last look
@@ -193,7 +193,7 @@ class Scope:
         stamp = log.channels.stamp(int(stamps[0]), burst.cycle)
         entry = {"event": "no trigger"}
         if burst.found:
-            entry = {"event": "trigger", "name": self.options.trigger}
+            entry = {"event": "trigger", "name": self.request.trigger}
         log.write_event(stamp, burst.cycle, entry | {"value": 0.0})
         first, last = (int(burst.rows[i, OfRecord.CYCLE]) for i in (0, -1))
         self.bursts.append(
@@ -218,65 +218,66 @@ class Scope:
         held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
         begin = burst.cycle - self.trigger.pre + burst.short
         why = "the node's ring buffer holds no more" if begin else "the run began there"
-        return f"--pre {self.options.pre:g}s: only {held_s:.6g} s, from cycle {begin} on: {why}"
+        return f"--pre {self.request.pre_s:g}s: only {held_s:.6g} s, from cycle {begin} on: {why}"
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ScopeRequest) -> int:
     """Capture; return the exit code. LiveError: wrong input, or no such node."""
-    check_picture("--plot", options.plot)
-    scope = Scope(options)
-    with new_file(options.output, options.force) as path:
+    check_picture("--plot", request.plot)
+    scope = Scope(request)
+    with new_file(request.output, request.force) as path:
         scope.run(path)
         missed = scope.tap.missed["record"]
         if not scope.bursts:
-            why = "the node ended" if not scope.live.running else f"not within {options.within:g} s"
+            is_over = not scope.live.running
+            why = "the node ended" if is_over else f"not within {request.within_s:g} s"
             lost = f", {missed} cycles lost" if missed else ""
-            raise LiveError(f"{options.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
-    if options.plot is not None:
+            raise LiveError(f"{request.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
+    if request.plot is not None:
         from pcpc.tools.after.log import plot  # here, because it takes time
+        from pcpc.tools.after.log.commands import PlotRequest
 
-        words = [str(options.output), *scope.names]
-        about = {"words": words, "output": options.plot, "start": None, "end": None, "quiet": True}
-        plot.command(argparse.Namespace(**about))
+        words = [str(request.output), *scope.names]
+        plot.draw(PlotRequest(words=words, output=request.plot, quiet=True))
     rows = sum(one["rows"] for one in scope.bursts)
-    if options.json:
-        print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.bursts}))
+    if request.json:
+        print(json.dumps({"file": str(request.output), "lost": missed, "bursts": scope.bursts}))
     else:
         ended = ", the last one cut short" if scope.is_cut_short else ""
         bursts = f"{len(scope.bursts)} burst{'s' * (len(scope.bursts) > 1)}"
-        print(f"{options.output}: {bursts}, {rows} cycles{ended}")
+        print(f"{request.output}: {bursts}, {rows} cycles{ended}")
         if scope.short:
             print(scope.short)
     if missed:
         lost = f"{missed} cycles lost: they were overwritten before they were read"
-        print(lost, file=sys.stderr if options.json else sys.stdout)
+        print(lost, file=sys.stderr if request.json else sys.stdout)
     return Exit.LOSS if missed else Exit.OK
 
 
-def _selection(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
+def _selection(request: ScopeRequest) -> tuple[Live, ex.Condition, list[str]]:
     """Return the node, the trigger and the variables that are asked for; UserError."""
     try:
-        wanted = ex.condition(options.trigger, lambda name: None).names
-        split = [name.rpartition(":")[::2] for name in (*options.names, *sorted(wanted))]
+        wanted = ex.condition(request.trigger, lambda name: None).names
+        split = [name.rpartition(":")[::2] for name in (*request.names, *sorted(wanted))]
         if not all(name for _, name in split):
-            raise UserError("'': names no variable; `pcpc list` shows all")
+            raise UserError("'': names no variable; `pcpc get` shows all")
         roles = {role for role, _ in split} - {""}
         words = [name for _, name in split]
         there = Nodes()
-        named = options.node or min(roles, default="")
+        named = request.node or min(roles, default="")
         live = there.find(named) if named else there.find_for(words)
         if roles - {role := str(live.block.description["node"])}:
             other = min(roles - {role})
             raise UserError(f"{other}: a scope covers one node, here {live.name}")
-        condition = ex.condition(options.trigger, lambda name: _unit(live, _bare(name)))
+        condition = ex.condition(request.trigger, lambda name: _unit(live, _bare(name)))
     except ex.ExpressionError as error:
         raise UserError(f"--trigger: {error}") from None
     if not condition.names:
-        raise UserError(f"--trigger: {options.trigger} names no variable")
+        raise UserError(f"--trigger: {request.trigger} names no variable")
     about = live.block.description
     recorded = [*about["state_columns"], *about["timing_columns"]]
     chosen: dict[str, None] = {}
-    for word in words[: len(options.names)]:
+    for word in words[: len(request.names)]:
         found = [name for name in live.select([word]) if name in recorded]
         if not found:
             raise UserError(_why_unrecorded(live, word))

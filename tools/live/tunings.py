@@ -9,8 +9,6 @@ its description what the rig gave, so all hosts see the same. A state is what th
 were after a cycle with tunings; one that returns to an earlier state takes back what was between.
 """
 
-import argparse
-import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
@@ -25,6 +23,7 @@ from pcpc.executive.loop.ring_layout import OfEvent
 from pcpc.executive.nodes.live import Live, known_name
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig import yamlfile
+from pcpc.tools.live.commands import LoadRequest, SaveRequest, UndoRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.variables import tune
 from pcpc.tools.start import rigs
@@ -34,10 +33,15 @@ from pcpc.tools.terminal.outfile import new_file
 State = dict[str, float]
 
 
-def command(options: argparse.Namespace) -> int:
-    """Run one of the three subcommands."""
-    actions = {"save": _save, "load": _load, "undo": _undo}
-    actions[options.command](options)
+def command(request: SaveRequest | LoadRequest | UndoRequest) -> int:
+    """Run one of the three."""
+    if isinstance(request, SaveRequest):
+        _save(request)
+    elif isinstance(request, LoadRequest):
+        _load(request)
+    else:
+        live = Nodes().chosen(request.node)
+        tune(live, undo_changes(live, request.count), request.json)
     return Exit.OK
 
 
@@ -90,22 +94,17 @@ def undo_changes(live: Live, count: int = 1) -> State:
     return {name: then[name] for name in now if now[name] != then[name]}
 
 
-def _undo(options: argparse.Namespace) -> None:
-    live = Nodes().chosen(options)
-    tune(live, undo_changes(live, options.count), options.json)
-
-
 # Files
 
 
-def _save(options: argparse.Namespace) -> None:
-    live = Nodes().chosen(options)
+def _save(request: SaveRequest) -> None:
+    live = Nodes().chosen(request.node)
     values, settings = live.read(), _settings(live.block.description)
     given = live.block.description.get("initial", {})
     chosen = [
-        name for name in given if values[name] != given[name] or (options.all and name in settings)
+        name for name in given if values[name] != given[name] or (request.all and name in settings)
     ]
-    rig, file = live.block.description, str(options.file)
+    rig, file = live.block.description, str(request.file)
     lines = [
         f"# {live.name}, cycle {values.cycle}, controller {rig['metadata']['controller']}",
         f"# in a running node: pcpc load {shlex.quote(file)}",
@@ -119,11 +118,11 @@ def _save(options: argparse.Namespace) -> None:
         about += f"; rig {given[name]:.9g}" if values[name] != given[name] else ""
         about += "" if name in settings else "; computed by its law: only `load` takes it"
         lines += ["", *screen.wrapped_lines(about, "# "), f"{name}: {values[name]!r}"]
-    with new_file(options.file, options.force) as path:
+    with new_file(request.file, request.force) as path:
         path.write_text("\n".join([*lines, *([] if chosen else ["{}"])]) + "\n", "utf-8")
     changed = sum(values[name] != given[name] for name in chosen)
     many = "parameter" if len(chosen) == 1 else "parameters"
-    print(f"{options.file}: {len(chosen)} {many} of {live.name}, {changed} changed")
+    print(f"{request.file}: {len(chosen)} {many} of {live.name}, {changed} changed")
 
 
 def _settings(about: Mapping[str, Any]) -> set[str]:
@@ -140,22 +139,21 @@ def _settings(about: Mapping[str, Any]) -> set[str]:
         raise UserError(what, Exit.ENVIRONMENT) from None
 
 
-def _load(options: argparse.Namespace) -> None:
-    if not options.file:
+def _load(request: LoadRequest) -> None:
+    if not request.file:
         raise UserError("'' is not a file; give one that `pcpc save` has written")
-    document = yamlfile.load(options.file)
+    document = yamlfile.load(request.file)
     there = Nodes()
-    nodes = [there.find(options.node)] if options.node else list(there.running().values())
+    nodes = [there.find(request.node)] if request.node else list(there.running().values())
     names = [name for name in document.data if any(name in one.variables for one in nodes)]
-    live = there.chosen(options, names)
+    live = there.chosen(request.node, names)
     changes = dict(_changes(document, live))
     before = live.read()
     if changes := {name: value for name, value in changes.items() if before[name] != value}:
-        tune(live, changes, options.json)
-    elif options.json:
-        print(json.dumps({"cycle": before.cycle, "values": {}, "before": {}}))
+        tune(live, changes, request.json)
     else:
-        print(f"{live.name}: already has these values")
+        told = {"cycle": before.cycle, "values": {}, "before": {}}
+        screen.answer(request.json, told, [f"{live.name}: already has these values"])
 
 
 def _changes(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, float]]:

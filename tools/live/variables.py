@@ -1,6 +1,5 @@
-"""`pcpc list|get|set|watch|lock`: the variables of a running node, shown and tuned."""
+"""`pcpc get|set|watch`, `operate lock`: the variables of a running node, shown and tuned."""
 
-import argparse
 import json
 import math
 import shutil
@@ -10,8 +9,9 @@ from dataclasses import dataclass
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.alarms import Alarms
-from pcpc.executive.nodes.live import Live, Variable, known_name
+from pcpc.executive.nodes.live import Live, LiveVariable, known_name
 from pcpc.executive.nodes.mailbox import LiveError
+from pcpc.tools.live.commands import GetRequest, LockRequest, SetRequest, WatchRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
 
@@ -31,40 +31,50 @@ class _Column:
         return self.live.variables[self.name].shown(value)
 
 
-def command(options: argparse.Namespace) -> int:
-    """Run one of the five subcommands. UserError: wrong input."""
-    chosen = _nodes_and_words(options)
-    if options.command in ("get", "watch"):
-        show = _get if options.command == "get" else _watch
-        show(_columns(chosen, globs=options.command == "watch"), options)
+def command(request: GetRequest | SetRequest | WatchRequest | LockRequest) -> int:
+    """Run one of the four. UserError: wrong input."""
+    if isinstance(request, LockRequest):
+        Nodes().chosen(request.node).lock(request.level)
+        screen.answer(request.json, {"lock": request.level}, [f"lock {request.level}"])
         return Exit.OK
-    if len({live.name for live, _ in chosen}) > 1:
-        raise UserError(
-            f"{' '.join(options.names)}: of several nodes; {options.command} those of one node"
-        )
-    one = {"list": _list, "set": _set, "lock": _lock}
-    one[options.command](chosen[0][0], [word for _, word in chosen if word], options)
+    chosen = _nodes_and_words(request)
+    if isinstance(request, WatchRequest):
+        _watch(_columns(chosen, globs=True), request.every_s, request.json)
+    elif isinstance(request, SetRequest):
+        _set(*_of_one_node(chosen, request.names, "set"), request.json)
+    elif request.long or not request.names:
+        _list(*_of_one_node(chosen, request.names, "get"), request.long, request.json)
+    else:
+        _get(_columns(chosen, globs=False), request.json)
     return Exit.OK
 
 
-def _nodes_and_words(options: argparse.Namespace) -> list[tuple[Live, str]]:
+def _of_one_node(
+    chosen: Sequence[tuple[Live, str]], names: Sequence[str], verb: str
+) -> tuple[Live, list[str]]:
+    """Return the node of all words, and the words; UserError: there are several nodes."""
+    if len({live.name for live, _ in chosen}) > 1:
+        raise UserError(f"{' '.join(names)}: of several nodes; {verb} those of one node")
+    return chosen[0][0], [word for _, word in chosen if word]
+
+
+def _nodes_and_words(request: GetRequest | SetRequest | WatchRequest) -> list[tuple[Live, str]]:
     """Return each word with its node: the one that is named, else one that has all, else its own.
 
     Without words, [(node, "")].
     """
-    there, words = Nodes(), [word.rpartition(":")[::2] for word in options.names]
-    if options.command == "lock" or not words:
-        node = there.chosen(options)
-        return [(node, word) for word in options.names or [""]]
-    for shown, (role, word) in zip(options.names, words, strict=True):
+    there, words = Nodes(), [word.rpartition(":")[::2] for word in request.names]
+    if not words:
+        return [(there.chosen(request.node), "")]
+    for shown, (role, word) in zip(request.names, words, strict=True):
         if not word.partition("=")[0]:
-            if options.command == "set":
+            if isinstance(request, SetRequest):
                 raise UserError(f"{shown or repr(shown)}: expected NAME=VALUE")
-            raise UserError(f"{shown!r}: names no variable; `pcpc list` shows all")
-        if options.node and role not in ("", options.node):
-            raise UserError(f"{shown}: contradicts --node {options.node}; give one of them")
-    if options.node:
-        node = there.find(options.node)
+            raise UserError(f"{shown!r}: names no variable; `pcpc get` shows all")
+        if request.node and role not in ("", request.node):
+            raise UserError(f"{shown}: contradicts --node {request.node}; give one of them")
+    if request.node:
+        node = there.find(request.node)
         return [(node, word) for _, word in words]
     free = [word.partition("=")[0] for role, word in words if not role]
     try:
@@ -89,25 +99,23 @@ def _columns(chosen: Sequence[tuple[Live, str]], globs: bool) -> list[_Column]:
     return [*found.values()]
 
 
-def _list(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
+def _list(live: Live, words: Sequence[str], is_long: bool, as_json: bool) -> None:
     values = live.read()
     rows = [(live.variables[name], values[name]) for name in live.select(words or ["*"])]
-    if options.json:
-        print(json.dumps([_description(*row) for row in rows]))
-        return
     cells = [("name", "value", "unit", "kind and range")]
     for one, value in rows:
         about = one.kind
         if one.range is not None:
             about += " {:.9g}..{:.9g}".format(*one.range)
-        if options.long:
+        if is_long:
             about += f", {one.writer}: {one.help}"
         cells.append((one.name, f"{value:.9g}", one.unit, about))
-    print("\n".join(screen.table(cells, right=(1,))))
+    told = [_description(*row) for row in rows]
+    screen.answer(as_json, told, screen.table(cells, right=(1,)))
 
 
-def _description(one: Variable, value: float) -> dict[str, object]:
-    """Return one variable for `list --json`."""
+def _description(one: LiveVariable, value: float) -> dict[str, object]:
+    """Return one variable for `get --long --json`."""
     span = None if one.range is None else [_json(bound) for bound in one.range]
     return {"name": one.name, "value": _json(value)} | vars(one) | {"range": span}
 
@@ -118,16 +126,14 @@ def _read(columns: Sequence[_Column]) -> dict[str, float]:
     return {one.label: values[one.live.name][one.name] for one in columns}
 
 
-def _get(columns: Sequence[_Column], options: argparse.Namespace) -> None:
+def _get(columns: Sequence[_Column], as_json: bool) -> None:
     values = _read(columns)
-    if options.json:
-        print(json.dumps({name: _json(value) for name, value in values.items()}))
-        return
-    for one in columns:
-        print(f"{one.label} = {one.shown(values[one.label])}")
+    told = {name: _json(value) for name, value in values.items()}
+    lines = (f"{one.label} = {one.shown(values[one.label])}" for one in columns)
+    screen.answer(as_json, told, lines)
 
 
-def _set(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
+def _set(live: Live, words: Sequence[str], as_json: bool) -> None:
     changes: dict[str, float] = {}
     for word in words:
         name, equals, text = word.partition("=")
@@ -139,33 +145,26 @@ def _set(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
             changes[name] = float(text)
         except ValueError:
             raise UserError(f"{word}: {text!r} is not a number") from None
-    tune(live, changes, options.json)
+    tune(live, changes, as_json)
 
 
 def tune(live: Live, changes: Mapping[str, float], as_json: bool) -> None:
     """Set parameters and print what they were, what they are and from which cycle on."""
     before = live.read()
     cycle = live.tune(changes)
-    if as_json:
-        old = {name: _json(before[name]) for name in changes}
-        print(json.dumps({"cycle": cycle, "values": changes, "before": old}))
-        return
-    for name, value in changes.items():
-        shown = live.variables[name].shown(value)
-        print(f"{name} = {shown} (was {before[name]:.9g}) from cycle {cycle}")
+    old = {name: _json(before[name]) for name in changes}
+    lines = (
+        f"{name} = {live.variables[name].shown(value)} (was {before[name]:.9g}) from cycle {cycle}"
+        for name, value in changes.items()
+    )
+    screen.answer(as_json, {"cycle": cycle, "values": changes, "before": old}, lines)
 
 
-def _lock(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
-    (level,) = words
-    live.lock(level)
-    print(json.dumps({"lock": level}) if options.json else f"lock {level}")
-
-
-def _watch(columns: Sequence[_Column], options: argparse.Namespace) -> None:
+def _watch(columns: Sequence[_Column], every_s: float, as_json: bool) -> None:
     nodes = {one.live.name: one.live for one in columns}
-    shown = _Screen(columns, options.json)
+    shown = _Screen(columns, as_json)
     alarms = [Alarms(live.block) for live in nodes.values()]
-    for leading in columns[0].live.every(options.every):
+    for leading in columns[0].live.every(every_s):
         for alarm in (alarm for one in alarms for alarm in one.look()):
             shown.tell(str(alarm))
         others = [one for one in columns if one.live is not columns[0].live]

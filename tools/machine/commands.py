@@ -1,16 +1,21 @@
 """Commands: completion."""
 
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from typing import Annotated, Literal
+
+from pcpc.tools.terminal.command import BASIC_CODES, Command
+from pcpc.tools.terminal.request import WORD, Request
 
 
-def help_(add: Add) -> None:
-    """Take a group."""
-    add("group", nargs="?", metavar="GROUP", help="a group of commands, or all")
+class HelpRequest(Request):
+    """A group of commands."""
+
+    group: Annotated[str | None, WORD, "GROUP", "a group of commands, or all"] = None
 
 
-def completion(add: Add) -> None:
-    """Take a shell."""
-    add("shell", choices=("bash", "zsh", "fish"), help="the shell")
+class CompletionRequest(Request):
+    """A shell."""
+
+    shell: Annotated[Literal["bash", "zsh", "fish"], "the shell"]
 
 
 COMMANDS = (
@@ -18,7 +23,7 @@ COMMANDS = (
         "help",
         "list the commands of a group, or all",
         "pcpc help live\npcpc help all",
-        help_,
+        HelpRequest,
         module="cli.help",
         codes=BASIC_CODES,
     ),
@@ -26,7 +31,7 @@ COMMANDS = (
         "completion",
         "let a shell complete commands, rigs, controllers and variables",
         "pcpc completion bash",
-        completion,
+        CompletionRequest,
         module="cli.completion",
         codes=BASIC_CODES,
         notes='~/.bashrc, ~/.zshrc: eval "$(pcpc completion bash)", or zsh\n'

@@ -13,7 +13,6 @@ SYNC 0x080, frames of every cycle from 0x0A0 (executive) and 0x120 (plant) on, h
 0x702. The wiring of all controllers of the rig counts.
 """
 
-import argparse
 import math
 import re
 import tempfile
@@ -31,6 +30,7 @@ from pcpc.executive.loop.states import State
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import NodeSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
+from pcpc.tools.make.commands import DbcRequest
 from pcpc.tools.start.settings import settings
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import new_file
@@ -71,7 +71,7 @@ BA_ "BusType" "CAN";"""
 
 
 @dataclass(frozen=True)
-class Signal:
+class SignalLine:
     """One line SG_; `start` and `nbits` as in a DBC, little endian."""
 
     name: str
@@ -91,7 +91,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Frame:
+class MessageLine:
     """One message; `every_ms` 0 for every cycle, then protected."""
 
     can_id: int
@@ -100,17 +100,17 @@ class Frame:
     receiver: str
     nbytes: int
     every_ms: int
-    signals: tuple[Signal, ...]
+    signals: tuple[SignalLine, ...]
     crc_bits: int = 8
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: DbcRequest) -> int:
     """Write the file and say what is in it."""
-    document = yamlfile.load(options.rig)
+    document = yamlfile.load(request.rig)
     given = document.place(("dbc",)).folder / str(document.data.get("dbc", "rig.dbc"))
-    target = Path(options.output or given)
-    rigs = rigs_of(options.rig)
-    frames = frames_of(rigs, options.crc)
+    target = Path(request.output or given)
+    rigs = rigs_of(Path(request.rig))
+    frames = frames_of(rigs, request.crc)
     nodes = [node.name for node in rigs[0].nodes().values()]
     text = dbc_text(frames, nodes, rigs[0].config.rate_hz)
     dbc.parse(target, text, strict=True)
@@ -135,7 +135,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _signal_text(signal: Signal) -> str:
+def _signal_text(signal: SignalLine) -> str:
     if signal.codes or signal.name in _OWN:
         return signal.name
     return f"{signal.name} {signal.factor:g} {signal.unit}".rstrip()
@@ -150,26 +150,30 @@ def rigs_of(path: Path) -> list[Rig]:
         return [first, *(load_rig(path, name, words) for name in others)]
 
 
-def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[Frame]:
+def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[MessageLine]:
     """Return the frames of a rig, by id; RigError for what the wiring does not say."""
     rig = rigs[0]
     if rig.config.local is not None:
         raise rig.error("local", "`pcpc dbc` writes files of two nodes; write that of three")
     names = {role: rig.nodes()[role].name for role in rig.roles}
-    sync = Frame(
+    sync = MessageLine(
         0x080,
         "SYNC",
         names["executive"],
         names["plant"],
         1 + crc_bits // 8,
         0,
-        (Signal("sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8, 16 * (crc_bits > 8)),),
+        (
+            SignalLine(
+                "sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8, 16 * (crc_bits > 8)
+            ),
+        ),
         crc_bits,
     )
     frames = [sync]
     ends: tuple[tuple[Role, Role], ...] = (("executive", "plant"), ("plant", "executive"))
     for role, other in ends:
-        sent: dict[str, Signal] = {}
+        sent: dict[str, SignalLine] = {}
         for one in rigs:
             _add_sent(sent, one, role)
         for one in rigs:
@@ -178,7 +182,7 @@ def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[Frame]:
     return sorted(frames, key=lambda frame: frame.can_id)
 
 
-def _add_sent(sent: dict[str, Signal], rig: Rig, role: Role) -> None:
+def _add_sent(sent: dict[str, SignalLine], rig: Rig, role: Role) -> None:
     """Add the signals that a node sends under a controller; of equal names the wider range."""
     node = rig.nodes()[role]
     for name, source in node.transmit.items():
@@ -192,7 +196,7 @@ def _add_sent(sent: dict[str, Signal], rig: Rig, role: Role) -> None:
         sent[name] = signal
 
 
-def _signal(rig: Rig, role: Role, node: NodeSpec, name: str, source: str) -> Signal:
+def _signal(rig: Rig, role: Role, node: NodeSpec, name: str, source: str) -> SignalLine:
     """Return the signal FRAME.signal that a node sends."""
     at, (frame, _, short) = f"{role}.transmit.{name}", name.partition(".")
     if not (_NAME.fullmatch(frame) and _NAME.fullmatch(short)):
@@ -202,10 +206,9 @@ def _signal(rig: Rig, role: Role, node: NodeSpec, name: str, source: str) -> Sig
     if source in _CODES:
         nbits, codes = _CODES[source]
         highest = float((1 << nbits) - 1)
-        return Signal(short, "", source, 0.0, highest, nbits, codes=tuple(codes.items()))
+        return SignalLine(short, "", source, 0.0, highest, nbits, codes=tuple(codes.items()))
     ports = _ports(node)
-    if source not in ports:
-        raise rig.error(at, f"no output {source}{did_you_mean(source, [*ports, *_CODES])}")
+    rig.known(at, source, [*ports, *_CODES], "output")
     port, limit = ports[source], node.limits.get(name)
     low, high = port.low, port.high
     if limit is not None:
@@ -214,7 +217,7 @@ def _signal(rig: Rig, role: Role, node: NodeSpec, name: str, source: str) -> Sig
         cure = f"give its port low and high, as port({port.unit!r}, ..., low=-10.0, high=10.0)"
         cure += f", or {name} bounds in executive.limits" * (role == "executive")
         raise rig.error(at, f"{source} has no range; {cure}")
-    return Signal(short, port.unit, port.help, low, high)
+    return SignalLine(short, port.unit, port.help, low, high)
 
 
 def _ports(node: NodeSpec) -> dict[str, Port]:
@@ -227,7 +230,7 @@ def _ports(node: NodeSpec) -> dict[str, Port]:
     }
 
 
-def _check_received(rig: Rig, role: Role, sent: dict[str, Signal]) -> None:
+def _check_received(rig: Rig, role: Role, sent: dict[str, SignalLine]) -> None:
     """Refuse inputs and safe values of signals that the other node does not send so."""
     node = rig.nodes()[role]
     wanted = {f"{role}.safe.{name}": name for name in node.safe}
@@ -255,10 +258,10 @@ def _check_received(rig: Rig, role: Role, sent: dict[str, Signal]) -> None:
 
 
 def _frames(
-    rig: Rig, role: Role, sent: dict[str, Signal], sender: str, receiver: str, crc_bits: int
-) -> Iterator[Frame]:
+    rig: Rig, role: Role, sent: dict[str, SignalLine], sender: str, receiver: str, crc_bits: int
+) -> Iterator[MessageLine]:
     """Yield the frames of a node; RigError if one has more signals than fit."""
-    grouped: dict[str, list[Signal]] = {}
+    grouped: dict[str, list[SignalLine]] = {}
     for name, signal in sent.items():
         grouped.setdefault(name.partition(".")[0], []).append(signal)
     number, beats = 0, 0
@@ -267,16 +270,18 @@ def _frames(
             beats += 1
             if beats > 1 or len(signals) > 1:
                 raise rig.error(f"{role}.transmit", "a node has one heartbeat, of one signal")
-            yield Frame(_HEARTBEAT[role], name, sender, receiver, 1, 100, tuple(signals))
+            yield MessageLine(_HEARTBEAT[role], name, sender, receiver, 1, 100, tuple(signals))
             continue
         placed = _placed_signals(
             rig, f"{role}.transmit.{name}.{signals[0].name}", signals, crc_bits
         )
-        yield Frame(_FIRST_ID[role] + number, name, sender, receiver, 8, 0, placed, crc_bits)
+        yield MessageLine(_FIRST_ID[role] + number, name, sender, receiver, 8, 0, placed, crc_bits)
         number += 1
 
 
-def _placed_signals(rig: Rig, at: str, signals: list[Signal], crc_bits: int) -> tuple[Signal, ...]:
+def _placed_signals(
+    rig: Rig, at: str, signals: list[SignalLine], crc_bits: int
+) -> tuple[SignalLine, ...]:
     """Return the signals of a frame with bits and resolution, those with codes last."""
     start, most, widths = _PAYLOAD[crc_bits]
     free = most - sum(signal.nbits for signal in signals)
@@ -307,7 +312,7 @@ def resolution(low: float, high: float, nbits: int) -> float:
     )
 
 
-def dbc_text(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:
+def dbc_text(frames: list[MessageLine], nodes: list[str], rate_hz: float) -> str:
     """Return the text of a DBC file."""
     lines = [_HEAD, f"BU_: {' '.join(nodes)}", ""]
     for frame in frames:
@@ -331,20 +336,20 @@ def dbc_text(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _tail(frame: Frame) -> tuple[Signal, ...]:
+def _tail(frame: MessageLine) -> tuple[SignalLine, ...]:
     """Return what `drivers.can.e2e` fills in; in SYNC the sequence is the counter."""
     if frame.every_ms:
         return ()
     if frame.crc_bits == 8:
-        crc = Signal("crc", "", "", 0.0, 255.0, 8, 8 * (frame.nbytes - 1))
-        counter = Signal("counter", "", "", 0.0, 15.0, 4, 8 * (frame.nbytes - 2))
+        crc = SignalLine("crc", "", "", 0.0, 255.0, 8, 8 * (frame.nbytes - 1))
+        counter = SignalLine("counter", "", "", 0.0, 15.0, 4, 8 * (frame.nbytes - 2))
     else:
-        crc = Signal("crc", "", "", 0.0, 65535.0, 16)
-        counter = Signal("counter", "", "", 0.0, 255.0, 8, 16)
+        crc = SignalLine("crc", "", "", 0.0, 65535.0, 16)
+        counter = SignalLine("counter", "", "", 0.0, 255.0, 8, 16)
     return (crc,) if frame.name == "SYNC" else (counter, crc)
 
 
-def _sg(signal: Signal, receiver: str) -> str:
+def _sg(signal: SignalLine, receiver: str) -> str:
     place = f"{signal.start}|{signal.nbits}@1{'-' if signal.signed else '+'}"
     scale = f"({signal.factor:.15g},0) [{signal.low:.15g}|{signal.high:.15g}]"
     return f' SG_ {signal.name} : {place} {scale} "{_comment(signal.unit)}" {receiver}'

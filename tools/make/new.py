@@ -8,7 +8,6 @@ With `--drive` also the rig of a drive, with `--device` also the files of templa
 README.md continues that of the motor.
 """
 
-import argparse
 import re
 import shlex
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, code_of
+from pcpc.tools.make.commands import NewRequest
 from pcpc.tools.terminal import screen
 
 TEMPLATE = Path(__file__).with_name("template")
@@ -61,11 +61,11 @@ NEXT = {
     "pcpc simulate .": "virtual time, in one process",
     "pcpc run .": "real processes, frames on a bus",
     "pcpc run . --pacing lockstep": "the same without a clock",
-    "pcpc plant .": "two terminals: the plant here ...",
-    "pcpc exec .": "... and the control there",
+    "pcpc run . --only plant": "two terminals: the plant here ...",
+    "pcpc run . --only executive": "... and the control there",
     "pytest": "its tests",
 }
-NEXT_DEVICE = "pcpc plant device.yaml --pacing lockstep --device python device.py {bus}"
+NEXT_DEVICE = "pcpc run device.yaml --pacing lockstep --device python device.py {bus}"
 _TO_RUN = re.compile("(?<=\n)## Four ways to run it\n.*?(?=## )", re.DOTALL)  # in a README.md
 _NAME = re.compile("(?!-)[a-z0-9._-]{1,64}")  # of a rig
 
@@ -93,30 +93,30 @@ CART = Template(TEMPLATE / "cart", "cart", "a pole on a cart", CART_FILES)
 BARE = Template(TEMPLATE / "bare", "bare", "a first-order lag to replace", BARE_FILES)
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: NewRequest) -> int:
     """Write the rig, and say what can be done with it. UserError: wrong input."""
-    if options.cart and options.bare:
+    if request.cart and request.bare:
         raise UserError("--cart and --bare: choose one of them")
-    template = CART if options.cart else BARE if options.bare else MOTOR
-    if not options.dir:
+    template = CART if request.cart else BARE if request.bare else MOTOR
+    if not request.dir:
         flag = f"--{template.rig} " if template is not MOTOR else ""
         raise UserError(f"DIR is missing: name a new folder, as in pcpc new {flag}{template.rig}")
-    folder = Path(options.dir)
-    write(folder, options.device, template, options.drive)
+    folder = Path(request.dir)
+    write(folder, request.device, template, request.drive)
     print(f"{folder}: a rig of your own, {template.what}")
     files = {
-        **template.files, **(DEVICE_FILES if options.device else {}),
-        **(DRIVE_FILES if options.drive else {}),
+        **template.files, **(DEVICE_FILES if request.device else {}),
+        **(DRIVE_FILES if request.drive else {}),
     }  # fmt: skip
     rig = folder.resolve().name
     rows = [(f"  {template.renamed(name, rig)}", what) for name, what in files.items()]
     print("\n".join(screen.table(rows)))
     print(f"next:\n  cd {shlex.quote(str(folder))}")
     print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
-    if options.device:
+    if request.device:
         print(f"  {NEXT_DEVICE}")
-    if options.drive:
-        print("  pcpc plant drive.yaml         the drive, for your master")
+    if request.drive:
+        print("  pcpc run drive.yaml --only plant         the drive, for your master")
     return Exit.OK
 
 

@@ -4,11 +4,12 @@ Prints nodes and schedules, the wiring (input <- source [unit]), the frames both
 A signal that is sent but wired to nothing carries 0: a warning.
 """
 
-import argparse
 import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from msgspec import to_builtins
 
 from pcpc.drivers.can import dbc
 from pcpc.drivers.errors import Exit, printable
@@ -18,7 +19,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.plan import Plan, check_pacing, cycles_of, plan
 from pcpc.executive.nodes.planned_drive import taken_from_eds
-from pcpc.executive.rig import law_errors, purity, trial
+from pcpc.executive.own_laws import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.bus_load import bus_load, check_rate
 from pcpc.executive.rig.buses import check_line
@@ -27,9 +28,19 @@ from pcpc.executive.rig.messages import unsent_lines
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
-from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import Judge, check
+from pcpc.tools.run.checked import (
+    CheckedBus,
+    CheckedFrame,
+    CheckedNode,
+    CheckedStep,
+    Load,
+    Report,
+    Scale,
+    Wire,
+)
+from pcpc.tools.run.commands import CheckRequest
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.rooms import parts_called
@@ -38,9 +49,9 @@ _MOST_ODD = 20  # entries of a DBC file that are named
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: CheckRequest) -> int:
     """Check and describe a rig."""
-    rig = load_rig(options.rig, options.controller, options.set)
+    rig = load_rig(request.rig, request.controller, request.set)
     check_line(rig, "virtual")
     plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
     impure = _try_laws(rig)
@@ -51,19 +62,16 @@ def command(options: argparse.Namespace) -> int:
     judge = Judge.of(rig)
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)
-    report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
-    report["warnings"] += _try_drawing(rig)
-    report["warnings"] += [*unsent_lines(rig), *_odd_entries(rig)]
+    report.warnings += [*impure, *filter(None, [late]), *check(judge, request.set)]
+    report.warnings += _try_drawing(rig)
+    report.warnings += [*unsent_lines(rig), *_odd_entries(rig)]
     for role in rig.config.drives:
         where = rig.where(f"{role}.drive")
         if left_out := taken_from_eds(rig, role).left_out:
             what = ", ".join(left_out[:20]) + (", ..." if len(left_out) > 20 else "")
-            report["warnings"].append(f"{where}: of its EDS the drive does not have {what}")
-        report["warnings"].append(f"{where}: the bus load is without the frames of the drive")
-    if options.json:
-        print(summary_file.text_of(report))
-    else:
-        show(report)
+            report.warnings.append(f"{where}: of its EDS the drive does not have {what}")
+        report.warnings.append(f"{where}: the bus load is without the frames of the drive")
+    screen.answer(request.json, report, lines(to_builtins(report)), 2)
     return Exit.OK
 
 
@@ -114,37 +122,35 @@ def _try_drawing(rig: Rig) -> list[str]:
     return [f"{made.file}: NEEDS: {names.unknown_name(log, source)}" for source in absent]
 
 
-def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
+def describe(rig: Rig, plans: list[Plan]) -> Report:
     """Return what `--json` prints, from the checked plans of executive and plant."""
     config = rig.config
-    return {
-        "rig": config.rig,
-        "title": config.title,
-        "file": str(rig.path),
-        "dbc": str(rig.dbc),
-        "controller": config.controller,
-        "pacing": config.pacing,
-        "rate_hz": config.rate_hz,
-        "duration_s": config.duration_s,
-        "cycles": cycles_of(rig),
-        "nodes": {made.role: _node(made) for made in plans},
-        "bus": _bus(rig),
-        "warnings": [line for made in plans for line in (*_unwired_lines(made), *_narrow(made))],
-    }
+    return Report(
+        rig=config.rig,
+        title=config.title,
+        file=str(rig.path),
+        dbc=str(rig.dbc),
+        controller=config.controller,
+        pacing=config.pacing,
+        rate_hz=config.rate_hz,
+        duration_s=config.duration_s,
+        cycles=cycles_of(rig),
+        nodes={made.role: _node(made) for made in plans},
+        bus=_bus(rig),
+        warnings=[line for made in plans for line in (*_unwired_lines(made), *_narrow(made))],
+    )
 
 
-def _node(made: Plan) -> dict[str, Any]:
-    return {
-        "node": made.spec.name,
-        "schedule": [
-            {"block": spec.name, "law": _law(made, spec.name)} for spec in made.spec.blocks
-        ],
-        "wiring": _wiring(made),
-        "sends": [_frame(frame, made.rig.config.rate_hz) for frame in made.tx_frames],
-        "receives": [frame.name for frame in made.rx_frames],
-        "variables": len(made.table.variables),
+def _node(made: Plan) -> CheckedNode:
+    return CheckedNode(
+        node=made.spec.name,
+        schedule=[CheckedStep(spec.name, _law(made, spec.name)) for spec in made.spec.blocks],
+        wiring=_wiring(made),
+        sends=[_frame(frame, made.rig.config.rate_hz) for frame in made.tx_frames],
+        receives=[frame.name for frame in made.rx_frames],
+        variables=len(made.table.variables),
         **{part.KEY: part.report(made) for part in parts_called("checks")},
-    }
+    )
 
 
 def _law(made: Plan, block: str) -> str:
@@ -156,57 +162,47 @@ def _law(made: Plan, block: str) -> str:
     return (entry.law or "") if entry else ""
 
 
-def _wiring(made: Plan) -> list[dict[str, str]]:
+def _wiring(made: Plan) -> list[Wire]:
     """Return the copies in the loop's order: block by block, then what is sent."""
     variables = made.table.variables
     return [
-        {
-            "input": variables[target].name,
-            "source": variables[source].name,
-            "unit": variables[target].unit,
-        }
+        Wire(variables[target].name, variables[source].name, variables[target].unit)
         for copies in made.copies
         for source, target in copies
     ]
 
 
-def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
+def _frame(frame: dbc.Frame, rate_hz: float) -> CheckedFrame:
     every = frame.every_n(rate_hz)
-    return {
-        "id": frame.can_id,
-        "extended": frame.extended,
-        "name": frame.name,
-        "bytes": frame.dlc,
-        "every_cycles": every,
-        "period_ms": 1000.0 * every / rate_hz,
-        "protected": frame.protected,
-        "crc_bits": 8 * frame.crc[0],
-        "signals": [signal.name for signal in frame.signals],
-        "scales": [
-            {"unit": signal.unit, "quantum": abs(signal.factor), "range": signal.range}
-            for signal in frame.signals
-        ],
-    }
+    return CheckedFrame(
+        id=frame.can_id,
+        extended=frame.extended,
+        name=frame.name,
+        bytes=frame.dlc,
+        every_cycles=every,
+        period_ms=1000.0 * every / rate_hz,
+        protected=frame.protected,
+        crc_bits=8 * frame.crc[0],
+        signals=[signal.name for signal in frame.signals],
+        scales=[Scale(one.unit, abs(one.factor), one.range) for one in frame.signals],
+    )
 
 
-def _bus(rig: Rig) -> dict[str, Any]:
+def _bus(rig: Rig) -> CheckedBus:
     """Return the worst-case load at several rates, and the rate that fills the bus."""
     config = rig.config
-    found: dict[str, Any] = {
-        "interface": config.bus.interface, "channel": config.bus.channel,
-        "bitrate": config.bus.bits_per_s,
-    }  # fmt: skip
-    if config.bus.bits_per_s is None:
-        return found | {"load": [], "highest_rate_hz": None}
+    bits = config.bus.bits_per_s
+    found = CheckedBus(config.bus.interface, config.bus.channel, bits)
+    if bits is None:
+        return found
     database = dbc.load(rig.dbc)
     rates = sorted({*_RATES_HZ, config.rate_hz})
-    load = {rate: bus_load(rig, database, rate, config.bus.bits_per_s) for rate in rates}
-    slow = bus_load(rig, database, 0.0, config.bus.bits_per_s)  # frames with a time of their own
+    load = {rate: bus_load(rig, database, rate, bits) for rate in rates}
+    slow = bus_load(rig, database, 0.0, bits)  # frames with a time of their own
     per_hz = (load[config.rate_hz] - slow) / config.rate_hz
-    return found | {
-        "load": [{"rate_hz": rate, "load": round(share, 6)} for rate, share in load.items()],
-        "highest_rate_hz": int((1.0 - slow) / per_hz) if per_hz > 0.0 else None,
-    }
+    found.load = [Load(rate, round(share, 6)) for rate, share in load.items()]
+    found.highest_rate_hz = int((1.0 - slow) / per_hz) if per_hz > 0.0 else None
+    return found
 
 
 def _unwired_lines(made: Plan) -> Iterator[str]:
@@ -236,50 +232,43 @@ def _narrow(made: Plan) -> Iterator[str]:
             yield f"{place}: {name} holds {low:g} to {high:g} {signal.unit}, {has}: it will be cut"
 
 
-def show(report: dict[str, Any]) -> None:
-    """Print a report as text."""
+def lines(report: dict[str, Any]) -> Iterator[str]:
+    """Yield a report as text."""
     title = f": {printable(report['title'])}" if report["title"] else ""
-    _say(f"{report['rig']}{title}")
-    _say(f"  file {report['file']}")
-    _say(f"  dbc  {report['dbc']}")
-    _say(
+    yield f"{report['rig']}{title}"
+    yield f"  file {report['file']}"
+    yield f"  dbc  {report['dbc']}"
+    yield (
         f"  {report['rate_hz']:g} Hz, {report['duration_s']:g} s, {report['cycles']} cycles, "
         f"pacing {report['pacing']}, controller {report['controller']}"
     )
     for role, node in report["nodes"].items():
-        _show_node(role, node)
-    _show_bus(report)
+        yield from _node_lines(role, node)
+    yield from _bus_lines(report)
     for warning in report["warnings"]:
-        _say(f"warning: {warning}")
+        yield f"warning: {warning}"
 
 
-def _say(text: str, indent: str = "    ") -> None:
-    """Print a line, wrapped where it does not fit."""
-    blanks = text[: len(text) - len(text.lstrip())]
-    print("\n".join(screen.wrapped_lines(text.lstrip(), blanks, blanks + indent)))
-
-
-def _show_node(role: str, node: dict[str, Any]) -> None:
+def _node_lines(role: str, node: dict[str, Any]) -> Iterator[str]:
     laws = ((entry["block"], entry["law"]) for entry in node["schedule"])
     blocks = ", then ".join(f"{block} ({law})" if law else block for block, law in laws)
-    print(f"\n{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
-    _say(f"  schedule  {blocks}", " " * 10)
-    print("  wiring")
+    yield from ("", f"{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
+    yield f"  schedule  {blocks}"
+    yield "  wiring"
     width = max((len(wire["input"]) for wire in node["wiring"]), default=0)
     for wire in node["wiring"]:
         unit = f" [{wire['unit']}]" if wire["unit"] else ""
-        print(f"    {wire['input']:{width}} <- {wire['source']}{unit}")
+        yield f"    {wire['input']:{width}} <- {wire['source']}{unit}"
     for part in parts_called("checks"):
-        for line in (line for about in node[part.KEY] for line in part.lines(about)):
-            _say(line)
-    _say(f"  receives  {', '.join(node['receives'])}", " " * 10)
-    print("  sends")
+        yield from (line for about in node[part.KEY] for line in part.lines(about))
+    yield f"  receives  {', '.join(node['receives'])}"
+    yield "  sends"
     width = max((len(frame["name"]) for frame in node["sends"]), default=0)
     for frame in node["sends"]:
         digits = 8 if frame["extended"] else 3
         when = "every cycle" if frame["every_cycles"] == 1 else f"every {frame['period_ms']:g} ms"
         guard = {0: "", 8: "  counter, crc", 16: "  counter, crc16"}[frame["crc_bits"]]
-        print(
+        yield (
             f"    0x{frame['id']:0{digits}X}  {frame['name']:{width}}  {frame['bytes']} bytes  "
             f"{when:13}{guard}".rstrip()
         )
@@ -292,17 +281,18 @@ def _show_node(role: str, node: dict[str, Any]) -> None:
         for frame in node["sends"]
         for name, scale in zip(frame["signals"], frame["scales"], strict=True)
     ]
-    print("\n".join(["  signals, their quantum and range", *screen.table(rows, (1,))]))
+    yield "  signals, their quantum and range"
+    yield from screen.table(rows, (1,))
 
 
-def _show_bus(report: dict[str, Any]) -> None:
+def _bus_lines(report: dict[str, Any]) -> Iterator[str]:
     bus = report["bus"]
     if not bus["load"]:
-        print("\nbus load: not checked, the rig gives no bus.bitrate")
+        yield from ("", "bus load: not checked, the rig gives no bus.bitrate")
         return
-    print(f"\nbus load, worst case at {bus['bitrate']} bit/s")
+    yield from ("", f"bus load, worst case at {bus['bitrate']} bit/s")
     for entry in bus["load"]:
         this = "  <- this rig" if entry["rate_hz"] == report["rate_hz"] else ""
-        print(f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}")
+        yield f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}"
     if bus["highest_rate_hz"]:
-        _say(f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` shows when frames arrive")
+        yield (f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` shows when frames arrive")

@@ -1,25 +1,18 @@
-"""Commands: check, run, simulate, plant, exec, local, play."""
+"""Commands: check, run, simulate, play."""
 
 import argparse
-from typing import Any, NoReturn
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, NoReturn
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
-from pcpc.tools.terminal.rooms import offers
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import HIDDEN, Offers, Request
 
 
-def check(add: Add) -> None:
-    """Take a rig."""
-    take.rig(add)
-    take.json(add)
+class CheckRequest(take.RigRequest):
+    """A rig."""
 
-
-def simulate(add: Add) -> None:
-    """Take a rig, without what has no effect in virtual time."""
-    take.rig(add)
-    add("--bus", "--pacing", action=_RefusedOption, help=argparse.SUPPRESS)
-    take.run_folder(add)
-    add("--digest", action="store_true", help="print that of a page of `pcpc generate web`")
+    json: take.Json = False
 
 
 class _RefusedOption(argparse.Action):
@@ -29,62 +22,67 @@ class _RefusedOption(argparse.Action):
         parser.error(f"{given[-1]}: not available in virtual time; use `pcpc run`")
 
 
-def plant(add: Add) -> None:
-    """Take what `run` takes, and what other rooms offer."""
-    take.run(add)
-    add("--node", metavar="NAME", help="only this one of a rig's plants, as plant_2")
-    for more in offers("BESIDE_PLANT"):
-        more(add)
+class SimulateRequest(take.RigRequest):
+    """A rig, without what has no effect in virtual time."""
+
+    bus: Annotated[None, _RefusedOption, "--bus", "--pacing", HIDDEN] = None
+    kept: take.RunFolder = take.RunFolder()
+    digest: Annotated[bool, "print that of a page of `pcpc generate web`"] = False
 
 
-def play(add: Add) -> None:
-    """Take a log, and which of its frames go where and when."""
-    take.log(add)
-    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=take.BUSES)
-    add(
-        "-r",
-        "--rate",
-        type=float,
-        default=1.0,
-        metavar="FACTOR",
-        help="speed: 2 is twice as fast; 0: as fast as the bus allows",
+class RunRequest(take.RigRequest):
+    """A rig, how it runs on a bus, which of its nodes run here, and what rooms offer."""
+
+    pacing: Annotated[
+        Literal["real", "sync", "lockstep"] | None,
+        "real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
+    ] = None
+    bus: Annotated[str | None, "INTERFACE[:CHANNEL]", take.BUSES] = None
+    kept: take.RunFolder = take.RunFolder()
+    beside: Annotated[Offers, "BESIDE_RUN"] = Offers()
+    only: Annotated[
+        Literal["executive", "plant", "local"] | None,
+        "start only this: executive and recorder, the emulator, or the third node",
+    ] = None
+    node: Annotated[str | None, "NAME", "--only plant: this one of a rig's plants, as plant_2"] = (
+        None
     )
-    add(
-        "--loop", type=int, nargs="?", const=0, metavar="N", help="play N times; without N for ever"
-    )
-    add(
-        "--start",
-        type=float,
-        default=0.0,
-        metavar="S",
-        help="start S seconds after the log's first frame",
-    )
-    add("--duration", type=float, metavar="S", help="play S seconds")
-    add(
-        "--step",
-        nargs="?",
-        const="frame",
-        choices=("frame", "cycle"),
-        help="send one frame, or one cycle, at each Enter",
-    )
-    take.several(add, "--only", "NAME|ID", "only this frame, by name or hexadecimal id; repeatable")
-    add(
+    in_place: Annotated[Offers, "BESIDE_PLANT"] = Offers()
+    begin_ns: int = 0  # of the command, monotonic
+
+
+class PlayRequest(Request):
+    """A log, and which of its frames go where and when."""
+
+    log: take.Log
+    bus: Annotated[str, "INTERFACE[:CHANNEL]", take.BUSES] = "auto"
+    rate: Annotated[
+        float, "-r", "FACTOR", "speed: 2 is twice as fast; 0: as fast as the bus allows"
+    ] = 1.0
+    loop: Annotated[
+        int | None, "N", "play N times; without N for ever", {"nargs": "?", "const": 0}
+    ] = None
+    start_s: Annotated[float, "--start", "S", "start S seconds after the log's first frame"] = 0.0
+    duration_s: Annotated[float | None, "--duration", "S", "play S seconds"] = None
+    step: Annotated[
+        Literal["frame", "cycle"] | None,
+        "send one frame, or one cycle, at each Enter",
+        {"nargs": "?", "const": "frame"},
+    ] = None
+    only: Annotated[
+        Sequence[str], "NAME|ID", "only this frame, by name or hexadecimal id; repeatable"
+    ] = ()
+    role: Annotated[
+        Literal["executive", "plant"] | None,
         "--as",
-        dest="role",
-        choices=("executive", "plant"),
-        help="send this node's frames once the other node is on the bus",
-    )
-    add("--no-wait", action="store_true", help="--as: do not wait for the other node")
-    add(
-        "-p",
-        "--priority",
-        type=int,
-        default=70,
-        metavar="1..99",
-        help="SCHED_FIFO priority, if allowed; default: %(default)s",
-    )
-    take.json(add)
-    take.quiet(add)
+        "send this node's frames once the other node is on the bus",
+    ] = None
+    no_wait: Annotated[bool, "--as: do not wait for the other node"] = False
+    priority: Annotated[
+        int, "-p", "1..99", "SCHED_FIFO priority, if allowed; default: %(default)s"
+    ] = 70
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -92,7 +90,7 @@ COMMANDS = (
         "check",
         "check a rig file and print its wiring and bus load",
         "pcpc check hull",
-        check,
+        CheckRequest,
         codes=codes(ENVIRONMENT="the bus cannot be used"),
         judges=True,
         compiles=True,
@@ -102,10 +100,13 @@ COMMANDS = (
     Command(
         "run",
         "start emulator, executive and recorder, and judge the run",
-        "pcpc run hull\npcpc run hull --host --write",
-        take.run,
+        "pcpc run hull\npcpc run hull --host --write\n"
+        "pcpc run hull --only plant --bus vcan0    # beside: --only executive\n"
+        "pcpc run probe --pacing lockstep --device ./firmware {bus}",
+        RunRequest,
         judges=True,
         compiles=True,
+        last="--device",
         module="run.run",
         first=True,
     ),
@@ -113,47 +114,19 @@ COMMANDS = (
         "simulate",
         "run a rig in virtual time, in one process, without a bus",
         "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003",
-        simulate,
+        SimulateRequest,
         judges=True,
         compiles=True,
         module="run.simulate",
         first=True,
     ),
     Command(
-        "plant",
-        "start the emulator only, or with your device as the executive",
-        "pcpc plant hull --bus vcan0\npcpc plant probe --pacing lockstep --device ./firmware {bus}",
-        plant,
-        judges=True,
-        compiles=True,
-        last="--device",
-        module="run.run",
-    ),
-    Command(
-        "exec",
-        "start executive and recorder only",
-        "pcpc exec hull --bus vcan0",
-        take.run,
-        judges=True,
-        compiles=True,
-        module="run.run",
-    ),
-    Command(
-        "local",
-        "start only the third node of a rig with three",
-        "pcpc local telerobot-u1 --bus vcan0",
-        take.run,
-        judges=True,
-        compiles=True,
-        module="run.run",
-    ),
-    Command(
         "play",
         "send recorded frames on a bus at their times",
         "pcpc play latest --bus vcan0\n"
         "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"
-        "pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0",
-        play,
+        "pcpc play latest --as plant --bus vcan0    # beside: pcpc run RIG --only executive",
+        PlayRequest,
         codes=codes(
             OK="played",
             LOSS="a frame was not sent, or the log is damaged",

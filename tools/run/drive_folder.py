@@ -1,12 +1,12 @@
 """The run folder of a drive that is started alone: its log, and what its master reads of it."""
 
-import argparse
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pcpc.drivers.canopen import eds
+from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.planned_drive import CIA402, dictionary_of, is_lone_drive
@@ -15,20 +15,21 @@ from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.masters import counter_lines
+from pcpc.tools.run.commands import RunRequest
 from pcpc.tools.start.folder import LOG, run_folder
 
 EDS, SETTINGS = "drive.eds", "drive-settings.json"
 
 
 @contextmanager
-def folder_of_drive(
-    options: argparse.Namespace, rig: Rig, roles: Sequence[Role]
-) -> Iterator[Path | None]:
+def folder_of_drive(request: RunRequest, rig: Rig, roles: Sequence[Role]) -> Iterator[Path | None]:
     """Make the folder with their EDS, if these nodes are drives; else yield None. RigError.
 
     The file of plant_2 has that name before its own.
     """
-    if not is_lone_drive(rig, roles):
+    is_alone = is_lone_drive(rig, roles)
+    _check_asked(request, rig, is_alone)
+    if not is_alone:
         yield None
         return
     texts = {}
@@ -38,7 +39,7 @@ def folder_of_drive(
             texts[own + EDS] = eds.text(dictionary_of(rig, role))
         else:
             texts[own + SETTINGS] = settings_text(rig, drive)
-    with run_folder(options.output, rig) as folder:
+    with run_folder(request.kept.output, rig) as folder:
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="ascii")
         try:
@@ -48,6 +49,15 @@ def folder_of_drive(
             if not log.is_file() or not log.stat().st_size:  # nothing ran
                 for name in texts:
                     (folder / name).unlink()
+
+
+def _check_asked(request: RunRequest, rig: Rig, keeps_log: bool) -> None:
+    """Refuse what would come to nothing without an executive; RigError."""
+    asked = {"-o": request.kept.output is not None and not keeps_log,
+             "--json": request.kept.json, "--judge": request.kept.judge}  # fmt: skip
+    if given := [name for name, is_asked in asked.items() if is_asked]:
+        what = "leave it out, the run is kept and judged where its executive is"
+        raise RigError(f"{request.rig}: {', '.join(given)}: {what}")
 
 
 def settings_text(rig: Rig, drive: Drive) -> str:

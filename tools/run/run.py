@@ -1,4 +1,4 @@
-"""`pcpc run`, `exec`, `local`, `plant`: from a rig file to a run folder with a verdict.
+"""`pcpc run`: from a rig file to a run folder with a verdict.
 
 The host has loaded what the real-time processes need before it forks them, so that they need not;
 what judges the run it loads while they set themselves up. It starts the recorder, shows progress
@@ -6,7 +6,6 @@ from the shared blocks, ends all of them in order, and then reads the log back: 
 says is what the log holds.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -18,7 +17,6 @@ from typing import Any
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs, recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
@@ -28,7 +26,8 @@ from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed_settings, follows
-from pcpc.tools.run.child_words import child_arguments, chosen_plants, was_told_to_end
+from pcpc.tools.run.child_words import check_only, child_arguments, chosen_nodes, was_told_to_end
+from pcpc.tools.run.commands import RunRequest
 from pcpc.tools.run.drive_folder import folder_of_drive, of_the_master
 from pcpc.tools.start import pace
 from pcpc.tools.start.bus import run_line
@@ -52,32 +51,32 @@ class Host:
     """One run on a bus: its processes, from start to summary."""
 
     def __init__(
-        self, options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...], folder: Path
+        self, request: RunRequest, rig: Rig, roles: tuple[Role, ...], folder: Path
     ) -> None:
-        self.options, self.rig, self.roles, self.folder = options, rig, roles, folder
+        self.request, self.rig, self.roles, self.folder = request, rig, roles, folder
         for room in ("watchdog", "xcp"):
             if getattr(rig.config, room) is not None:
                 need_room(f"live/{room}")
-        self.choice = choose_bus(options.bus, rig, roles)
+        self.choice = choose_bus(request.bus, rig, roles)
         self.bus = self.choice.bus
-        self.pacing = options.pacing or rig.config.pacing
-        self.progress, self.compiling = Progress(options.quiet), Compiling()
+        self.pacing = request.pacing or rig.config.pacing
+        self.progress, self.compiling = Progress(request.kept.quiet), Compiling()
         self.outcome = Outcome(
             self.pacing,
             str(self.bus),
-            changed=changed_settings(options.set),
-            strict=options.judge,
-            begin_ns=options.begin_ns,
+            changed=changed_settings(request.set),
+            strict=request.kept.judge,
+            begin_ns=request.begin_ns,
         )
         self.children: dict[str, Child] = {}
         self.nodes: dict[str, Live] = {}
         self.alarms: dict[str, Alarms] = {}
-        self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
+        self.begin_ns, self.heard = request.begin_ns, 0  # lines of the watchdog
         self.waiting = PeerWait(rig, roles)
         self.leader = "executive" if "executive" in roles else roles[0]
         self.keeps_log = self.leader == "executive"
         names = {role: self._block_name(role) for role in (self.leader, *roles)}
-        self.page = Pages(options, names, rig, self.bus)
+        self.page = Pages(request.beside, names, rig, self.bus)
 
     @property
     def blocks(self) -> dict[str, sh.NodeMemory]:
@@ -105,7 +104,7 @@ class Host:
             self.progress.close()
         if self.waiting.given_up_s:
             complain(list(self.children.values()))
-            said = self.waiting.message(self.leader, str(self.bus), self.options.rig)
+            said = self.waiting.message(self.leader, str(self.bus), self.request.rig)
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
@@ -120,7 +119,7 @@ class Host:
 
     def _words(self, role: Role) -> list[str]:
         alone = ["--alone"] * (len(self.roles) < len(self.rig.roles))
-        return [role, *child_arguments(self.options, str(self.bus)), *alone]
+        return [role, *child_arguments(self.request, str(self.bus)), *alone]
 
     def _node(self, role: Role) -> Child:
         """Start a node: as a copy of this process, where the loop is compiled."""
@@ -155,7 +154,7 @@ class Host:
             if said := warning(self.rig, self.pacing):
                 print(said, file=sys.stderr)
             self.judge = Judge.of(self.rig)
-            self.judged = columns_to_keep(self.judge, self.pacing, not self.options.no_figure)
+            self.judged = columns_to_keep(self.judge, self.pacing, not self.request.kept.no_figure)
         except BaseException:
             for child in self.children.values():
                 child.end(0.0, 0.0)
@@ -167,7 +166,9 @@ class Host:
         if self.choice.note:
             self.progress.say(f"{self.bus}: {self.choice.note}")
         if self.rig.config.supervisor.arm == "manual":
-            self.progress.say("arm: manual: commands stay at their safe values until `pcpc arm`")
+            self.progress.say(
+                "arm: manual: commands stay at their safe values until `pcpc operate arm`"
+            )
         if not self.bus.compiled:
             self.progress.say(
                 f"{self.bus.interface}: through python-can in the interpreted loop, 10 to 50 times "
@@ -335,26 +336,27 @@ class Host:
         return sharing.is_locked(self._block_name("executive"))
 
 
-def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
+def on_bus(request: RunRequest, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
-    options, said = pace.settle(options, rig, alone=len(roles) < len(rig.roles))
+    pacing, said = pace.settle(request.pacing, rig, alone=len(roles) < len(rig.roles))
+    request = request.changed(pacing=pacing)
     if said:
         print(said, file=sys.stderr)
     if "executive" not in roles:
-        return without_executive(options, rig, roles)
-    with run_folder(options.output, rig) as folder:
-        host = Host(options, rig, roles, folder)
+        return without_executive(request, rig, roles)
+    with run_folder(request.kept.output, rig) as folder:
+        host = Host(request, rig, roles, folder)
         with host.page:
-            return _run_and_conclude(host, folder, options)
+            return _run_and_conclude(host, folder)
 
 
-def _run_and_conclude(host: Host, folder: Path, options: argparse.Namespace) -> int:
+def _run_and_conclude(host: Host, folder: Path) -> int:
     """Run a rig whose log is kept here, and sum up; return the exit code."""
     code = host.run()
     from pcpc.tools.after.verdict.conclude import conclude  # time
 
     if code < 0:
-        code = conclude(host.judge, folder, host.outcome, options, host.judged)
+        code = conclude(host.judge, folder, host.outcome, host.request.kept, host.judged)
         host.page.farewell(folder)
         return code
     os.truncate(folder / LOG, 0)  # without a cycle of the executive
@@ -363,13 +365,13 @@ def _run_and_conclude(host: Host, folder: Path, options: argparse.Namespace) -> 
     return code
 
 
-def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
+def without_executive(request: RunRequest, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run nodes for an executive elsewhere, which keeps the log; return the exit code.
 
     A drive keeps its own: its master may be anything.
     """
-    with folder_of_drive(options, rig, roles) as folder:
-        host = Host(options, rig, roles, folder or Path())
+    with folder_of_drive(request, rig, roles) as folder:
+        host = Host(request, rig, roles, folder or Path())
         host.keeps_log = folder is not None
         with host.page:
             code = host.run()
@@ -386,15 +388,10 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
     return code if code >= 0 else ok
 
 
-def command(options: argparse.Namespace) -> int:
-    """Carry out `run`, `exec`, `local` or `plant`. RigError: wrong input."""
-    if getattr(options, "device", None) is not None:
-        return int(part_of("make/device", "cli").command(options))
-    alone: dict[str, Role] = {"exec": "executive", "local": "local", "plant": "plant"}
-    rig = load_rig(options.rig, options.controller, options.set, resolve=False)
-    role = alone.get(options.command)
-    if role == "local" and rig.config.local is None:
-        raise RigError(f"{options.rig}: has no local node; use exec and plant")
-    if role == "plant":
-        return on_bus(options, rig, chosen_plants(options, rig))
-    return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
+def command(request: RunRequest) -> int:
+    """Carry out `run`, of all nodes or of one. RigError: wrong input."""
+    check_only(request)
+    if request.in_place.value("device") is not None:
+        return int(part_of("make/device", "cli").command(request))
+    rig = load_rig(request.rig, request.controller, request.set, resolve=False)
+    return on_bus(request, rig, chosen_nodes(request, rig))

@@ -1,25 +1,25 @@
 """`pcpc simulate`: a rig in virtual time, from its file to a run folder with a verdict."""
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 from pcpc.executive.rig.buses import on_line
 from pcpc.executive.rig.messages import unsent_lines
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.run_digest import run_digest
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed_settings
 from pcpc.tools.after.verdict.virtual_end import to_end
+from pcpc.tools.run.commands import SimulateRequest
 from pcpc.tools.run.outlived import outlived
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LINE, LOG, run_folder
@@ -62,31 +62,31 @@ class Simulation:
         to_end(self.run, self.outcome, progress)
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: SimulateRequest) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
-    if options.digest and options.json:
+    if request.digest and request.kept.json:
         raise UserError("--digest is a line of its own; leave out --json")
-    rig = load_rig(options.rig, options.controller, options.set)
-    if options.digest and rig.config.record.keep is not None:
+    rig = load_rig(request.rig, request.controller, request.set)
+    if request.digest and rig.config.record.keep is not None:
         raise UserError("--digest is of a whole run; leave out record.keep")
     code = outlived(rig)
     if code is not None:
         return code
     judge = Judge.of(rig)
-    judged = columns_to_keep(judge, "lockstep", not options.no_figure)
+    judged = columns_to_keep(judge, "lockstep", not request.kept.no_figure)
     outcome = Outcome(
-        "virtual", "memory", changed=changed_settings(options.set), strict=options.judge
+        "virtual", "memory", changed=changed_settings(request.set), strict=request.kept.judge
     )
-    with run_folder(options.output, rig) as folder:
+    with run_folder(request.kept.output, rig) as folder:
         simulation = Simulation(rig, folder / LOG, judged, outcome)
         for line in filter(None, [simulation.lacking, *unsent_lines(rig)]):
             print(line, file=sys.stderr)
         on_request(simulation.interrupt)
-        progress = Progress(options.quiet)
+        progress = Progress(request.kept.quiet)
         simulation.to_end(progress)
         if said := simulation.tell_line(folder):
             progress.say(said)
-        code = conclude(judge, folder, outcome, options, judged)
-        if options.digest and code in (Exit.OK, Exit.NOT_MET):
-            print(f"digest   {run_digest(logs.read(folder / LOG))}")
+        code = conclude(judge, folder, outcome, request.kept, judged)
+        if request.digest and code in (Exit.OK, Exit.NOT_MET):
+            print(f"digest   {run_digest(Opened(folder / LOG).log)}")
         return code

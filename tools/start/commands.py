@@ -1,13 +1,20 @@
 """Commands: rigs."""
 
+from collections.abc import Sequence
+from typing import Annotated
+
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Command
+from pcpc.tools.terminal.request import WORD, Request
 
 
-def rigs(add: Add) -> None:
-    """Take names or patterns."""
-    add("names", nargs="*", metavar="NAME", help="only these rigs or plants; patterns with * ? []")
-    take.json(add)
+class RigsRequest(Request):
+    """Names or patterns of rigs."""
+
+    names: Annotated[
+        Sequence[str], WORD, "NAME", "only these rigs or plants; patterns with * ? []"
+    ] = ()
+    json: take.Json = False
 
 
 COMMANDS = (
@@ -15,7 +22,7 @@ COMMANDS = (
         "rigs",
         "list the rigs that come with pcpc",
         "pcpc rigs atb1000 'friction-*'",
-        rigs,
+        RigsRequest,
         codes=BASIC_CODES,
         module="start.rigs",
         first=True,

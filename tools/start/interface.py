@@ -9,7 +9,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 
-def named_bus(named: tuple[str, str | None], place: str) -> buses.Bus:
+def named_bus(named: tuple[str, str | None], place: str) -> buses.BusAddress:
     """Return the bus of an (interface, channel); `place` is where it was named.
 
     Raises RigError if there can be none of its name on any machine, BusError if this one lacks it.

@@ -13,7 +13,6 @@ After a fault for missing frames the longest stall that was seen is held against
 input was stale the latest cycle is named.
 """
 
-import argparse
 import math
 import time
 from collections.abc import Mapping
@@ -59,30 +58,29 @@ def highest_rate_hz(slower: float, cpu: str) -> float:
 
 
 def settle(
-    options: argparse.Namespace,
+    asked: str | None,
     rig: Rig,
     alone: bool,
     slower: float | None = None,
     cpu: str | None = None,
-) -> tuple[argparse.Namespace, str]:
-    """Return the options with the pacing that this machine holds, and what there is to say."""
-    pacing, rate_hz = options.pacing or rig.config.pacing, rig.config.rate_hz
+) -> tuple[str | None, str]:
+    """Return the pacing that this machine holds, None for the rig's, and what there is to say."""
+    pacing, rate_hz = asked or rig.config.pacing, rig.config.rate_hz
     if pacing == "lockstep":
-        return options, ""
+        return asked, ""
     if cpu is None:
         cpu = _CPU.read_text(errors="replace") if _CPU.is_file() else ""
     slower = slowness() if slower is None else slower
     highest_hz = highest_rate_hz(slower, cpu)
     if rate_hz <= highest_hz:
-        return options, ""
+        return asked, ""
     kind = "emulated" if is_emulated(slower, cpu) else f"{slower:.0f} times slower than a PC"
     why = f"this processor is {kind} and holds {_round(highest_hz):g} Hz, not {rate_hz:g}"
     rate = f"--set rate_hz={_round(highest_hz):g}"
-    if options.pacing or alone:
+    if asked or alone:
         other = " on all nodes" if alone else ""
-        return options, f"{why}: use --pacing lockstep{other}, or {rate}; pacing {pacing} as asked"
-    changed = argparse.Namespace(**(vars(options) | {"pacing": "lockstep"}))
-    return changed, f"{why}: pacing lockstep; on a clock with {rate} --pacing {pacing}"
+        return asked, f"{why}: use --pacing lockstep{other}, or {rate}; pacing {pacing} as asked"
+    return "lockstep", f"{why}: pacing lockstep; on a clock with {rate} --pacing {pacing}"
 
 
 def _round(rate_hz: float) -> float:

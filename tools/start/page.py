@@ -1,14 +1,14 @@
 """What is served beside a run: by each room that has a run_page.py, as live/host; else nothing."""
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.children import Child
+from pcpc.tools.terminal.request import Offers
 from pcpc.tools.terminal.rooms import parts_called
 
 SAID = "page: "  # before its address
@@ -61,12 +61,12 @@ class Pages(NoPage):
     """Those of all rooms, as one. `nodes`: the names of those that start here, the leader first."""
 
     def __init__(
-        self, options: argparse.Namespace, nodes: Mapping[Role, str], rig: Rig, bus: Bus
+        self, beside: Offers, nodes: Mapping[Role, str], rig: Rig, bus: BusAddress
     ) -> None:
         self._pages: list[NoPage] = []
         try:
             for room in parts_called("run_page"):
-                self._pages.append(room.Page(options, nodes, rig, bus))
+                self._pages.append(room.Page(beside, nodes, rig, bus))
         except BaseException:
             self.end()
             raise

@@ -10,7 +10,6 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 _MEET_S = 20.0  # nodes of one host that are ready hear each other within this
-_COMMANDS = {"executive": "exec"}
 
 
 class PeerWait:
@@ -40,8 +39,9 @@ class PeerWait:
         missing = [role for role in self.rig.roles if role not in self.roles]
         cure = "another run may use the bus, or it hands on nothing here; choose one with --bus"
         if missing:
-            word = _COMMANDS.get(missing[-1], missing[-1])
-            cure = f"start `pcpc {word} {rig_file}` on this bus, or raise supervisor.peer_timeout_s"
+            kind = missing[-1].partition("_")[0]
+            start = f"`pcpc run {rig_file} --only {kind}`"
+            cure = f"start {start} on this bus, or raise supervisor.peer_timeout_s"
         others = " or ".join(missing) or "the other node"
         silent = missing or [role for role in self.rig.roles if role != leader]
         names = ", ".join(self._awaited_names(silent))

@@ -6,8 +6,6 @@ any path                a rig file of your own, or a folder with a rig.yaml; a p
 a run that goes on      the file of its rig, by the rig's name or as RIG.BUS
 """
 
-import argparse
-import json
 import re
 import shlex
 from collections.abc import Iterable, Iterator
@@ -19,6 +17,7 @@ from typing import Any
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean, near_file
 from pcpc.executive.rig import yamlfile
+from pcpc.tools.start.commands import RigsRequest
 from pcpc.tools.terminal import screen
 
 _PLANTS = Path(__file__).resolve().parents[2] / "plants"
@@ -95,9 +94,9 @@ def _running(text: str) -> Path | None:
     return paths[0] if len(paths) == 1 and paths[0].is_file() else None
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: RigsRequest) -> int:
     """List the rigs, or those whose name or plant matches. RigError: no such rig."""
-    known, words = list(shipped_rigs()), options.names
+    known, words = list(shipped_rigs()), request.names
     chosen = [
         rig
         for rig in known
@@ -109,10 +108,7 @@ def command(options: argparse.Namespace) -> int:
         names = [name for rig in known for name in (rig.plant, rig.name)]
         raise RigError(f"{text}: no such rig{did_you_mean(text, names)}")
     listed = [_rig_facts(rig) for rig in chosen]
-    if options.json:
-        print(json.dumps(listed, indent=2))
-    else:
-        print("\n".join(_lines(listed)))
+    screen.answer(request.json, listed, _lines(listed), 2)
     return Exit.OK
 
 
@@ -136,6 +132,6 @@ def _lines(listed: list[dict[str, Any]]) -> Iterator[str]:
         own = [rig for rig in listed if rig["plant"] == plant]
         rates = " and ".join(dict.fromkeys(f"{rig['rate_hz']:g} Hz" for rig in own))
         laws = ", ".join(dict.fromkeys(law for rig in own for law in rig["controllers"]))
-        yield from screen.wrapped_lines(f"{rates}; controllers {laws}", f"{plant}: ", "  ")
+        yield f"{plant}: {rates}; controllers {laws}"
         rows = [(f"  {rig['name']}", f"{rig['duration_s']:g} s", rig["title"]) for rig in own]
         yield from screen.table(rows, right=(1,))

@@ -16,13 +16,15 @@ from typing import Any
 
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Traces
-from pcpc.executive.batch.runs import Case, RunResult, Runs
+from pcpc.executive.batch.runs import BatchRuns, Case, RunResult
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict.findings import JUDGED
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
-from pcpc.tools.after.verdict.judge import TIMING_COLUMNS, Judge
+from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import changed_settings
 from pcpc.tools.after.verdict.requirements import Bound
+from pcpc.tools.after.verdict.timing import TIMING_COLUMNS
 
 AHEAD = 2  # pieces in flight for each thread
 SPARE = 2  # threads beyond the number of processors
@@ -38,10 +40,11 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Row:
+class RunVerdict:
     """What a run came to. `ok`: None where nothing, or not all, could be judged, and `why`.
 
-    `alone`: why it was not done in lanes; "" if it was.
+    `unjudged`: why limits and requirements were not. `alone`: why it was not done in lanes; "" if
+    it was.
     """
 
     draw: int
@@ -55,9 +58,11 @@ class Row:
     margins: Mapping[str, float | None] = field(default_factory=dict)
     held: Mapping[str, bool | None] = field(default_factory=dict)
     alone: str = ""
+    unjudged: Mapping[str, str] = field(default_factory=dict)
 
 
 RAN, FAULT, REFUSED = "ran", "fault", "refused"  # outcomes
+NOTHING = "nothing was judged"  # of a rig that states no limit and no requirement
 Piece = tuple[str, list[Draw]]  # at most WIDTH draws of a controller
 Pieces = Iterable[Piece]
 
@@ -86,18 +91,18 @@ class Bench:
         found = self.judge.needed_columns(log, drawn=False, names=names)
         asked = {role: found[role][: -len(TIMING_COLUMNS)] for role in rig.roles}
         wanted = {role: list(dict.fromkeys(columns)) for role, columns in asked.items()}
-        self.runs = Runs(path, controller, settings, wanted, traces)
+        self.runs = BatchRuns(path, controller, settings, wanted, traces)
         self._those: Bound | None = None  # of all logs of the lanes
 
-    def rows(self, draws: Sequence[Draw]) -> list[Row]:
+    def rows(self, draws: Sequence[Draw]) -> list[RunVerdict]:
         """Return the rows of at most WIDTH draws."""
         done = self.runs.done([Case(draw.seed, draw.values) for draw in draws])
         return [self._row(draw, one) for draw, one in zip(draws, done, strict=True)]
 
-    def _row(self, draw: Draw, done: RunResult) -> Row:
+    def _row(self, draw: Draw, done: RunResult) -> RunVerdict:
         about = draw.number, self.controller, draw.seed, dict(draw.values)
         if done.log is None:
-            return Row(*about, REFUSED, False, done.refused, alone=done.alone)
+            return RunVerdict(*about, REFUSED, False, done.refused, alone=done.alone)
         try:
             words = [*self.settings, *(f"{name}={value}" for name, value in draw.values.items())]
             if self._those is None and not done.alone:
@@ -105,12 +110,16 @@ class Bench:
             those = None if done.alone else self._those
             found = self.judge.judge(done.log, changed_settings(words), done.fault, those)
         except RigError as error:
-            return Row(*about, FAULT if done.fault else RAN, False, str(error), alone=done.alone)
-        failed = [*([done.fault] if done.fault else []), *found.failed]
-        left = [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
-        left += ["nothing was judged"] * (not found.judged and not left)
+            return RunVerdict(
+                *about, FAULT if done.fault else RAN, False, str(error), alone=done.alone
+            )
+        unmet = [str(one) for one in found.findings if one.held is False]
+        failed = [done.fault, *unmet] if done.fault else unmet
+        unjudged = [one for one in found.findings if one.held is None]
+        left = [f"{one.key} was not judged: {one.why}" for one in unjudged]
+        left += [NOTHING] * all(one.kind not in JUDGED for one in found.findings)
         ok = False if failed else None if left else True
-        return Row(
+        return RunVerdict(
             *about,
             FAULT if done.fault else RAN,
             ok,
@@ -119,6 +128,7 @@ class Bench:
             {one.name: one.margin for one in found.requirements},
             {one.name: one.held for one in found.requirements},
             done.alone,
+            {one.key: one.why for one in unjudged},
         )
 
 
@@ -147,13 +157,13 @@ class Engine:
         """Return why runs of a controller are done one by one, of those that are."""
         return {name: bench.runs.why for name, bench in self.first.items() if bench.runs.why}
 
-    def rows(self, draws: Pieces) -> Iterator[list[Row]]:
+    def rows(self, draws: Pieces) -> Iterator[list[RunVerdict]]:
         """Yield the rows of pieces as they are done: of at most WIDTH draws of a controller.
 
         Whoever stops to listen ends the work, after what is being done.
         """
         with ThreadPoolExecutor(self.threads) as pool:
-            flying: set[Future[list[Row]]] = set()
+            flying: set[Future[list[RunVerdict]]] = set()
             try:
                 for piece in draws:
                     flying.add(pool.submit(self.piece, *piece))
@@ -167,7 +177,7 @@ class Engine:
                 for one in flying:
                     one.cancel()
 
-    def piece(self, controller: str, draws: Sequence[Draw]) -> list[Row]:
+    def piece(self, controller: str, draws: Sequence[Draw]) -> list[RunVerdict]:
         """Return the rows of at most WIDTH draws, done in the thread that calls."""
         return self._bench(controller).rows(draws)
 

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
+from pcpc.tools.terminal import screen
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def plain(facts: Mapping[str, Any]) -> dict[str, Any]:
+def plain(facts: Any) -> dict[str, Any]:
     """Return facts as JSON has them; None for what is not a finite number."""
     return dict(msgspec.json.decode(msgspec.json.encode(facts, enc_hook=methodcaller("tolist"))))
 
@@ -23,11 +25,11 @@ class Result:
     name: ClassVar[str]  # of its JSON file
 
     def lines(self) -> Iterable[str]:
-        """Return what a terminal shows, in lines of 80 columns."""
+        """Return what a terminal shows, in lines of any length."""
         raise NotImplementedError
 
-    def facts(self) -> Mapping[str, Any]:
-        """Return what JSON holds: numbers, arrays, data classes by name."""
+    def facts(self) -> Any:
+        """Return what JSON holds: a struct, or numbers, arrays, data classes by name."""
         raise NotImplementedError
 
     def pictures(self) -> Mapping[str, "Figure"]:
@@ -35,8 +37,8 @@ class Result:
         raise NotImplementedError
 
     def text(self) -> str:
-        """Return the table, at most 80 columns wide."""
-        return "\n".join(self.lines()).rstrip() + "\n"
+        """Return the lines as a terminal has them."""
+        return "\n".join(screen.fitted(self.lines())).rstrip() + "\n"
 
     def json(self) -> dict[str, Any]:
         """Return all as plain values; None for what is not a finite number."""

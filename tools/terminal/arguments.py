@@ -1,69 +1,19 @@
 """What several commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.durations import duration_ns, duration_s
-from pcpc.executive.rig.roles import ROLES
-from pcpc.tools.terminal.command import Add
 from pcpc.tools.terminal.option_notes import need_value
-from pcpc.tools.terminal.rooms import offers
+from pcpc.tools.terminal.request import Request
 
 MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
 BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
-def log(add: Add, **more: Any) -> None:
-    """Take a log."""
-    add("log", metavar="LOG", help="log file, run folder or latest", **more)
-
-
-def several(add: Add, name: str, metavar: str, help: str, **more: Any) -> None:
-    """Take an option that can be given several times."""
-    add(name, action="append", default=[], metavar=metavar, help=help, **more)
-
-
-def json(add: Add, help: str = "print JSON") -> None:
-    """Take whether to print JSON."""
-    add("--json", action="store_true", help=help)
-
-
-def quiet(add: Add, *short: str) -> None:
-    """Take whether to show progress."""
-    add(*short, "--quiet", action="store_true", help="no progress")
-
-
-def settings(add: Add, help: str) -> None:
-    """Take settings of a rig."""
-    several(add, "--set", "NAME=VALUE", help)
-
-
-def moment(add: Add, help: str) -> None:
-    """Take a cycle of a log."""
-    add("--cycle", type=int, metavar="N", help=help)
-    add("--time", type=float, metavar="S", help="the same as a time of the run, s")
-
-
-def rig(add: Add) -> None:
-    """Take a rig and what is changed in it."""
-    add(
-        "rig",
-        metavar="RIG",
-        help="a rig's name (pcpc rigs), file or folder, or a run in progress",
-    )
-    add("--controller", metavar="NAME", help="use this controller; default: the rig's")
-    add(
-        "--standby",
-        action=_Standby,
-        metavar="NAME[,NAME]",
-        help="controllers that can take over with `pcpc handover`",
-    )
-    settings(add, "change a value, as controller.kv_Nms_rad=130; @FILE: from pcpc save")
-
-
-class _Standby(argparse.Action):
+class Standby(argparse.Action):
     """An option that is a setting of the rig in other words."""
 
     def __call__(
@@ -76,60 +26,57 @@ class _Standby(argparse.Action):
         options.set = [*options.set, f"standby=[{text}]"]
 
 
-def run(add: Add) -> None:
-    """Take a rig, and how it runs on a bus."""
-    rig(add)
-    add(
-        "--pacing",
-        choices=("real", "sync", "lockstep"),
-        help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
-    )
-    add("--bus", metavar="INTERFACE[:CHANNEL]", help=BUSES)
-    run_folder(add)
-    for more in offers("BESIDE_RUN"):
-        more(add)
+Json = Annotated[bool, "print JSON"]
+Quiet = Annotated[bool, "no progress"]
+ShortQuiet = Annotated[bool, "-q", "no progress"]
+Log = Annotated[str, "LOG", "log file, run folder or latest"]
 
 
-def run_folder(add: Add) -> None:
-    """Take where a run is kept, and how it is told and judged."""
-    add("-o", "--output", metavar="DIR", help="run folder; default: runs/<UTC time>-<rig>")
-    json(add, "print JSON")
-    add("--quiet", action="store_true", help="print only problems and verdict")
-    add("--no-figure", action="store_true", help="do not draw figure.png")
-    add(
-        "--judge",
-        action="store_true",
-        help="exit with 1 if a limit was not judged, or there is none",
-    )
+class RigRequest(Request):
+    """A rig, and what is changed in it."""
+
+    rig: Annotated[str, "RIG", "a rig's name (pcpc rigs), file or folder, or a run in progress"]
+    controller: Annotated[str | None, "NAME", "use this controller; default: the rig's"] = None
+    standby: Annotated[
+        None,
+        Standby,
+        "NAME[,NAME]",
+        "controllers that can take over with `pcpc operate handover`",
+    ] = None
+    set: Annotated[
+        Sequence[str],
+        "NAME=VALUE",
+        "change a value, as controller.kv_Nms_rad=130; @FILE: from pcpc save",
+    ] = ()
 
 
-def node(add: Add, help: str = "only this node; default: all", *more: str) -> None:
-    """Take which node of a log is meant, or one of `more`."""
-    add("--node", metavar="NODE", choices=(*ROLES, *more, "all"), default="all", help=help)
+class CodeOfLaws(Request):
+    """Whose code of a log may run."""
 
-
-def code_of_laws(add: Add) -> None:
-    """Take whose code of a log may run."""
-    add(
-        "--trust",
-        action="store_true",
-        help="run the Python in the log: its laws, its evaluation",
-    )
-    several(
-        add,
-        "--law",
+    trust: Annotated[bool, "run the Python in the log: its laws, its evaluation"] = False
+    law: Annotated[
+        Sequence[str],
         "FILE",
         "a Python file of the run that has moved, or a file it reads",
-        reads=True,
-    )
-    add("--rig", metavar="RIG", help="the rig file that the run's files lie beside now")
-    several(
-        add,
-        "--fmu",
+        {"reads": True},
+    ] = ()
+    rig: Annotated[str | None, "RIG", "the rig file that the run's files lie beside now"] = None
+    fmu: Annotated[
+        Sequence[str],
         "FILE",
         "run this FMU of the run (native code, never in a log)",
-        reads=True,
-    )
+        {"reads": True},
+    ] = ()
+
+
+class RunFolder(Request):
+    """Where a run is kept, and how it is told and judged."""
+
+    output: Annotated[str | None, "-o", "DIR", "run folder; default: runs/<UTC time>-<rig>"] = None
+    json: Json = False
+    quiet: Annotated[bool, "print only problems and verdict"] = False
+    no_figure: Annotated[bool, "do not draw figure.png"] = False
+    judge: Annotated[bool, "exit with 1 if a limit was not judged, or there is none"] = False
 
 
 def duration(text: str) -> float:

@@ -9,8 +9,9 @@ from typing import Any
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.terminal.option_notes import note_options
 from pcpc.tools.terminal.outfile import check_file, check_folder, check_source
+from pcpc.tools.terminal.request import Add as Add
+from pcpc.tools.terminal.request import Request
 
-Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 Attach = Callable[[str, argparse.Action], None]
 Check = Callable[[str, Path], None]  # of an option's place
 
@@ -36,21 +37,17 @@ PLACES = {"DIR": "a folder", "FILE": "a file", "OUT": "a file", "LOG": "a log", 
 CHECKS: dict[str, Check] = {"DIR": check_folder, "FILE": check_file, "OUT": check_file}
 
 
-def no_arguments(add: Add) -> None:
-    """Take no arguments."""
-
-
 @dataclass(frozen=True)
 class Command:
     """A command, or with `parts` a family of them: `pcpc log info`.
 
-    It is carried out by `command(options)` in pcpc.tools.MODULE, which is imported only then.
+    It is carried out by `command(request)` in pcpc.tools.MODULE, which is imported only then.
     """
 
     name: str
     help: str  # one line
     example: str  # command lines to copy
-    arguments: Callable[[Add], None] = no_arguments
+    asked: type[Request] = Request  # whose fields its options are
     module: str = ""  # below pcpc.tools
     codes: Mapping[Exit, str] | None = None  # with words of its own, "" for the usual; None: all
     notes: str = ""  # in its help, above the exit codes
@@ -88,11 +85,15 @@ class Command:
             attach(self.name, action)
             return action
 
-        self.arguments(add)
+        self.asked.add_to(add)
         if self.parts:
             parts = parser.add_subparsers(required=True, metavar="SUB")
             for part in self.parts:
                 part.add_to(parts, attach)
+
+    def request(self, options: argparse.Namespace) -> Request:
+        """Return what `command` in its module takes of the options that were read."""
+        return self.asked.from_options(options)
 
     def _epilog(self) -> str:
         lines = ["example:", *(f"  {line}" for line in self.example.splitlines())]
@@ -119,7 +120,7 @@ def check_places(options: argparse.Namespace) -> None:
     for action, check in options.places:
         value = getattr(options, action.dest)
         for one in value if isinstance(value, list) else [value]:
-            if one is not None and one != action.default:
+            if one is not None and one != action.default and str(one) != "-":
                 check(action.option_strings[0], Path(one))
 
 

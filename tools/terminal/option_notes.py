@@ -3,8 +3,6 @@
 import argparse
 from typing import Any
 
-from pcpc.drivers.errors import UserError
-
 
 class _Noted(argparse.Action):
     """An option that is noted; a second value that contradicts the first is refused."""
@@ -49,14 +47,6 @@ def note_options(parser: argparse.ArgumentParser) -> None:
     """Let a parser note which options are given; call it before they are added."""
     for name, action in ACTIONS.items():
         parser.register("action", name, action)
-
-
-def refuse(options: argparse.Namespace, why: str, *names: str) -> None:
-    """Raise UserError for the first of these options that is given, by its name in `options`."""
-    given = vars(options).get("given", {})
-    for name in names:
-        if name in given:
-            raise UserError(f"{given[name][0]}: {why}")
 
 
 def _note(action: argparse.Action, options: argparse.Namespace, value: Any) -> Any:

@@ -78,12 +78,11 @@ class Parser(argparse.ArgumentParser):
     def _option_cure(self, name: str, value: str, words: Sequence[str]) -> str:
         """Return the option that was meant, or a rig's value of this name with --set."""
         if "--set" in self._option_string_actions:
-            from pcpc.executive.rig.schema import Config  # takes time
+            from pcpc.executive.rig.conversion import file_keys_of  # takes time
+            from pcpc.executive.rig.schema import Config
 
             word = name.lstrip("-").replace("-", "_")
-            keys = [
-                key for key in Config.__struct_fields__ if word in (key, key.rpartition("_")[0])
-            ]
+            keys = [key for key in file_keys_of(Config) if word in (key, key.rpartition("_")[0])]
             if keys:
                 behind = [value] if value else [*words[words.index(name) + 1 :], "VALUE"]
                 return f"; did you mean --set {keys[0]}={behind[0]}?"

@@ -19,7 +19,6 @@ _LINES_S, _RAREST_S = 2.0, 120.0
 _TIME = re.compile(r"\d+ s$")
 _PATIENCE_S = 1.0
 _COMPILING_S = 5.0
-_SHORT_S = 1.0  # a law of a user compiles within this: not worth a word
 
 
 class Progress:
@@ -105,11 +104,13 @@ class Compiling:
 
     def told(self, quiet: bool) -> None:
         """From here on say it when this process compiles, in lines that stay."""
-        progress, next_s = Progress(quiet), self._begin_s + _SHORT_S
+        progress, next_s = Progress(quiet), self._begin_s + compile_cache.SHORT_S
 
-        def say(done: int) -> None:
+        def say(done: int, holder: str = "") -> None:
             nonlocal next_s
-            if (done or not self._had) and time.monotonic() >= next_s:
+            if holder:
+                progress.say(f"waiting for process {holder}, which is compiling the same code")
+            elif (done or not self._had) and time.monotonic() >= next_s:
                 next_s = time.monotonic() + _COMPILING_S
                 progress.say(self._words(done))
 

@@ -4,12 +4,15 @@ Without a terminal the width is 80, or what COLUMNS says.
 """
 
 import argparse
+import math
 import re
 import shutil
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 _NARROWEST = 60  # below that nothing can be aligned any more
+_AHEAD = re.compile(r"\A {,15}(\S(.{,20}?\S)? {2,12}(?=\S))?")  # blanks, a label, blanks
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 
 # what a terminal obeys, or shows in another order; then what this program itself says to one
@@ -68,29 +71,54 @@ def wrapped_lines(text: str, first: str = "", rest: str | None = None) -> list[s
     return [line.rstrip() for line in lines] or [first.rstrip()]
 
 
-def rows(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """Return labelled texts, the texts below each other."""
-    known = list(pairs)
-    broad = max((len(label) for label, _ in known), default=0)
-    return [line for label, text in known for line in wrapped_lines(text, f"{label:{broad}}  ")]
+def fitted(lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines that fit; a longer one goes on below the text behind its label, or further in."""
+    for line in lines:
+        text = _AHEAD.sub("", line)
+        ahead = line[: len(line) - len(text)]
+        after = len(ahead) + (0 if ahead.strip() else 2)
+        yield from wrapped_lines(text, ahead, " " * after)
 
 
 def table(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
     """Return rows with aligned columns, those of `right` to the right, the last one wrapped."""
     sizes = [max(map(len, column)) for column in zip(*lines, strict=True)]
     found = []
-    for *cells, last in lines:
-        padded = (
-            f"{text:>{size}}  " if i in right else f"{text:{size}}  "
-            for i, (text, size) in enumerate(zip(cells, sizes, strict=False))
+    for line in lines:
+        *cells, last = (
+            f"{text:{'>' if i in right else ''}{sizes[i]}}  " for i, text in enumerate(line)
         )
-        found += wrapped_lines(last, "".join(padded))
+        found += wrapped_lines(last, "".join(cells))
     return found
 
 
 def some(texts: Sequence[str], most: int, more: str = "and {} more, see --json") -> list[str]:
     """Return the first texts, at most as many; then `more`, with the count of those left out."""
     return [*texts[:most], *[more.format(len(texts) - most)] * (len(texts) > most)]
+
+
+def answer(as_json: bool, found: Any, lines: Iterable[str], indent: int | None = None) -> None:
+    """Print what was found as JSON, or its lines, fitted; none of them is made for JSON."""
+    print(json_text(found, indent) if as_json else "\n".join(fitted(lines)))
+
+
+def json_text(found: Any, indent: int | None = 2) -> str:
+    """Return JSON of plain values and structs; what is not finite, which it lacks, becomes text."""
+    import json  # time
+
+    return json.dumps(_json_value(found), indent=indent)
+
+
+def _json_value(value: Any) -> Any:
+    if hasattr(value, "__struct_fields__"):
+        import msgspec  # time
+
+        value = msgspec.to_builtins(value)
+    if isinstance(value, Mapping):
+        return {key: _json_value(child) for key, child in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_value(child) for child in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def shell(command: str) -> list[str]:

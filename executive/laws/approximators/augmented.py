@@ -31,7 +31,7 @@ from pcpc.executive.laws.approximators.two_layer import nodes, square_sum
 from pcpc.executive.laws.emath import clip, exp, sqrt, where
 
 
-class Network(Protocol):
+class AugmentedNetwork(Protocol):
     """A law's view of its network, with room for n nodes or more."""
 
     v: Array  # (n_in, n)
@@ -60,14 +60,14 @@ def ramp(v: float, v_eps: float) -> float:
 
 
 @inline
-def hidden(x: Array, net: Network, n: int) -> None:
+def hidden(x: Array, net: AugmentedNetwork, n: int) -> None:
     """Write z (1) and s (2) of `x` (n_in,)."""
     net.s[0] = 1.0
     nodes(x, net.v, n, net.z, net.s, 1)
 
 
 @inline
-def output(net: Network, n: int, i: int) -> float:
+def output(net: AugmentedNetwork, n: int, i: int) -> float:
     """Return fhat_i (3)."""
     y = 0.0
     for j in range(n + 1):
@@ -87,7 +87,7 @@ def add_squares(total: float, w: Array, rows: int, columns: int) -> float:
 
 
 @inline
-def norm(net: Network, n: int) -> float:
+def norm(net: AugmentedNetwork, n: int) -> float:
     """Return the Frobenius norm of all weights."""
     total = add_squares(0.0, net.v, len(net.v), n)
     total = add_squares(total, net.w1, n + 1, len(net.w1[0]))
@@ -96,7 +96,7 @@ def norm(net: Network, n: int) -> float:
 
 @inline
 def tuning_gain(
-    x: Array, net: Network, n: int, rate_s: float, rate_t: float, rate_e: float
+    x: Array, net: AugmentedNetwork, n: int, rate_s: float, rate_t: float, rate_e: float
 ) -> float:
     """Return G (9); `x` (n_in,)."""
     outer, inner = 1.0, 0.0  # of the threshold, s_0 = 1 and s'_0 = 0
@@ -112,7 +112,7 @@ def tuning_gain(
 @inline
 def tune(
     x: Array,
-    net: Network,
+    net: AugmentedNetwork,
     n: int,
     r: Array,
     leak: float,

@@ -31,7 +31,7 @@ from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
 
 
-class Network(Protocol):
+class TwoLayerNetwork(Protocol):
     """A law's view of its network."""
 
     x: Array  # (n_in,)
@@ -125,7 +125,9 @@ def norm(w: Array, v: Array) -> float:
 
 
 @inline
-def tune(net: Network, r: float, leak: float, step_f: float, step_fj: float, step_g: float) -> None:
+def tune(
+    net: TwoLayerNetwork, r: float, leak: float, step_f: float, step_fj: float, step_g: float
+) -> None:
     """One Euler step of (6) to (9) in place.
 
     `leak` = kappa |r|; `step_f`, `step_fj`, `step_g` are F, FJ, G times the period.

@@ -21,7 +21,7 @@ from pcpc.plants.atb1000.book.tuning import RMS, STEP
 from pcpc.plants.book.figures import legend_below, save
 from pcpc.plants.book.tables import Words, case_maker, controller_of, grouped, rig_name
 from pcpc.plants.pages import sheet
-from pcpc.plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, CaseResult, markdown, of_group
 
 WITHOUT = ("pd", "pd_star", "pid", "pd_tuned", "pid_tuned", "pd_fast_tuned", "pd_feedforward",
            "pd_observer", "super_twisting", "pd_adaptive", "lqg")  # fmt: skip
@@ -58,7 +58,7 @@ def cases(plants: int = PLANTS) -> Iterator[Case]:
                 yield _case("plants", scenario, law, str(i), *first, *own, window_s=window_s)
 
 
-def figures(results: Sequence[Result], group: str, metric: str) -> Figures:
+def figures(results: Sequence[CaseResult], group: str, metric: str) -> Figures:
     """Return a metric of a group of results, (labels,), by (scenario, law)."""
     return {
         names: np.array([np.inf if run.failed else run.metric(metric) for run in runs])
@@ -88,7 +88,7 @@ def mean_ratio(ratio: Array) -> str:
     return "{:.3g} ({:.3g} to {:.3g})".format(*interval(ratio))
 
 
-def report(results: Sequence[Result], margins: Mapping[str, float]) -> str:
+def report(results: Sequence[CaseResult], margins: Mapping[str, float]) -> str:
     """Return all tables."""
     rms, step = figures(results, "nominal", RMS), figures(results, "nominal", STEP)
     parts = [
@@ -150,7 +150,7 @@ def _on_plants(rms: Figures, count: int) -> str:
     return markdown(head, rows)
 
 
-def frictions(results: Sequence[Result]) -> Array:
+def frictions(results: Sequence[CaseResult]) -> Array:
     """Return the friction of each random plant relative to nominal, (plants,)."""
     found = {
         r.case.label: float(text.partition("=")[2]) / NOMINAL["coulomb_Nm"]
@@ -177,7 +177,7 @@ def _by_friction(rms: Figures, friction: Array) -> str:
     return markdown(("", "law", *(name for name, _, _ in THIRDS)), rows)
 
 
-def draw(results: Sequence[Result], path: Path) -> None:
+def draw(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the error on each random plant over its friction, and the medians of six bins."""
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 

@@ -11,7 +11,7 @@ import numpy as np
 from pcpc.plants.atb1000.book.study_figures import draw_all, draw_monte_carlo
 from pcpc.plants.book.tables import (
     Column,
-    Table,
+    RunsTable,
     across,
     case_maker,
     controller_of,
@@ -22,7 +22,7 @@ from pcpc.plants.book.tables import (
     recorded,
     rig_name,
 )
-from pcpc.plants.study import Case, Result, of_group
+from pcpc.plants.study import Case, CaseResult, of_group
 
 CHAPTER = 9
 TITLE = "Chapter 9: the flexible barrel"
@@ -140,7 +140,7 @@ def monte_carlo() -> Iterator[Case]:
             yield _case("monte carlo", "hull", controller, str(i), *first, window_s=(4.0, 8.0))
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw signals and networks of the main scenarios, and the random plants."""
     draw_all([r for r in results if r.traces], folder)
     draw_monte_carlo(of_group(results, "monte carlo"), folder / "monte-carlo.png")
@@ -149,12 +149,12 @@ def draw(results: Sequence[Result], folder: Path) -> None:
 Pairs = Sequence[tuple[float, float]]  # of a run and PD's, of the same barrel and noise
 
 
-def rms(result: Result) -> float:
+def rms(result: CaseResult) -> float:
     """Return the muzzle error of a run, mrad."""
     return result.metric("muzzle_error_rms_mrad")
 
 
-def rms_and_step(result: Result) -> str:
+def rms_and_step(result: CaseResult) -> str:
     """Return the muzzle error and the step of the command."""
     return f"{rms(result):.3g} \\| {recorded('command_step_rms_Nm')(result):.2g}"
 
@@ -175,16 +175,18 @@ def at_least(times: float) -> Callable[[Pairs], str]:
     return lambda pairs: str(sum(times * own <= base for own, base in pairs))
 
 
-def main_table(title: str, source: Callable[[Result], float], text: str = "{:.3g}") -> Table:
+def main_table(
+    title: str, source: Callable[[CaseResult], float], text: str = "{:.3g}"
+) -> RunsTable:
     """Return a row a scenario, a column a controller."""
     columns = across(controller_of, CONTROLLERS, Column("{}", source, text=text))
-    return Table("main", columns, title, {"scenario": rig_name})
+    return RunsTable("main", columns, title, {"scenario": rig_name})
 
 
-def grid(group: str, title: str) -> Table:
+def grid(group: str, title: str) -> RunsTable:
     """Return a row a label and scenario, a column a controller."""
     columns = across(controller_of, VARIED, Column("{}", rms_and_step))
-    return Table(
+    return RunsTable(
         group,
         columns,
         f"{title}: rms mrad | command step N m",
@@ -201,7 +203,7 @@ TABLES = (
         recorded("command_step_rms_Nm"),
         "{:.2g}",
     ),
-    Table(
+    RunsTable(
         "ablation",
         across(rig_name, ABLATED, Column("{}", rms_and_step)),
         "Ablations: rms mrad | command step N m",
@@ -211,7 +213,7 @@ TABLES = (
 )
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     pd = {
         names: rms(runs[0])
@@ -219,11 +221,11 @@ def report(results: Sequence[Result]) -> str:
         if names[-1] == "pd"
     }
 
-    def pair(result: Result) -> tuple[float, float]:
+    def pair(result: CaseResult) -> tuple[float, float]:
         """Return the error of a run, and PD's of the same barrel and noise."""
         return rms(result), pd[result.case.group, rig_name(result), label_of(result), "pd"]
 
-    seeds = Table(
+    seeds = RunsTable(
         "seeds",
         across(
             controller_of,
@@ -233,7 +235,7 @@ def report(results: Sequence[Result]) -> str:
         "Noise seeds, nominal plant: rms mrad min / median / p95 / max (worst ratio to pd)",
         {"scenario": rig_name, "seeds": lambda result: SEEDS[rig_name(result)]},
     )
-    draws = Table(
+    draws = RunsTable(
         "monte carlo",
         (
             Column("rms", pair, percentiles),

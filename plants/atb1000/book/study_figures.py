@@ -17,21 +17,21 @@ from pcpc.plants.book.figures import (
 )
 from pcpc.plants.book.tables import grouped, rig_name
 from pcpc.plants.pages import sheet
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
 MRAD, DEG = 1e3, 180.0 / np.pi
 TIMES = (1.0, 2.3, 5.0)  # counted in the table too
 
 
-def draw_all(results: Sequence[Result], folder: Path) -> None:
+def draw_all(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw all scenarios that `results` hold traces of."""
     for (scenario,), own in grouped(results, rig_name).items():
         _signals(scenario, own, folder / f"{scenario}.png")
         _networks(scenario, own, folder / f"{scenario}-networks.png")
 
 
-def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
+def draw_monte_carlo(results: Sequence[CaseResult], path: Path) -> None:
     """Draw how many of the random plants each controller improves, and by how much.
 
     Each step of a curve is a plant: its own error with plain PD over that with the controller.
@@ -64,11 +64,11 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
     figure.savefig(path)
 
 
-def _rms(result: Result) -> float:
+def _rms(result: CaseResult) -> float:
     return result.metrics.get("muzzle_error_rms_mrad", float("nan"))
 
 
-def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
+def _signals(scenario: str, results: Sequence[CaseResult], path: Path) -> None:
     figure, axes = sheet((9, 10), 110, 4, 1, sharex=True)
     q_d = results[0].traces["executive:reference.q_d_rad"]
     in_degrees = np.abs(q_d).max() >= 1.0 / DEG  # else in the unit of the error below
@@ -94,7 +94,7 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
     save(figure, path, f"{scenario}: reference, error, bending, command")
 
 
-def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
+def _networks(scenario: str, results: Sequence[CaseResult], path: Path) -> None:
     figure, axes = sheet((12, 3.6), 110, 1, 3)
     network, norm, plane = axes
     overlay(network, results, "executive:controller.network_Nm", COLOURS, 0.9)

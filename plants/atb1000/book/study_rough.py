@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pcpc.plants.atb1000.book.study import random_plant
 from pcpc.plants.atb1000.book.study_rough_figure import draw_costs
 from pcpc.plants.atb1000.ports import load_parameters
-from pcpc.plants.study import Case, Result, markdown
+from pcpc.plants.study import Case, CaseResult, markdown
 
 CHAPTER = 9
 TITLE = "The barrel in a rougher world"
@@ -80,13 +80,13 @@ def cases() -> Iterator[Case]:
                 yield Case(kind, str(RIG), law, str(i), (*settings, *barrels[i]), WINDOW_S)
 
 
-def column(results: Sequence[Result], law: str, kind: str, metric: str = RMS) -> Vector:
+def column(results: Sequence[CaseResult], law: str, kind: str, metric: str = RMS) -> Vector:
     """Return a metric of a law's runs of a kind, (barrels,); infinite where one diverged."""
     own = [r for r in results if (r.case.controller, r.case.group) == (law, kind)]
     return np.array([r.metric(metric) for r in sorted(own, key=lambda r: int(r.case.label))])
 
 
-def costs(results: Sequence[Result], law: str, kind: str) -> Vector:
+def costs(results: Sequence[CaseResult], law: str, kind: str) -> Vector:
     """Return the ratios of rms, with over without, of the same barrels, (barrels,)."""
     found = column(results, law, kind)
     return found / column(results, law, NONE)[: len(found)]
@@ -100,14 +100,14 @@ def interval(values: Vector) -> tuple[float, float, float]:
     return float(np.median(values)), float(low), float(high)
 
 
-def best(results: Sequence[Result], kind: str) -> dict[str, int]:
+def best(results: Sequence[CaseResult], kind: str) -> dict[str, int]:
     """Return on how many barrels each law is the best."""
     table = np.stack([column(results, law, kind) for law in LAWS])
     wins = np.bincount(np.argmin(table, axis=0), minlength=len(LAWS))
     return dict(zip(LAWS, wins.tolist(), strict=True))
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     head = ("", "without", "with all", "cost", "95 % cost less than", "largest", "best without",
             "best with", "step without", "step with", "ended early")  # fmt: skip
@@ -146,7 +146,7 @@ def _bad(values: Vector) -> float:
     return float(np.percentile(values, BAD, method="higher"))  # between infinite ones is nothing
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw the cost of each part for each law, and the errors without and with all."""
     kinds = (*PARTS, ALL)
     table = np.array([[_bad(costs(results, law, kind)) for law in LAWS] for kind in kinds])

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.plants.book.tables import case_maker, controller_of, grouped, label_of, rig_name
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 FOLDER = Path(__file__).resolve().parent
 RIGS = FOLDER.parent / "rigs"
@@ -64,7 +64,7 @@ RIVALS = ("pd_feedforward", "pd_observer", "super_twisting", "pd_adaptive", "lqg
 
 
 @dataclass(frozen=True)
-class Row:
+class Candidate:
     """A candidate: its gains by name, rms in mrad by scenario (mean of the seeds), (1) to (3)."""
 
     law: str
@@ -113,7 +113,9 @@ def cases(laws: Iterable[str] = tuple(RANGES)) -> Iterator[Case]:
                     yield _case("tuning", scenario, law, str(number), *own)
 
 
-def rows(results: Sequence[Result], margins: Mapping[tuple[str, int], float]) -> list[Row]:
+def rows(
+    results: Sequence[CaseResult], margins: Mapping[tuple[str, int], float]
+) -> list[Candidate]:
     """Return what became of the candidates; those of pd have to be among them."""
     runs = grouped(results, controller_of, label_of, rig_name)
     base = np.array([[_rms(r) for r in runs["pd", "0", s]] for s in SCENARIOS])
@@ -125,21 +127,21 @@ def rows(results: Sequence[Result], margins: Mapping[tuple[str, int], float]) ->
         score = float(np.exp(np.mean(np.log(rms / base))))
         seen = tuple(rms.mean(axis=1).tolist())
         gains, margin = candidates(law)[number], margins[law, number]
-        found.append(Row(law, number, gains, seen, score, max(steps), margin))
+        found.append(Candidate(law, number, gains, seen, score, max(steps), margin))
     return marked_rows(found)
 
 
-def _rms(result: Result) -> float:
+def _rms(result: CaseResult) -> float:
     return math.inf if result.failed else result.metric(RMS)
 
 
-def choice(found: Sequence[Row], law: str) -> Row | None:
+def choice(found: Sequence[Candidate], law: str) -> Candidate | None:
     """Return the allowed candidate of a law with the least score; None if there is none."""
     allowed = [row for row in found if row.law == law and row.allowed]
     return min(allowed, key=lambda row: row.score, default=None)
 
 
-def marked_rows(found: Sequence[Row]) -> list[Row]:
+def marked_rows(found: Sequence[Candidate]) -> list[Candidate]:
     """Return rows of which those that are chosen say so."""
     best = [choice(found, law) for law in RANGES]
     keys = {(row.law, row.number) for row in best if row is not None}
@@ -150,7 +152,7 @@ _HEAD = ("law", "candidate", "gains", *(f"{s}_mrad" for s in SCENARIOS), "score"
          "disk_margin", "chosen")  # fmt: skip
 
 
-def write(found: Sequence[Row], path: Path) -> None:
+def write(found: Sequence[Candidate], path: Path) -> None:
     """Write a line a candidate."""
     with path.open("w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file, lineterminator="\n")
@@ -162,7 +164,7 @@ def write(found: Sequence[Row], path: Path) -> None:
             lines.writerow((row.law, row.number, gains, *texts, "x" if row.chosen else ""))
 
 
-def read(path: Path = TABLE) -> list[Row]:
+def read(path: Path = TABLE) -> list[Candidate]:
     """Return the candidates of a table, with the choice that stands in it."""
     found = []
     with path.open(encoding="utf-8", newline="") as file:
@@ -172,7 +174,7 @@ def read(path: Path = TABLE) -> list[Row]:
             rms = tuple(float(line[f"{s}_mrad"]) for s in SCENARIOS)
             score, step, margin = (float(line[n]) for n in ("score", "step_Nm", "disk_margin"))
             about = line["law"], int(line["candidate"]), gains, rms
-            found.append(Row(*about, score, step, margin, line["chosen"] == "x"))
+            found.append(Candidate(*about, score, step, margin, line["chosen"] == "x"))
     return found
 
 

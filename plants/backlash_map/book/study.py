@@ -12,8 +12,8 @@ import numpy as np
 from pcpc.plants.backlash_map.book.study_figures import draw_laws, draw_steps
 from pcpc.plants.book.tables import (
     Column,
+    RunsTable,
     Sentence,
-    Table,
     across,
     by_label,
     case_maker,
@@ -26,7 +26,7 @@ from pcpc.plants.book.tables import (
     span,
     true_count,
 )
-from pcpc.plants.study import Case, Result, of_group
+from pcpc.plants.study import Case, CaseResult, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.3: a map behind backlash"
@@ -111,12 +111,12 @@ def ranges(digits: int, *columns: tuple[str, str]) -> list[Column]:
     ]
 
 
-def late_peak(result: Result) -> bool:
+def late_peak(result: CaseResult) -> bool:
     """Return whether |e| is above 0.05 once more after 5 s."""
     return result.metric("settled_s") > 5.0
 
 
-def kind(result: Result) -> str:
+def kind(result: CaseResult) -> str:
     """Return what the main table calls a law."""
     of = {"repeats": "nn, repeats", "model": "nn, c = 0.15 in the law, repeats"}
     return of.get(group_of(result), label_of(result))
@@ -125,14 +125,14 @@ def kind(result: Result) -> str:
 EARLY, SETTLED = ("early_error_rms", "rms 1-5 s"), ("settled_s", "last abs(e) > 0.05")
 LATER = (("error_rms", "rms 10-20 s"), ("error_max", "max 10-20 s"))
 TABLES = (
-    Table(
+    RunsTable(
         ("main", "repeats", "model"),
         ranges(4, EARLY, ("early_error_max", "max 1-5 s"), *LATER, SETTLED),
         "e = x2 - x_d; in brackets an independent implementation without a bus; a single run of a "
         "tuning law is one realisation.",
         {"law": kind},
     ),
-    Table(
+    RunsTable(
         "seeds",
         (
             Column("median", "", np.median), Column("independent", 0), Column("worst", "", max),
@@ -147,7 +147,7 @@ TABLES = (
         across(group_of, ("seeds", "repeats"), Column("{}", late_peak, share)),
         "A peak above 0.05 after 5 s: {} seeds, {} repeats (independent: 5 %).\n",
     ),
-    Table(
+    RunsTable(
         "late",
         (
             Column("seeds", "diverged", run_count), *ranges(3, EARLY, *LATER, SETTLED),
@@ -158,13 +158,13 @@ TABLES = (
         "0.038-0.048, settled at 17-19 s.",
         {"law": label_of},
     ),
-    Table(
+    RunsTable(
         "coarse",
         (*ranges(4, *LATER), Column("independent", 0)),
         "Coarse sensors and commands, seeds 0 to 4.",
         {"quantum of x, tau, u": label_of},
     ),
-    Table(
+    RunsTable(
         "signs",
         (*ranges(3, *LATER, ("diverged", "latched off")), Column("independent", 0)),
         "Signs and the prediction.",
@@ -173,12 +173,12 @@ TABLES = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw PD and NN beside each other, and what u does from step to step."""
     main = by_label(results, "main")
     wanted = ("pd without gap", "pd", "nn_sigmoid", "nn")

@@ -18,7 +18,7 @@ from pcpc.plants.book.figures import (
 )
 from pcpc.plants.book.tables import label_of
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, Line, Panel
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NAMES = {
     "pd without gap": "PD, no gap",
@@ -67,13 +67,13 @@ STEPS = (
 )
 
 
-def title(result: Result) -> str:
+def title(result: CaseResult) -> str:
     """Return the name of a law, and its errors."""
     rms, largest = result.metric("error_rms"), result.metric("error_max")
     return f"{NAMES[result.case.label]}\n10 to 20 s: rms {rms:.4f}, max {largest:.3f}"
 
 
-def draw_laws(results: Sequence[Result], path: Path) -> None:
+def draw_laws(results: Sequence[CaseResult], path: Path) -> None:
     """Draw state, error and tau, a column a law; the errors' scales differ."""
     limits = ((-1.2, 1.9), None, (-0.15, 0.22))
     made, axes = columns(results, PANELS, limits, (13.0, 7.2), title, COLOURS, until_s=20.0)
@@ -82,7 +82,7 @@ def draw_laws(results: Sequence[Result], path: Path) -> None:
     save(made, path)
 
 
-def draw_steps(result: Result, path: Path) -> None:
+def draw_steps(result: CaseResult, path: Path) -> None:
     """Draw the violent start, and 40 steps of the command long after it, each step a mark."""
     t_ms, runs = 1e3 * result.traces["t"], []
     for text, (begin, end) in ENDS_MS.items():

@@ -12,8 +12,8 @@ import numpy as np
 from pcpc.plants.backlash_pendulum.book.study_figures import draw_attribution, draw_cases
 from pcpc.plants.book.tables import (
     Column,
+    RunsTable,
     Sentence,
-    Table,
     across,
     at,
     by_label,
@@ -28,7 +28,7 @@ from pcpc.plants.book.tables import (
     share,
     span,
 )
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 CHAPTER = 5
 TITLE = "Chapter 5.2: a pendulum behind backlash"
@@ -144,7 +144,7 @@ def mrad(value: float) -> str:
 
 RMS, LARGEST, TORQUE = "error_rms_rad", "error_max_rad", "torque_error_rms_Nm"
 TABLES = (
-    Table(
+    RunsTable(
         "main",
         (
             Column("rms e1", RMS, text=mrad),
@@ -159,7 +159,7 @@ TABLES = (
         "bus.",
         {"rig": rig_name, "law": controller_of},
     ),
-    Table(
+    RunsTable(
         ("varied", "coarse"),
         (
             Column("rms e1", RMS, span, mrad), Column("independent", 0),
@@ -168,7 +168,7 @@ TABLES = (
         f"Delay and rate: ranges over {REPEATS} repeats. Coarse: 1e-4 rad, 1e-2 rad/s, N m.",
         {"nn": label_of},
     ),
-    Table(
+    RunsTable(
         ("seeds", "minute"),
         (
             *at(
@@ -190,7 +190,7 @@ TABLES = (
         f"nn over {SEEDS} seeds of V.",
         {"samples late": label_of},
     ),
-    Table(
+    RunsTable(
         "attribution",
         (
             *at(
@@ -205,7 +205,7 @@ TABLES = (
         "Where the gain comes from.",
         {"law": part(0)},
     ),
-    Table(
+    RunsTable(
         "layer",
         (
             Column("latched off", "diverged", share),
@@ -216,7 +216,7 @@ TABLES = (
         "Boundary layers; without one the guard on u was raised to 1e9 N m.",
         {"layer": part(0, ", "), "samples late": part(1, ", ")},
     ),
-    Table(
+    RunsTable(
         "model",
         across(
             lambda result: " ".join(label_of(result).split()[-2:]),
@@ -234,12 +234,12 @@ TABLES = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw the three cases beside each other, and where the gain comes from."""
     main, parts = (by_label(results, group) for group in ("main", "attribution"))
     draw_cases([main[f"{MAIN} {law}"] for law in LAWS], folder / "backlash-pendulum.png")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pcpc.plants.book.figures import columns, dress, legends, reference, save, times
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, Line, Panel, sheet
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}
 COLOURS = {"pd": VERMILION, "robust": ORANGE, "nn": BLUE}
@@ -24,14 +24,14 @@ PANELS = (
 LIMITS = ((-60.0, 60.0), (-36.0, 66.0), (-11.0, 11.0))
 
 
-def title(result: Result) -> str:
+def title(result: CaseResult) -> str:
     """Return the name of a case, and its errors."""
     rms, largest = (1e3 * result.metric(f"error_{of}_rad") for of in ("rms", "max"))
     name = NAMES[result.case.controller]
     return f"{name}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s"
 
 
-def draw_cases(results: Sequence[Result], path: Path) -> None:
+def draw_cases(results: Sequence[CaseResult], path: Path) -> None:
     """Draw error, torque and command of the three cases, a column each, same scales in a row."""
     made, axes = columns(
         results, PANELS, LIMITS, (12.0, 7.2), title, COLOURS, until_s=20.0, dpi=130, sharey="row"
@@ -42,7 +42,7 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
     save(made, path)
 
 
-def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:
+def draw_attribution(gains: Mapping[str, CaseResult], path: Path) -> None:
     """Draw the rms error of each law as a bar, the whole law's last."""
     made, ax = sheet((8.0, 4.4), 130)
     labels = list(gains)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pcpc.plants.book.tables import (
     Column,
-    Table,
+    RunsTable,
     at,
     by_case,
     case_maker,
@@ -27,7 +27,7 @@ from pcpc.plants.book.tables import (
     true_count,
 )
 from pcpc.plants.deadzone_arm.book.study_figures import draw_beside, draw_seeds
-from pcpc.plants.study import Case, Result, of_group
+from pcpc.plants.study import Case, CaseResult, of_group
 
 CHAPTER = 4
 TITLE = "Chapter 4.2: deadzone compensation with two neural networks"
@@ -90,17 +90,17 @@ def cases() -> Iterator[Case]:
                 yield _case("fresh", scenario, "nn", label, f"controller.network_seed={seed}.0")
 
 
-def scenario_of(result: Result) -> str:
+def scenario_of(result: CaseResult) -> str:
     """Return `step` or `sine`."""
     return rig_name(result).removeprefix("deadzone-")
 
 
-def errors(result: Result) -> np.ndarray:
+def errors(result: CaseResult) -> np.ndarray:
     """Return the four errors of a run, (4,); infinite where it diverged."""
     return np.array([result.metric(name) for name in COLUMNS])
 
 
-def pd_errors(results: Sequence[Result]) -> dict[str, np.ndarray]:
+def pd_errors(results: Sequence[CaseResult]) -> dict[str, np.ndarray]:
     """Return PD's four errors, (4,), by scenario."""
     return {scenario_of(r): errors(r) for r in of_group(results, "single") if label_of(r) == "pd"}
 
@@ -121,12 +121,12 @@ def joints(head: str, metric: str, digits: int) -> Column:
 
 
 ERRORS = Column("here", errors, text=error_cells)
-SINGLE_RUNS = Table(
+SINGLE_RUNS = RunsTable(
     "single",
     (ERRORS, Column("expected", 0)),
     rows={"PD, and seed 11 with": joined(label_of, scenario_of)},
 )
-TRANSIENT = Table(
+TRANSIENT = RunsTable(
     "single",
     (
         *at(
@@ -142,7 +142,7 @@ TRANSIENT = Table(
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     base = pd_errors(results)
 
@@ -178,14 +178,14 @@ def report(results: Sequence[Result]) -> str:
         SINGLE_RUNS,
         TRANSIENT.markdown(started, known),
         "\nTwenty draws of the networks:\n",
-        Table("seeds", drawn, rows={"20 seeds (expected)": draw_of}),
+        RunsTable("seeds", drawn, rows={"20 seeds (expected)": draw_of}),
         "\nFresh draws of the rig, of 40 each, in all four windows:\n",
-        Table("fresh", fresh, rows={"": lambda r: f"seeds {draw_of(r)}"}),
+        RunsTable("fresh", fresh, rows={"": lambda r: f"seeds {draw_of(r)}"}),
     )
     return page(results, parts, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw PD beside the network on both rigs, and all draws of the main variants."""
     single = by_case(results, "single")
     for scenario in SCENARIOS:

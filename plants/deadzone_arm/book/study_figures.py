@@ -9,7 +9,7 @@ import numpy as np
 from pcpc.plants.book.figures import SHADE, Traces, columns, dress, legends, reference, save
 from pcpc.plants.book.tables import Words, rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, Line, Panel, sheet
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NAMES = {"pd": "PD", "nn": "PD and two networks a joint"}
 SMALLEST_RAD = 1e-5  # of the logarithmic axis
@@ -42,19 +42,19 @@ PANELS = (
 LIMITS = (None, None, (-160.0, 200.0), (-160.0, 200.0))
 
 
-def shade(column: Sequence[Any], result: Result) -> None:
+def shade(column: Sequence[Any], result: CaseResult) -> None:
     """Shade the deadzone in the panels of the torques."""
     ends = -result.settings["arm.d_minus_Nm"], result.settings["arm.d_plus_Nm"]
     for ax in column[2:]:
         ax.axhspan(*ends, label="deadzone of u", **SHADE)
 
 
-def name(result: Result) -> str:
+def name(result: CaseResult) -> str:
     """Return the name of a law."""
     return NAMES[result.case.controller]
 
 
-def draw_beside(pair: Sequence[Result], path: Path) -> None:
+def draw_beside(pair: Sequence[CaseResult], path: Path) -> None:
     """Draw PD in the left column, the network in the right: angles, errors, torques."""
     figure, axes = columns(
         pair, PANELS, LIMITS, (11.0, 10.0), name, below=shade, until_s=10.0, left=11.0, sharey="row"

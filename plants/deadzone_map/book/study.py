@@ -10,7 +10,7 @@ from pathlib import Path
 from pcpc.plants.book.tables import (
     Column,
     Part,
-    Table,
+    RunsTable,
     across,
     by_case,
     case_maker,
@@ -22,7 +22,7 @@ from pcpc.plants.book.tables import (
     rig_name,
 )
 from pcpc.plants.deadzone_map.book.study_figures import draw_beside
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 CHAPTER = 4
 TITLE = "Chapter 4.3: deadzone compensation with fuzzy logic, in discrete time"
@@ -54,7 +54,7 @@ def cases() -> Iterator[Case]:
                 yield _case(name, rig, law, str(value), f"controller.{name}={value}")
 
 
-def result_text(result: Result) -> str:
+def result_text(result: CaseResult) -> str:
     """Return rms, largest error; widths."""
     if result.metric("diverged") > 0.5:
         return "diverges"
@@ -69,23 +69,23 @@ BY_MODEL = across(label_of, [*MODELS], Column("{}", result_text))
 WIDTHS = {rig: f"d = 0.{rig[-1]}" for rig in RIG_NAMES[1:]}
 TABLES: tuple[Part, ...] = (
     "Error rms, largest; widths learned d+ d-, (expected).\n",
-    Table("main", BY_MODEL, rows=LAW_ON_RIG),
+    RunsTable("main", BY_MODEL, rows=LAW_ON_RIG),
     "\nThe same with one sample more of delay:\n",
-    Table("delayed", BY_MODEL, rows=LAW_ON_RIG),
+    RunsTable("delayed", BY_MODEL, rows=LAW_ON_RIG),
     "\nLearning rates of `fuzzy`, then of `inverse`, cf 0.15:\n",
     *(
-        Table(name, across(rig_name, WIDTHS, Column("{}", result_text)), rows={name: label_of})
+        RunsTable(name, across(rig_name, WIDTHS, Column("{}", result_text)), rows={name: label_of})
         for name, _, _ in RATES
     ),
 )
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw PD beside the fuzzy precompensator behind both deadzones."""
     found = by_case(results, "main")
     for rig in RIG_NAMES[1:]:

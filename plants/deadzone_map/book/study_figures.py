@@ -15,7 +15,7 @@ from pcpc.plants.book.figures import (
     save,
 )
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, Line, Panel
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
 
@@ -39,19 +39,19 @@ PANELS = (
 )
 
 
-def truth(column: Sequence[Any], result: Result) -> None:
+def truth(column: Sequence[Any], result: CaseResult) -> None:
     """Draw the deadzone and its true width."""
     width = result.settings["map.d"]
     column[2].axhspan(-width, width, label="deadzone of u", **SHADE)
     column[3].axhline(width, linewidth=0.9, label="true, both sides", **REFERENCE)
 
 
-def name(result: Result) -> str:
+def name(result: CaseResult) -> str:
     """Return the name of a law."""
     return NAMES[result.case.controller]
 
 
-def draw_beside(pair: Sequence[Result], path: Path) -> None:
+def draw_beside(pair: Sequence[CaseResult], path: Path) -> None:
     """Draw PD in the left column, the precompensator in the right."""
     width = pair[0].settings["map.d"]
     limits = ((-1.15, 1.6), (-0.55, 0.55), (-0.55, 0.9), (-0.02, 1.4 * width))  # error first -1

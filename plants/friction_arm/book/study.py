@@ -12,8 +12,8 @@ import numpy as np
 from pcpc.plants.book.tables import (
     Column,
     Part,
+    RunsTable,
     Sentence,
-    Table,
     Text,
     across,
     at,
@@ -24,7 +24,7 @@ from pcpc.plants.book.tables import (
     page,
 )
 from pcpc.plants.friction_arm.book.study_figures import draw_all
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 CHAPTER = 3
 TITLE = "Chapter 3: the two-link arm with friction"
@@ -144,7 +144,7 @@ def peak(head: str = "peak") -> Column:
     return Column(head, "torque_peak_Nm", np.max, "{:.0f}")
 
 
-def drawn(result: Result) -> bool:
+def drawn(result: CaseResult) -> bool:
     """Return whether a result is of a network, whose first layer is drawn."""
     return controller_of(result) in NETWORKS
 
@@ -166,12 +166,12 @@ TABLES: tuple[Part, ...] = (
     "brackets the figures of an independent implementation of the same equations. Errors are "
     "means of |e|; overshoot is beyond the target; variation is the sum of |tau_k - tau_k-1| "
     "of both joints per second; the peak torque is that of all seeds.\n",
-    Table("a", HELD, "Case A: unit step under gravity", BY_LAW),
-    Table("b", HELD, "Case B: unit step without gravity", BY_LAW),
-    Table("d", HELD, "Case D: LuGre friction, unit step under gravity", BY_LAW),
-    Table("e", HELD, "Case E: stiction a1 = 10 N m, unit step under gravity", BY_LAW),
-    Table("kz", HELD, "Case A without the robust term, Kz = 0", BY_LAW),
-    Table(
+    RunsTable("a", HELD, "Case A: unit step under gravity", BY_LAW),
+    RunsTable("b", HELD, "Case B: unit step without gravity", BY_LAW),
+    RunsTable("d", HELD, "Case D: LuGre friction, unit step under gravity", BY_LAW),
+    RunsTable("e", HELD, "Case E: stiction a1 = 10 N m, unit step under gravity", BY_LAW),
+    RunsTable("kz", HELD, "Case A without the robust term, Kz = 0", BY_LAW),
+    RunsTable(
         "c",
         (
             median("rms, 10 to 20 s", "error_rms_{}_rad"),
@@ -187,13 +187,18 @@ TABLES: tuple[Part, ...] = (
         "PD with the damping that the robust term adds, Kv = 23, case A: {}\n",
     ),
     *(
-        Table(group, (*ERRORS, peak("peak torque")), title, {"": label_of, "law": controller_of})
+        RunsTable(
+            group,
+            (*ERRORS, peak("peak torque")),
+            title,
+            {"": label_of, "law": controller_of},
+        )
         for group, title in (
             ("gains", "Tuning gains instead of T 10 E 35, with S = 10, case A"),
             ("nodes", "Hidden nodes instead of 10, case A"),
         )
     ),
-    Table(
+    RunsTable(
         "rates",
         (
             *across(controller_of, ("nn_standard", "nn_step"), median("{}, 9 to 10 s", LATE)),
@@ -207,19 +212,19 @@ TABLES: tuple[Part, ...] = (
         "Sampling rate, case A, medians over 5 seeds; Kv is 20",
         {"Hz": label_of},
     ),
-    Table(
+    RunsTable(
         "quanta",
         (ERRORS[1], Column("worst of 5 seeds", LATE, np.max, number), variation()),
         "Quantisation, case A",
         {"quantum": label_of, "law": controller_of},
     ),
-    Table(
+    RunsTable(
         "delays",
         (ERRORS[1], median("overshoot 1", OVERSHOOT_1)),
         "Delay of the torque in samples, case A, nn_step, medians over 5 seeds",
         {"samples": label_of},
     ),
-    Table(
+    RunsTable(
         "steps",
         ERRORS,
         "Integration step, case A, nn_standard, medians over 3 seeds",
@@ -228,11 +233,11 @@ TABLES: tuple[Part, ...] = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw cases A to D, phase planes, the chatter of the step node and the step weights."""
     draw_all(results, folder)

@@ -17,7 +17,7 @@ from pcpc.plants.book.figures import (
 )
 from pcpc.plants.book.tables import grouped, label_of, rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, sheet
-from pcpc.plants.study import Result, of_group, statistic
+from pcpc.plants.study import CaseResult, of_group, statistic
 
 COLOURS = {
     "pd": GREY, "nn_standard": BLUE, "nn_step": VERMILION, "nn_ramp": GREEN, "nn_project": PURPLE,
@@ -35,7 +35,7 @@ PHASES = ("pd", "nn_standard", "nn_step", "nn_const")
 PHASE_FROM_S = {"friction-a": 0.0, "friction-c": 13.0}  # the last period of sin t and more
 
 
-def draw_all(results: Sequence[Result], folder: Path) -> None:
+def draw_all(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw all figures of `results` into the folder."""
     drawn = of_group(results, "drawn")
     for (rig,), own in grouped(drawn, rig_name).items():
@@ -51,7 +51,7 @@ def _of(*laws: str) -> dict[str, str]:
     return {law: COLOURS[law] for law in laws}
 
 
-def _errors(results: Sequence[Result], title: str, path: Path) -> None:
+def _errors(results: Sequence[CaseResult], title: str, path: Path) -> None:
     """Draw angles and errors of both joints side by side, one line a controller."""
     figure, axes = sheet((11, 8), 100, 3, 2, sharex=True, height_ratios=(4, 4, 3))
     for j, (angle, error, torque) in enumerate(axes.T, 1):
@@ -74,13 +74,13 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
     _finish(figure, axes, axes[0, 0], f"{title}: PD and networks, seed 1", path)
 
 
-def _late_error(result: Result, joint: int) -> float:
+def _late_error(result: CaseResult, joint: int) -> float:
     """Return the largest error from 2 s on."""
     x = result.traces
     return float(np.max(np.abs(x[f"error_{joint}_rad"][x["t"] >= 2.0])))
 
 
-def _phase_planes(results: Sequence[Result], path: Path) -> None:
+def _phase_planes(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the error rate over the error: the whole step of case A, the last turns of case C."""
     figure, axes = sheet((11, 8.5), 100, 2, 2)
     for row, (rig, from_s) in zip(axes, PHASE_FROM_S.items(), strict=True):
@@ -100,7 +100,7 @@ def _phase_planes(results: Sequence[Result], path: Path) -> None:
     _finish(figure, axes, axes[0, 0], "Phase planes, PD and networks, seed 1", path)
 
 
-def _chatter(results: Sequence[Result], path: Path) -> None:
+def _chatter(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the torque of joint 1 of the step node beside the others, whole and close up."""
     shares: dict[str, Any] = {"sharey": "row", "sharex": "col", "width_ratios": (3, 2)}
     figure, axes = sheet((11, 8), 100, len(results), 2, **shares)
@@ -122,7 +122,7 @@ def _chatter(results: Sequence[Result], path: Path) -> None:
     _finish(figure, axes, None, "Case A: the step node at rest chatters, its variants do not", path)
 
 
-def _weights(results: Sequence[Result], path: Path) -> None:
+def _weights(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the own-joint weights of phi_0 in cases A and C beside twice the friction."""
     figure, axes = sheet((11, 6), 100, 2, 2, sharex="row")
     for row, rig in zip(axes, ("friction-a", "friction-c"), strict=True):
@@ -139,7 +139,7 @@ def _weights(results: Sequence[Result], path: Path) -> None:
     _finish(figure, axes, axes[0, 0], title, path)
 
 
-def _rates(results: Sequence[Result], path: Path) -> None:
+def _rates(results: Sequence[CaseResult], path: Path) -> None:
     """Draw error, variation and tuning gain of case A over the sampling rate."""
     figure, axes = sheet((12, 4), 100, 1, 3)
     metrics = (

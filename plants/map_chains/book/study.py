@@ -10,7 +10,7 @@ import numpy as np
 
 from pcpc.plants.book.tables import (
     Column,
-    Table,
+    RunsTable,
     across,
     case_maker,
     controller_of,
@@ -22,7 +22,7 @@ from pcpc.plants.book.tables import (
     rig_name,
 )
 from pcpc.plants.map_chains.book.study_figures import draw_pair
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 
 CHAPTER = 5
 TITLE = "Chapters 4.3 and 5.3 with two inputs and third order"
@@ -67,7 +67,7 @@ def cases() -> Iterator[Case]:
         yield _case("seeds", GAPS, "nn", str(seed), f"controller.network_seed={float(seed)}")
 
 
-def result_text(result: Result) -> str:
+def result_text(result: CaseResult) -> str:
     """Return rms of chain a and of chain b."""
     if max(result.metric("a_diverged"), result.metric("b_diverged")) > 0.5:
         return "diverges"
@@ -76,15 +76,15 @@ def result_text(result: Result) -> str:
 
 TABLES = (
     "Error rms of chain a, of chain b; a column for each coupling of the plant.\n",
-    Table(
+    RunsTable(
         "main",
         across(part(1, ", "), COUPLINGS, Column("kappa {}", result_text)),
         rows={"rig, law": joined(rig_name, controller_of), "order": part(0, ", ")},
     ),
     "\nOne sample of delay more:\n",
-    Table("late", across(label_of, sum(LAWS.values(), ()), Column("{}", result_text)), rows={}),
+    RunsTable("late", across(label_of, sum(LAWS.values(), ()), Column("{}", result_text)), rows={}),
     f"\n`nn`, seeds {SEEDS[0]} to {SEEDS[-1]} of V:\n",
-    Table(
+    RunsTable(
         "seeds",
         (
             Column("median", "", np.median), Column("least", "", min), Column("largest", "", max),
@@ -94,12 +94,12 @@ TABLES = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw both rigs with their best law and without it."""
     found = grouped((r for r in results if r.traces), rig_name, controller_of)
     for rig, pair in {ZONES: ("pd", "fuzzy"), GAPS: ("pd_slow", "nn")}.items():

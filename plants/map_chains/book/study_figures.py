@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pcpc.plants.book.figures import columns, dress, legends, reference, save
 from pcpc.plants.pages import BLUE, GREEN, GREY, Line, Panel
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 TITLES = {
     "pd": "PD",
@@ -25,13 +25,13 @@ def panels(chain: str, colour: str) -> Iterator[Panel]:
     yield Panel(f"input of {chain} (no unit)", (command, tau))
 
 
-def title(result: Result, chain: str = "a") -> str:
+def title(result: CaseResult, chain: str = "a") -> str:
     """Return what is drawn of a chain."""
     rms = result.metric(f"error_{chain}_rms")
     return f"chain {chain}, {TITLES[result.case.controller]}: rms {rms:.4f}"
 
 
-def draw_pair(pair: Sequence[Result], path: Path) -> None:
+def draw_pair(pair: Sequence[CaseResult], path: Path) -> None:
     """Draw newest states and inputs of both chains, a column a law."""
     rows = (*panels("a", BLUE), *panels("b", GREEN))
     limits = ((-1.3, 1.3), (-0.7, 0.7)) * 2

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pcpc.plants.book.tables import (
     Column,
-    Table,
+    RunsTable,
     at,
     by_label,
     case_maker,
@@ -19,7 +19,7 @@ from pcpc.plants.book.tables import (
     page,
 )
 from pcpc.plants.payload_arm.book.study_figures import draw_beside, draw_long, draw_parts
-from pcpc.plants.study import Case, Result, of_group
+from pcpc.plants.study import Case, CaseResult, of_group
 
 CHAPTER = 7
 TITLE = "Chapter 7: adaptive critic on the two-link arm"
@@ -99,13 +99,13 @@ def cases() -> Iterator[Case]:
         )
 
 
-def errors(group: str, title: str = "") -> Table:
+def errors(group: str, title: str = "") -> RunsTable:
     """Return the table of the errors of a group."""
     columns = [Column(head, f"{name}_{{}}_rad", between=" ") for name, head in COLUMNS.items()]
-    return Table(group, columns, title)
+    return RunsTable(group, columns, title)
 
 
-def delays(results: Sequence[Result]) -> str:
+def delays(results: Sequence[CaseResult]) -> str:
     """Return the table of the torque's age, which is 0 in case 4."""
     four = by_label(results, "main")[CASE_4]
     now = replace(four, case=replace(four.case, group="delays", label="0"))
@@ -116,7 +116,7 @@ TABLES = (
     "Errors of joint 1 and 2, rad: rms, then the largest; in brackets as expected.\n",
     errors("main"),
     errors("parts", "Parts of the law"),
-    Table(
+    RunsTable(
         ("norms", "main"),
         at(label_of, CASE_4, Column("here", "", text="{:.3g}"), Column("expected", 0)),
         "Largest values of case 4",
@@ -126,17 +126,17 @@ TABLES = (
     errors("quanta", "Case 4, quanta of angles, rates and torques"),
     errors("seeds", "Case 4, seed of V1 and V2; expected of 0 to 3 at 8-10 s: "
            "0.0034-0.0067 0.0042-0.0069"),
-    Table("long", (Column("here", "error_rms_{}_rad", between=" "), Column("expected", 0)),
+    RunsTable("long", (Column("here", "error_rms_{}_rad", between=" "), Column("expected", 0)),
           "60 s, rms of 50-60 s"),
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw PD beside the critic under the payload, the parts of the law, and the weights."""
     main, parts, long = (by_label(results, group) for group in ("main", "parts", "long"))
     beside = ("3 PD, payload", "PD + robust term, payload", CASE_4)

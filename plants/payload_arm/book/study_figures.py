@@ -19,7 +19,7 @@ from pcpc.plants.pages import (
     Panel,
     sheet,
 )
-from pcpc.plants.study import Result
+from pcpc.plants.study import CaseResult
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
 JOINTS = ((1, BLUE), (2, VERMILION))
@@ -27,7 +27,7 @@ GRID: dict[str, Any] = {"below": True, "which": "both", "alpha": 0.6}
 SMALLEST_RAD = 1e-4  # of the logarithmic axis
 
 
-def _shade(axes: Iterable[Any], result: Result) -> None:
+def _shade(axes: Iterable[Any], result: CaseResult) -> None:
     """Shade the time with the payload."""
     ends = [result.settings[f"arm.payload_{end}_s"] for end in ("from", "to")]
     for ax in axes:
@@ -76,12 +76,12 @@ LONG = (
 )  # fmt: skip
 
 
-def name(result: Result) -> str:
+def name(result: CaseResult) -> str:
     """Return the name of a law."""
     return NAMES[result.case.controller]
 
 
-def draw_beside(runs: Sequence[Result], path: Path) -> None:
+def draw_beside(runs: Sequence[CaseResult], path: Path) -> None:
     """Draw a column a controller: angles, errors, torques; the payload is shaded."""
     figure, axes = columns(
         runs,
@@ -100,7 +100,7 @@ def draw_beside(runs: Sequence[Result], path: Path) -> None:
     save(figure, path, "sin t and cos t with a payload of 1.5 kg from 5 to 7 s (shaded)", 13)
 
 
-def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
+def draw_parts(shown: Mapping[str, CaseResult], seeds: Sequence[CaseResult], path: Path) -> None:
     """Draw the rms errors of each combination of parts before, under and after the payload."""
     figure, axes = sheet((12.0, 5.0), 120, 1, 3, sharex=True, sharey=True)
     windows = (
@@ -128,7 +128,7 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
     save(figure, path, "What each part of the law brings", 13)
 
 
-def draw_long(result: Result, path: Path) -> None:
+def draw_long(result: CaseResult, path: Path) -> None:
     """Draw errors and norms of the run of 60 s with the payload in its beginning."""
     limits = ((-60.0, 60.0), None, None)
     end_s = result.traces["t"][-1]

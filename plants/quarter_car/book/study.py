@@ -13,8 +13,8 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.book.tables import (
     Column,
     Part,
+    RunsTable,
     Sentence,
-    Table,
     across,
     bracketed_cells,
     case_maker,
@@ -25,7 +25,7 @@ from pcpc.plants.book.tables import (
 )
 from pcpc.plants.quarter_car.book import bode
 from pcpc.plants.quarter_car.book.study_figures import ROADS, draw_all, road_of
-from pcpc.plants.study import Case, Result, markdown
+from pcpc.plants.study import Case, CaseResult, markdown
 
 CHAPTER = 6
 TITLE = "Chapter 6: quarter car with a hydraulic strut"
@@ -93,7 +93,7 @@ def cases() -> Iterator[Case]:
         yield _case("causes", 150, "fl", label, *settings)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw roads, forces, the kick, the bars and the frequency responses."""
     draw_all(results, folder, *nominal())
 
@@ -126,13 +126,13 @@ def shown_oscillation(value: float) -> str:
     return "none" if np.isnan(value) else f"{value:.1f}"
 
 
-def travel(result: Result) -> str:
+def travel(result: CaseResult) -> str:
     """Return the ends of a strut's travel."""
     low, high = (result.metric(f"extension_{end}_m") for end in ("min", "max"))
     return f"{low:.3f} to {high:.3f}".replace("0.", ".")
 
 
-def step_s(result: Result) -> str:
+def step_s(result: CaseResult) -> str:
     """Return the integration step of a result."""
     return result.case.settings[-1].partition("=")[2]
 
@@ -143,7 +143,7 @@ ON_ROADS = across(road_of, ROADS, replace(SPEED, head="{} rad/s"))
 ACCELERATION = Column("a_rms m/s2", "acceleration_rms_m_s2", text="{:.2f}")
 MM = Column("", "", text=lambda value: f"{1e3 * value:.2f}")
 TABLES: tuple[Part, ...] = (
-    Table(
+    RunsTable(
         "table",
         (
             SPEED, Column("v_max m/s", "speed_max_m_s", text=shown_speed), ACCELERATION,
@@ -155,13 +155,13 @@ TABLES: tuple[Part, ...] = (
         {"strut": label_of, "rad/s": road_of},
         nested=True,
     ),
-    Table(
+    RunsTable(
         "preloaded",
         ON_ROADS,
         "Passive, preloaded so that it rests at mid stroke, stops on: v_rms (computed with g = 0)",
         rows={},
     ),
-    Table(
+    RunsTable(
         "kick",
         (
             replace(SPEED, text="{:.3g}"),
@@ -171,10 +171,10 @@ TABLES: tuple[Part, ...] = (
         "Flat road, body kicked with 0.05 m/s, 3 to 6 s",
         {"": controller_of},
     ),
-    Table("delay", ON_ROADS, "fl, command late by so many samples: v_rms"),
-    Table("kap", ON_ROADS, "fl, other kap (100 in the rigs): v_rms"),
-    Table("quanta", ON_ROADS, "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms"),
-    Table(
+    RunsTable("delay", ON_ROADS, "fl, command late by so many samples: v_rms"),
+    RunsTable("kap", ON_ROADS, "fl, other kap (100 in the rigs): v_rms"),
+    RunsTable("quanta", ON_ROADS, "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms"),
+    RunsTable(
         "pid delay",
         across(label_of, PID_DELAYS, replace(ACCELERATION, head="{} samples")),
         "pid at 8 rad/s, command late: a_rms",
@@ -185,7 +185,7 @@ TABLES: tuple[Part, ...] = (
         (replace(MM, source="theta_norm_max_m"), replace(MM, source="theta_max_m")),
         "fl, 30 s at 58 rad/s: norm of Th at most {} mm, largest entry {} mm\n",
     ),
-    Table(
+    RunsTable(
         "causes",
         (
             replace(FORCE, text="{:.0f}"),
@@ -194,7 +194,7 @@ TABLES: tuple[Part, ...] = (
         ),
         "Why the strut does not follow Fd at 150 rad/s; faster: tf 0.5 ms, lam 400/s, k1 200/s",
     ),
-    Table(
+    RunsTable(
         "steps",
         across(step_s, STEPS_S, Column("{}", "speed_rms_m_s", text="{:.5f}")),
         "Integration step: v_rms",
@@ -204,7 +204,7 @@ TABLES: tuple[Part, ...] = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, (*TABLES, _bode()), known)
 

@@ -31,7 +31,7 @@ from pcpc.plants.pages import (
     sheet,
 )
 from pcpc.plants.quarter_car.book import bode
-from pcpc.plants.study import Result, of_group
+from pcpc.plants.study import CaseResult, of_group
 
 NAMES = {
     "passive, no stops": "passive, no stops", "passive": "passive", "pid": "PID",
@@ -48,7 +48,10 @@ SPAN_S = {8: 3.0, 58: 0.8, 150: 0.4}  # the last so many seconds
 
 
 def draw_all(
-    results: Sequence[Result], folder: Path, car: Mapping[str, float], gains: Mapping[str, float]
+    results: Sequence[CaseResult],
+    folder: Path,
+    car: Mapping[str, float],
+    gains: Mapping[str, float],
 ) -> None:
     """Draw all figures of `results` into the folder."""
     table = of_group(results, "table")
@@ -61,12 +64,12 @@ def draw_all(
     _responses(car, gains, folder / "bode.png")
 
 
-def road_of(result: Result) -> int:
+def road_of(result: CaseResult) -> int:
     """Return the road's frequency, rad/s."""
     return int(rig_name(result).rpartition("-")[2])
 
 
-Runs = Mapping[tuple[str, int], Result]
+Runs = Mapping[tuple[str, int], CaseResult]
 Close = Mapping[tuple[str, int], Mapping[str, Any]]
 
 
@@ -153,7 +156,7 @@ def _bars(runs: Runs, path: Path) -> None:
     _finish(figure, axes, "Every strut on every road, 3 to 6 s", path)
 
 
-def _kicked(result: Result) -> str:
+def _kicked(result: CaseResult) -> str:
     """Return what a kicked body does."""
     metrics = result.metrics
     text = f"{NAMES[result.case.controller]}: {metrics['speed_rms_m_s']:.2g} m/s rms from 3 s on"
@@ -162,7 +165,7 @@ def _kicked(result: Result) -> str:
     return text
 
 
-def _kick(results: Sequence[Result], path: Path) -> None:
+def _kick(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
     own = by_label(results, "kick")
     panels = [

@@ -46,7 +46,7 @@ class Identified:
 
 
 @dataclass(frozen=True)
-class Network:
+class IdentifiedNetwork:
     """The identifier over the log of one run."""
 
     runs: int = 1

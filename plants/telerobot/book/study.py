@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pcpc.plants.book.tables import (
     Column,
+    RunsTable,
     Sentence,
-    Table,
     across,
     at,
     by_label,
@@ -23,7 +23,7 @@ from pcpc.plants.book.tables import (
     recorded,
     rig_name,
 )
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 from pcpc.plants.telerobot.book.study_figures import draw_all
 
 CHAPTER = 8
@@ -90,10 +90,10 @@ def _lossy(echo: int, frames: Sequence[str]) -> Iterator[Case]:
         yield _case("losses", "u2", "rnn", label, *settings)
 
 
-def error(part: str = "") -> Callable[[Result], str]:
+def error(part: str = "") -> Callable[[CaseResult], str]:
     """Return what gives the rms errors of both joints; STOPPED where a joint tripped."""
 
-    def text(result: Result) -> str:
+    def text(result: CaseResult) -> str:
         if "tripped_s" in result.metrics:
             return STOPPED
         values = [result.metrics.get(f"{part}error_rms_{j}_rad", float("nan")) for j in (1, 2)]
@@ -102,17 +102,17 @@ def error(part: str = "") -> Callable[[Result], str]:
     return text
 
 
-def error_or_end(result: Result) -> str:
+def error_or_end(result: CaseResult) -> str:
     """Return the rms errors of both joints of a run that was not ended."""
     return "ended by the supervisor" if result.diverged else error()(result)
 
 
-def held(result: Result) -> str:
+def held(result: CaseResult) -> str:
     """Return the cycles without a frame, of either way."""
     return "{held_u:.0f} / {held_x:.0f}".format_map(result.metrics)
 
 
-def lost(result: Result) -> str:
+def lost(result: CaseResult) -> str:
     """Return the share of frames that are lost."""
     return f"{float(label_of(result).split()[1]):.0%}"
 
@@ -123,7 +123,7 @@ TABLES = (
     "rms error of joint 1 / joint 2, rad, against the reference of T ago; in brackets the "
     "figures of an independent implementation of the same equations. Unstable: a joint "
     "came to 20 rad/s and the robot's node stopped the arm.\n",
-    Table(
+    RunsTable(
         "scenarios",
         (
             *across(label_of, {"u0": "U0", "u1": "U1"}, Column("{}, 15 to 20 s", error())),
@@ -135,20 +135,20 @@ TABLES = (
         "Scenarios, T = 0.2 s",
         {"": controller_of},
     ),
-    Table(
+    RunsTable(
         "delays",
         across(controller_of, DELAYED, Column("{}", error())),
         "Delay, U2, 15 to 20 s",
         {"T [s]": label_of},
     ),
-    Table(
+    RunsTable(
         "limit",
         across(rig_name, {"telerobot-u0": "U0", "telerobot-u1": "U1"}, Column("{}", error())),
         "pd_match at its limit of 0.044 s, 15 to 20 s",
         {"T [s]": label_of},
     ),
-    Table("changed", [ERROR], "rnn, U2, 15 to 20 s", {"changed": label_of}),
-    Table(
+    RunsTable("changed", [ERROR], "rnn, U2, 15 to 20 s", {"changed": label_of}),
+    RunsTable(
         "offsets",
         [ERROR],
         "z looked up too early by so many ms, twice the error of the one-way delay",
@@ -160,7 +160,7 @@ TABLES = (
         "100 s: |W| from 15 to 20 s {} to {}; from 20 s on {} to {} (.95 to 12.5), rms error there"
         " {}\n",
     ),
-    Table(
+    RunsTable(
         "losses",
         (
             *across(part(-1), {1: "echo", 0: "delay"}, Column("z by {}", error_or_end)),
@@ -172,11 +172,11 @@ TABLES = (
 )  # fmt: skip
 
 
-def report(results: Sequence[Result]) -> str:
+def report(results: Sequence[CaseResult]) -> str:
     """Return the tables."""
     return page(results, TABLES, known)
 
 
-def draw(results: Sequence[Result], folder: Path) -> None:
+def draw(results: Sequence[CaseResult], folder: Path) -> None:
     """Draw the default scenario, and errors over delay, wrong delay and bursts."""
     draw_all(results, by_label(results, "losses"), BURSTS, folder)

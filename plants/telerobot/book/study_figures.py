@@ -6,7 +6,7 @@ from typing import Any
 
 from pcpc.plants.book.figures import draw_lines, legend_below, name_rows, overlay, reference, save
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION, sheet
-from pcpc.plants.study import Result, of_group
+from pcpc.plants.study import CaseResult, of_group
 
 COLOURS = {"pd_near": ORANGE, "pd_slow": GREY, "smith": BLUE, "nornn": GREEN, "rnn": VERMILION}
 LABELS = {
@@ -17,7 +17,10 @@ DETAIL_RAD = 0.15
 
 
 def draw_all(
-    results: Sequence[Result], losses: Mapping[str, Result], bursts: Sequence[int], folder: Path
+    results: Sequence[CaseResult],
+    losses: Mapping[str, CaseResult],
+    bursts: Sequence[int],
+    folder: Path,
 ) -> None:
     """Draw all figures of `results` into the folder; `losses`: runs by label."""
     drawn = [r for r in of_group(results, "scenarios") if r.traces]
@@ -25,7 +28,7 @@ def draw_all(
     _margins(results, losses, bursts, folder / "margins.png")
 
 
-def _errors(results: Sequence[Result], path: Path) -> None:
+def _errors(results: Sequence[CaseResult], path: Path) -> None:
     """Draw angles, errors and errors in detail, both joints side by side."""
     figure, axes = sheet((11, 8), 100, 3, 2, sharex=True)
     pair = {law: COLOURS[law] for law in ("nornn", "rnn")}
@@ -51,7 +54,7 @@ def _errors(results: Sequence[Result], path: Path) -> None:
 
 
 def _margins(
-    results: Sequence[Result], runs: Mapping[str, Result], bursts: Sequence[int], path: Path
+    results: Sequence[CaseResult], runs: Mapping[str, CaseResult], bursts: Sequence[int], path: Path
 ) -> None:
     """Draw rms errors over delay, over the error of the delay's model and over bursts."""
     figure, axes = sheet((12, 4), 100, 1, 3)
@@ -77,7 +80,9 @@ def _margins(
     save(figure, path, "rms error after the payload; joint 1 solid, joint 2 dashed", 11)
 
 
-def _lines(ax: Any, x: Sequence[float], results: Sequence[Result], colour: str, label: str) -> None:
+def _lines(
+    ax: Any, x: Sequence[float], results: Sequence[CaseResult], colour: str, label: str
+) -> None:
     """Draw the errors of both joints."""
     for j, style in ((1, "-"), (2, "--")):
         y = [result.metric(f"error_rms_{j}_rad") for result in results]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.canopen import layout, objects
-from pcpc.drivers.canopen.layout import Row
+from pcpc.drivers.canopen.layout import Od
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
@@ -14,7 +14,7 @@ from pcpc.drivers.compiled.structures import structure
 
 NODE, RATE_HZ, SCALE = 5, 1000.0, 1000.0
 BUS = np.dtype([("rx", "u1", (16,))])
-structure(layout.DRIVE), structure(BUS)
+structure(layout.Drive.dtype), structure(BUS)
 
 
 @loop_function
@@ -45,7 +45,7 @@ class Bench:
     def __post_init__(self) -> None:
         every = objects.changed_dictionary(objects.objects(NODE, "bench"), self.starts)
         self.objects = every
-        self.d: Any = np.zeros(1, layout.DRIVE).view(np.recarray)[0]
+        self.d: Any = np.zeros(1, layout.Drive.dtype).view(np.recarray)[0]
         objects.install(self.d, NODE, every)
         self.d.rate_hz, self.d.rated = RATE_HZ, 24.0
         self.d.position_scale = self.d.velocity_scale = SCALE
@@ -111,9 +111,9 @@ class Bench:
 
     def enabled(self, mode: int) -> "Bench":
         """Be in OPERATION ENABLED in a mode."""
-        self[Row.MODE] = mode
+        self[Od.MODE] = mode
         for word in (0x06, 0x07, 0x0F):
-            self[Row.CONTROLWORD] = word
+            self[Od.CONTROLWORD] = word
             self.cycles(1)
         return self
 

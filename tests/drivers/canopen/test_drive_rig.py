@@ -7,7 +7,7 @@ import pytest
 from processes import pcpc
 
 from pcpc.executive.batch.driven import DrivenPlant
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import plan
@@ -71,7 +71,7 @@ def test_a_wrong_object_is_named_with_its_place(entry: str, said: str) -> None:
 
 def test_lanes_and_fits_which_step_blocks_alone_leave_it_out() -> None:
     with pytest.raises(NotInLanes, match=r"its plant is a drive|nothing is compiled"):
-        Group(load_rig(MASTERED), {})
+        LaneGroup(load_rig(MASTERED), {})
     with pytest.raises(RigError, match="the drive moves this plant"):
         DrivenPlant(load_rig(MASTERED))
 

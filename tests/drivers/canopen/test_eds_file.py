@@ -7,7 +7,7 @@ import pytest
 from drives import NODE, Bench
 
 from pcpc.drivers.canopen import eds, eds_file, layout, objects
-from pcpc.drivers.canopen.layout import MODES, Kind, Row
+from pcpc.drivers.canopen.layout import MODES, ObjectType, Od
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
@@ -95,7 +95,7 @@ def test_objects_of_ours_begin_with_its_values_within_its_bounds(read: eds_file.
     assert (of["6085"].start, of["6085"].bounds) == (8, (1, 0x1000))
     assert (of["60B2"].start, of["1402.1"].start) == (-2, 0x405)
     assert of["6502"].start == 0x3F & MODES
-    assert of["605B"].start == EVERY[Row.SHUTDOWN_OPTION].start
+    assert of["605B"].start == EVERY[Od.SHUTDOWN_OPTION].start
 
 
 def test_what_the_drive_does_not_have_is_told(read: eds_file.EdsContent) -> None:
@@ -177,6 +177,8 @@ def content_of(folder: Path, text: str | bytes) -> eds_file.EdsContent:
         ("[2040]\nDataType=8\nDefaultValue=1e99", "2040 (1e99 does not fit into a REAL32)"),
         ("[2040]\nDataType=8\nDefaultValue=nan", "2040 (expected a number, got 'nan')"),
         ("[2040]\nObjectType=2\nAccessType=wo", "2040 (no DataType)"),
+        ("[0x2040]\nDataType=6", "[0X2040] (no index of an object"),
+        ("[2040sub100]\nDataType=6", "[2040SUB100] (no index of an object"),
         ("[2040]\nDataType=x", "2040 (expected a number, got 'x')"),
         ("[2040]\nDataType=6\nAccessType=any", "2040 (AccessType any)"),
         ("[2040]\nDataType=6\nPDOMapping=yes", "2040 (expected a number, got 'yes')"),
@@ -327,7 +329,7 @@ def test_a_pdo_is_valid_if_the_drive_can_send_or_take_all_of_it(
 
 def test_a_name_of_the_drive_has_all_its_letters(tmp_path: Path) -> None:
     found = content_of(tmp_path, f"[1008]\nDataType=9\nDefaultValue={32 * 'x'}\n")
-    assert found.left_out == [] and found.every[Row.DEVICE_NAME].text == 32 * "x"
+    assert found.left_out == [] and found.every[Od.DEVICE_NAME].text == 32 * "x"
 
 
 def test_more_objects_than_the_drive_holds_are_listed(tmp_path: Path) -> None:
@@ -358,7 +360,7 @@ def test_a_log_carries_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_kinds_that_are_no_whole_numbers_are_named() -> None:
-    assert {kind.name for kind in Kind} - {kind.name for kind in objects.BITS} == {"TEXT"}
+    assert {kind.name for kind in ObjectType} - {kind.name for kind in objects.BITS} == {"TEXT"}
 
 
 @pytest.mark.parametrize(("count", "listed"), [(254, []), (256, ["2020.255 to 256"])])

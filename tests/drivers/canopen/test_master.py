@@ -1,4 +1,4 @@
-"""The `canopen` package, unchanged, as the master of a drive that `pcpc plant` runs."""
+"""The `canopen` package, unchanged, as the master of a drive that `pcpc run --only plant` runs."""
 
 import signal
 from collections.abc import Iterator
@@ -36,7 +36,9 @@ def master(bus: str, eds: Path) -> Iterator[BaseNode402]:
 
 def test_a_master_switches_it_on_and_moves_it(tmp_path: Path) -> None:
     bus, folder = own_bus(), tmp_path / "run"
-    with Running("plant", str(RIG), "--bus", bus, "-o", str(folder), "--quiet") as run:
+    with Running(
+        "run", "--only=plant", str(RIG), "--bus", bus, "-o", str(folder), "--quiet"
+    ) as run:
         block = run.block("motor-drive", bus, "plant")
         until(lambda: block.control.passes > 10, "first cycles")
         with master(bus, folder / "drive.eds") as node:
@@ -100,7 +102,7 @@ def moves(node: BaseNode402) -> None:
 
 def test_what_a_master_did_wrong_is_told_and_no_pass(tmp_path: Path) -> None:
     bus, folder = own_bus(), tmp_path / "run"
-    words = ["plant", str(RIG), "--bus", bus, "-o", str(folder), "--quiet"]
+    words = ["run", "--only=plant", str(RIG), "--bus", bus, "-o", str(folder), "--quiet"]
     with Running(*words) as run:
         block = run.block("motor-drive", bus, "plant")
         until(lambda: block.control.passes > 10, "first cycles")
@@ -121,7 +123,7 @@ def test_what_a_master_did_wrong_is_told_and_no_pass(tmp_path: Path) -> None:
 
 def test_a_second_drive_on_its_bus_leaves_nothing_behind(tmp_path: Path) -> None:
     bus = own_bus()
-    words = ["plant", str(RIG), "--bus", bus, "--quiet", "-o"]
+    words = ["run", "--only=plant", str(RIG), "--bus", bus, "--quiet", "-o"]
     with Running(*words, str(tmp_path / "first")) as run:
         block = run.block("motor-drive", bus, "plant")
         until(lambda: block.control.passes > 10, "first cycles")

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from drives import NODE, Bench
 
-from pcpc.drivers.canopen.layout import Mistake, Power, Row
-from pcpc.drivers.canopen.power import NEXT, Command, command_of, is_ignored
+from pcpc.drivers.canopen.layout import Mistake, Od, Power
+from pcpc.drivers.canopen.power import NEXT, PowerCommand, command_of, is_ignored
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
@@ -78,29 +78,29 @@ def test_each_kind_is_counted(
 def test_a_value_in_a_pdo_that_its_object_cannot_have() -> None:
     bench = Bench(starts={"1401.1": 0x305}).operational()
     bench.send(0x305, b"\x06\x00\x02")
-    assert counted(bench) == {Mistake.VALUE_REFUSED: 1} and bench[Row.MODE] == 0
+    assert counted(bench) == {Mistake.VALUE_REFUSED: 1} and bench[Od.MODE] == 0
 
 
 @pytest.mark.parametrize("mode", [1, 8])
 def test_a_target_outside_the_software_limits_is_counted_once(mode: int) -> None:
     bench = Bench(starts={"607D.1": -1000, "607D.2": 1000}).enabled(mode)
-    bench[Row.TARGET_POSITION] = 1500
-    bench[Row.CONTROLWORD] = 0x1F
+    bench[Od.TARGET_POSITION] = 1500
+    bench[Od.CONTROLWORD] = 0x1F
     bench.cycles(300)
     assert counted(bench) == {Mistake.TARGET_CLIPPED: 1}
-    bench[Row.CONTROLWORD] = 0x0F
-    bench[Row.TARGET_POSITION] = 900
+    bench[Od.CONTROLWORD] = 0x0F
+    bench[Od.TARGET_POSITION] = 900
     bench.cycles(5)
-    bench[Row.CONTROLWORD] = 0x1F
+    bench[Od.CONTROLWORD] = 0x1F
     bench.cycles(300)
     assert counted(bench) == {Mistake.TARGET_CLIPPED: 1}
 
 
 def test_a_transition_that_a_state_does_not_have_is_counted_when_it_is_asked_for() -> None:
     bench = Bench()
-    bench[Row.CONTROLWORD] = 0x0F
+    bench[Od.CONTROLWORD] = 0x0F
     bench.cycles(50)
-    bench[Row.CONTROLWORD] = 0x1F  # a bit of the mode is none of the command
+    bench[Od.CONTROLWORD] = 0x1F  # a bit of the mode is none of the command
     bench.cycles(50)
     assert counted(bench) == {Mistake.COMMAND_IGNORED: 1}
 
@@ -111,15 +111,16 @@ def test_only_a_command_that_changes_nothing_and_is_no_wish_to_stay_is_ignored(
     power: Power,
 ) -> None:
     stays = {
-        Power.SWITCH_ON_DISABLED: (Command.DISABLE_VOLTAGE, Command.QUICK_STOP),
-        Power.READY_TO_SWITCH_ON: (Command.SHUTDOWN,), Power.SWITCHED_ON: (Command.SWITCH_ON,),
-        Power.OPERATION_ENABLED: (Command.ENABLE_OPERATION,),
+        Power.SWITCH_ON_DISABLED: (PowerCommand.DISABLE_VOLTAGE, PowerCommand.QUICK_STOP),
+        Power.READY_TO_SWITCH_ON: (PowerCommand.SHUTDOWN,),
+        Power.SWITCHED_ON: (PowerCommand.SWITCH_ON,),
+        Power.OPERATION_ENABLED: (PowerCommand.ENABLE_OPERATION,),
     }[power]  # fmt: skip
     for word in range(128):
         wanted = command_of(word)
         expected = NEXT[power, wanted] == power and wanted not in stays
         assert is_ignored(power, word, 2) == expected, word
-        wants_power = wanted >= Command.SHUTDOWN
+        wants_power = wanted >= PowerCommand.SHUTDOWN
         assert is_ignored(Power.FAULT, word, 2) == wants_power, word
         assert not is_ignored(Power.FAULT, word | 0x80, 2), word
 
@@ -133,9 +134,9 @@ def test_only_a_command_that_changes_nothing_and_is_no_wish_to_stay_is_ignored(
 )
 def test_a_drive_slows_down_before_it_leaves_operation(option: str, word: int, end: Power) -> None:
     bench = Bench(starts={option: 1}).enabled(9)
-    bench[Row.TARGET_VELOCITY] = 2000
+    bench[Od.TARGET_VELOCITY] = 2000
     bench.cycles(1500)
-    bench[Row.CONTROLWORD] = word
+    bench[Od.CONTROLWORD] = word
     bench.cycles(195)  # 2000 / 10000 s
     assert bench.d.state.power == Power.OPERATION_ENABLED and abs(bench.w) < 0.3
     bench.cycles(10)
@@ -145,11 +146,11 @@ def test_a_drive_slows_down_before_it_leaves_operation(option: str, word: int, e
 
 def test_it_goes_on_if_it_is_wanted_again_on_the_ramp() -> None:
     bench = Bench(starts={"605B": 1}).enabled(9)
-    bench[Row.TARGET_VELOCITY] = 2000
+    bench[Od.TARGET_VELOCITY] = 2000
     bench.cycles(1500)
-    bench[Row.CONTROLWORD] = 0x06
+    bench[Od.CONTROLWORD] = 0x06
     bench.cycles(100)
-    bench[Row.CONTROLWORD] = 0x0F
+    bench[Od.CONTROLWORD] = 0x0F
     bench.cycles(1500)
     assert bench.d.state.power == Power.OPERATION_ENABLED and abs(bench.w - 2.0) < 0.02
 

@@ -4,7 +4,7 @@ import pytest
 from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
-from pcpc.drivers.canopen.layout import Heartbeat, Row
+from pcpc.drivers.canopen.layout import Heartbeat, Od
 
 TPDO, RPDO = 0x180 + NODE, 0x200 + NODE
 OFF = 1 << 31
@@ -37,7 +37,7 @@ def test_it_boots_and_beats() -> None:
 def test_the_master_commands_all_or_one(code: int, state: int, node: int) -> None:
     bench = Bench()
     bench.send(0, bytes([code, node]))
-    bench[Row.HEARTBEAT_MS] = 1
+    bench[Od.HEARTBEAT_MS] = 1
     assert bench.cycles(2).sent(0x705)[-1].data[0] == (state if node in (0, NODE) else 127)
 
 
@@ -47,14 +47,14 @@ def test_a_drive_that_starts_itself_is_operational() -> None:
 
 def test_resets_give_the_objects_their_first_values() -> None:
     bench = Bench().operational().enabled(9)
-    for row in (Row.HEARTBEAT_MS, Row.ACCELERATION):
+    for row in (Od.HEARTBEAT_MS, Od.ACCELERATION):
         bench[row] = 77
     bench.send(0, bytes([130, NODE]))
-    assert (bench[Row.HEARTBEAT_MS], bench[Row.ACCELERATION]) == (0, 77)
+    assert (bench[Od.HEARTBEAT_MS], bench[Od.ACCELERATION]) == (0, 77)
     bench.send(0, bytes([129, NODE]))
-    assert bench[Row.ACCELERATION] == 10_000 and bench[Row.CONTROLWORD] == 0
+    assert bench[Od.ACCELERATION] == 10_000 and bench[Od.CONTROLWORD] == 0
     bench.cycles(1)
-    assert bench[Row.STATUSWORD] & 0x6F == 0x40 and bench.u == 0.0
+    assert bench[Od.STATUSWORD] & 0x6F == 0x40 and bench.u == 0.0
 
 
 def test_the_statusword_is_sent_when_it_changes_and_every_20_ms() -> None:
@@ -68,7 +68,7 @@ def test_the_statusword_is_sent_when_it_changes_and_every_20_ms() -> None:
 def test_no_pdo_is_sent_or_taken_before_the_start() -> None:
     bench = Bench()
     bench.send(RPDO, bytes([6, 0]))
-    assert not bench.cycles(5).sent(TPDO) and bench[Row.CONTROLWORD] == 0
+    assert not bench.cycles(5).sent(TPDO) and bench[Od.CONTROLWORD] == 0
 
 
 def test_the_inhibit_time_holds_back() -> None:
@@ -107,16 +107,16 @@ def test_kind_0_goes_out_with_a_sync_if_it_has_changed() -> None:
 def test_a_received_one_waits_for_sync() -> None:
     bench = mapped(Bench(), 0x1401, 0x305, 1, 0x6040_0010, 0x60FF_0020).operational()
     bench.send(0x305, bytes.fromhex("060018fcffff"))
-    assert bench[Row.CONTROLWORD] == 0
+    assert bench[Od.CONTROLWORD] == 0
     bench.send(0x080)
-    assert bench[Row.CONTROLWORD] == 6 and bench[Row.TARGET_VELOCITY] == -1000
+    assert bench[Od.CONTROLWORD] == 6 and bench[Od.TARGET_VELOCITY] == -1000
 
 
 def test_eight_bytes_in_eight_entries() -> None:
     entry = 0x6060_0008
     bench = mapped(Bench(), 0x1401, 0x305, 255, *[entry] * 8).operational()
     bench.send(0x305, bytes([0, 0, 0, 0, 0, 0, 0, 9]))
-    assert bench[Row.MODE] == 9
+    assert bench[Od.MODE] == 9
     assert Bench().write(0x1601, 0, 9, 1) == why.TOO_HIGH
 
 
@@ -124,13 +124,13 @@ def test_a_short_frame_is_an_emergency_and_not_taken() -> None:
     bench = Bench().operational()
     bench.send(RPDO, b"\x06")
     assert bench.sent(0x085)[-1].data[:2] == (0x8210).to_bytes(2, "little")
-    assert bench[Row.CONTROLWORD] == 0
+    assert bench[Od.CONTROLWORD] == 0
 
 
 def test_values_beyond_their_bounds_are_not_taken() -> None:
     bench = mapped(Bench(), 0x1401, 0x305, 255, 0x6072_0010, 0x6060_0008).operational()
     bench.send(0x305, bytes.fromhex("e9037f"))  # 1001 of 1000, mode 127
-    assert bench[Row.MAX_TORQUE] == 1000 and bench[Row.MODE] == 0
+    assert bench[Od.MAX_TORQUE] == 1000 and bench[Od.MODE] == 0
 
 
 @pytest.mark.parametrize(("write", "code"), [

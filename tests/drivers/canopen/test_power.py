@@ -3,7 +3,7 @@
 import pytest
 from drives import Bench
 
-from pcpc.drivers.canopen.layout import Power, Row
+from pcpc.drivers.canopen.layout import Od, Power
 from pcpc.drivers.canopen.power import next_power
 
 NOT, DISABLED, READY, ON, ENABLED, QUICK, REACTION, FAULT = Power
@@ -65,17 +65,17 @@ def test_statuswords_tell_all_states_apart() -> None:
 def test_the_way_up_is_seen_in_the_statusword() -> None:
     bench, seen = Bench(), []
     for word in (0, 0x06, 0x07, 0x0F, 0x07, 0x06, 0x00):
-        bench[Row.CONTROLWORD] = word
-        seen.append(bench.cycles(1)[Row.STATUSWORD] & 0x6F)
+        bench[Od.CONTROLWORD] = word
+        seen.append(bench.cycles(1)[Od.STATUSWORD] & 0x6F)
     assert seen == [0x40, 0x21, 0x23, 0x27, 0x23, 0x21, 0x40]
 
 
 def speed_up(option: int, deceleration: int = 20_000) -> Bench:
     bench = Bench(starts={"605A": option, "6085": deceleration}).enabled(9)
-    bench[Row.TARGET_VELOCITY] = 2000
+    bench[Od.TARGET_VELOCITY] = 2000
     bench.cycles(1500)
     assert abs(bench.w - 2.0) < 0.02
-    bench[Row.CONTROLWORD] = 0x0B & ~4
+    bench[Od.CONTROLWORD] = 0x0B & ~4
     return bench
 
 
@@ -92,7 +92,7 @@ def test_a_quick_stop_ends_as_its_option_says(option: int, end: Power) -> None:
     assert bench.d.state.power == end
     if end == QUICK:
         assert abs(bench.cycles(300).w) < 0.02, "it holds still under power"
-        bench[Row.CONTROLWORD] = 0x0F
+        bench[Od.CONTROLWORD] = 0x0F
         assert bench.cycles(1).d.state.power == ENABLED
     else:
         assert bench.u == 0.0
@@ -100,16 +100,16 @@ def test_a_quick_stop_ends_as_its_option_says(option: int, end: Power) -> None:
 
 def test_a_following_error_is_a_fault_with_its_reaction_and_reset() -> None:
     bench = Bench(held=True, starts={"6065": 100, "6066": 20}).operational().enabled(8)
-    bench[Row.TARGET_POSITION] = 500
+    bench[Od.TARGET_POSITION] = 500
     bench.cycles(20)
-    assert bench.d.state.power == ENABLED and bench[Row.STATUSWORD] & 1 << 13
+    assert bench.d.state.power == ENABLED and bench[Od.STATUSWORD] & 1 << 13
     bench.cycles(2)
-    assert bench[Row.ERROR_CODE] == 0x8611 and bench[Row.ERROR_REGISTER] == 0x21
+    assert bench[Od.ERROR_CODE] == 0x8611 and bench[Od.ERROR_REGISTER] == 0x21
     assert bench.sent(0x085)[-1].data == bytes.fromhex("1186210000000000")
     assert bench.read(0x1003, 1) == 0x8611 and bench.read(0x1003) == 1
     assert bench.cycles(20).d.state.power == FAULT and bench.u == 0.0
-    assert bench[Row.STATUSWORD] & 0x4F == 0x08
-    bench[Row.CONTROLWORD] = 0x8F
+    assert bench[Od.STATUSWORD] & 0x4F == 0x08
+    bench[Od.CONTROLWORD] = 0x8F
     assert bench.cycles(1).d.state.power == DISABLED
     assert bench.sent(0x085)[-1].data == bytes(8)
     bench.cycles(5)
@@ -120,7 +120,7 @@ def test_a_following_error_is_a_fault_with_its_reaction_and_reset() -> None:
 @pytest.mark.parametrize("option", [0, 1, 2])
 def test_a_fault_reacts_as_its_option_says(option: int) -> None:
     bench = Bench(starts={"605E": option, "1016.1": 0x01_0032}).enabled(9)
-    bench[Row.TARGET_VELOCITY] = 2000
+    bench[Od.TARGET_VELOCITY] = 2000
     bench.send(0x701, b"\x05")
     bench.cycles(50)
     assert bench.d.state.power == ENABLED
@@ -128,7 +128,7 @@ def test_a_fault_reacts_as_its_option_says(option: int) -> None:
     bench.cycles(51)
     assert bench.d.state.power == ENABLED
     bench.cycles(1)
-    assert bench[Row.ERROR_CODE] == 0x8130
+    assert bench[Od.ERROR_CODE] == 0x8130
     assert bench.d.state.power == (REACTION if option else FAULT)
     assert bench.cycles(400).d.state.power == FAULT
 
@@ -137,19 +137,19 @@ def test_a_fault_reacts_as_its_option_says(option: int) -> None:
                                              (3, DISABLED)])  # fmt: skip
 def test_a_drive_that_is_stopped_reacts_as_its_option_says(option: int, end: Power) -> None:
     bench = Bench(starts={"6007": option}).operational().enabled(9)
-    bench[Row.TARGET_VELOCITY] = 1000
+    bench[Od.TARGET_VELOCITY] = 1000
     bench.cycles(500).send(0, bytes([2, 5]))
     assert bench.cycles(200).d.state.power == end
-    assert bench[Row.ERROR_CODE] == (0x8100 if option == 1 else 0)
+    assert bench[Od.ERROR_CODE] == (0x8100 if option == 1 else 0)
     assert not [one for one in bench.sent(0x085) if one.cycle > 500], "stopped, it says nothing"
 
 
 def test_a_lost_connection_disables_only_what_has_power_and_cyclic_modes_follow() -> None:
     bench = Bench(starts={"6007": 2, "1016.1": 0x01_0032}).operational()
     for word, power in ((6, READY), (7, ON)):
-        bench[Row.CONTROLWORD] = word
+        bench[Od.CONTROLWORD] = word
         assert bench.cycles(2).d.state.power == power
     bench.send(0x701, b"\x05")
     assert bench.cycles(100).d.state.power == ON
     bench = Bench().operational().enabled(8).cycles(1)
-    assert bench[Row.STATUSWORD] & 1 << 12
+    assert bench[Od.STATUSWORD] & 1 << 12

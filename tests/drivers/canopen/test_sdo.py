@@ -8,11 +8,11 @@ from drives import NODE, Bench
 
 from pcpc.drivers.canopen import dictionary as why
 from pcpc.drivers.canopen import objects as objects_of
-from pcpc.drivers.canopen.layout import READ, WRITE, Kind, Mistake, Row
+from pcpc.drivers.canopen.layout import READ, WRITE, Mistake, ObjectType, Od
 from pcpc.drivers.canopen.objects import Object, objects
 
 EVERY = objects(NODE, "bench")
-NUMBERS = [one for one in EVERY if one.kind != Kind.TEXT]
+NUMBERS = [one for one in EVERY if one.kind != ObjectType.TEXT]
 
 
 def segments(bench: Bench, index: int) -> bytes:
@@ -32,7 +32,7 @@ def segments(bench: Bench, index: int) -> bytes:
 def test_every_object_is_read_with_its_value_and_size() -> None:
     bench = Bench()
     for one in EVERY:
-        if one.kind == Kind.TEXT:
+        if one.kind == ObjectType.TEXT:
             assert segments(bench, one.index).decode() == one.text
             continue
         answer = bench.sdo(bytes([0x40, one.index & 255, one.index >> 8, one.subindex]))
@@ -125,7 +125,7 @@ def test_a_value_is_written_in_segments() -> None:
     assert bench.sdo(bytes([0x21, 0x7A, 0x60, 0, 4, 0, 0, 0]))[0] == 0x60
     assert bench.sdo(bytes([0x00 | 4 << 1, 1, 2, 3]))[0] == 0x20
     assert bench.sdo(bytes([0x10 | 6 << 1 | 1, 4]))[0] == 0x30
-    assert bench[Row.TARGET_POSITION] == 0x04030201
+    assert bench[Od.TARGET_POSITION] == 0x04030201
 
 
 def test_segments_want_their_toggle_a_transfer_and_the_length() -> None:
@@ -179,7 +179,7 @@ def test_a_client_that_goes_on_within_a_second_is_never_given_up() -> None:
         bench.d.k += 699
         bench.cycles(1)
         assert bench.sdo(bytes([i % 2 << 4 | 6 << 1 | i // 3, 1]))[0] == 0x20 | i % 2 << 4
-    assert bench[Row.TARGET_POSITION] == 0x01010101
+    assert bench[Od.TARGET_POSITION] == 0x01010101
 
 
 def test_a_frame_that_is_no_sdo_has_no_answer() -> None:
@@ -194,6 +194,6 @@ def test_every_row_has_one_object() -> None:
     keys = [one.key for one in EVERY]
     assert len(set(keys)) == len(keys) <= 256
     assert all(one.access & READ for one in EVERY)
-    assert [one.name for one in EVERY[-len(Row) :]] == [
-        row.name.replace("_", " ").capitalize() for row in Row
+    assert [one.name for one in EVERY[-len(Od) :]] == [
+        row.name.replace("_", " ").capitalize() for row in Od
     ]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from moteus.protocol import ParsedRegisters, parse_registers
 
-from pcpc.drivers.canopen.layout import DRIVE
+from pcpc.drivers.canopen.layout import Drive
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.rows import Flag
 from pcpc.drivers.compiled.structures import structure
@@ -20,11 +20,11 @@ from pcpc.drivers.robots import (
     odrive_settings,
     settings,
 )
-from pcpc.drivers.robots.layout import ROBOT, Dialect, Mistake
+from pcpc.drivers.robots.layout import Dialect, Mistake, Robot
 
 NODE, RATE_HZ = 5, 1000.0
 BUS = np.dtype([("rx", "u1", (72,))])
-structure(DRIVE), structure(ROBOT), structure(BUS)
+structure(Drive.dtype), structure(Robot.dtype), structure(BUS)
 hear_odrive, hear_mit, hear_moteus = odrive.hear, mit.hear, moteus.hear
 
 
@@ -54,8 +54,8 @@ class Bench:
 
     def __init__(self, starts: Mapping[str, float] | None = None, drag: float = 0.0) -> None:
         self.dialect, dialect, known, self.hears = self.kind
-        self.r: Any = np.zeros(1, ROBOT).view(np.recarray)[0]
-        self.d: Any = np.zeros(1, DRIVE).view(np.recarray)[0]
+        self.r: Any = np.zeros(1, Robot.dtype).view(np.recarray)[0]
+        self.d: Any = np.zeros(1, Drive.dtype).view(np.recarray)[0]
         every = settings.changed_settings(known, starts or {})
         settings.install(self.r, dialect, every)
         self.r.position_scale = self.r.velocity_scale = 1.0

@@ -1,4 +1,4 @@
-"""Clients that others wrote, unchanged, as masters of a drive that `pcpc plant` runs."""
+"""Clients that others wrote, unchanged, as masters of a drive that `pcpc run --only plant` runs."""
 
 import asyncio
 import json
@@ -29,7 +29,9 @@ TEMPLATE = ROOT / "tools/make/template"
 def drive(kind: str, folder: Path, *words: str) -> Iterator[str]:
     """Run the drive; afterwards its log is recomputed."""
     bus, rig = own_bus(), TEMPLATE / f"drive_{kind}.yaml"
-    with Running("plant", str(rig), "--bus", bus, "-o", str(folder), "--quiet", *words) as run:
+    with Running(
+        "run", "--only=plant", str(rig), "--bus", bus, "-o", str(folder), "--quiet", *words
+    ) as run:
         block = run.block("motor-drive", bus, "plant")
         until(lambda: block.control.passes > 10, "first cycles")
         yield bus

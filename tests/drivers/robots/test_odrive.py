@@ -10,7 +10,7 @@ from odrive_can.utils import get_dbc
 
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.robots import odrive_settings, settings
-from pcpc.drivers.robots.odrive_settings import Command, Error, Key
+from pcpc.drivers.robots.odrive_settings import CommandId, Error, OdriveKey
 
 DBC = get_dbc()
 FAST = {"axis0.controller.config.vel_limit": 100.0}
@@ -32,9 +32,9 @@ def test_commands_have_the_ids_of_the_clients_file() -> None:
         for i, name in names.items()
         if name.partition("_")[2] in GETS
     } == GETS
-    assert set(Command) <= set(names), set(Command) - set(names)
+    assert set(CommandId) <= set(names), set(CommandId) - set(names)
     lengths = {one.frame_id & 31: one.length for one in DBC.messages if one.frame_id >> 5 == NODE}
-    assert all(odrive_settings.LENGTHS[one] <= lengths[one] for one in Command)
+    assert all(odrive_settings.LENGTHS[one] <= lengths[one] for one in CommandId)
 
 
 @pytest.mark.parametrize("name", GETS)
@@ -72,9 +72,9 @@ def test_each_state_is_reached_or_refused(before: str, wanted: int) -> None:
     if before != "idle":
         bench.closed()
     if before == "error":
-        bench.do(Command.ESTOP)
+        bench.do(CommandId.ESTOP)
     at = int(bench.x.power)
-    bench.do(Command.STATE, "I", wanted)
+    bench.do(CommandId.STATE, "I", wanted)
     data = decoded("Heartbeat", bench.ask(1))
     if wanted == 8 and before == "error":
         expected = (1, 3)
@@ -196,19 +196,19 @@ def test_an_error_disarms_until_it_is_cleared(cause: str, error: int) -> None:
     bench.cycles(50)
     assert bench.u != 0.0
     if cause == "stop":
-        bench.do(Command.ESTOP)
+        bench.do(CommandId.ESTOP)
     elif cause == "speed":
         bench.w = 30.0
         bench.cycles(1)
     elif cause in ("mode", "input"):
-        bench.do(Command.MODE, "II", *((0, 1) if cause == "mode" else (2, 5)))
+        bench.do(CommandId.MODE, "II", *((0, 1) if cause == "mode" else (2, 5)))
     bench.cycles(60 if cause == "silence" else 1)
     data = decoded("Heartbeat", bench.ask(1))
     assert (data["Axis_State"], data["Axis_Error"]) == (1, error) and bench.u == 0.0, data
     assert decoded("Get_Error", bench.ask(3))["Disarm_Reason"] == error
     bench.w = 0.0
     bench.cycles(1)
-    bench.do(Command.CLEAR, "B", 0)
+    bench.do(CommandId.CLEAR, "B", 0)
     bench.closed(2)
     assert bench.cycles(1).x.power == 8
     assert ("SILENT" in bench.mistakes()) == (cause == "silence")
@@ -256,18 +256,23 @@ def test_gains_limits_and_places_come_over_the_bus() -> None:
     assert bench.d.gains.position_per_s == 7.0 and bench.x.regained == 1
     assert bench.d.gains.velocity == 2.0 * 0.25 and bench.d.gains.integral_per_s == 1.5
     bench.do(0x0F, "ff", 12.0, 30.0)
-    assert bench.r.value[Key.VELOCITY_LIMIT] == 12.0
-    assert bench.r.value[Key.TORQUE_LIMIT] == pytest.approx(3.0)
+    assert bench.r.value[OdriveKey.VELOCITY_LIMIT] == 12.0
+    assert bench.r.value[OdriveKey.TORQUE_LIMIT] == pytest.approx(3.0)
     bench.do(0x11, "f", 4.0)
     bench.do(0x12, "ff", 5.0, 6.0)
     bench.do(0x13, "f", 0.5)
-    keys = (Key.TRAJECTORY_VELOCITY, Key.ACCELERATION, Key.DECELERATION, Key.INERTIA)
+    keys = (
+        OdriveKey.TRAJECTORY_VELOCITY,
+        OdriveKey.ACCELERATION,
+        OdriveKey.DECELERATION,
+        OdriveKey.INERTIA,
+    )
     assert [bench.r.value[one] for one in keys] == [4.0, 5.0, 6.0, 0.5]
     bench.do(0x19, "f", -4.5)
     bench.cycles(1)
     assert decoded("Get_Encoder_Estimates", bench.ask(9))["Pos_Estimate"] == -4.5
     bench.do(0x16, "B", 0)
-    assert bench.r.value[Key.VELOCITY_LIMIT] == 2.0 and bench.cycles(1).x.position == 0.0
+    assert bench.r.value[OdriveKey.VELOCITY_LIMIT] == 2.0 and bench.cycles(1).x.position == 0.0
 
 
 @pytest.mark.parametrize(("command", "form", "values", "kind"), [

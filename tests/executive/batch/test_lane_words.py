@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pcpc.executive.batch.lane_words import decisions, lanes_problem
-from pcpc.executive.rig import instead
-from pcpc.executive.rig.modules import module_of
+from pcpc.executive.own_laws import instead
+from pcpc.executive.own_laws.modules import module_of
 
 HEAD = """
 import math

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from places import ROOT
 
 from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.planned_controllers import standby_copies
 from pcpc.executive.nodes.virtual import VirtualRun
@@ -65,7 +65,7 @@ def wanted(rig: Rig) -> dict[Role, list[str]]:
     return {role: [*own, *COUNTERS] for role, own in zip(rig.roles, columns, strict=True)}
 
 
-def moved(group: Group, lane: int) -> Values:
+def moved(group: LaneGroup, lane: int) -> Values:
     """Return the rig's parameters and first states, those not whole 1 % off, in each lane else."""
     rng = np.random.default_rng(lane)
     found: Values = {}
@@ -78,7 +78,9 @@ def moved(group: Group, lane: int) -> Values:
     return found
 
 
-def differences(log: Log, group: Group, names: Mapping[Role, list[str]], lane: int) -> list[str]:
+def differences(
+    log: Log, group: LaneGroup, names: Mapping[Role, list[str]], lane: int
+) -> list[str]:
     found = []
     for role, own in names.items():
         node, seat = log.node[role], group.seats[role]
@@ -101,7 +103,7 @@ def bits(values: NDArray[np.float64]) -> bytes:
 def test_a_lane_has_the_bits_of_a_single_run(path: str, controller: str) -> None:
     rig = load_rig(ROOT / path, controller, ["duration_s=0.3"])
     names = wanted(rig)
-    group = Group(rig, names)
+    group = LaneGroup(rig, names)
     group.begin()
     values = [moved(group, lane) for lane in range(WIDTH)]
     for lane, own in enumerate(values):
@@ -129,11 +131,11 @@ def test_lost_frames_are_lost_as_in_a_single_run_each_by_its_own_seed(tmp_path: 
     path = lossy(tmp_path, "{hold_cycles: 2, fault_after_cycles: 40}")
     rigs = [load_rig(path, "pd_nn", [f"seed={seed}"]) for seed in range(1, WIDTH + 1)]
     names = wanted(rigs[0])
-    group = Group(rigs[0], names)
+    group = LaneGroup(rigs[0], names)
     group.begin()
     logs = []
     for lane, rig in enumerate(rigs):
-        fresh = Group(rig, {})
+        fresh = LaneGroup(rig, {})
         for role, made in fresh.plans.items():
             group.put(lane, role, made.values)
         group.put_seed(lane, rig.config.seed)
@@ -147,7 +149,7 @@ def test_lost_frames_are_lost_as_in_a_single_run_each_by_its_own_seed(tmp_path: 
 def test_runs_that_fault_are_odd_and_only_those(tmp_path: Path) -> None:
     path = lossy(tmp_path, "{fault_after_cycles: 3}", "{FB_A: {share: 0.006, burst: 2}}")
     rigs = [load_rig(path, "pd", [f"seed={seed}"]) for seed in range(11, 11 + WIDTH)]
-    group = Group(rigs[0], {})
+    group = LaneGroup(rigs[0], {})
     group.begin()
     for lane, rig in enumerate(rigs):
         group.put_seed(lane, rig.config.seed)
@@ -168,7 +170,7 @@ def test_a_limited_rate_is_kept_and_a_command_not_safe_at_the_end_is_odd(
     path.write_text(f"base: {base}\nrig: rated\nduration_s: 0.4\nexecutive: {{limits: {limits}}}\n")
     rig = load_rig(path, "pd")
     names = wanted(rig)
-    group = Group(rig, names)
+    group = LaneGroup(rig, names)
     group.begin()
     assert group.run().tolist() == [not settles] * WIDTH
     log = alone(rig, {})
@@ -181,7 +183,7 @@ def test_a_limited_rate_is_kept_and_a_command_not_safe_at_the_end_is_odd(
 
 def test_a_value_that_is_no_number_makes_its_run_odd_and_no_other() -> None:
     rig = load_rig(ROOT / "tools/make/template/rig.yaml", settings=["duration_s=0.2"])
-    group = Group(rig, {})
+    group = LaneGroup(rig, {})
     group.begin()
     (place,) = (p for p, n in enumerate(group.plans["plant"].names) if n == "motor.inertia_kg_m2")
     group.put(3, "plant", {place: 0.0})
@@ -190,7 +192,7 @@ def test_a_value_that_is_no_number_makes_its_run_odd_and_no_other() -> None:
 
 def test_lanes_that_would_branch_differently_are_refused_not_computed() -> None:
     rig = load_rig(ROOT / "plants/atb1000/rigs/hull.yaml", settings=["duration_s=0.05"])
-    group = Group(rig, {})
+    group = LaneGroup(rig, {})
     group.begin()
     place = group.plans["plant"].names.index("barrel.friction_model")
     group.put(5, "plant", {place: 1.0})
@@ -203,7 +205,7 @@ def test_lanes_that_would_branch_differently_are_refused_not_computed() -> None:
 def test_a_rig_of_three_nodes_is_not_for_lanes() -> None:
     rig = load_rig(ROOT / "plants/telerobot/rigs/telerobot-u0.yaml")
     with pytest.raises(NotInLanes, match="executive, local, plant"):
-        Group(rig, {})
+        LaneGroup(rig, {})
 
 
 def test_a_rig_that_limits_what_it_receives_is_not_for_lanes() -> None:
@@ -211,7 +213,7 @@ def test_a_rig_that_limits_what_it_receives_is_not_for_lanes() -> None:
     text = f"base: {path}\nrig: limited\n"
     text += "executive: {plausible: {FB_A.encoder: {high: 1}}}\n"
     with pytest.raises(NotInLanes, match="it limits what it receives"):
-        Group(load_rig(path.with_name("limited.yaml"), text=text), {})
+        LaneGroup(load_rig(path.with_name("limited.yaml"), text=text), {})
 
 
 NOT_FOR_LANES = (
@@ -233,7 +235,7 @@ def test_a_step_that_is_not_for_lanes_is_named(line: str, reason: str, tmp_path:
     law.write_text(text.replace(old, line))
     rig = load_rig(folder / "rig.yaml")
     with pytest.raises((NotInLanes, LanesDiffer), match=reason):
-        group = Group(rig, {})
+        group = LaneGroup(rig, {})
         group.begin()
         place = group.plans["executive"].names.index("controller.ki_V_rads")
         group.put(2, "executive", {place: 900.0})
@@ -245,7 +247,7 @@ def test_a_hand_over_in_lanes_has_the_bits_of_single_runs() -> None:
     settings = ["duration_s=0.3", "standby=[pd_nn_fast]", "handover.over_s=0.05", schedule]
     rig = load_rig(ROOT / "plants/atb1000/rigs/hull.yaml", "pd_nn", settings)
     names = wanted(rig)
-    group = Group(rig, names)
+    group = LaneGroup(rig, names)
     group.begin()
     values = [moved(group, lane) for lane in range(WIDTH)]
     made = group.plans["executive"]

@@ -10,8 +10,8 @@ import pytest
 from places import ROOT
 
 from pcpc.drivers.compiled.lanes import WIDTH
-from pcpc.executive.batch.group import Group
-from pcpc.executive.batch.runs import Case, Runs
+from pcpc.executive.batch.group import LaneGroup
+from pcpc.executive.batch.runs import BatchRuns, Case
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 
@@ -31,7 +31,7 @@ def motor_with(folder: Path, line: str) -> Path:
 
 
 def test_a_seed_gives_its_noise_in_lanes_too_also_where_nothing_else_is_changed() -> None:
-    runs = Runs(BARREL, "pd_nn", ["duration_s=0.2"], WANTED)  # type: ignore[arg-type]
+    runs = BatchRuns(BARREL, "pd_nn", ["duration_s=0.2"], WANTED)  # type: ignore[arg-type]
     cases = [Case(seed, {"barrel.gap_rad": 2e-4 * seed}) for seed in range(1, WIDTH - 1)]
     cases.append(Case(77))
     done = runs.done(cases)
@@ -49,7 +49,7 @@ def test_a_seed_gives_its_noise_in_lanes_too_also_where_nothing_else_is_changed(
 
 
 def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
-    runs = Runs(ROOT / "tools/make/template/rig.yaml", "pid", [], {})
+    runs = BatchRuns(ROOT / "tools/make/template/rig.yaml", "pid", [], {})
     (done,) = runs.done([Case(1, {"duration_s": 0.05})])
     assert done.alone == "duration_s is not a setting of a block"
     assert done.log is not None and len(done.log.node["executive"].cycle) == 50
@@ -58,7 +58,7 @@ def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
 def test_runs_that_branch_otherwise_are_parted_and_their_like_stay_in_lanes(tmp_path: Path) -> None:
     """Two of eight are of another kind, one is refused, and one alone would stop the others."""
     rig = motor_with(tmp_path / "motor", "if p.ki_V_rads > 100.0: y.e_rad += 0.0 * p.weight")
-    runs = Runs(rig, "pid", ["duration_s=0.05"], {"plant": ["motor.angle_rad"]})
+    runs = BatchRuns(rig, "pid", ["duration_s=0.05"], {"plant": ["motor.angle_rad"]})
     gains = [10.0, 10.0, 200.0, 10.0, -5.0, 200.0, 10.0, 300.0]
     cases = [Case(i, {"controller.ki_V_rads": gain}) for i, gain in enumerate(gains)]
     done = runs.done(cases)
@@ -72,7 +72,7 @@ def test_runs_that_branch_otherwise_are_parted_and_their_like_stay_in_lanes(tmp_
 
 def test_an_output_that_nobody_sends_is_looked_at_too(tmp_path: Path) -> None:
     rig = motor_with(tmp_path / "motor", "y.speed_rad_s = 1.0 / p.weight")
-    group = Group(load_rig(rig, settings=["duration_s=0.02"]), {})
+    group = LaneGroup(load_rig(rig, settings=["duration_s=0.02"]), {})
     group.begin()
     place = group.plans["executive"].table.index["controller.weight"]
     for lane in range(WIDTH):

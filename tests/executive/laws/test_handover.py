@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from replays import replayed
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.log.reader import Node
+from pcpc.executive.log.reader import NodeLog
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.plan import check_pacing, plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
@@ -166,7 +166,7 @@ def test_who_says_no_number_stands_by_without_harm_and_cannot_take_over(tmp_path
     assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.COMMAND_NOT_FINITE)
 
 
-def executive(controller: str, *settings: str) -> Node:
+def executive(controller: str, *settings: str) -> NodeLog:
     """Return what the hull's executive recorded in 0.6 s."""
     return in_memory(load_rig(HULL, controller, ["duration_s=0.6", *settings])).node["executive"]
 

@@ -157,7 +157,7 @@ def test_vectors_that_do_not_fit_are_refused_before_the_step() -> None:
 
 
 def test_a_changed_layout_is_another_type() -> None:
-    from pcpc.drivers.compiled.view_types import View
+    from pcpc.drivers.compiled.view_types import view
 
     class Same(Ports):
         a = port("", "", shape=3)
@@ -171,8 +171,25 @@ def test_a_changed_layout_is_another_type() -> None:
         a = port("", "", shape=3)
         c = port("", "")
 
-    kinds = {View(d.layout).name.partition(",")[2] for d in (Inner, Same, Other, Inner2)}
+    kinds = {view(d.layout).name.partition(",")[2] for d in (Inner, Same, Other, Inner2)}
     assert len(kinds) == 3, kinds
+
+
+def test_in_lanes_a_value_takes_the_place_of_eight() -> None:
+    from pcpc.drivers.compiled.lane_types import LANE
+    from pcpc.drivers.compiled.view_types import view
+
+    one, eight = view(States.layout), view(States.layout, LANE)
+    assert (one.size, eight.size, view(Nothing.layout).size) == (8 * SIZE, 64 * SIZE, 0)
+    assert one != eight and list(one.fields) == list(eight.fields)
+    for (_, place), (_, wide) in zip(one.fields.values(), eight.fields.values(), strict=True):
+        assert wide == 8 * place
+    assert [two.fields["inner"][0].size for two in (one, eight)] == [8 * 4, 64 * 4]
+
+    class Ending(Ports):
+        inner = group(Inner)
+
+    assert view(Ending.layout).size == 8 * 4, "of what ends with a group"
 
 
 def test_required_takes_every_default_away_and_nothing_else() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, Prepared, port, stage
-from pcpc.executive.rig.preparation import prepared_values
+from pcpc.executive.own_laws.preparation import prepared_values
 
 
 class Gains(Ports):

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rings import PERIOD_NS, block_of, put_cycle, put_event
 
-from pcpc.executive.log import mcap_reader, mcap_writer
+from pcpc.executive.log import mcap_reader, mcap_writer, recovery
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import FLUSH_NS, Recorder
 from pcpc.executive.loop.events import Event
@@ -84,7 +84,7 @@ def compared(got: Any, whole: Any, what: str) -> int:
     return len(whole) - len(got)
 
 
-def values(node: logs.Node) -> dict[str, Any]:
+def values(node: logs.NodeLog) -> dict[str, Any]:
     """Return all of a node in comparable form: columns by name, each bit for bit by cycle."""
     columns = {"cycle": node.cycle, "stamp_ns": node.stamp_ns} | node.columns | node.timing
     bits = {name: array.view(np.int64).tolist() for name, array in columns.items()}
@@ -128,7 +128,7 @@ def check(path: Path, written: Written) -> tuple[int, int]:
 def check_recovered(path: Path, written: Written, cycles: int) -> None:
     """Recover a damaged log; mcap's own readers and ours read all of the result."""
     out = path.with_name("recovered.mcap")
-    recovered = mcap_writer.recover(path, out)
+    recovered = recovery.recover(path, out)
     with out.open("rb") as file:
         topics = Counter(
             c.topic for _, c, _ in make_reader(file, validate_crcs=True).iter_messages()

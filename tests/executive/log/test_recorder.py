@@ -173,7 +173,7 @@ def test_cycle_survives_the_32_bits_of_the_sequence(
 def test_chunks_stay_within_1_mib_and_the_index_agrees_with_mcaps_own(
     name: str, tmp_path: Path
 ) -> None:
-    """The test that notices a change of mcap's private parts: compared with its own Writer."""
+    """The summary of a recorder's log is that of mcap's own Writer, in chunks of at most 1 MiB."""
     path, plain = tmp_path / "log.mcap", tmp_path / "plain.mcap"
     block = block_of(name, states=[f"x.{i}" for i in range(200)])
     record(path, block, range(2000))
@@ -245,6 +245,25 @@ def test_two_nodes_share_a_file_and_the_plant_may_come_later(name: str, tmp_path
     assert len(read.node["plant"].frames) == 220 and len(read.node["plant"].events) == 1
     assert read.attachments["rig-resolved.yaml"] == "# executive\n"
     assert read.attachments["plant/rig-resolved.yaml"] == "# plant\n"
+
+
+def test_a_drained_node_sees_the_recorder_lag_until_the_others_are_drained(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that it is patient with one that waits: the recorder may stand for seconds between."""
+    blocks = [block_of(name), block_of(f"{name}-plant", "plant")]
+    log = Recorder(tmp_path / "log.mcap", blocks)
+
+    def lagging() -> list[bool]:
+        return [block.ends("record").head != block["record_taken"][0] for block in blocks]
+
+    for block in blocks:
+        put_cycle(block, 0)
+    before_plant: list[list[bool]] = []
+    monkeypatch.setattr(log.nodes[1].alarms, "look", lambda: before_plant.append(lagging()) or [])
+    log.drain()
+    assert before_plant == [[True, True]] and lagging() == [False, False]
+    log.finish()
 
 
 @pytest.mark.parametrize(

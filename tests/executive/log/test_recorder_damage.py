@@ -17,8 +17,8 @@ from mcap_ros2.decoder import DecoderFactory
 from places import ROOT
 from rings import PERIOD_NS, TESTS, TIMINGS, block_of, put_cycle
 
-from pcpc.executive.log import mcap_writer
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log import recovery
 from pcpc.executive.log.recorder import Recorder
 
 KILLED = """
@@ -57,7 +57,7 @@ def test_kill_9_costs_less_than_a_second_and_the_log_can_be_recovered(
     assert np.array_equal(node.cycle, np.arange(len(node.cycle)))
     assert len(log.missing) == 1 and "nothing is readable after byte" in log.missing[0], log.missing
     assert node.description["rig"] == "bench" and log.attachments["rig.yaml"]
-    mcap_writer.recover(path, whole)
+    recovery.recover(path, whole)
     assert logs.digest(path, "/state") == logs.digest(whole, "/state")
     assert logs.read(whole).missing == log.missing, "what is gone stays told"
     with whole.open("rb") as file:
@@ -121,7 +121,7 @@ def test_no_damage_is_a_crash_neither_in_reading_nor_in_recovery(
     path.write_bytes(damaged)
     try:
         log = logs.read(path)
-        mcap_writer.recover(path, intact.with_name("recovered.mcap"))
+        recovery.recover(path, intact.with_name("recovered.mcap"))
         recovered = logs.read(intact.with_name("recovered.mcap"))
         for name, node in log.node.items():
             assert np.array_equal(recovered.node[name].cycle, node.cycle), f"{log.missing}"

@@ -16,7 +16,16 @@ from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, Arrival, Flag
 from pcpc.drivers.compiled.jit import i8, loop
-from pcpc.executive.loop import faults, keyframe_layout, losses, meeting, reception, timing, tuning
+from pcpc.executive.loop import (
+    draws,
+    faults,
+    keyframe_layout,
+    losses,
+    meeting,
+    reception,
+    timing,
+    tuning,
+)
 from pcpc.executive.loop.control import blank
 from pcpc.executive.loop.cycle import N, finish
 from pcpc.executive.loop.events import Event
@@ -80,7 +89,7 @@ def test_one_cycle_takes_so_many_frames_and_leaves_the_others() -> None:
     made = both(load_rig(MOTOR))[0]
     node, sender = Node(made), zeroed()
     for loop_record in (node.loop, sender):
-        buses.open_bus(buses.Bus("udp_multicast", channel), [], loop_record.wire)
+        buses.open_bus(buses.BusAddress("udp_multicast", channel), [], loop_record.wire)
     sender.wire.tx[:5] = 0x34, 0x05, 0, 0, 8  # an id of nobody
     for _ in range(reception.DRAIN_FRAMES + 3):
         assert wire.put_frame(sender.wire)
@@ -118,10 +127,10 @@ def test_losses_come_in_bursts_and_are_those_of_the_seed(plans: tuple[Plan, Plan
     losses.install(loop_record, [*frames], {"FB_A": (0.4, 2.0)}, 1)
     row = [frame.name for frame in frames].index("FB_A")
     assert made.run(30) > 10
-    s, lost, count = losses.first(1, "FB_A"), 0, 0
+    s, lost, count = draws.first(1, "FB_A"), 0, 0
     for _ in range(int(loop_record.passes)):
-        s = s * losses.FACTOR % losses.PRIME
-        if s / losses.PRIME < (0.5 if lost else 0.5 * 0.4 / 0.6):
+        s = s * draws.FACTOR % draws.PRIME
+        if s / draws.PRIME < (0.5 if lost else 0.5 * 0.4 / 0.6):
             lost = 1 - lost
         count += lost
     assert made.executive.count("lost_on_purpose") == count > 0

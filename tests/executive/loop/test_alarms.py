@@ -10,9 +10,10 @@ from rings import block_of, put_cycle
 from pcpc.executive.log.reader import read
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import alarms as told
+from pcpc.executive.loop import buckets
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import timing
 from pcpc.executive.loop.alarms import Alarms
+from pcpc.executive.loop.buckets import OF_STAGES
 from pcpc.executive.nodes.plan import describe
 from pcpc.executive.rig.reading import load_rig
 
@@ -27,7 +28,7 @@ def block(folder: Path, *lines: str, pacing: str = "real") -> Any:
 
 def test_a_node_without_trouble_has_no_alarm(tmp_path: Path) -> None:
     made = block(tmp_path)
-    made["histogram"][0, timing.bucket(990_000)] += 5
+    made["histogram"][0, buckets.place_of(990_000, *OF_STAGES)] += 5
     alarms = Alarms(made)
     assert not [one for second in range(10) for one in alarms.look(float(second))]
 
@@ -81,14 +82,14 @@ def test_a_rate_is_allowed_and_none_is_none(tmp_path: Path) -> None:
 def test_a_late_cycle_is_one_beyond_the_limit_and_a_reset_is_no_alarm(tmp_path: Path) -> None:
     made = block(tmp_path, "alarms: {late_us: 300}")
     alarms = Alarms(made)
-    made["histogram"][0, timing.bucket(300_000)] += 1
+    made["histogram"][0, buckets.place_of(300_000, *OF_STAGES)] += 1
     assert not list(alarms.look(1.0))
-    made["histogram"][0, timing.bucket(340_000)] += 2
+    made["histogram"][0, buckets.place_of(340_000, *OF_STAGES)] += 2
     (alarm,) = alarms.look(2.0)
     assert (alarm.kind, alarm.count, alarm.what) == ("late", 2, "cycle later than 300 us")
     made["histogram"][:] = 0
     assert not list(alarms.look(4.0))
-    made["histogram"][0, timing.bucket(340_000)] += 1
+    made["histogram"][0, buckets.place_of(340_000, *OF_STAGES)] += 1
     assert [one.count for one in alarms.look(6.0)] == [1]
 
 

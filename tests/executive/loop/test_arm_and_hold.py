@@ -9,7 +9,7 @@ from engine import LOST, Bench, both, puppet_rig
 from replays import replayed
 
 from pcpc.drivers.canopen.layout import Power
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.requests import Refusal
@@ -174,6 +174,6 @@ def test_arming_and_holding_are_replayed_bit_for_bit(tmp_path: Path, ends: float
 
 def test_runs_that_are_armed_by_hand_are_done_one_by_one(tmp_path: Path) -> None:
     with pytest.raises(NotInLanes, match="armed by hand"):
-        Group(load_rig(puppet_rig(tmp_path, MANUAL)), {})
+        LaneGroup(load_rig(puppet_rig(tmp_path, MANUAL)), {})
     with pytest.raises(NotInLanes, match="schedule"):
-        Group(load_rig(puppet_rig(tmp_path, BY_ITSELF, arms((0.1, 1)))), {})
+        LaneGroup(load_rig(puppet_rig(tmp_path, BY_ITSELF, arms((0.1, 1)))), {})

@@ -8,14 +8,15 @@ import pytest
 from engine import ROOT, Bench, both, puppet_rig
 from replays import replayed
 
-from pcpc.drivers.can import error_frames, line, wire
+from pcpc.drivers.can import wire
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
+from pcpc.drivers.can.wire_layout import Arrival, Medium, Wire
+from pcpc.drivers.line import error_frames, line
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.bus_state import note_bus_error
+from pcpc.executive.loop.control import BUS_COUNTERS
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.states import State
-from pcpc.executive.loop.variables import BUS_COUNTERS
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 
@@ -117,14 +118,14 @@ def test_a_clean_line_tells_nothing(tmp_path: Path) -> None:
 
 
 def test_an_error_frame_in_memory_is_none_that_is_decoded() -> None:
-    end: Any = np.zeros(1, WIRE).view(np.recarray)[0]
+    end: Any = np.zeros(1, Wire.dtype).view(np.recarray)[0]
     wire.prepare(end, Medium.MEMORY, -1, -1)
     wire.deliver(np.array([0x40, 0, 0, 0x20, 8, *[0] * 11], np.uint8), end)
     assert wire.get_frame(end, False) == Arrival.BUS_ERROR
 
 
 def test_a_line_tells_each_change_of_a_sender_once() -> None:
-    made: Any = np.zeros(1, line.LINE).view(np.recarray)[0]
+    made: Any = np.zeros(1, line.Line.dtype).view(np.recarray)[0]
     line.prepare(made, 2)
     frame = np.zeros(16, np.uint8)
     assert not error_frames.news(made, 0, frame)

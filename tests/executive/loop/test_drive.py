@@ -7,7 +7,7 @@ import pytest
 from engine import ATB1000, LOST, Bench, both, puppet_rig
 
 from pcpc.drivers.canopen.layout import LIMITED, WARNING, ErrorRegister, Power
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop.faults import ERROR_CODES, ERROR_REGISTERS, Fault
 from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
@@ -130,7 +130,7 @@ def test_another_frame_of_send_type_Event_is_refused(tmp_path: Path) -> None:
 
 def test_a_rig_with_a_status_word_runs_alone_not_in_lanes(tmp_path: Path) -> None:
     with pytest.raises(NotInLanes, match="emergency frame"):
-        Group(load_rig(drive_rig(tmp_path)), {})
+        LaneGroup(load_rig(drive_rig(tmp_path)), {})
 
 
 def test_every_fault_has_an_error_code_of_CiA_301(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from places import ROOT
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.loop.injected_values import KINDS
-from pcpc.executive.loop.losses import FACTOR, PRIME, first
+from pcpc.executive.loop.draws import FACTOR, PRIME, first
+from pcpc.executive.loop.fault_kinds import WrongValue
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -94,7 +94,9 @@ VALUES = {"noise": 0.02, "delay": 7.0, "quantise": 0.05, "rate": 3.0, "saturatio
           "dead_zone": 0.2, "drift": -2.0, "gain": 0.5}  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "nan"])  # it ends the run
+@pytest.mark.parametrize(
+    "kind", [kind for kind in WrongValue.words() if kind != "nan"]
+)  # it ends the run
 def test_each_kind_is_its_equation_and_ends(kind: str, true: Series, tmp_path: Path) -> None:
     a = VALUES.get(kind, 0.125)
     value = "" if kind in ("stuck", "dropout") else f", value: {a}"

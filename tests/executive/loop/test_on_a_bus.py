@@ -13,8 +13,8 @@ from pcpc.drivers.can import bus as buses
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time
-from pcpc.executive.loop.cycle import run
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.running import run
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes import greeting
 from pcpc.executive.nodes.install import install
@@ -30,7 +30,7 @@ PATIENCE_S = 120.0
 class Node:
     """A node on a bus, and the thread that runs it."""
 
-    def __init__(self, rig: Rig, bus: buses.Bus, role: Any, pacing: str = "real") -> None:
+    def __init__(self, rig: Rig, bus: buses.BusAddress, role: Any, pacing: str = "real") -> None:
         made = plan(rig, role, pacing)
         self.block = sh.private(describe(made, {}))
         self.loop, self.control = self.block.loop, self.block.control
@@ -58,7 +58,7 @@ class Node:
 
 
 @pytest.fixture
-def bus() -> buses.Bus:
+def bus() -> buses.BusAddress:
     """Return a bus of this test."""
     return buses.bus_named("udp_multicast", f"{GROUP}:{own_port()}")
 
@@ -69,7 +69,7 @@ def motor(*settings: str) -> Rig:
 
 
 @pytest.mark.parametrize("pacing", ["real", "sync", "lockstep"])
-def test_two_nodes_meet_and_do_all_cycles(bus: buses.Bus, pacing: str) -> None:
+def test_two_nodes_meet_and_do_all_cycles(bus: buses.BusAddress, pacing: str) -> None:
     nodes = [Node(motor(), bus, role, pacing) for role in ("plant", "executive")]
     for node in nodes:
         node.start()
@@ -87,7 +87,7 @@ def test_two_nodes_meet_and_do_all_cycles(bus: buses.Bus, pacing: str) -> None:
 
 
 @pytest.mark.parametrize("role", ["executive", "plant"])
-def test_a_second_node_of_a_kind_does_not_begin(bus: buses.Bus, role: str) -> None:
+def test_a_second_node_of_a_kind_does_not_begin(bus: buses.BusAddress, role: str) -> None:
     rig = motor(f"duration_s={6000 / RATE_HZ}")
     first = {one: Node(rig, bus, one).start() for one in ("plant", "executive")}
     first["executive"].wait_for(lambda: bool(first["executive"].loop.passes > 2))
@@ -101,7 +101,7 @@ def test_a_second_node_of_a_kind_does_not_begin(bus: buses.Bus, role: str) -> No
 
 @pytest.mark.parametrize(("seed", "ends"), [(1, Fault.NONE), (2, Fault.ANOTHER_SENDER)])
 def test_a_node_of_another_rig_is_refused_at_the_meeting(
-    bus: buses.Bus, seed: int, ends: Fault
+    bus: buses.BusAddress, seed: int, ends: Fault
 ) -> None:
     nodes = {}
     for role, own in (("plant", 1), ("executive", seed)):
@@ -121,7 +121,9 @@ def test_a_node_of_another_rig_is_refused_at_the_meeting(
 
 @pytest.mark.parametrize("pacing", ["real", "lockstep"])
 @pytest.mark.parametrize("role", ["executive", "plant"])
-def test_who_waits_for_nobody_ends_when_it_is_asked(bus: buses.Bus, role: str, pacing: str) -> None:
+def test_who_waits_for_nobody_ends_when_it_is_asked(
+    bus: buses.BusAddress, role: str, pacing: str
+) -> None:
     node = Node(motor(), bus, role, pacing).start()
     ear = buses.listener(bus)
     with ear:
@@ -133,7 +135,7 @@ def test_who_waits_for_nobody_ends_when_it_is_asked(bus: buses.Bus, role: str, p
 
 
 @pytest.mark.parametrize("when", ["listening", "meeting", "waiting", "closed loop"])
-def test_a_bus_that_fails_is_a_fault(bus: buses.Bus, when: str) -> None:
+def test_a_bus_that_fails_is_a_fault(bus: buses.BusAddress, when: str) -> None:
     pacing = "lockstep" if when == "waiting" else "real"
     plant, executive = (Node(motor(), bus, one, pacing) for one in ("plant", "executive"))
     if when in ("waiting", "closed loop"):

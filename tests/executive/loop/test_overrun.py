@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import timing
+from pcpc.executive.loop.buckets import OF_STAGES, end_of, place_of
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
 from pcpc.executive.loop.timing_layout import Stage
@@ -130,10 +131,10 @@ def test_a_fallback_with_other_outputs_is_refused(tmp_path: Path) -> None:
 @settings(max_examples=300, deadline=None, database=None)
 @given(ns=st.one_of(st.integers(0, 100), st.integers(0, 2**40)))
 def test_a_bucket_holds_its_value_and_is_an_eighth_wide(ns: int) -> None:
-    i = int(timing.bucket(ns))
-    end = int(timing.bucket_end(i))
+    i = place_of(ns, *OF_STAGES)
+    end = end_of(i, OF_STAGES[0])
     assert ns <= end <= ns * 1.125 + 1, f"{ns} ns lie in a bucket that ends at {end}"
-    assert i == 0 or int(timing.bucket_end(i - 1)) < ns
+    assert i == 0 or end_of(i - 1, OF_STAGES[0]) < ns
 
 
 def counted(lateness_ns: Any, work_ns: Any) -> Any:
@@ -165,6 +166,13 @@ def test_percentiles_of_the_table_are_numpys_to_an_eighth() -> None:
             shown[3:],
             exact,
         )
+
+
+def test_what_no_bucket_reaches_is_in_the_last_one() -> None:
+    """A machine that was asleep for an hour, or a day, wakes that late."""
+    n = counted([(1 << 41) - 1, 1 << 41, 1 << 47], [0, 0, 0])
+    last = place_of(1 << 41, *OF_STAGES)
+    assert n.histogram[Stage.WAKE_LATE, last] == 3 and not n.histogram[:, last + 1 :].any()
 
 
 def test_the_latest_cycles_are_kept_whole() -> None:

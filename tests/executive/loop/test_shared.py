@@ -1,5 +1,6 @@
 """The shared block: rings that drop and count or wait, snapshots that are never torn."""
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -13,10 +14,12 @@ import numpy as np
 import pytest
 from engine import ROOT, SLEW10, Bench, both
 
+from pcpc.executive.loop import keyframe_layout, sharing
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import sharing
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.requests import SLOTS
+from pcpc.executive.loop.ring_layout import EventRow, OfEvent
 from pcpc.executive.nodes.plan import Plan, describe
 from pcpc.executive.rig.reading import load_rig
 
@@ -235,3 +238,18 @@ def test_what_only_the_loop_needs_lies_beyond_what_clients_map() -> None:
     private = {name for name, field in fields.items() if field[1] >= shared_bytes}
     wanted = {"v", "k", "clock", "blocks", "limits", "tuning", "guard", "rx", "tx", "rings", "wire"}
     assert wanted <= private, wanted - private
+
+
+def test_the_rows_of_events_have_the_columns_that_clients_take() -> None:
+    assert EventRow.dtype.names == OfEvent.words()
+
+
+def test_keyframes_hold_what_those_of_older_logs_hold() -> None:
+    held = [
+        [(record, name, size) for record, name, _, size in keyframe_layout.spans(9, faults, more)]
+        for more in (keyframe_layout.NO_DRIVE, keyframe_layout.OF_DRIVE, keyframe_layout.OF_ROBOT)
+        for faults in (True, False)
+    ]
+    kinds = [str(kind.dtype) for kind in Loop.records().values()]
+    # a keyframe is looked for under the name of its layout: after a change, older logs have none
+    assert hashlib.sha256(repr((held, kinds)).encode()).hexdigest()[:16] == "10db6a995d1d1a69"

@@ -23,7 +23,7 @@ def motor(folder: Path, faults: str, *settings: str) -> Rig:
     return load_rig(path, settings=["duration_s=0.3", *settings])
 
 
-def jumps(node: reader.Node) -> list[tuple[int, int]]:
+def jumps(node: reader.NodeLog) -> list[tuple[int, int]]:
     """Return after which cycles there is a gap, and how long it is."""
     gap = np.diff(node.cycle) - 1
     return [(int(node.cycle[i]), int(gap[i])) for i in np.flatnonzero(gap)]

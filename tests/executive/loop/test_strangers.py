@@ -11,7 +11,7 @@ from free_bus import own_bus
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import e2e, wire, wire_layout
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire_layout import Arrival
 from pcpc.executive.loop import faults, strangers
@@ -27,7 +27,7 @@ TRUE, FORGED = 7, 9  # addresses
 
 
 def new_wire() -> Any:
-    records = np.recarray(1, wire_layout.WIRE)
+    records = np.recarray(1, wire_layout.Wire.dtype)
     records.view(np.uint8)[:] = 0
     return records[0]
 
@@ -67,7 +67,7 @@ def cycles(node: Node, count: int) -> None:
 
 @pytest.fixture
 def open_udp() -> Iterator[Callable[[], Any]]:
-    ends, bus = [], Bus(*buses.parse(own_bus()))  # type: ignore[arg-type]
+    ends, bus = [], BusAddress(*buses.parse(own_bus()))  # type: ignore[arg-type]
 
     def opener() -> Any:
         ends.append(new_wire())

@@ -9,8 +9,15 @@ from engine import SLEW10
 
 from pcpc.executive.loop import states, strangers
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
-from pcpc.executive.loop.states import HEARTBEATS, NEXT, STATE_NAMES, Condition, State, next_state
-from pcpc.executive.nodes.install import PATIENCE_S
+from pcpc.executive.loop.states import (
+    HEARTBEATS,
+    NEXT,
+    STATE_NAMES,
+    Condition,
+    State,
+    next_state,
+)
+from pcpc.executive.nodes.planned_run import PATIENCE_S
 from pcpc.executive.nodes.watched import HANG_PERIODS, HANG_S
 from pcpc.executive.rig.reading import load_rig
 

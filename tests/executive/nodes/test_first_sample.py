@@ -7,7 +7,7 @@ from free_bus import own_bus
 from places import ROOT
 from two_processes import differing, lockstep, virtual
 
-from pcpc.executive.rig import trial
+from pcpc.executive.own_laws import trial
 from pcpc.executive.rig.reading import load_rig
 
 SLOW = """

@@ -13,18 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import line, wire, wire_layout
-from pcpc.drivers.can.line import Condition
-from pcpc.drivers.can.ticks import ns_of, tick_at
+from pcpc.drivers.can import wire, wire_layout
 from pcpc.drivers.can.wire_layout import Arrival, Flag
+from pcpc.drivers.line import line
+from pcpc.drivers.line.line import SenderState
+from pcpc.drivers.line.ticks import ns_of, tick_at
 from pcpc.executive.nodes.gateway import Gateway
 
 S = 1_000_000_000
 Make = Callable[..., tuple[Gateway, Any, Any]]
 
 
-def an_end(bus: buses.Bus) -> Any:
-    end: Any = np.zeros(1, wire_layout.WIRE).view(np.recarray)[0]
+def an_end(bus: buses.BusAddress) -> Any:
+    end: Any = np.zeros(1, wire_layout.Wire.dtype).view(np.recarray)[0]
     buses.open_bus(bus, None, end)
     buses.set_own_address(end)
     return end
@@ -118,11 +119,11 @@ def test_a_full_queue_and_a_bus_that_is_off_lose_frames_which_are_counted(make: 
     one_pass(gateway)
     assert gateway.n.line.refused[0] == 1
     one_pass(gateway, S)  # 32 times 27 bits
-    assert line.state_of(gateway.n.line, 0) == Condition.OFF
+    assert line.state_of(gateway.n.line, 0) == SenderState.OFF
     assert (gateway.n.line.lost_off[0], there(b)) == (2, [])
     gateway.n.line.p = 0.0
     one_pass(gateway, 2 * S)  # 1408 recessive bits
-    assert line.state_of(gateway.n.line, 0) == Condition.ACTIVE
+    assert line.state_of(gateway.n.line, 0) == SenderState.ACTIVE
     send(a, 4)
     one_pass(gateway)
     one_pass(gateway, S)

@@ -42,7 +42,7 @@ def saying(block: sh.NodeMemory, **values: float) -> Live:
 @pytest.mark.parametrize(
     ("state", "disarmed", "says", "code"),
     [
-        (State.FAULT, 1.0, "FAULT, no valid input; `pcpc reset` first", Exit.NOT_MET),
+        (State.FAULT, 1.0, "FAULT, no valid input; `pcpc operate reset` first", Exit.NOT_MET),
         (State.INIT, 1.0, "waits for the other node; try again later", Exit.NOT_MET),
         (State.RUN, 0.0, "the loop is already closed", Exit.WRONG_INPUT),
     ],

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from json_schemas import holds
+from logcommand import run_here
 from processes import pcpc
 
 from pcpc.drivers.errors import UserError
@@ -35,7 +37,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def equal(a: logs.Node, b: logs.Node, beginning: str) -> bool:
+def equal(a: logs.NodeLog, b: logs.NodeLog, beginning: str) -> bool:
     """Return whether all columns that begin so have equal bits in two records."""
     names = [name for name in a.columns if name.startswith(beginning)]
     assert names, beginning
@@ -45,6 +47,8 @@ def equal(a: logs.Node, b: logs.Node, beginning: str) -> bool:
 def test_each_moves_as_if_the_others_were_not_there(three: Path, tmp_path: Path) -> None:
     whole = logs.read(three / "log.mcap")
     assert list(whole.node) == ["executive", "plant", "plant_2", "plant_3"]
+    told = holds("log info", run_here("log", "info", three / "log.mcap", "--json").out)
+    assert [*told["nodes"]] == list(whole.node)
     alone = in_memory(load_rig(motors(tmp_path, 1), settings=["duration_s=0.5"]))
     assert equal(whole.node["plant"], alone.node["plant"], "motor.")
     two = in_memory(load_rig(motors(tmp_path, 2, 1), settings=["duration_s=0.5"]))
@@ -73,7 +77,7 @@ def both(rig: Path, folder: Path, *settings: str) -> list[logs.Log]:
         done = pcpc(*command, str(rig), "-o", str(folder / name), "--no-figure", *words)
         assert done.code == 0, done
         found.append(logs.read(folder / name / "log.mcap"))
-    done = pcpc("log", "diff", str(folder / "virtual"), str(folder / "bus"))
+    done = pcpc("compare", "--bits", str(folder / "virtual"), str(folder / "bus"))
     assert done.code == 0 and "equal" in done.out, done
     return found
 
@@ -165,7 +169,16 @@ def test_a_generated_device_is_the_executive_of_all(tmp_path: Path, capsys: Capt
     rig = motors(tmp_path, 3)
     assert main(["generate", "c", str(rig), "--device", "-o", str(tmp_path / "c")]) == 0
     subprocess.run(["make", "-s", "-C", str(tmp_path / "c")], check=True)
-    words = ["plant", str(rig), "--pacing", "lockstep", "-o", str(tmp_path / "run"), "--no-figure"]
+    words = [
+        "run",
+        "--only=plant",
+        str(rig),
+        "--pacing",
+        "lockstep",
+        "-o",
+        str(tmp_path / "run"),
+        "--no-figure",
+    ]
     words += ["--set", "duration_s=0.3"]
     done = pcpc(*words, "--device", str(tmp_path / "c/linux"), "{bus}")
     assert done.code == 0, done
@@ -199,7 +212,7 @@ def test_one_drive_of_several_moves_as_alone(tmp_path: Path) -> None:
 
 def test_a_plant_of_several_is_started_alone_and_a_wrong_name_is_named(tmp_path: Path) -> None:
     rig = drives(tmp_path, 3)
-    done = pcpc("plant", str(rig), "--node", "plant_4", cwd=tmp_path)
+    done = pcpc("run", "--only=plant", str(rig), "--node", "plant_4", cwd=tmp_path)
     assert done.code == 2 and "--node plant_4: no such plant" in done.err, done
 
 

@@ -1,16 +1,13 @@
 """Virtual time: the same run again gives the same bits, one sample of delay, and known results."""
 
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from engine import ATB1000, ROOT, SLEW10, puppet_rig
+from engine import ATB1000, SLEW10, puppet_rig
 from replays import replayed
 
 from pcpc.executive.log import reader as logs
@@ -102,19 +99,6 @@ def test_another_seed_gives_other_noise(simulated: Simulate) -> None:
         assert not same.any(), f"{name}: {same.sum()} of {len(same)} samples are equal"
 
 
-def run_elsewhere(folder: Path, duration_s: str, **environment: str) -> Path:
-    """Simulate slew10 in a process of its own; return the log."""
-    command = [
-        sys.executable, "-m", "pcpc.tools.cli", "simulate", str(SLEW10), "-o", str(folder),
-        "--quiet", "--no-figure", "--set", f"duration_s={duration_s}",
-    ]  # fmt: skip
-    done = subprocess.run(
-        command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True
-    )
-    assert done.returncode == 0, f"exit code {done.returncode}: {done.stderr}"
-    return folder / "log.mcap"
-
-
 # ------------------------------------------------------------------------------- records and delay
 
 
@@ -128,6 +112,9 @@ def test_the_log_has_every_cycle_once(simulated: Simulate, rig: Path) -> None:
         assert node.cycle.tolist() == list(range(count)), f"{role}: {len(node.cycle)} records"
         late = node.columns["time.t_s"] - node.cycle * 1e-3
         assert np.abs(late).max() < 1e-12, f"{role}: t differs from k T by {np.abs(late).max():.1e}"
+        for what, rows in (("records", node), ("frames", node.frames.view(np.recarray))):
+            early = np.flatnonzero(rows.stamp_ns != rows.cycle * 1_000_000)
+            assert not len(early), f"{role}: stamps of {len(early)} {what} are not k T"
 
 
 def test_a_run_without_loss_counts_nothing_but_frames(simulated: Simulate) -> None:

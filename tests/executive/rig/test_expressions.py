@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pcpc.executive.laws.units import Unit, unit
+from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig.expressions import (
     ExpressionError,
     Rows,
@@ -15,7 +17,6 @@ from pcpc.executive.rig.expressions import (
     condition,
     value,
 )
-from pcpc.executive.rig.units import Unit, unit, unit_of_name
 
 UNITS = {
     "a.e_rad": "rad", "a.rate_rad_s": "rad/s", "a.tau_Nm": "N m", "a.late_us": "us", "a.n": "",
@@ -39,43 +40,6 @@ def rows(cycles: list[int] | None = None, **columns: list[float]) -> Rows:
 
 def margins(text: str, given: Rows) -> Vector:
     return condition(text, units).margin(given)
-
-
-# ---------------------------------------------------------------------------------------- units
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        ("N m", "J"), ("N m/s", "W"), ("rad/s2", "rad/s^2"), ("1/s", "Hz"), ("N/m2", "Pa"),
-        ("m3/(s Pa0.5)", "m3 /(s Pa0.5)"), ("kg m/s2", "N"), ("mrad", "deg"), ("", "%"),
-    ],
-)  # fmt: skip
-def test_units_of_one_kind_are_the_same(one: str, other: str) -> None:
-    assert unit(one).powers == unit(other).powers, (unit(one), unit(other))
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [("rad", ""), ("N m", "N m/rad"), ("rpm", "Hz"), ("Nm", "N m"), ("rad/s", "rad"), ("(m", "m2")],
-)
-def test_units_of_different_kinds_differ(one: str, other: str) -> None:
-    assert unit(one).powers != unit(other).powers, (unit(one), unit(other))
-
-
-def test_prefixes_are_exact() -> None:
-    assert unit("mrad").factor == Fraction(1, 1000) and unit("kPa").factor == 1000
-    assert unit("mm2").factor == Fraction(1, 10**6) and unit("min").factor == 60
-    assert unit("m99999999s").powers == (("m99999999s", 1),), "no number of such a size"
-
-
-def test_a_name_tells_its_unit() -> None:
-    found = {
-        name: unit_of_name(name) for name in ("error_rad", "x_rad_s", "lam_per_s", "count", "rad")
-    }
-    assert {k: v and v.text for k, v in found.items()} == {
-        "error_rad": "rad", "x_rad_s": "rad/s", "lam_per_s": "1/s", "count": None, "rad": None,
-    }  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------- margins
@@ -111,6 +75,16 @@ def test_a_bare_number_has_the_unit_of_its_neighbour() -> None:
     )
 
 
+def test_what_decided_is_told_with_the_value_before_its_limit() -> None:
+    given = rows(a_e_rad=[1.0], a_n=[4.0])
+    for text, what, limit in (
+        ("2 > a.e_rad and a.n < 4.5", "a.n", 4.5), ("2 > a.e_rad or a.n < 4.5", "a.e_rad", 2.0),
+        ("not (a.e_rad < 3 or a.n >= 9)", "a.e_rad", 3.0),
+    ):  # fmt: skip
+        said = condition(text, units).said(given, 0)
+        assert (said.what, said.limit) == (what, limit), text
+
+
 def test_products_have_the_unit_of_both() -> None:
     assert margins("a.k * a.rate_rad_s < 3 N m", rows(a_k=[1.0], a_rate_rad_s=[2.0]))[0] == 1.0
     assert (
@@ -126,6 +100,35 @@ def test_a_rate_is_the_change_a_second_between_recorded_cycles() -> None:
     found = value("rate(a.e_rad)", units)
     assert found.at(given) == pytest.approx([0.0, 500.0, -250.0])
     assert found.unit == unit("rad/s")
+
+
+@pytest.mark.parametrize(
+    ("text", "of", "value_of", "shown"),
+    [
+        ("rate(a.x) < 5", "mm", 1.0, "mm/s"), ("rate(a.x) < 5", "mm/s", 1.0, "mm/s2"),
+        ("rate(a.x) < 5 m/s2", "mm/s", 1.0, "mm/s2"), ("rate(a.x) < 5", "deg/s", 1.0, "deg/s2"),
+        ("rate(rate(a.x)) < 5", "mm", 1000.0, "mm/s2"), ("rate(a.x) < 5", "kN/m", 1.0, "kN/m/s"),
+        ("abs(rate(2 * a.x)) < 5", "mm/s", 2.0, "mm/s2"), ("rate(a.x) < 5", "%/s", 1.0, "%/s2"),
+        ("rate(a.x) < 5", "N m/s", 1.0, "N m/s2"), ("rate(a.x) < 5", "rpm/s", 1.0, "rpm/s2"),
+        ("5 > rate(a.x * a.x)", "m/s", 1.0, "m2/s3"), ("rate(a.x) < 5", "1/min", 1.0, "1/min/s"),
+    ],
+)  # fmt: skip
+def test_a_bare_number_beside_a_rate_is_in_the_unit_of_the_value_a_second(
+    text: str, of: str, value_of: float, shown: str
+) -> None:
+    made = condition(text, lambda name: unit(of))
+    last = made.said(Rows(np.array([0, 1000]), {"a.x": np.array([0.0, 1.0])}, 1e-3), 1)
+    limit = 5000.0 if "m/s2" in text else 5.0
+    if "rate(rate" not in text:
+        assert last.value == pytest.approx(value_of)
+    assert (last.limit, last.unit.text) == (pytest.approx(limit), shown)
+
+
+def test_a_unit_of_its_own_a_second_is_that_of_its_rate() -> None:
+    both = {"a.x": unit("rpm"), "a.y": unit("rpm/s")}
+    assert condition("rate(a.x) < 2 * a.y", both.__getitem__).unit == unit("rpm/s")
+    with pytest.raises(ExpressionError, match=r"'rpm/s', a.x is in 'rpm'"):
+        condition("rate(a.x) < a.x", both.__getitem__)
 
 
 TEXTS = st.sampled_from(
@@ -168,6 +171,31 @@ def test_what_is_not_a_number_holds_nowhere() -> None:
     given = rows(a_e_rad=[math.nan])
     for text in ("a.e_rad < 1", "not a.e_rad < 1", "a.e_rad != 1", "not (a.e_rad == 1)"):
         assert margins(text, given)[0] == -math.inf, text
+
+
+@settings(max_examples=100, deadline=None)
+@given(FORMULAS, st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5))
+def test_an_expression_is_data_whose_inverse_of_the_inverse_it_is(
+    text: str, pairs: list[tuple[float, float]]
+) -> None:
+    whole = condition(text, lambda name: unit("rad"))
+    assert whole.inverse().inverse() == whole == eval(repr(whole), {**vars(ex), "Unit": Unit})
+    given = rows(a_e_rad=[e for e, _ in pairs], a_x_rad=[x for _, x in pairs])
+    both = np.minimum(whole.margin(given), whole.inverse().margin(given))
+    assert (both < 0.0).all(), "a condition and its inverse never hold both"
+
+
+@pytest.mark.parametrize(
+    ("text", "op", "number"),
+    [
+        ("2 - 3 mrad", "number", Fraction(-1, 1000)), ("2 / 4 s", "number", Fraction(1, 2)),
+        ("min(2, 3 m, 1 mm)", "number", Fraction(1, 1000)), ("abs(-1)", "absolute", None),
+        ("-a.n", "multiply", None), ("a.n + 2 * 3", "add", None),
+    ],
+)  # fmt: skip
+def test_what_two_constants_give_is_a_constant(text: str, op: str, number: Fraction | None) -> None:
+    made = value(text, units)
+    assert (made.op, made.number) == (op, number)
 
 
 # --------------------------------------------------------------------------------------- errors

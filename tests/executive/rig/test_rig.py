@@ -14,8 +14,8 @@ from small_rig import LAWS, MODEL, RIG, Write, message
 
 from pcpc.drivers.compiled.compile_cache import user_cache
 from pcpc.executive.errors import RigError
+from pcpc.executive.own_laws.modules import project_name
 from pcpc.executive.rig import law_lookup, yamlfile
-from pcpc.executive.rig.modules import project_name
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
 

@@ -8,7 +8,9 @@ from msgspec import inspect
 from places import ROOT
 
 from pcpc.executive.rig import schema
-from pcpc.executive.rig.roles import ROLES
+from pcpc.executive.rig.conversion import as_data, file_keys_of
+from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.roles import MORE_PLANTS, ROLES
 
 ROW = re.compile(r"^\| (`[^|]+`) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
 HEAD = "| key | values (default) | meaning |\n|---|---|---|\n"
@@ -23,9 +25,9 @@ def rows(
     """
     told = {} if told is None else told
     for field in inspect.type_info(kind).fields:
-        if field.encode_name in ROLES[4:]:  # as the one before
-            continue
         key, found = f"{above}{field.encode_name}", field.type
+        if field.name in schema.Config.spread:  # of plant_2 and all behind it
+            key, found = MORE_PLANTS[0], found.value_type
         below = struct_in(found)
         if below and (brief := in_brief(found)):  # what may stand in place of the keys below
             yield key, default(field), values(brief)
@@ -132,3 +134,12 @@ def test_the_document_tells_every_key_with_its_default_and_values() -> None:
     extra = [row for row in told if row not in wanted]
     assert not extra, f"in docs/rig.md, but no keys: {extra}"
     assert len(told) == len(wanted) > 60, len(told)
+
+
+def test_plants_are_keys_of_the_file_in_the_order_of_their_roles() -> None:
+    keys = list(file_keys_of(schema.Config))
+    assert keys[(at := keys.index("local")) : at + 17] == ["local", *MORE_PLANTS, "losses"]
+    more = "plant_3: {like: plant, node: C}\nplant_2: {like: plant, node: B}\nplant_9: null\n"
+    rig = load_rig(ROOT / "plants/probe/x.yaml", text=f"base: rig.yaml\n{more}", resolve=False)
+    assert rig.roles == ("executive", "plant", "plant_2", "plant_3") == tuple(rig.config.sections)
+    assert [key for key in as_data(rig.config) if "plant" in key] == [*rig.config.plants]

@@ -13,7 +13,7 @@ from places import ROOT
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yaml_parser, yamlfile
 from pcpc.executive.rig.yaml_parser import reads_the_same
-from pcpc.executive.rig.yamlfile import Document, Place, dump, load, parse_scalar, parse_value
+from pcpc.executive.rig.yamlfile import Document, Keys, Place, dump, load, parse_scalar, parse_value
 
 PLANTS = ROOT / "plants"
 
@@ -269,3 +269,28 @@ def test_both_parsers_read_the_same_from_the_same_place() -> None:
         assert tree(yaml_parser.compose(text)) == tree(slow), text
         quick += yaml_parser.reads_the_same(text)
     assert quick > len(rigs), "libyaml read too few of them"
+
+
+@pytest.mark.parametrize(
+    ("path", "column"),
+    [
+        ("a", 1), ("a.b", 23), ("a.b.c", 5), ("a.b.x", 23), ("a.b[1]", 23), ("a.b.c[1].d", 15),
+        ("a.b.c[1]", 14), ("a.b.c[7]", 5), ("a.bc", 1), ("a.b.c.d", 5), ("e", 1), ("", 1),
+        (("a", "b.c", 1, "d"), 15), (("a", "b.c", 1, "x"), 14), (("a", "b", "c"), 23), ((), 1),
+    ],
+)  # fmt: skip
+def test_a_path_has_the_place_of_its_nearest_key(path: str | Keys, column: int) -> None:
+    """Keys may have dots: `b.c` beside `b`."""
+    assert load("x.yaml", "a: {b.c: [1, {d: 2}], b: 3}\n").place(path).column == column
+
+
+def test_a_key_that_is_gone_keeps_its_place_and_what_is_put_brings_its_own() -> None:
+    found = load("x.yaml", "a: {b: {c: 1}}\n")
+    found.data["a"].take("d", found.data["a"], "b")
+    del found.data["a"]["b"]
+    found.data["a"]["d"]["c"] = 2
+    assert found.place("a.b").column == found.place("a.d").column == 5
+    assert found.place("a.d.c").column == 9 and load("x.yaml", found.text).data["a"]["b"]["c"] == 1
+    found.put(("e", "f"), 3, Place(Path(), option="--set e.f=3"))
+    assert found.where("e.f") == "--set e.f=3" and found.place("e.g").line == 1
+    assert dump(found.data) == "a:\n  d:\n    c: 2\ne:\n  f: 3\n"

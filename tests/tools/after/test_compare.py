@@ -14,11 +14,14 @@ from logcommand import Done, run_here
 import pcpc
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.compare.comparison import Comparison
-from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Change, Pair
+from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Pair
+from pcpc.tools.after.differences import Change
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.start.folder import LOG
 
 SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
+HELD = {"name": "held", "always": "abs(controller.e_rad) < 9"}
+FAR = {"name": "far", "always": "controller.e_rad < 9", "after": "1s"}
 GAIN = {"controller.kv_Nms_rad": 111.0}
 
 
@@ -100,8 +103,9 @@ def test_folders_are_compared_rig_by_rig_and_what_has_no_partner_is_named(folder
     assert states == {
         "hull/pd": "changed", "sin0.5/pd": "alone", "sin0.5/pid": "equal", "slew10/pd": "changed",
     }  # fmt: skip
-    said, _ = found["sin0.5/pd"]["said"]
-    assert said == f"only in new: {folder / 'new/only' / LOG}"
+    alone, verdict, why = found["sin0.5/pd"]["said"]
+    assert alone == f"only in new: {folder / 'new/only' / LOG}" and verdict == "verdict not judged"
+    assert why == "evaluation.window_s was changed: the limits are for another window"
     text = compared(folder / "old", folder / "new", code=1).out
     assert "2 changed, 1 equal, 1 on one side only" in " ".join(text.split())
 
@@ -135,7 +139,27 @@ def test_a_verdict_that_changed_says_why(folder: Path, tmp_path: Path) -> None:
     assert "differs in no recorded signal" in text and "verdict  ok -> expectation not met" in text
     assert "new: muzzle_error_rms_mrad = " in text and "expected 0 to 1e-09" in text, text
     compared(*words, "--fail-on", "verdict", code=1)
-    compared(folder / "old/gain", folder / "new/gain", "--fail-on", "verdict", code=0)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "code", "said"),
+    [
+        ({}, {}, 0, ""),
+        ({}, SHORT, 1, "ok -> not judged"), (SHORT, {}, 1, "not judged -> ok"),
+        (SHORT, SHORT, 1, "new: muzzle_error_rms_mrad was not judged: evaluation.window_s was"),
+        (SHORT | {"require": [HELD]}, SHORT | {"require": [HELD, FAR]}, 1, "new: far was not"),
+        (SHORT | {"require": [HELD, FAR]}, SHORT | {"require": [HELD, FAR]}, 0, ""),
+    ],
+)  # fmt: skip
+def test_a_gate_for_verdicts_passes_no_run_that_was_not_judged(
+    before: dict[str, Any], now: dict[str, Any], code: int, said: str, tmp_path: Path
+) -> None:
+    loose = {"expect.pd.muzzle_error_rms_mrad": [0.0, 1e9]}
+    for name, changes in (("old", before), ("new", now | GAIN)):
+        pcpc.simulate("slew10", "pd", set=loose | changes, folder=tmp_path / name, quiet=True)
+    words = tmp_path / "old", tmp_path / "new", "--fail-on", "verdict"
+    text = " ".join(compared(*words, code=code).out.split())
+    assert said in text and text.count("was not judged") == ("new: " in said or now == SHORT), text
 
 
 def test_what_cannot_be_compared_does_not_pass_for_equal(folder: Path, tmp_path: Path) -> None:

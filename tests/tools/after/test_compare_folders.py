@@ -15,7 +15,8 @@ from pcpc.tools.after.compare import pairing
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.start.folder import LOG
 
-SHORT = {"duration_s": 0.2, "evaluation.window_s": [0.0, 0.2]}
+HELD = {"require": [{"name": "held", "always": "abs(controller.e_rad) < 9"}]}
+SHORT = {"duration_s": 0.2, "evaluation.window_s": [0.0, 0.2], **HELD}
 RUNS = {
     "slew": ("slew10", "pd", {}),
     "slew again": ("slew10", "pd", {}),
@@ -228,7 +229,7 @@ def test_partners_are_of_one_kind_in_the_order_in_which_they_began(
     def recorded(text: str) -> pairing.Recorded:
         place, begin_ns, cycle, seed = (*text.split(":"), "", "")[:4]
         about = {"rig": "r", "clock_wall_ns": begin_ns, "branch_cycle": cycle}
-        node: dict[str, logs.Node] = dict.fromkeys(("executive",))  # type: ignore[arg-type]
+        node: dict[str, logs.NodeLog] = dict.fromkeys(("executive",))  # type: ignore[arg-type]
         head = logs.Log(
             Path(place), node, {}, {"executive": about}, [], rig={"seed": seed or place}
         )

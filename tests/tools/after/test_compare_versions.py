@@ -391,14 +391,14 @@ def test_each_version_runs_with_its_own_code_where_the_repository_is_pcpcs(
     git(root, "add", ".")
     git(root, "commit", "-q", "-m", "one")
     monkeypatch.chdir(root)
-    code = "found.metrics = guarded(lambda: self.evaluation.figures(judged))"
+    code = "metrics = guarded(lambda: self.evaluation.figures(judged))"
     git(root, "branch", "-q", "now")
     git(root, "checkout", "-q", "--orphan", "before")
     git(root, "rm", "-q", "--cached", "-r", "pcpc")
     git(root, "commit", "-q", "-m", "before")
     git(root, "checkout", "-q", "-f", "now")
     assert "before: that version of pcpc cannot run" in compared(against="before", code=2).err
-    edit(root / "tools/after/verdict/judge.py", code, "found.metrics = {'answer': 42.0}")
+    edit(root / "tools/after/verdict/judge.py", code, "metrics = {'answer': 42.0}")
     pair = pairs("probe", code=1)["probe/proportional"]
     assert pair["first"] is None and pair["settings"] == []
     assert [m for m in pair["metrics"] if m["old"] != m["new"]] == [

@@ -22,9 +22,9 @@ def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (("log", "diff", "LOG", "LOG"), 3, "nothing compared"),
+        (("compare", "--bits", "LOG", "LOG"), 3, "nothing compared"),
         (("compare", "LOG", "LOG"), 3, "nothing was compared: the logs share no cycle"),
-        (("log", "require", "LOG"), 1, "calm: not judged"),
+        (("report", "--requirements", "LOG"), 1, "calm: not judged"),
         (("replay", "LOG"), 3, "nothing to compare"),
     ],
 )

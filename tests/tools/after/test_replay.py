@@ -1,6 +1,5 @@
 """Recorded runs recomputed from their log alone, bit for bit, through the command."""
 
-import argparse
 import os
 import shutil
 import signal
@@ -10,13 +9,12 @@ from typing import Any
 import pytest
 from json_schemas import holds
 from processes import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
+from replays import replayed
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_records import MAGIC, RECORD
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after import replay as replaying
-from pcpc.tools.terminal.progress import Progress
 
 ENGAGED = ("duration_s=0.5", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]")
 
@@ -163,12 +161,6 @@ def test_a_log_that_begins_later_is_refused_with_the_reason(tmp_path: Path) -> N
     assert "not with the start of the run" in done.out, done
 
 
-def here(log: Path) -> list[replaying.Verdict]:
-    """Replay in this process."""
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    return replaying.replay(log, options, Progress(quiet=True))
-
-
 def test_a_cut_log_is_compared_as_far_as_it_goes_and_never_called_different(
     tmp_path: Path,
 ) -> None:
@@ -185,7 +177,7 @@ def test_a_cut_log_is_compared_as_far_as_it_goes_and_never_called_different(
         place += RECORD.size + RECORD.unpack_from(data, place)[1]
         cut.write_bytes(data[:place])
         try:
-            verdicts = here(cut)
+            verdicts = replayed(cut)
         except logs.LogError:
             continue  # not even the rig is in it
         wrong = [v.first() for v in verdicts if v.differences]
@@ -221,4 +213,4 @@ def test_a_made_up_tuning_is_refused(
 
     monkeypatch.setattr(logs, "_objects", forged)
     with pytest.raises(logs.LogError, match=why):
-        here(engaged)
+        replayed(engaged)

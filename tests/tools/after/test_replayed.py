@@ -1,6 +1,5 @@
 """What counts as the same run: each part of each frame that was sent, and each variable."""
 
-import argparse
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from json_schemas import holds
 from logcommand import PLANT, barrel_log, run_here
 from numpy.typing import NDArray
+from replays import replayed
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.faults import Fault
@@ -18,9 +18,8 @@ from pcpc.executive.loop.variables import COUNTED
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after import replay as replaying
-from pcpc.tools.after.log.cat import unequal_texts
-from pcpc.tools.after.replayed import SENT, Verdict, compare_frames, plain, report
-from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.after.differences import SENT, unequal_texts
+from pcpc.tools.after.replayed import Verdict, compare_frames, plain, report
 
 
 def frames(count: int) -> Any:
@@ -83,7 +82,8 @@ def test_a_heartbeat_after_the_meeting_is_compared(
 
     monkeypatch.setattr(logs, "_frames", other)
     for role, verdict in told(barrel_log("pd")).items():
-        assert [(d.name, d.cycle) for d in verdict.ordered()] == [(SENT, 200)], (role, verdict)
+        found = [(d.name, d.cycle) for d in verdict.differences.values()]
+        assert found == [(SENT, 200)], (role, verdict)
         assert verdict.state == "DIFFERENT", verdict
 
 
@@ -100,11 +100,37 @@ def test_a_bit_of_each_state_and_of_each_counter_of_frames_is_compared(role: str
     compared = {*node.columns, *COUNTED}
     changed = replace(node, columns=other(node.columns), timing=other(node.timing))
     rig = load_rig(PLANT / "rigs" / "slew10.yaml", "pd", ["duration_s=0.3"])
-    comparison, last = replaying.Comparison(log, rig, role), int(node.cycle[-1])
+    comparison, last = replaying.NodeComparison(log, rig, role), int(node.cycle[-1])
     comparison.take(replace(log, node={role: changed}), last, True)
     verdict = comparison.verdict
     assert verdict.differences.keys() == compared, compared ^ verdict.differences.keys()
-    assert {(one.cycle, one.ulp) for one in verdict.ordered()} == {(last, 1)}, verdict.ordered()
+    found = verdict.differences.values()
+    assert {(one.cycle, one.ulp) for one in found} == {(last, 1)}, found
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_a_frame_that_comes_in_a_later_piece_of_a_log_makes_it_incomplete(moved: int) -> None:
+    log = logs.read(barrel_log("pd"))
+    node = log.node["executive"]
+    rig = load_rig(PLANT / "rigs" / "slew10.yaml", "pd", ["duration_s=0.3"])
+    comparison, middle = replaying.NodeComparison(log, rig, "executive"), int(node.cycle[150])
+    later = node.frames["cycle"] >= middle
+    received = np.flatnonzero((node.frames["direction"] == 1) & ~later)
+    later[received[-50 : len(received) - 50 + moved]] = True
+
+    def piece(cycles: slice, frames: NDArray[np.bool_]) -> logs.Log:
+        both = ({n: v[cycles] for n, v in c.items()} for c in (node.columns, node.timing))
+        columns, timing = both
+        part = replace(
+            node, cycle=node.cycle[cycles], stamp_ns=node.stamp_ns[cycles],
+            columns=columns, timing=timing, frames=node.frames[frames],
+        )  # fmt: skip
+        return replace(log, node={"executive": part})
+
+    comparison.take(piece(slice(0, 150), ~later), middle - 1, False)
+    comparison.take(piece(slice(150, None), later), int(node.cycle[-1]), True)
+    assert comparison.verdict.identical == (not moved), comparison.verdict
+    assert ("stands before earlier ones" in comparison.verdict.incomplete) == bool(moved)
 
 
 @pytest.mark.parametrize("role", [0, 1])
@@ -123,8 +149,7 @@ def test_a_bus_that_failed_fails_again_in_its_cycle(role: int, tmp_path: Path) -
 
 def told(log: Path) -> dict[str, Any]:
     """Replay in this process; return the verdicts by node."""
-    options = argparse.Namespace(controller=None, set=[], node="all")
-    return {one.role: one for one in replaying.replay(log, options, Progress(quiet=True))}
+    return {one.role: one for one in replayed(log)}
 
 
 @pytest.mark.parametrize(

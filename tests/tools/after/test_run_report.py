@@ -1,6 +1,5 @@
 """`pcpc report`: what stands in the page is what the log and the summary say, of any log."""
 
-import argparse
 import hashlib
 import json
 import shutil
@@ -20,6 +19,7 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.report import figures, record
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal.progress import Progress
@@ -37,7 +37,6 @@ schedule:
   - {{at_s: 0.2, set: {{controller.kv_Nms_rad: 77.5}}}}
   - {{at_s: 0.3, set: {{controller.kv_Nms_rad: 80.0}}}}
 """
-OPTIONS = argparse.Namespace(trust=False, law=[], rig=None)
 
 
 def page_of(log: Path, *words: str, code: int = 0) -> Page:
@@ -50,8 +49,8 @@ def page_of(log: Path, *words: str, code: int = 0) -> Page:
     return page
 
 
-def gathered(log: Path, folder: Path) -> record.Record:
-    return record.gather(log, folder, OPTIONS, Progress(quiet=True))
+def gathered(log: Path) -> record.ReportedRun:
+    return record.gather(Opened(log), Progress(quiet=True))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +128,7 @@ def test_a_summary_that_is_none_is_no_summary(folder: Path, tmp_path: Path) -> N
         b'{"verdict": "ok", "metrics": {"a": {}}}',
     ):
         (tmp_path / "summary.json").write_bytes(text)
-        found = gathered(tmp_path / "log.mcap", tmp_path)
+        found = gathered(tmp_path / "log.mcap")
         assert found.summary is not None and not found.at_end, text[:40]
         assert found.summary.verdict == "expectation not met", text[:40]
 
@@ -187,7 +186,7 @@ def test_lateness_is_that_of_the_log_and_its_histogram_has_every_cycle(
     told = dict(zip(page.tables["Timing"][0][1:], page.cells("Timing", "wake_late"), strict=True))
     for name, share in (("p50", 50), ("p99", 99), ("max", 100)):
         assert float(told[name]) == pytest.approx(np.percentile(late, share), abs=0.1), name
-    counts = figures._counts(gathered(paced / "log.mcap", tmp_path))
+    counts = figures._counts(gathered(paced / "log.mcap"))
     assert counts["wake_late"].sum() == counts["work"].sum() == len(late)
     edge = np.searchsorted(figures._EDGES_US, np.median(late)) - 1
     assert (
@@ -269,9 +268,9 @@ def test_variables_of_a_long_log_are_drawn_as_those_of_a_short_one(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(record, "_draws", lambda judge: False)
-    whole = gathered(folder / "log.mcap", tmp_path)
+    whole = gathered(folder / "log.mcap")
     monkeypatch.setattr(long_logs, "read", partial(long_logs.read, short=5000, part=640))
-    found = gathered(folder / "log.mcap", tmp_path)
+    found = gathered(folder / "log.mcap")
     assert found.groups == whole.groups and "controller.e_rad" in found.groups[0]
     ours, theirs = found.source().series, whole.source().series
     assert ours.keys() == theirs.keys()
@@ -284,7 +283,7 @@ def test_variables_of_a_long_log_are_drawn_as_those_of_a_short_one(
 def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Path) -> None:
     log = spring_run(tmp_path / "spring")
     own = page_of(log)
-    assert own.cells("Metrics", "end_m") == ["not told", "0.45 to 0.55", "not met"]
+    assert own.cells("Metrics", "end_m") == ["not told", "0.45 to 0.55", "not judged"]
     moved = (tmp_path / "spring").rename(tmp_path / "moved")
     log = moved / "log.mcap"
     foreign = page_of(log)

@@ -16,10 +16,10 @@ from pcpc.executive.log import keyframes
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import keyframe_layout
 from pcpc.executive.nodes import planned_keyframes
-from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import Comparison, recomputed_pieces
+from pcpc.tools.after.replay import NodeComparison, recomputed_pieces
 
 SHORT = ("duration_s=0.45", "record.keyframe=100ms")
 PLAN = plan(load_rig(RIGS / "engage.yaml"), "executive", "lockstep")
@@ -59,13 +59,13 @@ def rewritten(
     return path
 
 
-LAYOUT = planned_keyframes.keyframe_description(PLAN)["keyframe_layout"]
+LAYOUT = describe(PLAN, {})["keyframe_layout"]
 
 
 def test_all_keyframes_are_held_against_what_is_recomputed(log: Path) -> None:
     code, nodes = replay(log)
     assert code == 0 and [one["keyframes"] for one in nodes.values()] == [4, 4]
-    run = run_here("verify", log, "--quiet", "--json")
+    run = run_here("replay", "--brief", log, "--quiet", "--json")
     assert run.code == 0, run
 
 
@@ -84,7 +84,7 @@ def test_a_hidden_state_that_is_another_is_a_difference(
     found = nodes["executive"]["first"]
     assert code == 1 and (found["name"], found["cycle"], found["ulp"]) == ("controller.w_0", 299, 1)
     assert nodes["plant"]["identical"]
-    assert run_here("verify", path, "--quiet").code == 1
+    assert run_here("replay", "--brief", path, "--quiet").code == 1
     begun = run_here("branch", path, "--cycle", "350", "-o", tmp_path / "b", "--quiet")
     assert begun.code == 2 and "controller.w_0 in cycle 299" in begun.err, begun
 
@@ -129,7 +129,7 @@ def test_a_damaged_one_is_told_and_is_no_pass(
     (told,) = nodes["executive"]["missing"]
     assert code == 3 and said in told and nodes["executive"]["keyframes"] == 3, told
     assert nodes["plant"]["identical"]
-    verified = run_here("verify", path, "--quiet")
+    verified = run_here("replay", "--brief", path, "--quiet")
     assert verified.code == 3 and "keyframe" in verified.out, verified
 
 
@@ -142,7 +142,9 @@ def test_those_of_another_layout_are_not_taken_for_compared(
     code, nodes = replay(tmp_path / "log.mcap")
     assert code == 0 and nodes["executive"]["keyframes"] == 0
     assert "keyframes are not compared" in nodes["executive"]["from_record"][0]
-    assert run_here("verify", tmp_path / "log.mcap", "--quiet").code == 3, "not all was judged"
+    assert run_here("replay", "--brief", tmp_path / "log.mcap", "--quiet").code == 3, (
+        "not all was judged"
+    )
 
 
 def test_with_a_change_they_are_not_compared(log: Path) -> None:
@@ -194,7 +196,7 @@ def test_a_part_shows_what_step_shows_of_its_cycles(log: Path) -> None:
         done = run_here(
             "replay", log, "--cycle", row[1], "--quiet", "--json", "--show", "controller.w_*"
         )
-        (values,) = [one["values"] for one in holds("step", done.out) if one["values"]]
+        (values,) = [one["values"] for one in holds("replay --cycle", done.out) if one["values"]]
         assert [float(text) for text in row[2:]] == [*values.values()]
         assert len(values) > 3
 
@@ -205,7 +207,7 @@ def test_seeks_anywhere_agree_with_the_log(log: Path) -> None:
     rig = load_rig(RIGS / "engage.yaml", settings=list(SHORT))
     read = logs.read(log)
     for cycle in map(int, draws.integers(0, 450, 12)):
-        nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in rig.roles]
+        nodes = [NodeComparison(head, rig, role, cycle, seek=cycle) for role in rig.roles]
         for _ in recomputed_pieces(log, nodes, since_ns=min(node.since_ns for node in nodes)):
             pass
         for node in nodes:

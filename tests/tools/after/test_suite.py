@@ -11,6 +11,7 @@ from html_page import Page
 from logcommand import Done, run_here
 from processes import RIGS
 
+import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import simulate as bare
 from pcpc.executive.rig.reading import load_rig
@@ -67,13 +68,17 @@ def test_all_that_holds_is_ok_with_margin_log_and_digest(tmp_path: Path) -> None
     text = (tmp_path / "suite.html").read_text("utf-8")
     assert 'href="./runs/a%20%3Cb%3E/log.mcap"' in text and "Verdict: <b>ok</b>" in text
     assert page.tables and "R-1" in text and "R-2" in text
+    asked = "report", "--suite", tmp_path, "-o", tmp_path / "s.html", "--need"
+    assert [run_here(*asked, ids).code for ids in ("R-1,R-2", "R-1,R-3")] == [0, 1]
 
 
 @pytest.mark.parametrize(
     ("require", "limit", "words", "verdicts"),
     [
         ("{id: R-1, never: abs(controller.e_rad) >= 0}", LIMIT, (), {"R-1": "violated"}),
-        ("{id: R-1, when: time.t_s > 9, then: time.t_s > 0}", LIMIT, (), {"R-1": "never happened"}),
+        ("{id: R-1, when: controller.e_rad > 1000, then: time.t_s > 0}", LIMIT, (),
+         {"R-1": "never happened"}),
+        ("{id: R-1, when: time.t_s > 9, then: time.t_s > 0}", LIMIT, (), {"R-1": "not judged"}),
         ("{id: R-1, always: time.t_s >= 0, after: 9s}", LIMIT, (), {"R-1": "not judged"}),
         (HOLDS, "{muzzle_error_rms_mrad: {high: -1, id: R-2}}", (), {"R-2": "violated"}),
         (HOLDS, LIMIT, ("--set", "duration_s=0.1"), {"R-2": "not judged"}),
@@ -97,6 +102,46 @@ def test_what_does_not_hold_is_told(
 # ------------------------------------------------------------------------------- ok, falsely?
 
 
+def test_words_that_begin_alike_are_not_one_limit_or_one_id(tmp_path: Path) -> None:
+    rest = "{name: muzzle_error_rms_mrad at rest, always: time.t_s < 0.1}"
+    soon = "{id: R, name: Reached soon, never: abs(controller.e_rad) > 1000}"
+    limit = "{muzzle_error_rms_mrad: [0, 1000]}"
+    log = made(tmp_path / "a", f"{rest}, {soon}", limit) / "log.mcap"
+    assert suite(tmp_path).code == 1
+    assert cases(tmp_path) == {
+        "muzzle_error_rms_mrad at rest": "violated",
+        "R Reached soon": "",
+        "muzzle_error_rms_mrad 0 to 1000": "",
+        str(log): "expectation not met",
+    }
+
+
+def test_a_run_that_nothing_judged_is_not_judged_anywhere(tmp_path: Path) -> None:
+    late = "{id: R-1, always: time.t_s >= 0, after: 9s}"
+    folder = made(tmp_path / "a", late, LIMIT, "--set", "duration_s=0.1")
+    done = suite(tmp_path)
+    why = "the run ends at 0.1 s, before its window ends at 5 s; duration_s=5 is enough"
+    assert done.code == 1 and why in " ".join(done.out.split()), done
+    assert set(cases(tmp_path).values()) == {"not judged"}
+    assert why in (tmp_path / "suite.xml").read_text("utf-8")
+    run_here("report", folder, "-o", tmp_path / "r.html", "--quiet")
+    text = (tmp_path / "r.html").read_text("utf-8")
+    assert "Verdict: <b>not judged</b>" in text and 'class="verdict ok"' not in text
+    assert text.count(f"<li>R-2 muzzle_error_rms_mrad was not judged: {why}</li>") == 1
+    summary = summary_file.summary_beside(folder / "log.mcap")
+    assert summary is not None and summary.reasons() == summary.problems(), summary
+    assert summary.reasons() == [why, "the run ended before its time began, at 9.0 s"]
+    with pytest.raises(pcpc.NotOk, match=f"step10: not judged: {why}; the run ended"):
+        pcpc.open(folder).check()
+    assert f"<li>{why}</li>" not in text, "told once, with the name"
+    alone = made(tmp_path / "b/c", late, "{muzzle_error_rms_mrad: null}")
+    (alone / "summary.json").unlink()
+    assert suite(tmp_path, alone).code == 1
+    assert cases(tmp_path)[str(alone / "log.mcap")] == "loss"
+    (folder / "summary.json").unlink()
+    assert pcpc.open(folder).verdict == "not judged", "nobody knows that duration_s was changed"
+
+
 def test_the_worst_of_two_runs_counts_whichever_is_later(tmp_path: Path) -> None:
     for first, second in (("a", "b"), ("b", "a")):
         folder = tmp_path / first
@@ -115,6 +160,48 @@ def test_a_requirement_that_was_deleted_is_not_judged_any_more(tmp_path: Path) -
         "report", "--suite", tmp_path / "b", "-o", tmp_path / "s.html", "--need", "R-9,R-1"
     )
     assert done.code == 1 and "R-1: not judged: no run tests it" in done.out
+
+
+def test_a_requirement_is_not_deleted_by_an_earlier_run_or_one_of_another_controller(
+    tmp_path: Path,
+) -> None:
+    made(tmp_path / "a", "{id: R-9, never: abs(controller.e_rad) > 1000}")
+    made(tmp_path / "b", f"{HOLDS}, {{id: R-9, never: abs(controller.e_rad) > 1000}}")
+    assert suite(tmp_path).code == 0
+    made(tmp_path / "c", "", LIMIT, "--controller", "pid")
+    suite(tmp_path)
+    assert not any(word for name, word in cases(tmp_path).items() if name.startswith("R-"))
+
+
+def test_a_limit_that_a_change_left_out_costs_the_run_nothing(tmp_path: Path) -> None:
+    limit, window = "{muzzle_error_rms_mrad: {high: -1, id: R-2}}", "evaluation.window_s=[0.0, 0.1]"
+    log = made(tmp_path / "a", HOLDS, limit, "--set", window) / "log.mcap"
+    assert suite(tmp_path).code == 1
+    found = cases(tmp_path)
+    assert {found.pop(name) for name in [*found] if name.startswith("R-2")} == {"not judged"}
+    assert found.get(str(log), "") == "", found
+
+
+@pytest.mark.parametrize(
+    ("own", "verdict"),
+    [
+        ({"verdict": "interrupted"}, "interrupted"),
+        ({"lost": ["3 frames"]}, "loss"),
+        ({"frames_too_many": ["9 frames"], "faults": ["it broke"]}, "safety stop"),
+        ({"verdict": "not judged"}, "not judged"),
+    ],
+)
+def test_what_its_own_summary_says_against_a_run_counts(
+    own: dict[str, str | list[str]], verdict: str, tmp_path: Path
+) -> None:
+    log = made(tmp_path / "a") / "log.mcap"
+    summary = json.loads((tmp_path / "a/summary.json").read_text("utf-8")) | own
+    summary_file.write_json(summary_file.from_json(summary), log.with_name("summary.json"))
+    done = suite(tmp_path)
+    assert done.code == (3 if verdict == "loss" else 1)
+    assert cases(tmp_path)[str(log)] == verdict
+    for lines in own.values():
+        assert all(done.out.count(one) == 1 for one in lines if isinstance(lines, list))
 
 
 def test_a_log_changed_after_the_run_is_not_ok(tmp_path: Path) -> None:
@@ -175,13 +262,31 @@ def test_a_run_folder_without_a_summary_is_not_ok(tmp_path: Path) -> None:
     assert cases(tmp_path)[str(tmp_path / "a/log.mcap")] == "loss"
     made(tmp_path / "b", HOLDS, "{muzzle_error_rms_mrad: {high: -1, id: R-2}}")
     assert suite(tmp_path).code == 1, "what is violated goes before what is missing"
+    (tmp_path / "b/summary.json").unlink()
+    assert suite(tmp_path).code == 1
+    assert cases(tmp_path)[str(tmp_path / "b/log.mcap")] == "expectation not met"
+
+
+def test_a_run_whose_evaluation_is_not_run_here_keeps_what_it_tests(tmp_path: Path) -> None:
+    own = tmp_path / "own.py"
+    own.write_text((RIGS.parent / "evaluation.py").read_text())
+    words = "--set", f"evaluation.file={own}"
+    log = made(tmp_path / "a", f"{HOLDS}, {{never: time.t_s > 9}}", LIMIT, *words) / "log.mcap"
+    found = []
+    for text in ("", "# is another one\n"):
+        with own.open("a") as file:
+            file.write(text)
+        assert suite(tmp_path).code == 1
+        found.append({name: word for name, word in cases(tmp_path).items() if name != str(log)})
+    assert found[0].keys() == found[1].keys() and len(found[0]) == 3, found
+    assert {*found[1].values()} == {"not judged"} and "" in found[0].values()
 
 
 def test_a_pipe_in_place_of_a_log_is_no_log_and_ends(tmp_path: Path) -> None:
     (made(tmp_path / "a") / "log.mcap").unlink()
     os.mkfifo(tmp_path / "a/log.mcap")
     done = suite(tmp_path)
-    assert done.code in (1, 3) and "a/log.mcap: no log" in done.out, done
+    assert done.code == 1 and "a/log.mcap: no log" in done.out, done
 
 
 def test_a_loop_of_links_is_a_line(tmp_path: Path) -> None:
@@ -201,8 +306,8 @@ def test_a_loop_of_links_is_a_line(tmp_path: Path) -> None:
         (("--suite", ""), "an empty name"),
         (("--suite",), "expected at least one argument"),
         (("LOG", "--suite", "EMPTY"), "after --suite"),
-        (("LOG", "--junit", "a.xml"), "only with --suite"),
-        (("LOG", "--need", "R"), "only with --suite"),
+        (("LOG", "--junit", "a.xml"), "only with several runs"),
+        (("LOG", "--need", "R"), "only with several runs"),
         ((), "no log"),
         (("--suite", "RUN", "-o", "EMPTY/a.txt"), "expected FILE.html"),
         (("--suite", "RUN", "-o", "EMPTY/no/a.html"), "there is no folder"),

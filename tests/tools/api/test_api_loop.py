@@ -51,7 +51,7 @@ def test_a_law_in_plain_python_gives_the_bits_of_the_compiled_one(reference: pcp
     assert len(compared) > 100
     for name in compared:
         assert loop.run[name].tobytes() == reference[name].tobytes(), name
-    assert loop.run.verdict == "ok"
+    assert loop.run.verdict == "not judged"
     assert "from outside" in loop.run.summary["not_judged"]["muzzle_error_rms_mrad"]
 
 
@@ -67,7 +67,7 @@ def test_a_folder_keeps_log_and_summary_and_is_not_written_twice(tmp_path: Path)
     for sample in (loop := pcpc.loop("slew10", set=SHORT, folder=tmp_path / "run", quiet=True)):
         sample.command["motor_torque_Nm"] = 0.0
     again = pcpc.open(tmp_path / "run")
-    assert again.verdict == "ok" and again.summary["changed"] == loop.run.summary["changed"]
+    assert again.verdict == "not judged" and again.summary["changed"] == loop.run.summary["changed"]
     with pytest.raises(pcpc.Error, match="holds a log already"):
         next(iter(pcpc.loop("slew10", set=SHORT, folder=tmp_path / "run", quiet=True)))
 
@@ -78,7 +78,7 @@ def test_a_run_that_is_over_was_not_interrupted_though_its_thread_still_ends(
     monkeypatch.setattr(Work, "is_alive", lambda self: True)
     for sample in (loop := pcpc.loop("slew10", set=SHORT, quiet=True)):
         sample.command["motor_torque_Nm"] = 0.0
-    assert loop.run.verdict == "ok"
+    assert loop.run.verdict == "not judged"
 
 
 def test_a_loop_that_is_left_ends_its_run_and_keeps_the_record() -> None:

@@ -11,8 +11,10 @@ from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
+from logcommand import barrel_log
 from processes import ROOT, pcpc
 
 from pcpc.executive.errors import RigError
@@ -21,6 +23,7 @@ from pcpc.tools.after.log import recorded
 from pcpc.tools.after.verdict.judge import changes
 from pcpc.tools.cli import main
 from pcpc.tools.cli.commands import COMMANDS, GROUPS, of_group
+from pcpc.tools.cli.earlier import present_words
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.command import Command
 
@@ -99,7 +102,12 @@ def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
 
 @pytest.mark.parametrize("command", [*COMMANDS.values(), *(part for _, part in PARTS)])
 def test_what_carries_a_command_out_is_there(command: Command) -> None:
-    assert command.parts or callable(import_module(f"pcpc.tools.{command.module}").command)
+    if command.parts:
+        return
+    carried_out = import_module(f"pcpc.tools.{command.module}").command
+    taken = next(iter(get_type_hints(carried_out).values()))
+    known = get_args(taken) or (taken,)
+    assert command.asked in known
 
 
 def places(found: argparse.ArgumentParser) -> Iterator[tuple[list[str], argparse.Action]]:
@@ -133,7 +141,7 @@ def test_an_empty_name_of_a_file_or_folder_is_refused_by_every_command(capsys: S
 
 def test_neither_the_help_nor_a_mistake_brings_numpy_or_numba() -> None:
     code = "import sys, pcpc.tools.cli as c; c.main(sys.argv[1:]); print(sys.modules.keys())"
-    for words in (["--version"], ["run", "--help"], ["rnu"], ["log", "cat", "--help"]):
+    for words in (["--version"], ["run", "--help"], ["rnu"], ["log", "export", "--help"]):
         done = subprocess.run(
             [sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=ROOT
         )
@@ -153,6 +161,43 @@ def test_a_fault_of_no_kind_is_told_all_kinds(capsys: Screen, tmp_path: Path) ->
     assert main(["check", str(file)]) == 2
     err = capsys.readouterr().err
     assert "no kind offset; known: " in err and "stall" in err and "flood" in err, err
+
+
+@pytest.mark.parametrize(
+    ("then", "now"),
+    [
+        ("exec hull --x", "run --only executive hull --x"), ("plant", "run --only plant"),
+        ("local a -- b", "run --only local a -- b"), ("list a.*", "get --long a.*"),
+        ("a2l hull", "generate a2l hull"), ("step L --cycle 1", "replay L --cycle 1"),
+        ("verify L M", "replay --brief L M"), ("log cat L", "log export -o - L"),
+        ("log diff A B --json v", "compare --bits A B --json - v"),
+        ("log require L", "report --requirements L"), ("log animate L", "log plot --moving L"),
+        ("reset", "operate reset"), ("arm", "operate arm"), ("hold", "operate hold"),
+        ("resume", "operate resume"), ("lock tune", "operate lock tune"),
+        ("handover pd", "operate handover pd"),
+    ],
+)  # fmt: skip
+def test_an_earlier_word_is_the_present_one_and_names_it(then: str, now: str) -> None:
+    words, note = present_words(then.split())
+    assert words == now.split() and present_words(words) == (words, "")
+    name = re.match(r"pcpc (.+): is `pcpc (.+)` now$", note)
+    assert name and then.startswith(name[1]) and now.startswith(name[2]) and len(note) < 80
+    assert then.split()[0] not in COMMANDS or then.startswith("log ")
+
+
+def test_an_earlier_word_still_works(capsys: Screen) -> None:
+    log = str(barrel_log("pd"))
+    for then, now in (
+        ("step", "replay"),
+        ("log cat", "log export -o -"),
+        ("verify", "replay --brief"),
+    ):
+        more = [log, "--quiet", *["--cycle", "7"] * (then == "step")]
+        assert main([*now.split(), *more]) == 0
+        out = capsys.readouterr().out
+        assert main([*then.split(), *more]) == 0
+        told = capsys.readouterr()
+        assert (told.out, told.err) == (out, f"pcpc {then}: is `pcpc {now}` now\n") and out
 
 
 @pytest.mark.parametrize("name", ["bench", "evidence", "soak"])
@@ -283,10 +328,10 @@ def test_a_rig_by_name_and_the_latest_run_outside_of_the_project(
     "words",
     [
         ["check", "hull"], ["check", "friction-a"], ["check", "telerobot-u2"], ["rigs"],
-        ["log", "info", "latest"], ["log", "diff", "runs/first", "runs/second"],
+        ["log", "info", "latest"], ["compare", "--bits", "runs/first", "runs/second"],
         ["replay", "latest"], ["replay", "latest", "--set", "controller.gain=0.3"],
         ["bus", "hull"], ["doctor"], ["compare", "runs/first", "runs/second"],
-        ["log", "require", "latest", "--require", "always: abs(controller.command) < 1e9"],
+        ["report", "latest", "--require", "always: abs(controller.command) < 1e9"],
         ["simulate", "probe", "--set", "duration_s=0.05", "--no-figure", "--quiet"],
         ["simulate", "telerobot-u1", "--set", "duration_s=0.05", "--no-figure", "--quiet"],
     ],
@@ -350,8 +395,8 @@ def test_every_command_that_takes_a_log_takes_a_run_folder(
         ["replay", name, "--quiet"],
         ["play", name, "--duration", "0.001", "--bus", "nosuch"],
         ["log", "info", name],
-        ["log", "diff", name, name],
-        ["log", "cat", name, "--quiet"],
+        ["compare", "--bits", name, name],
+        ["log", "export", name, "-o-", "--quiet"],
         ["log", "export", name, "-o", str(tmp_path / "a.csv")],
         ["log", "recover", name, "-o", str(tmp_path / "b.mcap")],
         ["log", "plot", name, "time.t_s", "-o", str(tmp_path / "a.png")],

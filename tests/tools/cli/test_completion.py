@@ -57,7 +57,13 @@ def asked(line: str, folder: Path, **environment: str) -> tuple[list[str], str]:
         ("pcpc experiment chapter9", {"chapter9"}),
         ("pcpc log info la", {"latest"}),
         ("pcpc replay runs/fi", {"runs/first"}),
-        ("pcpc lock t", {"tune"}),
+        ("pcpc replay la", {"latest"}),
+        ("pcpc operate lock t", {"tune"}),
+        ("pcpc bu", {"bus"}),
+        ("pcpc bus em", {"emulate"}),
+        ("pcpc bus hul", {"hull", "hullrand"}),
+        ("pcpc bus emulate a b --in", {"--in-order"}),
+        ("pcpc  sweep  rerun a 1 --on", {"--on-bus"}),
         ("pcpc completion z", {"zsh"}),
     ],
 )
@@ -83,7 +89,7 @@ def test_variables_of_live_nodes_are_offered(node: str, tmp_path: Path) -> None:
         (f"pcpc get --node {node} a.", {"a.gain", "a.error"}),
         (f"pcpc set --node {node} ", {"a.gain=", "b.gain="}),
         ("pcpc watch a.err", {"a.error"}),
-        (f"pcpc list --node completed.{os.getpid()}", {node}),
+        (f"pcpc get --node completed.{os.getpid()}", {node}),
     ):
         words = {word for word in asked(line, tmp_path)[0] if not word.startswith("-")}
         assert words >= offered, (line, words)

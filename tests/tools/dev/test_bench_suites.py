@@ -56,11 +56,13 @@ def medians(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
 
 
 @pytest.fixture(scope="module")
-def recording() -> cycle.Recording:
+def recording() -> cycle.ReceivedFrames:
     return cycle.record(cycles=CYCLES)
 
 
-def test_the_device_sends_the_frames_of_the_cycles_in_python(recording: cycle.Recording) -> None:
+def test_the_device_sends_the_frames_of_the_cycles_in_python(
+    recording: cycle.ReceivedFrames,
+) -> None:
     made, c = recording.plan, cycle.library()
     n, kept = cycle.new_loop(made), (Kept * 64).in_dll(c, "kept")
     cycle.begin(c)

@@ -11,7 +11,7 @@ from pcpc.drivers.canopen.layout import Heartbeat
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import Quick
 from pcpc.executive.loop.states import NEXT, Condition, State
-from pcpc.executive.nodes.install import PATIENCE_S
+from pcpc.executive.nodes.planned_run import PATIENCE_S
 from pcpc.tools.dev import declarations
 from pcpc.tools.make.generate import declared
 

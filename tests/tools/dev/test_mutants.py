@@ -1,6 +1,5 @@
 """The safety code is as the documents say, compiled and interpreted; its mutants are noticed."""
 
-import argparse
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -12,6 +11,7 @@ from pcpc.executive.loop import tuning
 from pcpc.tools.dev.evidence import cli, compared, mutants
 from pcpc.tools.dev.evidence.comparison import Compared, Episodes
 from pcpc.tools.dev.evidence.mutation import build
+from pcpc.tools.dev.evidence.options import EvidenceRequest
 
 
 @pytest.mark.deep
@@ -93,8 +93,8 @@ def test_code_that_is_broken_itself_is_told_and_not_met(
     monkeypatch.setattr(tuning, "judge_request", _accepts_all)
     afresh = mutants.mutants_and_compares.__wrapped__
     monkeypatch.setattr(mutants, "mutants_and_compares", lambda compiled: afresh(False))
-    options = argparse.Namespace(parts=["mutants"], output=str(tmp_path / "e"), quiet=True)
-    assert cli.command(options) == Exit.NOT_MET
+    request = EvidenceRequest(parts=["mutants"], output=str(tmp_path / "e"), quiet=True)
+    assert cli.command(request) == Exit.NOT_MET
     told = capsys.readouterr().out.splitlines()
     where, what = told[0].split(": the code itself ")
     assert where.startswith("tunings: ") and what == "is not as expected, its mutants tell nothing"

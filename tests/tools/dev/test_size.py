@@ -49,8 +49,25 @@ def test_what_a_reader_pays_is_counted_where_it_stands(tmp_path: Path) -> None:
         file.write_text(text)
     assert size.untyped_arguments(tmp_path) == (1, 2)
     features = size.files_of_features(tmp_path)
-    assert features.pop("intrusion") == 1 and not any(features.values())
+    assert features.pop("intrusion") == "1, and in 0 of the lists"
+    assert set(features.values()) == {"0, and in 0 of the lists"}
     assert size.longest_functions(tmp_path) == [
         (2, "executive/loop/a.py: f"),
         (2, "tools/b.py: f"),
     ]
+
+
+def test_a_list_and_a_mere_mention_are_no_files_of_a_feature(tmp_path: Path) -> None:
+    for name, text in {
+        "executive/nodes/parts.py": "import planned_losses, planned_keyframes\n",
+        "executive/loop/a.py": '"""Of losses."""\nx = 1  # losses\n',
+        "drivers/b.py": "said = 'no losses'\nimport losses\n",
+        "tools/c.py": "import losses\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    features = size.files_of_features(tmp_path)
+    assert (
+        features["losses"] == "1, and in 1 of the lists"
+        and features["keyframes"] == "0, and in 1 of the lists"
+    )

@@ -71,7 +71,7 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
         "run", str(rig), "--pacing", "lockstep", "--bus", bus, *short, str(tmp_path / "bus")
     )
     assert done.code == 0, str(done)
-    done = pcpc("log", "diff", str(tmp_path / "virtual"), str(tmp_path / "bus"))
+    done = pcpc("compare", "--bits", str(tmp_path / "virtual"), str(tmp_path / "bus"))
     assert done.code == 0, str(done)
     for run in ("virtual", "bus"):
         done = pcpc("replay", str(tmp_path / run))

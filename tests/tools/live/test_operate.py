@@ -67,9 +67,9 @@ def test_a_hand_over_holds_from_the_cycle_that_is_told(run: pcpc.Live) -> None:
 
 
 def test_a_terminal_hands_over_and_undo_hands_back(run: pcpc.Live, capsys: Screen) -> None:
-    code, out, err = said(capsys, run, "handover", "pid", "--json")
+    code, out, err = said(capsys, run, "operate", "handover", "pid", "--json")
     assert code == 0 and json.loads(out)["in_charge"] == "pid", err
-    code, out, err = said(capsys, run, "handover", "pid")
+    code, out, err = said(capsys, run, "operate", "handover", "pid")
     assert code == 2 and err.endswith("pid is already in charge\n"), err
     code, out, err = said(capsys, run, "undo")
     assert code == 0 and out.startswith("handover.to = 0 (was 1) from cycle "), out + err
@@ -94,7 +94,7 @@ def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) ->
     run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
     assert run.state == "READY" and abs(run["tx.CMD.motor_torque"]) < 1e-12
     for word, why in (("hold", "already open"), ("resume", ""), ("arm", "already closed")):
-        code, out, err = said(capsys, run, word)
+        code, out, err = said(capsys, run, "operate", word)
         assert (code == 0) == (why == "") and why in err, out + err
         assert why or out.startswith("the loop is closed from cycle "), out
     run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=20.0)
@@ -102,9 +102,9 @@ def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) ->
 
 
 def test_who_is_not_there_is_refused_with_who_is(run: pcpc.Live, capsys: Screen) -> None:
-    code, _, err = said(capsys, run, "handover", "pd_nm")
+    code, _, err = said(capsys, run, "operate", "handover", "pd_nm")
     assert code == 2 and err.endswith("pd_nm is not on standby; did you mean pd_nn?\n"), err
-    code, _, err = said(capsys, run, "handover", "nobody")
+    code, _, err = said(capsys, run, "operate", "handover", "nobody")
     assert code == 2 and err.endswith("nobody is not on standby; known: pd, pid, pd_nn\n"), err
     assert run["handover.in_charge"] == 0.0 and run["handover.refused"] == 0.0
 
@@ -112,8 +112,8 @@ def test_who_is_not_there_is_refused_with_who_is(run: pcpc.Live, capsys: Screen)
 @pytest.mark.parametrize("words", [["handover", "pid"], ["arm"], ["hold"], ["resume"]])
 def test_a_plant_is_asked_for_nothing(run: pcpc.Live, capsys: Screen, words: list[str]) -> None:
     name = run._node("plant").name
-    assert main([*words, "--node", name]) == 2
-    told = f"{name}: this is a plant node; `pcpc {words[0]}` needs an executive\n"
+    assert main(["operate", *words, "--node", name]) == 2
+    told = f"{name}: this is a plant node; `pcpc operate {words[0]}` needs an executive\n"
     assert capsys.readouterr().err == told
 
 

@@ -14,11 +14,11 @@ from live_run import Run, Screen, said
 from processes import RIGS, Running, own_bus, until
 from scoped import CAPTURED, ROWS, WORDS, stepping
 
+from pcpc.executive.laws.units import unit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.tap import Rows
 from pcpc.executive.rig import expressions as ex
-from pcpc.executive.rig.units import unit
 from pcpc.tools.cli import main
 from pcpc.tools.live import scope
 from pcpc.tools.live.scope import Burst, Trigger
@@ -291,5 +291,5 @@ def test_what_is_captured_of_a_paced_run_is_what_its_log_holds(
         if max(one["first"], one["cycle"] - 20) <= k <= one["cycle"] + 40
     ]
     assert captured.node["executive"].cycle.tolist() == every
-    assert main(["log", "cat", str(file), "--topics", "/state", "--quiet"]) == 0
+    assert main(["log", "export", str(file), "-o-", "--topics", "/state", "--quiet"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 1 + sum(one["rows"] for one in found)

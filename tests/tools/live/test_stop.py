@@ -1,4 +1,4 @@
-"""`pcpc stop` and `pcpc reset` on a real run, of a rig whose name nobody else has."""
+"""`pcpc stop` and `pcpc operate reset` on a real run, of a rig whose name nobody else has."""
 
 import fcntl
 import json
@@ -55,19 +55,19 @@ def said(screen: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
 def test_a_run_goes_on_after_a_reset_and_ends_with_a_stop_also_when_locked(
     live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, text = said(capsys, "reset", str(rig))
+    code, text = said(capsys, "operate", "reset", str(rig))
     assert code == Exit.NOT_MET and "no fault" in text, text
     live.set({"controller.gain": 1e308, "controller.target": 10.0})
     live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=ANSWER_S)
     assert live.state == "FAULT"
-    code, text = said(capsys, "reset", str(rig))
+    code, text = said(capsys, "operate", "reset", str(rig))
     assert code == Exit.NOT_MET and "still there: a command was not" in text, text
     live.set({"controller.gain": 4.0, "controller.target": 1.0})
-    code, text = said(capsys, "reset", str(rig), "--json")
+    code, text = said(capsys, "operate", "reset", str(rig), "--json")
     assert code == Exit.OK and next(iter(json.loads(text))).endswith(".executive"), text
     live.wait_until(lambda now: now["supervisor.gain"] == 1.0, within_s=ANSWER_S)
     assert live.state in ("RUN", "HOLD")
-    assert main(["lock", "all", "--node", find("executive", NAME).name]) == Exit.OK
+    assert main(["operate", "lock", "all", "--node", find("executive", NAME).name]) == Exit.OK
     code, text = said(capsys, "stop", NAME, "--quick")
     assert code == Exit.OK and "in cycle" in text, text
     live.wait(ANSWER_S)
@@ -84,7 +84,7 @@ def test_a_run_is_called_by_its_rigs_name_its_own_or_its_rigs_file(
     monkeypatch.chdir(tmp_path)
     run = find("executive", NAME).run
     for word in (NAME, run, str(rig), ".", "rig.yaml"):
-        code, text = said(capsys, "reset", word)
+        code, text = said(capsys, "operate", "reset", word)
         assert code == Exit.NOT_MET and text.startswith("no fault: "), (word, text)
         code, text = said(capsys, "top", word, "--once")
         assert code == Exit.OK and text.startswith(f"{NAME} "), (word, text)

@@ -104,12 +104,12 @@ def test_more_values_than_the_mailbox_holds_are_refused(run: Run) -> None:
 @pytest.mark.parametrize("level", ["tune", "all"])
 def test_a_lock_forbids_tunings_until_it_is_lifted(run: Run, capsys: Screen, level: str) -> None:
     before = value(capsys, run, KV)
-    assert said(capsys, run, "lock", level) == (0, f"lock {level}\n", "")
+    assert said(capsys, run, "operate", "lock", level) == (0, f"lock {level}\n", "")
     code, out, err = said(capsys, run, "set", f"{KV}=77")
     assert (code, out) == (2, ""), out
-    assert f"locked ({level}); `pcpc lock none` allows tunings" in err, err
+    assert f"locked ({level}); `pcpc operate lock none` allows tunings" in err, err
     assert value(capsys, run, KV) == before
-    assert said(capsys, run, "lock", "none")[0] == 0
+    assert said(capsys, run, "operate", "lock", "none")[0] == 0
     assert said(capsys, run, "set", f"{KV}={before}")[0] == 0
 
 
@@ -161,7 +161,7 @@ def test_a_client_cannot_write_what_the_node_publishes(run: Run) -> None:
 
 
 def test_an_unknown_lock_level_is_wrong_input(run: Run, capsys: Screen) -> None:
-    code, out, err = said(capsys, run, "lock", "tunes")
+    code, out, err = said(capsys, run, "operate", "lock", "tunes")
     assert (code, out, err) == (2, "", "tunes: no such lock level; did you mean tune?\n")
 
 
@@ -209,15 +209,15 @@ def test_a_wait_ends_with_the_values_for_which_its_condition_holds(run: Run) -> 
 
 def test_a_wait_looks_once_a_period(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     node = live.find(run.node)
-    looks: list[live.Values] = []
+    looks: list[live.CycleValues] = []
     asked: list[int] = []
     read = node.read
 
-    def looking() -> live.Values:
+    def looking() -> live.CycleValues:
         looks.append(read())
         return looks[-1]
 
-    def tenth(now: live.Values) -> bool:
+    def tenth(now: live.CycleValues) -> bool:
         asked.append(now.cycle)
         return len(asked) == 10
 
@@ -253,7 +253,7 @@ def test_a_variable_says_what_it_is(run: Run) -> None:
 def test_a_wait_ends_with_its_node(run: Run) -> None:
     node, looks = live.find(run.node), []
 
-    def miracle(now: live.Values) -> bool:
+    def miracle(now: live.CycleValues) -> bool:
         if not looks:
             run.host.send_signal(signal.SIGINT)
         looks.append(now.cycle)

@@ -1,4 +1,4 @@
-"""`pcpc list|get|watch` on a real run, and how its nodes are found."""
+"""`pcpc get|watch` on a real run, and how its nodes are found."""
 
 import json
 import math
@@ -25,19 +25,22 @@ from pcpc.tools.cli import main
 
 
 def test_list_shows_value_unit_kind_and_range_below_a_header(run: Run, capsys: Screen) -> None:
-    code, out, err = said(capsys, run, "list", "controller.k*")
+    code, out, err = said(capsys, run, "get")
     assert code == 0, err
-    firsts = [line.split()[0] for line in out.splitlines()]
-    assert firsts == ["name", KV, "controller.km_Nms_rad"], out
-    words = out.splitlines()[2].split()
-    assert words[1:] == ["60", "N", "m", "s/rad", "parameter", "0..1000"], out
+    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
+    assert next(iter(rows)) == "name" and KV in rows, out
+    wanted = ["60", "N", "m", "s/rad", "parameter", "0..1000"]
+    assert rows["controller.km_Nms_rad"] == wanted, out
+    code, out, err = said(capsys, run, "get", "-l", "controller.k*")
+    named = [line.split()[0] for line in out.splitlines() if line.startswith("controller.")]
+    assert (code, named) == (0, [KV, "controller.km_Nms_rad"]), out
 
 
 def test_long_list_adds_writer_and_help_within_80_columns(
     run: Run, capsys: Screen, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    for words in (["list"], ["list", "--long"]):
+    for words in (["get"], ["get", "--long"]):
         code, out, err = said(capsys, run, *words)
         assert code == 0, err
         assert [line for line in out.splitlines() if len(line) > 80] == []
@@ -45,7 +48,7 @@ def test_long_list_adds_writer_and_help_within_80_columns(
 
 
 def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) -> None:
-    code, out, _ = said(capsys, run, "list", "--json")
+    code, out, _ = said(capsys, run, "get", "--json")
     rows = {row["name"]: row for row in json.loads(out)}
     assert code == 0
     assert len(rows) == len(sharing.attach(run.node).description["variables"]), len(rows)
@@ -56,9 +59,9 @@ def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) 
 
 
 def test_a_pattern_that_matches_nothing_is_wrong_input(run: Run, capsys: Screen) -> None:
-    code, out, err = said(capsys, run, "list", "nothing.*")
+    code, out, err = said(capsys, run, "get", "-l", "nothing.*")
     assert (code, out) == (2, ""), out
-    assert err == "nothing.*: matches no variable; `pcpc list` shows all\n", err
+    assert err == "nothing.*: matches no variable; `pcpc get` shows all\n", err
 
 
 def test_get_prints_value_and_unit(run: Run, capsys: Screen) -> None:
@@ -78,7 +81,7 @@ def test_what_names_no_variable_is_told(run: Run, capsys: Screen) -> None:
         told = f"{words[1] or repr('')}: expected NAME=VALUE\n"
         assert said(capsys, run, *words) == (2, "", told), words
     for words in (["get", ""], ["get", "plant:"], ["watch", ""]):
-        told = f"{words[1]!r}: names no variable; `pcpc list` shows all\n"
+        told = f"{words[1]!r}: names no variable; `pcpc get` shows all\n"
         assert said(capsys, run, *words) == (2, "", told), words
 
 
@@ -282,7 +285,7 @@ def test_a_role_that_several_nodes_have_is_refused_with_their_names(
     name = f"twin.{os.getpid()}.executive"
     alone(run, monkeypatch, beside=name)
     stand(name)
-    code = main(["list"])
+    code = main(["get", "-l"])
     assert live.find_for([ERROR]).name == live.find(run.node).name
     err = capsys.readouterr().err
     assert code == 2, err

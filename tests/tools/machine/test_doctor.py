@@ -120,11 +120,15 @@ def test_an_empty_cache_is_cold_and_one_with_code_is_warm(
     cold = doctor.compile_cache_row()
     assert (cold.state, cold.cure[:14]) == ("warn", "pcpc simulate "), cold
     assert not any(tmp_path.iterdir()), "the doctor wrote into the cache"
-    from pcpc.drivers.compiled.compile_cache import cache_folder
-
-    (cache_folder() / "cycle").mkdir(parents=True)
-    (cache_folder() / "cycle" / "run.nbi").touch()
-    assert doctor.compile_cache_row().state == "ok", doctor.compile_cache_row()
+    (tmp_path / "law.py").write_text(
+        "from pcpc.drivers.compiled.jit import compiled, f8\n"
+        "@compiled(f8(f8))\n"
+        "def twice(x):\n"
+        "    return 2.0 * x\n"
+    )
+    subprocess.run([sys.executable, "-c", "import law"], cwd=tmp_path, check=True)
+    warm = doctor.compile_cache_row()
+    assert (warm.state, warm.found[:6]) == ("ok", "warm, "), warm
 
 
 def test_a_cache_that_cannot_be_written_is_a_warning_with_the_other_place(

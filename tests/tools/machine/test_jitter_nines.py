@@ -1,7 +1,6 @@
 """The nines of `pcpc jitter`: ranks of the binomial distribution, known delays, limits."""
 
 import itertools
-import json
 import math
 from fractions import Fraction
 from pathlib import Path
@@ -19,11 +18,12 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.tools.machine.jitter import cli as jitter
 from pcpc.tools.machine.jitter import nines
-from pcpc.tools.machine.jitter.figures import Result
+from pcpc.tools.machine.jitter.figures import JitterResult
 from pcpc.tools.machine.jitter.limits import read_limits
 from pcpc.tools.machine.jitter.loops import Setup
 from pcpc.tools.machine.jitter.nines import BROKEN, HELD, OPEN, TOO_FEW, WAYS
-from pcpc.tools.machine.jitter.probe import Node, Probe
+from pcpc.tools.machine.jitter.probe import Probe, ProbedNode
+from pcpc.tools.terminal.screen import json_text
 
 PERCENTS = [Fraction(text) for text in ("0.001", "1", "50", "90", "99", "99.9", "99.999")]
 PERIOD_US = 1000.0
@@ -149,14 +149,14 @@ def test_a_command_from_a_held_sample_answers_the_sync_of_that_sample() -> None:
 # Limits
 
 
-def of_times(times: dict[str, Any], limits: dict[tuple[str, Fraction], float]) -> Result:
+def of_times(times: dict[str, Any], limits: dict[tuple[str, Fraction], float]) -> JitterResult:
     setup, stages = Setup(1_000_000, 4000, 80), {"wake_late": np.zeros(4000)}
     stages |= {name: np.zeros(4000) for name in ("receive", "step", "send", "publish")}
-    node = Node(stages, 0, 0, 1, 80, {way: np.asarray(times[way], float) for way in WAYS})
-    return Result(setup, 1, [Probe({"executive": node}, True, False, "")], limits=limits)
+    node = ProbedNode(stages, 0, 0, 1, 80, {way: np.asarray(times[way], float) for way in WAYS})
+    return JitterResult(setup, 1, [Probe({"executive": node}, True, False, "")], limits=limits)
 
 
-def concluded(result: Result, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+def concluded(result: JitterResult, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
     options: Any = SimpleNamespace(histogram=None, json=None, plot=None)
     return jitter.conclude(result, options), capsys.readouterr().out
 
@@ -194,8 +194,8 @@ def test_a_command_that_never_came_holds_no_limit(capsys: pytest.CaptureFixture[
     result = of_times(times, {("command", Fraction("99.9")): 1e12})
     code, out = concluded(result, capsys)
     assert code == Exit.NOT_MET and "to never" in out, out
-    told = nines.as_json(result.sorted_paths, result.verdicts)
-    assert told["limits"][0]["high"] is None and "Infinity" not in json.dumps(told)
+    (told,) = nines.limits(result.verdicts)
+    assert told.high is None and "Infinity" not in json_text(told)
 
 
 def test_an_interrupted_measurement_is_no_pass(capsys: pytest.CaptureFixture[str]) -> None:

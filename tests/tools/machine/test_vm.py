@@ -193,7 +193,7 @@ def test_a_folder_that_the_guest_does_not_share_is_refused(
 
 def test_durations_are_read_in_their_unit() -> None:
     texts = ("500ms", "90s", "1.5min", "2h")
-    read = [parsed_options(["vm", "--timeout", text, "--", "true"]).timeout for text in texts]
+    read = [parsed_options(["vm", "--timeout", text, "--", "true"]).timeout_s for text in texts]
     assert read == [0.5, 90.0, 90.0, 7200.0], f"read {read}"
 
 

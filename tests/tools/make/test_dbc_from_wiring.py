@@ -15,7 +15,7 @@ from pcpc.drivers.can import dbc
 from pcpc.drivers.can.dbc import Protection
 from pcpc.executive.errors import RigError
 from pcpc.tools.dev.evidence.expected import crc16
-from pcpc.tools.make.dbc import Frame, Signal, dbc_text, frames_of, resolution, rigs_of
+from pcpc.tools.make.dbc import MessageLine, SignalLine, dbc_text, frames_of, resolution, rigs_of
 from pcpc.tools.make.new import TEMPLATE
 
 COUNT_RAD = 2.0 * np.pi / 2000.0
@@ -123,8 +123,8 @@ def test_every_value_of_a_range_comes_back_within_half_a_quantum(
     low, high = ends
     value = min(max(low + share * (high - low), low), high)
     factor = resolution(low, high, nbits)
-    signal = Signal("value", "", "", low, high, nbits, factor=factor)
-    frame = Frame(0x120, "FB", "PLANT", "EXEC", 8, 0, (signal,))
+    signal = SignalLine("value", "", "", low, high, nbits, factor=factor)
+    frame = MessageLine(0x120, "FB", "PLANT", "EXEC", 8, 0, (signal,))
     database = cantools.database.load_string(dbc_text([frame], ["EXEC", "PLANT"], 1000.0))
     data = database.encode_message("FB", {"value": value, "counter": 0, "crc": 0}, strict=False)  # type: ignore[union-attr]
     back = database.decode_message("FB", data)["value"]  # type: ignore[union-attr]

@@ -19,7 +19,7 @@ from fd_rig import LONG_DBC, fd_rig
 from places import ROOT
 
 from pcpc.drivers.can import codec, dbc, e2e
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.tools.make.generate import frames as in_c
 from pcpc.tools.make.generate.device import same_files
 from pcpc.tools.make.generate.words import identifier
@@ -141,11 +141,11 @@ def test_pack_and_unpack_give_the_bits_of_the_loop(built: tuple[list[dbc.Frame],
             assert unpacked.tobytes() == values.tobytes(), (frame.name, data.tobytes().hex())
     assert layouts > 10
     assert kinds == {
-        Kind.SCALED,
-        Kind.WIDE,
-        Kind.UNSIGNED_64,
-        Kind.FLOAT_32,
-        Kind.FLOAT_64,
+        SignalKind.SCALED,
+        SignalKind.WIDE,
+        SignalKind.UNSIGNED_64,
+        SignalKind.FLOAT_32,
+        SignalKind.FLOAT_64,
     }
 
 

@@ -15,7 +15,7 @@ from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
-from pcpc.executive.rig.modules import module_of
+from pcpc.executive.own_laws.modules import module_of
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.new import (
     BARE,
@@ -156,7 +156,7 @@ def test_a_rig_without_a_device_has_none(motor: Path) -> None:
 def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
     done = pcpc("new", str(folder), "--drive", drive)
-    assert done.code == 0 and "pcpc plant drive.yaml" in done.out, str(done)
+    assert done.code == 0 and "pcpc run drive.yaml --only plant" in done.out, str(done)
     assert files_of(folder) == named(MOTOR, *FILES, *DRIVE_FILES)
     assert pcpc("check", str(folder / "drive.yaml")).code == 0
     assert f"profile: {drive}\n" in (folder / "drive.yaml").read_text(encoding="utf-8")
@@ -196,8 +196,8 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
     }.items():
         done = undisturbed(*words, folder=tmp_path / way)
         assert done.code == 0 and judged in done.out, f"{way}: {done}"
-    with Running("plant", str(new_rig), *lockstep) as plant:
-        done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))
+    with Running("run", "--only=plant", str(new_rig), *lockstep) as plant:
+        done = pcpc("run", "--only=executive", *quiet, *lockstep, "-o", str(tmp_path / "two"))
         assert (done.code, plant.done().code) == (0, 0), f"{done}\n{plant}"
     states = [
         logs.payloads(tmp_path / way / "log.mcap", "/state")

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from stepped import Stepped
 
-from pcpc.executive.rig.modules import module_of
+from pcpc.executive.own_laws.modules import module_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.new import CART
 

@@ -11,9 +11,10 @@ from fd_rig import PROBE, fd_rig
 from free_bus import own_port
 from processes import Done, pcpc
 
-from pcpc.drivers.can import codec, dbc
+from pcpc.drivers.can import codec
 from pcpc.drivers.can.bus import UDP_GROUP
 from pcpc.drivers.can.wire_layout import Flag
+from pcpc.drivers.compiled.rows import FrameRow
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.ring_layout import FRAME_WORDS, OfFrame
 from pcpc.executive.nodes.virtual import simulate
@@ -107,7 +108,7 @@ def told(message: can.Message) -> tuple[int, bool, bool, bytes]:
 
 
 def test_cat_writes_it_as_candump_does(run: tuple[Path, Path]) -> None:
-    lines = good(pcpc("log", "cat", str(run[1]), "--format", "candump")).out.splitlines()
+    lines = good(pcpc("log", "export", str(run[1]), "-o-", "--format", "candump")).out.splitlines()
     assert any(" 0A0##1" in line for line in lines) and any(" 080##0" in line for line in lines)
 
 
@@ -117,7 +118,7 @@ def test_a_frame_of_another_kind_has_a_wrong_length(row: str, flags: int) -> Non
     """It does not matter whether its sender is error passive, ESI."""
     frame: Any = np.zeros(72, np.uint8)
     frame[4], frame[5] = 8, flags
-    rows = np.zeros(1, dbc.FRAME)
+    rows = np.zeros(1, FrameRow.dtype)
     rows["fd_flags"] = wanted = {"classic": 0, "fd": 4, "brs": 5}[row]
     assert codec.length_of(frame, 0, rows) == (8 if flags & ~Flag.ESI == wanted else -1)
 

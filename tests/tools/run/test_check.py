@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from json_schemas import holds
+from msgspec import to_builtins
 from places import ROOT
 
 from pcpc import simulate
 from pcpc.drivers.can import dbc
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.rig.purity import warnings
+from pcpc.executive.own_laws.purity import warnings
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.report import rows
 from pcpc.tools.cli import main
@@ -27,7 +28,8 @@ Screen = pytest.CaptureFixture[str]
 def hull() -> dict[str, Any]:
     """Return the report of a rig as it is shipped."""
     rig = load_rig(HULL)
-    return check.describe(rig, [plan(rig, role, rig.config.pacing) for role in rig.roles])
+    plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
+    return dict(to_builtins(check.describe(rig, plans)))
 
 
 def report(screen: Screen, *words: str) -> dict[str, Any]:
@@ -42,8 +44,7 @@ def report(screen: Screen, *words: str) -> dict[str, Any]:
 def test_every_shipped_rig_passes(rig: Path, capsys: Screen) -> None:
     code = main(["check", str(rig)])
     out, err = capsys.readouterr()
-    said = [line for line in err.splitlines() if not line.startswith("compiling for this machine")]
-    assert (code, said) == (0, []), err
+    assert (code, err) == (0, "")
     assert out.startswith(f"{rig.stem}: "), out
 
 

@@ -18,8 +18,10 @@ def test_an_executive_beside_another_rigs_plant_does_not_begin(
     other: str, words: tuple[str, ...], tmp_path: Path
 ) -> None:
     usual = "--bus", own_bus(), "--pacing", "lockstep", "--quiet"
-    with Running("plant", other, *words, *usual) as plant:
-        done = pcpc("exec", SLEW10, *usual, "--no-figure", "-o", str(tmp_path / "run"))
+    with Running("run", "--only=plant", other, *words, *usual) as plant:
+        done = pcpc(
+            "run", "--only=executive", SLEW10, *usual, "--no-figure", "-o", str(tmp_path / "run")
+        )
         ended = plant.done()
     assert done.code == ended.code == 4, f"{done}\n{ended}"
     for one in (done, ended):

@@ -27,8 +27,8 @@ def test_who_asks_more_often_than_the_node_below_waits_is_answered(
             return message is not None and message.arbitration_id == LOCAL
 
         with (
-            Running("plant", *words, "-o", str(tmp_path / "plant")) as plant,
-            Running("local", *words, "-o", str(tmp_path / "local")) as local,
+            Running("run", "--only=plant", *words) as plant,
+            Running("run", "--only=local", *words) as local,
         ):
             while not answered():  # it has met the plant
                 assert not plant.over() and not local.over()
@@ -44,8 +44,8 @@ def test_a_run_whose_executive_is_started_last_is_whole(tmp_path: Path) -> None:
     words = [RIG, "--bus", own_bus(), "--set", "duration_s=0.2", "--no-figure", "--quiet"]
     words += ["--pacing", "lockstep"]
     with (
-        Running("plant", *words, "-o", str(tmp_path / "plant")) as plant,
-        Running("local", *words, "-o", str(tmp_path / "local")) as local,
+        Running("run", "--only=plant", *words) as plant,
+        Running("run", "--only=local", *words) as local,
     ):
-        done = pcpc("exec", *words, "-o", str(tmp_path / "executive"))
-        assert (done.code, plant.done().code, local.done().code) == (0, 0, 0), f"{done}\n{local}"
+        done = pcpc("run", "--only=executive", *words, "-o", str(tmp_path / "executive"))
+        assert (done.ran, plant.done().code, local.done().code) == (True, 0, 0), f"{done}\n{local}"

@@ -165,10 +165,10 @@ def test_get_set_list_and_lock_reach_both_nodes_of_a_run(role: str, tmp_path: Pa
             assert done.code == 0, str(done)
             return json.loads(done.out)
 
-        rows = {row["name"]: row for row in said("list")}
+        rows = {row["name"]: row for row in said("get", "-l")}
         assert rows["health.requests_refused"]["value"] == 0.0, rows["health.requests_refused"]
-        assert said("lock", "all") == {"lock": "all"}
+        assert said("operate", "lock", "all") == {"lock": "all"}
         assert pcpc("set", "timing.reset=1", "--node", node).code == 2
-        assert said("lock", "none") == {"lock": "none"}
+        assert said("operate", "lock", "none") == {"lock": "none"}
         assert said("set", "timing.reset=1")["cycle"] > 0
         assert said("get", "health.requests_refused") == {"health.requests_refused": 0.0}

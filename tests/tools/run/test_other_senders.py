@@ -13,7 +13,7 @@ from processes import RIGS, Done, Running, own_bus, pcpc, until
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
-from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.can.wire_layout import Wire
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.frames import LIMITS, too_many
@@ -25,7 +25,7 @@ SYNC = 0x080
 @contextmanager
 def stranger(bus: str) -> Iterator[Any]:
     """Open an end on `bus` that claims nothing and knows nobody."""
-    end = np.zeros(1, WIRE).view(np.recarray)[0]
+    end = np.zeros(1, Wire.dtype).view(np.recarray)[0]
     buses.open_bus(buses.bus_named(*buses.parse(bus)), [], end)
     yield end
     os.close(end.fd_tx)
@@ -83,7 +83,10 @@ def test_a_second_sender_is_a_fault_that_names_the_frame_in_a_few_cycles(tmp_pat
 def test_a_node_does_not_begin_beside_a_sender_of_its_frames(tmp_path: Path) -> None:
     bus = own_bus()
     usual = ("--pacing", "lockstep", "--no-figure", "--json", "--bus", bus)
-    with stranger(bus) as end, Running("exec", SLEW10, *usual, cwd=tmp_path) as control:
+    with (
+        stranger(bus) as end,
+        Running("run", "--only=executive", SLEW10, *usual, cwd=tmp_path) as control,
+    ):
         until(lambda: send(end, SYNC, 1) or control.process.poll() is not None, "it is refused")
         done = control.done()
     assert done.code == 4, str(done)

@@ -66,8 +66,8 @@ def test_it_runs_all_four_ways_and_the_unclocked_three_have_the_same_bytes(
     bus = ("--bus", own_bus(), "--pacing", "lockstep")
     one = pcpc("run", *rig, *bus, "-o", str(tmp_path / "bus"))
     assert one.code == 0, str(one)
-    with Running("plant", str(spring), *bus) as plant:
-        two = pcpc("exec", *rig, *bus, "-o", str(tmp_path / "two"))
+    with Running("run", "--only=plant", str(spring), *bus) as plant:
+        two = pcpc("run", "--only=executive", *rig, *bus, "-o", str(tmp_path / "two"))
         assert (two.code, plant.done().code) == (0, 0), f"{two}\n{plant}"
     wanted = states(tmp_path / "virtual")
     assert [len(topic) for topic in wanted] == [1500, 1501]
@@ -75,7 +75,7 @@ def test_it_runs_all_four_ways_and_the_unclocked_three_have_the_same_bytes(
     assert states(tmp_path / "two")[0] == wanted[0], "two terminals and virtual time differ"
     clocked = ("--bus", own_bus(), "--set", "duration_s=0.5", "-o", str(tmp_path / "real"))
     real = pcpc("run", *rig, *clocked, *PATIENT)
-    assert real.code == 0 and real.summary["pacing"] == "real", str(real)
+    assert real.ran and real.summary["pacing"] == "real", str(real)
 
 
 def test_its_log_is_recomputed_after_its_folder_is_gone(spring: Path, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """`pcpc play`: which frames, in which order, at which time; who drives whom; what is refused."""
 
-import argparse
 import json
 import shutil
 import signal
@@ -25,6 +24,7 @@ from pcpc.tools.after.log.frames import PEER
 from pcpc.tools.cli import main, parsed_options
 from pcpc.tools.machine.jitter import loops
 from pcpc.tools.run import play
+from pcpc.tools.run.commands import PlayRequest
 from pcpc.tools.terminal.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
@@ -46,16 +46,13 @@ def log(path: Path) -> logs.Log:
 
 
 @pytest.fixture(scope="module")
-def frames(log: logs.Log) -> play_frames.Frames:
+def frames(log: logs.Log) -> play_frames.LoggedFrames:
     return play_frames.bus_frames(log)
 
 
-def options(*words: str) -> argparse.Namespace:
-    return parsed_options(["play", *words])
-
-
-def chosen(frames: play_frames.Frames, *words: str) -> play_frames.Frames:
-    return play_frames.choose(frames, options("LOG", *words), "LOG")
+def chosen(frames: play_frames.LoggedFrames, *words: str) -> play_frames.LoggedFrames:
+    options = parsed_options(["play", "LOG", *words])
+    return play.chosen_frames(frames, PlayRequest.from_options(options))
 
 
 def recorded(rows: np.ndarray) -> list[Sent]:
@@ -63,7 +60,7 @@ def recorded(rows: np.ndarray) -> list[Sent]:
     return [(int(row["id"]), row["data"][: row["dlc"]].tobytes()) for row in rows]
 
 
-def raw(frames: play_frames.Frames) -> list[Sent]:
+def raw(frames: play_frames.LoggedFrames) -> list[Sent]:
     words = frames.words.tolist()
     return [(w, r[8 : 8 + r[4]].tobytes()) for w, r in zip(words, frames.raw, strict=True)]
 
@@ -78,7 +75,7 @@ def with_frames(log: logs.Log, **changed: np.ndarray) -> logs.Log:
 
 
 def test_every_frame_that_was_sent_is_played_once(
-    log: logs.Log, frames: play_frames.Frames
+    log: logs.Log, frames: play_frames.LoggedFrames
 ) -> None:
     sent = [log.node[name].frames for name in PEER]
     expected = Counter(f for rows in sent for f in recorded(rows[rows["direction"] == 0]))
@@ -87,7 +84,7 @@ def test_every_frame_that_was_sent_is_played_once(
 
 
 def test_frames_of_equal_stamps_keep_the_order_of_the_recording_node(
-    log: logs.Log, frames: play_frames.Frames
+    log: logs.Log, frames: play_frames.LoggedFrames
 ) -> None:
     bus = recorded(log.node["executive"].frames)
     played = raw(frames)[: len(bus)]
@@ -96,7 +93,7 @@ def test_frames_of_equal_stamps_keep_the_order_of_the_recording_node(
 
 
 def test_a_frame_counts_at_the_stamp_of_its_sender(
-    log: logs.Log, frames: play_frames.Frames
+    log: logs.Log, frames: play_frames.LoggedFrames
 ) -> None:
     late = {name: log.node[name].frames.copy() for name in PEER}
     for rows in late.values():
@@ -118,7 +115,7 @@ def test_what_the_sender_has_not_recorded_counts_at_the_receivers_stamp(log: log
 
 
 def test_a_frame_put_in_by_somebody_else_is_played_too(
-    log: logs.Log, frames: play_frames.Frames
+    log: logs.Log, frames: play_frames.LoggedFrames
 ) -> None:
     executive = log.node["executive"].frames
     wrong = executive[np.flatnonzero(executive["direction"] == 1)[50:51]].copy()
@@ -135,7 +132,7 @@ def test_of_one_node_alone_all_frames_are_played(log: logs.Log) -> None:
         assert n == len(log.node["executive"].frames), f"{name}: {n} frames"
 
 
-def test_as_parts_the_frames_between_the_nodes(frames: play_frames.Frames) -> None:
+def test_as_parts_the_frames_between_the_nodes(frames: play_frames.LoggedFrames) -> None:
     parts = [chosen(frames, "--as", name) for name in PEER]
     assert sum(map(len, parts)) == len(frames), f"{[len(part) for part in parts]} frames"
     names = [{part.label(i) for i in range(len(part))} for part in parts]
@@ -143,19 +140,19 @@ def test_as_parts_the_frames_between_the_nodes(frames: play_frames.Frames) -> No
     assert not names[0] & names[1], names
 
 
-def test_only_takes_names_and_hexadecimal_ids(frames: play_frames.Frames) -> None:
+def test_only_takes_names_and_hexadecimal_ids(frames: play_frames.LoggedFrames) -> None:
     found = chosen(frames, "--only", "FB_A", "--only", "0x080", "--only", "a0")
     words = set(found.words.tolist())
     assert words == {0x120, SYNC, 0xA0}, f"{[hex(word) for word in words]}"
 
 
-def test_start_and_duration_are_seconds_of_the_recording(frames: play_frames.Frames) -> None:
+def test_start_and_duration_are_seconds_of_the_recording(frames: play_frames.LoggedFrames) -> None:
     found = chosen(frames, "--start", "0.1", "--duration", "0.05", "--only", "SYNC")
     assert (len(found), int(found.stamp_ns[0])) == (50, 100_000_000), f"{len(found)} frames"
 
 
 def test_a_cycle_to_step_begins_where_the_recording_nodes_cycle_does(
-    frames: play_frames.Frames,
+    frames: play_frames.LoggedFrames,
 ) -> None:
     ends = play_frames.cycles(frames)
     begins = Counter(frames.label(int(i)) for i in ends[1:300])  # behind them the nodes end
@@ -166,7 +163,7 @@ def test_a_cycle_to_step_begins_where_the_recording_nodes_cycle_does(
 
 
 def test_the_bus_carries_the_recording_frame_by_frame(
-    path: Path, frames: play_frames.Frames
+    path: Path, frames: play_frames.LoggedFrames
 ) -> None:
     with Playing(path, own_bus()) as playing:
         playing.hear(len(frames))
@@ -185,7 +182,7 @@ def test_the_rate_divides_the_time(path: Path) -> None:
     assert abs(planned_s - 0.3005) < 0.0011, f"two laps of 0.3 s at rate 2: {planned_s:.4f} s"
 
 
-def test_at_rate_0_nothing_is_timed(path: Path, frames: play_frames.Frames) -> None:
+def test_at_rate_0_nothing_is_timed(path: Path, frames: play_frames.LoggedFrames) -> None:
     with Playing(path, own_bus(), "-r", "0") as playing:
         code, result, err = playing.result()
     assert (code, result["frames"]) == (0, len(frames)), err
@@ -212,7 +209,7 @@ def test_ctrl_c_ends_with_130_and_what_was_played_so_far(path: Path) -> None:
 
 
 def test_of_a_damaged_log_the_rest_is_played(
-    path: Path, tmp_path: Path, frames: play_frames.Frames
+    path: Path, tmp_path: Path, frames: play_frames.LoggedFrames
 ) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[: path.stat().st_size - 30_000])
@@ -258,11 +255,13 @@ def test_a_recorded_plant_drives_a_live_executive(long_path: Path, tmp_path: Pat
     words = ["--bus", bus, "--json", "--quiet", "--no-figure", "-o", str(folder), *patient()]
     with (
         Playing(long_path, bus, "--as", "plant") as playing,
-        Running("exec", SLEW10, "--set", "duration_s=1.0", "--pacing", "real", *words) as executive,
+        Running(
+            "run", "--only=executive", SLEW10, "--set", "duration_s=1.0", "--pacing", "real", *words
+        ) as executive,
     ):
         done = executive.done()
         code, result, err = playing.result()
-    assert (done.code, code) == (0, 0), f"{done}\n{err}"
+    assert (done.ran, code) == (True, 0), f"{done}\n{err}"
     assert "open loop" in err, err
     counted = done.summary["frames"]
     assert (counted["crc_errors"], counted["lost"]) == (0, 0), counted
@@ -280,7 +279,9 @@ def test_a_recorded_executive_drives_a_live_plant(long_path: Path, pacing: str) 
     bus = own_bus()
     with (
         Playing(long_path, bus, "--as", "executive") as playing,
-        Running("plant", SLEW10, "--pacing", pacing, "--bus", bus, "--quiet", *patient()) as plant,
+        Running(
+            "run", "--only=plant", SLEW10, "--pacing", pacing, "--bus", bus, "--quiet", *patient()
+        ) as plant,
     ):
         playing.hear(10**9)
         code, _, err = playing.result()
@@ -320,7 +321,7 @@ def woken_once(setup: loops.Setup, folder: Path) -> Round:
 def test_our_timing_is_that_of_a_bare_loop_in_c_in_the_same_rounds(
     path: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    setup = loops.Setup(1_000_000, 300, options("LOG").priority)  # the periods of the log
+    setup = loops.Setup(1_000_000, 300, PlayRequest(log="LOG").priority)  # the periods of the log
     if shutil.which("cc") is None:
         request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=loops.JitterError))
     if missing := loops.prepare(("c",), setup, tmp_path):

@@ -54,7 +54,7 @@ def slow_rig(folder: Path, overrun: str) -> Path:
     return rig
 
 
-def run(rig: Path, folder: Path) -> tuple[int, logs.Node]:
+def run(rig: Path, folder: Path) -> tuple[int, logs.NodeLog]:
     """Run a rig on a bus of its own; return exit code and the executive's record."""
     done = pcpc("run", str(rig), "--bus", own_bus(), "-o", str(folder), "--quiet", "--no-figure")
     log = folder / "log.mcap"

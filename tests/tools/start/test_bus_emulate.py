@@ -19,17 +19,17 @@ from pcpc.drivers.can import bus as buses
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.start.bus import run_line as line
-from pcpc.tools.start.bus.emulate import Errors
+from pcpc.tools.start.bus.emulate import BusErrors
 from pcpc.tools.start.children import Child
 
 Screen = pytest.CaptureFixture[str]
 
 
 def test_errors_are_given_in_any_order() -> None:
-    assert Errors.from_text("seed=7, p=1e-5") == Errors(1e-5, 1.0, 7)
-    assert Errors.from_text(None) == Errors()
+    assert BusErrors.from_text("seed=7, p=1e-5") == BusErrors(1e-5, 1.0, 7)
+    assert BusErrors.from_text(None) == BusErrors()
     with pytest.raises(RigError, match="seed=-1"):
-        Errors.from_text("seed=-1")
+        BusErrors.from_text("seed=-1")
 
 
 def port(text: str) -> can.BusABC:
@@ -57,7 +57,7 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
         gateway.send_signal(signal.SIGINT)
         out, _ = gateway.communicate(timeout=60.0)
     assert gateway.returncode == 130
-    found: dict[str, Any] = holds("bus", out)
+    found: dict[str, Any] = holds("bus emulate", out)
     assert [side["sent"] for side in found["sides"]] == [50, 0]
     assert found["bitrate"] == 125_000 and found["not_taken"] == 0
     assert found["sides"][0]["longest_us"] >= 8 * 108 and found["sides"][0]["lost_off"] == 0

@@ -48,7 +48,7 @@ def nine_drives(folder: Path, size: int) -> Path:
     return fd_rig(folder, BUS, sent, changes=changes)
 
 
-def rows_of(rig: Rig) -> list[traffic.Row]:
+def rows_of(rig: Rig) -> list[traffic.FrameBounds]:
     (frames,) = traffic.buses(rig)
     return traffic.response_rows(frames, Setup(1000.0, 1_000_000, 5_000_000))
 

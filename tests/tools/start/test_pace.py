@@ -1,6 +1,5 @@
 """The pacing that a machine holds: chosen in a line, never against what was asked for."""
 
-import argparse
 import select
 import signal
 from typing import Any
@@ -10,7 +9,7 @@ import pytest
 
 from pcpc.executive.loop import control
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.loop.ring_layout import ENDS, OfRecord
+from pcpc.executive.loop.ring_layout import Ends, OfRecord
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start import pace
 
@@ -21,12 +20,9 @@ PC, TCG = "model name : AMD EPYC\n", "model name : QEMU TCG CPU version 2.5+\n"
 def settled(
     pacing: str | None, *settings: str, slower: float = 1.0, cpu: str = PC, alone: bool = False
 ) -> tuple[str | None, str]:
-    """Return the pacing in the options and what is said."""
-    options = argparse.Namespace(pacing=pacing, bus=None)
+    """Return the pacing and what is said."""
     rig = load_rig(RIG, None, settings, resolve=False)
-    found, said = pace.settle(options, rig, alone, slower, cpu)
-    assert options.pacing == pacing and found.bus is None
-    return found.pacing, said
+    return pace.settle(pacing, rig, alone, slower, cpu)
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 1000.0, 20000.0])
@@ -69,9 +65,8 @@ def test_a_slow_machine_holds_a_lower_rate() -> None:
 def test_this_machine_is_measured_and_holds_a_low_rate() -> None:
     slower = pace.slowness()
     assert slower >= 1.0
-    options = argparse.Namespace(pacing=None)
     rig = load_rig(RIG, None, ["rate_hz=1"], resolve=False)
-    assert pace.settle(options, rig, alone=False) == (options, "")
+    assert pace.settle(None, rig, alone=False) == (None, "")
 
 
 def test_a_processor_that_others_use_as_well_is_not_taken_for_an_emulated_one() -> None:
@@ -105,7 +100,7 @@ class Block(dict[str, Any]):
 def node(fault: int, stall_ns: int) -> Any:
     """Return a node's block in a ring of 8 records that has gone round; one cycle was late."""
     stamps = np.cumsum([200_000 + (stall_ns if k == 17 else 0) for k in range(20)])
-    record, ends = np.zeros((8, 3), np.int64), np.zeros(1, ENDS)[0]
+    record, ends = np.zeros((8, 3), np.int64), np.zeros(1, Ends.dtype)[0]
     record[np.arange(20) % 8, OfRecord.STAMP_NS] = stamps
     block = Block(record=record)
     block.control, block.ends = control.blank(), lambda ring: ends

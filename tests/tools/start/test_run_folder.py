@@ -56,7 +56,7 @@ def test_a_hard_link_is_replaced_and_not_written_through(tmp_path: Path, capsys:
     folder.mkdir()
     for name in ("summary.json", "figure.png"):
         (folder / name).hardlink_to(mine)
-    assert main(["simulate", "hull", "-o", str(folder), *SHORT]) == 0, capsys.readouterr().err
+    assert main(["simulate", "hull", "-o", str(folder), *SHORT]) == 1, capsys.readouterr().err
     assert mine.read_text() == "keep this"
     assert json.loads((folder / "summary.json").read_text())["rig"] == "hull"
     assert (folder / "figure.png").read_bytes().startswith(b"\x89PNG")

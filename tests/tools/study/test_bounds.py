@@ -15,6 +15,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.lyapunov import Account, Constants, Proof
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.start import rigs
 from pcpc.tools.study.bounds import bounds, observed
@@ -49,6 +50,12 @@ def test_a_violation_ends_with_1_and_is_named() -> None:
     assert done.code == 1, done
     assert "VIOLATED   leak kappa above 0: kappa 0" in done.out
     assert max(map(len, done.out.splitlines())) <= 80
+
+
+def test_a_run_that_dissipates_nothing_has_no_shares() -> None:
+    zero, known = np.zeros(4), Constants(1.0, 1.0, 1.0, 0.0)
+    proof = Proof("none", "|r|", np.arange(4.0), zero, zero, {"a": zero}, zero, zero, zero, known)
+    assert "nan %  a" in str(bounds.Bounds("rig", "pd", Account(proof, 0.0)))
 
 
 def test_an_infinite_bound_is_not_shown_and_ends_with_1(tmp_path: Path) -> None:

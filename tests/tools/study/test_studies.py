@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc import plants
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 from pcpc.tools.study.experiment import runs as runs
 
 RIGS = Path(plants.__file__).parent / "atb1000" / "rigs"
@@ -26,7 +26,7 @@ def case(
     return Case("g", rig, controller, "a label", (SHORT, *settings), (0.1, 0.2), traces)
 
 
-def in_process(cases: Sequence[Case]) -> tuple[list[Result], list[int]]:
+def in_process(cases: Sequence[Case]) -> tuple[list[CaseResult], list[int]]:
     """Return what `done` returns, and the sizes of the pieces."""
     pieces = runs.pieces(cases, least=1)
     made = {
@@ -38,7 +38,7 @@ def in_process(cases: Sequence[Case]) -> tuple[list[Result], list[int]]:
     return [made[place] for place in range(len(cases))], [len(piece.own) for piece in pieces]
 
 
-def bits(result: Result) -> dict[str, object]:
+def bits(result: CaseResult) -> dict[str, object]:
     about: dict[str, object] = {
         name: np.asarray(value).tobytes()
         for part in (result.metrics, result.traces, result.settings)

@@ -62,8 +62,9 @@ def in_shell(words: str) -> tuple[list[int], str]:
     "doctor | true", "doctor --json | head -1", "check PROBE | true", "check PROBE >&- 2>&- <&-",
     "--help | true", "--help >&-", "--help 2>&-", "--help <&-",
     "rigs | head -1", "rigs --json | head -1", "completion bash | head -1", "vm --help | head -1",
-    "log info LOG | head -1", "log info LOG --json | head -1", "log cat LOG --quiet | head -1",
-    "log cat LOG --quiet --format ndjson | true", "log diff LOG LOG --json --quiet | head -1",
+    "log info LOG | head -1", "log info LOG --json | head -1",
+    "log export LOG -o- --quiet | head -1", "log export LOG -o- --quiet --format ndjson | true",
+    "compare --bits LOG LOG --json - --quiet | head -1",
     "replay LOG --json --quiet | head -1",
 ])  # fmt: skip
 def test_a_command_whose_words_nobody_reads_ends_well(words: str) -> None:

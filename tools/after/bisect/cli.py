@@ -1,7 +1,5 @@
 """`pcpc bisect RIG GOOD BAD`: the commit that changed a run's bits first, and where in the run."""
 
-import argparse
-import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -10,7 +8,8 @@ from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.bisect.runs import CannotRun, Runs, firsts
+from pcpc.tools.after.bisect.commands import BisectRequest
+from pcpc.tools.after.bisect.runs import CannotRun, CommitRuns, firsts
 from pcpc.tools.after.bisect.search import ends, suspects
 from pcpc.tools.after.compare.repository import GitError, Repository
 from pcpc.tools.after.compare.versions import path_from
@@ -22,34 +21,34 @@ from pcpc.tools.terminal.progress import Progress
 _SHOWN = 8  # files, commits that cannot be run
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: BisectRequest) -> int:
     """Search and print; NOT_MET for equal bits, or several suspects. UserError: wrong input."""
-    file = rigs.find(options.rig)
+    file = rigs.find(request.rig)
     repository = Repository.around(Path(file).parent)
     rig = path_from(repository.root, file)
-    good, bad = ends(repository, options.good, options.bad)
+    good, bad = ends(repository, request.good, request.bad)
     for word, commit in (("GOOD", good), ("BAD", bad)):
         if rig not in repository.files_of(commit):
             what = f"{rig}: not in {word}, {commit[:10]}"
             raise UserError(f"{what}; name a commit that has it under this name")
     told: dict[str, Any] = {"rig": rig, "good": good, "bad": bad}
     told["uncommitted"] = _uncommitted_count(repository)
-    progress = Progress(options.quiet)
-    runs = Runs(repository, bad, rig, list(_words(options)))
+    progress = Progress(request.quiet)
+    runs = CommitRuns(repository, bad, rig, list(_words(request)))
     told |= _Bisection(runs, good, bad, progress).found()
     progress.close()
-    print(json.dumps(told, indent=1) if options.json else "\n".join(_lines(told)))
+    screen.answer(request.json, told, _lines(told), 1)
     return Exit.OK if len(told["suspects"]) == 1 else Exit.NOT_MET
 
 
-def _words(options: argparse.Namespace) -> Iterator[str]:
+def _words(request: BisectRequest) -> Iterator[str]:
     """Yield what each run is asked for."""
-    if options.controller is not None:
-        yield f"--controller={options.controller}"
-    for text in options.set:
+    if request.controller is not None:
+        yield f"--controller={request.controller}"
+    for text in request.set:
         yield f"--set=@{os.path.abspath(text[1:])}" if text.startswith("@") else f"--set={text}"
-    if options.duration is not None:
-        yield f"--set=duration_s={options.duration!r}"
+    if request.duration is not None:
+        yield f"--set=duration_s={request.duration!r}"
 
 
 def _uncommitted_count(repository: Repository) -> int:
@@ -62,7 +61,7 @@ def _uncommitted_count(repository: Repository) -> int:
 class _Bisection:
     """A search; the logs of GOOD and of the earliest commit that differs are kept."""
 
-    def __init__(self, runs: Runs, good: str, bad: str, progress: Progress) -> None:
+    def __init__(self, runs: CommitRuns, good: str, bad: str, progress: Progress) -> None:
         self._runs, self._git, self._progress = runs, runs.repository.git, progress
         self._why: dict[str, str] = {}
         self._ends = good, bad
@@ -103,7 +102,7 @@ class _Bisection:
             **told, "runs": self._runs.count, "suspects": list(map(self._commit_facts, left)),
             "parent": parent, "files": files,
             "skipped": [{"commit": one, "why": why} for one, why in self._why.items()],
-            "only": report.only, "nodes": [vars(one) for one in firsts(report, old, new)],
+            "only": report.only, "nodes": [vars(one) for one in firsts(report)],
         }  # fmt: skip
 
     def _tell(self, left: int, commit: str) -> None:
@@ -133,23 +132,15 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
         yield f"{told['good'][:10]} and {told['bad'][:10]}: {what}"
         return
     for one in told["skipped"][:_SHOWN]:
-        yield from screen.wrapped_lines(
-            f"{one['commit'][:10]} cannot be run: {one['why']}", "skipped  "
-        )
+        yield f"skipped  {one['commit'][:10]} cannot be run: {one['why']}"
     if len(left) > 1:
         yield f"one of {len(left)} commits; those between cannot be run"
     for one in left:
-        text = f"{one['commit'][:10]}  {one['date']}  {one['subject']}"
-        yield from screen.wrapped_lines(text, "commit   ")
-    yield from screen.wrapped_lines(
-        ", ".join(screen.some(told["files"], _SHOWN, "{} more")), "changed  "
-    )
-    for text in told["only"]:
-        yield from screen.wrapped_lines(text, "also     ")
+        yield f"commit   {one['commit'][:10]}  {one['date']}  {one['subject']}"
+    yield f"changed  {', '.join(screen.some(told['files'], _SHOWN, '{} more'))}"
+    yield from (f"also     {text}" for text in told["only"])
     for one in told["nodes"]:
         yield f"{one['node']}, cycle {one['cycle']} ({one['time_s']:.6g} s), {one['stage']}"
         ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
         others = f"; {one['others']} more in this cycle" if one["others"] else ""
-        yield from screen.wrapped_lines(
-            f"{one['name']}: {one['old']} -> {one['new']}{ulp}{others}", "  "
-        )
+        yield f"  {one['name']}: {one['old']} -> {one['new']}{ulp}{others}"

@@ -1,7 +1,7 @@
 """The run of a rig at a commit, in a process of its own, and what differs first in two of them.
 
 A commit is written out beside the repository, whose working tree, index and branches stay as they
-are. Bits are compared as `pcpc log diff` does: NaN equals NaN, 0.0 differs from -0.0.
+are. Bits are compared as `pcpc compare --bits` does: NaN equals NaN, 0.0 differs from -0.0.
 """
 
 import os
@@ -17,15 +17,14 @@ from pcpc.executive.loop.faults import Fault
 from pcpc.tools.after.compare.inputs import Tree, texts
 from pcpc.tools.after.compare.repository import Repository
 from pcpc.tools.after.compare.versions import Side, last_line, python_path, simulation
+from pcpc.tools.after.differences import Difference
 from pcpc.tools.after.log import diff
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.start.folder import LOG
 
 _OWN = str(Path(__file__).resolve().parents[3])  # the folder of this pcpc
 _ENDED = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
 _RAISED = (Fault.STEP_RAISED.says, Fault.STEP_HANGS.says)
-_KINDS = ("parameter", "input", "state", "output")
-_CLAMPED = "supervisor.saturated"  # the only one of the supervisor's that the limits set
-_STAGES = {"<in": "frames in", "rx": "frames in", "tx": "limits, sent", "<out": "frames out"}
 
 
 class CannotRun(Exception):
@@ -47,7 +46,7 @@ class First:
     others: int
 
 
-class Runs:
+class CommitRuns:
     """Runs `rig`, a path from the root of `repository`, at its commits, as `words` ask.
 
     Where `newest` holds pcpc, each commit's code of pcpc runs its rig; else this one does.
@@ -78,7 +77,7 @@ class Runs:
             raised = [text for text in _RAISED if text in done.stdout]
             if raised or done.returncode not in _ENDED or not (place / LOG).is_file():
                 raise CannotRun(raised[0] if raised else said)
-            log = replace(logs.read(place / LOG), path=Path(commit[:10]))
+            log = replace(Opened(place / LOG).log, path=Path(commit[:10]))
             for node in log.node.values():
                 self._require_in(tree, [str(one["path"]) for one in node.description["files"]])
         if log.missing or not all(len(node.cycle) for node in log.node.values()):
@@ -101,55 +100,16 @@ class Runs:
                 raise UserError(f"{what}; name it by a path from the rig")
 
 
-def firsts(report: diff.Report, old: logs.Log, new: logs.Log) -> list[First]:
+def firsts(report: diff.Report) -> list[First]:
     """Return what differs first in each node, by time and, at one instant, by cause."""
-    of: dict[str, list[diff.Difference]] = {}
+    of: dict[str, list[Difference]] = {}
     for one in report.differences:
-        of.setdefault(diff.node_of(one), []).append(one)
-    found = []
-    for node, differences in of.items():
-        order = _Order(node, old, new)
-        first = min(differences, key=lambda one: (one.cycle, *order.place(one.name)))
-        others = sum(one.cycle == first.cycle for one in differences) - 1
-        found.append(
-            First(
-                node,
-                first.cycle,
-                first.time_s,
-                order.stage(first.name),
-                first.name.replace(f"{node}.", "", 1),
-                first.a,
-                first.b,
-                first.ulp,
-                others,
-            )
-        )
-    return found
+        of.setdefault(one.node, []).append(one)
+    return [_first(differences) for differences in of.values()]
 
 
-class _Order:
-    """The order in which a cycle of a node comes to frames and variables."""
-
-    def __init__(self, node: str, old: logs.Log, new: logs.Log) -> None:
-        rows = [row for log in (new, old) for row in log.node[node].description["variables"]]
-        self._node, self._kinds = node, {row[0]: row[2] for row in rows}
-        blocks = [row[3] for row in rows if row[2] in _KINDS and row[3] != "loop"]
-        self._blocks = list(dict.fromkeys(blocks))
-        self._keys = ["<in", "rx", "", *self._blocks, "tx", "<out"]
-
-    def _key(self, name: str) -> str:
-        if name.startswith("frame "):
-            return "<in" if name.endswith(" received") else "<out"
-        local = name.removeprefix(f"{self._node}.")
-        return "tx" if local == _CLAMPED else local.partition(".")[0]
-
-    def stage(self, name: str) -> str:
-        """Return in words when a cycle comes to it."""
-        key = self._key(name)
-        return f"block {key}" if key in self._blocks else _STAGES.get(key, key)
-
-    def place(self, name: str) -> tuple[int, int]:
-        """Return what sorts those of one cycle; without an order of their own they keep theirs."""
-        key, kind = self._key(name), self._kinds.get(name.removeprefix(f"{self._node}."), "")
-        at = self._keys.index(key if key in self._keys else "")
-        return at, _KINDS.index(kind) if kind in _KINDS else 0
+def _first(differences: Sequence[Difference]) -> First:
+    one = differences[0]
+    others = sum(other.cycle == one.cycle for other in differences) - 1
+    about = one.node, one.cycle, one.time_s, one.stage, one.name
+    return First(*about, *one.texts, one.ulp, others)

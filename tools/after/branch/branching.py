@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import e2e_states
+from pcpc.drivers.can import can_id, e2e_states
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES
 from pcpc.drivers.compiled.rows import HEAD_BYTES
 from pcpc.drivers.errors import UserError
@@ -30,10 +30,10 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted, sidecar
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time
-from pcpc.executive.nodes.replay import tuning_of
+from pcpc.executive.nodes.slices import tuning_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.replay import Comparison, pacing_of, recomputed_pieces
+from pcpc.tools.after.replay import NodeComparison, pacing_of, recomputed_pieces
 
 _FRAMES_KEPT = 1 << 14  # of a node, before the piece of the log at hand: some hundred cycles
 
@@ -80,7 +80,9 @@ class Branch(VirtualRun):
             raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
         lasts = _last_cycles(head, rig.roles, cycle - 2)
         self._nodes = [
-            Comparison(head, rig, role, last, metadata | _origin(head, role, lasts), self._drain)
+            NodeComparison(
+                head, rig, role, last, metadata | _origin(head, role, lasts), self._drain
+            )
             for role, last in lasts.items()
         ]
         for node in self._nodes:
@@ -153,7 +155,7 @@ class Branch(VirtualRun):
             found[i] = heard[: len(heard) - count]
         return found
 
-    def _note_tunings(self, node: Comparison, piece: logs.Log) -> None:
+    def _note_tunings(self, node: NodeComparison, piece: logs.Log) -> None:
         """Keep the tunings of the log that come later."""
         index = node.replay.plan.table.index
         for entry in piece.node[node.role].tunings if node.role in piece.node else ():
@@ -162,7 +164,7 @@ class Branch(VirtualRun):
                 node.replay.check_tuning(cycle, name, value)
                 self._later[node.role].append((cycle, index[name], value))
 
-    def _note_skips(self, node: Comparison, piece: logs.Log) -> None:
+    def _note_skips(self, node: NodeComparison, piece: logs.Log) -> None:
         """Note where a node of the log skipped periods behind the branch, which does not."""
         if node.role not in piece.node or not len(piece.node[node.role].cycle):
             return
@@ -220,20 +222,41 @@ def hand_on(nodes: Sequence[Any], before: Mapping[int, Sequence[NDArray[np.uint8
     """Put what the nodes below the executive sent last into the inboxes of their neighbours.
 
     `before`: what of earlier cycles the executive had not taken, by sender. All else was taken in
-    the same cycle: each node works before the one above it.
+    the same cycle, as each node works before the one above it, but for what a local node left.
     """
     for i in range(int(nodes[0].meeting.peers), 0, -1):  # the order of `exchange.work_below`
         end = nodes[i].wire
         downwards = set(end.second[: end.n_second].tolist())
         for frame in (*before.get(i, ()), *end.outbox[: end.outbox_put]):
-            into = nodes[2 * (_id(frame) in downwards)].wire
-            into.inbox[into.inbox_put % QUEUE_FRAMES, : len(frame)] = frame
-            into.inbox_put += 1
+            _deliver(frame, nodes[2 * (_id(frame) in downwards)].wire)
+    for frame in left_by_local(nodes):
+        _deliver(frame, nodes[1].wire)
     for node in nodes:
         node.wire.outbox_put = 0
 
 
-def _tune_later(node: Comparison, later: list[tuple[int, int, float]]) -> None:
+def _deliver(frame: NDArray[np.uint8], into: Any) -> None:
+    into.inbox[into.inbox_put % QUEUE_FRAMES, : len(frame)] = frame
+    into.inbox_put += 1
+
+
+def left_by_local(nodes: Sequence[Any]) -> list[NDArray[np.uint8]]:
+    """Return what a local node has not taken of the plant's last cycle.
+
+    It takes frames up to the last one that starts its cycle. A drive's come behind that of the
+    plant, and where the plant has none, behind that of the executive.
+    """
+    if len(nodes) - int(nodes[0].meeting.peers) < 2:
+        return []
+    rx, end = nodes[1].rx, nodes[2].wire
+    frames = [rx.frames[row] for row in range(rx.n) if rx.role[row].starts]
+    starters = {can_id.word_of(int(one.can_id), bool(one.extended)) for one in frames}
+    sent = [*end.outbox[: end.outbox_put]]
+    starts = [k for k, frame in enumerate(sent, 1) if _id(frame) in starters]
+    return sent[max(starts, default=0) :]
+
+
+def _tune_later(node: NodeComparison, later: list[tuple[int, int, float]]) -> None:
     """Schedule the tunings that come later; UserError for too many."""
     loop = node.replay.block.loop
     if len(later) > sh.MAX_SCHEDULE:

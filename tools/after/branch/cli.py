@@ -1,6 +1,5 @@
 """`pcpc branch LOG --cycle N`: a recorded run that goes on differently, beside its parent."""
 
-import argparse
 import math
 import sys
 from collections.abc import Callable, Mapping
@@ -14,23 +13,26 @@ from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import RIG_COMMIT, facts
+from pcpc.executive.loop.fault_kinds import WrongNode
 from pcpc.executive.loop.injection import FOR_EVER
-from pcpc.executive.nodes.planned_faults import STALL
 from pcpc.executive.nodes.watched import StepError
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.standby import TO, laws
 from pcpc.tools.after.branch.branching import Branch, Change
+from pcpc.tools.after.branch.commands import BranchRequest
 from pcpc.tools.after.branch.on_bus import BranchOnBus
 from pcpc.tools.after.compare.overlay import Criteria
 from pcpc.tools.after.compare.recorded import recorded_comparison
-from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.span import cycle_of
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
@@ -39,45 +41,47 @@ from pcpc.tools.terminal.progress import Progress
 _LEADER = "executive"
 
 
-def command(options: argparse.Namespace) -> int:
-    """Branch `options.log`, judge the new run, print how it differs; return its exit code.
+def command(request: BranchRequest) -> int:
+    """Branch `request.log`, judge the new run, print how it differs; return its exit code.
 
     UserError: wrong input; StepError: a step hangs or raises.
     """
-    path = Path(options.log)
-    head = logs.head(path)
+    path = Path(request.log)
+    run = Opened(path, Trust.of(request.code))
+    head = run.head
     if _LEADER not in head.node:
         raise UserError(f"{path}: no record of the executive; a branch needs all nodes")
-    cycle = cycle_of(head, options)
-    own = {"controller": None, "set": _of_the_rig(head, options)}
+    cycle = cycle_of(head, request.cycle, request.time)
     try:
-        chosen = argparse.Namespace(**vars(options) | own)
-        with log_rig.rig_of(head, chosen, whole=True) as rig:
-            return _run_branch(head, rig, cycle, options)
+        with run.rig(None, _of_the_rig(head, request), whole=True) as rig:
+            return _run_branch(head, rig, cycle, request)
     except BusError as error:
-        if options.bus is not None:
+        if request.bus is not None:
             raise
         raise UserError(str(error)) from None  # the log's DBC, not a bus of this machine
     except StepError as error:
         raise StepError(f"{path}: {error or 'a step does not return'}") from None
 
 
-def _run_branch(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespace) -> int:
+def _run_branch(head: logs.Log, rig: Rig, cycle: int, request: BranchRequest) -> int:
     judge = Judge.of(rig)
-    judged = columns_to_keep(judge, "lockstep", not options.no_figure)
-    bus = None if options.bus is None else take_bus(wanted_bus(rig, rig.roles, options.bus))
+    judged = columns_to_keep(judge, "lockstep", not request.kept.no_figure)
+    bus = None if request.bus is None else take_bus(wanted_bus(rig, rig.roles, request.bus))
     where = ("virtual", "memory") if bus is None else ("lockstep", str(bus.bus))
-    outcome = Outcome(*where, strict=options.judge)
-    asked = _requested_changes(options)
+    outcome = Outcome(*where, strict=request.kept.judge)
+    asked = _requested_changes(request)
     settled = {one.partition("=")[0] for one in asked}
-    outcome.changed = [o for o in _of_the_parent(head) if o.partition("=")[0] not in settled]
+    parent, doubt = summary_file.beside(head.path)
+    outcome.doubt = f"{head.path}: {doubt}" if doubt else ""
+    before = _settings(head, parent)
+    outcome.changed = [one for one in before if one.partition("=")[0] not in settled]
     outcome.changed += asked
-    progress = Progress(options.quiet)
+    progress = Progress(request.kept.quiet)
     about = _facts(head, rig, cycle, *where)
-    with run_folder(options.output, rig) as folder:
+    with run_folder(request.kept.output, rig) as folder:
         run = _branch_of(bus)(head, rig, cycle, about, folder / LOG, judged)
         try:
-            run.change(changes(run, rig, options))
+            run.change(changes(run, rig, request))
             on_request(lambda *_: _stop(run, outcome))
             for cycles in run.before():
                 progress.show(f"recomputed {cycles}/{cycle}")
@@ -88,9 +92,9 @@ def _run_branch(head: logs.Log, rig: Rig, cycle: int, options: argparse.Namespac
         outcome.missing += [f"{head.path}: {line}" for line in run.missing]  # tunings, perhaps
         for line in run.notes:
             progress.say(line)
-        code = conclude(judge, folder, outcome, options, judged)
-        if not options.json:
-            how = Criteria(figures=None if options.no_figure else folder)
+        code = conclude(judge, folder, outcome, request.kept, judged)
+        if not request.kept.json:
+            how = Criteria(figures=None if request.kept.no_figure else folder)
             found = recorded_comparison(str(head.path), str(folder / LOG), how, progress)
             sys.stdout.write(f"\n{found.text()}\n")
         return code
@@ -110,31 +114,30 @@ def _stop(run: Branch, outcome: Outcome) -> None:
 # What was asked for
 
 
-def _of_the_rig(head: logs.Log, options: argparse.Namespace) -> list[str]:
+def _of_the_rig(head: logs.Log, request: BranchRequest) -> list[str]:
     """Return what is asked for as settings of the rig: a longer run, one more law on standby."""
     about = head.node[_LEADER].description
-    found = [] if options.duration is None else [f"duration_s={options.duration!r}"]
-    if options.controller is not None and not options.controller.strip():
+    found = [] if request.duration_s is None else [f"duration_s={request.duration_s!r}"]
+    if request.controller is not None and not request.controller.strip():
         raise UserError("--controller: expected a name")
-    name, there = options.controller, [str(law) for law in about.get("laws", ())]
+    name, there = request.controller, [str(law) for law in about.get("laws", ())]
     own = head.metadata[_LEADER].get("controller", "")
     if name is not None and name not in (own, *there):
         found.append(f"standby=[{','.join([*there[1:], name])}]")
     return found
 
 
-def _requested_changes(options: argparse.Namespace) -> list[str]:
+def _requested_changes(request: BranchRequest) -> list[str]:
     """Return in words what is different."""
-    found = [f"fault {text}" for text in options.fault]
-    found += [] if options.controller is None else [f"controller={options.controller}"]
-    found += [] if options.duration is None else [f"duration_s={options.duration:g}"]
+    found = [f"fault {text}" for text in request.fault]
+    found += [] if request.controller is None else [f"controller={request.controller}"]
+    found += [] if request.duration_s is None else [f"duration_s={request.duration_s:g}"]
     return found
 
 
-def _of_the_parent(head: logs.Log) -> list[str]:
-    """Return what the parent's command had changed; its tunings are in its log."""
-    own = summary_file.summary_beside(head.path)
-    tunable = {name for node in head.node.values() for name in node.description["ranges"]}
+def _settings(head: logs.Log, own: Summary | None) -> list[str]:
+    """Return what the command of a run had changed; its tunings are in its log."""
+    tunable = {name for node in head.node.values() for name in node.description.get("ranges", ())}
     return [one for one in own.changed if one.partition("=")[0] not in tunable] if own else []
 
 
@@ -150,14 +153,14 @@ def _facts(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[
     }  # fmt: skip
 
 
-def changes(run: Branch, rig: Rig, options: argparse.Namespace) -> list[Change]:
+def changes(run: Branch, rig: Rig, request: BranchRequest) -> list[Change]:
     """Return what is to be set in which node; UserError for what no node takes."""
     known = run.parameters()
-    found = [_setting(known, text) for text in options.set]
-    for text in options.fault:
+    found = [_setting(known, text) for text in request.set]
+    for text in request.fault:
         found += _fault_changes(run, rig, text)
-    if options.controller is not None:
-        found.append(_handover_change(rig, options.controller))
+    if request.controller is not None:
+        found.append(_handover_change(rig, request.controller))
     names = [(one.role, one.name) for one in found]
     for name in names:
         if names.count(name) > 1:
@@ -191,13 +194,13 @@ def _setting(known: Mapping[str, Mapping[str, Any]], text: str) -> Change:
 def _fault_changes(run: Branch, rig: Rig, text: str) -> list[Change]:
     """Return the changes that begin a fault of the rig in the nodes that have it.
 
-    As `planned_faults.moments_of`: what acts on frames is set in the cycle before.
+    As `ActingFault.moments`: what acts on frames is set in the cycle before.
     """
     name, _, length = text.partition(":")
     if name not in rig.config.faults:
         cure = did_you_mean(name, rig.config.faults) if rig.config.faults else ""
         raise UserError(f"--fault {text}: no such fault{cure or '; its rig has no faults'}")
-    if rig.config.faults[name].kind == STALL:
+    if rig.config.faults[name].kind == WrongNode.STALL.word:
         raise UserError(f"--fault {text}: a stall on demand has no effect without a clock")
     left = FOR_EVER
     if length:

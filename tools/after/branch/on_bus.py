@@ -25,12 +25,13 @@ from pcpc.drivers.errors import BusError, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.loop.clock import Time
-from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, run
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.running import run
 from pcpc.executive.nodes.process import claim_frames, open_buses
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_error
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.branch.branching import Branch
+from pcpc.tools.after.branch.branching import Branch, left_by_local
 from pcpc.tools.after.replay import pacing_of
 from pcpc.tools.start.peer_wait import PeerWait
 
@@ -76,7 +77,10 @@ class BranchOnBus(Branch):
         super().__init__(head, rig, cycle, metadata, log, judged)
 
     def _hand_on(self) -> None:
-        """Open the buses; keep what has to be said again."""
+        """Open the buses; keep what has to be said again. UserError for what nobody can say."""
+        if left_by_local([block.loop for block in self.blocks]):
+            what = "frames of the plant wait at the local node, which no bus brings back"
+            raise UserError(f"{self.head.path}: {what}; leave out --bus")
         self._again = [np.empty((0, FRAME_BYTES), np.uint8)] * len(self.blocks)
         for i, before in self._left_there().items():
             wire = self.blocks[i].loop.wire

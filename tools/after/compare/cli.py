@@ -1,6 +1,5 @@
 """`pcpc compare`: two runs, two folders of runs, or two versions of the rigs in virtual time."""
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -9,52 +8,61 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
+from pcpc.tools.after.compare.commands import CompareRequest
 from pcpc.tools.after.compare.comparison import Comparison
 from pcpc.tools.after.compare.overlay import Criteria
 from pcpc.tools.after.compare.pair import ALONE
 from pcpc.tools.after.compare.recorded import recorded_comparison
 from pcpc.tools.terminal.extras import FIGURE, need
-from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import write_text
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
+
+_OF_RUNS = ("fail_on", "allow", "markdown", "output", "against", "controller", "all_controllers",
+            "jobs")  # fmt: skip
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: CompareRequest) -> int:
     """Compare, print, write; see `_code`. UserError: wrong input."""
-    if not (math.isfinite(options.tolerance) and options.tolerance >= 0.0):
-        raise UserError(f"--tolerance {options.tolerance:g}: expected 0 or more")
-    is_new = options.output is not None and not Path(options.output).exists()
-    how = Criteria(options.tolerance, _folder(options.output))
+    if request.beside.value("bits"):
+        request.refuse("of runs, not of their bits", *_OF_RUNS)
+        about = request.words, request.beside, request.tolerance, request.json, request.quiet
+        return int(part_of("after/log", "diff").compare_bits(*about))
+    if not (math.isfinite(request.tolerance) and request.tolerance >= 0.0):
+        raise UserError(f"--tolerance {request.tolerance:g}: expected 0 or more")
+    is_new = request.output is not None and not Path(request.output).exists()
+    how = Criteria(request.tolerance, _folder(request.output))
     try:
-        found = _comparison(options, how, Progress(options.quiet))
-        _allow(found, options.allow)
+        found = _comparison(request, how, Progress(request.quiet))
+        _allow(found, request.allow)
     except UserError:
         if is_new and how.figures is not None:
             with suppress(OSError):  # it holds figures already
                 how.figures.rmdir()
         raise
-    files = {options.markdown: found.markdown(), options.json: found.json()}
+    files = {request.markdown: found.markdown(), request.json: found.json()}
     for name in (name for name in files if name not in (None, "-")):
         write_text(Path(name), files[name] + "\n")
     if how.figures is not None:
         write_text(how.figures / "report.md", found.markdown(pictures=True) + "\n")
     sys.stdout.write(files.get("-", found.text()) + "\n")
-    return _code(found, options.fail_on)
+    return _code(found, request.fail_on)
 
 
-def _comparison(options: argparse.Namespace, how: Criteria, progress: Progress) -> Comparison:
-    if options.against is not None:
-        if options.jobs is not None and options.jobs < 1:
-            raise UserError(f"--jobs {options.jobs}: expected 1 or more")
+def _comparison(request: CompareRequest, how: Criteria, progress: Progress) -> Comparison:
+    if request.against is not None:
+        if request.jobs is not None and request.jobs < 1:
+            raise UserError(f"--jobs {request.jobs}: expected 1 or more")
         from pcpc.tools.after.compare import versions  # time
 
-        return versions.version_comparison(options, how, progress)
+        return versions.version_comparison(request.against, request, how, progress)
     why = "only with --against; two recordings are compared as they are"
-    refuse(options, why, "controller", "jobs", "all_controllers")
-    if len(options.words) != 2:
+    request.refuse(why, "controller", "jobs", "all_controllers")
+    request.refuse("only with --bits", "absolute")
+    if len(request.words) != 2:
         cure = "name two, old and new, or a version with --against"
-        raise UserError(f"expected two runs to compare, got {len(options.words)}; {cure}")
-    old, new = options.words
+        raise UserError(f"expected two runs to compare, got {len(request.words)}; {cure}")
+    old, new = request.words
     return recorded_comparison(old, new, how, progress)
 
 

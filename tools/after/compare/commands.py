@@ -1,49 +1,47 @@
 """Commands: compare."""
 
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import WORD, Offers, Request
 
 
-def compare(add: Add) -> None:
-    """Take two runs, or a version and rigs, and where to tell what differs."""
-    add(
-        "words",
-        nargs="*",
-        metavar="A B|RIG",
-        help="old and new log, run or folder of runs; --against: rigs",
-    )
-    add(
-        "--against",
-        metavar="GITREF",
-        help="simulate the rigs of this git version and of the working tree",
-    )
-    add("--controller", metavar="NAME", help="--against: this controller of each rig")
-    add("--all-controllers", action="store_true", help="--against: all controllers of each rig")
-    add("--jobs", type=int, metavar="N", help="--against: processes; default: one a processor")
-    add(
-        "--tolerance",
-        type=float,
-        default=0.0,
-        metavar="REL",
-        help="relative change of a metric that counts as equal",
-    )
-    add(
-        "--fail-on",
-        choices=("any", "metrics", "verdict", "never"),
-        default="any",
-        help="difference that exits with 1; default: any",
-    )
-    add(
-        "--allow",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="rig, or RIG/CONTROLLER, that may be on one side only",
-    )
-    add("--markdown", metavar="FILE", help="write a table for a pull request; -: stdout")
-    add("--json", metavar="FILE", help="write all as JSON; -: stdout")
-    add("-o", "--output", metavar="DIR", help="folder for report.md and figures of old over new")
-    take.quiet(add)
+class CompareRequest(Request):
+    """Two runs, or a version and rigs, and where to tell what differs."""
+
+    words: Annotated[
+        Sequence[str],
+        WORD,
+        "A B|RIG",
+        "old and new log, run or folder of runs; --against: rigs; --bits: then variables",
+    ] = ()
+    against: Annotated[
+        str | None, "GITREF", "simulate the rigs of this git version and of the working tree"
+    ] = None
+    controller: Annotated[str | None, "NAME", "--against: this controller of each rig"] = None
+    all_controllers: Annotated[bool, "--against: all controllers of each rig"] = False
+    jobs: Annotated[int | None, "N", "--against: processes; default: one a processor"] = None
+    tolerance: Annotated[
+        float,
+        "REL",
+        "relative change of a metric, --bits: of a value, that counts as equal",
+    ] = 0.0
+    fail_on: Annotated[
+        Literal["any", "metrics", "verdict", "never"],
+        "difference that exits with 1; default: any",
+    ] = "any"
+    allow: Annotated[
+        Sequence[str], "NAME", "rig, or RIG/CONTROLLER, that may be on one side only"
+    ] = ()
+    markdown: Annotated[str | None, "FILE", "write a table for a pull request; -: stdout"] = None
+    json: Annotated[str | None, "FILE", "write all as JSON; -: stdout"] = None
+    output: Annotated[
+        str | None, "-o", "DIR", "folder for report.md and figures of old over new"
+    ] = None
+    beside: Annotated[Offers, "BESIDE_COMPARE"] = Offers()
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -51,8 +49,9 @@ COMMANDS = (
         "compare",
         "compare two runs, or two versions of the rigs",
         "pcpc compare runs/A runs/B\n"
+        "pcpc compare --bits runs/A runs/B 'controller.*' --absolute 1e-9\n"
         "pcpc compare --against origin/main --markdown table.md -o compared",
-        compare,
+        CompareRequest,
         judges=True,
         module="after.compare.cli",
         codes=codes(

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Change, Pair
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Pair
+from pcpc.tools.after.differences import Change
+from pcpc.tools.after.log.diff import plain
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.document import (
     Bullets,
@@ -120,11 +121,14 @@ class Comparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
-        return {"changed": self.changed, "counts": self.counts, **asdict(self)}
+        found = {"changed": self.changed, "counts": self.counts, **asdict(self)}
+        for told, first in zip(found["pairs"], (pair.first for pair in self.pairs), strict=True):
+            told["first"] = None if first is None else plain(first)
+        return found
 
     def json(self) -> str:
         """Return everything as JSON; NaN and infinity are text."""
-        return summary_file.text_of(self.as_dict())
+        return screen.json_text(self.as_dict())
 
 
 def _names(pairs: list[Pair]) -> str:
@@ -140,7 +144,7 @@ def _divergence_text(pair: Pair) -> str:
     first = pair.first
     if first is None:
         return "in no recorded signal"
-    return f"from cycle {first.cycle} ({first.time_s:.3f} s) on, first {first.name}"
+    return f"from cycle {first.cycle} ({first.time_s:.3f} s) on, first {first.label}"
 
 
 def _equal_text(pair: Pair) -> str:

@@ -13,7 +13,7 @@ from pcpc.executive.log.reader import LogError
 from pcpc.plants.judging import Judged
 from pcpc.plants.pages import Panel, draw_line, dress, new_page, traces
 from pcpc.tools.after.compare.pair import CHANGED, Pair, compare
-from pcpc.tools.after.log.drawing import DPI, Source, page_of
+from pcpc.tools.after.log.drawing import DPI, DrawnLog, page_of
 from pcpc.tools.after.log.series import all_series, start_ns
 from pcpc.tools.after.record import Run
 from pcpc.tools.after.verdict.judge import Judge, guarded
@@ -93,7 +93,7 @@ def _panels(runs: Sequence[Judged], panels: Sequence[Panel], title: str, path: P
 def _signals(old: Run, new: Run, pair: Pair, path: Path) -> bool:
     """Draw the signals that differ most."""
     sources = [
-        Source(name, run.log, all_series(run.log), start_ns(run.log))
+        DrawnLog(name, run.log, all_series(run.log), start_ns(run.log))
         for name, run in (("old", old), ("new", new))
     ]
     names = [signal.name for signal in pair.outside[:_AXES]]

@@ -23,9 +23,11 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import rig_commits
 from pcpc.plants.judging import effective_rig
+from pcpc.tools.after.differences import Change, Difference
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.trust import words_of
+from pcpc.tools.after.verdict.findings import NOT_JUDGED
 from pcpc.tools.after.verdict.summary import Summary
 
 EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
@@ -36,28 +38,7 @@ _UNTOLD = (logs.LogError, UserError, OSError, ValueError)
 
 
 @dataclass(frozen=True)
-class Change:
-    """A value, old and new; None for one that only the other side has."""
-
-    name: str
-    old: Any
-    new: Any
-
-    @property
-    def differs(self) -> bool:
-        """It is not the same on both sides; NaN is NaN."""
-        return bool(self.old != self.new and not (_is_nan(self.old) and _is_nan(self.new)))
-
-    @property
-    def relative(self) -> float:
-        """How much larger the new value is, as a share of the old one; NaN if that says nothing."""
-        if not all(isinstance(v, int | float) for v in (self.old, self.new)) or not self.old:
-            return math.nan
-        return float((self.new - self.old) / abs(self.old))
-
-
-@dataclass(frozen=True)
-class Signal:
+class SignalDifference:
     """The biggest difference of a signal, and its share of the range that the signal has in A."""
 
     name: str
@@ -76,8 +57,8 @@ class Pair:
     said: list[str] = field(default_factory=list)  # in words: what only one has, what failed
     old: str = ""
     new: str = ""
-    first: diff.Difference | None = None
-    signals: list[Signal] = field(default_factory=list)  # that differ; by share
+    first: Difference | None = None
+    signals: list[SignalDifference] = field(default_factory=list)  # that differ; by share
     frames: int = 0  # kinds of frames that differ
     metrics: list[Change] = field(default_factory=list)  # all of both
     judged: list[str] = field(default_factory=list)  # metrics that the rig limits
@@ -119,7 +100,7 @@ class Pair:
         return f"cycles of {', '.join(counts)}" if counts else "no cycle"
 
     @property
-    def outside(self) -> list[Signal]:
+    def outside(self) -> list[SignalDifference]:
         """The signals that differ, without the states of blocks, whose names begin with x_."""
         return [signal for signal in self.signals if ".x_" not in signal.name]
 
@@ -152,7 +133,7 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
         cycles={node: (n, _most_cycles(node, old, new)) for node, n in report.cycles.items()},
     )
     found.signals = sorted(_signals(old.log, report.differences), key=lambda s: -s.share)
-    found.frames = sum(one.name.startswith("frame ") for one in report.differences)
+    found.frames = sum(one.is_frame for one in report.differences)
     values = [dict(settings(run.log)) for run in (old, new)]
     found.settings = [one for one in _changes(*values) if one.differs]
     summaries = [_summary(run, found.said) for run in (old, new)]
@@ -170,7 +151,9 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     alike = own[0] == own[1] and found.state == EQUAL  # bits of one log are judged alike
     wrong = bool(found.missing or found.doubts)
     found.unknown = ["metrics"] * (wrong or (_NONE in summaries and not alike))
-    found.unknown += ["verdict"] * (wrong or not (all(own) or alike))
+    left = _unjudged_lines(summaries[0], summaries[1], found.state == EQUAL)
+    found.unknown += ["verdict"] * (wrong or bool(left) or not (all(own) or alike))
+    found.said += left
     found.said += [
         f"no verdict: {run.path}: no summary.json of this run is beside it"
         for run in (old, new)
@@ -192,14 +175,19 @@ def _conclude(found: Pair, report: diff.Report, summaries: list[Summary]) -> Non
     found.said += [*found.missing, *found.doubts]
 
 
+def _unjudged_lines(old: Summary, new: Summary, alike: bool) -> list[str]:
+    """Return what the new run was not judged by, of which the old one tells no verdict either."""
+    whole = new.verdict == NOT_JUDGED and not alike
+    return [
+        f"new: {new.named(name)} was not judged: {why}"
+        for name, why in new.not_judged.items()
+        if whole or name not in old.not_judged
+    ]
+
+
 def _doubts(old: Run, new: Run, equal: bool) -> list[str]:
     """Return why no gate may trust what two runs say, a line each; `equal`: all their bits are."""
-    found = [
-        f"{run.path.with_name(summary_file.NAME)}: is not of this log, one was changed since"
-        for run in (old, new)
-        if not (run.judged_at_its_end or run.log.missing)
-        and run.path.with_name(summary_file.NAME).exists()
-    ]
+    found = [f"{run.path}: {run.doubt}" for run in (old, new) if run.doubt and not run.log.missing]
     if equal:
         return found
     rigs = [fact(run.log, "rig") for run in (old, new)]
@@ -239,17 +227,13 @@ def _summary(run: Run, said: list[str]) -> Summary:
     try:
         return run.result
     except _UNTOLD as error:
-        said.append(f"no metrics: {error}")
+        said.append(f"no metrics: {words_of(error)}")
         return _NONE
 
 
 def _margins(summary: Summary) -> dict[str, float | None]:
     """Return how far a run was from violating each requirement in time, negative if it did."""
     return {f"margin of {one.name}": one.margin for one in summary.requirements}
-
-
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
@@ -278,13 +262,13 @@ def _flat(data: Any, above: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
         yield above, data
 
 
-def _signals(old: logs.Log, differences: list[diff.Difference]) -> Iterator[Signal]:
+def _signals(old: logs.Log, differences: list[Difference]) -> Iterator[SignalDifference]:
     known = series.all_series(old)
     for one in differences:
-        if one.largest is None or one.largest_time_s is None or one.name not in known:
+        if one.largest is None or one.largest_time_s is None or one.label not in known:
             continue
-        values = known[one.name].values
+        values = known[one.label].values
         finite = values[np.isfinite(values)]
         span = float(np.ptp(finite)) if len(finite) else 0.0
         share = one.largest / span if span else math.inf
-        yield Signal(one.name, one.largest, one.largest_time_s, share)
+        yield SignalDifference(one.label, one.largest, one.largest_time_s, share)

@@ -21,6 +21,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.compare.pair import fact, settings
 from pcpc.tools.after.log.recorded import log_of, logs_below
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.start.folder import LOG
 
 Key = tuple[str, str, str]  # rig, controller, kind
@@ -74,7 +75,7 @@ def recorded_runs(text: str, unreadable: Callable[[Path, str], None]) -> list[Re
     for path in paths:
         try:
             place = path.relative_to(text).as_posix() if whole else path.name
-            found.append(Recorded(path, place, logs.head(path)))
+            found.append(Recorded(path, place, Opened(path).head))
         except (UserError, OSError) as error:
             words = error.strerror if isinstance(error, OSError) else str(error)
             unreadable(path, f"{words}".removeprefix(f"{path}: "))

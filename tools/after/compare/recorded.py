@@ -5,8 +5,9 @@ from pathlib import Path
 from pcpc.drivers.errors import UserError
 from pcpc.tools.after.compare.comparison import Comparison
 from pcpc.tools.after.compare.overlay import Criteria, compared_pair
-from pcpc.tools.after.compare.pair import ALONE, FAILED, Change, Pair, Side
+from pcpc.tools.after.compare.pair import ALONE, FAILED, Pair, Side
 from pcpc.tools.after.compare.pairing import Recorded, holds_runs, partners, recorded_runs
+from pcpc.tools.after.differences import Change
 from pcpc.tools.after.log.recorded import log_of
 from pcpc.tools.after.log.series import LARGE_BYTES
 from pcpc.tools.after.record import Run

@@ -4,7 +4,6 @@ Each run is a process of its own, `pcpc simulate`, with the code of its version 
 holds pcpc, else with the installed one. What has the same inputs in both versions is not run.
 """
 
-import argparse
 import fcntl
 import os
 import shutil
@@ -20,6 +19,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, did_you_mean, one_line
 from pcpc.executive.log.reader import LogError
+from pcpc.tools.after.compare.commands import CompareRequest
 from pcpc.tools.after.compare.comparison import Comparison
 from pcpc.tools.after.compare.inputs import Rig, Tree
 from pcpc.tools.after.compare.overlay import Criteria, compared_pair
@@ -60,15 +60,15 @@ class Job:
 
 
 def version_comparison(
-    options: argparse.Namespace, how: Criteria, progress: Progress
+    against: str, request: CompareRequest, how: Criteria, progress: Progress
 ) -> Comparison:
-    """Compare the rigs of the version `options.against` with those of the working tree.
+    """Compare the rigs of the version `against` with those of the working tree.
 
     UserError: a version cannot run its rigs.
     """
-    repository = _repository(options.words)
-    commit = repository.commit(options.against)
-    progress.show(f"writing out {options.against}")
+    repository = _repository(request.words)
+    commit = repository.commit(against)
+    progress.show(f"writing out {against}")
     with repository.checked_out(commit) as folder:
         trees = (
             Tree(folder / "tree", repository.files_of(commit)),
@@ -76,12 +76,12 @@ def version_comparison(
         )
         if trees[1].holds_pcpc and not trees[0].holds_pcpc:
             what = "that version of pcpc cannot run its rigs; name a later version"
-            raise UserError(f"--against {options.against}: {what}")
-        found = Comparison(f"{options.against} ({commit[:10]})", "working tree")
-        plan = _Plan(trees, options, how, folder, repository.changed(commit))
+            raise UserError(f"--against {against}: {what}")
+        found = Comparison(f"{against} ({commit[:10]})", "working tree")
+        plan = _Plan(trees, request, how, folder, repository.changed(commit))
         found.pairs = list(plan.pairs())
         progress.close()
-        found.pairs += each(_run, plan.jobs, progress, options.jobs) if plan.jobs else []
+        found.pairs += each(_run, plan.jobs, progress, request.jobs) if plan.jobs else []
     found.pairs.sort(key=lambda pair: pair.name)
     return found
 
@@ -136,12 +136,12 @@ class _Plan:
     def __init__(
         self,
         trees: tuple[Tree, Tree],
-        options: argparse.Namespace,
+        request: CompareRequest,
         how: Criteria,
         folder: Path,
         changed: Sequence[str],
     ) -> None:
-        self._options, self._how, self._folder, self._root = options, how, folder, trees[1].root
+        self._request, self._how, self._folder, self._root = request, how, folder, trees[1].root
         both = zip(_SIDES, trees, strict=True)
         self._versions = [_Version(side, tree, trees[1]) for side, tree in both]
         self._names = _names({k: v for one in self._versions for k, v in one.files.items()})
@@ -164,7 +164,7 @@ class _Plan:
 
     def _chosen(self) -> list[str]:
         """Return the paths of the rigs that the command line names, or of all."""
-        words, known = self._options.words, sorted(self._names)
+        words, known = self._request.words, sorted(self._names)
         found = dict[str, None]()
         for word in words:
             ends = ("", "/rig.yaml") if word else ()
@@ -184,28 +184,28 @@ class _Plan:
 
     def _controllers(self, path: str, old: Rig, new: Rig) -> Iterator[Pair]:
         """Deal with a rig's controllers: its own, others that changed, or those asked for."""
-        name, options = self._names[path], self._options
-        if old.own != new.own and not (options.controller or options.all_controllers):
+        name, request = self._names[path], self._request
+        if old.own != new.own and not (request.controller or request.all_controllers):
             self._add(path, old.own, new.own)
             return
         known = list(dict.fromkeys((*old.controllers, *new.controllers)))
-        wanted = [options.controller] if options.controller else known
-        if not (options.controller or options.all_controllers):
+        wanted = [request.controller] if request.controller else known
+        if not (request.controller or request.all_controllers):
             wanted = [new.own, *(law for law in known if law != new.own)]
         for law in wanted:
             both = zip(_SIDES, (old, new), strict=True)
             sides = [side for side, rig in both if law in rig.controllers]
-            if not sides and options.controller:
+            if not sides and request.controller:
                 what = f"no such controller{did_you_mean(law, known)}"
                 yield Pair(name, law, FAILED, [what])
             elif len(sides) == 1:
                 yield Pair(name, law, ALONE, [f"only in the {sides[0]} version"])
             elif self._same(old, new, law):
-                if law in (new.own, options.controller) or options.all_controllers:
+                if law in (new.own, request.controller) or request.all_controllers:
                     yield Pair(name, law, UNCHANGED)
             else:
                 self._add(path, law, law)
-                if law == new.own and not options.all_controllers:
+                if law == new.own and not request.all_controllers:
                     return  # what it shares with the others has changed
 
     def _same(self, old: Rig, new: Rig, law: str) -> bool:

@@ -1,7 +1,5 @@
-"""`pcpc log animate`: the plant of a log as it moved, a GIF painted from its drawing's scenes."""
+"""`pcpc log plot --moving`: the plant as it moved, a GIF painted from its scenes."""
 
-import argparse
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +9,11 @@ from pcpc.executive.log import reader as logs
 from pcpc.plants.drawing import DrawingError, load, settings_of_log
 from pcpc.plants.judging import Judged
 from pcpc.plants.scene import Scene
-from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series
+from pcpc.tools.after.log.commands import PlotRequest
+from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.opened import opened
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -22,26 +23,28 @@ COLOURS = 256  # fewer lose those of small shapes
 MOST = 2400  # pictures
 
 
-def command(options: argparse.Namespace) -> int:
-    """Carry out `animate`; return the exit code. LogCommandError: wrong input."""
-    progress = Progress(options.quiet)
-    if options.output.suffix.lower() != ".gif":
-        raise LogCommandError(f"{options.output}: expected a name that ends in .gif")
+def command(request: PlotRequest) -> int:
+    """Paint the film; return the exit code. LogCommandError: wrong input."""
+    progress = Progress(request.quiet)
+    if len(request.words) != 1:
+        raise LogCommandError(f"{' '.join(request.words)}: --moving takes one log, no variables")
+    if request.output.suffix.lower() != ".gif":
+        raise LogCommandError(f"{request.output}: expected a name that ends in .gif")
     need("a film needs", FIGURE, "PIL")
-    log = series.read_log(options.log, progress)
-    window_s = series.window_s(options)
-    if not options.speed > 0.0:
-        raise LogCommandError(f"--speed {options.speed:g}: expected more than 0")
-    times, scenes = _scenes(log, window_s, options, progress)
-    with new_file(options.output, force=True) as path:
+    log = series.read_log(log_of(request.words[0]), progress)
+    window_s = series.window_s(request.window)
+    if not request.speed > 0.0:
+        raise LogCommandError(f"--speed {request.speed:g}: expected more than 0")
+    times, scenes = _scenes(log, window_s, request, progress)
+    with new_file(request.output, force=True) as path:
         _paint(times, scenes, path, progress)
     progress.close()
-    print(f"{options.output}: {len(scenes)} pictures, {times[0]:g} to {times[-1]:g} s")
+    print(f"{request.output}: {len(scenes)} pictures, {times[0]:g} to {times[-1]:g} s")
     return Exit.LOSS if log.missing else Exit.OK
 
 
 def _scenes(
-    log: logs.Log, window_s: tuple[float, float], options: argparse.Namespace, progress: Progress
+    log: logs.Log, window_s: tuple[float, float], request: PlotRequest, progress: Progress
 ) -> tuple[list[float], list[Scene]]:
     """Return the times and scenes of a log, PER_S for a second of the film."""
     leader = next(iter(log.node))
@@ -50,14 +53,14 @@ def _scenes(
     if not len(inside):
         raise LogCommandError(f"{log.path}: no cycle between --start and --end")
     first, last = run.t_s[inside[0]], run.t_s[inside[-1]]
-    count = int((last - first) * PER_S / options.speed + 1e-9) + 1
+    count = int((last - first) * PER_S / request.speed + 1e-9) + 1
     if count > MOST:
         what = f"{count} pictures, more than {MOST}; take a part with --start and --end"
         raise LogCommandError(f"{log.path}: {what}, or a higher --speed")
-    rows = np.searchsorted(run.t_s, first + np.arange(count) * options.speed / PER_S - 1e-9)
-    with tempfile.TemporaryDirectory() as folder:
+    rows = np.searchsorted(run.t_s, first + np.arange(count) * request.speed / PER_S - 1e-9)
+    with opened(log, Trust.of(request.code)) as opener:
         try:
-            file, note = log_rig.drawing_of_log(log, Path(folder), options)
+            file, note = opener.drawing()
             if file is None:
                 raise LogCommandError(f"{log.path}: its plant has no drawing.py")
             if note:

@@ -1,4 +1,4 @@
-"""`pcpc log cat`: the messages of a log as text, as they come, for pipes.
+"""`pcpc log export -o -`: the messages of a log as text, as they come, for pipes.
 
     csv        a topic of columns: time, cycle, a column a variable with its unit; or frames
     ndjson     any topics: an object a message, variables by dotted name; not finite: "nan", "inf"
@@ -8,13 +8,12 @@ Times are seconds since the executive's first cycle; those of candump are wall t
 many digits as they need to come back bit for bit.
 """
 
-import argparse
 import json
 import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,36 +23,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan, walk
 from pcpc.tools.after.log import source
+from pcpc.tools.after.log.commands import ExportRequest
+from pcpc.tools.after.log.contents import DIRECTIONS
+from pcpc.tools.after.log.frames import frame_text, payload
 from pcpc.tools.after.log.series import EVER_S, label, window_s
-from pcpc.tools.after.log.tally import DIRECTIONS, senseless
+from pcpc.tools.after.log.tally import senseless
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
+FORMATS = "csv", "ndjson", "candump"
 _INTERFACE = re.compile(r"[\w.:@-]{1,15}", re.ASCII)
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
 _FRAMES = "can/frames"
 Rows = NDArray[Any]  # messages, or frames: (n,) records
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ExportRequest) -> int:
     """Print; raises LogError, LogCommandError, BrokenPipeError."""
-    path, found = options.log, Scan()
+    path, found = request.log, Scan()
     # on a terminal the text itself shows how far it is
-    progress = Progress(options.quiet or sys.stdout.isatty())
-    start_s, end_s = window_s(options)
+    progress = Progress(request.quiet or sys.stdout.isatty())
+    start_s, end_s = window_s(request.window)
     zero_ns = first_cycle_ns(path)
-    log = logs.head(path)
-    topics = [f"/{name.lstrip('/')}" for name in options.topics or []]
+    log = Opened(path).head
+    topics = [f"/{name.lstrip('/')}" for name in request.topics or []]
     if not topics and log.metadata.get("import", {}).get("rows") == "0":
         topics = [f"/{_FRAMES}"]  # of a recording without a DBC file that is all
-    form = options.format or _usual_format(topics)
+    form = request.format or _usual_format(topics)
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
     _check(form, topics)
     printer = Printer(log, found, form, zero_ns)
@@ -126,7 +129,9 @@ class Printer:
     form: str
     zero_ns: int
     _last: dict[int, int] = field(default_factory=dict)  # channel: cycle
-    _variables: dict[str, list[logs.Variable]] = field(default_factory=dict)  # topic: its columns
+    _variables: dict[str, list[logs.LoggedVariable]] = field(
+        default_factory=dict
+    )  # topic: its columns
     _names: dict[int, str] = field(default_factory=dict)
     _headed: bool = False
     _left_out: Counter[str] = field(default_factory=Counter)
@@ -241,49 +246,6 @@ class Printer:
             if interface:
                 return channel if interface == "socketcan" and channel else interface
         return "vcan0"
-
-
-def payload(frame: Any) -> str:
-    """Return the data of a recorded frame."""
-    return bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
-
-
-def frame_text(frame: Any) -> str:
-    """Return a recorded frame as candump writes it."""
-    flags = int(frame["flags"])
-    mark = f"##{flags & (Flag.BRS | Flag.ESI):X}" if flags & Flag.FD else "#"
-    return f"{can_id.text_of(int(frame['id']))}{mark}{payload(frame)}"
-
-
-def unequal_frames(a: Rows, b: Rows, fields: Sequence[str]) -> tuple[int, int]:
-    """Return how many frames differ in these fields or have no counterpart, and where the first.
-
-    Both (n,) records.
-    """
-    n = min(len(a), len(b))
-    differs = np.zeros(n, bool)
-    for field_ in fields:
-        unequal = a[field_][:n] != b[field_][:n]
-        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
-    count = int(differs.sum()) + abs(len(a) - len(b))
-    return count, int(differs.argmax()) if differs.any() else n
-
-
-def unequal_texts(
-    a: Rows, b: Rows, at: int, text: Callable[[Any], str] = frame_text
-) -> tuple[str, str]:
-    """Return two recorded frames that differ, "none" for none, so that one sees in what.
-
-    `a`, `b`: (n,) records.
-    """
-    texts = ["none" if at >= len(frames) else text(frames[at]) for frames in (a, b)]
-    if texts[0] == texts[1]:
-        texts = [
-            f"{frame_text(one)}, behind it {bytes(one['data'][int(one['dlc']) :]).hex().upper()}, "
-            f"cycle {int(one['cycle'])}, check {int(one['e2e'])}"
-            for one in (a[at], b[at])
-        ]
-    return texts[0], texts[1]
 
 
 def json_line(entry: dict[str, Any]) -> str:

@@ -1,141 +1,118 @@
 """Commands: log."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Literal
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Add, Command, codes
+from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Command, codes
+from pcpc.tools.terminal.request import Request
+
+_Log = Annotated[Path, "LOG", "log file, run folder or latest"]
 
 
-def info(add: Add) -> None:
-    """Take a log."""
-    take.log(add, type=Path)
-    take.json(add)
-    take.quiet(add)
+class Window(Request):
+    """A part of a log, in time."""
+
+    start: Annotated[str | None, "TIME", "from this time on: 1.5 or 500ms after the start"] = None
+    end: Annotated[str | None, "TIME", "up to this time"] = None
 
 
-def cat(add: Add) -> None:
-    """Take a log, which part of it, and in which format."""
-    take.log(add, type=Path)
-    add(
-        "--topics",
-        nargs="+",
-        metavar="TOPIC",
-        help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
-        "default: /state as csv, /can/frames as candump, all as ndjson",
-    )
-    add(
-        "--format",
-        choices=("csv", "ndjson", "candump"),
-        help="default: candump for frames, csv for variables, ndjson for all else",
-    )
-    _window(add, "up to this time")
-    take.quiet(add)
+class InfoRequest(Request):
+    """A log."""
+
+    log: _Log
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
-def _window(add: Add, end: str) -> None:
-    add("--start", metavar="TIME", help="from this time on: 1.5 or 500ms after the start")
-    add("--end", metavar="TIME", help=end)
+class Bits(Request):
+    """Whether two logs are compared value by value, and what counts as a difference."""
+
+    bits: Annotated[bool, "two logs: every variable and frame, bit by bit"] = False
+    absolute: Annotated[float, "ABS", "--bits: absolute tolerance"] = 0.0
 
 
-def diff(add: Add) -> None:
-    """Take two logs, and what counts as a difference."""
-    add("a", type=Path, metavar="A", help="log file, run folder or latest")
-    add("b", type=Path, metavar="B", help="the other log")
-    add(
-        "variables",
-        nargs="*",
-        metavar="VAR",
-        help="compare only these, and no frames; default: all but timing",
-    )
-    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative tolerance")
-    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute tolerance")
-    take.json(add)
-    take.quiet(add)
+class RecoverRequest(Request):
+    """A damaged log."""
+
+    log: _Log
+    output: Annotated[Path | None, "-o", "OUT", "new file; default: LOG-recovered.mcap"] = None
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
-def recover(add: Add) -> None:
-    """Take a damaged log."""
-    take.log(add, type=Path)
-    add("-o", "--output", type=Path, metavar="OUT", help="new file; default: LOG-recovered.mcap")
-    take.json(add)
-    take.quiet(add)
+class ExportRequest(Request):
+    """A log, which part of it, and a file."""
+
+    log: _Log
+    output: Annotated[Path, "-o", "FILE", "file to write; -: as text to stdout, of any topics"]
+    format: Annotated[
+        Literal["candump", "blf", "asc", "csv", "parquet", "mf4", "ndjson"] | None,
+        "default: by the suffix of FILE; -: candump of frames, csv of variables, else ndjson",
+    ] = None
+    topics: Annotated[
+        Sequence[str] | None,
+        "TOPIC",
+        "/can/frames; /state, /timing; with /plant before them the plant's; "
+        "-: also /events, /tunings, ...",
+        {"nargs": "+"},
+    ] = None
+    window: Window = Window()
+    force: Annotated[bool, "overwrite FILE"] = False
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
-def export(add: Add) -> None:
-    """Take a log, which part of it, and a file."""
-    take.log(add, type=Path)
-    add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
-    add(
-        "--format",
-        choices=("candump", "blf", "asc", "csv", "parquet", "mf4"),
-        help="default: by the suffix of FILE",
-    )
-    add(
-        "--topics",
-        nargs="+",
-        metavar="TOPIC",
-        help="/can/frames; /state, /timing; with /plant before them the plant's",
-    )
-    _window(add, "up to this time")
-    add("--force", action="store_true", help="overwrite FILE")
-    take.json(add)
-    take.quiet(add)
+class ImportRequest(Request):
+    """A recording and perhaps its DBC file."""
+
+    recording: Annotated[Path, "FILE", "recording of a CAN bus"]
+    dbc: Annotated[
+        Path | None,
+        "FILE.dbc",
+        "DBC file of its frames; without one only frames are imported",
+        {"reads": True},
+    ] = None
+    output: Annotated[Path, "-o", "OUT.mcap", "log to write"]
+    node: Annotated[
+        str | None, "NAME", "direction of frames as seen by this node of the DBC file"
+    ] = None
+    channel: Annotated[str | None, "NAME", "only this channel of the recording"] = None
+    force: Annotated[bool, "overwrite OUT.mcap"] = False
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
-def import_(add: Add) -> None:
-    """Take a recording and perhaps its DBC file."""
-    add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    about = "DBC file of its frames; without one only frames are imported"
-    add("--dbc", type=Path, reads=True, metavar="FILE.dbc", help=about)
-    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log to write")
-    add("--node", metavar="NAME", help="direction of frames as seen by this node of the DBC file")
-    add("--channel", metavar="NAME", help="only this channel of the recording")
-    add("--force", action="store_true", help="overwrite OUT.mcap")
-    take.json(add)
-    take.quiet(add)
+class Requirements(Request):
+    """Whether only requirements are told, and which."""
+
+    requirements: Annotated[bool, "print only what became of each requirement"] = False
+    require: Annotated[
+        Sequence[str],
+        "REQUIREMENT",
+        "judge by this instead: 'always: CONDITION'; repeatable",
+    ] = ()
+    json: Annotated[bool, "--requirements, --require: print JSON"] = False
 
 
-def require(add: Add) -> None:
-    """Take a log, and what is required of it."""
-    take.log(add, type=Path)
-    take.several(
-        add, "--require", "REQUIREMENT", "judge by this instead: 'always: CONDITION'; repeatable"
-    )
-    take.code_of_laws(add)
-    take.json(add)
-    take.quiet(add)
+class PlotRequest(Request):
+    """Logs, variables and a picture."""
 
-
-def plot(add: Add) -> None:
-    """Take logs, variables and a picture."""
-    add(
-        "words",
-        nargs="+",
-        metavar="LOG|VARIABLE",
-        help="logs, and variables (* ? [] as in the shell, in quotes); "
+    words: Annotated[
+        Sequence[str],
+        "LOG|VARIABLE",
+        "logs, and variables (* ? [] as in the shell, in quotes); "
         "no variables: the figure of its evaluation",
-    )
-    add(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("plot.png"),
-        metavar="FILE.png",
-        help=".png, .svg or .pdf; default: %(default)s",
-    )
-    take.code_of_laws(add)
-    _window(add, "up to this time")
-    take.quiet(add)
-
-
-def animate(add: Add) -> None:
-    """Take a log, and a film."""
-    take.log(add, type=Path)
-    add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="GIF to write")
-    add("--speed", type=float, default=1.0, metavar="X", help="playback speed; default: 1")
-    take.code_of_laws(add)
-    _window(add, "up to this time")
-    take.quiet(add)
+    ]
+    output: Annotated[
+        Path, "-o", "FILE.png", ".png, .svg or .pdf; default: %(default)s; --moving: .gif"
+    ] = Path("plot.png")
+    moving: Annotated[bool, "the plant of a log as it moved, a GIF"] = False
+    speed: Annotated[float, "X", "--moving: playback; default: 1"] = 1.0
+    code: take.CodeOfLaws = take.CodeOfLaws()
+    window: Window = Window()
+    quiet: take.Quiet = False
 
 
 _PARTS = (
@@ -143,36 +120,15 @@ _PARTS = (
         "info",
         "show what a log holds and what is missing in it",
         "pcpc log info latest",
-        info,
+        InfoRequest,
         module="after.log.info",
         codes=LOG_CODES,
-    ),
-    Command(
-        "cat",
-        "print the messages of a log as text",
-        "pcpc log cat latest --topics /can/frames --end 500ms",
-        cat,
-        module="after.log.cat",
-        codes=LOG_CODES,
-    ),
-    Command(
-        "diff",
-        "compare two logs, variable by variable and frame by frame",
-        "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
-        diff,
-        module="after.log.diff",
-        codes=codes(
-            OK="equal",
-            NOT_MET="they differ",
-            LOSS="equal as far as readable",
-            INTERRUPTED="",
-        ),
     ),
     Command(
         "recover",
         "write the readable part of a damaged log to a new file",
         "pcpc log recover latest",
-        recover,
+        RecoverRequest,
         module="after.log.recover",
         codes=codes(
             OK="messages were recovered",
@@ -185,8 +141,9 @@ _PARTS = (
     Command(
         "export",
         "export frames as candump, BLF, ASC, variables as CSV, Parquet, both as MDF 4",
-        "pcpc log export latest -o frames.blf",
-        export,
+        "pcpc log export latest -o frames.blf\n"
+        "pcpc log export latest -o - --topics /can/frames --end 500ms",
+        ExportRequest,
         module="after.log.export",
         codes=OUTPUT_CODES,
     ),
@@ -195,7 +152,7 @@ _PARTS = (
         "make a log of a recording: candump, BLF, ASC, TRC, MDF 4, python-can's CSV and SQLite",
         "pcpc log import drive.blf --dbc car.dbc -o drive.mcap\n"
         "pcpc log import drive.log -o drive.mcap\npcpc play drive.mcap --bus vcan0",
-        import_,
+        ImportRequest,
         module="after.log.importer",
         codes=codes(
             OUTPUT_CODES,
@@ -203,37 +160,19 @@ _PARTS = (
         ),
     ),
     Command(
-        "require",
-        "judge a log by its rig's requirements, or by others",
-        "pcpc log require latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'",
-        require,
-        module="after.log.require",
-        codes=codes(
-            OK="all hold",
-            NOT_MET="violated",
-            LOSS="all hold as far as the log is readable",
-            INTERRUPTED="",
-        ),
-    ),
-    Command(
         "plot",
         "draw variables over time, of one log or several",
-        "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png",
-        plot,
+        "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png\n"
+        "pcpc log plot latest --moving -o barrel.gif\n"
+        "pcpc log plot latest --moving --start 0.4s --end 1.6s --speed 0.2 -o slew.gif",
+        PlotRequest,
         module="after.log.plot",
-        codes=OUTPUT_CODES,
-    ),
-    Command(
-        "animate",
-        "animate the plant of a log as a GIF",
-        "pcpc log animate latest -o barrel.gif\n"
-        "pcpc log animate latest --start 0.4s --end 1.6s --speed 0.2 -o slew.gif",
-        animate,
-        module="after.log.animate",
         codes=OUTPUT_CODES,
     ),
 )
 
+BESIDE_COMPARE = Bits
+BESIDE_REPORT = Requirements
 COMMANDS = (
     Command(
         "log",

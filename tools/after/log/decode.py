@@ -17,6 +17,7 @@ A cycle time is not asked for, and signals may overlap.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -242,7 +243,12 @@ def _are_one(one: DbcSignal, other: DbcSignal) -> bool:
 def _is_possible(signal: DbcSignal, message: Message) -> bool:
     """Return whether a frame can hold a signal, and a number its value."""
     lies_in = dbc.first_bit(signal) + signal.length <= 8 * message.length
-    return lies_in and (signal.length in _FLOATS if signal.is_float else signal.length <= 64)
+    is_finite = isfinite(dbc.real(signal.scale)) and isfinite(dbc.real(signal.offset))
+    return (
+        is_finite
+        and lies_in
+        and (signal.length in _FLOATS if signal.is_float else signal.length <= 64)
+    )
 
 
 def _raw_of(data: NDArray[np.uint8], signal: DbcSignal) -> NDArray[np.uint64]:

@@ -26,7 +26,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#
 
 
 @dataclass(frozen=True)
-class Source:
+class DrawnLog:
     """One log; `name` is what the legend calls it."""
 
     name: str
@@ -59,7 +59,7 @@ def decimated(t: Vector, y: Vector, pixels: int = _PIXELS) -> tuple[Vector, Vect
 
 
 def page_of(
-    sources: Sequence[Source],
+    sources: Sequence[DrawnLog],
     groups: Sequence[Sequence[str]],
     window_s: tuple[float, float] = series.EVER_S,
     colours: Sequence[str] = _COLOURS,
@@ -103,7 +103,7 @@ def plain_text(text: str) -> str:
 
 
 def _draw(
-    ax: "Axes", source: Source, name: str, window_s: tuple[float, float], style: dict[str, Any]
+    ax: "Axes", source: DrawnLog, name: str, window_s: tuple[float, float], style: dict[str, Any]
 ) -> bool:
     """Draw one line; return False if it has no value."""
     one: Any = source.series[name]
@@ -113,7 +113,7 @@ def _draw(
     return bool(np.isfinite(values).any())
 
 
-def _title(sources: Sequence[Source]) -> tuple[str, ...]:
+def _title(sources: Sequence[DrawnLog]) -> tuple[str, ...]:
     """Return what the logs are, as far as it is the same."""
     facts = [source.log.metadata[node] for source in sources for node in source.log.node]
     same = [

@@ -16,7 +16,6 @@ cycle or, where both have clocks of their own, its newest one. `--start`, `--end
 record.
 """
 
-import argparse
 import csv
 import json
 import math
@@ -33,7 +32,8 @@ from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import mdf, series
+from pcpc.tools.after.log import cat, mdf, series
+from pcpc.tools.after.log.commands import ExportRequest
 from pcpc.tools.after.log.mdf import Column
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
@@ -50,29 +50,35 @@ _NEEDS = {"parquet": ("Parquet needs", "pyarrow"), "mf4": ("MDF needs", "asammdf
 _STEP = 20_000  # frames or rows from one look at the progress to the next
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ExportRequest) -> int:
     """Carry out `export`; return the exit code. LogCommandError: wrong input."""
-    progress = Progress(options.quiet)
-    form = options.format or FORMATS.get(options.output.suffix.lower())
+    if str(request.output) == "-":
+        request.refuse("of a file; -o - is text", "json", "force")
+        if request.format not in (None, *cat.FORMATS):
+            raise LogCommandError(f"--format {request.format}: written to a file; -o FILE")
+        return cat.command(request)
+    progress = Progress(request.quiet)
+    form = request.format or FORMATS.get(request.output.suffix.lower())
     if form is None:
         known = ", ".join(FORMATS)
-        raise LogCommandError(f"{options.output}: no known suffix; use {known} or --format")
+        raise LogCommandError(f"{request.output}: no known suffix; use {known} or --format")
+    if form not in FORMATS.values():
+        raise LogCommandError(f"--format {form}: text for pipes; -o -")
     if form in _NEEDS:
         need(*_NEEDS[form])
-    start_s = series.seconds(options.start, -math.inf, "--start")
-    end_s = series.seconds(options.end, math.inf, "--end")
-    log = series.read_log(options.log, progress)
+    window_s = series.window_s(request.window)
+    log = series.read_log(request.log, progress)
     begin_ns = series.start_ns(log)
-    window = tuple(t if math.isinf(t) else begin_ns + round(1e9 * t) for t in (start_s, end_s))
-    with new_file(options.output, options.force) as path:
-        job = _Job(log, path, form, options.topics, window, progress)
+    window = tuple(t if math.isinf(t) else begin_ns + round(1e9 * t) for t in window_s)
+    with new_file(request.output, request.force) as path:
+        job = _Job(log, path, form, request.topics, window, progress)
         write = _write_frames if form in _OF_FRAMES else _write_table
         counts = (_write_mf4 if form == "mf4" else write)(job)
     progress.close()
-    if options.json:
-        print(json.dumps({"file": str(options.output), "format": form, **counts}))
+    if request.json:
+        print(json.dumps({"file": str(request.output), "format": form, **counts}))
     else:
-        print(f"{options.output}: {', '.join(f'{n} {what}' for what, n in counts.items())}")
+        print(f"{request.output}: {', '.join(f'{n} {what}' for what, n in counts.items())}")
     return Exit.LOSS if log.missing else Exit.OK
 
 

@@ -21,11 +21,12 @@ from pcpc.executive.log.mcap_records import (
     read_channel,
     unpack_chunk,
 )
+from pcpc.tools.after.log.contents import Foreign
 
 
-def survey(path: Path) -> dict[str, Any] | None:
+def survey(path: Path) -> Foreign | None:
     """Return library and messages by topic; None for what is no MCAP file."""
-    found: dict[str, Any] = {"file": str(path), "library": "", "topics": {}}
+    found = Foreign(str(path))
     names: dict[int, str] = {}
     try:
         with (
@@ -37,19 +38,19 @@ def survey(path: Path) -> dict[str, Any] | None:
             for opcode, body in _records(data, len(MAGIC), Scan(size=len(data))):
                 if opcode == Opcode.HEADER:
                     library = Header.read(ReadDataStream(BytesIO(body))).library
-                    found["library"] = printable(library)
+                    found.library = printable(library)
                 elif opcode == Opcode.CHANNEL:
                     channel = read_channel(body)
                     names[channel.id] = channel.topic
-                    found["topics"].setdefault(channel.topic, 0)
+                    found.topics.setdefault(channel.topic, 0)
                 elif opcode == Opcode.MESSAGE:
                     topic = names.get(int.from_bytes(body[:2], "little"))
                     if topic is not None:
-                        found["topics"][topic] += 1
+                        found.topics[topic] += 1
     except (*UNREADABLE, OSError, TooMuchError) as error:
         if isinstance(error, ValueError) and path.stat().st_size == 0:  # no mapping of nothing
             return None
-        found["damaged"] = printable(str(error)) or "it is cut"
+        found.damaged = printable(str(error)) or "it is cut"
     return found
 
 

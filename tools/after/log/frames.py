@@ -11,15 +11,16 @@ Equal stamps, as virtual time has them, keep the order in which the recording no
 or the only one) had the frames.
 """
 
-import argparse
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -36,7 +37,7 @@ class PlayError(UserError):
 
 
 @dataclass(frozen=True)
-class Frames:
+class LoggedFrames:
     """Frames in the order of the bus: `stamp_ns`, `cycle` (n,) int64, `sender` (n,), `raw`.
 
     `raw` (n, bytes) is as of `reader.on_bus`, `sender` an index into `senders`, `cycle` the
@@ -70,7 +71,7 @@ class Frames:
         """Return which frames node `name` sent, (n,)."""
         return np.array(self.senders)[self.sender] == name
 
-    def keep(self, chosen: NDArray[np.bool_]) -> "Frames":
+    def keep(self, chosen: NDArray[np.bool_]) -> "LoggedFrames":
         """Return the chosen frames only."""
         return replace(
             self,
@@ -86,7 +87,7 @@ class Frames:
         return self.names.get(word & can_id.ID, can_id.text_of(word))
 
 
-def bus_frames(log: logs.Log) -> Frames:
+def bus_frames(log: logs.Log) -> LoggedFrames:
     """Return all data frames of a log, each once; PlayError if there is none."""
     nodes = [name for name in log.node if len(log.node[name].frames)]
     if not nodes:
@@ -101,7 +102,7 @@ def bus_frames(log: logs.Log) -> Frames:
     data = rows[flags == 0]
     if not len(data):
         raise PlayError(f"{log.path}: holds only remote and error frames; play another log")
-    return Frames(
+    return LoggedFrames(
         data["stamp_ns"].copy(),
         np.maximum.accumulate(data["cycle"]),
         data["sender"].copy(),
@@ -180,29 +181,36 @@ def _period_ns(log: logs.Log, stamp_ns: Ints) -> int:
     return max(int(stamp_ns[-1] - stamp_ns[0]) // max(len(stamp_ns) - 1, 1), 1)
 
 
-def choose(frames: Frames, options: argparse.Namespace, log: str) -> Frames:
+def choose(
+    frames: LoggedFrames,
+    log: str,
+    role: str | None = None,
+    only: Sequence[str] = (),
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+) -> LoggedFrames:
     """Return the frames that --as, --only, --start and --duration ask for; PlayError if none."""
     begin_ns, recorded_s = int(frames.stamp_ns[0]), 1e-9 * frames.span_ns
-    if options.role is not None:
-        frames = frames.keep(frames.sent_by(options.role))
+    if role is not None:
+        frames = frames.keep(frames.sent_by(role))
         if not len(frames):
-            raise PlayError(f"{log}: holds no frames of the {options.role}; leave out --as")
-    if options.only:
-        frames = frames.keep(_named_frames(frames, options.only, log))
+            raise PlayError(f"{log}: holds no frames of the {role}; leave out --as")
+    if only:
+        frames = frames.keep(_named_frames(frames, only, log))
     since_ns = frames.stamp_ns - begin_ns
-    start_ns = round(1e9 * options.start)
+    start_ns = round(1e9 * start_s)
     chosen = since_ns >= start_ns
-    if options.duration is not None:
-        chosen &= since_ns < start_ns + round(1e9 * options.duration)
+    if duration_s is not None:
+        chosen &= since_ns < start_ns + round(1e9 * duration_s)
     if not chosen.any():
         raise PlayError(
-            f"{log}: no such frame from {options.start:g} s on; the recording lasts "
+            f"{log}: no such frame from {start_s:g} s on; the recording lasts "
             f"{recorded_s:.3f} s: change --start or --duration"
         )
     return frames.keep(chosen)
 
 
-def _named_frames(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]:
+def _named_frames(frames: LoggedFrames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]:
     """Return which frames have one of the names or hexadecimal ids; PlayError for an unknown."""
     words = frames.words
     ids = {name: number for number, name in frames.names.items()}
@@ -220,7 +228,7 @@ def _named_frames(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np
     return chosen
 
 
-def _id_word(text: str, frames: Frames, log: str) -> int:
+def _id_word(text: str, frames: LoggedFrames, log: str) -> int:
     """Return a hexadecimal id with its flag; as with candump eight digits mean an extended one."""
     try:
         number = int(text, 16)
@@ -233,7 +241,19 @@ def _id_word(text: str, frames: Frames, log: str) -> int:
     return can_id.word_of(number, len(digits) == 8 or number > 0x7FF)
 
 
-def cycles(frames: Frames) -> Ints:
+def cycles(frames: LoggedFrames) -> Ints:
     """Return where each cycle begins, and the end, (cycles + 1,)."""
     begins = np.flatnonzero(np.diff(frames.cycle)) + 1
     return np.concatenate([[0], begins, [len(frames)]])
+
+
+def payload(frame: Any) -> str:
+    """Return the data of a recorded frame."""
+    return bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
+
+
+def frame_text(frame: Any) -> str:
+    """Return a recorded frame as candump writes it."""
+    flags = int(frame["flags"])
+    mark = f"##{flags & (Flag.BRS | Flag.ESI):X}" if flags & Flag.FD else "#"
+    return f"{can_id.text_of(int(frame['id']))}{mark}{payload(frame)}"

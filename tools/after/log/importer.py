@@ -14,7 +14,6 @@ record `import` of what was counted. It has no rig, so it cannot be recomputed. 
 it has frames only, each with a cycle of its own.
 """
 
-import argparse
 import json
 import sys
 from collections import Counter
@@ -31,8 +30,9 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.channels import register_columns, register_entries
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.provenance import facts
+from pcpc.tools.after.log.commands import ImportRequest
 from pcpc.tools.after.log.readers.account import DATA_LOST
-from pcpc.tools.after.log.recording import Recording, read
+from pcpc.tools.after.log.recording import ForeignRecording, read
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -45,55 +45,55 @@ _CDR_HEADER = (0, 1, 0, 0)
 _TOLD_IDS = 8
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ImportRequest) -> int:
     """Carry out `import`; return the exit code. LogCommandError: wrong input."""
-    progress = Progress(options.quiet)
-    with new_file(options.output, options.force) as path:
+    progress = Progress(request.quiet)
+    with new_file(request.output, request.force) as path:
         found, unknown = list["DecodedFrames"](), dict[int, int]()
         about: dict[str, Any] = {"not_in_dbc": [], "no_signal": [], "by_pgn": {}}
-        if options.dbc is None:
-            if options.node is not None:
-                raise LogCommandError(f"--node {options.node}: needs --dbc, which names its frames")
-            recording = read(options.recording, options.channel, progress)
+        if request.dbc is None:
+            if request.node is not None:
+                raise LogCommandError(f"--node {request.node}: needs --dbc, which names its frames")
+            recording = read(request.recording, request.channel, progress)
         else:
-            recording, decoded, about["not_in_dbc"] = _decoded(options, progress)
+            recording, decoded, about["not_in_dbc"] = _decoded(request.dbc, request, progress)
             found, unknown, about["no_signal"] = decoded.frames, decoded.unknown, decoded.left_out
             about["by_pgn"] = {one.name: f"0x{can_id.text_of(one.word)}" for one in decoded.by_pgn}
-        log = _ImportedLog(options, recording, found)
+        log = _ImportedLog(request, recording, found)
         log.counts |= about
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
-    print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
+    print(json.dumps(log.counts) if request.json else _report(request, log.counts, unknown))
     if recording.is_whole:
         return Exit.OK
-    print(f"{options.recording}: {_loss(recording)}", file=sys.stderr)
+    print(f"{request.recording}: {_loss(recording)}", file=sys.stderr)
     return Exit.LOSS
 
 
 def _decoded(
-    options: argparse.Namespace, progress: Progress
-) -> "tuple[Recording, Decoded, list[str]]":
+    dbc: Path, request: ImportRequest, progress: Progress
+) -> "tuple[ForeignRecording, Decoded, list[str]]":
     """Return the recording, what the DBC file makes of it, and its odd entries; LogCommandError."""
     from pcpc.tools.after.log import decode  # here, because they bring the compiler
 
-    database = decode.load(options.dbc)
+    database = decode.load(dbc)
     nodes = sorted(database.nodes)
-    if options.node is not None and options.node not in nodes:
-        hint = did_you_mean(options.node, nodes)
-        raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
-    recording = read(options.recording, options.channel, progress)
+    if request.node is not None and request.node not in nodes:
+        hint = did_you_mean(request.node, nodes)
+        raise LogCommandError(f"{dbc}: no node {request.node}{hint}")
+    recording = read(request.recording, request.channel, progress)
     decoded = decode.by_id(database, recording.frames, progress)
     if not any(len(one.place) for one in decoded.frames):
         ids = _ids(dict(Counter(recording.frames["id"].tolist())))
         raise LogCommandError(
-            f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
+            f"{request.recording}: no frame is one of {dbc}; it has {ids}; "
             "give the DBC file of this bus, or none: then only frames are imported"
         )
     return recording, decoded, [str(one) for one in database.odd]
 
 
-def _loss(recording: Recording) -> str:
+def _loss(recording: ForeignRecording) -> str:
     """Return in a line what of a recording is not in the log."""
     account = recording.account
     more = f", and {account.damaged - 1} more places" if account.damaged > 1 else ""
@@ -110,15 +110,15 @@ class _ImportedLog:
     """The log in the making: rows, columns, directions."""
 
     def __init__(
-        self, options: argparse.Namespace, recording: Recording, found: "list[DecodedFrames]"
+        self, request: ImportRequest, recording: ForeignRecording, found: "list[DecodedFrames]"
     ) -> None:
-        self.options, self.found = options, found
+        self.request, self.found = request, found
         self.frames = frames = recording.frames
-        self.sent = {id(one) for one in found if options.node in one.message.senders}
+        self.sent = {id(one) for one in found if request.node in one.message.senders}
         for one in found:
             places = np.flatnonzero(frames["id"] == one.word)
             frames["e2e"][places] = one.state
-            if options.node is not None:
+            if request.node is not None:
                 frames["direction"][places] = id(one) not in self.sent
         clock = _clock_frame(found) if found else None
         self.rows = clock.place if clock else np.empty(0, np.int64)
@@ -134,7 +134,7 @@ class _ImportedLog:
         account = recording.account
         duration_s = 1e-9 * int(frames["stamp_ns"][-1] - frames["stamp_ns"][0])
         self.counts: dict[str, Any] = {
-            "file": str(options.output), "frames": len(frames),
+            "file": str(request.output), "frames": len(frames),
             "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
             "clock_frame": clock.name if clock else "",
@@ -177,10 +177,10 @@ class _ImportedLog:
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {
             "clock_monotonic_ns": str(first_ns), "clock_wall_ns": str(first_ns),
-            "pacing": "imported", "bus": printable(self.options.recording.name),
+            "pacing": "imported", "bus": printable(self.request.recording.name),
             "controller": "none", "seed": "0", "rate_hz": repr(self.counts["rate_hz"]),
             "rig": "imported", "period_ns": str(self.period_ns),
-            "can_node": self.options.node or "",
+            "can_node": self.request.node or "",
         }  # fmt: skip
         writer.add_metadata("executive", metadata)
         counts = {key: json.dumps(value) for key, value in self.counts.items()}
@@ -195,9 +195,9 @@ class _ImportedLog:
             **({} if self.most == 8 else {"data_bytes": self.most}),
         }  # fmt: skip
         files = [("executive.json", json.dumps(description).encode())]
-        if self.options.dbc is not None:
+        if self.request.dbc is not None:
             files.insert(
-                0, (printable(self.options.dbc.name), dbc_file.text(self.options.dbc).encode())
+                0, (printable(self.request.dbc.name), dbc_file.text(self.request.dbc).encode())
             )
         for name, data in files:
             writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
@@ -229,7 +229,7 @@ class _ImportedLog:
                 stamps = self.frames["stamp_ns"][self.rows[cycle]]
                 writer.add([_records(channels[0], cycle, stamps, self._values(cycle))])
             if first:
-                progress.show(f"{self.options.output}: {done}/{count} frames")
+                progress.show(f"{self.request.output}: {done}/{count} frames")
 
     def _values(self, cycle: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return all signals at these rows, (rows, signals)."""
@@ -268,16 +268,16 @@ def _ids(counts: dict[int, int]) -> str:
     return shown + (f" and {len(most) - _TOLD_IDS} more ids" if len(most) > _TOLD_IDS else "")
 
 
-def _report(options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]) -> str:
+def _report(request: ImportRequest, counts: dict[str, Any], unknown: dict[int, int]) -> str:
     """Return what was done, and everything that is not as it was in the recording."""
-    head = f"{options.output}: {counts['frames']} frames of {counts['ids']} ids in "
+    head = f"{request.output}: {counts['frames']} frames of {counts['ids']} ids in "
     lines = [f"{head}{counts['duration_s']:g} s"]
     if counts["rows"]:
         lines[0] += (
             f"; {counts['rows']} rows of {counts['signals']} signals, "
             f"one for each {counts['clock_frame']} ({counts['rate_hz']:g} Hz)"
         )
-    return "\n".join([*lines, *_account_lines(counts), *_decoding_lines(options, counts, unknown)])
+    return "\n".join([*lines, *_account_lines(counts), *_decoding_lines(request, counts, unknown)])
 
 
 def _account_lines(counts: dict[str, Any]) -> list[str]:
@@ -307,19 +307,20 @@ def _account_lines(counts: dict[str, Any]) -> list[str]:
 
 
 def _decoding_lines(
-    options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]
+    request: ImportRequest, counts: dict[str, Any], unknown: dict[int, int]
 ) -> list[str]:
     """Return what the DBC file did not decode, and which channels stand together."""
     lines = []
+    dbc = request.dbc.name if request.dbc else ""  # without one there are no such lines
     if unknown:
-        lines.append(f"not in {options.dbc.name}, kept as frames only: {_ids(unknown)}")
+        lines.append(f"not in {dbc}, kept as frames only: {_ids(unknown)}")
     if counts["by_pgn"]:
         found = ", ".join(f"{name} ({word})" for name, word in counts["by_pgn"].items())
         lines.append(f"by their PGN, whatever the priority and source: {found}")
     for kind, what in (("not_in_dbc", "left out of"), ("no_signal", "no signals in their frames,")):
         if odd := counts[kind]:
             more = f" and {len(odd) - _TOLD_IDS} more" if len(odd) > _TOLD_IDS else ""
-            lines.append(f"{what} {options.dbc.name}: {'; '.join(odd[:_TOLD_IDS])}{more}")
+            lines.append(f"{what} {dbc}: {'; '.join(odd[:_TOLD_IDS])}{more}")
     if counts["lost"]:
         lines.append(f"missing by their counters: {counts['lost']} frames")
     if counts["not_decoded"]:
@@ -327,7 +328,7 @@ def _decoding_lines(
         lines.append(f"kept as frames only: {counts['not_decoded']}; {why}")
     if counts["foreign_crc"]:
         lines.append(f"CRC of another kind, not checked: {', '.join(counts['foreign_crc'])}")
-    if options.channel is None and len(counts["channels"]) > 1:
+    if request.channel is None and len(counts["channels"]) > 1:
         names = ", ".join(sorted(counts["channels"]))
         lines.append(f"channels {names} are merged; --channel takes one")
     return lines

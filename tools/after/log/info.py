@@ -4,22 +4,23 @@ Reads the file once, message by message, so that a damaged, cut or empty log is 
 it goes. `start` is the first cycle on the wall clock; of a run without a clock, when it was made.
 """
 
-import argparse
-import json
 import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from msgspec import UNSET, to_builtins
+
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.provenance import RIG_COMMIT, rig_commits
 from pcpc.tools.after.log import source
+from pcpc.tools.after.log.commands import InfoRequest
+from pcpc.tools.after.log.contents import DIRECTIONS, Contents, Foreign, Machine
 from pcpc.tools.after.log.foreign import survey
-from pcpc.tools.after.log.tally import DIRECTIONS, Tally
-from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.log.tally import Tally
 from pcpc.tools.terminal import document, screen
 from pcpc.tools.terminal.progress import Progress
 
@@ -28,26 +29,27 @@ _TOPICS = 60  # on the screen; our logs have 15
 _SHOWN = 12  # events and tunings on the screen; all of them with --json
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: InfoRequest) -> int:
     """Carry out `info`; return the exit code."""
-    path, progress = options.log, Progress(options.quiet)
+    path, progress = request.log, Progress(request.quiet)
     try:
-        report = describe(path, progress)
+        report = to_builtins(describe(path, progress))
     except logs.LogError as error:
         if foreign := survey(path):
-            _show_foreign(foreign, str(error), options.json)
-            if "damaged" not in foreign:  # others have other records
+            foreign.reason = str(error)
+            _show_foreign(foreign, request.json)
+            if foreign.damaged is UNSET:  # others have other records
                 raise logs.LogError(f"{path}: an MCAP file, but not a log of pcpc") from None
         raise
     progress.close()
-    if options.json:
-        print(summary_file.text_of(report))
+    if request.json:
+        print(screen.json_text(report))
     else:
         show(report)
     return Exit.LOSS if report["missing"] else Exit.OK
 
 
-def describe(path: Path, progress: Progress) -> dict[str, Any]:
+def describe(path: Path, progress: Progress) -> Contents:
     """Return what `--json` prints; LogError if the file is no log of this project."""
     found = Scan()
     tally = Tally(found)
@@ -60,25 +62,30 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
         lead = logs.topic(next(iter(log.node)), "can/frames")
     zero_ns, duration_s = tally.first_ns.get(lead, 0), tally.duration_s(lead)
     events = tally.entries("events", zero_ns)
-    return {
-        "file": str(path), "bytes": found.size,
-        "bytes_per_hour": round(found.size / duration_s * 3600) if duration_s else None,
+    return Contents(
+        file=str(path),
+        bytes=found.size,
+        bytes_per_hour=round(found.size / duration_s * 3600) if duration_s else None,
         **{name: facts.get(name, "") for name in _FACTS},
-        RIG_COMMIT: rig_commits(log.metadata, log.node),
-        "start": start_of(facts, zero_ns), "duration_s": duration_s,
-        "versions": {k.removeprefix("version_"): v for k, v in facts.items()
-                     if k.startswith("version_") or k in ("python", "git")},
-        "machine": {k: facts.get(k, "") for k in ("kernel", "machine", "processor", "cpus")},
-        "nodes": {name: tally.cycles(logs.topic(name, "state")) for name in log.node},
-        "frames": tally.frames(logs.frame_names(log), duration_s), "e2e": tally.e2e(log.node),
-        "faults": [e for e in events if e.get("event") == "fault"],
-        "events": events, "tunings": tally.entries("tunings", zero_ns),
-        "topics": tally.topics(),
-        "attachments": {name: len(text.encode()) for name, text in log.attachments.items()}
+        rig_git=rig_commits(log.metadata, log.node),
+        start=start_of(facts, zero_ns),
+        duration_s=duration_s,
+        versions={k.removeprefix("version_"): v for k, v in facts.items()
+                  if k.startswith("version_") or k in ("python", "git")},
+        machine=Machine(**{key: facts.get(key, "") for key in Machine.__struct_fields__}),
+        nodes={name: tally.cycles(logs.topic(name, "state")) for name in log.node},
+        frames=tally.frames(logs.frame_names(log), duration_s),
+        e2e=tally.e2e(log.node),
+        faults=[e for e in events if e.get("event") == "fault"],
+        events=events,
+        tunings=tally.entries("tunings", zero_ns),
+        topics=tally.topics(),
+        attachments={name: len(text.encode()) for name, text in log.attachments.items()}
         | {name: len(data) for name, data in log.files.items()},
-        "recorder": log.metadata.get("run", {}), "recovered": log.metadata.get("recovered", {}),
-        "missing": log.missing + tally.left_out(),
-    }  # fmt: skip
+        recorder=log.metadata.get("run", {}),
+        recovered=log.metadata.get("recovered", {}),
+        missing=log.missing + tally.left_out(),
+    )  # fmt: skip
 
 
 def start_of(facts: Mapping[str, str], wall_ns: int) -> str:
@@ -183,12 +190,12 @@ def _size(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-def _show_foreign(found: Mapping[str, Any], reason: str, as_json: bool) -> None:
+def _show_foreign(found: Foreign, as_json: bool) -> None:
     if as_json:
-        print(json.dumps({**found, "reason": reason}, indent=2))
+        print(screen.json_text(found))
         return
-    if not found["library"] and not found["topics"]:
+    if not found.library and not found.topics:
         return  # nothing tells whose it is
-    print(f"{found['file']}: an MCAP file written by {found['library'] or 'others'}")
-    for topic, count in found["topics"].items():
+    print(f"{found.file}: an MCAP file written by {found.library or 'others'}")
+    for topic, count in found.topics.items():
         print(f"{topic}  {count} messages")

@@ -29,7 +29,7 @@ _KINDS = "state_columns", "timing_columns"
 
 
 class NodePart:
-    """What of one node is written; made by `Part.node`."""
+    """What of one node is written; made by `LogPart.node`."""
 
     def __init__(self, about: NodeDescription, writer: BulkWriter) -> None:
         self.names = [*about["state_columns"], *about["timing_columns"]]
@@ -67,7 +67,7 @@ class NodePart:
         self.written["alarm"] += 1
 
 
-class Part:
+class LogPart:
     """The file. Nodes may come while it is written; OSError where that fails."""
 
     def __init__(self, path: Path) -> None:

@@ -8,8 +8,6 @@ Every pixel column shows the first, last, lowest and highest value that falls in
 one cycle stays visible in a log of an hour. Time is s from the first record of each log.
 """
 
-import argparse
-import tempfile
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -17,11 +15,13 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log import series
-from pcpc.tools.after.log.drawing import DPI, Source, page_of
+from pcpc.tools.after.log import animate, series
+from pcpc.tools.after.log.commands import PlotRequest
+from pcpc.tools.after.log.drawing import DPI, DrawnLog, page_of
 from pcpc.tools.after.log.recorded import no_log
 from pcpc.tools.after.log.series import Series
+from pcpc.tools.after.opened import opened
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -32,22 +32,30 @@ _DEFAULT_AXES = 6  # of several logs, where no variable is named
 _DEFAULTS = ("reference.*", "controller.*", "rx.*", "*")
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: PlotRequest) -> int:
     """Carry out `plot`; return the exit code. LogCommandError, RigError."""
-    progress = Progress(options.quiet)
-    if options.output.suffix.lower() not in SUFFIXES:
-        raise LogCommandError(f"{options.output}: not a picture; expected {', '.join(SUFFIXES)}")
-    paths, patterns = logs_and_patterns(options.words)
+    if request.moving:
+        return animate.command(request)
+    request.refuse("only with --moving", "speed")
+    return draw(request)
+
+
+def draw(request: PlotRequest) -> int:
+    """Draw variables over time, or the figure of the evaluation; return the exit code."""
+    progress = Progress(request.quiet)
+    if request.output.suffix.lower() not in SUFFIXES:
+        raise LogCommandError(f"{request.output}: not a picture; expected {', '.join(SUFFIXES)}")
+    paths, patterns = logs_and_patterns(request.words)
     need("a picture needs", FIGURE)
     read = [series.read_log(path, progress) for path in paths]
     loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
-    window = series.window_s(options)
+    window = series.window_s(request.window)
     whole = window == series.EVER_S
-    if len(read) == 1 and not patterns and whole and _has_own(read[0], options, progress):
+    if len(read) == 1 and not patterns and whole and _has_own(read[0], request, progress):
         return loss
     names = names_of(paths)
     sources = [
-        Source(name, log, series.all_series(log), series.start_ns(log))
+        DrawnLog(name, log, series.all_series(log), series.start_ns(log))
         for name, log in zip(names, read, strict=True)
     ]
     groups = groups_of(sources, patterns)
@@ -66,10 +74,10 @@ def command(options: argparse.Namespace) -> int:
         raise LogCommandError(f"{paths[0]}: nothing was recorded there; see --start, --end")
     progress.show(f"drawing {sum(map(len, groups))} variables")
     page = page_of(sources, groups, window)
-    with new_file(options.output, force=True) as path:
-        page.savefig(path, dpi=DPI, format=options.output.suffix[1:].lower())
+    with new_file(request.output, force=True) as path:
+        page.savefig(path, dpi=DPI, format=request.output.suffix[1:].lower())
     progress.close()
-    print(f"{options.output}: {', '.join(name for group in groups for name in group)}")
+    print(f"{request.output}: {', '.join(name for group in groups for name in group)}")
     return loss
 
 
@@ -107,13 +115,13 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 # What to draw
 
 
-def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
+def _has_own(log: logs.Log, request: PlotRequest, progress: Progress) -> bool:
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
     from pcpc.tools.after.verdict.judge import Judge  # numba
 
-    with tempfile.TemporaryDirectory() as folder:
+    with opened(log, Trust.of(request.code)) as run:
         try:
-            rig, note = log_rig.judged_rig(log, Path(folder), options)
+            rig, note = run.judged()
         except (logs.LogError, RigError) as error:
             progress.say(f"{error}; variables instead")
             return False
@@ -123,18 +131,18 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
             judge = Judge.of(rig)
             if not judge.evaluation.panels:
                 return False
-            with new_file(options.output, force=True) as path:
+            with new_file(request.output, force=True) as path:
                 about = judge.metrics(log), path, judge.requirements(log)
                 if reason := judge.draw(log, *about):
                     raise LogCommandError(reason, Exit.ENVIRONMENT)
         except RigError as error:
             raise LogCommandError(str(error)) from None
     system = Path(judge.given.file).parent.name
-    print(f"{options.output}: the figure of {system}, rig {rig.config.rig}")
+    print(f"{request.output}: the figure of {system}, rig {rig.config.rig}")
     return True
 
 
-def groups_of(sources: Sequence[Source], patterns: Sequence[str]) -> list[list[str]]:
+def groups_of(sources: Sequence[DrawnLog], patterns: Sequence[str]) -> list[list[str]]:
     """Return the names on each axis; LogCommandError for an unknown one or too many."""
     known = {name: one for source in sources for name, one in source.series.items()}
     where = sources[0].log.path if len(sources) == 1 else f"{len(sources)} logs"
@@ -165,7 +173,7 @@ def groups_of(sources: Sequence[Source], patterns: Sequence[str]) -> list[list[s
     return groups
 
 
-def _default(sources: Sequence[Source], known: dict[str, Series]) -> list[str]:
+def _default(sources: Sequence[DrawnLog], known: dict[str, Series]) -> list[str]:
     """Return the watched variable, then the first kind of variables of which some change."""
     watched = [s.log.node[n].description.get("watch") or "" for s in sources for n in s.log.node]
     chosen = dict.fromkeys(name for name in watched if name in known)

@@ -34,6 +34,12 @@ def log_of(text: str) -> Path:
     raise RigError(f"{path}: this folder {what}")
 
 
+def holds_several(text: str) -> bool:
+    """Return whether it names a folder that is no run's, and does not hold just one log."""
+    folder = Path(text)
+    return folder.is_dir() and not (folder / _LOG).exists() and len([*folder.glob("*.mcap")]) != 1
+
+
 def folders_below(top: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     """Yield each folder from `top` on, by way of links too, each once, and its folders and files.
 

@@ -39,7 +39,7 @@ from pcpc.tools.after.log import mdf
 from pcpc.tools.after.log.bus_order import BusOrder, are_distances, bus_order
 from pcpc.tools.after.log.readers import child
 from pcpc.tools.after.log.readers.account import CLASSIC_BYTES, Account
-from pcpc.tools.after.log.readers.child import UNPACKS, WHOLE, Limits
+from pcpc.tools.after.log.readers.child import UNPACKS, WHOLE, ReaderLimits
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -48,7 +48,7 @@ _NO_DATE_NS = 365 * 86_400 * 10**9
 
 
 @dataclass(frozen=True)
-class Recording:
+class ForeignRecording:
     """What was read: `frames` in the order of the bus (cycle 0), `channels` counted.
 
     `declared`: number and checksum of other frames, which the file says it has; else "".
@@ -75,7 +75,7 @@ class EndedError(Exception):
 
 
 @contextmanager
-def reader(path: Path, channel: str | None, limits: Limits) -> Iterator[IO[bytes]]:
+def reader(path: Path, channel: str | None, limits: ReaderLimits) -> Iterator[IO[bytes]]:
     """Give what a process writes that reads a recording, see `readers/child.py`.
 
     Whatever happens, it is gone at the end, and its files are; EndedError if it died.
@@ -104,12 +104,12 @@ def reader(path: Path, channel: str | None, limits: Limits) -> Iterator[IO[bytes
 
 
 def read(
-    path: Path, channel: str | None, progress: Progress, limits: Limits | None = None
-) -> Recording:
+    path: Path, channel: str | None, progress: Progress, limits: ReaderLimits | None = None
+) -> ForeignRecording:
     """Read a recording, of one channel if it is named; LogCommandError: one line."""
     try:
         open_regular(path).close()
-        limits = limits or Limits.of(path)
+        limits = limits or ReaderLimits.of(path)
     except OSError as error:
         is_absent = isinstance(error, FileNotFoundError)
         reason = "no such file" if is_absent else error.strerror
@@ -129,7 +129,11 @@ def read(
 
 
 def _last_word(
-    stream: IO[bytes], blocks: list[NDArray[Any]], limits: Limits, path: Path, progress: Progress
+    stream: IO[bytes],
+    blocks: list[NDArray[Any]],
+    limits: ReaderLimits,
+    path: Path,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Append the blocks of rows; return what comes behind them. EOFError: the reader died."""
     number = size = 0
@@ -174,7 +178,7 @@ def _recording(
     blocks: list[NDArray[Any]],
     account: Account,
     channels: Counter[str],
-) -> Recording:
+) -> ForeignRecording:
     """Return all of it; LogCommandError if there is no frame."""
     count = sum(map(len, blocks))
     if not count:
@@ -200,7 +204,7 @@ def _recording(
     declared = account.declared if channel is None else ""
     if declared and declared == mdf.frames_sum(frames, frames["stamp_ns"]):
         declared = ""
-    return Recording(frames, account, channels, order, declared)
+    return ForeignRecording(frames, account, channels, order, declared)
 
 
 def _nothing(account: Account, channel: str | None, channels: Counter[str]) -> str:

@@ -4,24 +4,26 @@ The new file is a whole one that every MCAP tool opens; it says in its metadata 
 missing. The damaged file is not changed.
 """
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.mcap_writer import RecordError, Recovery, recover
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.executive.log.recovery import Recovery, recover
 from pcpc.tools.after.log import source
+from pcpc.tools.after.log.commands import RecoverRequest
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: RecoverRequest) -> int:
     """Carry out `recover`; return the exit code. LogCommandError: nothing to recover."""
-    progress = Progress(options.quiet)
-    path = options.log
-    out = options.output or path.with_name(f"{path.stem}-recovered.mcap")
+    progress = Progress(request.quiet)
+    path = request.log
+    out = request.output or path.with_name(f"{path.stem}-recovered.mcap")
     with new_file(out, force=False, cure="choose another name with -o") as unfinished:
         try:
             done = recover(path, unfinished, source.Watch(path, progress))
@@ -33,7 +35,7 @@ def command(options: argparse.Namespace) -> int:
             raise LogCommandError(f"{path}: nothing to recover: {reason}")
         nodes = _nodes(unfinished, done)
     progress.close()
-    if options.json:
+    if request.json:
         about = {"log": str(path), "file": str(out), "nodes": nodes}
         report = {**about, "messages": done.messages, "missing": done.missing}
         report["unproved"] = done.unproved
@@ -51,7 +53,7 @@ def command(options: argparse.Namespace) -> int:
 def _nodes(out: Path, done: Recovery) -> dict[str, dict[str, float]]:
     """Return cycles and seconds of each node that was recovered."""
     try:
-        log = logs.head(out)
+        log = Opened(out).head
     except logs.LogError:  # messages of a log that lost its head
         return {}
     nodes = {}

@@ -1,20 +1,20 @@
-"""`pcpc log require`: judge a log by the requirements of its rig, or by others."""
+"""`pcpc report --require`: judge a log by the requirements of its rig, or by others."""
 
-import argparse
-import tempfile
+import sys
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
-from pcpc.executive.log import long_logs
-from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log.commands import Requirements
+from pcpc.tools.after.opened import opened
+from pcpc.tools.after.trust import Trust, words_of
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.request import Offers
 
 
-def command(options: argparse.Namespace) -> int:
+def tell_requirements(path: Path, beside: Offers, trust: Trust, quiet: bool) -> int:
     """Print what became of each requirement; return the exit code.
 
     LogCommandError: nothing to judge.
@@ -22,28 +22,25 @@ def command(options: argparse.Namespace) -> int:
     from pcpc.tools.after.verdict import summary_file  # numba
     from pcpc.tools.after.verdict.judge import Judge
 
-    path, progress = options.log, Progress(options.quiet)
-    settings = [f"require=[{', '.join(f'{{{one}}}' for one in options.require)}]"]
-    with tempfile.TemporaryDirectory() as folder:
-        head = logs.head(path)
+    asked, progress = beside.of(Requirements), Progress(quiet)
+    settings = [f"require=[{', '.join(f'{{{one}}}' for one in asked.require)}]"]
+    with opened(path, trust) as run:
         try:
-            asked = settings if options.require else ()
-            rig, note = log_rig.judged_rig(head, Path(folder), options, asked)
+            rig, note = run.judged(settings if asked.require else ())
+            if note:
+                progress.say(f"{path}: {note}")
+            judge = Judge.of(rig)
+            log = run.part(lambda log: judge.needed_columns(log, False))
+            found = judge.requirements(log)
         except RigError as error:
-            what = str(error).replace(f"--set {settings[0]}", "--require")
+            what = words_of(error).replace(f"--set {settings[0]}", "--require")
             raise LogCommandError(what) from None
-        if note:
-            progress.say(f"{path}: {note}")
-        judge = Judge.of(rig)
-        log = long_logs.read(path, lambda log: judge.needed_columns(log, False))
-        found = judge.requirements(log)
     if not found:
         name = rig.config.controller
         raise LogCommandError(f"{path}: its rig requires nothing of {name}; try --require")
-    if options.json:
-        print(summary_file.text_of([one.json() for one in found]))
-    for one in () if options.json else found:
-        print("\n".join(screen.wrapped_lines(str(one), "", "    ")))
-    if any(one.held is False for one in found) or not any(one.held for one in found):
+    screen.answer(asked.json, [one.json() for one in found], map(str, found), 2)
+    if doubt := summary_file.beside(path)[1]:
+        print(f"{path}: {doubt}", file=sys.stderr)
+    if doubt or any(one.held is False for one in found) or not any(one.held for one in found):
         return Exit.NOT_MET  # one that nothing could be judged of is not met either
     return Exit.LOSS if log.missing else Exit.OK

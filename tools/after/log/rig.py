@@ -1,8 +1,8 @@
 """The rig of a log, and from where its laws and its evaluation are taken.
 
 A log carries its evaluation and what laws from outside the project need, see
-`executive.rig.carried_files`. The project's own are those of this installation. Python out of a log
-that somebody else wrote may do anything, so it is not run unasked:
+`executive.own_laws.carried_files`. The project's own are those of this installation. Python out of
+a log that somebody else wrote may do anything, so it is not run unasked:
 
     by default   files that lie where the log says, with the content that it records
     --rig RIG    the same, below the folder of a rig file
@@ -14,7 +14,6 @@ Where not all of them lie in their places, the files are laid out anew as they l
 and what a law opens by its old path it gets from there.
 """
 
-import argparse
 import builtins
 import hashlib
 import io
@@ -34,17 +33,16 @@ import numpy as np
 import yaml
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.rig import carried_files, fmu, trial, yamlfile
+from pcpc.executive.own_laws import carried_files, trial
+from pcpc.executive.own_laws.modules import PROJECT, project_file
+from pcpc.executive.rig import fmu, yamlfile
 from pcpc.executive.rig.law_lookup import present_name
-from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
 from pcpc.plants.judging import effective_rig
+from pcpc.tools.after.trust import FOLDER, Trust
 
 MOST_UP = 64  # folders that a file may lie above its rig
-FOLDER = "pcpc-rig-"  # how the name of its files' folder begins
-_NOT_GIVEN: dict[str, Any] = {"trust": False, "law": [], "rig": None, "fmu": [],
-                              "controller": None, "set": []}  # fmt: skip
 _DRAWINGS = "plants/*/drawing.py", "tools/make/template/**/drawing.py"
 
 
@@ -68,26 +66,27 @@ class RunFile:
 
 
 @contextmanager
-def rig_of(head: logs.Log, options: argparse.Namespace, whole: bool = False) -> Iterator[Rig]:
+def rig_of(
+    head: logs.Log, trust: Trust, controller: str | None, settings: Sequence[str], whole: bool
+) -> Iterator[Rig]:
     """Yield the rig of a log, its files in a temporary folder; LogError, RigError.
 
     While it is in use, laws open what the run's laws opened. `whole`: with its evaluation and its
-    schedule, as for another run. An option that is not there is not given.
+    schedule, as for another run.
     """
-    options = argparse.Namespace(**_NOT_GIVEN | vars(options))
     with tempfile.TemporaryDirectory(prefix=FOLDER) as text:
         folder = Path(text)
         data = _resolved_rig(head, folder, whole)
         if whole and isinstance(given := data.get("evaluation"), dict):
-            given["file"] = str(_evaluation(head, str(given.get("file")), folder, options)[0])
+            given["file"] = str(_evaluation(head, str(given.get("file")), folder, trust)[0])
         data |= {} if whole else {"evaluation": None}
         for entry in _entries(data):
-            if entry.get("law") == fmu.LAW and (file := fmu_file(entry, folder, options.fmu)):
+            if entry.get("law") == fmu.LAW and (file := fmu_file(entry, folder, trust.fmu)):
                 entry["file"] = str(file)
-        place, controller, settings = folder / "rig.yaml", options.controller, options.set
+        place = folder / "rig.yaml"
         rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
         files = carried_by(head)
-        where = _places(head, files, folder, options)
+        where = _places(head, files, folder, trust)
         by_law = {law: where[file] for file in files for law in file.laws}
         for keys, law in rig.laws():
             if rig.document.place(keys).option or not (path := _path_of(head, law, by_law)):
@@ -159,42 +158,41 @@ def _is_mapping(value: object) -> TypeGuard[dict[str, Any]]:
 
 
 def judged_rig(
-    head: logs.Log, folder: Path, options: argparse.Namespace, settings: Sequence[str] = ()
+    head: logs.Log, folder: Path, trust: Trust | None, settings: Sequence[str] = ()
 ) -> tuple[Rig, str]:
     """Return the rig of a log with its evaluation, no law loaded; LogError, RigError.
 
-    And a word on the evaluation, if it is not the one of the run. `settings`: as --set.
+    And a word on the evaluation, if it is not the one of the run. `settings`: as --set. Without
+    `trust` it has none.
     """
     data, note = _resolved_rig(head, folder), ""
-    if isinstance(given := data.get("evaluation"), dict):
-        path, note = _evaluation(head, str(given.get("file")), folder, options)
+    if trust is None:
+        data["evaluation"] = None
+    elif isinstance(given := data.get("evaluation"), dict):
+        path, note = _evaluation(head, str(given.get("file")), folder, trust)
         given["file"] = str(path)
     text = yamlfile.dump(data)
     return load_rig(folder / "rig.yaml", None, settings, resolve=False, text=text), note
 
 
-def _evaluation(
-    head: logs.Log, name: str, folder: Path, options: argparse.Namespace
-) -> tuple[Path, str]:
+def _evaluation(head: logs.Log, name: str, folder: Path, trust: Trust) -> tuple[Path, str]:
     """Return the file of a log's evaluation, and a word if it is another one; LogError."""
     files, own = carried_by(head, "judges"), project_file(name)
     same = own is not None and (not files or files[0].sha256 == carried_files.sha256(own))
-    if own is not None and (same or not options.trust):
+    if own is not None and (same or not trust.trust):
         return own, "" if same else f"{name} differs from the log's own; --trust uses the log's"
     if not files:  # logs of earlier versions
         names = {facts.get("rig", "") for facts in head.metadata.values()}
         shipped = [path for path in PROJECT.glob("plants/*/rigs/*.yaml") if path.stem in names]
-        place = options.rig or next(iter(shipped), None)
+        place = trust.rig or next(iter(shipped), None)
         found = load_rig(place, resolve=False).evaluation if place else None
         if found is None:
             raise logs.LogError(f"{head.path}: does not carry its evaluation {name}; try --rig RIG")
         return Path(found.file), ""
-    return _places(head, files, folder, options)[files[0]], ""
+    return _places(head, files, folder, trust)[files[0]], ""
 
 
-def drawing_of_log(
-    head: logs.Log, folder: Path, options: argparse.Namespace
-) -> tuple[Path | None, str]:
+def drawing_of_log(head: logs.Log, folder: Path, trust: Trust) -> tuple[Path | None, str]:
     """Return the file of a log's drawing, None without one, and a word if it is another one.
 
     LogError as for its evaluation: the log's own copy is run with --trust only.
@@ -207,10 +205,10 @@ def drawing_of_log(
     for own in [shipped] if shipped else ours:
         if own.is_file() and carried_files.sha256(own) == digest:
             return own, ""
-    if shipped and shipped.is_file() and not (files and options.trust):
+    if shipped and shipped.is_file() and not (files and trust.trust):
         word = f"{shipped} differs from the log's own; --trust uses the log's"
         return shipped, word if files else ""
-    return (_places(head, files, folder, options)[files[0]] if files else None), ""
+    return (_places(head, files, folder, trust)[files[0]] if files else None), ""
 
 
 def carried_by(head: logs.Log, kind: str = "") -> list[RunFile]:
@@ -266,14 +264,14 @@ def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | Non
 
 
 def _places(
-    head: logs.Log, files: list[RunFile], folder: Path, options: argparse.Namespace
+    head: logs.Log, files: list[RunFile], folder: Path, trust: Trust
 ) -> dict[RunFile, Path]:
     """Return where each file is taken from; LogError if that needs the user's word."""
-    beside = Path(options.rig).resolve().parent if options.rig else None
-    named = _named_files(head, files, options.law)
+    beside = Path(trust.rig).resolve().parent if trust.rig else None
+    named = _named_files(head, files, trust.law)
     found = {file: named.get(file) or _in_place(file, beside) for file in files}
     absent = [file for file, path in found.items() if path is None]
-    if absent and options.trust:
+    if absent and trust.trust:
         lacking = [file.shown() for file in absent if file.content is None]
         if lacking:
             what = f"{', '.join(lacking)}: neither in the log nor unchanged in its old place"

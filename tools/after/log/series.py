@@ -6,7 +6,6 @@ time        wall time, ns, k T from the start in lockstep and virtual time; t = 
             record of the executive (of the plant without)
 """
 
-import argparse
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -20,6 +19,8 @@ from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.names import why_unrecorded
+from pcpc.tools.after.log.commands import Window
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -46,7 +47,7 @@ def read_log(path: Path, progress: Progress) -> logs.Log:
     try:
         if path.stat().st_size > LARGE_BYTES:
             progress.show(f"reading {path}")
-        log = logs.read(path)
+        log = Opened(path).log
     except (logs.LogError, OSError) as error:
         reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
         raise LogCommandError(f"{reason}; give a log that pcpc wrote") from None
@@ -138,10 +139,10 @@ def seconds(text: str | None, otherwise: float, option: str) -> float:
     return value
 
 
-def window_s(options: argparse.Namespace) -> tuple[float, float]:
+def window_s(window: Window) -> tuple[float, float]:
     """Return the times of --start and --end, those of EVER_S where they are not given."""
     begin_s, end_s = EVER_S
-    return seconds(options.start, begin_s, "--start"), seconds(options.end, end_s, "--end")
+    return seconds(window.start, begin_s, "--start"), seconds(window.end, end_s, "--end")
 
 
 def label(unit: str) -> str:

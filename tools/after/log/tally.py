@@ -15,8 +15,8 @@ from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.inventory import TOPICS
 from pcpc.executive.log.mcap_reader import Scan
+from pcpc.tools.after.log.contents import DIRECTIONS, Cycles, Entry, FrameRow, TopicRow
 
-DIRECTIONS = ("sent", "received")
 _KEY = [("id", "<u4"), ("direction", "u1"), ("e2e", "u1"), ("dlc", "u1"), ("flags", "u1")]
 _AT_ONCE = 100_000  # frames counted at once
 _NAME = 80  # letters of a name that are shown
@@ -82,7 +82,7 @@ class Tally:
                 self._frames[(topic, *key)] += n
         self._keys, self._waiting = {}, 0
 
-    def cycles(self, topic: str) -> dict[str, int | None]:
+    def cycles(self, topic: str) -> Cycles:
         """Return count, first and last of a node's cycles, and how many between are not there.
 
         `skipped`: the loop had no time for them, and says so; `lost`: the log has no row of them.
@@ -119,7 +119,7 @@ class Tally:
 
     def frames(
         self, names: Mapping[int, str], duration_s: float, node: str = "", data_bit: float = 1
-    ) -> list[dict[str, Any]]:
+    ) -> list[FrameRow]:
         """Return a node's frames by direction and id; without one those of the node `heard`.
 
         `bits`: on the wire, at most; what was injected was on none. One of CAN FD's data phase
@@ -152,12 +152,12 @@ class Tally:
                 bad[name][name_of(state)] += n
         return bad
 
-    def entries(self, kind: str, zero_ns: int) -> list[dict[str, Any]]:
+    def entries(self, kind: str, zero_ns: int) -> list[Entry]:
         """Return the events or tunings of all nodes by time, `time_s` after `zero_ns`.
 
         What others may have added to them is left out.
         """
-        found = [
+        found: list[tuple[int, Any]] = [
             (
                 at_ns,
                 {"time_s": (at_ns - zero_ns) / 1e9, "node": node}
@@ -168,7 +168,7 @@ class Tally:
         ]
         return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
 
-    def topics(self) -> list[dict[str, Any]]:
+    def topics(self) -> list[TopicRow]:
         """Return messages and bytes, as they were before compression, of all topics."""
         names = (channel.topic for channel in self.found.channels.values())
         return [{"topic": n, "messages": self.messages[n], "bytes": self.bytes[n]} for n in names]

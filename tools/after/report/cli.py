@@ -6,60 +6,77 @@ What it says, in this order: the verdict with its reasons, the figure of the eva
 requirements, metrics, what happened when, timing, bus, configuration, versions, how to replay.
 """
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.log.recorded import holds_several, log_of
+from pcpc.tools.after.opened import opened
+from pcpc.tools.after.report.commands import ReportRequest
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.terminal.document import Part, Section, html
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page
-from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import LogCommandError, write_text
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
 
 SUFFIXES = (".html", ".htm")
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ReportRequest) -> int:
     """Write the report of a log; LOSS if a part of the log is missing. UserError: wrong input."""
-    if options.suite:
+    suite = request.suite or request.logs
+    if request.suite or len(suite) > 1 or any(map(holds_several, suite)):
         from pcpc.tools.after.report import suite_files  # time
 
-        if options.log is not None:
-            raise UserError(f"{options.log}: give it after --suite, like the other runs")
-        return suite_files.command(options, Progress(options.quiet))
-    refuse(options, "only with --suite", "junit", "need")
-    if options.log is None:
-        raise UserError("no log; name a log, a run folder or latest, or runs with --suite")
-    path = log_of(options.log)
-    output = options.output or path.with_name(
+        if request.suite and request.logs:
+            raise UserError(f"{request.logs[0]}: give it after --suite, like the other runs")
+        folder = "" if len(suite) > 1 else f", and {suite[0]} is a folder of them"
+        request.refuse(f"of one log, not of several{folder}", "requirements", "require", "json")
+        return suite_files.command(request.changed(suite=suite))
+    request.refuse("only with several runs, or a folder of them", "junit", "need")
+    if request.are_given("requirements", "require"):
+        return _requirements(request)
+    request.refuse("only with --requirements or --require", "json")
+    if not request.logs:
+        raise UserError("no log; name a log, a run folder or latest, or a folder of runs")
+    path = log_of(request.logs[0])
+    output = request.output or path.with_name(
         "report.html" if path.name == "log.mcap" else f"{path.stem}.html"
     )
-    progress = Progress(options.quiet)
-    missing = write(path, output, options, progress)
+    progress = Progress(request.quiet)
+    missing = write(path, output, Trust.of(request.code), progress)
     progress.close()
-    if missing and not options.quiet:
+    if missing and not request.quiet:
         more = f", and {len(missing) - 1} more" if missing[1:] else ""
         print(f"{path}: missing: {missing[0]}{more}", file=sys.stderr)
     print(output)
     return Exit.LOSS if missing else Exit.OK
 
 
+def _requirements(request: ReportRequest) -> int:
+    """Print what became of the requirements of a log, and nothing else."""
+    request.refuse("no page is written of requirements alone", "output")
+    if not request.logs:
+        raise UserError("no log; name a log, a run folder or latest")
+    about = log_of(request.logs[0]), request.beside, Trust.of(request.code), request.quiet
+    return int(part_of("after/log", "require").tell_requirements(*about))
+
+
 def write(
     path: Path,
     output: Path,
-    options: argparse.Namespace,
+    trust: Trust,
     progress: Progress,
     summary: Summary | None = None,
 ) -> list[str]:
     """Write the report of a log to `output`; return what is missing in the log.
 
-    LogError if it is none, UserError where the page cannot be written. `options`: whose code of
-    the log may run, see `tools.after.log.rig`; `summary`: of the run, if it is known.
+    LogError if it is none, UserError where the page cannot be written. `summary`: of the run, if
+    it is known.
     """
     if output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"-o {output}: not an HTML file; expected FILE.html")
@@ -67,8 +84,8 @@ def write(
     from pcpc.tools.after.report import details, sections  # time
     from pcpc.tools.after.report.record import gather
 
-    with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:
-        record = gather(path, Path(folder), options, progress, summary)
+    with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder, opened(path, trust) as run:
+        record = gather(run, progress, summary)
         chapters: dict[str, list[Part]] = {
             "Figure": [sections.figure(record, Path(folder))],
             "Requirements": [sections.requirements(record)],

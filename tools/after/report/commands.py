@@ -1,39 +1,46 @@
 """Commands: report."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import OUTPUT_CODES, Add, Command, codes
+from pcpc.tools.terminal.command import OUTPUT_CODES, Command, codes
+from pcpc.tools.terminal.request import WORD, Offers, Request
 
 
-def report(add: Add) -> None:
-    """Take a log, or all runs of a suite, and a page."""
-    take.log(add, nargs="?")
-    add(
-        "--suite",
-        nargs="+",
-        default=[],
-        metavar="DIR|LOG",
-        help="all runs below folders, and logs: one page with the result of each requirement",
-    )
-    take.several(
-        add, "--need", "ID[,ID]", "with --suite: list these ids as not judged if no run tests them"
-    )
-    add(
-        "--junit",
-        type=Path,
-        metavar="FILE.xml",
-        help="with --suite: a testcase for each requirement and rig",
-    )
-    add(
+class ReportRequest(Request):
+    """A log, or all runs of a suite, and a page."""
+
+    logs: Annotated[
+        Sequence[str],
+        WORD,
+        "LOG",
+        "log file, run folder or latest; several, or a folder of runs: the suite of them",
+    ] = ()
+    suite: Annotated[
+        Sequence[str],
+        "DIR|LOG",
+        "all runs below folders, and logs: one page with the result of each requirement",
+        {"nargs": "+"},
+    ] = ()
+    need: Annotated[
+        Sequence[str],
+        "ID[,ID]",
+        "with --suite: list these ids as not judged if no run tests them",
+    ] = ()
+    junit: Annotated[
+        Path | None, "FILE.xml", "with --suite: a testcase for each requirement and rig"
+    ] = None
+    output: Annotated[
+        Path | None,
         "-o",
-        "--output",
-        type=Path,
-        metavar="FILE.html",
-        help="default: report.html in the run folder, LOG.html by a log, suite.html",
-    )
-    take.code_of_laws(add)
-    take.quiet(add)
+        "FILE.html",
+        "default: report.html in the run folder, LOG.html by a log, suite.html",
+    ] = None
+    beside: Annotated[Offers, "BESIDE_REPORT"] = Offers()
+    code: take.CodeOfLaws = take.CodeOfLaws()
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -41,10 +48,12 @@ COMMANDS = (
         "report",
         "write a run, or a suite of runs, as one HTML file",
         "pcpc report latest\npcpc report runs/A -o a.html\n"
+        "pcpc report latest --requirements\n"
+        "pcpc report latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'\n"
         "pcpc report --suite runs -o suite.html --junit suite.xml",
-        report,
+        ReportRequest,
         module="after.report.cli",
-        codes=codes(OUTPUT_CODES, NOT_MET="the suite is not ok, or not judged"),
+        codes=codes(OUTPUT_CODES, NOT_MET="not met, or not judged: the suite, a requirement"),
         first=True,
     ),
 )

@@ -7,7 +7,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.tools.after.log.rig import carried_by
 from pcpc.tools.after.report import figures
-from pcpc.tools.after.report.record import RESOLVED, Record
+from pcpc.tools.after.report.record import RESOLVED, ReportedRun
 from pcpc.tools.after.report.sections import listed_section
 from pcpc.tools.after.verdict.report import timing_text
 from pcpc.tools.start.bus.report import rate_of
@@ -37,7 +37,7 @@ _COUNTS = {  # of the summary's frames: in words
 }  # fmt: skip
 
 
-def timing(record: Record) -> list[Part]:
+def timing(record: ReportedRun) -> list[Part]:
     """Return how late the executive woke and how long each stage took."""
     summary = record.summary
     if record.facts.get("pacing") in WITHOUT_CLOCK:
@@ -66,7 +66,7 @@ def timing(record: Record) -> list[Part]:
 # The bus
 
 
-def bus(record: Record) -> list[Part]:
+def bus(record: ReportedRun) -> list[Part]:
     """Return the frames of each bus with its load, and where they went."""
     nodes = ("executive", "plant") if "local" in record.log.node else (record.tally.heard(),)
     parts = [part for node in nodes if node in record.log.node for part in _frames(record, node)]
@@ -85,7 +85,7 @@ def bus(record: Record) -> list[Part]:
     return [*parts, listed_section("Received frames that were not valid", head, bad, (2,))]
 
 
-def _frames(record: Record, node: str) -> list[Part]:
+def _frames(record: ReportedRun, node: str) -> list[Part]:
     """Return what a node sent and received, and which share of its bus that takes."""
     duration_s = record.tally.duration_s(logs.topic(node, "can/frames"))
     config = record.judge.rig.config if record.judge else None
@@ -124,7 +124,7 @@ def _account(frames_to: Mapping[str, Mapping[str, int]]) -> Section:
 # What it was
 
 
-def configuration(record: Record) -> list[Part]:
+def configuration(record: ReportedRun) -> list[Part]:
     """Return the rig as it was written, what was set besides, and all its values."""
     texts = {n: t for n, t in record.log.attachments.items() if n.endswith((".yaml", ".yml"))}
     if not texts:
@@ -144,7 +144,7 @@ def configuration(record: Record) -> list[Part]:
     return parts
 
 
-def versions(record: Record) -> Table:
+def versions(record: ReportedRun) -> Table:
     """Return what made the run, and where."""
     others = "python", "git", "kernel", "machine", "processor", "cpus"
     rows = [
@@ -155,7 +155,7 @@ def versions(record: Record) -> Table:
     return Table(("", ""), rows)
 
 
-def replay(record: Record) -> list[Part]:
+def replay(record: ReportedRun) -> list[Part]:
     """Return how to compute the run again from its log, and what identifies the log."""
     log = record.log
     size = f", {record.tally.found.size:,} bytes"

@@ -11,7 +11,7 @@ import numpy as np
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import plain_text
-from pcpc.tools.after.report.record import Record
+from pcpc.tools.after.report.record import ReportedRun
 from pcpc.tools.after.verdict import on_purpose
 from pcpc.tools.after.verdict.timing import parts
 
@@ -35,7 +35,7 @@ _STAGES = {
 }
 
 
-def states(record: Record, node: str) -> Iterator[tuple[str, float, float]]:
+def states(record: ReportedRun, node: str) -> Iterator[tuple[str, float, float]]:
     """Yield each state of a node's supervisor with begin and end in s, in their order."""
     last, begin_s = "INIT", 0.0
     for at_s, name, event in record.entries("state"):
@@ -45,7 +45,9 @@ def states(record: Record, node: str) -> Iterator[tuple[str, float, float]]:
     yield last, begin_s, max(record.end_s, begin_s)
 
 
-def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, Mapping[str, Any]]]:
+def on_purpose_spans(
+    record: ReportedRun,
+) -> Iterator[tuple[str, str, float, float, Mapping[str, Any]]]:
     """Yield node, fault on purpose, begin and end in s, and what is known of the fault."""
     for node, one in record.log.node.items():
         for fault, *span, about in on_purpose.fault_spans(one):
@@ -54,7 +56,7 @@ def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, M
             yield node, fault, begin_s, min(end_s, max(record.end_s, begin_s)), about
 
 
-def course(record: Record) -> "Figure | None":
+def course(record: ReportedRun) -> "Figure | None":
     """Return states, faults on purpose and marks over time; None of a run without any."""
     spans = [(node, list(states(record, node))) for node in record.log.node]
     spans = [(node, own) for node, own in spans if len(own) > 1]
@@ -85,7 +87,7 @@ def course(record: Record) -> "Figure | None":
     return page
 
 
-def tunings(record: Record) -> list[tuple[float, str, Mapping[str, Any]]]:
+def tunings(record: ReportedRun) -> list[tuple[float, str, Mapping[str, Any]]]:
     """Return time in s, node and entry of all tunings, but for those of faults on purpose."""
     found = [
         (record.period_s(name) * int(entry["cycle"]), name, entry)
@@ -116,7 +118,7 @@ def _keys(seen: set[str]) -> list[Any]:
     ]
 
 
-def lateness(record: Record) -> "Figure | None":
+def lateness(record: ReportedRun) -> "Figure | None":
     """Return how often the executive was how late, and worked how long; None without a clock."""
     counts = _counts(record)
     told = [name for name, found in counts.items() if found.sum()]
@@ -141,7 +143,7 @@ def lateness(record: Record) -> "Figure | None":
     return page
 
 
-def _counts(record: Record) -> dict[str, Any]:
+def _counts(record: ReportedRun) -> dict[str, Any]:
     """Return how many cycles fell into each class of `_EDGES_US`, by what was measured."""
     names = [f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send")]
     found = {name: np.zeros(len(_EDGES_US) - 1, np.int64) for name in _STAGES}

@@ -5,9 +5,9 @@ alone knows nothing of what was set, and nothing is judged where the log holds n
 evaluation from outside that may not run (see `tools.after.log.rig`).
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +19,17 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.inventory import TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 from pcpc.plants.pages import thinned_line
-from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log import series, source
-from pcpc.tools.after.log.drawing import Source
+from pcpc.tools.after.log.drawing import DrawnLog
 from pcpc.tools.after.log.plot import groups_of
 from pcpc.tools.after.log.tally import Tally
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.trust import words_of
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.findings import Finding
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.terminal.outfile import LogCommandError
@@ -40,11 +42,12 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass
-class Record:
+class ReportedRun:
     """A log, what it adds up to, and what became of the run.
 
     `unjudged`: why nobody judges it here, or by another evaluation; then `summary` may be None,
-    where nothing can be said of what it came to. `at_end`: the verdict is the run's own.
+    where nothing can be said of what it came to. `at_end`: the verdict is the run's own; `doubt`:
+    why the summary beside it is not of it.
     `groups`: the variables to draw, where the evaluation draws none.
     """
 
@@ -55,6 +58,7 @@ class Record:
     unjudged: str
     summary: Summary | None = None
     at_end: bool = False
+    doubt: str = ""
     groups: list[list[str]] = field(default_factory=list)
 
     @property
@@ -66,6 +70,13 @@ class Record:
     def facts(self) -> Mapping[str, str]:
         """What the first node says of the run."""
         return self.log.metadata[next(iter(self.log.node))]
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What became of limits and requirements; [] of a log that nobody judges here."""
+        if self.summary is None or self.judge is None:
+            return []
+        return summary_file.findings_of(self.summary, self.judge, self.log)
 
     def period_s(self, node: str) -> float:
         """Return the period of a node's loop, s; 1 ms where the log does not tell."""
@@ -92,10 +103,10 @@ class Record:
         ]
         return sorted(found, key=lambda entry: entry[0])
 
-    def source(self) -> Source:
+    def source(self) -> DrawnLog:
         """Return the variables of `groups` as they are drawn."""
         known = _series(self.log, [name for group in self.groups for name in group])
-        return Source(self.path.stem, self.log, known, series.start_ns(self.log))
+        return DrawnLog(self.path.stem, self.log, known, series.start_ns(self.log))
 
     def own_figure(self) -> bytes:
         """Return the figure.png of a run's end, b"" if it cannot be had."""
@@ -104,19 +115,13 @@ class Record:
         return content if content.startswith(_PNG) else b""
 
 
-def gather(
-    path: Path,
-    folder: Path,
-    options: argparse.Namespace,
-    progress: Progress,
-    summary: Summary | None = None,
-) -> Record:
-    """Read a log; LogError if it is none. `folder`: for the files of its rig, while they are used.
+def gather(run: Opened, progress: Progress, summary: Summary | None = None) -> ReportedRun:
+    """Read a log, which stays open while it is reported; LogError if it is none.
 
     `summary`: what the run came to, if that is known.
     """
-    head = logs.head(path)
-    judge, why = _judge(head, folder, options)
+    path = run.path
+    judge, why = _judge(run)
     groups: list[list[str]] = []
 
     def wanted_columns(first: logs.Log) -> long_logs.Wanted:
@@ -131,28 +136,29 @@ def gather(
         return asked
 
     tally, ends = _totals(path, progress)
-    log = long_logs.read(path, wanted_columns)
+    log = run.part(wanted_columns)
     if not _draws(judge) and not groups:
         groups = _groups(log)
-    found = Record(log, tally, carried_files.sha256(path), judge, why, groups=groups)
-    found.summary = summary or summary_file.summary_beside(path)
+    found = ReportedRun(log, tally, carried_files.sha256(path), judge, why, groups=groups)
+    own, found.doubt = (summary, "") if summary else summary_file.beside(path)
+    found.summary = own
     found.at_end = found.summary is not None
     if found.summary is None and judge is not None:
-        outcome = summaries.outcome_of(log)
+        outcome = summaries.outcome_of(log, found.doubt)
         outcome.health = {name: summaries.counters(ends.get(name, {})) for name in log.node}
         found.summary = summaries.summarise(judge.rig, log, outcome, judge)
     return found
 
 
-def _judge(head: logs.Log, folder: Path, options: argparse.Namespace) -> tuple[Judge | None, str]:
+def _judge(run: Opened) -> tuple[Judge | None, str]:
     """Return who judges a log, or None; and why, or a word on an evaluation that is another one."""
-    if not any(name.endswith(RESOLVED) for name in head.attachments):
+    if not any(name.endswith(RESOLVED) for name in run.head.attachments):
         return None, "the log holds no rig to judge it by"
     try:
-        rig, note = log_rig.judged_rig(head, folder, options)
+        rig, note = run.judged()
         return Judge.of(rig), note
     except (logs.LogError, UserError) as error:
-        return None, str(error).removeprefix(f"{head.path}: ")
+        return None, words_of(error).removeprefix(f"{run.path}: ")
 
 
 def _draws(judge: Judge | None) -> bool:
@@ -181,7 +187,7 @@ def _totals(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, 
 def _groups(log: logs.Log) -> list[list[str]]:
     """Return the variables on each axis; [] of a log without any."""
     try:
-        whole = Source("", log, series.all_series(log), 0)
+        whole = DrawnLog("", log, series.all_series(log), 0)
         return groups_of([whole], [])[:MOST_AXES]
     except LogCommandError:
         return []
@@ -196,6 +202,5 @@ def _series(log: logs.Log, names: Sequence[str]) -> dict[str, series.Series]:
                 np.arange(len(one.values), dtype=float), one.values, _POINTS
             )
             found[name] = replace(one, time_ns=one.time_ns[rows.astype(int)], values=values)
-        for table in (table for tables in log.tables.values() for table in tables):
-            table.forget()
+        log.forget()
     return found

@@ -13,7 +13,8 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.log.drawing import page_of
 from pcpc.tools.after.log.info import start_of
 from pcpc.tools.after.report import figures
-from pcpc.tools.after.report.record import Record
+from pcpc.tools.after.report.record import ReportedRun
+from pcpc.tools.after.verdict.findings import NOT_JUDGED, FindingKind
 from pcpc.tools.after.verdict.summary import branch_lines
 from pcpc.tools.terminal.document import Note, Part, Picture, Section, Strong, Table, Verdict
 from pcpc.tools.terminal.html import png_of
@@ -21,13 +22,13 @@ from pcpc.tools.terminal.html import png_of
 MOST_ROWS = 40  # of events of a kind
 
 
-def title(record: Record) -> str:
+def title(record: ReportedRun) -> str:
     """Return what ran."""
     name = record.facts.get("rig", "")
     return f"{name}: {record.summary.title}".removesuffix(": ") if record.summary else name
 
 
-def facts(record: Record) -> str:
+def facts(record: ReportedRun) -> str:
     """Return how, when and how long it ran."""
     facts, summary = record.facts, record.summary
     real = {None: "", True: "SCHED_FIFO", False: "no SCHED_FIFO"}[
@@ -47,12 +48,13 @@ def facts(record: Record) -> str:
     return ", ".join(filter(None, parts))
 
 
-def verdict(record: Record) -> Verdict:
+def verdict(record: ReportedRun) -> Verdict:
     """Return what the run came to and why, and what is missing in the log."""
     summary, missing = record.summary, [*record.log.missing, *record.tally.left_out()]
     word, lines = "not judged", [record.unjudged]
     if summary is not None:
-        word, lines = summary.verdict, summary.problems()
+        word = summary.verdict
+        lines = [] if word == NOT_JUDGED else summary.problems()
         left = summary.not_judged.items()
         lines += [f"{summary.named(name)} was not judged: {why}" for name, why in left]
         if not summary.judged and not summary.not_judged:
@@ -61,12 +63,13 @@ def verdict(record: Record) -> Verdict:
         if not record.at_end:
             lines.append("judged from the log alone, without the settings of the run")
         missing = [line for line in missing if line not in summary.log_missing]
-    lines = [*(f"no run: a {what}" for what in branch_lines(record.log)), *lines]
-    reasons = [*lines, *(f"missing in the log: {line}" for line in missing)]
-    return Verdict(word, reasons, word == "ok" and not missing)
+    branch = [f"no run: a {what}" for what in branch_lines(record.log)]
+    lines += [record.doubt] if record.doubt and record.doubt not in lines else []
+    reasons = [*branch, *lines, *(f"missing in the log: {line}" for line in missing)]
+    return Verdict(word, reasons, word == "ok" and not (missing or branch))
 
 
-def requirements(record: Record) -> Table:
+def requirements(record: ReportedRun) -> Table:
     """Return what became of each requirement, where it was first violated, and its margin."""
     states = {True: "met", False: Strong("violated"), None: "not judged"}
     rows = [
@@ -77,27 +80,25 @@ def requirements(record: Record) -> Table:
     return Table(("requirement", "", "first violation", "smallest margin"), rows)
 
 
-def metrics(record: Record) -> Table | None:
+def metrics(record: ReportedRun) -> Table | None:
     """Return every metric, those with limits first, also those that the run does not tell."""
     summary = record.summary
     if summary is None:
         return None
-    config = record.judge.rig.config if record.judge else None
-    limits = config.expected if config else {}
-    rows = []
+    limits = {one.name: one for one in record.findings if one.kind is FindingKind.LIMIT}
+    states, rows = {True: "met", False: Strong("not met"), None: "not judged"}, []
     for name in {**limits, **summary.metrics}:
-        value, state, bounds = summary.metrics.get(name, math.nan), "", ""
-        if name in limits:
-            low, high = limits[name]
-            bounds = f"{low:g} to {high:g}"
-            state = "met" if low <= value <= high else Strong("not met")
-            state = "not judged" if name in summary.not_judged else state
+        value: float = summary.metrics.get(name, math.nan)
+        state: object = ""
+        bounds = ""
+        if one := limits.get(name):
+            bounds, state = f"{one.low:g} to {one.high:g}", states[one.held]
         told = f"{value:.4g}" if name in summary.metrics else "not told"
         rows.append((summary.named(name), told, bounds, state))
     return Table(("metric", "value", "limits", ""), rows, (1,))
 
 
-def figure(record: Record, folder: Path) -> Part:
+def figure(record: ReportedRun, folder: Path) -> Part:
     """Return the evaluation's figure; where it draws none the run's own, or variables over time."""
     judge, summary, place = record.judge, record.summary, folder / "figure.png"
     if judge is not None and not record.groups:
@@ -117,7 +118,7 @@ def figure(record: Record, folder: Path) -> Part:
 # What happened
 
 
-def course(record: Record) -> list[Part]:
+def course(record: ReportedRun) -> list[Part]:
     """Return states, faults, tunings and alarms over time."""
     drawn = figures.course(record)
     nodes = record.log.node.values()
@@ -130,7 +131,7 @@ def course(record: Record) -> list[Part]:
     ]  # fmt: skip
 
 
-def _states(record: Record) -> Section:
+def _states(record: ReportedRun) -> Section:
     rows = []
     for node in record.log.node:
         spans = list(figures.states(record, node))
@@ -151,7 +152,7 @@ def listed_section(
     return Section(title, [Table(head, first, right), more])
 
 
-def _faults(record: Record) -> Section:
+def _faults(record: ReportedRun) -> Section:
     rows = (
         (f"{at_s:.4f}", event["cycle"], node, event.get("name") or event.get("argument", ""))
         for at_s, node, event in record.entries("fault")
@@ -159,7 +160,7 @@ def _faults(record: Record) -> Section:
     return listed_section("Faults", ("time [s]", "cycle", "node", "fault"), rows)
 
 
-def _on_purpose(record: Record) -> Section:
+def _on_purpose(record: ReportedRun) -> Section:
     rows = (
         (f"{begin_s:.4f}", f"{end_s:.4f}", node, name, about.get("kind", ""), about.get("of", ""))
         for node, name, begin_s, end_s, about in figures.on_purpose_spans(record)
@@ -168,7 +169,7 @@ def _on_purpose(record: Record) -> Section:
     return listed_section("Faults on purpose", head, rows)
 
 
-def _tunings(record: Record) -> Section:
+def _tunings(record: ReportedRun) -> Section:
     """Return what was tuned: the old value is that of the tuning before, at first the rig's."""
     now: dict[tuple[str, str], float] = {}
     rows = []
@@ -194,7 +195,7 @@ def _of_rig(rig: Rig, node: str, name: str) -> float | None:
     return found.get(parameter)
 
 
-def _alarms(record: Record) -> Section:
+def _alarms(record: ReportedRun) -> Section:
     rows = []
     for at_s, node, event in record.entries("alarm"):
         name = str(event.get("name"))

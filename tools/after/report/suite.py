@@ -12,33 +12,30 @@ say the same. Of several verdicts the worst counts, so that no later or earlier 
 A run that is none, damaged, cut, changed since, or not ok, keeps the suite from being ok.
 """
 
-import argparse
 import os
-import tempfile
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from urllib.parse import quote
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.errors import RigError
-from pcpc.executive.log import long_logs
-from pcpc.executive.log import reader as logs
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
 from pcpc.executive.rig.requirements import text_of
-from pcpc.plants.judging import effective_rig
-from pcpc.tools.after.log import rig as log_rig
 from pcpc.tools.after.log.recorded import folders_below, log_of
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.trust import Trust, words_of
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.findings import Finding, FindingKind
 from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.requirements import NEVER_HAPPENED
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.progress import Progress
 
 OK, HAPPENED, UNJUDGED, VIOLATED = WORDS = "ok", "never happened", "not judged", "violated"
-_NEVER = "its event never happened"
 _ALONE = "judged from the log alone: the settings of the run are not known"
 _KEYS = "rig", "controller", "seed", "version_pcpc", "git", "clock_wall_ns", "start"
 
@@ -52,6 +49,12 @@ class RequirementResult:
     verdict: str
     margin: str = ""
     why: str = ""
+    id: str = ""
+
+    @property
+    def title(self) -> str:
+        """What it says, behind its id."""
+        return f"{self.id} {self.words}" if self.id else self.words or self.key
 
 
 @dataclass
@@ -135,15 +138,13 @@ class Suite:
         return Exit.OK if all(run.ok for run in self.runs) else Exit.LOSS
 
 
-def gather(
-    names: Sequence[str], needed: Sequence[str], options: argparse.Namespace, progress: Progress
-) -> Suite:
+def gather(names: Sequence[str], needed: Sequence[str], trust: Trust, progress: Progress) -> Suite:
     """Judge the runs of folders and logs; UserError where there is none."""
     paths = list(dict.fromkeys(path for name in names for path in _paths(name)))
     runs = []
     for number, path in enumerate(paths, 1):
         progress.show(f"judging {number}/{len(paths)}: {path}")
-        runs.append(_judged_run(path, options))
+        runs.append(_judged_run(path, trust))
     progress.close()
     cells = _cells(runs)
     known = {cell.key for cell in cells}
@@ -174,37 +175,38 @@ def _logs_below(top: Path) -> Iterator[Path]:
 # A run
 
 
-def _judged_run(path: Path, options: argparse.Namespace) -> OneRun:
-    found = OneRun(path)
+def _judged_run(path: Path, trust: Trust) -> OneRun:
+    found, run = OneRun(path), Opened(path, trust)
     try:
         if carried_files.is_ordinary(path):  # a pipe would never end
             found.sha256 = carried_files.sha256(path)
-        head = logs.head(path)
+        head = run.head
     except (OSError, UserError) as error:
         found.problems.append(_reason(error, path))
         return found
     told = ChainMap(*(head.metadata[name] for name in head.node))
     found.facts = {key: told[key] for key in _KEYS if key in told}
-    try:
-        with tempfile.TemporaryDirectory(prefix="pcpc-suite-") as folder:
-            _judge(found, head, Path(folder), options)
-    except (OSError, UserError) as error:
-        found.verdict = "not judged"
-        found.problems.append(_reason(error, path))
-        found.tested = _unjudged_results(head, found.problems[-1])
+    with closing(run):
+        try:
+            _judge(found, run)
+        except (OSError, UserError) as error:
+            found.verdict, why = "not judged", _reason(error, path)
+            found.problems += filter(None, [why, summary_file.beside(path)[1], *head.missing])
+            found.tested = [*_unjudged_results(run, why)]
     return found
 
 
 def _reason(error: Exception, path: Path) -> str:
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    text = error.strerror if isinstance(error, OSError) and error.strerror else words_of(error)
     return text.removeprefix(f"{path}: ")
 
 
-def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namespace) -> None:
-    rig, note = log_rig.judged_rig(head, folder, options)
+def _judge(found: OneRun, run: Opened) -> None:
+    rig, note = run.judged()
     judge = Judge.of(rig)
-    log = long_logs.read(found.path, lambda log: judge.needed_columns(log, False))
-    own, outcome = summary_file.summary_beside(found.path), summaries.outcome_of(log)
+    log = run.part(lambda log: judge.needed_columns(log, False))
+    own, doubt = summary_file.beside(found.path)
+    outcome = summaries.outcome_of(log, doubt)
     outcome.changed = list(own.changed) if own else []
     summary = summaries.summarise(rig, log, outcome, judge)
     found.verdict, found.notes = summary.verdict, [note] if note else []
@@ -212,15 +214,12 @@ def _judge(found: OneRun, head: logs.Log, folder: Path, options: argparse.Namesp
     found.problems += [f"no run: a {what}" for what in summaries.branch_lines(log)]
     if own is not None:
         _hold_against(found, summary, own)
-    elif (found.path.parent / summary_file.NAME).exists():
-        found.problems.append("summary.json is not that of this log: one was changed since")
-    else:
+    elif not doubt:
         found.notes.append(_ALONE)
         if found.path.name == LOG:  # of a run folder, which has one
             found.problems.append("no summary.json: how the run ended is not known")
-            found.verdict = "loss" if found.verdict == "ok" else found.verdict
-    own = own or summary
-    found.tested = [*_requirements(judge, summary, own), *_limits(judge, summary, own)]
+            found.verdict = "loss" if found.verdict in summaries.UNFAILED else found.verdict
+    found.tested = [*_results(judge, summary, own or summary)]
     if not found.tested:
         found.problems.append("nothing to judge: the rig states no requirement and no limit")
 
@@ -229,70 +228,58 @@ def _hold_against(found: OneRun, summary: Summary, own: Summary) -> None:
     """Enter what the run's own summary says besides; the worse verdict counts."""
     found.notes += [f"changed: {', '.join(own.changed)}"] if own.changed else []
     found.problems += [line for line in own.problems() if line not in found.problems]
-    if own.verdict != "ok" and summary.verdict == "ok":
+    if own.verdict != "ok" and summary.verdict in summaries.UNFAILED:
         found.verdict = own.verdict
     elif own.verdict == "ok" and summary.verdict != "ok":
         found.problems.append("summary.json says ok, the log does not")
 
 
-def _requirements(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
-    """Yield what became of the rig's requirements in time, as the log and the summary say."""
+def _results(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
+    """Yield what became of requirements in time, then of limits, as the log and `own` say."""
+    found = {
+        (one.kind, one.key): one for one in summary_file.findings_beside(own, summary.findings)
+    }
     known = {one.name: one for one in summary.requirements}
     for entry in judge.required().values():
         name = text_of(entry)
-        key, words = entry.id or name, name.removeprefix(f"{entry.id} ")
-        one, left = known.get(name), own.not_judged.get(name) or summary.not_judged.get(name)
-        if one is not None and one.held is False:
-            yield RequirementResult(key, words, VIOLATED, one.smallest, one.first)
-        elif one is None or one.held is None or left:
-            why = left or (one.reason if one else "the log was not judged by it")
-            yield RequirementResult(key, words, HAPPENED if why == _NEVER else UNJUDGED, "", why)
-        elif any(two.name == name and two.held is False for two in own.requirements):
-            yield RequirementResult(key, words, VIOLATED, "", "summary.json says so")
-        else:
-            yield RequirementResult(key, words, OK, one.smallest)
+        lost = own.not_judged.get(name) or "the log was not judged by it"
+        one = found.get(
+            (FindingKind.REQUIREMENT, name), Finding(FindingKind.REQUIREMENT, lost, None)
+        )
+        told, words = known.get(name), name.removeprefix(f"{entry.id} ")
+        margin, why = "", one.why
+        if told and one.held is told.held is not None:
+            margin, why = told.smallest, told.first
+        yield _result(entry.id or "", words, words, one.held, margin, why)
+    for (kind, _), one in found.items():
+        if kind is FindingKind.LIMIT:
+            margin = "" if one.margin is None else f"{one.margin:.4g}"
+            why = one.why if one.held is None else str(one)
+            yield _result(one.id, one.name, _limit_words(one), one.held, margin, why)
 
 
-def _limits(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
-    """Yield what became of the rig's limits; the margin is that to the nearer one."""
-    config = judge.rig.config
-    for name, (low, high) in config.expected.items():
-        key, words = config.limit_ids().get(name, name), f"{name} {low:g} to {high:g}"
-        failed = [
-            line
-            for one in (summary, own)
-            for line in one.expectations_failed
-            if line.startswith(f"{summary.named(name)} ") and " was not judged: " not in line
-        ]
-        value = summary.metrics.get(name, own.metrics.get(name))
-        left = own.not_judged.get(name) or summary.not_judged.get(name)
-        margin = "" if value is None else f"{min(value - low, high - value):.4g}"
-        if left:
-            yield RequirementResult(key, words, UNJUDGED, "", left)
-        elif failed:
-            yield RequirementResult(key, words, VIOLATED, margin, failed[0])
-        elif value is None or not low <= value <= high or name not in summary.judged:
-            yield RequirementResult(key, words, UNJUDGED, "", "this run does not show it")
-        else:
-            yield RequirementResult(key, words, OK, margin)
+def _limit_words(one: Finding) -> str:
+    return f"{one.name} {one.low:g} to {one.high:g}"
 
 
-def _unjudged_results(head: logs.Log, why: str) -> list[RequirementResult]:
-    """Return the requirements and limits that a log's rig names, which nobody could judge."""
+def _result(
+    own_id: str, name: str, words: str, held: bool | None, margin: str, why: str
+) -> RequirementResult:
+    word = {True: OK, False: VIOLATED, None: UNJUDGED}[held]
+    word = HAPPENED if held is None and why == NEVER_HAPPENED else word
+    margin, why = margin * (held is not None), why * (not held)
+    return RequirementResult(own_id or name, words, word, margin, why, own_id)
+
+
+def _unjudged_results(run: Opened, why: str) -> Iterator[RequirementResult]:
+    """Yield the requirements and limits that a log's rig states, which nobody could judge."""
     try:
-        plain = effective_rig(head)
-        controller = plain.get("controller")
-        required = [
-            one
-            for one in plain.get("require") or ()
-            if controller in (one.get("controllers") or [controller])
-        ]
-        keys = [str(one.get("id") or one.get("name") or one) for one in required]
-        for name, one in ((plain.get("expect") or {}).get(controller) or {}).items():
-            keys.append(str((isinstance(one, dict) and one.get("id")) or name))
-    except (AttributeError, TypeError, LookupError, RigError):
-        return []
-    return [RequirementResult(key, "", UNJUDGED, "", why) for key in keys]
+        judge = Judge(run.stated())
+    except (OSError, UserError):
+        return
+    for one in (*judge.left_limits(why, {}), *judge.left_requirements(why)):
+        words = _limit_words(one) if one.kind is FindingKind.LIMIT else one.name
+        yield _result(one.id, one.name, words, None, "", one.why)
 
 
 # All of them
@@ -304,14 +291,13 @@ def _cells(runs: Iterable[OneRun]) -> list[Cell]:
     for run in runs:
         for one in run.tested:
             found.setdefault((one.key, run.of), Cell(one.key, run.of)).runs.append((run, one))
-    for (key, of), cell in found.items():
+    for (_, of), cell in found.items():
         last = max(run.begin_ns for run, _ in cell.runs)
         for run in runs:
             if run.of == of and run.begin_ns > last and run.tested != []:
                 why = "a later run of this rig does not test it any more"
-                cell.runs.append(
-                    (run, RequirementResult(key, cell.runs[0][1].words, UNJUDGED, "", why))
-                )
+                untested = replace(cell.runs[0][1], verdict=UNJUDGED, margin="", why=why)
+                cell.runs.append((run, untested))
     return sorted(found.values(), key=lambda cell: (cell.key, cell.of))
 
 

@@ -1,12 +1,13 @@
 """The files of `pcpc report --suite`: a page of HTML, and JUnit for continuous integration."""
 
-import argparse
 import os
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError, printable
 from pcpc.tools.after.report import suite as suites
+from pcpc.tools.after.report.commands import ReportRequest
 from pcpc.tools.after.report.suite import OK, RequirementResult, Suite, link
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal.document import Code, Link, Part, Section, Strong, Table, Verdict, html
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.junit import Case, junit_text
@@ -16,24 +17,24 @@ from pcpc.tools.terminal.progress import Progress
 _SUFFIXES = (".html", ".htm")
 
 
-def command(options: argparse.Namespace, progress: Progress) -> int:
+def command(request: ReportRequest) -> int:
     """Judge the runs, write the page and the JUnit file, tell what keeps them from being ok.
 
     UserError: wrong input.
     """
-    output, junit = Path(options.output or "suite.html"), options.junit
+    output, junit = Path(request.output or "suite.html"), request.junit
     if output.suffix.lower() not in _SUFFIXES:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")
     if junit is not None and os.path.realpath(junit) == os.path.realpath(output):
         raise UserError(f"--junit {junit}: is the page of -o; choose another file")
-    needed = [one.strip() for text in options.need for one in text.split(",")]
+    needed = [one.strip() for text in request.need for one in text.split(",")]
     if not all(needed):
         raise UserError("--need: an empty name; expected ids with a comma between")
-    found = suites.gather(options.suite, needed, options, progress)
+    found = suites.gather(request.suite, needed, Trust.of(request.code), Progress(request.quiet))
     write_text(output, as_html(found, output))
     if junit is not None:
         write_text(junit, as_junit(found) + "\n")
-    for line in () if options.quiet else [*_failures(found), *_remarks(found)]:
+    for line in () if request.quiet else [*_failures(found), *_remarks(found)]:
         print(line)
     print(output)
     return found.code
@@ -111,10 +112,8 @@ def as_junit(found: Suite) -> str:
     cases = []
     for cell in found.cells:
         run, one = cell.worst
-        known = one.words.startswith(cell.key)
-        name = one.words if known else f"{cell.key} {one.words}".strip()
         kind = "" if one.verdict == OK else "failure"
-        cases.append(Case(cell.of, name, kind, one.verdict, _words(one, run)))
+        cases.append(Case(cell.of, one.title, kind, one.verdict, _words(one, run)))
     cases += [Case("", one, "failure", "not judged", "no run tests it") for one in found.absent]
     runs = [
         Case(

@@ -1,15 +1,13 @@
-"""`pcpc step LOG --cycle N`: a cycle of each node, from the frames that came to those it sent.
+"""`pcpc replay LOG --cycle N`: a cycle of each node, from the frames that came to those it sent.
 
     in       frames that the node took, with the result of their check, and what they said last
     blocks   in the order in which they are stepped: inputs, states, outputs
     out      what was sent, behind the limits, and the frames that carried it
 
 All values are those at the end of the cycle, recomputed; those that were recorded are compared to
-the bit. Clock readings stand in `pcpc log cat`.
+the bit. Clock readings stand in `pcpc log export -o -`.
 """
 
-import argparse
-import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -20,10 +18,13 @@ from pcpc.drivers.can.e2e_states import name_of
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.table import Variable
-from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log.cat import frame_text
-from pcpc.tools.after.replay import Comparison, recomputed_pieces
+from pcpc.tools.after.commands import ReplayRequest
+from pcpc.tools.after.log.frames import frame_text
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.replay import NodeComparison, recomputed_pieces
 from pcpc.tools.after.span import chosen_variables, cycle_of, variables_of
+from pcpc.tools.after.step.commands import OneCycle
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
@@ -31,18 +32,18 @@ _ORDER = "piso"  # initials of parameter, input, state, output
 _KINDS = {"parameter": "set", "input": "in", "state": "state", "output": "out"}
 
 
-def command(options: argparse.Namespace) -> int:
+def command(path: Path, request: ReplayRequest) -> int:
     """Recompute up to the cycle, then print it. UserError: wrong input."""
-    path = Path(options.log)
-    head = logs.head(path)
-    cycle, progress = cycle_of(head, options), Progress(options.quiet)
-    roles = [role for role in logs.NODES if role in head.node and options.node in (role, "all")]
+    run, asked = Opened(path, Trust.of(request.code)), request.beside.of(OneCycle)
+    head = run.head
+    cycle, progress = cycle_of(head, asked.cycle, asked.time), Progress(request.quiet)
+    roles = [role for role in logs.NODES if role in head.node and request.node in (role, "all")]
     if not roles:
-        raise UserError(f"{path}: no record of node {options.node}")
+        raise UserError(f"{path}: no record of node {request.node}")
     frames: dict[str, list[Any]] = {role: [] for role in roles}
     try:
-        with log_rig.rig_of(head, options) as rig:
-            nodes = [Comparison(head, rig, role, cycle, seek=cycle) for role in roles]
+        with run.rig() as rig:
+            nodes = [NodeComparison(head, rig, role, cycle, seek=cycle) for role in roles]
     except BusError as error:  # the log's DBC, not a bus of this machine
         raise UserError(str(error)) from None
     since_ns = min(node.since_ns for node in nodes)
@@ -57,21 +58,19 @@ def command(options: argparse.Namespace) -> int:
         for note in node.notes:
             print(f"{path}: {note}", file=sys.stderr)
         node.require_end()
-    cycles = [Cycle(node, frames[node.role]) for node in nodes]
+    cycles = [CycleState(node, frames[node.role]) for node in nodes]
     known = {one.name: one.kind for each in cycles for one in each.variables}
-    names = chosen_variables(known, options.show)
-    if options.json:
-        print(json.dumps([one.as_dict(cycle, names) for one in cycles], indent=1))
-    else:
-        lines = [one.lines(cycle, names, not options.show) for one in cycles]
-        print("\n\n".join("\n".join(part) for part in lines if len(part) > 1))
+    names = chosen_variables(known, request.show)
+    parts = [one.lines(cycle, names, not request.show) for one in cycles]
+    lines = [line for part in parts if len(part) > 1 for line in ("", *part)][1:]
+    screen.answer(request.json, [one.as_dict(cycle, names) for one in cycles], lines, 1)
     return Exit.OK
 
 
-class Cycle:
+class CycleState:
     """What a node has in its table at the end of a cycle, and the frames of that cycle."""
 
-    def __init__(self, node: Comparison, frames: Sequence[Any]) -> None:
+    def __init__(self, node: NodeComparison, frames: Sequence[Any]) -> None:
         made, self.role, self.frames = node.replay.plan, node.role, frames
         self.variables = variables_of(node.replay)
         self.values = {

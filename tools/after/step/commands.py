@@ -1,36 +1,21 @@
-"""Commands: step."""
+"""What `replay` takes to show one cycle."""
 
-from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from typing import Annotated
 
-
-def step(add: Add) -> None:
-    """Take a log, one of its cycles, and which variables are shown."""
-    add("log", metavar="LOG", help="log file, run folder or latest")
-    take.moment(add, "cycle to show")
-    add(
-        "--show",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="only this variable; * is any text; default: all but parameters",
-    )
-    take.node(add)
-    take.code_of_laws(add)
-    take.json(add)
-    take.quiet(add)
+from pcpc.tools.terminal.command import Command
+from pcpc.tools.terminal.request import Request
 
 
-COMMANDS = (
-    Command(
-        "step",
-        "show one cycle of a log stage by stage, hidden states included",
-        "pcpc step latest --cycle 2000\n"
-        "pcpc step latest --time 2 --show 'controller.w_*' --show 'barrel.*'",
-        step,
-        notes="The cycles before are recomputed and compared with the log.",
-        compiles=True,
-        reads_logs=True,
-        module="after.step.cli",
-    ),
-)
+class OneCycle(Request):
+    """Which cycle of a log is shown."""
+
+    cycle: Annotated[
+        int | None,
+        "N",
+        "show this cycle only, stage by stage, hidden states included",
+    ] = None
+    time: Annotated[float | None, "S", "the same as a time of the run, s"] = None
+
+
+BESIDE_REPLAY = OneCycle
+COMMANDS: tuple[Command, ...] = ()

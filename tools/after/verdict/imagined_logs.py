@@ -52,7 +52,7 @@ def imagined_log(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
         def column(name: str) -> Vector:
             return fill(name, len(cycle))
 
-        nodes[str(role)] = logs.Node(
+        nodes[str(role)] = logs.NodeLog(
             cycle,
             cycle * about["period_ns"],
             Columns(about["state_columns"], column),

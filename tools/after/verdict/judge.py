@@ -19,26 +19,27 @@ from typing import Any, TypeVar
 from pcpc.executive.errors import FULL, RigError, did_you_mean
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.log.reader import Log
+from pcpc.executive.own_laws.law_errors import cause
+from pcpc.executive.own_laws.modules import module_of, own_streams
 from pcpc.executive.rig import schema
-from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.requirements import RequirementError, text_of
 from pcpc.plants.evaluation import Evaluation
-from pcpc.plants.judging import Judged, Mistake
+from pcpc.plants.judging import DeclarationError, Judged
+from pcpc.tools.after.trust import words_of
+from pcpc.tools.after.verdict.findings import Finding, FindingKind, lines
 from pcpc.tools.after.verdict.imagined_logs import imagined_log, large, noise, nothing
 from pcpc.tools.after.verdict.masters import counters
-from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound_requirements, results
+from pcpc.tools.after.verdict.requirements import (
+    Bound,
+    JudgedRequirement,
+    SignalNames,
+    bound_requirements,
+    results,
+)
+from pcpc.tools.after.verdict.timing import TIMING_COLUMNS
 from pcpc.tools.terminal import screen
 
-TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
-    *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
-    *(f"health.{name}" for name in (
-        "late_cycles", "skipped_cycles", "held_cycles", "stale_cycles", "frames_sent",
-        "frames_received", "frames_lost", "crc_errors", "frames_repeated", "saturated_values",
-        "frames_lost_on_purpose",
-    )),
-)  # fmt: skip
 _NONE = schema.Evaluation(file="", window_s=(-math.inf, math.inf))  # of a rig that names none
 _TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 Made = TypeVar("Made")
@@ -50,23 +51,11 @@ class EvaluationError(RigError):
 
 @dataclass
 class Judgement:
-    """What became of the rig's expectations; `not_judged`: name -> reason."""
+    """What became of what the rig expects, and all metrics."""
 
     metrics: dict[str, float] = field(default_factory=dict)
-    judged: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    not_judged: dict[str, str] = field(default_factory=dict)
-    requirements: list[Result] = field(default_factory=list)
-
-    def require(self, results: list[Result]) -> None:
-        """Enter what became of requirements."""
-        self.requirements = results
-        for one in results:
-            if one.held is None:
-                self.not_judged[one.name] = one.reason
-            else:
-                self.judged.append(one.name)
-        self.failed += [str(one) for one in results if one.held is False]
+    findings: list[Finding] = field(default_factory=list)
+    requirements: list[JudgedRequirement] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -92,11 +81,6 @@ class Judge:
     def given(self) -> schema.Evaluation:
         """What the rig says of its evaluation."""
         return self.rig.evaluation or _NONE
-
-    def named(self, limit: str) -> str:
-        """Return the name of a limit behind its id, if it has one."""
-        ids = self.rig.config.limit_ids()
-        return f"{ids[limit]} {limit}" if limit in ids else limit
 
     def unused(self) -> dict[str, str]:
         """Return the rig's numbers that nothing in its evaluation asks for, and what to say."""
@@ -124,14 +108,14 @@ class Judge:
             if entry.controllers is None or config.controller in entry.controllers
         }
 
-    def requirements(self, log: Log, cut: bool | None = None) -> list[Result]:
+    def requirements(self, log: Log, cut: bool | None = None) -> list[JudgedRequirement]:
         """Return what became of the rig's requirements; EvaluationError, RigError.
 
         `cut`: whether the run went on behind the log's end; None: as far as the log tells.
         """
         return self._results(self.judged(log), cut, self.check_requirements(log))
 
-    def _results(self, judged: Judged, cut: bool | None, those: Bound) -> list[Result]:
+    def _results(self, judged: Judged, cut: bool | None, those: Bound) -> list[JudgedRequirement]:
         required = list(self.required().values())
         return guarded(lambda: results(required, judged, cut, those)) if required else []
 
@@ -142,7 +126,7 @@ class Judge:
         """
         try:
             return bound_requirements(
-                list(self.required().values()), Names(log, self.evaluation.signals)
+                list(self.required().values()), SignalNames(log, self.evaluation.signals)
             )
         except RequirementError as error:
             keys = ("require", list(self.required())[error.number], *error.keys)
@@ -153,7 +137,7 @@ class Judge:
         log: Log,
         metrics: Mapping[str, float],
         path: Path | None,
-        requirements: Sequence[Result] = (),
+        requirements: Sequence[JudgedRequirement] = (),
         changed: Sequence[str] = (),
         who: str = "",
     ) -> str:
@@ -214,45 +198,67 @@ class Judge:
 
         `those`: what `check_requirements` returned for a log with the same variables.
         """
-        found, judged = Judgement(), self.judged(log)
-        self._judge_limits(found, judged, changed, early)
+        judged = self.judged(log)
+        found = Judgement(*self._judged_limits(judged, changed, early))
         if why := _outside(log):
-            found.not_judged |= {text_of(one): why for one in self.required().values()}
+            found.findings += self.left_requirements(why)
             return found
         try:
             those = self.check_requirements(log) if those is None else those
-            found.require(self._results(judged, True if early else None, those))
+            found.requirements = self._results(judged, True if early else None, those)
+            found.findings += [one.finding for one in found.requirements]
         except RigError as error:
-            found.failed += [str(error)] * (str(error) not in found.failed)
+            told = [one.why for one in found.findings if one.kind is FindingKind.EVALUATION]
+            found.findings += lines(FindingKind.EVALUATION, {words_of(error)} - {*told})
         return found
 
-    def _judge_limits(
-        self, found: Judgement, judged: Judged, changed: list[str], early: str
-    ) -> None:
-        """Judge the metrics that the rig limits."""
-        expected = self.rig.config.expected
+    def _judged_limits(
+        self, judged: Judged, changed: list[str], early: str
+    ) -> tuple[dict[str, float], list[Finding]]:
+        """Return all metrics, and what became of those that the rig limits."""
         try:
-            found.metrics = guarded(lambda: self.evaluation.figures(judged))
+            metrics = guarded(lambda: self.evaluation.figures(judged))
         except EvaluationError as error:
-            found.failed.append(str(error))
-            found.not_judged = dict.fromkeys(expected, "the evaluation failed")
-            return
+            failed = lines(FindingKind.EVALUATION, [words_of(error)])
+            return {}, [*failed, *self.left_limits("the evaluation failed", {})]
         reason = early or _outside(judged.log) or beyond(self.rig, changed)
         if reason:
-            found.not_judged = dict.fromkeys(expected, reason)
-            return
-        for name, (low, high) in expected.items():
-            found.judged.append(name)
-            value = found.metrics.get(name, math.nan)
-            if not low <= value <= high:
-                known = "" if name in found.metrics else did_you_mean(name, found.metrics)
-                said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
-                what = f"{said}, expected {low:g} to {high:g}{known}"
-            elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
-                what = f"= {value:.4g} ignores that {odd}"
-            else:
-                continue
-            found.failed.append(f"{self.named(name)} {what}")
+            return metrics, self.left_limits(reason, metrics)
+        return metrics, [self._judged_limit(name, metrics, judged) for name in self._limits]
+
+    def left_limits(self, why: str, metrics: Mapping[str, float]) -> list[Finding]:
+        """Return all limits, none of them judged."""
+        return [self.limit(name, None, why, metrics.get(name)) for name in self._limits]
+
+    def left_requirements(self, why: str) -> list[Finding]:
+        """Return all requirements, none of them judged."""
+        of = self.required().values()
+        return [JudgedRequirement(text_of(one), None, why, id=one.id or "").finding for one in of]
+
+    @property
+    def _limits(self) -> Mapping[str, Any]:
+        return self.rig.config.expected
+
+    def _judged_limit(self, name: str, metrics: Mapping[str, float], judged: Judged) -> Finding:
+        """Return whether a metric is within its limits, and left nothing out."""
+        low, high = self._limits[name]
+        value = metrics.get(name, math.nan)
+        if not low <= value <= high:
+            known = "" if name in metrics else did_you_mean(name, metrics)
+            said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
+            what = f"{said}, expected {low:g} to {high:g}{known}"
+        elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
+            what = f"= {value:.4g} ignores that {odd}"
+        else:
+            return self.limit(name, True, "", value)
+        return self.limit(name, False, what, metrics.get(name))
+
+    def limit(self, name: str, held: bool | None, why: str, value: float | None = None) -> Finding:
+        """Return what became of a metric that the rig limits."""
+        low, high = self._limits[name]
+        margin = None if value is None else min(value - low, high - value)
+        about = name, self.rig.config.limit_ids().get(name, ""), value, low, high
+        return Finding(FindingKind.LIMIT, why, held, *about, margin=margin)
 
 
 def changes(settings: Sequence[str]) -> str:
@@ -277,20 +283,22 @@ def _outside(log: Log) -> str:
     return "the commands came from outside, but the limits are for the rig's controllers"
 
 
-def beyond(rig: Rig, changed: list[str]) -> str:
-    """Return why the changes leave nothing to judge the rig's limits by; "" if they do not."""
+def beyond(rig: Rig, changed: Sequence[str]) -> str:
+    """Return why nothing is left to judge the rig's limits by; "" where something is."""
     names = [setting.partition("=")[0] for setting in changed]
     for name in names:
         if name.partition(".")[0] == "evaluation":
             return f"{name} was changed: the limits are for another window"
-    if "duration_s" not in names or rig.evaluation is None:
+    if rig.evaluation is None:
         return ""
-    if "window_s" not in (rig.config.evaluation or {}):
+    duration_s, shorter = rig.config.duration_s, "duration_s" in names
+    if shorter and "window_s" not in (rig.config.evaluation or {}):
         return "duration_s was changed, and the window is the whole run"
-    numbers = rig.evaluation.numbers.items()
+    numbers = rig.evaluation.numbers.items() if shorter else ()  # else left from a base, perhaps
     last = max([rig.evaluation.window_s[1], *(v for k, v in numbers if k.endswith("_to_s"))])
-    if rig.config.duration_s < last:
-        return f"the run ends at {rig.config.duration_s:g} s, before its window ends at {last:g} s"
+    if duration_s < last:
+        ends = f"the run ends at {duration_s:g} s, before its window ends at {last:g} s"
+        return f"{ends}; duration_s={last:.12g} is enough"
     return ""
 
 
@@ -325,7 +333,7 @@ def guarded(action: Callable[[], Made], output: Path | None = None) -> Made:
             raise
         raise EvaluationError(cause(error)) from None
     except (Exception, SystemExit) as error:
-        placed = isinstance(error, Mistake) and error.placed
+        placed = isinstance(error, DeclarationError) and error.placed
         raise EvaluationError(str(error) if placed else cause(error)) from None
 
 
@@ -354,13 +362,11 @@ def columns_to_keep(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[st
     return {} if config.record.keep is None else judge.needed_columns(log, drawn)
 
 
-def check(judge: Judge, changed: list[str]) -> list[str]:
+def check(judge: Judge, changed: Sequence[str]) -> list[str]:
     """Try the evaluation out on imagined runs of the rig; return warnings.
 
-    `changed`: settings from the command line.
-
-    RigError, with the place, for what would fail at the end of a run: an evaluation that raises, a
-    limit of a metric that it does not tell.
+    `changed`: settings from the command line. RigError, with the place, for what would fail at the
+    end of a run: an evaluation that raises, a limit of a metric that it does not tell.
     """
     rig, evaluation = judge.rig, judge.rig.evaluation
     config = rig.config

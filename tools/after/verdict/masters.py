@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from pcpc.executive.log.reader import Node
+from pcpc.executive.log.reader import NodeLog
 
 PREFIX, HELP = "drive.master.", "how often a "
 
@@ -21,7 +21,7 @@ def counter_lines(values: Mapping[str, float], helps: Mapping[str, str]) -> list
     ]
 
 
-def mistakes(node: Node) -> list[str]:
+def mistakes(node: NodeLog) -> list[str]:
     """Return what a node's log tells."""
     names = counters(node.columns)
     last = {name: float(node.columns[name][-1]) for name in names if len(node.columns[name])}

@@ -18,13 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.rig.expressions import Comparison, Condition, Rows, Vector
-from pcpc.executive.rig.requirements import LIMIT, PAST, Overshoot, TimedRequirement
+from pcpc.executive.rig.expressions import ComparedValue, Condition, Rows, Vector
+from pcpc.executive.rig.requirements import LIMIT, PAST, Event, Overshoot, TimedRequirement
 from pcpc.plants.judging import EDGE_PERIODS, edges
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 NEVER = 1 << 62  # a cycle
+_TIME = "time.t_s"
+_LONGEST = 10**11  # cycles that are looked ahead, a few years at 1 kHz
 
 
 def extremes(values: Vector, first: Indices, past: Indices, pick: Any) -> Vector:
@@ -48,9 +50,9 @@ class Monitor:
 
     timed: TimedRequirement
     period_s: float
-    first: tuple[int, Comparison] | None = None
+    first: tuple[int, ComparedValue] | None = None
     margin: float = math.inf
-    least: tuple[int, Comparison] | None = None  # cycle and values of the smallest margin
+    least: tuple[int, ComparedValue] | None = None  # cycle and values of the smallest margin
     events: int = 0
     judged: int = 0
     rows: int = 0
@@ -69,9 +71,13 @@ class Monitor:
 
     @property
     def begin(self) -> int:
-        """The cycle with which its time begins, where no value decides that."""
-        at_s = self.timed.event.at_s if self.timed.event else 0.0
-        return max(self.window[0], int(edges(self.period_s, at_s, 0.0)[0]))
+        """The cycle with which its time begins; NEVER: values decide that, or it does not come."""
+        event, first = self.timed.event or Event(), self.window[0]
+        if event.changes is not None:
+            return NEVER
+        if event.becomes is not None:
+            return _time_of(event.becomes, first, self.period_s)
+        return max(first, int(edges(self.period_s, event.at_s, 0.0)[0]))
 
     @property
     def open(self) -> int:
@@ -124,15 +130,38 @@ class Monitor:
         more = {PAST: np.sign(step) * (x - over), LIMIT: limit}
         return replace(rows, columns={**rows.columns, **more})
 
-    def _note(self, cycle: int, margin: float, said: Comparison) -> None:
+    def _note(self, cycle: int, margin: float, said: ComparedValue) -> None:
         """Keep the smallest margin."""
         if margin < self.margin or self.least is None:
             self.margin, self.least = margin, (cycle, said)
 
-    def _note_violation(self, cycle: int, said: Comparison) -> None:
+    def _note_violation(self, cycle: int, said: ComparedValue) -> None:
         """Keep the first violation."""
         if self.first is None or cycle < self.first[0]:
             self.first = cycle, said
+
+
+def _time_of(event: Condition, first: int, period_s: float) -> int:
+    """Return with which cycle, from `first` on, a condition on time alone becomes true, or NEVER.
+
+    What holds for a thousandth of the time from `first` on is found, as `5 s < time.t_s < 6 s` is.
+    """
+    if {name.rpartition(":")[2] for name in event.names} != {_TIME}:
+        return NEVER
+
+    def holds(cycle: Indices) -> Mask:
+        times = dict.fromkeys(event.names, np.asarray(cycle * period_s, np.float64))
+        return np.asarray(event.margin(Rows(cycle, times, period_s)) >= 0.0)
+
+    cycle = max(first - 1, 0) + np.unique(np.geomspace(1, _LONGEST, 1 << 15).astype(np.int64)) - 1
+    found = np.flatnonzero(_rising(holds(cycle)) & (cycle >= first))
+    if not len(found):
+        return NEVER
+    low, high = int(cycle[max(found[0] - 1, 0)]), int(cycle[found[0]])
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(np.array([middle]))[0] else (middle, high)
+    return high
 
 
 def _rising(holds: Mask) -> Mask:

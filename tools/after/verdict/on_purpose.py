@@ -57,7 +57,7 @@ def missing_input(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> lis
     return lines
 
 
-def _first(node: logs.Node | None, *counts: str) -> str:
+def _first(node: logs.NodeLog | None, *counts: str) -> str:
     """Return when a node counted the first of these; "" where no record tells."""
     columns = [node.timing.get(f"health.{HEALTH[key][1]}") for key in counts] if node else []
     found = [int(np.argmax(one > 0.0)) for one in columns if one is not None and one.any()]
@@ -114,7 +114,7 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     return np.array(merged).reshape(-1, 2)
 
 
-def fault_spans(node: logs.Node) -> Iterator[tuple[str, float, float, Mapping[str, Any]]]:
+def fault_spans(node: logs.NodeLog) -> Iterator[tuple[str, float, float, Mapping[str, Any]]]:
     """Yield each fault, the cycles from which on it was set and was over, what is known of it."""
     on: dict[str, tuple[float, float, Mapping[str, Any]]] = {}
     for fault, cycle, left, about in fault_settings(node):
@@ -127,7 +127,7 @@ def fault_spans(node: logs.Node) -> Iterator[tuple[str, float, float, Mapping[st
         yield fault, *span
 
 
-def fault_settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
+def fault_settings(node: logs.NodeLog) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
     """Yield fault, cycle, for how many it is on from there, and what is known of it."""
     known = node.description.get("faults", {})
     for tuning in node.tunings:
@@ -137,5 +137,5 @@ def fault_settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[s
             yield fault, tuning["cycle"], float(tuning["value"]), known.get(fault, {})
 
 
-def _period_ns(node: logs.Node) -> float:
+def _period_ns(node: logs.NodeLog) -> float:
     return float(node.description["period_ns"])

@@ -65,6 +65,7 @@ class Outcome:
     latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
     missing: list[str] = field(default_factory=list)  # what could not be written
+    doubt: str = ""  # why the summary beside the log is not of it
     kept: dict[str, int] = field(default_factory=dict)  # cycles of each node in the log
     health: dict[str, dict[str, int]] = field(default_factory=dict)  # of the nodes seen here
 
@@ -122,7 +123,7 @@ def _fault(block: sh.NodeMemory) -> str:
     if fault not in _OF_A_VALUE:
         return f"{faults.reason(block.description, control)}, cycle {int(control.cycle)}"
     name = block.description["variables"][int(control.odd_place) - 1][0]
-    value = float(control.odd_bits.view(np.float64))
+    value = float(np.int64(control.odd_bits).view(np.float64))
     what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == Fault.PLANT_NOT_FINITE)
     why = f", {WHYS[int(control.culprit)]}" if fault == Fault.NOT_PLAUSIBLE else ""
     return f"{what}{name} was {value:g} in cycle {int(control.odd_cycle)}{why}"

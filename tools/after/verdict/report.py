@@ -14,7 +14,8 @@ from typing import Any
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.tools.after.verdict.summary import Summary, is_branch
+from pcpc.tools.after.verdict.findings import NOT_JUDGED
+from pcpc.tools.after.verdict.summary import UNFAILED, Summary
 from pcpc.tools.terminal import document, screen
 
 LATEST_SHOWN = 3  # of those in summary.json
@@ -39,7 +40,7 @@ def show(summary: Summary, folder: Path, *, quiet: bool = False) -> None:
     size = shutil.get_terminal_size()
     shown = rows(summary, folder, max(size.columns, NARROWEST))
     if quiet:
-        said = _QUIET | {"changed"} if is_branch(summary) else _QUIET
+        said = _QUIET | {"changed"} if summary.is_branch else _QUIET
         shown = {label: lines for label, lines in shown.items() if label in said}
     if sys.stdout.isatty():
         shown = fitted_rows(shown, size.lines - _PROMPT)
@@ -124,11 +125,12 @@ def verdict_text(summary: Summary) -> str:
         said += f", and {more} more above"
     if warned := len(summary.warned):
         said += f", with {warned} warning{'s' * (warned > 1)} above"
-    if summary.verdict not in ("ok", "loss", "expectation not met"):
+    if summary.verdict not in (*UNFAILED, "loss", "expectation not met"):
         return said
     if left:
-        reasons = ", ".join(dict.fromkeys(left.values()))
-        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged: {reasons}"
+        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged"
+        if summary.verdict != NOT_JUDGED:
+            limits += f": {', '.join(dict.fromkeys(left.values()))}"
     elif judged:
         limits = f"{judged} limit{'s' * (judged > 1)} judged"
     else:

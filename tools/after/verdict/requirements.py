@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.laws.units import Unit, unit, unit_of_name
 from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.reader import Log
@@ -21,17 +22,19 @@ from pcpc.executive.rig.requirements import (
     timed_requirement,
 )
 from pcpc.executive.rig.roles import PLANTS
-from pcpc.executive.rig.units import Unit, unit, unit_of_name
 from pcpc.plants.judging import Judged, Run
-from pcpc.tools.after.verdict.monitors import Hold, Monitor, monitor
+from pcpc.tools.after.verdict.findings import Finding, FindingKind
+from pcpc.tools.after.verdict.monitors import NEVER, Hold, Monitor, monitor
+from pcpc.tools.terminal.answer import Number
 
 Bound = list[TimedRequirement | str]  # a node that is missing
+NEVER_HAPPENED = "its event never happened"
 LEADER = "executive"  # whose cycles count
 END_S = 0.1  # before the last cycle a paced run may end: a stall skips its last cycles
 
 
 @dataclass(frozen=True)
-class Result:
+class JudgedRequirement:
     """What became of a requirement.
 
     held       True, False, or None: nothing of it could be judged, `reason` says why
@@ -45,15 +48,15 @@ class Result:
     held: bool | None
     reason: str = ""
     first_cycle: int | None = None
-    first_s: float | None = None
+    first_s: Number | None = None
     what: str = ""
-    value: float | None = None
-    limit: float | None = None
+    value: Number | None = None
+    limit: Number | None = None
     unit: str = ""
-    margin: float | None = None
+    margin: Number | None = None
     margin_unit: str = ""
     margin_cycle: int | None = None
-    margin_s: float | None = None
+    margin_s: Number | None = None
     events: int = 0
     judged: int = 0
     open: int = 0
@@ -62,7 +65,7 @@ class Result:
     id: str | msgspec.UnsetType = msgspec.UNSET  # with which its name begins
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "text", self._line())
+        object.__setattr__(self, "text", f"{self.name}: {self._words()}")
 
     def __str__(self) -> str:
         return self.text
@@ -82,25 +85,42 @@ class Result:
         unit = f" {self.margin_unit}" if self.margin_unit else ""
         return f"{_number(self.margin)}{unit} at {self.margin_s} s"
 
+    @property
+    def finding(self) -> Finding:
+        """What speaks for or against the run."""
+        own = self.id or ""
+        return Finding(
+            FindingKind.REQUIREMENT,
+            self.reason if self.held is None else self._words(),
+            self.held,
+            self.name.removeprefix(f"{own} ") if own else self.name,
+            own,
+            self.value,
+            unit=self.unit,
+            margin=self.margin,
+            first_cycle=self.first_cycle,
+            first_s=self.first_s,
+        )
+
     def json(self) -> dict[str, Any]:
         """Return it as summary.json has it."""
         return {key: value for key, value in vars(self).items() if value is not msgspec.UNSET}
 
-    def _line(self) -> str:
+    def _words(self) -> str:
         of = f", {self.judged} of {self.events} events judged" if self.open else ""
         of += f", cycles without a record: {self.unrecorded}" if self.unrecorded else ""
         if self.held is None:
-            return f"{self.name}: not judged: {self.reason}"
+            return f"not judged: {self.reason}"
         if self.held:
-            return f"{self.name}: met, margin {self.smallest}{of}"
-        return f"{self.name}: violated first at {self.first}, smallest margin {self.smallest}{of}"
+            return f"met, margin {self.smallest}{of}"
+        return f"violated first at {self.first}, smallest margin {self.smallest}{of}"
 
 
 def _number(value: float | None) -> str:
     return "nan" if value is None else f"{value:.4g}"
 
 
-class Names:
+class SignalNames:
     """What names stand for in a log with the signals of an evaluation."""
 
     def __init__(self, log: Log, signals: Mapping[str, Any]) -> None:
@@ -175,7 +195,7 @@ class Names:
         return Rows(run.cycle[own][told], columns, run.period_s)
 
 
-def bound_requirements(entries: Sequence[schema.Requirement], known: Names) -> Bound:
+def bound_requirements(entries: Sequence[schema.Requirement], known: SignalNames) -> Bound:
     """Return requirements that can be judged; of others the node that the log does not have.
 
     RequirementError, with the number of the entry, for names and units that are wrong.
@@ -195,13 +215,13 @@ def results(
     judged: Judged,
     cut: bool | None = None,
     those: Bound | None = None,
-) -> list[Result]:
+) -> list[JudgedRequirement]:
     """Return what became of requirements; RequirementError as `bound_requirements`.
 
     `cut`: whether the run went on behind the log's end; None: as far as the log tells. `those`:
     what `bound_requirements` says of the entries, if that was asked already.
     """
-    known = Names(judged.log, judged.signals)
+    known = SignalNames(judged.log, judged.signals)
     able = [
         one if isinstance(one, str) else monitor(one, judged.period_s)
         for one in (bound_requirements(entries, known) if those is None else those)
@@ -213,7 +233,7 @@ def results(
     for one in watched:
         one.end(ends_early(judged.log, one.last, judged.period_s) if cut is None else cut)
     found = [
-        Result(text_of(entry), None, f"the log has no {one}")
+        JudgedRequirement(text_of(entry), None, f"the log has no {one}")
         if isinstance(one, str)
         else _result(one, judged)
         for entry, one in zip(entries, able, strict=True)
@@ -229,11 +249,11 @@ def ends_early(log: Log, last: int, period_s: float) -> bool:
     return (cycles - 1 - last) * period_s > END_S * clocked
 
 
-def _result(one: Monitor, judged: Judged) -> Result:
+def _result(one: Monitor, judged: Judged) -> JudgedRequirement:
     """Return what a monitor found."""
     record, period_s = judged.log.node[LEADER].cycle, judged.period_s
     unrecorded = int(record[-1] - record[0]) + 1 - one.rows if len(record) else 0
-    found = Result(
+    found = JudgedRequirement(
         one.timed.text,
         None,
         _why_not(one),
@@ -277,13 +297,13 @@ def _why_not(one: Monitor) -> str:
     """Return why nothing of a requirement was judged."""
     if not one.rows:
         return "its variables were not recorded"
-    event, (_, past) = one.timed.event, one.window
-    if not one.events and event is not None and (event.becomes or event.changes):
-        return "its event never happened"
-    if one.begin >= past or (isinstance(one, Hold) and one.events and one.last >= past - 1):
+    begin, past = one.begin, one.window[1]
+    if not one.events and (begin == NEVER or (one.timed.overshoot and one.last >= begin)):
+        return NEVER_HAPPENED
+    if past <= begin < NEVER or (isinstance(one, Hold) and one.events and one.last >= past - 1):
         return "no cycle lies in its time"
     if one.events:
         return "the run ended before its time was over"
-    if one.last >= one.begin:
+    if one.last >= begin:
         return "no cycle of its time was recorded"
-    return "its event never happened" if event else "the run ended before its time began"
+    return f"the run ended before its time began, at {_seconds(begin, one.period_s)} s"

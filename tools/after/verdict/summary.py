@@ -1,7 +1,9 @@
 """What a run came to: metrics, timing, frames, verdict; as summary.json. As text: report.py.
 
 verdict              exit code
-ok                   0
+ok                   0    no metric is outside the rig's limits, no requirement is violated, and one
+                          of them at least was judged, if it states any
+not judged           1    the rig states limits or requirements, and none of them was judged
 expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
                           the evaluation failed, the master of a drive made a mistake, or somebody
                           else ended the run too early
@@ -15,21 +17,30 @@ Counters are those of the nodes at their end, not of what the log keeps.
 """
 
 import contextlib
-import re
+import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import UNSET, Meta, UnsetType
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.provenance import RIG_COMMIT
 from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict import on_purpose
+from pcpc.tools.after.verdict.findings import (
+    JUDGED,
+    LINES,
+    NOT_JUDGED,
+    Finding,
+    FindingKind,
+    lines,
+    verdict_of,
+)
 from pcpc.tools.after.verdict.frames import (
     absence_lines,
     frames_to,
@@ -37,72 +48,112 @@ from pcpc.tools.after.verdict.frames import (
     too_many,
     unlike,
 )
-from pcpc.tools.after.verdict.judge import Judge, Judgement
+from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.masters import mistakes
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome, warnings_of
-from pcpc.tools.after.verdict.requirements import LEADER, Result, ends_early
+from pcpc.tools.after.verdict.records import dropped_rows, missing_lines, records
+from pcpc.tools.after.verdict.requirements import LEADER, JudgedRequirement, ends_early
 from pcpc.tools.after.verdict.timing import stage_percentiles
+from pcpc.tools.terminal.answer import Number
 
-CODES = {code.meaning: code for code in Exit}
+UNFAILED = "ok", NOT_JUDGED  # verdicts against which nothing speaks
+CODES = {code.meaning: code for code in Exit} | {NOT_JUDGED: Exit.NOT_MET}
 Counts = dict[str, int]
+_COMMIT = Meta(
+    extra_json_schema={"pattern": "^([0-9a-f]{12}(-dirty)?)?$", "optional": True},
+)
+_LEVEL = Meta(extra_json_schema={"enum": ["", "OK", "WARN", "ERROR", NOT_JUDGED]})
+_VERDICT = Meta(extra_json_schema={"enum": [*CODES]})
 
 
-class Summary(msgspec.Struct, kw_only=True):
+class Summary(msgspec.Struct, kw_only=True, dict=True):
     """What a run came to; summary.json has the same keys in this order.
 
-    What an older file does not tell is what nothing happened of.
+    What an older file does not tell is what nothing happened of. `findings`, of which `enter` makes
+    the keys that tell of them, are not in the file, and [] of what was read from one.
     """
 
     rig: str = ""
+    "its name"
     title: str = ""
     controller: str = ""
     pacing: str = ""
+    "virtual, lockstep, sync or real"
     bus: str = ""
+    "memory: none"
     seed: int = 0
-    rate_hz: float = 0.0
-    rig_git: str = ""  # commit of the rig, where it lies in a work tree
+    rate_hz: Number = 0.0
+    "Hz"
+    rig_git: Annotated[str, _COMMIT] = ""
+    "commit of the rig's work tree, with -dirty where files differ from it; empty: none"
     cycles: int = 0
     late_cycles: int = 0
     skipped_cycles: int = 0
     held_cycles: int = 0
-    metrics: dict[str, float]
-    timing_us: dict[str, dict[str, float]] = {}  # stage -> percentile -> us
-    timing_level: str = ""
-    timing_share: float = 0.0
+    metrics: dict[str, Number]
+    "by name, which ends with the unit"
+    timing_us: dict[str, dict[str, Number]] = {}
+    "of the executive, by stage and percentile, us"
+    timing_level: Annotated[str, _LEVEL] = ""
+    """of timing_share and of skipped and held periods, by the limits of the rig; empty: an earlier
+    version wrote it"""
+    timing_share: Number = 0.0
+    "of a period, at p99.9"
     latest_cycles: list[dict[str, Any]] = []  # see `latest.latest_cycles`
     frames: Counts = {}  # of all nodes, see `outcome.HEALTH`
     frames_too_many: list[str] = []
-    lost: list[str] = []  # input that nothing took on purpose, rows of the log
+    "in words"
+    lost: list[str] = []
+    "input that nothing took on purpose, and rows of the log, in words"
     warned: list[str] = []
+    "FMUs that warned and went on, in words"
     most_cut: str = ""
-    frames_to: dict[str, Counts] = {}  # node -> account
+    frames_to: dict[str, Counts] = {}
+    "by node"
     records: dict[str, int | bool] = {}
     faults: list[str] = []
+    "in words"
     injected: list[str] = []
+    "faults on purpose, in words"
     changed: list[str] = []
+    "what was set while it ran, in words"
     judged: list[str] = []
-    not_judged: dict[str, str] = {}  # name -> reason
+    "metrics that the rig limits"
+    not_judged: dict[str, str] = {}
+    "why not, by metric"
     expectations_failed: list[str] = []
-    requirements: list[Result] = []
+    "in words"
+    requirements: list[JudgedRequirement] = []
     realtime: bool | None = None
-    start_to_first_cycle_s: float | None = None
+    "whether SCHED_FIFO was granted; null: no clock ran"
+    start_to_first_cycle_s: Number | None = None
+    "s; null: not known"
     log_missing: list[str] = []
-    verdict: str
-    ids: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # of limits, by their metrics
-    device: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
-    bound: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # see summary_file
+    "in words"
+    verdict: Annotated[str, _VERDICT]
+    ids: dict[str, str] | UnsetType = UNSET
+    "of what the rig limits, by metric; only where it gives some"
+    device: dict[str, Any] | UnsetType = UNSET
+    "only of a run with a device"
+    bound: dict[str, str] | UnsetType = UNSET
+    "SHA-256 of log, figure and this summary, by file"
+
+    def __post_init__(self) -> None:
+        self.findings: list[Finding] = []
+        self.is_branch = False
 
     def problems(self) -> list[str]:
         """Return what keeps a run from being ok, a line each."""
         return [
             *self.faults, *self.expectations_failed, *self.lost, *self.frames_too_many,
-            *self.log_missing,
+            *self.log_missing, *(self.reasons() if self.verdict == NOT_JUDGED else ()),
         ]  # fmt: skip
 
     def reasons(self) -> list[str]:
         """Return those problems that the verdict is of, a line each; [] of one that is ok."""
         of = {
+            NOT_JUDGED: [*dict.fromkeys(self.not_judged.values())],
             "safety stop": self.faults,
             "loss": [*self.lost, *self.frames_too_many, *self.log_missing],
             "expectation not met": self.expectations_failed,
@@ -115,25 +166,37 @@ class Summary(msgspec.Struct, kw_only=True):
         ids = self.ids or {}
         return f"{ids[limit]} {limit}" if limit in ids else limit
 
-    def note_failed(self, problems: list[str]) -> None:
-        """Enter what was not met besides, if anything was not."""
-        self.expectations_failed += problems
-        if problems and self.verdict == "ok":
-            self.verdict = "expectation not met"
+    def enter(self, *findings: Finding) -> None:
+        """Enter what speaks for or against the run; the gravest of it is the verdict."""
+        self.findings += findings
+        for one in findings:
+            if one.held is None:
+                self.not_judged[one.key] = one.why
+            elif one.kind in JUDGED:
+                self.judged.append(one.key)
+            if one.held is False and (key := LINES[one.kind][0]):
+                getattr(self, key).append(str(one))
+        self.verdict = verdict_of(findings, self.verdict)
+        limits = [one for one in self.judged if one != FindingKind.TIMING or one in self.metrics]
+        limits += [one.name for one in self.requirements if one.held is not None]
+        if self.verdict == "ok" and self.not_judged and not limits:
+            self.verdict = NOT_JUDGED
 
     def note_missing(self, path: Path, error: OSError) -> None:
         """Enter a file of the run that could not be written."""
-        self.log_missing.append(f"{path}: cannot be written: {error.strerror or error}")
-        if self.verdict in ("ok", "expectation not met"):
-            self.verdict = "loss"
+        why = f"{path}: cannot be written: {error.strerror or error}"
+        self.enter(*lines(FindingKind.LOG, [why]))
         with contextlib.suppress(OSError):  # a part of a file is worse than none
             path.unlink()
 
 
-def outcome_of(log: logs.Log) -> Outcome:
-    """Return what a log alone tells of its run: its faults, and whether it came to its end."""
+def outcome_of(log: logs.Log, doubt: str = "") -> Outcome:
+    """Return what a log alone tells of its run: its faults, and whether it came to its end.
+
+    `doubt`: of what lies beside it.
+    """
     facts = log.metadata.get(LEADER, {})
-    found = Outcome(facts.get("pacing", ""), facts.get("bus", ""))
+    found = Outcome(facts.get("pacing", ""), facts.get("bus", ""), doubt=doubt)
     for name, node in log.node.items():
         for event in node.events:
             if event.get("event") == "fault":
@@ -162,16 +225,9 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     found = judge.judge(log, changed, "the run did not finish" if early else "")
     missed = on_purpose.missed_by_the_machine(rig, log, health)
     timing = stage_percentiles(executive, log, outcome, missed[0])
-    if timing and rig.config.timing.error is not None:
-        found.judged.append("timing")
     worst_us = timing.pop("together", {})
     timing_level, share = level(worst_us, rig.config.rate_hz, rig.config.timing, missed, cycles)
-    late = _late_lines(rig, share, missed[0]) if timing_level == "ERROR" else []
-    failed = [*found.failed, *_failures(log, outcome, late, judge, found)]
-    lost = _lost_lines(log, outcome, each)
-    frames_wrong = [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
-    missing = _missing_lines(executive, log, outcome)
-    return Summary(
+    summary = Summary(
         rig=rig.config.rig,
         title=rig.config.title,
         controller=rig.config.controller,
@@ -190,76 +246,66 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         timing_share=round(share, 4),
         latest_cycles=outcome.latest,
         frames=health,
-        frames_too_many=frames_wrong,
-        lost=lost,
         warned=warnings_of(log.node),
         most_cut=most_clipped_signal(rig, log) if health["saturated_values"] else "",
         frames_to=frames_to(rig, log, each),
-        records=_records(rig, log, outcome),
-        faults=outcome.faults,
+        records=records(rig, log, outcome),
         injected=on_purpose.started_faults(log),
         changed=changed,
-        judged=found.judged,
-        not_judged=found.not_judged,
-        expectations_failed=failed,
         requirements=found.requirements,
         realtime=outcome.realtime,
         start_to_first_cycle_s=_start_s(executive, outcome),
-        log_missing=missing,
-        verdict=_verdict(outcome, failed, [*lost, *frames_wrong, *missing]),
-        ids=rig.config.limit_ids() or msgspec.UNSET,
+        verdict="ok",
+        ids=rig.config.limit_ids() or UNSET,
+    )
+    summary.is_branch = bool(branch_lines(log))
+    limited = bool(timing) and rig.config.timing.error is not None
+    timed = [_timing_finding(rig, share, missed[0], timing_level)] if limited else []
+    summary.enter(
+        *_unmet_findings(log, outcome, found.findings, timed),
+        *lines(FindingKind.INPUT, _lost_lines(log, outcome, each)),
+        *lines(
+            FindingKind.FRAMES, [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
+        ),
+        *lines(FindingKind.LOG, missing_lines(executive, log, outcome)),
+        *lines(FindingKind.SUMMARY, [outcome.doubt] * bool(outcome.doubt)),
+        *lines(FindingKind.FAULT, outcome.faults),
+        *lines(FindingKind.STOP, ["asked to end"] * outcome.interrupted),
+    )
+    return summary
+
+
+def _timing_finding(rig: Rig, share: float, skipped: int, level_word: str) -> Finding:
+    """Return what became of the limit of lateness and work."""
+    limit, held = rig.config.timing.error, level_word != "ERROR"
+    line = f"lateness and work at p99.9 are {share:.2f} of a period, limit {limit}"
+    why = line + f"; {skipped:,} periods were skipped" * (skipped > 0)
+    return Finding(
+        FindingKind.TIMING, "" if held else why, held, value=share, high=limit or math.inf
     )
 
 
-def _late_lines(rig: Rig, share: float, skipped: int) -> list[str]:
-    """Return what is wrong with the timing of a run whose level is ERROR."""
-    limit = rig.config.timing.error
-    line = f"lateness and work at p99.9 are {share:.2f} of a period, limit {limit}"
-    return [line + f"; {skipped:,} periods were skipped" * (skipped > 0)]
-
-
-def _failures(
-    log: logs.Log, outcome: Outcome, late: list[str], judge: Judge, found: Judgement
-) -> list[str]:
-    """Return what was not met beside the rig's limits and requirements."""
-    failed = [line for node in log.node.values() for line in mistakes(node)] + late
+def _unmet_findings(
+    log: logs.Log, outcome: Outcome, judged: list[Finding], timed: list[Finding]
+) -> list[Finding]:
+    """Return what was `judged` and `timed`, and what was not met besides."""
+    masters = [line for node in log.node.values() for line in mistakes(node)]
+    found = [*judged, *lines(FindingKind.MASTER, masters), *timed]
     if outcome.short and not (outcome.interrupted or outcome.faults):
-        failed.append(outcome.short)
+        found += lines(FindingKind.END, [outcome.short])
     if outcome.strict:
-        failed += [f"{judge.named(k)} was not judged: {why}" for k, why in found.not_judged.items()]
-        failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
-    return failed
+        left = dict.fromkeys(str(one) for one in found if one.held is None)
+        left |= dict.fromkeys(["nothing was judged"] * all(one.kind not in JUDGED for one in found))
+        found += lines(FindingKind.STRICT, left)
+    return found
 
 
 def _lost_lines(log: logs.Log, outcome: Outcome, each: Mapping[str, Counts]) -> list[str]:
     """Return what was lost: input that nothing took on purpose, rows of the log."""
     lost = on_purpose.missing_input(log, each)
     lost += [outcome.stall] * bool(lost and outcome.stall)
-    dropped = _dropped_rows(log, outcome)
+    dropped = dropped_rows(log, outcome)
     return lost + [f"{dropped:,} rows found a ring full and are not in the log"] * bool(dropped)
-
-
-def _missing_lines(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
-    """Return what the log should have and has not."""
-    absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
-    replaced = _replacement_lines(executive, log, outcome)
-    return [*log.missing, *absent, *replaced, *outcome.missing]
-
-
-def _verdict(outcome: Outcome, failed: list[str], losses: list[str]) -> str:
-    """Return the verdict, the gravest of what happened."""
-    if outcome.interrupted:
-        return "interrupted"
-    if outcome.faults:
-        return "safety stop"
-    return "loss" if losses else "expectation not met" if failed else "ok"
-
-
-def _records(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, int | bool]:
-    """Return how many cycles are in the log, and rows that are not."""
-    kept_back = {"kept_back": True} if rig.config.record.keep is not None else {}
-    counts = {"written": _recorded_cycles(log, outcome), "dropped": _dropped_rows(log, outcome)}
-    return {**counts, **kept_back}
 
 
 def branch_lines(log: logs.Log) -> list[str]:
@@ -269,11 +315,6 @@ def branch_lines(log: logs.Log) -> list[str]:
         return []
     parent = Path(about["branch_of"])
     return [f"branch at cycle {about.get('branch_cycle')} of {parent.parent.name}/{parent.name}"]
-
-
-def is_branch(summary: Summary) -> bool:
-    """Return whether a summary is that of a branch."""
-    return any(one.startswith("branch at cycle ") for one in summary.changed)
 
 
 def _live_tunings(rig: Rig, log: logs.Log) -> list[str]:
@@ -292,7 +333,7 @@ def _live_tunings(rig: Rig, log: logs.Log) -> list[str]:
     return list(last.values())
 
 
-def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
+def _start_s(executive: logs.NodeLog | None, outcome: Outcome) -> float | None:
     """Return the time from the command to the executive's first cycle."""
     if executive is None or outcome.begin_ns is None:
         return None
@@ -301,16 +342,6 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
         ahead_ns = time.time_ns() - time.monotonic_ns()
         first_ns = round(1e9 * float(executive.timing["timing.wall_s"][0])) - ahead_ns
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
-
-
-def _replacement_lines(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
-    """Return a line if the log was replaced: by one from before the command, or paced otherwise."""
-    if executive is None or outcome.begin_ns is None:
-        return []
-    paced = log.metadata.get(LEADER, {}).get("pacing", outcome.pacing)
-    before = outcome.pacing not in WITHOUT_CLOCK and executive.stamp_ns[0] < outcome.begin_ns
-    other = bool(paced != outcome.pacing or before)
-    return ["the log is that of another run: it was replaced while this one went on"] * other
 
 
 def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
@@ -348,19 +379,3 @@ def _sum(each: dict[str, Counts]) -> Counts:
         )
         for key in HEALTH
     }
-
-
-def _dropped_rows(log: logs.Log, outcome: Outcome) -> int:
-    """Return the rows that found a ring full: as the recorder counted, if it came to its end."""
-    counts = {k: int(v) for k, v in log.metadata.get("run", {}).items() if k.startswith("dropped.")}
-    return max(sum(counts.values()), outcome.dropped)
-
-
-def _recorded_cycles(log: logs.Log, outcome: Outcome) -> int:
-    """Return the cycles in the log: as the recorder counted, if it came to its end."""
-    run = log.metadata.get("run", {})
-    counts = [int(n) for k, n in run.items() if re.fullmatch(r"written\..*\.record", k)]
-    if counts and run.get("discarded", "0") == "0":
-        return sum(counts)
-    kept = outcome.kept or {name: len(node.cycle) for name, node in log.node.items()}
-    return sum(kept.values())

@@ -1,37 +1,50 @@
 """summary.json: what a run came to, bound to the log and the figure that lie beside it.
 
 `bound` holds the SHA-256 of these files and of the summary's own text. A summary that was changed,
-or lies beside another log, is none: who asks judges the log anew.
+or lies beside another log, is none: who asks judges the log anew, and says so.
 """
 
 import contextlib
 import hashlib
 import json
-import math
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.verdict.findings import LINES, OF_THE_RIG, Finding, FindingKind, verdict_of
+from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.outfile import whole_file
+from pcpc.tools.terminal.screen import json_text
 
 NAME, FIGURE = "summary.json", "figure.png"
 _MOST_BYTES = 1 << 24
+_UNTOLD = "this run does not show it"
+_DOUBT = "summary.json is not of this log: one was changed since"
 
 
 def write_json(summary: Summary, path: Path) -> str:
-    """Write summary.json, see `text_of`, if that can be; return its text."""
+    """Write summary.json, see `json_text`, if that can be; return its text."""
     files = {name: digest for name in (LOG, FIGURE) if (digest := _digest(path.with_name(name)))}
     summary.bound = {**files, NAME: _seal(plain(summary), files)}
     try:
         with whole_file(path) as unfinished:
-            unfinished.write_text(text_of(plain(summary)) + "\n")
+            unfinished.write_text(json_text(plain(summary)) + "\n")
     except OSError as error:
         summary.note_missing(path, error)
-    return text_of(plain(summary))
+    return json_text(plain(summary))
+
+
+def beside(log: Path) -> tuple[Summary | None, str]:
+    """Return the summary that lies beside a log and is of it, and why another one is none."""
+    own = summary_beside(log)
+    lies = own is None and os.path.lexists(log.with_name(NAME))
+    return own, _DOUBT if lies else ""
 
 
 def summary_beside(log: Path) -> Summary | None:
@@ -40,7 +53,7 @@ def summary_beside(log: Path) -> Summary | None:
         path = log.with_name(NAME)
         if not path.is_file() or path.stat().st_size > _MOST_BYTES:
             return None
-        found = dict(json.loads(path.read_text("utf-8")))
+        found = dict(json.loads(path.read_text("utf-8"), object_pairs_hook=_unique_keys))
         bound = {str(key): str(value) for key, value in dict(found["bound"]).items()}
         if bound.pop(NAME) != _seal(found, bound) or bound[LOG] != _digest(log):
             return None
@@ -50,9 +63,17 @@ def summary_beside(log: Path) -> Summary | None:
 
 
 def from_json(found: Mapping[str, Any]) -> Summary:
-    """Return a summary as summary.json has it: with "nan" and "inf", of older files None."""
+    """Return a summary as summary.json has it: with "nan" and "inf", of older files None.
+
+    Older ones call a run ok of which no limit was judged. No verdict is better than its own lines.
+    """
     metrics = {k: "nan" if v is None else v for k, v in found["metrics"].items()}
-    return msgspec.convert({**found, "metrics": metrics}, Summary, strict=False)
+    summary = msgspec.convert({**found, "metrics": metrics}, Summary, strict=False)
+    told = [kind for kind, (key, _) in LINES.items() if key and getattr(summary, key)]
+    told += [FindingKind.REQUIREMENT for one in summary.requirements if one.held is False]
+    summary.verdict = verdict_of(map(Finding, told), summary.verdict)
+    summary.enter()
+    return summary
 
 
 def figure_beside(log: Path, summary: Summary) -> bytes:
@@ -61,18 +82,54 @@ def figure_beside(log: Path, summary: Summary) -> bytes:
     return path.read_bytes() if known and _digest(path) == known else b""
 
 
+def findings_beside(own: Summary, findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield a log's findings of limits and requirements; a worse word of `own` counts."""
+    denied = {(FindingKind.REQUIREMENT, one.name) for one in own.requirements if one.held is False}
+    for one in findings:
+        left, value = own.not_judged.get(one.key), own.metrics.get(one.key)
+        if one.kind is FindingKind.LIMIT and value is not None and not one.low <= value <= one.high:
+            denied.add((one.kind, one.key))
+        if one.kind not in OF_THE_RIG:
+            continue
+        if left and (one.kind is FindingKind.LIMIT or one.held is not False):
+            yield msgspec.structs.replace(one, held=None, why=left)
+        elif one.held and (one.kind, one.key) in denied:
+            yield msgspec.structs.replace(one, held=False, why="summary.json says so")
+        else:
+            yield one
+
+
+def findings_of(own: Summary, judge: Judge, log: logs.Log) -> list[Finding]:
+    """Return what became of limits and requirements in a run with this summary.
+
+    One that was read tells it of limits where nothing failed; else the log is judged again.
+    """
+    if own.findings:
+        return [one for one in own.findings if one.kind in OF_THE_RIG]
+    if own.expectations_failed:
+        return [*findings_beside(own, judge.judge(log, list(own.changed)).findings)]
+    told = {True: (True, ""), False: (None, _UNTOLD)}
+    found = [
+        judge.limit(name, *told[name in own.judged], own.metrics.get(name))
+        for name in judge.rig.config.expected
+    ]
+    return [*findings_beside(own, [*found, *(one.finding for one in own.requirements)])]
+
+
 def plain(summary: Summary) -> dict[str, Any]:
     """Return a summary as summary.json has it, but with numbers for NaN and infinity."""
     return dict(msgspec.to_builtins(summary))
 
 
-def text_of(summary: Mapping[str, Any] | list[Any]) -> str:
-    """Return a summary or a part as JSON, which has no word for them: they become text."""
-    return json.dumps(_json_value(summary), indent=2)
-
-
 def _seal(summary: Mapping[str, Any], files: Mapping[str, str]) -> str:
-    return hashlib.sha256(text_of({**summary, "bound": files}).encode()).hexdigest()
+    return hashlib.sha256(json_text({**summary, "bound": files}).encode()).hexdigest()
+
+
+def _unique_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON; ValueError for a key that stands twice: readers differ on it."""
+    if len(found := dict(pairs)) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
 
 
 def _digest(path: Path) -> str:
@@ -82,11 +139,3 @@ def _digest(path: Path) -> str:
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
     return ""
-
-
-def _json_value(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _json_value(child) for key, child in value.items()}
-    if isinstance(value, list | tuple):
-        return [_json_value(child) for child in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

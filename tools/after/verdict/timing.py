@@ -11,12 +11,20 @@ from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.loop.timing_layout import Stage
 from pcpc.tools.after.verdict.outcome import Outcome
 
+TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
+    *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
+    *(f"health.{name}" for name in (
+        "late_cycles", "skipped_cycles", "held_cycles", "stale_cycles", "frames_sent",
+        "frames_received", "frames_lost", "crc_errors", "frames_repeated", "saturated_values",
+        "frames_lost_on_purpose",
+    )),
+)  # fmt: skip
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
 _STAGES = Stage.words()[: Stage.WORK]
 
 
 def stage_percentiles(
-    executive: logs.Node | None, log: logs.Log, outcome: Outcome, skipped: int
+    executive: logs.NodeLog | None, log: logs.Log, outcome: Outcome, skipped: int
 ) -> dict[str, dict[str, float]]:
     """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
 
@@ -51,7 +59,7 @@ def stage_percentiles(
     }
 
 
-def parts(log: logs.Log) -> Iterator[logs.Node]:
+def parts(log: logs.Log) -> Iterator[logs.NodeLog]:
     """Yield the executive's record, of a long log piece by piece."""
     if not isinstance(log, LongLog):
         yield log.node["executive"]
@@ -59,7 +67,7 @@ def parts(log: logs.Log) -> Iterator[logs.Node]:
     for part, begin, end in log.parts("executive"):
         node = part.node["executive"]
         columns = {k: node.timing[f"timing.{k}_us"][begin:end] for k in _STAGES}
-        yield logs.Node(
+        yield logs.NodeLog(
             node.cycle,
             node.stamp_ns,
             {},

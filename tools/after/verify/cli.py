@@ -1,7 +1,5 @@
-"""`pcpc verify LOG...`: recompute many logs, and hold them against a table of digests."""
+"""`pcpc replay LOG...`: recompute many logs, and hold them against a table of digests."""
 
-import argparse
-import json
 import os
 import shutil
 from collections import Counter
@@ -10,9 +8,12 @@ from functools import partial
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError, printable
+from pcpc.tools.after.commands import ReplayRequest
 from pcpc.tools.after.log.recorded import LATEST, log_of, logs_below
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.after.verify import table as tables
-from pcpc.tools.after.verify.one import CODES, IDENTICAL, Row, verified_row
+from pcpc.tools.after.verify.commands import ManyLogs
+from pcpc.tools.after.verify.one import CODES, IDENTICAL, VerifiedLog, verified_row
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.junit import Case, junit_text
@@ -25,90 +26,86 @@ _WORST = (Exit.NOT_MET, Exit.WRONG_INPUT, Exit.LOSS, Exit.OK)
 _OF_TABLE = {"missing": Exit.LOSS}  # others: NOT_MET
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: ReplayRequest) -> int:
     """Verify the logs, print a row for each, write and check what is asked for."""
-    _check_words(options)
-    known, note = _table(options)
-    words = options.logs or [str(options.check.parent)]
+    asked = request.beside.of(ManyLogs)
+    _check_words(request, asked)
+    known, note = _table(asked)
+    words = request.logs or ([str(asked.check.parent)] if asked.check else [])
     found = [str(path) for word in words for path in _logs(word)]
     names = sorted({os.path.abspath(name): name for name in found[::-1]}.values())
-    if options.table:
+    if asked.table:
         for name in names:
-            tables.relative(name, options.table)
-    rows = _rows(names, options)
-    problems = tables.table_differences(rows, known, options.check) if options.check else []
-    for line in () if options.json else _lines(rows, problems, note):
-        print(line)
-    if options.json:
-        print(json.dumps({
-            "logs": [vars(row) for row in rows], "signature": note or None,
-            "table": [{"what": what, "line": line} for what, line in problems],
-        }, indent=1))  # fmt: skip
-    if options.junit is not None:
-        with new_file(options.junit, force=True) as unfinished:
+            tables.relative(name, asked.table)
+    rows = _rows(names, request, asked.jobs)
+    problems = tables.table_differences(rows, known, asked.check) if asked.check else []
+    told = {
+        "logs": [vars(row) for row in rows], "signature": note or None,
+        "table": [{"what": what, "line": line} for what, line in problems],
+    }  # fmt: skip
+    screen.answer(request.json, told, _lines(rows, problems, note), 1)
+    if asked.junit is not None:
+        with new_file(asked.junit, force=True) as unfinished:
             unfinished.write_text(_junit(rows, problems), encoding="utf-8")
-    if options.table:
-        tables.write(options.table, tables.text_of(rows, options.table), options.sign)
+    if asked.table:
+        tables.write(asked.table, tables.text_of(rows, asked.table), asked.sign)
     codes = {CODES[row.verdict] for row in rows}
     codes |= {_OF_TABLE.get(what, Exit.NOT_MET) for what, _ in problems}
     return next(code for code in _WORST if code in codes)
 
 
-def _check_words(options: argparse.Namespace) -> None:
+def _check_words(request: ReplayRequest, asked: ManyLogs) -> None:
     """Raise UserError for options that do not go together, before any work is done."""
-    if not (options.logs or options.check):
-        raise UserError("verify: which logs? name logs, or folders that hold some")
+    if not (request.logs or asked.check):
+        raise UserError("which logs? name logs, run folders or latest, or folders that hold some")
     for name, needed in (
         ("sign", "table"),
         ("signers", "check"),
         ("identity", "signers"),
         ("signers", "identity"),
     ):
-        if getattr(options, name) is not None and not getattr(options, needed):
+        if getattr(asked, name) is not None and not getattr(asked, needed):
             raise UserError(f"--{name}: needs --{needed} too")
-    if options.node != "all" and (options.table or options.check):
-        raise UserError(f"--node {options.node}: a table is of whole logs; leave out --node")
-    if options.table and options.check:
+    if request.node != "all" and (asked.table or asked.check):
+        raise UserError(f"--node {request.node}: a table is of whole logs; leave out --node")
+    if asked.table and asked.check:
         raise UserError("--table and --check: choose one of them")
-    if options.table:
-        for path in (options.table, tables.signature_of(options.table)):
+    if asked.table:
+        for path in (asked.table, tables.signature_of(asked.table)):
             if os.path.lexists(path):
                 raise UserError(f"{path}: exists; choose another name, or remove it")
-        if options.junit and os.path.realpath(options.junit) == os.path.realpath(options.table):
-            raise UserError(f"--junit {options.junit}: is the table; choose another file")
-    if options.sign is not None:
-        if not Path(options.sign).is_file():
-            raise UserError(
-                f"--sign {options.sign}: no such key; `ssh-keygen -t ed25519` makes one"
-            )
+        if asked.junit and os.path.realpath(asked.junit) == os.path.realpath(asked.table):
+            raise UserError(f"--junit {asked.junit}: is the table; choose another file")
+    if asked.sign is not None:
+        if not Path(asked.sign).is_file():
+            raise UserError(f"--sign {asked.sign}: no such key; `ssh-keygen -t ed25519` makes one")
         if shutil.which("ssh-keygen") is None:
             raise tables.without_ssh_keygen()
 
 
-def _table(options: argparse.Namespace) -> tuple[dict[str, tables.Entry], str]:
+def _table(asked: ManyLogs) -> tuple[dict[str, tables.TableLine], str]:
     """Return the table to check, and a word on its signature; UserError."""
-    if not options.check:
+    if not asked.check:
         return {}, ""
-    if not options.check.is_file():
-        raise UserError(f"--check {options.check}: no such table; --table writes one")
+    if not asked.check.is_file():
+        raise UserError(f"--check {asked.check}: no such table; --table writes one")
     try:
-        data = options.check.read_bytes()
+        data = asked.check.read_bytes()
     except OSError as error:
-        raise UserError(f"--check {options.check}: {error.strerror}") from None
+        raise UserError(f"--check {asked.check}: {error.strerror}") from None
     note = ""
-    if options.signers is not None:
-        tables.check_signature(options.check, data, options.signers, options.identity)
-        note = f"signed by {options.identity}"
-    elif (beside := tables.signature_of(options.check)).exists():
+    if asked.signers is not None and asked.identity is not None:
+        tables.check_signature(asked.check, data, asked.signers, asked.identity)
+        note = f"signed by {asked.identity}"
+    elif (beside := tables.signature_of(asked.check)).exists():
         note = f"{beside.name} is not checked; --signers FILE --identity WHO checks it"
-    return tables.entries(options.check, data), note
+    return tables.entries(asked.check, data), note
 
 
-def _rows(names: Sequence[str], options: argparse.Namespace) -> list[Row]:
+def _rows(names: Sequence[str], request: ReplayRequest, jobs: int | None) -> list[VerifiedLog]:
     """Verify the logs, on several processors where there are several; in the order of `names`."""
-    about = {key: getattr(options, key) for key in ("node", "trust", "law", "rig", "fmu")}
-    judge = partial(verified_row, options=argparse.Namespace(**about))
-    jobs, progress = options.jobs or _processes(names), Progress(options.quiet)
+    judge = partial(verified_row, node=request.node, trust=Trust.of(request.code))
+    jobs, progress = jobs or _processes(names), Progress(request.quiet)
     if min(jobs, len(names)) > 1:
         return each(judge, names, progress, jobs)
     rows = []
@@ -140,7 +137,9 @@ def _logs(word: str) -> list[Path]:
 # What is told
 
 
-def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) -> Iterator[str]:
+def _lines(
+    rows: Sequence[VerifiedLog], problems: Sequence[tuple[str, str]], note: str
+) -> Iterator[str]:
     """Yield what is printed."""
     heads = [
         (row.verdict, f"{row.cycles} cycles", (row.digest or "-")[:16], printable(row.log))
@@ -152,11 +151,9 @@ def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) 
             log, f"{verdict:{size[0]}}  {cycles:>{size[1]}}  {digest:{size[2]}}  "
         )
         if row.checked:
-            yield from screen.wrapped_lines(_checked(row), "  ", "    ")
-        for line in _reasons(row):
-            yield from screen.wrapped_lines(printable(line), "  ", "    ")
-    for what, line in problems:
-        yield from screen.wrapped_lines(printable(line), f"{what:10}  ")
+            yield f"  {_checked(row)}"
+        yield from (f"  {printable(line)}" for line in _reasons(row))
+    yield from (f"{what:10}  {printable(line)}" for what, line in problems)
     counts = Counter(row.verdict for row in rows)
     told = ", ".join(f"{counts[word]} {word}" for word in CODES if counts[word])
     left = sorted({role for row in rows for role in row.left_out})
@@ -165,16 +162,16 @@ def _lines(rows: Sequence[Row], problems: Sequence[tuple[str, str]], note: str) 
     if problems:
         yield "not as in the table"
     if note:
-        yield from screen.wrapped_lines(printable(note))
+        yield printable(note)
 
 
-def _checked(row: Row) -> str:
+def _checked(row: VerifiedLog) -> str:
     """Return what was recomputed of a log, and which of its nodes were left out."""
     left = f"; not asked for: {', '.join(row.left_out)}" if row.left_out else ""
     return f"recomputed: {row.checked}{left}"
 
 
-def _reasons(row: Row) -> list[str]:
+def _reasons(row: VerifiedLog) -> list[str]:
     """Return why a log is not identical: a line each."""
     if row.verdict == IDENTICAL:
         return []
@@ -195,7 +192,7 @@ def _reasons(row: Row) -> list[str]:
     return found
 
 
-def _junit(rows: Sequence[Row], problems: Sequence[tuple[str, str]]) -> str:
+def _junit(rows: Sequence[VerifiedLog], problems: Sequence[tuple[str, str]]) -> str:
     """Return JUnit: a testcase for each log, and for each line that is not as in the table."""
     cases = [
         Case(

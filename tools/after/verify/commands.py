@@ -1,53 +1,37 @@
-"""Commands: verify."""
+"""What `replay` takes of many logs."""
 
 from pathlib import Path
+from typing import Annotated
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Command
+from pcpc.tools.terminal.request import Request
 
 
-def verify(add: Add) -> None:
-    """Take logs, and what is written of them or held against them."""
-    add(
-        "logs", nargs="*", metavar="LOG", help="logs, folders (all *.mcap); default: beside --check"
-    )
-    add("--table", type=Path, metavar="FILE", help="write digests and verdicts")
-    add("--sign", metavar="KEY", help="sign the table with an SSH key: FILE.sig")
-    add("--check", type=Path, reads=True, metavar="FILE", help="check the logs against a table")
-    about = "check its signature: allowed signers of ssh-keygen"
-    add("--signers", reads=True, metavar="FILE", help=about)
-    add("--identity", metavar="WHO", help="who must have signed it")
-    add("--junit", type=Path, metavar="FILE", help="a testcase for each log")
-    take.node(add)
-    add(
-        "--jobs",
-        type=take.positive,
-        metavar="N",
-        help="processes; default: one a processor, fewer for small logs",
-    )
-    take.code_of_laws(add)
-    take.json(add)
-    take.quiet(add)
+class ManyLogs(Request):
+    """What is written of logs, or held against them."""
+
+    brief: Annotated[bool, "a row a log, as of several logs or a folder of them"] = False
+    table: Annotated[Path | None, "FILE", "write digests and verdicts"] = None
+    sign: Annotated[str | None, "KEY", "sign the table with an SSH key: FILE.sig"] = None
+    check: Annotated[
+        Path | None,
+        "FILE",
+        "check logs against a table; default: those beside it",
+        {"reads": True},
+    ] = None
+    signers: Annotated[
+        str | None, "FILE", "check its signature: allowed signers of ssh-keygen", {"reads": True}
+    ] = None
+    identity: Annotated[str | None, "WHO", "who must have signed it"] = None
+    junit: Annotated[Path | None, "FILE", "a testcase for each log"] = None
+    jobs: Annotated[
+        int | None,
+        take.positive,
+        "N",
+        "processes; default: one a processor, fewer for small logs",
+    ] = None
 
 
-COMMANDS = (
-    Command(
-        "verify",
-        "recompute many logs and check them against a signed table",
-        "pcpc verify runs --table runs/verified.txt --sign ~/.ssh/id_ed25519\n"
-        "pcpc verify --check runs/verified.txt --signers signers --identity me@lab",
-        verify,
-        codes={
-            Exit.OK: "all identical",
-            Exit.NOT_MET: "one differs, or is not as in the table; or the signature is wrong",
-            Exit.WRONG_INPUT: "",
-            Exit.LOSS: "one is incomplete or missing",
-            Exit.ENVIRONMENT: "",
-            Exit.INTERRUPTED: "",
-        },
-        judges=True,
-        compiles=True,
-        module="after.verify.cli",
-    ),
-)
+BESIDE_REPLAY = ManyLogs
+COMMANDS: tuple[Command, ...] = ()

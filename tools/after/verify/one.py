@@ -6,11 +6,9 @@ incomplete  nothing differs, but not all could be judged
 unreadable  no log
 """
 
-import argparse
 import json
 import multiprocessing
 import os
-import re
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -22,9 +20,12 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.nodes.watched import StepError
-from pcpc.executive.rig import carried_files
+from pcpc.executive.own_laws import carried_files
+from pcpc.tools.after.differences import loop_order
 from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import comparisons, recomputed_pieces
+from pcpc.tools.after.trust import Trust, words_of
 from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.start.children import end_with
 
@@ -34,7 +35,7 @@ CODES = {IDENTICAL: Exit.OK, DIFFERS: Exit.NOT_MET, INCOMPLETE: Exit.LOSS,
 
 
 @dataclass
-class Row:
+class VerifiedLog:
     """What a log is. `why`: in words; `changed`: what is not as it was when the log was made."""
 
     log: str
@@ -50,19 +51,20 @@ class Row:
     changed: list[str] = field(default_factory=list)
 
 
-def verified_row(log: str, options: argparse.Namespace) -> Row:
-    """Return what a log is; `options`: node, and those of `arguments.code_of_laws`."""
-    path, row = Path(log), Row(log)
+def verified_row(log: str, node: str, trust: Trust) -> VerifiedLog:
+    """Return what a log is, all of it or a node."""
+    path, row = Path(log), VerifiedLog(log)
+    run = Opened(path, trust)
     try:
         before = _state_of(path)
-        head = logs.head(path)
+        head = run.head
         row.digest = digest(path)
         row.verdict = INCOMPLETE
-        row.versions, row.changed = versions(head), list(_changed_inputs(head, options))
+        row.versions, row.changed = versions(head), list(_changed_inputs(head, trust))
         if log_rig.carried_by(head):  # its Python is not to meet that of another log
-            row = _row_from_child(row, head, options)
+            row = _row_from_child(row, run, node)
         else:
-            _recompute(row, head, options)
+            _recompute(row, run, node)
         if _state_of(path) != before:
             row.verdict, why = INCOMPLETE, "the file changed while it was read"
             row.why.insert(0, why)
@@ -73,9 +75,8 @@ def verified_row(log: str, options: argparse.Namespace) -> Row:
 
 def _words(error: Exception, log: str) -> str:
     """Return an error's words without the log, and without the folder that its rig was laid in."""
-    text = error.strerror if isinstance(error, OSError) else str(error)
-    text = re.sub(rf"\S*{log_rig.FOLDER}\w+/", "", text or "a step does not return")
-    return text.removeprefix(f"{log}: ")
+    text = error.strerror if isinstance(error, OSError) else words_of(error)
+    return (text or "a step does not return").removeprefix(f"{log}: ")
 
 
 def _state_of(path: Path) -> tuple[int, ...]:
@@ -83,11 +84,12 @@ def _state_of(path: Path) -> tuple[int, ...]:
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
 
 
-def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
+def _recompute(row: VerifiedLog, run: Opened, which: str) -> None:
     """Recompute a log and enter what came of it; UserError, StepError."""
-    with log_rig.rig_of(head, options) as rig:
-        nodes = comparisons(head, rig, options.node)
-        wanted = [role for role in rig.nodes() if options.node in (role, "all")]
+    head = run.head
+    with run.rig() as rig:
+        nodes = comparisons(head, rig, which)
+        wanted = [role for role in rig.nodes() if which in (role, "all")]
     columns: dict[str, set[str]] = {}
     untaken: dict[str, None] = {}
     for piece in recomputed_pieces(head.path, nodes, whole=True):
@@ -115,11 +117,12 @@ def _recompute(row: Row, head: logs.Log, options: argparse.Namespace) -> None:
             for line in _unjudged_causes(node, about.get("external", ()), columns)
         ]
     row.why = list(dict.fromkeys(why))
-    firsts = [(one, node.verdict) for node in nodes if (one := node.verdict.first())]
+    firsts = [one for node in nodes if (one := node.verdict.first())]
     if firsts:
-        one, of = min(firsts, key=lambda pair: pair[0].cycle / pair[1].rate_hz)
-        row.first = {"node": of.role, "name": one.name, "cycle": one.cycle, "ulp": one.ulp,
-                     "recorded": one.recorded, "recomputed": one.recomputed}  # fmt: skip
+        one = min(firsts, key=loop_order)
+        recorded, recomputed = one.texts
+        row.first = {"node": one.node, "name": one.name, "cycle": one.cycle, "ulp": one.ulp,
+                     "recorded": recorded, "recomputed": recomputed}  # fmt: skip
     row.verdict = DIFFERS if firsts else INCOMPLETE if row.why else IDENTICAL
 
 
@@ -158,14 +161,14 @@ def versions(head: logs.Log) -> dict[str, str]:
     return {names[key]: known[key] for key in names}
 
 
-def _changed_inputs(head: logs.Log, options: argparse.Namespace) -> Iterator[str]:
+def _changed_inputs(head: logs.Log, trust: Trust) -> Iterator[str]:
     now = facts()
     for name, old in versions(head).items():
         new = now.get(f"version_{name}", now.get(name, "none"))
         if new != old:
             yield f"{name} {old} -> {new}"
-    for one in () if options.trust else log_rig.carried_by(head):
-        alike = [text for text in options.law if Path(text).name == PurePosixPath(one.name).name]
+    for one in () if trust.trust else log_rig.carried_by(head):
+        alike = [text for text in trust.law if Path(text).name == PurePosixPath(one.name).name]
         place = Path([*alike, one.path][0])
         if place.is_file() and (new := carried_files.sha256(place)) != one.sha256:
             yield f"{one.name} sha256 {one.sha256[:16]} -> {new[:16]}"
@@ -174,11 +177,11 @@ def _changed_inputs(head: logs.Log, options: argparse.Namespace) -> Iterator[str
 # A process of its own
 
 
-def _row_from_child(row: Row, head: logs.Log, options: argparse.Namespace) -> Row:
+def _row_from_child(row: VerifiedLog, run: Opened, node: str) -> VerifiedLog:
     """Recompute a log in a child, which leaves nothing behind; UserError."""
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)
-    child = context.Process(target=_in_the_child, args=(there, os.getpid(), row, head, options))
+    child = context.Process(target=_in_the_child, args=(there, os.getpid(), row, run, node))
     child.start()
     there.close()
     try:
@@ -190,16 +193,14 @@ def _row_from_child(row: Row, head: logs.Log, options: argparse.Namespace) -> Ro
         child.kill()
         child.join()
         here.close()
-    return Row(**answer)
+    return VerifiedLog(**answer)
 
 
-def _in_the_child(
-    there: Connection, host: int, row: Row, head: logs.Log, options: argparse.Namespace
-) -> None:
+def _in_the_child(there: Connection, host: int, row: VerifiedLog, run: Opened, node: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(host, signal.SIGKILL)
     try:
-        _recompute(row, head, options)
+        _recompute(row, run, node)
     except (OSError, StepError, UserError) as error:
         row.why = [_words(error, row.log)]
     there.send_bytes(json.dumps(vars(row)).encode())

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.after.verify.one import CODES, Row
+from pcpc.tools.after.verify.one import CODES, VerifiedLog
 from pcpc.tools.terminal.outfile import new_file
 
 _HEAD, _END = "pcpc verify 1: digest, verdict, versions, path", "all lines above"
@@ -28,7 +28,7 @@ _CURE = "the table is damaged; take another copy of it"
 
 
 @dataclass(frozen=True)
-class Entry:
+class TableLine:
     """A line of a table."""
 
     digest: str | None
@@ -49,7 +49,7 @@ def relative(log: str, table: Path) -> str:
     return path
 
 
-def text_of(rows: Iterable[Row], table: Path) -> bytes:
+def text_of(rows: Iterable[VerifiedLog], table: Path) -> bytes:
     """Return the table of logs."""
     lines = [_HEAD]
     for path, row in sorted({relative(row.log, table): row for row in rows}.items()):
@@ -64,7 +64,7 @@ def _word(text: str) -> str:
     return re.sub(r"[^!-~]|,", "_", text)
 
 
-def entries(table: Path, data: bytes) -> dict[str, Entry]:
+def entries(table: Path, data: bytes) -> dict[str, TableLine]:
     """Return the lines of a table by the paths of the logs; UserError."""
     above, _, last = data.removesuffix(b"\n").rpartition(b"\n")
     above += b"\n"
@@ -75,7 +75,7 @@ def entries(table: Path, data: bytes) -> dict[str, Entry]:
     ):
         raise UserError(f"{table}: its last line is not the SHA-256 of those above: {_CURE}")
     head, *lines = above.decode("latin-1").split("\n")[:-1]
-    found: dict[str, Entry] = {}
+    found: dict[str, TableLine] = {}
     if head != _HEAD or not lines:
         raise UserError(
             f"{table}: {'lists no log' if head == _HEAD else 'no table'} of pcpc verify"
@@ -86,7 +86,7 @@ def entries(table: Path, data: bytes) -> dict[str, Entry]:
         if parts is None or not path or path in found:
             what = "is no line of it" if parts is None else "a path that is wrong, or there twice"
             raise UserError(f"{table}:{number}: {what}: {_CURE}")
-        found[path] = Entry(None if parts[1] == "-" else parts[1], parts[2])
+        found[path] = TableLine(None if parts[1] == "-" else parts[1], parts[2])
     return found
 
 
@@ -102,7 +102,7 @@ def _path(text: str) -> str:
 
 
 def table_differences(
-    rows: Sequence[Row], known: Mapping[str, Entry], table: Path
+    rows: Sequence[VerifiedLog], known: Mapping[str, TableLine], table: Path
 ) -> list[tuple[str, str]]:
     """Return how logs are not as in a table: what it is (missing, ...), and the line."""
     found: list[tuple[str, str]] = []

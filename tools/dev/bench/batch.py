@@ -13,7 +13,7 @@ import threading
 import time
 
 from pcpc.drivers.compiled.lanes import WIDTH
-from pcpc.executive.batch.group import Group
+from pcpc.executive.batch.group import LaneGroup
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.bench.cycle import RIG
 from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave
@@ -30,12 +30,12 @@ SUITE = "batch"
 THREADS = 2
 
 
-def group() -> Group:
+def group() -> LaneGroup:
     """Return WIDTH runs of slew10."""
-    return Group(load_rig(RIG, settings=[f"duration_s={DURATION_S}"]), {})
+    return LaneGroup(load_rig(RIG, settings=[f"duration_s={DURATION_S}"]), {})
 
 
-def once(one: Group) -> None:
+def once(one: LaneGroup) -> None:
     """Do the runs of a group, each lane with another play of the gear."""
     one.begin()
     place = one.plans["plant"].table.index["barrel.gap_rad"]
@@ -45,17 +45,17 @@ def once(one: Group) -> None:
     assert not odd.any(), "no run of these faults"
 
 
-def in_lanes(one: Group) -> float:
+def in_lanes(one: LaneGroup) -> float:
     """Return the processor time of a run in ns; a group has a thread of its own."""
     start = time.process_time_ns()
     once(one)
     return (time.process_time_ns() - start) / WIDTH
 
 
-def in_threads(groups: list[Group], threads: int) -> float:
+def in_threads(groups: list[LaneGroup], threads: int) -> float:
     """Return the wall time in s of all groups, dealt to threads."""
 
-    def work(mine: list[Group]) -> None:
+    def work(mine: list[LaneGroup]) -> None:
         for one in mine:
             once(one)
 

@@ -4,7 +4,6 @@ Several suites are measured in a process each: what one compiles, and for which 
 what another one runs on. What is missing for a suite is named before the first one begins.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -15,37 +14,37 @@ from typing import Any
 
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.dev.bench.options import NEEDS, SUITES
+from pcpc.tools.dev.bench.options import NEEDS, SUITES, BenchRequest
 from pcpc.tools.machine.jitter.compiler import BenchError, find
 from pcpc.tools.start.native import native
+from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
 ON_REQUEST = ("host", "startup", "batch")  # one to three minutes each
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: BenchRequest) -> int:
     """Measure suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
-    if unknown := [name for name in options.names if name not in SUITES]:
+    if unknown := [name for name in request.names if name not in SUITES]:
         raise UserError(f"{unknown[0]}: no such suite{did_you_mean(unknown[0], SUITES)}")
-    if options.rounds < 1:
-        raise UserError(f"--rounds {options.rounds}: expected 1 or more")
-    names = options.names or [name for name in SUITES if name not in ON_REQUEST]
+    if request.rounds < 1:
+        raise UserError(f"--rounds {request.rounds}: expected 1 or more")
+    names = list(request.names) or [name for name in SUITES if name not in ON_REQUEST]
     missing = {name: reason for name in names if (reason := _missing(name))}
     for reason in sorted(set(missing.values())):
         of = " ".join(name for name in missing if missing[name] == reason)
         print(f"not measured: {of}: {reason}", file=sys.stderr)
     names = [name for name in names if name not in missing]
     if len(names) == 1:
-        found, code = _measured_suite(names[0], options)
+        found, code = _measured_suite(names[0], request)
     else:
-        found, code = _in_processes(names, options)
-    if options.json:
+        found, code = _in_processes(names, request)
+    if request.json:
         try:
-            options.json.write_text(summary_file.text_of(found) + "\n")
+            request.json.write_text(screen.json_text(found) + "\n")
         except OSError as error:
-            raise OSError(error.errno, error.strerror, str(options.json)) from None
+            raise OSError(error.errno, error.strerror, str(request.json)) from None
     return Exit.ENVIRONMENT if missing else code
 
 
@@ -62,13 +61,13 @@ def _missing(name: str) -> str:
     return ""
 
 
-def _measured_suite(name: str, options: argparse.Namespace) -> tuple[list[Any], int]:
+def _measured_suite(name: str, request: BenchRequest) -> tuple[list[Any], int]:
     """Measure one suite; return its ratios as JSON has them, and the exit code."""
-    progress = Progress(options.quiet)
+    progress = Progress(request.quiet)
     with native(name == "batch"):  # as `pcpc sweep`
         suite = import_module(f"pcpc.tools.dev.bench.{name}")
         try:
-            ratios = suite.measure(progress, options.rounds)
+            ratios = suite.measure(progress, request.rounds)
         except (BenchError, BusError) as error:
             progress.close()
             print(f"{name}: {error}", file=sys.stderr)
@@ -79,14 +78,14 @@ def _measured_suite(name: str, options: argparse.Namespace) -> tuple[list[Any], 
     return [vars(ratio) for ratio in ratios], Exit.OK
 
 
-def _in_processes(names: list[str], options: argparse.Namespace) -> tuple[list[Any], int]:
+def _in_processes(names: list[str], request: BenchRequest) -> tuple[list[Any], int]:
     """Measure suites one after the other, each in a process of its own; as `_measured_suite`."""
     found, code = [], 0
     with tempfile.TemporaryDirectory(prefix="pcpc-bench-") as folder:
         for name in names:
             table = Path(folder) / f"{name}.json"
-            words = [name, "--rounds", str(options.rounds), "--json", str(table)]
-            words += ["--quiet"] * options.quiet
+            words = [name, "--rounds", str(request.rounds), "--json", str(table)]
+            words += ["--quiet"] * request.quiet
             command = [sys.executable, "-P", "-m", "pcpc.tools.dev.bench", *words]
             ended = subprocess.run(command, check=False).returncode
             code = max(code, ended if ended >= 0 else Exit.ENVIRONMENT)

@@ -33,7 +33,7 @@ SEED = 1
 
 
 @dataclass(frozen=True)
-class Frames:
+class CodecFrames:
     """All frames of a DBC with values: `table` of can.dbc, `values` and `found` (signals,).
 
     `record` holds all of it as the loop's own does: arrays on their own are counted references.
@@ -41,7 +41,7 @@ class Frames:
 
     database: dbc.Database
     names: list[str]
-    table: dbc.Table
+    table: dbc.CodecTable
     record: Any
 
     @property
@@ -68,7 +68,7 @@ class Frames:
         ]
 
 
-def frames_of(path: str = DBC, seed: int = SEED) -> Frames:
+def frames_of(path: str = DBC, seed: int = SEED) -> CodecFrames:
     """Return the frames of a DBC with values spread evenly over the signals' ranges; BusError."""
     database = dbc.load(path)
     frames = [dbc.frame(message) for message in database.messages]
@@ -87,7 +87,7 @@ def frames_of(path: str = DBC, seed: int = SEED) -> Frames:
     structure(kind)
     record = np.zeros(1, kind).view(np.recarray)[0]
     record["frames"], record["signals"], record["values"] = table.frames, table.signals, values
-    return Frames(database, names, table, record)
+    return CodecFrames(database, names, table, record)
 
 
 @loop_function
@@ -100,13 +100,13 @@ def drive(n: Any) -> None:
             unpack(n.data[f], f, n.frames, n.signals, n.found)
 
 
-def in_python(f: Frames, repeats: int) -> None:
+def in_python(f: CodecFrames, repeats: int) -> None:
     """Pack and unpack compiled."""
     f.record.repeats = repeats
     drive(f.record)
 
 
-def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
+def in_c(f: CodecFrames, repeats: int, c: ctypes.CDLL) -> None:
     """Pack and unpack in C."""
     arrays = [f.record[name] for name in ("frames", "signals", "data", "values", "found")]
     c.drive_codec(

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire import put_frame
-from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE
+from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, Wire
 from pcpc.drivers.compiled.jit import i8, loop, types, u1
 from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop import shared as sh
@@ -68,7 +68,7 @@ def library() -> ctypes.CDLL:
 
 
 @dataclass(frozen=True)
-class Recording:
+class ReceivedFrames:
     """The frames that a node receives in each of CYCLES cycles from FIRST on.
 
     `frames` (n, 16) as struct can_frame; `ends` (cycles,) where each cycle's end.
@@ -79,7 +79,7 @@ class Recording:
     ends: NDArray[np.int64]
 
 
-def record(first: int = FIRST, cycles: int = CYCLES) -> Recording:
+def record(first: int = FIRST, cycles: int = CYCLES) -> ReceivedFrames:
     """Return the frames of the executive in a virtual run of slew10."""
     rig = load_rig(RIG, settings=[f"duration_s={(first + cycles + 10) / 1000.0}"])
     run = VirtualRun(rig, None)
@@ -93,7 +93,7 @@ def record(first: int = FIRST, cycles: int = CYCLES) -> Recording:
     words[:, 0] = chosen[:, OfFrame.ABOUT] & 0xFF_FFFF_FFFF
     words[:, 1] = chosen[:, OfFrame.PAYLOAD]
     ends = np.searchsorted(chosen[:, OfFrame.CYCLE], np.arange(first, first + cycles), "right")
-    return Recording(plan(rig, "executive", "lockstep"), words.view(np.uint8), ends)
+    return ReceivedFrames(plan(rig, "executive", "lockstep"), words.view(np.uint8), ends)
 
 
 def new_loop(made: Plan) -> Any:
@@ -176,7 +176,7 @@ def begin(c: ctypes.CDLL, wire: Any = None) -> None:
     assert c.begin(None if wire is None else address(wire)), "compiled to other bits"
 
 
-def _memory(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
+def _memory(recording: ReceivedFrames, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     made, frames, ends = recording.plan, recording.frames, recording.ends
     n = new_loop(made)
     arrays = address(frames), address(ends), ctypes.c_int64(len(ends)), ctypes.c_int64(REPEATS)
@@ -193,10 +193,10 @@ def _memory(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     )
 
 
-def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
+def _bus(recording: ReceivedFrames, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     made, frames, ends = recording.plan, recording.frames, recording.ends
     n = new_loop(made)
-    peer = np.recarray(1, WIRE)
+    peer = np.recarray(1, Wire.dtype)
     peer.view(np.uint8)[:] = 0
     bus = buses.bus_named(*buses.parse(BUS))
     buses.open_bus(bus, made.receive_ids, n.wire)
@@ -221,7 +221,7 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     return python, in_c
 
 
-def _publish(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
+def _publish(recording: ReceivedFrames, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     n = new_loop(recording.plan)
     n.n_variables = PUBLISHED
     to, values = address(n.snapshot), address(n.v)

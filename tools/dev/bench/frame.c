@@ -28,15 +28,15 @@ static inline double unscale(int64_t raw, const signal_row *signal)
     float single;
     int32_t half = (int32_t)raw;
     switch (signal->kind) {
-    case KIND_SCALED:
+    case SIGNALKIND_SCALED:
         return (double)raw * factor + offset;
-    case KIND_UNSIGNED_64:
+    case SIGNALKIND_UNSIGNED_64:
         return (double)(uint64_t)raw * factor + offset;
-    case KIND_FLOAT_32:
+    case SIGNALKIND_FLOAT_32:
         memcpy(&single, &half, sizeof single);
         code = single;
         break;
-    case KIND_FLOAT_64:
+    case SIGNALKIND_FLOAT_64:
         memcpy(&code, &raw, sizeof code);
         break;
     default:
@@ -71,11 +71,11 @@ static inline int64_t code_bits(double code, int64_t kind)
     int64_t bits;
     int32_t half;
     float single = (float)code;
-    if (kind == KIND_FLOAT_32) {
+    if (kind == SIGNALKIND_FLOAT_32) {
         memcpy(&half, &single, sizeof half);
         return half;
     }
-    if (kind == KIND_FLOAT_64) {
+    if (kind == SIGNALKIND_FLOAT_64) {
         memcpy(&bits, &code, sizeof bits);
         return bits;
     }
@@ -91,7 +91,7 @@ static inline int64_t pack(uint8_t *data, const frame_row *frame, const signal_r
     for (int64_t row = frame->first; row < frame->end; row++) {
         const signal_row *signal = &signals[row];
         int64_t kind = signal->kind;
-        int is_float = kind == KIND_FLOAT_32 || kind == KIND_FLOAT_64;
+        int is_float = kind == SIGNALKIND_FLOAT_32 || kind == SIGNALKIND_FLOAT_64;
         double low = signal->code_low, high = signal->code_high;
         double code = (values[signal->variable] - signal->offset) / signal->factor;
         int64_t bits;

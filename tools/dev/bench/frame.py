@@ -20,12 +20,12 @@ import numpy as np
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire, wire_layout
-from pcpc.drivers.can.bus import Bus
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.bus import BusAddress
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.drivers.can.wire import END, get_frame, put_frame
-from pcpc.drivers.can.wire_layout import WIRE, Arrival, Medium
+from pcpc.drivers.can.wire_layout import Arrival, Medium, Wire
 from pcpc.drivers.compiled.jit import i8, loop
-from pcpc.drivers.compiled.rows import FRAME, SIGNAL
+from pcpc.drivers.compiled.rows import FrameRow, SignalRow
 from pcpc.tools.dev.bench import compiler
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time
@@ -47,11 +47,11 @@ def headers() -> dict[str, str]:
     parts = [
         compiler.macros("WIRE", wire_layout),
         compiler.macros("WIRE", wire),
-        *map(compiler.numbers, (Medium, Arrival, Kind)),
+        *map(compiler.numbers, (Medium, Arrival, SignalKind)),
         "#include <stddef.h>\n#include <stdint.h>\n",
-        compiler.struct("wire", WIRE),
-        compiler.struct("frames", FRAME),
-        compiler.struct("signals", SIGNAL),
+        compiler.struct("wire", Wire.dtype),
+        compiler.struct("frames", FrameRow.dtype),
+        compiler.struct("signals", SignalRow.dtype),
     ]
     return {"wire.h": "".join(parts)}
 
@@ -72,12 +72,12 @@ def drive(wire: Any, count: Any) -> Any:
     return received
 
 
-def open_end(bus: Bus) -> Any:
-    """Return one WIRE record (1,) that hears what it sends; BusError.
+def open_end(bus: BusAddress) -> Any:
+    """Return one Wire record (1,) that hears what it sends; BusError.
 
     A raw CAN socket does not hear itself: on SocketCAN another one sends.
     """
-    sender, end = np.recarray(1, WIRE), np.recarray(1, WIRE)
+    sender, end = np.recarray(1, Wire.dtype), np.recarray(1, Wire.dtype)
     end.view(np.uint8)[:] = 0
     buses.open_bus(bus, [CAN_ID], end[0])
     if bus.interface == "socketcan":
@@ -88,7 +88,7 @@ def open_end(bus: Bus) -> Any:
     return end
 
 
-def open_python_can(bus: Bus) -> can.BusABC:
+def open_python_can(bus: BusAddress) -> can.BusABC:
     """Return python-can's bus of this kind that hears itself, on udp_multicast the next port.
 
     On another port neither side delivers the other's frames. BenchError where it cannot be opened.
@@ -124,7 +124,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     return found
 
 
-def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> list[Ratio]:
+def measure_on(progress: Progress, rounds: int, bus: BusAddress, c: ctypes.CDLL) -> list[Ratio]:
     """Return the ratios on `bus`."""
     end, port = open_end(bus), open_python_can(bus)
     at, count = address(end), ctypes.c_int64(FRAMES)
@@ -153,6 +153,6 @@ def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> lis
 
 
 def close_end(end: Any) -> None:
-    """Close the sockets of a WIRE record (1,)."""
+    """Close the sockets of a Wire record (1,)."""
     for descriptor in {int(end[0].fd_tx), int(end[0].fd_rx)}:
         os.close(descriptor)

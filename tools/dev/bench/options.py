@@ -1,10 +1,13 @@
 """The options of `python -m pcpc.tools.dev.bench`."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import WORD, Request
 
 MOST_ROUNDS = 10_000
 _SUITES = {  # by their modules, one of which may go with what it measures
@@ -34,19 +37,22 @@ def _rounds(text: str) -> int:
     return count
 
 
-def bench(add: Add) -> None:
-    """Take suites."""
-    add("names", nargs="*", metavar="NAME", help="suites; default: all but batch, rate, startup")
-    add("--rounds", type=_rounds, default=15, metavar="N", help="default: 15")
-    add("--json", type=Path, metavar="FILE", help="write the ratios to this file too")
-    take.quiet(add)
+class BenchRequest(Request):
+    """Suites, and how they are measured."""
+
+    names: Annotated[
+        Sequence[str], WORD, "NAME", "suites; default: all but batch, rate, startup"
+    ] = ()
+    rounds: Annotated[int, _rounds, "N", "default: 15"] = 15
+    json: Annotated[Path | None, "FILE", "write the ratios to this file too"] = None
+    quiet: take.Quiet = False
 
 
 COMMAND = Command(
     "pcpc.tools.dev.bench",
     "measure ratios against C and others, interleaved in one run",
     "python -m pcpc.tools.dev.bench cycle --json cycle.json",
-    bench,
+    BenchRequest,
     codes=codes(ENVIRONMENT="a program to compare with is missing", INTERRUPTED=""),
     notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
     compiles=True,

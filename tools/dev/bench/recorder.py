@@ -11,7 +11,6 @@ The runs are those of `tools.run.run.Host`; the one without only leaves the reco
 are never emptied and hold the whole run.
 """
 
-import argparse
 import signal
 import tempfile
 import time
@@ -30,7 +29,9 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.bench.cycle import RIG
 from pcpc.tools.dev.bench.ratio import Ratio, interleave
 from pcpc.tools.machine.jitter.compiler import BenchError
+from pcpc.tools.run.commands import RunRequest
 from pcpc.tools.run.run import Host
+from pcpc.tools.terminal.arguments import RunFolder
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "recorder"
@@ -68,21 +69,18 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
 def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     """Return p99 of wake-up lateness and of work of one run, us; BenchError if it failed."""
     settings = [f"duration_s={seconds}", *PATIENT]
-    options = argparse.Namespace(
+    request = RunRequest(
         rig=RIG,
         bus=BUS,
         pacing="real",
-        controller=None,
         set=settings,
-        quiet=True,
-        no_figure=True,
-        judge=False,
+        kept=RunFolder(quiet=True, no_figure=True),
         begin_ns=time.monotonic_ns(),
     )
     rig = load_rig(RIG, settings=settings, resolve=False)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with tempfile.TemporaryDirectory() as folder:
-        host = kind(options, rig, ("plant", "executive"), Path(folder))
+        host = kind(request, rig, ("plant", "executive"), Path(folder))
         try:
             code = host.run()
         finally:

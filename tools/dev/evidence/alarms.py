@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcpc.drivers.compiled.lanes import WIDTH
-from pcpc.executive.batch.runs import Case, RunResult, Runs
+from pcpc.executive.batch.runs import BatchRuns, Case, RunResult
 from pcpc.tools.start import rigs
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
@@ -44,10 +44,10 @@ Task = tuple[int, int]  # rig, first seed
 
 
 @lru_cache
-def _runs(rig: int) -> Runs:
+def _runs(rig: int) -> BatchRuns:
     wanted: dict[Any, list[str]] = {role: [*COUNTERS] for role in NODES}
     name, controller = RIGS[rig][:2]
-    return Runs(Path(rigs.find(name)), controller, [f"duration_s={RUN_S}"], wanted)
+    return BatchRuns(Path(rigs.find(name)), controller, [f"duration_s={RUN_S}"], wanted)
 
 
 def case(rig: int, seed: int) -> Case:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.executive.log.reader import FRAME
-from pcpc.executive.loop import losses
+from pcpc.executive.loop import draws
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.exchange import run_of
@@ -104,7 +104,7 @@ class Bench:
                 tuning["schedule"][row] = at, place
                 tuning["value"][row] = value
             tuning["n"] = last + len(rows)
-            seeds.extend(losses.first(seed, str(f)) for f in range(len(seeds), count))
+            seeds.extend(draws.first(seed, str(f)) for f in range(len(seeds), count))
             faults["seed"][:count] = seeds[:count]
 
     def _is_peer(self, node: int, name: str) -> bool:

@@ -1,6 +1,5 @@
 """`python -m pcpc.tools.dev.evidence`: inject every fault, count what noticed it, write it down."""
 
-import argparse
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,33 +17,33 @@ from pcpc.tools.dev.evidence import (
     report,
     residual,
 )
-from pcpc.tools.dev.evidence.options import PARTS
+from pcpc.tools.dev.evidence.options import PARTS, EvidenceRequest
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: EvidenceRequest) -> int:
     """Carry out the parts asked for, beside those in the folder; NOT_MET if one is not kept."""
-    progress = Progress(options.quiet)
+    progress = Progress(request.quiet)
     parts: Mapping[str, Callable[[], Any]] = {
-        "matrix": lambda: _matrix(options, progress),
+        "matrix": lambda: _matrix(request, progress),
         "residual": lambda: residual.residual(
-            options.frames, options.seed, lambda f, tasks: each(f, tasks, progress, options.jobs)
+            request.frames, request.seed, lambda f, tasks: each(f, tasks, progress, request.jobs)
         ),
         "frames": lambda: each(
-            frames.task, frames.tasks(options.frames, options.seed), progress, options.jobs
+            frames.task, frames.tasks(request.frames, request.seed), progress, request.jobs
         ),
-        "envelope": lambda: envelope.envelope(options.laws, options.seed, progress, options.jobs),
-        "alarms": lambda: alarms.alarms(options.hours, options.seed, progress, options.jobs),
+        "envelope": lambda: envelope.envelope(request.laws, request.seed, progress, request.jobs),
+        "alarms": lambda: alarms.alarms(request.hours, request.seed, progress, request.jobs),
         "mutants": mutants.results,
         "kills": lambda: kills.run(
-            options.kills, options.seed, options.jobs or kills.JOBS, progress
+            request.kills, request.seed, request.jobs or kills.JOBS, progress
         ),
     }
-    evidence = report.read(Path(options.output))
-    with folder_of(options.output, "evidence") as folder:
-        return _carried_out(folder, parts, evidence, options.parts or list(PARTS), progress)
+    evidence = report.read(Path(request.output))
+    with folder_of(request.output, "evidence") as folder:
+        return _carried_out(folder, parts, evidence, request.parts or list(PARTS), progress)
 
 
 def _carried_out(
@@ -75,10 +74,10 @@ def conclusion(wrong: Sequence[str], evidence: Mapping[str, Any]) -> str:
     return textwrap.fill(f"all as stated; no mutants of {', '.join(elsewhere)}", 80)
 
 
-def _matrix(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    rows = matrix.matrix(options.runs, options.seed, progress, options.jobs)
+def _matrix(request: EvidenceRequest, progress: Progress) -> dict[str, Any]:
+    rows = matrix.matrix(request.runs, request.seed, progress, request.jobs)
     clean = 1e3 * float(abs(matrix.bench().clean_error(campaign.SPREAD + campaign.AFTER)).max())
-    return {"seed": options.seed, "after_cycles": campaign.AFTER, "clean_mrad": clean, "rows": rows}
+    return {"seed": request.seed, "after_cycles": campaign.AFTER, "clean_mrad": clean, "rows": rows}
 
 
 def failures(evidence: Mapping[str, Any]) -> list[str]:

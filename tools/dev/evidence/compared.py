@@ -25,7 +25,7 @@ EPISODES, CYCLES = 200, 80
 FEW = 40  # episodes of code that is not compiled
 
 
-class Cycle(NamedTuple):
+class ComparedCycle(NamedTuple):
     """What happens in a cycle."""
 
     k: int
@@ -42,7 +42,7 @@ class Cycle(NamedTuple):
     disarmed: float
 
 
-def supervised(n: Any, given: Cycle) -> None:
+def supervised(n: Any, given: ComparedCycle) -> None:
     """Do a cycle."""
     n.k = given.k
     n.rx.fresh = given.fresh
@@ -74,7 +74,7 @@ class Supervised(expected.SupervisorModel):
     age = aged = noted = 0
     event = 0, 0
 
-    def step(self, given: Cycle) -> None:
+    def step(self, given: ComparedCycle) -> None:
         """Do a cycle."""
         self.age, self.aged = self.age + 1, self.aged + given.taken  # that may be taken alone
         self.fault = self.fault or given.fault
@@ -90,7 +90,7 @@ class Supervised(expected.SupervisorModel):
 
 
 SUPERVISOR = Compared(
-    Cycle, supervised,
+    ComparedCycle, supervised,
     whole={
         **same("control.held", "control.stale", "control.saturated", "control.starved",
                "control.odd_bits", "guard.reset", "guard.stop", "rx.awaited"),
@@ -140,15 +140,15 @@ def _settings(draw: np.random.Generator, number: int) -> expected.Settings:
     )  # fmt: skip
 
 
-def _commands(draw: np.random.Generator) -> list[expected.Command]:
+def _commands(draw: np.random.Generator) -> list[expected.BoundedSignal]:
     change = float(draw.choice([0.125, 0.25, math.inf]))
     return [
-        expected.Command(-1.0, 2.0, change, float(draw.choice([0.0, 0.25, 1.0]))),
-        expected.Command(-3.0, 3.0, float(draw.choice([0.5, 1.0, math.inf])), 0.0),
+        expected.BoundedSignal(-1.0, 2.0, change, float(draw.choice([0.0, 0.25, 1.0]))),
+        expected.BoundedSignal(-3.0, 3.0, float(draw.choice([0.5, 1.0, math.inf])), 0.0),
     ]
 
 
-def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Command]) -> None:
+def _install(n: Any, has: expected.Settings, commands: Sequence[expected.BoundedSignal]) -> None:
     guard = n.guard
     n.clock.kind = Time.GIVEN
     n.clock.trigger = Trigger.CLOCKED if has.clocked else Trigger.ON_FRAMES

@@ -62,7 +62,7 @@ class Receivers:
     """The receivers of all rows."""
 
     def __init__(self) -> None:
-        self.rows = [expected.Receiver(one) for one in ROWS]
+        self.rows = [expected.ExpectedReceiver(one) for one in ROWS]
 
     def step(self, given: Received) -> None:
         """Take a frame."""

@@ -25,7 +25,7 @@ def _bits(x: float) -> int:
 
 
 @dataclass
-class Signal:
+class LimitedSignal:
     """A limited signal and what came of it."""
 
     low: float
@@ -78,10 +78,10 @@ def plausible(n: Any, given: Step) -> Any:
 
 
 @dataclass
-class Receiver:
+class LimitedReceiver:
     """What a node makes of received values."""
 
-    signals: list[Signal]
+    signals: list[LimitedSignal]
     known: bool = False
     fault: int = 0
     count: int = 0
@@ -148,15 +148,15 @@ def _draw_steps(given: Any, draw: np.random.Generator) -> None:
     given.values = values
 
 
-def _signals(number: int, draw: np.random.Generator) -> list[Signal]:
+def _signals(number: int, draw: np.random.Generator) -> list[LimitedSignal]:
     """Return signals: one within bounds, one with a rate, one without either."""
     after, still = draw.integers(1, 4, 3).tolist(), draw.integers(1, 6, 3).tolist()
     bounds = [(-1.0, 1.0, math.inf), (-1.25, 1.25, 0.25), (-math.inf, math.inf, math.inf)]
     turned = bounds[number % 3 :] + bounds[: number % 3]
-    return [Signal(*one, still[i], after[i]) for i, one in enumerate(turned)]
+    return [LimitedSignal(*one, still[i], after[i]) for i, one in enumerate(turned)]
 
 
-def install(these: Any, signals: list[Signal]) -> None:
+def install(these: Any, signals: list[LimitedSignal]) -> None:
     """Write the limits of signals into their part of the LOOP record."""
     these.n = len(signals)
     for i, one in enumerate(signals):
@@ -174,5 +174,5 @@ def receiver(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
         install(episodes.new_loop().plausible, signals)
         rows = episodes.new_rows(STEPS)
         _draw_steps(rows, draw)
-        episodes.add(rows, Receiver(signals))
+        episodes.add(rows, LimitedReceiver(signals))
     return episodes

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.drivers.can.e2e import begin_cycle
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import Time
@@ -27,6 +27,7 @@ from pcpc.tools.dev.evidence.expected_reception import (
     BEAT,
     CARE,
     CHANGED,
+    COUNT,
     COUNTED,
     FB,
     GONE,
@@ -44,7 +45,7 @@ from pcpc.tools.dev.evidence.expected_reception import (
     STOP,
     SYNC,
     WIDE,
-    Node,
+    ExpectedNode,
     Settings,
     Step,
 )
@@ -71,6 +72,7 @@ def received(n: Any, given: Step) -> Any:
     n.k, n.clock.behind, n.wire.source = given.k, given.behind, given.source
     n.faults.count[0] = given.done
     n.faults.peer_stall[0] = given.stall
+    n.v[20] += given.bias
     if given.row >= 0 and given.acts != 0:
         n.faults.acted[given.row] = n.passes + 1
     if given.sets != 0:
@@ -89,11 +91,11 @@ def received(n: Any, given: Step) -> Any:
     return 0
 
 
-def _frame_of(back: int, word: int) -> Callable[[Node], int]:
+def _frame_of(back: int, word: int) -> Callable[[ExpectedNode], int]:
     return lambda m: m.last_frame(back)[word]
 
 
-def _count_of(word: str) -> Callable[[Node], int]:
+def _count_of(word: str) -> Callable[[ExpectedNode], int]:
     return lambda m: m.count_of(word)
 
 
@@ -113,7 +115,7 @@ RECEPTION = Compared(
         "meeting.holding[0:2]": lambda m: [(BEAT + 1) * bool(m.held) * its for its in m.peers],
     },
     real={
-        f"v[{BUS_AT}:{BUS_AT + 6}]": lambda m: m.bus, "v[20:24]": lambda m: m.v,
+        f"v[{BUS_AT}:{BUS_AT + 6}]": lambda m: m.bus, "v[20:25]": lambda m: m.v,
         "v[30:33]": lambda m: [signal.count for signal in m.judge_of.signals],
     },
 )  # fmt: skip
@@ -164,6 +166,7 @@ def _draw_steps(given: Any, draw: np.random.Generator) -> None:
     given.sets = draw.random(STEPS) < 0.2
     given.fault = np.where(draw.random(STEPS) < 0.1, draw.integers(1, 5, STEPS), 0)
     given.second = draw.random(STEPS) < 0.5
+    given.bias = np.where(given.k % 7 == 0, 0.125 * (given.k % 5 - 2), 0.0)
     given.stall = np.where(draw.random(STEPS) < 0.05, STALLED, STALLED - 1)
     for step in given:
         if draw.random() < 0.04:
@@ -213,12 +216,13 @@ def _install(n: Any, has: Settings) -> None:
         n.rx.frames[row] = (one.can_id, 0, one.dlc, 0, first, past, one.every, crc, 0, one.byte,
                             one.shift, one.mask, one.place.start, one.data_id, 0)  # fmt: skip
         n.rx.role[row] = STARTS[row], AWAITED[row], has.peer * IS_BELOW[row], MEETS[row]
-        n.intrusion.care[row], n.faults.spoiled[row] = row in CARE, row in SPOILED
+        n.intrusion.care[row] = row in CARE and (row != FB or has.reaction != COUNT)
+        n.faults.spoiled[row] = row in SPOILED
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
     for i, (_, byte, place) in enumerate(SIGNALS):
         row = n.rx.signals[i]
-        row.shift, row.mask, row.kind = 8 * byte, 255, Kind.SCALED
+        row.shift, row.mask, row.kind = 8 * byte, 255, SignalKind.SCALED
         row.variable, row.factor = place, SCALE
     compared_plausible.install(n.plausible, has.signals)
 
@@ -227,12 +231,12 @@ def reception(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
     """Feed what takes frames with `count` episodes."""
     episodes = Episodes(RECEPTION, feed)
     for number in range(count):
-        signals = [compared_plausible.Signal(0.125, 1.5, 1.0, 9, 4) for _ in range(3)]
+        signals = [compared_plausible.LimitedSignal(0.125, 1.5, 1.0, 9, 4) for _ in range(3)]
         turn = 1 if number % 5 == 4 else 8
         peer, faults = 1 + number // 4 % 2, int(number % 7 > 0)
         has = Settings(number % 3, number % 2, number // 2 % 2, peer, faults, turn, signals)
         _install(episodes.new_loop(), has)
         rows = episodes.new_rows(STEPS)
         _draw_steps(rows, draw)
-        episodes.add(rows, Node(has))
+        episodes.add(rows, ExpectedNode(has))
     return episodes

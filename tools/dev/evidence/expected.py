@@ -29,7 +29,7 @@ MISSING, COMMAND_ODD, EMERGENCY = 1, 2, 12
 
 
 @dataclass
-class Command:
+class BoundedSignal:
     """A sent signal with bounds; `change` is what it may change in a cycle."""
 
     low: float
@@ -70,7 +70,7 @@ class SupervisorModel:
     """A node's supervisor; `awaited` frames a cycle, of which `of_peer` also count at the end."""
 
     has: Settings
-    commands: list[Command]
+    commands: list[BoundedSignal]
     awaited: int
     of_peer: int
     state: str = "INIT"
@@ -292,7 +292,7 @@ class Protection:
 
 
 @dataclass
-class Receiver:
+class ExpectedReceiver:
     """What a receiver makes of the frames of one row."""
 
     frame: Protection

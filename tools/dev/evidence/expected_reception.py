@@ -27,8 +27,14 @@ ROWS = (
     expected.Protection(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
 )
 STARTS, AWAITED = (1, 0, 1, 0, 0, 1), (1, 0, 0, 0, 0, 1)
-CARE, SPOILED = (FB, BEAT), (SLOW, WIDE)
-SIGNALS = ((FB, 0, 20), (FB, 1, 21), (BEAT, 0, 22), (SLOW, 0, 23))  # row, byte, place
+CARE, SPOILED = (FB, BEAT, SLOW), (SLOW, WIDE)
+SIGNALS = (
+    (FB, 0, 20),
+    (FB, 1, 21),
+    (BEAT, 0, 22),
+    (SLOW, 0, 23),
+    (WIDE, 5, 24),
+)  # row, byte, place
 SCALE = 0.125
 LOSS = {SLOW: (0.1, 0.5), WIDE: (0.2, 0.6)}
 MEETS = (4, 2, 1, 0, 0, 3)  # AFTER, FROM_BELOW, FROM_ABOVE, no part, no part, BEFORE
@@ -54,7 +60,7 @@ class Settings:
     peer: int  # which node below sends, 1 or 2
     faults: int
     turn: int  # of the heartbeat
-    signals: list[compared_plausible.Signal]
+    signals: list[compared_plausible.LimitedSignal]
 
 
 class Step(NamedTuple):
@@ -71,20 +77,21 @@ class Step(NamedTuple):
     fault: int
     second: int
     stall: int  # the place of a stall of the node above
+    bias: float  # of the first value, by a fault on purpose
     error: int
     frame: Annotated[list[int], "u1", 16]
     other: Annotated[list[int], "u1", 16]
 
 
-class Node(Senders):
+class ExpectedNode(Senders):
     """What a node makes of the frames that come."""
 
     def __init__(self, has: Settings) -> None:
         super().__init__(Overrun.SKIP, 1, 0, STOP)
         self.has, self.reaction = has, has.reaction
-        self.receivers = [expected.Receiver(one) for one in ROWS]
-        self.came = [expected.Receiver(one) for one in ROWS]  # spoiled ones, off the wire
-        self.judge_of = compared_plausible.Receiver(has.signals)
+        self.receivers = [expected.ExpectedReceiver(one) for one in ROWS]
+        self.came = [expected.ExpectedReceiver(one) for one in ROWS]  # spoiled ones, off the wire
+        self.judge_of = compared_plausible.LimitedReceiver(has.signals)
         self.source, self.every = [0] * len(ROWS), [one.every for one in ROWS]
         self.counted_frame = [bytes(16) for _ in ROWS]
         self.hints = [[0, 0] for _ in ROWS]  # since, how many
@@ -95,7 +102,7 @@ class Node(Senders):
         self.beat_at = self.early_at = self.sampled = 0
         self.met: set[int] = set()
         self.held = b""
-        self.v, self.before = [0.0] * 4, [0.0] * 4
+        self.v, self.before = [0.0] * len(SIGNALS), [0.0] * len(SIGNALS)
         self.peers = [int(node == has.peer) for node in (1, 2)]
         self.n = dict.fromkeys(COUNTED, 0)
         self.passes = self.k = self.behind = self.second = self.done = self.shown = 0
@@ -106,6 +113,7 @@ class Node(Senders):
         """Let cycles begin, then take a frame or what the controller told."""
         self.k, self.behind, self.row = given.k, given.behind, max(given.row, 0)
         self.done, self.second = given.done, given.second
+        self.v[0] += given.bias
         frame, self.other = bytes(given.frame), bytes(given.other)
         for _ in range(given.cycles):
             self.passes += 1

@@ -309,7 +309,7 @@ def _misjudged_count(good: Good, fates: NDArray[np.int64], frames: NDArray[np.in
         if known is None:
             wrong += fate not in (OTHER, OWN)
             continue
-        receiver = expected.Receiver(known)
+        receiver = expected.ExpectedReceiver(known)
         receiver.last, receiver.still = LAST, 1
         state = receiver.check(bytes(frame[8:]), frame[4])[0]
         wrong += fate != _FATE_OF_STATE.get(state, USED)

@@ -56,7 +56,7 @@ def broken_promises(path: Path, rig: Rig) -> tuple[int, list[str]]:
     return sum(len(node.cycle) for node in log.node.values()), found
 
 
-def commands(rig: Rig, role: Any, node: logs.Node) -> Iterator[str]:
+def commands(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
     """Yield where a command of a node left its bounds or its rate, or was not safe."""
     state = node.columns["supervisor.state"]
     for name, limit in plan(rig, role, "virtual").limits.items():

@@ -43,11 +43,14 @@ TARGETS: Mapping[str, Sequence[str]] = {
                               "quick_stop", "begin_ramp"),
     "executive.loop.strangers": ("_note", "blame", "refused", "is_foreign", "note_foreign",
                                  "note_repeat"),
-    "executive.loop.plausibility": ("take_plausible", "judged", "note_implausible"),
+    "executive.loop.plausibility": ("is_limited", "take_plausible", "take_again", "judged",
+                                    "note_implausible"),
     "executive.loop.losses": ("is_lost",),
+    "executive.loop.intrusion": ("suspect", "differs", "watch_beat", "note_sign", "is_out",
+                                 "keep_values", "take_back"),
+    "executive.loop.doubts": ("has_doubts", "is_doubted", "take_values", "note_sender", "undo",
+                              "note_used"),
     "executive.loop.on_wire": ("age_frames", "note_as_came", "_note", "count", "taken_on_purpose"),
-    "executive.loop.intrusion": ("suspect", "differs", "watch_beat", "note_sign", "take_back",
-                                 "unpack_with_care"),
     "executive.loop.meeting": ("sorted_out", "exchange_held", "held_row", "compare_greeting"),
     "executive.loop.bus_state": ("note_bus_error", "_count", "fault_while_off"),
     "executive.loop.reception": ("take_frame", "use_frame", "put_in_place", "disturbed", "accept",
@@ -63,7 +66,7 @@ DRIVERS = {
     "senders": compared_senders.SENDERS, "values": compared_plausible.RECEIVER,
     "reception": compared_reception.RECEPTION, "tunings": compared_tuning.TUNING,
 }  # fmt: skip
-RECEPTION = ("bus_state", "losses", "on_wire", "intrusion", "meeting", "reception")
+RECEPTION = ("bus_state", "doubts", "losses", "on_wire", "intrusion", "meeting", "reception")
 TABLES = {
     "NEXT": (*NEXT.shape, len(State)),
     **dict.fromkeys(("RUNS", "EXPECTS", "RAMPS", "SENDS"), (len(State), 1, 2)),
@@ -93,12 +96,12 @@ ARGUED = {  # words of mutants that nobody can notice, and why
     r"dlc > 8 -> .* >= 8": "in 8 bytes each signal lies in the same word either way",
     r"dlc > 8 -> .* > 9": "no frame has 9 bytes",
     r"compare_greeting: .*: 16 -> 17": "behind the data of a classic frame there is 0",
-    r"np.int64\(_TOP_BIT\) -> .* \| np.int64": "the number below 2^63 has no highest bit",
+    r"int64\(_TOP_BIT\) -> .* \| int64": "the number below 2^63 has no highest bit",
     r"NEXT.* in row [01235], column [056]": "only FAULT has these events",
     r"NEXT.* in row 4, column [1237]": "FAULT never has these events",
     r"NEXT.* in row 0, column 7": "INIT never has this event",
-    r"odd = np.int64\(0\): 0 -> 1": "only a short cut: then each value is looked at by itself",
-    r"np.int64\(-1\): 1 -> 2": "any number below 0 says that there is none",
+    r"odd = int64\(0\): 0 -> 1": "only a short cut: then each value is looked at by itself",
+    r"int64\(-1\): 1 -> 2": "any number below 0 says that there is none",
     r"place < 0 -> place <(= 0| 1)": FIRST_PLACE,
     r"(place|mode_index|estop_index) >= 0 -> .* (> 0|>= 1)$": FIRST_PLACE,
     r"limit_commands: .*SENDS.* in row [45]": "on a ramp the way to the safe value goes first",
@@ -125,6 +128,7 @@ ELSEWHERE = {  # modules of the loop without mutants, and why
     "drive": "a word for others; no command depends on it",
     "plant_drive": "carries between the loop and drivers.canopen, drivers.robots, whose tests name"
                    " each bit",
+    "running": "the order of start and end alone",
     "exchange": "the order of virtual time alone", "over_line": "the order of virtual time alone",
     "rings": "carries to the recorder", "timing": "measures",
     "sending": "what it sends is limited, packed and protected by functions that have mutants",
@@ -233,7 +237,8 @@ def is_noticed(mutant: Mutant) -> bool:
     groups = {
         "drivers.can.codec": ("codec",), "drivers.can.e2e": ("receiver", "sender"),
         "executive.loop.strangers": ("senders",), "judge_overrun": ("senders",),
-        "executive.loop.plausibility": ("values",), "executive.loop.tuning": ("tunings",),
+        "executive.loop.plausibility": ("values", "reception"),
+        "executive.loop.tuning": ("tunings",),
         **{f"executive.loop.{name}": ("reception",) for name in RECEPTION},
     }  # fmt: skip
     names = groups.get(mutant.function, groups.get(mutant.module, ("supervisor",)))

@@ -2,65 +2,18 @@
 
 import argparse
 import math
+from collections.abc import Sequence
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import WORD, Request
 
 PARTS = ("matrix", "residual", "frames", "envelope", "alarms", "mutants", "kills")  # in their order
 _MOST_H = 87_600.0  # ten years
 
 
-def evidence(add: Add) -> None:
-    """Take the parts of the evidence, how much of each, and where it goes."""
-    add("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all")
-    add(
-        "--runs",
-        type=take.positive,
-        default=3000,
-        metavar="N",
-        help="runs of each fault; default: 3000",
-    )
-    add(
-        "--hours",
-        type=hours,
-        default=100.0,
-        metavar="H",
-        help="hours without a fault; default: 100",
-    )
-    add(
-        "--frames",
-        type=take.positive,
-        default=1_000_000,
-        metavar="N",
-        help="damaged frames; default: 10^6",
-    )
-    add(
-        "--laws",
-        type=take.positive,
-        default=100_000,
-        metavar="N",
-        help="random laws; default: 100,000",
-    )
-    add(
-        "--kills",
-        type=take.positive,
-        default=100,
-        metavar="N",
-        help="disturbed processes; default: 100",
-    )
-    add("--seed", type=take.seed, default=1, metavar="N", help="first seed; default: 1")
-    add("-j", "--jobs", type=take.positive, metavar="N", help="processes; default: one a processor")
-    add(
-        "-o",
-        "--output",
-        default="evidence",
-        metavar="FOLDER",
-        help="folder for faults.md and faults.json",
-    )
-    take.quiet(add, "-q")
-
-
-def hours(text: str) -> float:
+def _hours(text: str) -> float:
     """Return a number of hours above 0."""
     try:
         found = float(text)
@@ -72,33 +25,45 @@ def hours(text: str) -> float:
     return found
 
 
-def soak(add: Add) -> None:
-    """Take a rig and for how long."""
-    add("rig", metavar="RIG", help="a rig's name (pcpc rigs) or file")
-    add("--hours", type=hours, default=1.0, metavar="H", help="default: %(default)s")
-    add(
+class EvidenceRequest(Request):
+    """The parts of the evidence, how much of each, and where it goes."""
+
+    parts: Annotated[Sequence[str], WORD, "PART", f"{', '.join(PARTS)}; all"] = ()
+    runs: Annotated[int, take.positive, "N", "runs of each fault; default: 3000"] = 3000
+    hours: Annotated[float, _hours, "H", "hours without a fault; default: 100"] = 100.0
+    frames: Annotated[int, take.positive, "N", "damaged frames; default: 10^6"] = 1_000_000
+    laws: Annotated[int, take.positive, "N", "random laws; default: 100,000"] = 100_000
+    kills: Annotated[int, take.positive, "N", "disturbed processes; default: 100"] = 100
+    seed: Annotated[int, take.seed, "N", "first seed; default: 1"] = 1
+    jobs: Annotated[int | None, take.positive, "-j", "N", "processes; default: one a processor"] = (
+        None
+    )
+    output: Annotated[str, "-o", "FOLDER", "folder for faults.md and faults.json"] = "evidence"
+    quiet: take.ShortQuiet = False
+
+
+class SoakRequest(Request):
+    """A rig, and for how long it runs."""
+
+    rig: Annotated[str, "RIG", "a rig's name (pcpc rigs) or file"]
+    hours: Annotated[float, _hours, "H", "default: %(default)s"] = 1.0
+    each_s: Annotated[
+        float,
+        take.duration,
         "--each",
-        type=take.duration,
-        default=600.0,
-        metavar="DURATION",
-        help="duration of a run on a clock; default: 10min",
-    )
-    add(
-        "--seed",
-        type=take.seed,
-        default=1,
-        metavar="N",
-        help="seed of tunings and faults; default: %(default)s",
-    )
-    take.json(add, "print JSON, a line a run")
-    take.quiet(add, "-q")
+        "DURATION",
+        "duration of a run on a clock; default: 10min",
+    ] = 600.0
+    seed: Annotated[int, take.seed, "N", "seed of tunings and faults; default: %(default)s"] = 1
+    json: Annotated[bool, "print JSON, a line a run"] = False
+    quiet: take.ShortQuiet = False
 
 
 COMMAND = Command(
     "pcpc.tools.dev.evidence",
     "inject every fault and count what detects it",
     "python -m pcpc.tools.dev.evidence\npython -m pcpc.tools.dev.evidence mutants kills --kills 32",
-    evidence,
+    EvidenceRequest,
     compiles=True,
     module="dev.evidence.native_process",
     codes=codes(
@@ -112,7 +77,7 @@ SOAK = Command(
     "pcpc.tools.dev.evidence.soak",
     "run with random tunings and faults for hours; check each log",
     "python -m pcpc.tools.dev.evidence.soak hull --hours 8",
-    soak,
+    SoakRequest,
     compiles=True,
     module="dev.evidence.soak",
     codes=codes(

@@ -10,6 +10,7 @@ from typing import Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.loop.faults import Fault
+from pcpc.plants.study import markdown
 from pcpc.tools.dev.evidence import kills
 from pcpc.tools.terminal.outfile import new_file
 
@@ -66,7 +67,7 @@ def _section(name: str, /, **fields: Any) -> str:
     """Return a text of the template, its paragraphs as broad as those of other pages."""
     parts = []
     for part in _texts()[name].strip().split("\n\n"):
-        text = part.format(**fields)
+        text = part.format(**fields).strip()
         parts.append(text if text.startswith(("#", "|", "```")) else _paragraph(text))
     return "\n" + "\n\n".join(parts) + "\n"
 
@@ -80,7 +81,7 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
     yield _section(
         "matrix", **matrix, runs=runs, last=matrix["seed"] + runs - 1,
         least=100.0 * max(row["lower_bound"] for row in rows),
-        table=_table(
+        table=markdown(
             ("fault", "cycles on", "noticed", "after", "first noticed by", "reaction",
              "error [mrad]"),
             [_matrix_row(row) for row in others if row not in quiet],
@@ -98,7 +99,7 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
         crc_8 = [row["fault"].rpartition(", ")[0] for row in same]
         yield _section("same", names=_joined_words(crc_8))
     if missed := [row for row in rows if row["limit_cycles"] is None and row not in same]:
-        table = _table(
+        table = markdown(
             ("fault", "cycles on", "error [mrad]"),
             [(row["fault"], str(row["cycles"]), f"{row['worst_mrad']:.3g}") for row in missed],
         )
@@ -138,7 +139,7 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for name in dict.fromkeys(row["format"] for row in rows):
         some = [row for row in rows if row["format"] == name]
         plain = [row for row in some if not row["used"] and len(row["fates"]) == 1]
-        table = _table(
+        table = markdown(
             ("sent", "predicted", "used", "the others"),
             [(row["kind"],
               "" if row["predicted"] is None else f"{row['predicted'] * row['frames']:,.0f}",
@@ -161,7 +162,7 @@ def _alarms(alarms: Mapping[str, Any]) -> Iterator[str]:
     count = sum(sum(row["alarms"].values()) for row in alarms["rigs"])
     bound = alarms["upper_bound_per_h"]
     upper = "" if bound is None else f", so fewer than {bound:.3g} an hour at 95 %"
-    table = _table(
+    table = markdown(
         ("rig", "controller", "drawn", "hours", "runs", "alarms"),
         [(row["rig"], row["controller"], row["drawn"], f"{row['hours']:.1f}", f"{row['runs']:,}",
           ", ".join(f"{n} {kind}" for kind, n in row["alarms"].items() if n) or "0")
@@ -200,13 +201,13 @@ def _matrix_row(row: Mapping[str, Any]) -> Sequence[str]:
 def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
     both = residual, residual["crc_16"]
     crc_8, crc_16 = (one["distance"] for one in both)
-    weights = _table(
+    weights = markdown(
         ("wrong bits", "patterns", "CRC-8: undetected", "predicted", "measured",
          "CRC-16: undetected", "predicted", "measured"),
         [(str(row["bits"]), f"{row['patterns']:,}", *_unseen(row), *_unseen(wide))
          for row, wide in zip(*(one["weights"] for one in both), strict=True) if row["bits"] <= 8],
     )  # fmt: skip
-    rates = _table(
+    rates = markdown(
         ("bit error rate", "CRC-8", "CRC-16"),
         [
             (f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
@@ -238,8 +239,3 @@ def _paragraph(text: str) -> str:
         )
         for one in (items[0], *(f"- {item}" for item in items[1:]))
     )
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    above, *below = (f"| {' | '.join(cells)} |" for cells in (head, *rows))
-    return "\n".join((above, f"|{'---|' * len(head)}", *below))

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import e2e
 from pcpc.drivers.can.dbc import Protection
 from pcpc.drivers.can.e2e_states import FrameState
-from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, numba
-from pcpc.drivers.compiled.rows import FRAME
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, njit
+from pcpc.drivers.compiled.rows import FrameRow
 
 BITS, CAN_ID = 64, 0x120
 WEIGHTS = (1, 2, 3, 4, 5, 6, 8, 16, 32)
@@ -29,7 +29,7 @@ RATES = (1e-2, 1e-3, 1e-4, 1e-6)
 
 
 @dataclass(frozen=True)
-class Code:
+class CheckCode:
     """A protection: its CRC's bits, where in 8 bytes CRC and counter are, the counter's mask.
 
     Frames of drawn data that it lets pass are rare; `times` as many are drawn.
@@ -43,7 +43,7 @@ class Code:
     @property
     def rows(self) -> NDArray[Any]:
         """The table of the one frame."""
-        rows = np.zeros(1, FRAME)
+        rows = np.zeros(1, FrameRow.dtype)
         row = rows[0]
         row.can_id = row.data_id = CAN_ID
         row.dlc, row.every_n = BITS // 8, 1
@@ -57,13 +57,13 @@ class Code:
         return e2e.MAX_DELTA / (self.counter[2] + 1) / 2**self.crc_bits
 
 
-CRC_8 = Code(8, (Protection.CRC_8, 7), (6, 4, 15))
-CRC_16 = Code(16, (Protection.CRC_16, 0), (2, 0, 255), times=50)
+CRC_8 = CheckCode(8, (Protection.CRC_8, 7), (6, 4, 15))
+CRC_16 = CheckCode(16, (Protection.CRC_16, 0), (2, 0, 255), times=50)
 CODES = CRC_8, CRC_16
 Task = tuple[int, int, int, int]  # code, wrong bits, frames, seed
 
 
-def syndromes(code: Code = CRC_8) -> list[int]:
+def syndromes(code: CheckCode = CRC_8) -> list[int]:
     """Return what each single wrong bit of data and CRC changes between the two CRCs."""
     zero, rows = np.zeros(8, np.uint8), code.rows
     right, found = int(e2e.right_crc(zero, 0, rows)), []
@@ -74,7 +74,7 @@ def syndromes(code: Code = CRC_8) -> list[int]:
     return found
 
 
-def weights(code: Code = CRC_8) -> list[int]:
+def weights(code: CheckCode = CRC_8) -> list[int]:
     """Return A_0 to A_64 of (1)."""
     masks = np.arange(1 << code.crc_bits)  # a word of the dual code: one parity of each syndrome
     words = sum(np.bitwise_count(masks & one) & 1 for one in syndromes(code))
@@ -113,7 +113,7 @@ def _count(frames: Any, state: Any, wrong: int, runs: int, seed: int, into: Any)
         into[result] += 1
 
 
-def state_counts(wrong: int, runs: int, seed: int, code: Code = CRC_8) -> NDArray[np.int64]:
+def state_counts(wrong: int, runs: int, seed: int, code: CheckCode = CRC_8) -> NDArray[np.int64]:
     """Return how often the receiver came to each of its states."""
     into = np.zeros(6, np.int64)
     _compiled_count()(code.rows, e2e.new_state(1), wrong, runs, seed, into)
@@ -125,7 +125,7 @@ _kept: dict[str, Any] = {}
 
 def _compiled_count() -> Any:
     if "count" not in _kept:
-        _kept["count"] = _count if LOOP_INTERPRETED else numba.njit(_count)
+        _kept["count"] = _count if LOOP_INTERPRETED else njit(_count)
     return _kept["count"]
 
 
@@ -159,7 +159,7 @@ def task(one: Task) -> NDArray[np.int64]:
     return state_counts(wrong, runs, seed, CODES[number])
 
 
-def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> dict[str, Any]:
+def _unseen(code: CheckCode, runs: int, found: Mapping[int, NDArray[np.int64]]) -> dict[str, Any]:
     """Return predicted and measured shares of errors that a CRC does not see.
 
     `found`: states by the number of wrong bits, 0 for frames of drawn data.

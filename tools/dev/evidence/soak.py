@@ -3,7 +3,7 @@
     python -m pcpc.tools.dev.evidence.soak RIG [--hours H]
 
 Every second run is in virtual time, with faults of the rig's own `faults:` at drawn moments. The
-others are on a clock and last `each`: every few seconds a parameter of each node is tuned, a fault
+others are on a clock for `each_s`: every few seconds a parameter of each node is tuned, a fault
 begun, a node in FAULT reset; one of three is stopped or interrupted at a drawn moment, and the next
 one starts. One that nobody asked to end comes to its last cycle, also in FAULT. What else has to
 hold in each log: `evidence.invariants`.
@@ -12,7 +12,6 @@ On a clock the memory of host, nodes and recorder (RSS) is looked at every secon
 has to end with what it held when it had settled, within 2 %.
 """
 
-import argparse
 import json
 import random
 import shutil
@@ -38,7 +37,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.dev import command as command_of_repository
 from pcpc.tools.dev.evidence.invariants import broken_promises
-from pcpc.tools.dev.evidence.options import SOAK
+from pcpc.tools.dev.evidence.options import SOAK, SoakRequest
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG, run_folder
@@ -55,23 +54,24 @@ _FEW = 30  # samples after that: fewer tell nothing
 _STALL_S = 1.0  # of the machine, in which the last cycles are skipped
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: SoakRequest) -> int:
     """Run for the time asked for; print what was wrong; NOT_MET if anything was."""
-    rig, progress = rigs.find(options.rig), Progress(options.quiet)
+    rig, progress = rigs.find(request.rig), Progress(request.quiet)
     rows: list[dict[str, Any]] = []
-    begin_s, spent_s, wanted_s = time.monotonic(), 0.0, 3600.0 * options.hours
+    begin_s, spent_s, wanted_s = time.monotonic(), 0.0, 3600.0 * request.hours
     while not rows or spent_s < wanted_s:
-        rows.append(judged_run(rig, options.seed, len(rows), min(options.each, wanted_s - spent_s)))
+        each_s = min(request.each_s, wanted_s - spent_s)
+        rows.append(judged_run(rig, request.seed, len(rows), each_s))
         spent_s = time.monotonic() - begin_s
-        if options.json:
+        if request.json:
             print(json.dumps(rows[-1]), flush=True)
         for line in rows[-1]["wrong"]:
             progress.say(f"run {len(rows) - 1}: {line}")
         wrong = sum(bool(row["wrong"]) for row in rows)
-        spent = f"{spent_s / 3600.0:.2f} h of {options.hours:g}"
+        spent = f"{spent_s / 3600.0:.2f} h of {request.hours:g}"
         progress.show(f"run {len(rows)}, {spent}, {wrong} with errors")
     progress.close()
-    if not options.json:
+    if not request.json:
         print("\n".join(summary_lines(rows)))
     return Exit.NOT_MET if any(row["wrong"] for row in rows) else Exit.OK
 

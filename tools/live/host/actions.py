@@ -14,7 +14,7 @@ from pcpc.executive.nodes.live import Live
 from pcpc.tools.live import tunings
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.recordings import Recordings
-from pcpc.tools.live.host.sources import Source, full
+from pcpc.tools.live.host.sources import RunSource, full
 from pcpc.tools.live.operation import nodes_in_fault
 
 _NOTHING = "no run is shown; choose one if there are several, or start one with `pcpc run RIG`"
@@ -31,7 +31,7 @@ class Actions:
     """Those of one server; `source` gives the run that is shown."""
 
     def __init__(
-        self, source: Callable[[], Source], write: bool, recordings: Recordings | None = None
+        self, source: Callable[[], RunSource], write: bool, recordings: Recordings | None = None
     ) -> None:
         self._source, self.write = source, write
         self.recordings = recordings or Recordings()
@@ -72,14 +72,14 @@ class Actions:
                     return {"cycle": min(cycles.values())}
             return {"cycle": self._act(source, wanted.what)}
 
-    def _clear(self, source: Source) -> dict[str, Any]:
+    def _clear(self, source: RunSource) -> dict[str, Any]:
         """Forget the cycles that were, for all clients of this server; the log has them."""
         last = source.span()[1]
         for node in source.nodes.values() if source.live else ():
             node.clear()
         return {"cycle": last + 1}
 
-    def _set(self, source: Source, values: Mapping[str, float]) -> dict[str, Any]:
+    def _set(self, source: RunSource, values: Mapping[str, float]) -> dict[str, Any]:
         places = {name: source.place(name) for name in values}
         roles = {role for role, _ in places.values()}
         if len(roles) != 1:
@@ -89,7 +89,7 @@ class Actions:
         self._tuned = role
         return {"cycle": cycle, "values": dict(values)}
 
-    def _undo(self, source: Source) -> dict[str, Any]:
+    def _undo(self, source: RunSource) -> dict[str, Any]:
         nodes = {role: node.live for role, node in source.nodes.items()}
         tuned = [role for role, live in nodes.items() if len(tunings.states(live)) > 1]
         role = self._tuned if self._tuned in tuned or not tuned else tuned[0]
@@ -98,7 +98,7 @@ class Actions:
         values = {full(role, name): value for name, value in changes.items()}
         return {"cycle": live.tune(changes), "values": values}
 
-    def _act(self, source: Source, what: str) -> int:
+    def _act(self, source: RunSource, what: str) -> int:
         """Carry out one of the actions that have nothing but a name."""
         if what in _WORDS:
             first: Live = next(iter(source.nodes.values())).live
@@ -114,13 +114,13 @@ class Actions:
         known = ", ".join((*_WORDS, *_OPERATIONS, "reset", *_LEVELS))
         raise UserError(f"{what}: no such action; known: {known}")
 
-    def _executive(self, source: Source) -> Live:
+    def _executive(self, source: RunSource) -> Live:
         if "executive" not in source.nodes:
             raise UserError("the executive does not run here")
         live: Live = source.nodes["executive"].live
         return live
 
-    def _reset(self, source: Source) -> int:
+    def _reset(self, source: RunSource) -> int:
         faulted = nodes_in_fault(node.live for node in source.nodes.values())
         if not faulted:
             raise UserError("no node is in FAULT")

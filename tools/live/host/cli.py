@@ -1,6 +1,5 @@
 """`pcpc host [RIG|RUN|LOG]`: a page in the browser that shows a run or a log."""
 
-import argparse
 import asyncio
 import errno
 import os
@@ -18,8 +17,10 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import live
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.recorded import LATEST, known_logs, log_of
+from pcpc.tools.after.trust import ASKED, Trust
 from pcpc.tools.live.host import guard
-from pcpc.tools.live.host.sources import FollowedRun, Source, of_log
+from pcpc.tools.live.host.commands import HostRequest, PageRequest
+from pcpc.tools.live.host.sources import FollowedRun, RunSource, of_log
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
@@ -41,23 +42,23 @@ class Door:
     certificate: tuple[str, str] | None
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: HostRequest) -> int:
     """Serve the page until Ctrl-C; or what else is asked for."""
-    if getattr(options, "foxglove_layout", False):
-        return int(part_of("live/host/foxglove", "cli").layout(options))
-    if getattr(options, "foxglove", None) is not None:
+    if request.beside.value("foxglove_layout"):
+        return int(part_of("live/host/foxglove", "cli").layout(request))
+    if request.beside.value("foxglove") is not None:
         foxglove = part_of("live/host/foxglove", "cli")
-        certificate = certificate_of(options)
-        return int(foxglove.command(options, _source(options.what, options.node), certificate))
+        certificate = certificate_of(request)
+        return int(foxglove.command(request, _source(request.what, request.node), certificate))
     check_packages()
-    door = open_door(options)
-    shown = _source(options.what, options.node)
+    door = open_door(request)
+    shown = _source(request.what, request.node)
     with suppress(KeyboardInterrupt):  # while the server is loaded; then it hears it by itself
         for part in ("uvicorn", "pcpc.tools.live.host.server"):
             import_module(part)  # who reads the address is answered at once, also under load
         print(door.url, flush=True)
-        print(_summary(options, shown), file=sys.stderr, flush=True)
-        serve(door, shown, options)
+        print(_summary(request, shown), file=sys.stderr, flush=True)
+        serve(door, shown, request.page, Trust.of(request.code))
     return Exit.OK
 
 
@@ -66,36 +67,38 @@ def check_packages() -> None:
     need("the page needs", *PACKAGES)
 
 
-def open_door(options: argparse.Namespace) -> Door:
+def open_door(request: HostRequest) -> Door:
     """Listen as `pcpc host` is told to; UserError."""
-    certificate = certificate_of(options)
-    for name in options.name:
+    certificate = certificate_of(request)
+    for name in request.name:
         if not _HOST.fullmatch(name):
             raise UserError(f"--name {name!r}: not a machine's name; expected rig.example.org")
-    folder = options.recordings
+    folder = request.page.recordings
     if folder and folder.exists() and not folder.is_dir():
         raise UserError(f"--recordings {folder}: is not a folder")
-    line = _listener(options.address, options.port)
+    line = _listener(request.address, request.page.port)
     port = line.getsockname()[1]
-    token = guard.token_of(os.environ, options.new_token)
-    local = guard.is_loopback(options.address)
+    token = guard.token_of(os.environ, request.new_token)
+    local = guard.is_loopback(request.address)
     names = guard.names_of(
-        {options.address, *(guard.LOOPBACK if local else ()), *options.name}, port
+        {request.address, *(guard.LOOPBACK if local else ()), *request.name}, port
     )
     scheme = "https" if certificate else "http"
-    name = options.name[0] if options.name else options.address
+    name = request.name[0] if request.name else request.address
     url = f"{scheme}://{guard.place(name, port)}/#{token}"
     return Door(line, url, names, token, certificate)
 
 
-def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) -> None:
+def serve(
+    door: Door, shown: RunSource | FollowedRun, page: PageRequest, trust: Trust = ASKED
+) -> None:
     """Serve the page until this process is asked to end, or an error ends it, which is raised."""
     import uvicorn
 
-    from pcpc.tools.live.host.server import Server, config  # numba
+    from pcpc.tools.live.host.server import PageServer, config  # numba
 
     os.nice(5)  # the loop and its bus go first
-    server = Server(shown, door.token, options)
+    server = PageServer(shown, door.token, page, trust)
     app = server.app(door.names, door.certificate is not None)
     web = uvicorn.Server(config(app, door.certificate))
     web.install_signal_handlers = lambda: None  # type: ignore
@@ -114,15 +117,17 @@ def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) 
         raise server.failure
 
 
-def _summary(options: argparse.Namespace, shown: Source | FollowedRun) -> str:
-    if isinstance(shown, Source):
+def _summary(request: HostRequest, shown: RunSource | FollowedRun) -> str:
+    if isinstance(shown, RunSource):
         return f"{shown.rig}, a finished log; Ctrl-C ends it"
-    can = "can tune and stop the run" if options.write else "is read-only (--write lets it tune)"
+    can = (
+        "can tune and stop the run" if request.page.write else "is read-only (--write lets it tune)"
+    )
     what = f"the page {can}"
-    return f"showing {options.node or options.what or 'any rig that runs'}; {what}; Ctrl-C ends it"
+    return f"showing {request.node or request.what or 'any rig that runs'}; {what}; Ctrl-C ends it"
 
 
-def _source(what: str | None, node: str) -> Source | FollowedRun:
+def _source(what: str | None, node: str) -> RunSource | FollowedRun:
     """Return what is to be shown: a log or run folder, a rig by name, or whatever runs."""
     if what is None:
         return FollowedRun(node=node)
@@ -136,23 +141,23 @@ def _source(what: str | None, node: str) -> Source | FollowedRun:
     )
 
 
-def certificate_of(options: argparse.Namespace) -> tuple[str, str] | None:
+def certificate_of(request: HostRequest) -> tuple[str, str] | None:
     """Return certificate and key, None without; UserError, also for an address that needs them."""
-    if bool(options.tls_cert) != bool(options.tls_key):
+    if bool(request.tls_cert) != bool(request.tls_key):
         raise UserError("--tls-cert and --tls-key belong together")
-    if not options.tls_cert:
-        if not guard.is_loopback(options.address) and not options.plain:
+    if not (request.tls_cert and request.tls_key):
+        if not guard.is_loopback(request.address) and not request.plain:
             raise UserError(
-                f"--address {options.address}: anyone on that network can read the token and all "
+                f"--address {request.address}: anyone on that network can read the token and all "
                 "data; give --tls-cert and --tls-key, or --plain if that network is yours alone"
             )
         return None
     try:
-        ssl.create_default_context().load_cert_chain(options.tls_cert, options.tls_key)
+        ssl.create_default_context().load_cert_chain(request.tls_cert, request.tls_key)
     except OSError:
         what = "are not a certificate and its key, both as PEM"
-        raise UserError(f"{options.tls_cert}, {options.tls_key}: {what}") from None
-    return options.tls_cert, options.tls_key
+        raise UserError(f"{request.tls_cert}, {request.tls_key}: {what}") from None
+    return request.tls_cert, request.tls_key
 
 
 def _listener(address: str, port: int | None) -> socket.socket:

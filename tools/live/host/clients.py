@@ -23,7 +23,7 @@ from pcpc.tools.live.host.curve_expression import MARK, CurveExpression
 from pcpc.tools.live.host.display import Display
 from pcpc.tools.live.host.panels import PanelState
 from pcpc.tools.live.host.plant_drawing import layout
-from pcpc.tools.live.host.sources import Source, complete
+from pcpc.tools.live.host.sources import RunSource, complete
 
 TICK_S = 1 / 60
 SCENE_TICKS, STATUS_TICKS = 2, 12  # common to all clients: what they are sent is made once
@@ -225,7 +225,7 @@ class Client:
             self._runs_sent = offered, self.display.run
             await self._tell({"runs": offered, "shown": self.display.run})
 
-    async def _draw(self, source: Source) -> None:
+    async def _draw(self, source: RunSource) -> None:
         """Send the plant as it is now, or at the instant of a log that is looked at."""
         first, last = source.span()
         last = complete(source) if source.live else last  # of all nodes

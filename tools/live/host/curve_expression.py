@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.errors import UserError
+from pcpc.executive.laws.units import Unit, unit
 from pcpc.executive.rig import expressions
-from pcpc.executive.rig.units import Unit, unit
 from pcpc.tools.live.history import Cycles, Values
-from pcpc.tools.live.host.sources import Source
+from pcpc.tools.live.host.sources import RunSource
 
 MARK = "="
 
@@ -19,7 +19,7 @@ MARK = "="
 class CurveExpression:
     """One of these; UserError for what is none, or names what the run does not record."""
 
-    def __init__(self, text: str, source: Source) -> None:
+    def __init__(self, text: str, source: RunSource) -> None:
         def unit_of(name: str) -> Unit | None:
             role, variable = source.curve(name)
             return unit(source.nodes[role].variables[variable].unit)
@@ -35,7 +35,7 @@ class CurveExpression:
         if not self._places:
             raise UserError(f"{text}: it needs a variable")
 
-    def part(self, source: Source, first: int, last: int) -> tuple[Cycles, Values]:
+    def part(self, source: RunSource, first: int, last: int) -> tuple[Cycles, Values]:
         """Return the cycles `first` to `last` that have it, and its values (n, 1)."""
         found = {  # a rate is of two rows
             name: source.nodes[role].part([variable], first - 1, last)

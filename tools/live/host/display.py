@@ -1,16 +1,17 @@
 """A run or a log as all clients see it that look at it."""
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.after.trust import ASKED, Trust
 from pcpc.tools.live.host.actions import Actions
+from pcpc.tools.live.host.commands import PageRequest
 from pcpc.tools.live.host.plant_drawing import PlantDrawing, drawing_of
 from pcpc.tools.live.host.recordings import recordings_of
 from pcpc.tools.live.host.runs import run_of
-from pcpc.tools.live.host.sources import FollowedRun, Source
+from pcpc.tools.live.host.sources import FollowedRun, RunSource
 from pcpc.tools.live.host.status import Status
 
 MOST_EVENTS = 200
@@ -23,10 +24,14 @@ class Display:
     """
 
     def __init__(
-        self, shown: Source | FollowedRun, options: argparse.Namespace, files: list[Path]
+        self,
+        shown: RunSource | FollowedRun,
+        page: PageRequest,
+        files: list[Path],
+        trust: Trust = ASKED,
     ) -> None:
-        self._shown, self._options = shown, options
-        self.actions = Actions(lambda: self.source, options.write, recordings_of(options, files))
+        self._shown, self._trust = shown, trust
+        self.actions = Actions(lambda: self.source, page.write, recordings_of(page, files))
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count = 0
         self._status = Status()
@@ -34,7 +39,7 @@ class Display:
         self._drawn = (-1, -1)  # which version
 
     @property
-    def source(self) -> Source:
+    def source(self) -> RunSource:
         """The run that is shown now."""
         return self._shown.source if isinstance(self._shown, FollowedRun) else self._shown
 
@@ -65,7 +70,7 @@ class Display:
         try:
             if self._drawn != source.version:
                 self._drawn, self._drawing = source.version, None  # should it fail, it does so once
-                self._drawing = drawing_of(source, self._options)
+                self._drawing = drawing_of(source, self._trust)
             return self._drawing.scene(source, cycle) if self._drawing else {}
         except UserError as error:
             self._drawing = None

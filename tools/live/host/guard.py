@@ -53,7 +53,7 @@ def is_loopback(address: str) -> bool:
     return address in LOOPBACK
 
 
-class Guard:
+class DoorGuard:
     """An ASGI application in front of another that lets only requests for `names` through."""
 
     def __init__(self, app: Any, names: frozenset[str], secure: bool) -> None:

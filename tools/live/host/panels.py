@@ -15,7 +15,7 @@ import numpy as np
 from pcpc.tools.live.history import Values, envelope
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.curve_expression import CurveExpression
-from pcpc.tools.live.host.sources import Source, complete
+from pcpc.tools.live.host.sources import RunSource, complete
 
 BINS, WHOLE, PHASE = range(3)
 
@@ -29,13 +29,13 @@ class PanelState:
     sent: int | None = None  # the first bin that may have been sent in part
     newest: int = -1
 
-    def message(self, source: Source) -> bytes:
+    def message(self, source: RunSource) -> bytes:
         """Return what is new, b"" for nothing."""
         if isinstance(self.wanted, messages.Phase):
             return self._phase(self.wanted, source)
         return self._bins(self.wanted, source)
 
-    def _bins(self, wanted: messages.Panel, source: Source) -> bytes:
+    def _bins(self, wanted: messages.Panel, source: RunSource) -> bytes:
         """Return the bins since the first that may have been incomplete when it was sent."""
         begin, newest, done = _edges(source)
         period_s = source.period_s
@@ -66,7 +66,7 @@ class PanelState:
         return _head(head) + bytes(source.parts[part])
 
     def _envelopes(
-        self, source: Source, first: int, bins: int, width: int
+        self, source: RunSource, first: int, bins: int, width: int
     ) -> tuple[Values, Values]:
         low = np.full((len(self.places), bins), np.nan)
         high = low.copy()
@@ -85,7 +85,7 @@ class PanelState:
             low[mine], high[mine] = envelope(cycle, values, first, bins, width)
         return low, high
 
-    def _phase(self, wanted: messages.Phase, source: Source) -> bytes:
+    def _phase(self, wanted: messages.Phase, source: RunSource) -> bytes:
         """Return the newest points of one variable over the other, at the cycles of both."""
         _, newest = source.span()
         if wanted.to_s is not None:
@@ -107,7 +107,7 @@ class PanelState:
         return _head((*head, source.period_s, newest)) + _packed_floats(*xy)
 
 
-def _edges(source: Source) -> tuple[int, int, int]:
+def _edges(source: RunSource) -> tuple[int, int, int]:
     """Return the first cycle, the last of any node, and the last of all nodes that run."""
     if "edges" not in source.parts:
         source.parts["edges"] = (*source.span(), complete(source))

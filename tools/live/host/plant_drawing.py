@@ -1,8 +1,6 @@
 """The plant of a run as its drawing.py draws it, for the page: a scene at one cycle."""
 
-import argparse
 import json
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,8 +11,9 @@ import numpy as np
 from pcpc.drivers.errors import UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.plants import drawing
-from pcpc.tools.after.log.rig import drawing_of_log
-from pcpc.tools.live.host.sources import Source
+from pcpc.tools.after.opened import opened
+from pcpc.tools.after.trust import Trust
+from pcpc.tools.live.host.sources import RunSource
 
 LAYOUT = "layout.json"
 
@@ -23,7 +22,7 @@ class PlantDrawing:
     """A drawing with the settings of the run, and the newest scene of it."""
 
     def __init__(
-        self, found: drawing.Drawing, settings: Mapping[str, float], source: Source
+        self, found: drawing.Drawing, settings: Mapping[str, float], source: RunSource
     ) -> None:
         self._drawing, self._settings = found, settings
         self._places: dict[str, tuple[str, str]] = {}
@@ -32,7 +31,7 @@ class PlantDrawing:
                 self._places[name] = source.curve(wanted)
         self._scene: tuple[int, dict[str, Any]] = (-1, {})
 
-    def scene(self, source: Source, cycle: int) -> dict[str, Any]:
+    def scene(self, source: RunSource, cycle: int) -> dict[str, Any]:
         """Return the scene of a cycle as plain lists; DrawingError."""
         if self._scene[0] != cycle:
             now = {name: _value(source, place, cycle) for name, place in self._places.items()}
@@ -41,22 +40,22 @@ class PlantDrawing:
         return self._scene[1]
 
 
-def _value(source: Source, place: tuple[str, str], cycle: int) -> float:
+def _value(source: RunSource, place: tuple[str, str], cycle: int) -> float:
     """Return a variable at a cycle, or the newest before it within a second; NaN for none."""
     node = source.nodes[place[0]]
     _, values = node.part([place[1]], cycle - round(1.0 / source.period_s), cycle)
     return float(values[-1, 0]) if len(values) else float(np.nan)
 
 
-def drawing_of(source: Source, options: argparse.Namespace) -> PlantDrawing | None:
+def drawing_of(source: RunSource, trust: Trust) -> PlantDrawing | None:
     """Return the drawing of what is shown, None if it has none; DrawingError, LogError.
 
     It is Python: that of a run of this user is his own; that of a log is the installed one, or with
-    `options.trust` what the log carries.
+    `trust.trust` what the log carries.
     """
     if source.log is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            file, _ = drawing_of_log(source.log, Path(folder), options)
+        with opened(source.log, trust) as run:
+            file, _ = run.drawing()
             made = file and drawing.load(file)
         return PlantDrawing(made, drawing.settings_of_log(source.log), source) if made else None
     for node in source.nodes.values():
@@ -73,7 +72,7 @@ def _paths(about: Mapping[str, Any], kind: str) -> list[Path]:
     return [path for path in paths if path.is_file()]
 
 
-def layout(source: Source) -> Any:
+def layout(source: RunSource) -> Any:
     """Return the panels with which a plant is shown first, or None.
 
     They are those of the layout.json beside its evaluation or its drawing.

@@ -6,7 +6,6 @@ host together have at most so many bytes; a recording that reaches them, or whos
 room, is ended, with the reason, and what is in it opens. It is handed to the kernel every FLUSH_S.
 """
 
-import argparse
 import re
 import threading
 import time
@@ -19,22 +18,23 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import code_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.tap import Tap
-from pcpc.tools.after.log.part import Part
-from pcpc.tools.live.host.sources import Source, Stretch
+from pcpc.tools.after.log.part import LogPart
+from pcpc.tools.live.host.commands import PageRequest
+from pcpc.tools.live.host.sources import RunSource, Stretch
 
 FOLDER, MOST_MB = Path("runs/host"), 4000
 POLL_S, FLUSH_S = 0.05, 0.5
 _MB = 1e6
 
 
-class Recording:
+class RunRecording:
     """A file that grows with a run, until somebody ends it, or no bytes are `left`."""
 
-    def __init__(self, source: Source, path: Path, left: Callable[[], float]) -> None:
+    def __init__(self, source: RunSource, path: Path, left: Callable[[], float]) -> None:
         self.path, self.why, self.cycles = path, "", 0
         self._source, self._left, self.size = source, left, 0
         self._taps: dict[str, Tap] = {}
-        self._part = Part(path)
+        self._part = LogPart(path)
         try:
             self._look()  # from here on, whenever the thread begins
         except OSError:
@@ -102,11 +102,11 @@ class Recordings:
     ) -> None:
         self._folder, self._most = folder, most_mb * _MB
         self._files = [] if files is None else files
-        self._recording: Recording | None = None
+        self._recording: RunRecording | None = None
         self._turn = threading.Lock()  # of those who begin a file
         self._snapping = threading.Lock()
 
-    def start(self, source: Source) -> dict[str, Any]:
+    def start(self, source: RunSource) -> dict[str, Any]:
         """Begin a recording of a running source; UserError."""
         with self._turn:
             if one := self.running:
@@ -115,7 +115,7 @@ class Recordings:
             path = self._new(source.rig, "")
             cycles = [int(node.live.block.control.cycle) for node in source.nodes.values()]
             try:
-                self._recording = Recording(source, path, self._left)
+                self._recording = RunRecording(source, path, self._left)
             except OSError as error:
                 raise self._failed(path, error) from None
             return {"file": str(path), "cycle": min(cycles) + 1}
@@ -131,11 +131,11 @@ class Recordings:
             return {"file": str(one.path), "cycles": one.cycles}
 
     @property
-    def running(self) -> Recording | None:
+    def running(self) -> RunRecording | None:
         """The recording that goes on."""
         return self._recording if self._recording and self._recording.going else None
 
-    def snapshot(self, source: Source, last_s: float) -> dict[str, Any]:
+    def snapshot(self, source: RunSource, last_s: float) -> dict[str, Any]:
         """Write the newest `last_s` seconds that the host has of a running source; UserError."""
         if not self._snapping.acquire(blocking=False):
             raise UserError("a snapshot is being written; ask again")
@@ -209,14 +209,14 @@ class Recordings:
         return UserError(what, code_of(error))
 
 
-def recordings_of(options: argparse.Namespace, files: list[Path]) -> Recordings:
-    """Return the recordings of a run, by a host with these options that has written `files`."""
-    return Recordings(options.recordings or FOLDER, options.recordings_mb or MOST_MB, files)
+def recordings_of(page: PageRequest, files: list[Path]) -> Recordings:
+    """Return the recordings of a run, of a page that has written `files`."""
+    return Recordings(page.recordings or FOLDER, page.recordings_mb or MOST_MB, files)
 
 
 def _write(path: Path, found: Sequence[Stretch]) -> None:
     """Write stretches of nodes as a log; OSError."""
-    part = Part(path)
+    part = LogPart(path)
     try:
         for one in found:
             node = part.node(one.about)

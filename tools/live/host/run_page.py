@@ -4,26 +4,23 @@ It listens before the run begins, so that what is wrong is told then; it ends wi
 it end before, that is one line, and the run goes on.
 """
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import UserError
 from pcpc.executive.rig.roles import Role
+from pcpc.tools.live.host.commands import BesideRun, HostRequest
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.page import SAID, NoPage
+from pcpc.tools.terminal.request import Offers
 
 if TYPE_CHECKING:
     from pcpc.tools.live.host.cli import Door
 
 _GIVEN = "write", "port", "recordings", "recordings_mb"  # what `pcpc run` takes for it
-_AS_HOST: dict[str, Any] = {
-    "address": "127.0.0.1", "name": [], "tls_cert": None, "tls_key": None, "plain": False,
-    "new_token": False, "node": "", "what": None,
-}  # fmt: skip
 
 
 class Page(NoPage):
@@ -31,17 +28,17 @@ class Page(NoPage):
 
     ENDED = "the page has ended: {why}; the run goes on, `pcpc host` shows it again"
 
-    def __init__(self, options: argparse.Namespace, nodes: Mapping[Role, str], *_: object) -> None:
-        given = {key: getattr(options, key, None) for key in _GIVEN}
-        self._wanted, self._node = bool(getattr(options, "host", False)), next(iter(nodes.values()))
+    def __init__(self, beside: Offers, nodes: Mapping[Role, str], *_: object) -> None:
+        asked = beside.of(BesideRun)
+        self._wanted, self._node = asked.host, next(iter(nodes.values()))
         self._door: Door | None = None
-        self._options = argparse.Namespace(**_AS_HOST, **given)
+        self._page = asked.page
         if self._wanted:
             from pcpc.tools.live.host import cli  # time
 
             cli.check_packages()
-            self._door = cli.open_door(self._options)
-        elif alone := [key for key, value in given.items() if value not in (None, False)]:
+            self._door = cli.open_door(HostRequest(page=self._page))
+        elif alone := [key for key in _GIVEN if vars(asked.page)[key] not in (None, False)]:
             words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
             raise UserError(f"{words}: options of the page; give --host, too")
 
@@ -59,7 +56,7 @@ class Page(NoPage):
 
         compile_cache.watch.listener = None
         assert self._door is not None
-        cli.serve(self._door, FollowedRun(node=self._node), self._options)
+        cli.serve(self._door, FollowedRun(node=self._node), self._page)
         return 0
 
     def farewell(self, folder: Path) -> None:

@@ -12,7 +12,7 @@ from pcpc.executive.nodes import live as nodes
 AGAIN_S = 0.3  # what was found holds as long
 
 
-class Runs:
+class LiveRuns:
     """Those of one rig, of one run (a node's full name but for its role), or of all.
 
     This program keeps off the processors of their loops.

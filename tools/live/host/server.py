@@ -1,11 +1,11 @@
 """The web server of the host: one page, its few files, and a WebSocket."""
 
-import argparse
 import asyncio
 import contextlib
 import logging
 import time
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,33 +15,40 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from pcpc.tools.after.trust import ASKED, Trust
 from pcpc.tools.live.host import guard, runs
 from pcpc.tools.live.host.batched_socket import BatchedSocket
 from pcpc.tools.live.host.client_messages import MOST_BYTES
 from pcpc.tools.live.host.clients import SILENT_S, TICK_S, Client
+from pcpc.tools.live.host.commands import PageRequest
 from pcpc.tools.live.host.display import Display
 from pcpc.tools.live.host.requests import WAIT_S, TimedHttp
-from pcpc.tools.live.host.sources import FollowedRun, Source
+from pcpc.tools.live.host.sources import FollowedRun, RunSource
 
 LOOK_S = 0.5  # how soon another run is seen
 IDLE_S = 10.0  # for a page that comes back
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}  # of the page's files
 
 
-class Server:
+class PageServer:
     """A page about a log, or about runs: what was chosen of several, else the one that goes on."""
 
     most_clients = 32
 
     def __init__(
-        self, source: Source | FollowedRun, token: str, options: argparse.Namespace
+        self,
+        source: RunSource | FollowedRun,
+        token: str,
+        page: PageRequest,
+        trust: Trust = ASKED,
     ) -> None:
         self._watch = source if isinstance(source, FollowedRun) else None
         if self._watch is not None:
             self._watch.asks = True
-        self.token, self.write, self._options = token, options.write, options
+        self.token, self.write = token, page.write
         self._files: list[Path] = []  # that were recorded
-        self._displays = {"": Display(source, options, self._files)}
+        self._display_of = partial(Display, page=page, files=self._files, trust=trust)
+        self._displays = {"": self._display_of(source)}
         self._idle_s: dict[str, float] = {}  # since when nobody looks at one
         self.clients: set[Client] = set()
         self.strangers: list[asyncio.Timeout] = []
@@ -59,7 +66,7 @@ class Server:
             if len(self._displays) > self.most_clients:
                 self._let_go(time.monotonic(), 0.0)
             watch = FollowedRun(node=f"{run}.", runs=self._watch.runs)
-            self._displays[run] = Display(watch, self._options, self._files)
+            self._displays[run] = self._display_of(watch)
             self._displays[run].find()
         return self._displays[run]
 
@@ -69,7 +76,7 @@ class Server:
         for file in Path(__file__).with_name("page").iterdir():
             if file.suffix in _KINDS:
                 routes.append(Route(f"/{file.name}".removesuffix("index.html"), _answer(file)))
-        return guard.Guard(Starlette(routes=routes, lifespan=self._life), names, secure)
+        return guard.DoorGuard(Starlette(routes=routes, lifespan=self._life), names, secure)
 
     async def _serve_client(self, socket: WebSocket) -> None:
         await Client(socket, self).serve()

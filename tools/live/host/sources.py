@@ -23,7 +23,7 @@ from pcpc.executive.loop.ring_layout import EVENT_WORDS, frame_words
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.tools.live.history import Cycles, History, Newest, Values
-from pcpc.tools.live.host.runs import Runs, run_of
+from pcpc.tools.live.host.runs import LiveRuns, run_of
 from pcpc.tools.live.host.traffic import Traffic
 
 KEPT_S, KEPT_BYTES = 120.0, 64 << 20  # of each node, whichever is less
@@ -97,7 +97,9 @@ class LiveNode:
 class LoggedNode:
     """A node as a log has it, which looks like a running one."""
 
-    def __init__(self, role: str, node: logs.Node, units: Mapping[str, nodes.Variable]) -> None:
+    def __init__(
+        self, role: str, node: logs.NodeLog, units: Mapping[str, nodes.LiveVariable]
+    ) -> None:
         self.role, self._node, self.variables = role, node, units
         self.description = node.description
         self.period_s = 1e-9 * float(node.description["period_ns"])
@@ -120,7 +122,7 @@ def _ends(cycle: Cycles) -> tuple[int, int]:
 
 
 @dataclass
-class Source:
+class RunSource:
     """One run. `number` changes with every run that is shown.
 
     `parts`: what clients were sent of it since it was polled, as others may want the same.
@@ -172,7 +174,7 @@ class Source:
         return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else (0, -1)
 
 
-def complete(source: Source) -> int:
+def complete(source: RunSource) -> int:
     """Return the newest cycle that all nodes have given which still run; -1 for none."""
     ends = [n.span()[1] for n in source.nodes.values() if source.live and n.live.running]
     return min(ends, default=source.span()[1])
@@ -187,19 +189,19 @@ def _executive_first(roles: Iterable[str]) -> list[str]:
     return sorted(roles, key=lambda role: (role != "executive", role))
 
 
-def of_log(log: logs.Log) -> Source:
+def of_log(log: logs.Log) -> RunSource:
     """Return what a finished log shows."""
     found: dict[str, Any] = {}
     for role in _executive_first(log.node):
         node = log.node[role]
         known = {row[0]: row for row in node.description.get("variables", [])}
         units = {
-            name: nodes.Variable(*known.get(name, (name, "", "", "", "")))
+            name: nodes.LiveVariable(*known.get(name, (name, "", "", "", "")))
             for name in (*node.columns, *node.timing)
         }
         found[role] = LoggedNode(role, node, units)
     rig = next(iter(log.node.values())).description.get("rig", log.path.stem)
-    return Source(str(rig), False, found, 1, log)
+    return RunSource(str(rig), False, found, 1, log)
 
 
 class FollowedRun:
@@ -211,9 +213,9 @@ class FollowedRun:
 
     asks = False
 
-    def __init__(self, rig: str = "", node: str = "", runs: Runs | None = None) -> None:
-        self.runs, self._run = runs or Runs(rig, run_of(node)), run_of(node)
-        self.source = Source(rig, True)
+    def __init__(self, rig: str = "", node: str = "", runs: LiveRuns | None = None) -> None:
+        self.runs, self._run = runs or LiveRuns(rig, run_of(node)), run_of(node)
+        self.source = RunSource(rig, True)
 
     def find(self) -> bool:
         """Look for nodes that have come or gone; return whether another run is shown now."""
@@ -228,7 +230,7 @@ class FollowedRun:
         run = min(runs)
         live = [one for name, one in found.items() if run_of(name) == run]
         rig = str(live[0].block.description["rig"])
-        self.source = Source(rig, True, {}, self.source.number + 1)
+        self.source = RunSource(rig, True, {}, self.source.number + 1)
         self._take(live)
         return True
 

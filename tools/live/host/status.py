@@ -7,9 +7,9 @@ from typing import Any
 from pcpc.executive.loop.faults import reason
 from pcpc.executive.loop.timing_layout import BUCKETS, Stage
 from pcpc.executive.nodes import injecting, operating
-from pcpc.executive.nodes.live import Live, Values
+from pcpc.executive.nodes.live import CycleValues, Live
 from pcpc.executive.nodes.mailbox import LEVELS, level_of
-from pcpc.tools.live.host.sources import Source, full
+from pcpc.tools.live.host.sources import RunSource, full
 from pcpc.tools.live.host.traffic import load
 
 _COUNTERS = {
@@ -22,7 +22,7 @@ _TIMES = ("wake_late_p50_us", "wake_late_p99_us", "wake_late_max_us", "work_p99_
 _PERIODS = 8  # of the histogram: buckets to an octave
 
 
-def run_facts(source: Source, write: bool) -> dict[str, Any]:
+def run_facts(source: RunSource, write: bool) -> dict[str, Any]:
     """Return what does not change while a run is shown: its nodes and their variables."""
     running = {role: node.live for role, node in source.nodes.items() if source.live}
     faults = injecting.faults_of([*running.values()]) if running else []
@@ -62,7 +62,7 @@ class Status:
     def __init__(self) -> None:
         self._passes: dict[tuple[int, str], tuple[float, int]] = {}
 
-    def of(self, source: Source) -> tuple[dict[str, Any], dict[str, float | None]]:
+    def of(self, source: RunSource) -> tuple[dict[str, Any], dict[str, float | None]]:
         """Return states, counters, times, histogram, frames, load; and parameters."""
         nodes, values = {}, dict[str, float | None]()
         for role, node in source.nodes.items():
@@ -81,7 +81,7 @@ class Status:
             }
         return {"nodes": nodes, "load": load(source.nodes)}, values
 
-    def _node(self, key: tuple[int, str], live: Live, now: Values) -> dict[str, Any]:
+    def _node(self, key: tuple[int, str], live: Live, now: CycleValues) -> dict[str, Any]:
         block, about = live.block, live.block.description
         control = block.control
         state = str(about["state_names"][int(control.state)])

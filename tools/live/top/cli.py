@@ -3,7 +3,6 @@
 Only a terminal needs rich, which takes time to import.
 """
 
-import argparse
 import os
 import select
 import sys
@@ -19,9 +18,9 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.local_nodes import Nodes
+from pcpc.tools.live.top.commands import TopRequest
 from pcpc.tools.live.top.meter import Meter
 from pcpc.tools.live.top.page import lines
-from pcpc.tools.terminal.option_notes import refuse
 
 if TYPE_CHECKING:
     from rich.live import Live as Screen
@@ -30,16 +29,16 @@ _LOOK_S = 0.1  # how soon a key and a new size are seen
 _ONCE_S = 0.5  # over which rates are measured with --once
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: TopRequest) -> int:
     """Show runs until somebody has seen enough; return the exit code."""
-    if options.once:
-        refuse(options, "contradicts --once", "every")
+    if request.once:
+        request.refuse("contradicts --once", "every_s")
     there = Nodes()
-    rig = there.rig_of(options.run)
-    if options.once:
-        nodes = _nodes(there, rig, options.node)
+    rig = there.rig_of(request.run)
+    if request.once:
+        nodes = _nodes(there, rig, request.node)
         if not nodes:
-            live = there.leader(rig, options.node or "executive")  # else what runs instead
+            live = there.leader(rig, request.node or "executive")  # else what runs instead
             nodes = {live.name: live}
         meter = Meter(nodes)
         time.sleep(_ONCE_S)
@@ -47,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
         print("\n".join(lines(meter, *get_terminal_size())))
         return Exit.OK
     with _screen() as screen:
-        _watch(there, rig, options.node, options.every, screen)
+        _watch(there, rig, request.node, request.every_s, screen)
     return Exit.OK
 
 

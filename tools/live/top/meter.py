@@ -17,7 +17,7 @@ from pcpc.drivers.can import can_id
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.alarms import Alarms
-from pcpc.executive.nodes.live import Live, Values
+from pcpc.executive.nodes.live import CycleValues, Live
 from pcpc.executive.nodes.tap import Tap, columns_of
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.start import bus_load
@@ -61,7 +61,7 @@ class NodeMeter:
         self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
         self.seen = bus_load.Kinds()  # of the last one
         self.arrivals: Counter[int] = Counter()
-        self.now: Values = live.read()
+        self.now: CycleValues = live.read()
 
     def look(self, over_s: float) -> None:
         """Take what came in the last `over_s` seconds."""

@@ -1,23 +1,23 @@
 """Commands: watchdog."""
 
+from typing import Annotated, Literal
+
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
 
 
-def watchdog(add: Add) -> None:
-    """Take a rig, its bus, and what is fed while all is well."""
-    take.rig(add)
-    add("--bus", metavar="INTERFACE[:CHANNEL]", help=f"{take.BUSES}; the rig's run, if one goes on")
-    add(
-        "--pacing",
-        choices=("real", "sync", "lockstep"),
-        help="pacing of the run; default: the rig's",
-    )
-    add(
-        "--feed",
-        metavar="FILE",
-        help="write here as long as all is well: /dev/watchdog, a relay",
-    )
+class WatchdogRequest(take.RigRequest):
+    """A rig, its bus, and what is fed while all is well."""
+
+    bus: Annotated[
+        str | None, "INTERFACE[:CHANNEL]", f"{take.BUSES}; the rig's run, if one goes on"
+    ] = None
+    pacing: Annotated[
+        Literal["real", "sync", "lockstep"] | None, "pacing of the run; default: the rig's"
+    ] = None
+    feed: Annotated[
+        str | None, "FILE", "write here as long as all is well: /dev/watchdog, a relay"
+    ] = None
 
 
 COMMANDS = (
@@ -25,7 +25,7 @@ COMMANDS = (
         "watchdog",
         "watch a run from its bus alone; send the stop frame on a fault",
         "pcpc watchdog hull --bus vcan0 --feed /dev/watchdog",
-        watchdog,
+        WatchdogRequest,
         codes=codes(
             OK="Ctrl-C, nothing was wrong",
             ENVIRONMENT="",

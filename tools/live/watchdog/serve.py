@@ -7,7 +7,6 @@ A device of `feed` (/dev/watchdog, a relay that wants a heartbeat) is written wh
 more once the watch has acted, and closed with 'V' at an orderly end.
 """
 
-import argparse
 import os
 import select
 import signal
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice, wire
-from pcpc.drivers.can.wire_layout import FRAME_BYTES, WIRE, Arrival
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, Arrival, Wire
 from pcpc.drivers.compiled.jit import i8, loop, types
 from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, Exit
@@ -30,6 +29,7 @@ from pcpc.drivers.machine import kernel, realtime
 from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.live.watchdog.commands import WatchdogRequest
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
 PRIORITY = 65  # below the nodes, whom it must not delay, above all that is not real-time
@@ -63,8 +63,8 @@ def _send(end: Any) -> Any:
 class _Bus:
     """The bus of a rig as the watch has it: what came, and the stop frame."""
 
-    def __init__(self, bus: buses.Bus, watch: FrameJudge) -> None:
-        self.end: Any = np.zeros(1, WIRE).view(np.recarray)[0]
+    def __init__(self, bus: buses.BusAddress, watch: FrameJudge) -> None:
+        self.end: Any = np.zeros(1, Wire.dtype).view(np.recarray)[0]
         self.frames = np.zeros((_AT_ONCE, FRAME_BYTES), np.uint8)
         self.end.fd = any(row.frame.fd for row in watch.rows)
         buses.open_bus(bus, [row.frame.can_id for row in watch.rows], self.end)
@@ -104,7 +104,7 @@ class _Feed:
                 os.write(self.file, data)
 
 
-def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = -1) -> int:
+def serve(rig: Rig, bus: buses.BusAddress, pacing: str, feed: str | None, ready: int = -1) -> int:
     """FrameJudge until SIGTERM or SIGINT; `ready`, a file, is closed once the bus is heard."""
     watch = FrameJudge(rig, clocked=pacing != "lockstep")
     on_bus, device = _Bus(bus, watch), _Feed(feed or watch.settings.feed)
@@ -142,10 +142,10 @@ def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = 
     return Exit.SAFETY_STOP if acted else Exit.OK
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: WatchdogRequest) -> int:
     """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
-    rig = load_rig(options.rig, options.controller, options.set)
+    rig = load_rig(request.rig, request.controller, request.set)
     check_no_drive(rig, "the watchdog does not know the frames of a drive")
-    wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), count=1)
+    wanted = replace(wanted_bus(rig, (), request.bus), roles=("watchdog",), count=1)
     held = choice.take_bus(wanted)
-    return serve(rig, held.bus, options.pacing or rig.config.pacing, options.feed)
+    return serve(rig, held.bus, request.pacing or rig.config.pacing, request.feed)

@@ -18,7 +18,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.xcp import xcp_flags, xcp_ids
 from pcpc.tools.live.xcp.packets import EV_DAQ_OVERLOAD, EV_SESSION_TERMINATED, EVENT, Link
-from pcpc.tools.live.xcp.slave import Session
+from pcpc.tools.live.xcp.slave import XcpSession
 
 BUSY_S, IDLE_S = 0.002, 0.05  # between looks at the bus, with a master and without
 MOST_COMMANDS, MOST_LATE = 256, 4096
@@ -76,7 +76,7 @@ class CanMaster:
     """The master of a slave on CAN, and what it has not got yet."""
 
     def __init__(
-        self, place: CanPlace, bus: plain_bus.Udp | plain_bus.Can, session: Session
+        self, place: CanPlace, bus: plain_bus.Udp | plain_bus.Can, session: XcpSession
     ) -> None:
         self.session, self.lost = session, False
         self._place, self._bus = place, bus

@@ -1,22 +1,22 @@
 """The XCP slaves of a run, one for each node, in processes that no run waits for."""
 
-import argparse
 import sys
 import time
 from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.nodes import live
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.page import NoPage
+from pcpc.tools.terminal.request import Offers
 
 if TYPE_CHECKING:
-    from pcpc.tools.live.xcp.serve import Server
+    from pcpc.tools.live.xcp.serve import XcpServer
 
 _LOOK_S = 0.05
 
@@ -28,17 +28,17 @@ class Page(NoPage):
     FAILS_ONLY = True
 
     def __init__(
-        self, options: argparse.Namespace, nodes: Mapping[Role, str], rig: Rig, bus: Bus
+        self, beside: Offers, nodes: Mapping[Role, str], rig: Rig, bus: BusAddress
     ) -> None:
         """Listen, so that what is wrong is told before the run begins; UserError."""
         self._nodes = nodes
-        self._servers: dict[Role, Server] = {}
+        self._servers: dict[Role, XcpServer] = {}
         if rig.config.xcp is not None:
             from pcpc.tools.live.xcp import serve  # time
 
             try:
                 for role in nodes:
-                    self._servers[role] = serve.Server.of_rig(rig, bus, role)
+                    self._servers[role] = serve.XcpServer.of_rig(rig, bus, role)
             except BaseException:
                 self._close()
                 raise

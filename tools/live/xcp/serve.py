@@ -5,7 +5,6 @@ goes through the mailbox and is in the log as a tuning. Each master has a sessio
 that does not read is cut off (TCP) or loses packets, and is told by EV_DAQ_OVERLOAD.
 """
 
-import argparse
 import os
 import selectors
 import socket
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.can import plain_bus
-from pcpc.drivers.can.bus import Bus, bus_named, parse
+from pcpc.drivers.can.bus import BusAddress, bus_named, parse
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.machine import claim
 from pcpc.executive.nodes.live import Live
@@ -28,6 +27,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.xcp.a2l import a2l_text, ethernet, variables_of, version
+from pcpc.tools.live.xcp.commands import XcpRequest
 from pcpc.tools.live.xcp.daq_rows import DaqRows
 from pcpc.tools.live.xcp.on_can import IDLE_S, CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import (
@@ -39,8 +39,7 @@ from pcpc.tools.live.xcp.packets import (
     CommandRefused,
     Err,
 )
-from pcpc.tools.live.xcp.slave import NodeTable, Session
-from pcpc.tools.terminal.option_notes import refuse
+from pcpc.tools.live.xcp.slave import NodeTable, XcpSession
 
 PORT = 5555
 DAQ_S = 0.01  # between looks at what was measured: more of them cost the loop's processor time
@@ -48,33 +47,33 @@ MOST_SESSIONS, MOST_WAITING = 16, 4 << 20  # masters; bytes that one has not rea
 Address3 = tuple[str, str, int]  # UDP or TCP, address, port
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: XcpRequest) -> int:
     """Serve a node until it ends; return the exit code. LiveError, UserError."""
-    live = Nodes().find(options.node or "executive")
-    if options.can:
-        refuse(options, "not with --can", "udp", "tcp")
+    live = Nodes().find(request.node or "executive")
+    if request.can:
+        request.refuse("not with --can", "udp", "tcp")
         with on_bus(live) as server:
             return _until_its_end(live, server)
-    udp, tcp = options.udp, options.tcp
+    udp, tcp = request.ports.udp, request.tcp
     if udp is None and tcp is None:
         udp = PORT
     ports = [
-        (kind, options.address, port)
+        (kind, request.ports.address, port)
         for kind, port in (("UDP", udp), ("TCP", tcp))
         if port is not None
     ]
-    with Server(ports) as server:
+    with XcpServer(ports) as server:
         return _until_its_end(live, server)
 
 
-def _until_its_end(live: Live, server: "Server") -> int:
+def _until_its_end(live: Live, server: "XcpServer") -> int:
     print("\n".join(f"{live.name}: {one}" for one in server.addresses), flush=True)
     server.serve(live)
     print(f"{live.name} has ended")
     return Exit.OK
 
 
-def on_bus(live: Live) -> "Server":
+def on_bus(live: Live) -> "XcpServer":
     """Return the slave of a running node on its bus; RigError, BusError."""
     about = live.block.description
     data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
@@ -86,7 +85,7 @@ def on_bus(live: Live) -> "Server":
         database.write_text(about["attachments"][database.name], "utf-8")
         rig = load_rig(path, text=yamlfile.dump(data), resolve=False)
         bus = bus_named(*parse(about["metadata"]["bus"]))
-        return Server.of_rig(rig, bus, about["node"])
+        return XcpServer.of_rig(rig, bus, about["node"])
 
 
 def table_of(live: Live, columns: list[int], a2l: bytes) -> NodeTable:
@@ -119,7 +118,7 @@ def table_of(live: Live, columns: list[int], a2l: bytes) -> NodeTable:
 class _Master:
     """A master, and what it has not got yet. `put`: sends bytes, returns how many went."""
 
-    def __init__(self, session: Session, put: Callable[[bytes], int], stream: bool) -> None:
+    def __init__(self, session: XcpSession, put: Callable[[bytes], int], stream: bool) -> None:
         self.session, self._put, self._stream = session, put, stream
         self._counter, self._waiting, self._came = 0, bytearray(), bytearray()
         self.lost = False
@@ -177,11 +176,11 @@ def port_of(rig: Rig, role: Role) -> Address3:
     return kind.upper(), "127.0.0.1", port and port + rig.roles.index(role)
 
 
-class Server:
+class XcpServer:
     """Sockets of a node's slave, and its masters by connection or address."""
 
     def __init__(
-        self, wanted: Sequence[Address3], can: CanPlace | None = None, bus: Bus | None = None
+        self, wanted: Sequence[Address3], can: CanPlace | None = None, bus: BusAddress | None = None
     ) -> None:
         """Listen, or with `can` on `bus`; UserError, BusError."""
         self._select = selectors.SelectSelector()  # microseconds, where epoll has milliseconds
@@ -209,7 +208,7 @@ class Server:
         self.addresses = [f"XCP over {kind} on {at}:{port}" for kind, at, port in self._ports]
 
     @classmethod
-    def of_rig(cls, rig: Rig, bus: Bus, role: Role) -> "Server":
+    def of_rig(cls, rig: Rig, bus: BusAddress, role: Role) -> "XcpServer":
         """Listen where a rig with the key `xcp` says; RigError, UserError, BusError."""
         can = CanPlace.of(rig, role)
         if can is None:
@@ -232,7 +231,7 @@ class Server:
         self._select.register(made, selectors.EVENT_READ, heard)
         self._ports.append((kind, address, made.getsockname()[1]))
 
-    def __enter__(self) -> "Server":
+    def __enter__(self) -> "XcpServer":
         return self
 
     def __exit__(self, *what: object) -> None:
@@ -260,7 +259,7 @@ class Server:
         text = a2l_text(rig, role, version(), live.period_ns, described, lines, link)
         self._node = table_of(live, rows.columns, text.encode())
         if can is not None:
-            self._masters[can] = CanMaster(can, self._sockets[0], Session(self._node, link))
+            self._masters[can] = CanMaster(can, self._sockets[0], XcpSession(self._node, link))
         while live.running:
             wait_s = min((one.wait_s for one in self._masters.values()), default=IDLE_S)
             for key, _ in self._select.select(wait_s):
@@ -340,7 +339,7 @@ class Server:
         if len(self._masters) >= MOST_SESSIONS:
             idle = [one for one, it in self._masters.items() if not it.session.daq.running]
             self._leave((idle or [*self._masters])[0])
-        self._masters[key] = _Master(Session(self._node), put, stream)
+        self._masters[key] = _Master(XcpSession(self._node), put, stream)
 
 
 def _sent_bytes(send: Callable[..., int], to: Any, message: bytes) -> int:

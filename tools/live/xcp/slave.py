@@ -62,7 +62,7 @@ class NodeTable:
     write: Callable[[Mapping[str, float]], int]
 
 
-class Session:
+class XcpSession:
     """The slave's side of one master."""
 
     def __init__(self, node: NodeTable, link: Link = ETHERNET) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pcpc.drivers.can import bus
 from pcpc.drivers.errors import BusError
-from pcpc.tools.machine.doctor.machine import Row, text
+from pcpc.tools.machine.doctor.machine import MachineFact, text
 from pcpc.tools.machine.vm import APT_PACKAGES, VmError, accelerator, kernel, programs
 
 _NET = Path("/sys/class/net")
@@ -24,7 +24,7 @@ _PROBE = b"pcpc doctor"
 _MAKE_VCAN = "sudo ip link add dev vcan0 type vcan && sudo ip link set vcan0 up"
 
 
-def bus_rows() -> Iterator[Row]:
+def bus_rows() -> Iterator[MachineFact]:
     """Yield the rows about buses; one bus that works is enough for a rig to run."""
     refusal = _can_refusal()
     interfaces = can_interfaces() if not refusal else {}
@@ -33,13 +33,17 @@ def bus_rows() -> Iterator[Row]:
     yield _interfaces(interfaces, refusal)
     usable = any(interfaces.values())
     if heard == "":
-        yield Row("udp_multicast", "ok", f"a datagram came back on {bus.UDP_GROUP}, loopback")
+        yield MachineFact(
+            "udp_multicast", "ok", f"a datagram came back on {bus.UDP_GROUP}, loopback"
+        )
     else:
         state = "warn" if usable else "missing"
         cost = "no bus without CAN" + (
             "" if usable else ", and there is no CAN interface up either"
         )
-        yield Row("udp_multicast", state, heard, cost, "sudo ip link set lo up multicast on")
+        yield MachineFact(
+            "udp_multicast", state, heard, cost, "sudo ip link set lo up multicast on"
+        )
     yield _vm()
     yield _kvm()
 
@@ -101,29 +105,29 @@ def _kernel_with_can() -> str:
     return "pcpc vm -- pcpc run RIG --bus vcan0"
 
 
-def _af_can(refusal: str) -> Row:
+def _af_can(refusal: str) -> MachineFact:
     if not refusal:
-        return Row("AF_CAN", "ok", "raw CAN sockets")
+        return MachineFact("AF_CAN", "ok", "raw CAN sockets")
     cure = "sudo modprobe -a can_raw vcan" if _has_module("can_raw") else _kernel_with_can()
-    return Row("AF_CAN", "warn", refusal, "no SocketCAN; rigs run on udp_multicast", cure)
+    return MachineFact("AF_CAN", "warn", refusal, "no SocketCAN; rigs run on udp_multicast", cure)
 
 
-def _interfaces(interfaces: dict[str, bool], refusal: str) -> Row:
+def _interfaces(interfaces: dict[str, bool], refusal: str) -> MachineFact:
     name = "CAN interfaces"
     found = ", ".join(f"{i} {'up' if up else 'down'}" for i, up in interfaces.items()) or "none"
     if any(interfaces.values()):
-        return Row(name, "ok", found)
+        return MachineFact(name, "ok", found)
     cost = "no candump beside a run; rigs run on udp_multicast"
     if interfaces:
         first = next(iter(interfaces))
         bitrate = "" if first.startswith("vcan") else " type can bitrate 1000000"
-        return Row(name, "warn", found, cost, f"sudo ip link set {first} up{bitrate}")
+        return MachineFact(name, "warn", found, cost, f"sudo ip link set {first} up{bitrate}")
     if not refusal or _has_module("vcan"):
-        return Row(name, "warn", found, cost, f"sudo modprobe vcan && {_MAKE_VCAN}")
-    return Row(name, "warn", found, cost, "pcpc vm -- pcpc run RIG --bus vcan0")
+        return MachineFact(name, "warn", found, cost, f"sudo modprobe vcan && {_MAKE_VCAN}")
+    return MachineFact(name, "warn", found, cost, "pcpc vm -- pcpc run RIG --bus vcan0")
 
 
-def _vm() -> Row:
+def _vm() -> MachineFact:
     try:
         tools = programs.found_programs()
     except VmError as error:
@@ -131,20 +135,22 @@ def _vm() -> Row:
         cost = "no `pcpc vm`: no vcan where the kernel has none"
         if platform.machine() != "x86_64" or not shutil.which("apt-get"):
             cure = ""
-        return Row("pcpc vm", "warn", str(error).partition(";")[0], cost, cure)
-    return Row("pcpc vm", "ok", tools.qemu)
+        return MachineFact("pcpc vm", "warn", str(error).partition(";")[0], cost, cure)
+    return MachineFact("pcpc vm", "ok", tools.qemu)
 
 
-def _kvm() -> Row:
+def _kvm() -> MachineFact:
     cost = "`pcpc vm` takes 12 to 16 s to a shell, emulated, instead of 2 s"
     if not os.path.exists("/dev/kvm"):
         cure = "sudo modprobe kvm_intel || sudo modprobe kvm_amd    # on in firmware"
-        return Row("KVM", "warn", "no /dev/kvm", cost, cure)
+        return MachineFact("KVM", "warn", "no /dev/kvm", cost, cure)
     if not accelerator.kvm_is_open():
         cure = "sudo usermod -aG kvm $USER    # then log in again"
-        return Row("KVM", "warn", "/dev/kvm is not writable", cost, cure)
+        return MachineFact("KVM", "warn", "/dev/kvm is not writable", cost, cure)
     proven = accelerator.proven_accelerator(kernel.cache_folder())
     if proven == "tcg":
         cure = f"rm {kernel.cache_folder() / 'accelerator'}    # to try it once more"
-        return Row("KVM", "warn", "/dev/kvm, but a guest did not boot with it", cost, cure)
-    return Row("KVM", "ok", "/dev/kvm" + (", a guest has booted" if proven else ", untried"))
+        return MachineFact("KVM", "warn", "/dev/kvm, but a guest did not boot with it", cost, cure)
+    return MachineFact(
+        "KVM", "ok", "/dev/kvm" + (", a guest has booted" if proven else ", untried")
+    )

@@ -8,7 +8,6 @@ Changes nothing and needs no root. What a node does is tried as a node does it: 
 in a child process, the bus with one datagram. The rest is read from /proc, /sys and /dev.
 """
 
-import argparse
 import importlib.metadata
 import json
 import os
@@ -21,7 +20,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools.machine.doctor.machine import Row, machine_rows
+from pcpc.tools.machine.doctor.commands import DoctorRequest
+from pcpc.tools.machine.doctor.machine import MachineFact, machine_rows
 from pcpc.tools.terminal import screen
 
 _PROJECT = Path(__file__).resolve().parents[3]
@@ -34,13 +34,13 @@ _IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
 _COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: DoctorRequest) -> int:
     """Print a row for each thing looked at; ENVIRONMENT if no rig can run."""
-    if options.tune:
-        return tune(options)
+    if request.tune:
+        return tune(request.json)
     found = list(rows())
     missing = [row for row in found if row.state == "missing"]
-    if options.json:
+    if request.json:
         print(
             json.dumps({"can_run": not missing, "rows": [asdict(row) for row in found]}, indent=2)
         )
@@ -52,20 +52,20 @@ def command(options: argparse.Namespace) -> int:
     return Exit.ENVIRONMENT if missing else Exit.OK
 
 
-def tune(options: argparse.Namespace) -> int:
+def tune(as_json: bool) -> int:
     """Print settings of this machine, whether they are set and what they are worth."""
     from pcpc.tools.machine.doctor.tune import tune_rows  # here, because it needs the packages
     from pcpc.tools.terminal.progress import Progress
 
-    found = list(tune_rows(_PROJECT, Progress(options.json)))
-    if options.json:
+    found = list(tune_rows(_PROJECT, Progress(as_json)))
+    if as_json:
         print(json.dumps({"rows": [asdict(row) for row in found]}, indent=2))
     else:
         show(found, "worth")
     return Exit.OK
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[MachineFact]:
     """Yield all rows in the order of printing."""
     yield python_row()
     packages = packages_row()
@@ -77,13 +77,13 @@ def rows() -> Iterator[Row]:
 
         yield from bus_rows()
     else:
-        yield Row("buses", "warn", "not looked at", "see packages")
+        yield MachineFact("buses", "warn", "not looked at", "see packages")
     yield node_memory_row()
     yield compile_cache_row()
     yield c_compiler_row()
 
 
-def show(found: list[Row], price: str = "costs") -> None:
+def show(found: list[MachineFact], price: str = "costs") -> None:
     """Print what was found and what it costs, and below it the commands to copy."""
     broad = max(len(row.name) for row in found)
     for row in found:
@@ -102,16 +102,18 @@ def show(found: list[Row], price: str = "costs") -> None:
         print("\n".join(screen.shell(command)))
 
 
-def python_row() -> Row:
+def python_row() -> MachineFact:
     """Return whether this Python is new enough."""
     found = f"{platform.python_version()}, {platform.machine()}, {sys.executable}"
     if sys.version_info[:2] >= _PYTHON:
-        return Row("python", "ok", found)
+        return MachineFact("python", "ok", found)
     wanted = ".".join(map(str, _PYTHON))
-    return Row("python", "missing", found, f"needs {wanted}", f"python{wanted} -m venv .venv")
+    return MachineFact(
+        "python", "missing", found, f"needs {wanted}", f"python{wanted} -m venv .venv"
+    )
 
 
-def packages_row() -> Row:
+def packages_row() -> MachineFact:
     """Import every package in a child: one that is broken must not break the doctor."""
     lines = [
         f"try:\n import {m}\nexcept Exception as e:\n print({d!r}, e, sep=': ')"
@@ -125,71 +127,74 @@ def packages_row() -> Row:
         broken.append(f"the import ended with code {done.returncode}")
     if broken:
         cure = f"{sys.executable} -m pip install -e {_PROJECT}"
-        return Row("packages", "missing", "; ".join(broken), "nothing runs without them", cure)
+        return MachineFact(
+            "packages", "missing", "; ".join(broken), "nothing runs without them", cure
+        )
     versions = (f"{name} {importlib.metadata.version(name)}" for name in _IMPORTS)
-    return Row("packages", "ok", ", ".join(versions))
+    return MachineFact("packages", "ok", ", ".join(versions))
 
 
-def figures_row() -> Row:
+def figures_row() -> MachineFact:
     """Return whether runs can draw their figure."""
     try:
-        return Row("matplotlib", "ok", importlib.metadata.version("matplotlib"))
+        return MachineFact("matplotlib", "ok", importlib.metadata.version("matplotlib"))
     except importlib.metadata.PackageNotFoundError:
         cure = f"{sys.executable} -m pip install -e '{_PROJECT}[plot]'"
-        return Row("matplotlib", "warn", "not installed", "no figure.png of a run", cure)
+        return MachineFact("matplotlib", "warn", "not installed", "no figure.png of a run", cure)
 
 
-def node_memory_row() -> Row:
+def node_memory_row() -> MachineFact:
     """Return whether a node can have its memory, and hand it to clients."""
     try:
         from pcpc.executive.loop.shared import LOOP, SharedError  # time
         from pcpc.executive.loop.sharing import ServedMemory
     except ImportError:
-        return Row("node memory", "missing", "not tried", "see packages")
+        return MachineFact("node memory", "missing", "not tried", "see packages")
     try:
         served = ServedMemory(
             "doctor", {"variables": [], "state_columns": [], "timing_columns": []}
         )
         served.open()
     except SharedError as error:
-        return Row("node memory", "missing", str(error), "no node can start", "")
+        return MachineFact("node memory", "missing", str(error), "no node can start", "")
     sealed = served.is_sealed()
     served.close()
     found = f"{LOOP.itemsize >> 20} MiB, sealed memory files and abstract sockets"
     if sealed:
-        return Row("node memory", "ok", found)
+        return MachineFact("node memory", "ok", found)
     cost = "this user's programs could write what a node publishes"
-    return Row("node memory", "warn", found, cost, "# run a kernel from 5.1 on")
+    return MachineFact("node memory", "warn", found, cost, "# run a kernel from 5.1 on")
 
 
-def compile_cache_row() -> Row:
+def compile_cache_row() -> MachineFact:
     """Return whether the next start finds compiled code."""
     from pcpc.drivers.compiled import compile_cache  # time
 
     try:
         folder = compile_cache.cache_folder()
     except importlib.metadata.PackageNotFoundError:
-        return Row("compile cache", "warn", "no numba", "see packages")
-    why, places = compile_cache.distrust(folder), compile_cache.folders()
+        return MachineFact("compile cache", "warn", "no numba", "see packages")
+    why, warm = compile_cache.distrust(folder), compile_cache.used_folder()
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not (why or os.access(existing, os.W_OK | os.X_OK)):
         why = f"{existing} is not writable"
-    warm = next((str(place) for place in places if any(place.rglob("*.nbi"))), "")
     if why:
         cure = "export XDG_CACHE_HOME=/var/tmp/cache-$USER"
         cost = f"compiled code goes to {compile_cache.temporary_folder()}, if at all"
-        return Row("compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure)
+        return MachineFact(
+            "compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure
+        )
     if warm:
-        return Row("compile cache", "ok", f"warm, {warm}")
-    cure = "pcpc simulate slew10 --set duration_s=0.1 --no-figure -o $(mktemp -d)"
+        return MachineFact("compile cache", "ok", f"warm, {warm}")
+    cure = "pcpc simulate slew10 --no-figure -o $(mktemp -d)"
     cost = "the first start compiles for about 20 s"
-    return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
+    return MachineFact("compile cache", "warn", f"cold, {folder}", cost, cure)
 
 
-def c_compiler_row() -> Row:
+def c_compiler_row() -> MachineFact:
     """Return the compiler that only the bench of the repository uses."""
     for name in ("cc", "gcc", "clang"):
         if path := shutil.which(name):
-            return Row("C compiler", "ok", path)
+            return MachineFact("C compiler", "ok", path)
     cost = "no comparison with C in `pcpc jitter`; nothing else needs it"
-    return Row("C compiler", "warn", "none", cost, "sudo apt-get install -y gcc libc6-dev")
+    return MachineFact("C compiler", "warn", "none", cost, "sudo apt-get install -y gcc libc6-dev")

@@ -1,14 +1,18 @@
 """Commands: doctor."""
 
+from typing import Annotated
+
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Command
+from pcpc.tools.terminal.request import Request
 
 
-def doctor(add: Add) -> None:
-    """Take what to look at and how to print."""
-    add("--tune", action="store_true", help="measure, and print commands that improve real time")
-    take.json(add)
+class DoctorRequest(Request):
+    """What is looked at, and how it is printed."""
+
+    tune: Annotated[bool, "measure, and print commands that improve real time"] = False
+    json: take.Json = False
 
 
 COMMANDS = (
@@ -16,7 +20,7 @@ COMMANDS = (
         "doctor",
         "show what this machine offers, and how to get the rest",
         "pcpc doctor\npcpc doctor --tune    # measures for 10 s",
-        doctor,
+        DoctorRequest,
         codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "no rig can run"},
         module="machine.doctor.cli",
         first=True,

@@ -40,7 +40,7 @@ _DMA_RULE = (
 
 
 @dataclass(frozen=True)
-class Row:
+class MachineFact:
     """One thing looked at; `state` is ok, warn or missing; `cost` and `cure` where it is not ok."""
 
     name: str
@@ -50,7 +50,7 @@ class Row:
     cure: str = ""
 
 
-def machine_rows(project: Path) -> Iterator[Row]:
+def machine_rows(project: Path) -> Iterator[MachineFact]:
     """Yield the rows about real time; `project` is the folder to import `drivers` from."""
     yield kernel_row(platform.version(), text(Path("/sys/kernel/realtime")) == "1")
     yield from permission_rows(project)
@@ -68,11 +68,11 @@ def text(path: Path) -> str:
         return ""
 
 
-def kernel_row(version: str, realtime: bool) -> Row:
+def kernel_row(version: str, realtime: bool) -> MachineFact:
     """Return the row for a kernel by the text of `uname -v` and its /sys/kernel/realtime."""
     words = version.split()
     if realtime or "PREEMPT_RT" in words:
-        return Row("kernel", "ok", f"{platform.release()}, PREEMPT_RT")
+        return MachineFact("kernel", "ok", f"{platform.release()}, PREEMPT_RT")
     model = next((word for word in words if word.startswith("PREEMPT")), "no PREEMPT in uname -v")
     distribution = text(Path("/etc/os-release"))
     cure = "# boot a kernel with PREEMPT_RT"
@@ -82,17 +82,17 @@ def kernel_row(version: str, realtime: bool) -> Row:
     elif "ID=ubuntu" in distribution.splitlines():
         cure = "sudo pro enable realtime-kernel && sudo reboot"
     cost = "a kernel path can delay a wake-up by milliseconds"
-    return Row("kernel", "warn", f"{platform.release()}, {model}", cost, cure)
+    return MachineFact("kernel", "warn", f"{platform.release()}, {model}", cost, cure)
 
 
-def permission_rows(project: Path) -> Iterator[Row]:
+def permission_rows(project: Path) -> Iterator[MachineFact]:
     """Yield what a node's real-time settings came to in a child process."""
     done = subprocess.run(
         [sys.executable, "-c", _TRY], capture_output=True, text=True, cwd=project, timeout=60
     )
     if done.returncode:
         why = (done.stderr.splitlines() or [f"exit code {done.returncode}"])[-1]
-        yield Row("real-time set-up", "missing", why, "a node does the same and fails", "")
+        yield MachineFact("real-time set-up", "missing", why, "a node does the same and fails", "")
         return
     settings = json.loads(done.stdout)
     limits = _CONTAINER if os.geteuid() == 0 else _LIMITS
@@ -107,21 +107,23 @@ def permission_rows(project: Path) -> Iterator[Row]:
     ):
         granted, detail = settings[name]
         if granted:
-            yield Row(name, "ok", detail + more)
+            yield MachineFact(name, "ok", detail + more)
         else:
-            yield Row(name, "warn", detail.partition(";")[0] + more, cost, cure)
+            yield MachineFact(name, "warn", detail.partition(";")[0] + more, cost, cure)
 
 
-def _isolation_row() -> Row:
+def _isolation_row() -> MachineFact:
     isolated, count = text(CPUS / "isolated"), os.cpu_count() or 1
     if isolated:
-        return Row("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")
+        return MachineFact("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")
     if count < 4:
-        return Row("isolated CPUs", "ok", f"none, and none of {count} to spare")
+        return MachineFact("isolated CPUs", "ok", f"none, and none of {count} to spare")
     cpus = f"{count - 2},{count - 1}"
     cost = "other programs share the loops' CPUs"
     options = f"isolcpus={cpus} nohz_full={cpus} rcu_nocbs={cpus}"
-    return Row("isolated CPUs", "warn", f"none of {count} CPUs", cost, boot_with(options, cpus))
+    return MachineFact(
+        "isolated CPUs", "warn", f"none of {count} CPUs", cost, boot_with(options, cpus)
+    )
 
 
 def boot_with(options: str, cpus: str) -> str:
@@ -132,30 +134,32 @@ def boot_with(options: str, cpus: str) -> str:
     )
 
 
-def governor(folder: Path) -> Row:
+def governor(folder: Path) -> MachineFact:
     """Return the row for the frequency governors of the processors in `folder`."""
     files = folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text(file) for file in files})
     if not governors:
-        return Row("CPU governor", "ok", "the kernel does not control the frequency")
+        return MachineFact("CPU governor", "ok", "the kernel does not control the frequency")
     if governors == ["performance"]:
-        return Row("CPU governor", "ok", "performance")
+        return MachineFact("CPU governor", "ok", "performance")
     cure = f"echo performance | sudo tee {CPUS}/cpu*/cpufreq/scaling_governor"
     cost = "a loop that sleeps a lot runs at a low clock"
-    return Row("CPU governor", "warn", ", ".join(governors), cost, cure)
+    return MachineFact("CPU governor", "warn", ", ".join(governors), cost, cure)
 
 
-def clock_row(current: str, available: str) -> Row:
+def clock_row(current: str, available: str) -> MachineFact:
     """Return the row for the kernel's clock source; `available` is the list to choose from."""
     if current in _IN_USER_SPACE:
-        return Row("clock source", "ok", current)
+        return MachineFact("clock source", "ok", current)
     better = next((name for name in _IN_USER_SPACE if name in available.split()), "")
     cure = f"echo {better} | sudo tee {_CLOCKS}/current_clocksource" if better else ""
     found = f"{current or 'unknown'}, of {available or 'unknown'}"
-    return Row("clock source", "warn", found, "a system call for each look at the clock", cure)
+    return MachineFact(
+        "clock source", "warn", found, "a system call for each look at the clock", cure
+    )
 
 
-def _hypervisor() -> Row:
+def _hypervisor() -> MachineFact:
     kind = ""
     if program := shutil.which("systemd-detect-virt"):
         done = subprocess.run([program, "--vm"], capture_output=True, text=True)
@@ -164,6 +168,6 @@ def _hypervisor() -> Row:
     if not kind and "hypervisor" in cpu_flags:
         kind = "unknown kind"
     if not kind:
-        return Row("hypervisor", "ok", "none")
+        return MachineFact("hypervisor", "ok", "none")
     cost = "its host can take a CPU away for milliseconds, whatever is set here"
-    return Row("hypervisor", "warn", kind, cost, "# run on a machine without a hypervisor")
+    return MachineFact("hypervisor", "warn", kind, cost, "# run on a machine without a hypervisor")

@@ -13,7 +13,7 @@ from pathlib import Path
 from pcpc.tools.machine.doctor import rtla
 from pcpc.tools.machine.doctor.machine import (
     CPUS,
-    Row,
+    MachineFact,
     boot_with,
     governor,
     permission_rows,
@@ -27,7 +27,7 @@ _UNKNOWN = "not measured; `pcpc jitter --json` before and after shows it"
 _IRQS = Path("/proc/irq")
 
 
-def tune_rows(project: Path, progress: Progress) -> Iterator[Row]:
+def tune_rows(project: Path, progress: Progress) -> Iterator[MachineFact]:
     """Yield a row for each setting; `cost` is what it is worth."""
     found = []
     for block in blocks():
@@ -73,42 +73,46 @@ def rig_cpus(line: str, count: int) -> set[int]:
     return isolated or (set(range(count - 2, count)) if count >= 4 else set())
 
 
-def kernel_line(line: str, cpus: set[int], count: int) -> Row:
+def kernel_line(line: str, cpus: set[int], count: int) -> MachineFact:
     """Return whether the kernel line `line` keeps everything else off `cpus`."""
     name = "kernel line"
     if not cpus:
-        return Row(name, "ok", f"none of {count} CPUs to spare: two loops and the rest need them")
+        return MachineFact(
+            name, "ok", f"none of {count} CPUs to spare: two loops and the rest need them"
+        )
     given = _options(line)
     missing = [option for option in _ISOLATING if not cpus <= given.get(option, set())]
     if not missing:
-        return Row(name, "ok", f"{', '.join(_ISOLATING)}: CPUs {_cpu_list(cpus)}", _UNKNOWN)
+        return MachineFact(name, "ok", f"{', '.join(_ISOLATING)}: CPUs {_cpu_list(cpus)}", _UNKNOWN)
     cure = boot_with(" ".join(f"{option}={_cpu_list(cpus)}" for option in missing), _cpu_list(cpus))
-    return Row(name, "warn", f"CPUs {_cpu_list(cpus)}: no {', '.join(missing)}", _UNKNOWN, cure)
+    return MachineFact(
+        name, "warn", f"CPUs {_cpu_list(cpus)}: no {', '.join(missing)}", _UNKNOWN, cure
+    )
 
 
-def interrupts(folder: Path, cpus: set[int], count: int) -> Row:
+def interrupts(folder: Path, cpus: set[int], count: int) -> MachineFact:
     """Return how many interrupts of `folder` may be handled on `cpus`."""
     name = "interrupts"
     if not cpus:
-        return Row(name, "ok", "no CPU is reserved for a rig")
+        return MachineFact(name, "ok", "no CPU is reserved for a rig")
     files = [text(file) for file in folder.glob("[0-9]*/smp_affinity_list")]
     there = sum(bool(cpu_set(file) & cpus) for file in files)
     found = f"{there} of {len(files)} may come to CPUs {_cpu_list(cpus)}"
     if not there:
-        return Row(name, "ok", found, _UNKNOWN)
+        return MachineFact(name, "ok", found, _UNKNOWN)
     others = _cpu_list(set(range(count)) - cpus)
     balance = "sudo systemctl disable --now irqbalance; " if shutil.which("irqbalance") else ""
     cure = (
         f"{balance}for i in /proc/irq/[0-9]*; do echo {others} | "
         "sudo tee $i/smp_affinity_list; done    # until the next boot; some refuse"
     )
-    return Row(name, "warn", found, _UNKNOWN, cure)
+    return MachineFact(name, "warn", found, _UNKNOWN, cure)
 
 
-def culprit() -> Row:
+def culprit() -> MachineFact:
     """Return who delays wake-ups most, where rtla is installed."""
     name = "latest wake-ups"
     if shutil.which("rtla") is None:
         cure = "sudo apt-get install -y rtla    # as root it names thread and interrupt"
-        return Row(name, "warn", "without rtla the cause has no name", "", cure)
-    return Row(name, "ok", rtla.run())
+        return MachineFact(name, "warn", "without rtla the cause has no name", "", cure)
+    return MachineFact(name, "ok", rtla.run())

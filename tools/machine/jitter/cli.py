@@ -7,8 +7,6 @@ moment of the machine falls on all, so ratios mean more than times.
 After Ctrl-C it tells what there is.
 """
 
-import argparse
-import json
 import os
 import signal
 import sys
@@ -21,10 +19,12 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import code_of, did_you_mean
 from pcpc.tools.machine.jitter import loops, probe, report
-from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, Result, as_json
+from pcpc.tools.machine.jitter.commands import JitterRequest
+from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, JitterResult, figures
 from pcpc.tools.machine.jitter.limits import read_limits
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
 from pcpc.tools.machine.jitter.nines import HELD
+from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import whole_file
 from pcpc.tools.terminal.picture import check_picture
 from pcpc.tools.terminal.progress import Progress
@@ -34,45 +34,45 @@ LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
 MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: JitterRequest) -> int:
     """Measure."""
-    progress = Progress(options.quiet)
-    setup, rounds, names = parse(options)
-    limits = {} if options.limits is None else read_limits(options.limits)
+    progress = Progress(request.quiet)
+    setup, rounds, names = parse(request)
+    limits = {} if request.limits is None else read_limits(request.limits)
     with tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
         result = measure(setup, rounds, names, Path(folder), progress)
     progress.close()
-    result.limits, result.limits_of = limits, str(options.limits)
-    return conclude(result, options)
+    result.limits, result.limits_of = limits, str(request.limits)
+    return conclude(result, request)
 
 
-def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
+def parse(request: JitterRequest) -> tuple[Setup, int, list[str]]:
     """Return what to measure, in how many rounds, against what; JitterError."""
-    interval_ns = _ns(options.interval, "-i", "us")
+    interval_ns = _ns(request.interval, "-i", "us")
     interval_us = interval_ns / 1000
     if not LEAST_INTERVAL_US <= interval_us <= MOST_INTERVAL_US or interval_us % 1:
-        raise JitterError(f"-i {options.interval}: expected whole us from 50us to 1s")
-    names = [] if options.against is None else list(dict.fromkeys(options.against.split(",")))
+        raise JitterError(f"-i {request.interval}: expected whole us from 50us to 1s")
+    names = [] if request.against is None else list(dict.fromkeys(request.against.split(",")))
     if unknown := [name for name in names if name not in loops.NAMES]:
         cure = did_you_mean(unknown[0], loops.NAMES)
         raise JitterError(f"--against {unknown[0]}: no such loop{cure}")
-    rounds = options.rounds or (ROUNDS if names else 1)
-    if options.rounds is not None and options.rounds < 1:
-        raise JitterError(f"--rounds {options.rounds}: expected 1 or more")
-    periods = round(_ns(options.duration, "-D", "s") / rounds / interval_ns)
+    rounds = request.rounds or (ROUNDS if names else 1)
+    if request.rounds is not None and request.rounds < 1:
+        raise JitterError(f"--rounds {request.rounds}: expected 1 or more")
+    periods = round(_ns(request.duration, "-D", "s") / rounds / interval_ns)
     if periods < LEAST_CYCLES:
         raise JitterError(
-            f"-D {options.duration}: {periods} cycles a round of {rounds}; expected "
+            f"-D {request.duration}: {periods} cycles a round of {rounds}; expected "
             f"{LEAST_CYCLES} or more, -D {float(LEAST_CYCLES * rounds * interval_us / 1000):g}ms"
         )
-    if not 1 <= options.priority <= 99:
-        raise JitterError(f"-p {options.priority}: expected a priority of 1 to 99")
-    wrong = options.histogram is not None and not 1 <= options.histogram <= MOST_HISTOGRAM_US
+    if not 1 <= request.priority <= 99:
+        raise JitterError(f"-p {request.priority}: expected a priority of 1 to 99")
+    wrong = request.histogram is not None and not 1 <= request.histogram <= MOST_HISTOGRAM_US
     if wrong:
-        raise JitterError(f"-h {options.histogram}: expected 1 to {MOST_HISTOGRAM_US} us")
-    _check_outputs(options)
-    cpus = _cpus(options.affinity)
-    return Setup(int(interval_ns), periods, options.priority, cpus, options.bus), rounds, names
+        raise JitterError(f"-h {request.histogram}: expected 1 to {MOST_HISTOGRAM_US} us")
+    check_picture("--plot", request.plot)
+    cpus = _cpus(request.affinity)
+    return Setup(int(interval_ns), periods, request.priority, cpus, request.bus), rounds, names
 
 
 def _ns(text: str, option: str, unit: str) -> Fraction:
@@ -93,14 +93,9 @@ def _cpus(text: str | None) -> tuple[int, ...]:
     return tuple(map(int, words))
 
 
-def _check_outputs(options: argparse.Namespace) -> None:
-    """Raise UserError for a file that cannot be written, before anything is measured."""
-    check_picture("--plot", options.plot)
-
-
 def measure(
     setup: Setup, rounds: int, names: Sequence[str], folder: Path, progress: Progress
-) -> Result:
+) -> JitterResult:
     """Run all rounds; after Ctrl-C what there is. `folder` is empty and holds the logs meanwhile.
 
     Raises JitterError, RigError, BusError, SharedError. What a loop of `names` lacks is an error
@@ -112,7 +107,7 @@ def measure(
     for error in missing.values():
         progress.close()
         print(error, file=sys.stderr)
-    result = Result(setup, rounds, absent={name: str(e) for name, e in missing.items()})
+    result = JitterResult(setup, rounds, absent={name: str(e) for name, e in missing.items()})
     result.yardsticks = {name: [] for name in names if name not in missing}
     try:
         for number in range(rounds):
@@ -123,7 +118,7 @@ def measure(
     return result
 
 
-def _round(result: Result, number: int, folder: Path, progress: Progress) -> bool:
+def _round(result: JitterResult, number: int, folder: Path, progress: Progress) -> bool:
     """Run every loop once, ours first; return False after Ctrl-C."""
     at = f"round {number + 1} of {result.rounds},"
     with tempfile.TemporaryDirectory(dir=folder) as run_folder:
@@ -141,22 +136,22 @@ def _round(result: Result, number: int, folder: Path, progress: Progress) -> boo
     return not result.interrupted
 
 
-def conclude(result: Result, options: argparse.Namespace) -> int:
+def conclude(result: JitterResult, request: JitterRequest) -> int:
     """Print, write and draw the result; return the exit code.
 
     JitterError: a file cannot be written.
     """
     if result.node("executive") is None:
         return Exit.INTERRUPTED
-    print(report.text_of(result, options.histogram))
-    path = options.json
+    print(report.text_of(result, request.histogram))
+    path = request.json
     try:
-        if options.json is not None:
-            with whole_file(options.json) as unfinished:
-                unfinished.write_text(json.dumps(as_json(result), indent=1) + "\n")
-        path = options.plot
-        if options.plot is not None:
-            with whole_file(options.plot) as unfinished:
+        if request.json is not None:
+            with whole_file(request.json) as unfinished:
+                unfinished.write_text(screen.json_text(figures(result), 1) + "\n")
+        path = request.plot
+        if request.plot is not None:
+            with whole_file(request.plot) as unfinished:
                 report.draw(result, unfinished)
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another file"

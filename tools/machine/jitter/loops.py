@@ -58,7 +58,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Loop:
+class TimedLoop:
     """One round of a loop: how late each cycle woke, (n,) ns."""
 
     late_ns: NDArray[np.int64]
@@ -97,7 +97,7 @@ def _compile(folder: Path) -> None:
         raise JitterError(str(error), Exit.ENVIRONMENT) from None
 
 
-def run(name: str, setup: Setup, folder: Path, progress: Progress, label: str) -> Loop:
+def run(name: str, setup: Setup, folder: Path, progress: Progress, label: str) -> TimedLoop:
     """Run one round of a loop that `prepare` found; JitterError if it fails."""
 
     def show(spent_s: float) -> None:
@@ -109,7 +109,9 @@ def run(name: str, setup: Setup, folder: Path, progress: Progress, label: str) -
     return _wake(python if name == "python" else [str(folder / "wake")], setup, folder, show)
 
 
-def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
+def _wake(
+    words: Sequence[str], setup: Setup, folder: Path, show: Callable[[float], None]
+) -> TimedLoop:
     """Run `words`, wake.c or its twin, and read the file that it writes."""
     out, cpu = folder / "late", setup.cpu(0)
     out.unlink(missing_ok=True)
@@ -118,8 +120,10 @@ def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[floa
     if done.code or not out.exists():
         if not done.interrupted:
             raise JitterError(f"{words[-1]}: {done.why}", Exit.ENVIRONMENT)
-        return Loop(np.empty(0, np.int64), False, True)
-    return Loop(np.fromfile(out, "<i8"), done.output.read_text().strip() == "1", done.interrupted)
+        return TimedLoop(np.empty(0, np.int64), False, True)
+    return TimedLoop(
+        np.fromfile(out, "<i8"), done.output.read_text().strip() == "1", done.interrupted
+    )
 
 
 def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
@@ -128,12 +132,12 @@ def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
     return f"cyclictest -v -N -m {words}{cpu}".split()
 
 
-def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
+def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> TimedLoop:
     done = _outcome(_cyclictest_words(setup, setup.periods), folder, show)
     late_ns = cyclictest_values(done.output.read_text())
     if not len(late_ns) and not done.interrupted:
         raise JitterError(f"cyclictest: {done.why}", Exit.ENVIRONMENT)
-    return Loop(late_ns, True, done.interrupted)
+    return TimedLoop(late_ns, True, done.interrupted)
 
 
 def cyclictest_values(text: str) -> NDArray[np.int64]:

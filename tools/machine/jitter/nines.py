@@ -23,12 +23,14 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from pcpc.tools.study.binomial import runs_needed
+from pcpc.tools.terminal.answer import one_of
 
 WAYS = {
     "wake": "deadline to wake-up",
@@ -41,6 +43,7 @@ _FEWEST_BEYOND = Fraction(1, 10**9)  # of the nines that are printed
 Vector = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Judged = tuple[str, "Point", float, str]  # way, quantile, limit in us, verdict
+Way = Annotated[str, one_of(*WAYS)]
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,44 @@ class Point:
     value: float
     low: float | None
     high: float | None
+
+
+class Quantile(Struct):
+    """At a percentage of the periods."""
+
+    value: float | None
+    "us; null: it never came"
+    low: float | None
+    "of the 95 % interval, us"
+    high: float | None
+    "of the 95 % interval, us"
+
+
+_BY_PERCENT = Meta(
+    extra_json_schema={
+        "properties": {"cycles": {"type": "integer", "minimum": 0}},
+        "required": ["cycles"],
+    }
+)
+_Percent = Annotated[str, Meta(pattern="^(cycles|[0-9.]+)$")]
+Quantiles = Annotated[dict[_Percent, Quantile], _BY_PERCENT]
+
+
+class Limit(Struct):
+    """A limit, and what became of it."""
+
+    of: Way
+    percent: float
+    "of the periods"
+    limit_us: float
+    "us"
+    verdict: Annotated[str, one_of(HELD, BROKEN, OPEN, TOO_FEW)]
+    value: float | None
+    "us; null: it never came"
+    low: float | None
+    "of the 95 % interval, us"
+    high: float | None
+    "of the 95 % interval, us"
 
 
 def whole_path(
@@ -176,27 +217,27 @@ def limit_lines(found: list[Judged], interval_ns: int, rounds: int) -> Iterator[
         yield f"  {way:8} {_percent(one):>9} %  {limit:13} {verdict}: {why}"
 
 
-def as_json(paths: Mapping[str, Vector], found: list[Judged]) -> dict[str, Any]:
-    """Return nines and judged limits; null stands for an unknown end and for a time without end.
-
-    Each way: (n,).
-    """
+def quantiles(paths: Mapping[str, Vector]) -> dict[str, Any]:
+    """Return the nines by way and percent, with how many cycles there are. Each way: (n,)."""
     return {
-        "nines_us": {
-            way: {"cycles": len(times)} | {_percent(one): _numbers(one) for one in nines(times)}
-            for way, times in paths.items()
-        },
-        "limits": [
-            {"of": way, "percent": float(one.percent), "limit_us": us, "verdict": verdict}
-            | _numbers(one)
-            for way, one, us, verdict in found
-        ],
+        way: {"cycles": len(times)}
+        | {_percent(one): Quantile(*_numbers(one)) for one in nines(times)}
+        for way, times in paths.items()
     }
 
 
-def _numbers(one: Point) -> dict[str, float | None]:
-    ends = {"value": one.value, "low": one.low, "high": one.high}
-    return {n: None if v is None or math.isinf(v) else v for n, v in ends.items()}
+def limits(found: list[Judged]) -> list[Limit]:
+    """Return the judged limits."""
+    return [
+        Limit(way, float(one.percent), us, verdict, *_numbers(one))
+        for way, one, us, verdict in found
+    ]
+
+
+def _numbers(one: Point) -> Iterator[float | None]:
+    """Yield a quantile and its ends; None for an unknown end and for a time without end."""
+    for value in (one.value, one.low, one.high):
+        yield None if value is None or math.isinf(value) else value
 
 
 def _percent(one: Point | Fraction) -> str:

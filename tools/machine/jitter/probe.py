@@ -3,7 +3,6 @@
 The figures are those of the log, every cycle of the nodes; nothing is timed from outside.
 """
 
-import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,8 +17,10 @@ from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
+from pcpc.tools.run.commands import RunRequest
 from pcpc.tools.run.run import Host
 from pcpc.tools.start.folder import LOG
+from pcpc.tools.terminal.arguments import RunFolder
 from pcpc.tools.terminal.progress import Progress
 
 RIG = Path(__file__).resolve().parents[3] / "plants" / "probe" / "rig.yaml"
@@ -33,7 +34,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Node:
+class ProbedNode:
     """One node, one round or several: each stage of each cycle, (n,) us; pids and priority.
 
     `publish` has one value less a round: a cycle tells how long the previous one published.
@@ -62,7 +63,7 @@ class Node:
 class Probe:
     """A round: its nodes by name, none if it was interrupted before its first cycle."""
 
-    nodes: dict[str, Node]
+    nodes: dict[str, ProbedNode]
     fifo: bool
     interrupted: bool
     bus: str
@@ -109,18 +110,15 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
     JitterError also tells a fault, the death of a process, or a log that is not whole.
     """
     rig = load_rig(RIG, None, settings_of(setup), resolve=False)
-    options = argparse.Namespace(
+    request = RunRequest(
         rig=str(RIG),
-        controller=None,
         set=settings_of(setup),
         bus=setup.bus,
         pacing="real",
-        quiet=True,
-        no_figure=True,
-        judge=False,
+        kept=RunFolder(quiet=True, no_figure=True),
         begin_ns=time.monotonic_ns(),
     )
-    host = Host(options, rig, ("plant", "executive"), folder)
+    host = Host(request, rig, ("plant", "executive"), folder)
     host.progress = _LabelledProgress(progress, label)
     if (code := host.run()) >= 0:
         raise JitterError("", Exit(code))
@@ -140,7 +138,7 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
 
 def read(
     log: Path, setup: Setup, pids: dict[str, int], interrupted: bool = False
-) -> tuple[dict[str, Node], dict[str, str]]:
+) -> tuple[dict[str, ProbedNode], dict[str, str]]:
     """Return the nodes of a log and the executive's metadata; LogError, JitterError for a loss."""
     names = [f"timing.{stage}_us" for stage in STAGES]
     names += [f"health.{name}" for name in _COUNTERS]
@@ -175,7 +173,7 @@ def read(
     return nodes, metadata
 
 
-def _add_stamps(stamps: dict[str, list[Ints]], part: logs.Node) -> None:
+def _add_stamps(stamps: dict[str, list[Ints]], part: logs.NodeLog) -> None:
     """Add cycle and stamp, ns, of each wake-up, command and SYNC."""
     stamps["wake"].append(np.stack([part.cycle, part.stamp_ns]))
     for word, name in part.description["frames"].items():
@@ -217,7 +215,9 @@ def _paths(
     )
 
 
-def _node(name: str, table: dict[str, Vector], setup: Setup, pid: int, interrupted: bool) -> Node:
+def _node(
+    name: str, table: dict[str, Vector], setup: Setup, pid: int, interrupted: bool
+) -> ProbedNode:
     first, ran = _UNPACED[name], len(table["health.passes"])
     stages = {stage: table[f"timing.{stage}_us"][first:] for stage in STAGES}
     stages["publish"] = table["timing.publish_us"][first + 1 :]
@@ -227,10 +227,10 @@ def _node(name: str, table: dict[str, Vector], setup: Setup, pid: int, interrupt
     priority = setup.priority
     if name == "plant":
         priority = max(priority - _PLANT_BELOW, 1)
-    return Node(stages, missed, int(table["health.late_cycles"][-1]), pid, priority)
+    return ProbedNode(stages, missed, int(table["health.late_cycles"][-1]), pid, priority)
 
 
-def join_rounds(rounds: Sequence[Node]) -> Node:
+def join_rounds(rounds: Sequence[ProbedNode]) -> ProbedNode:
     """Return several rounds of a node as one; pid and priority are the last one's."""
     stages = {stage: np.concatenate([one.stages_us[stage] for one in rounds]) for stage in STAGES}
     missed, late = sum(one.missed for one in rounds), sum(one.late for one in rounds)
@@ -238,4 +238,4 @@ def join_rounds(rounds: Sequence[Node]) -> Node:
         way: np.concatenate([one.paths_us[way] for one in rounds if one.paths_us])
         for way in (nines.WAYS if any(one.paths_us for one in rounds) else ())
     }
-    return Node(stages, missed, late, rounds[-1].pid, rounds[-1].priority, paths)
+    return ProbedNode(stages, missed, late, rounds[-1].pid, rounds[-1].priority, paths)

@@ -11,12 +11,13 @@ from pcpc.tools.machine.jitter.figures import (
     COMPARED,
     PCPC,
     PERCENTILES,
-    Result,
+    JitterResult,
     Vector,
     percentiles,
     ratios,
 )
-from pcpc.tools.machine.jitter.probe import STAGES, Node
+from pcpc.tools.machine.jitter.probe import STAGES, ProbedNode
+from pcpc.tools.terminal import screen
 
 _BAR = 47  # the lines have 80 columns
 _STEPS = np.outer(10.0 ** np.arange(7), (1.0, 2.0, 5.0)).ravel()  # us, edges of the short histogram
@@ -25,7 +26,7 @@ _BINS_A_DECADE = 20
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000")
 
 
-def text_of(result: Result, histogram_us: int | None) -> str:
+def text_of(result: JitterResult, histogram_us: int | None) -> str:
     """Return the whole report."""
     nodes = {name: node for name in ("executive", "plant") if (node := result.node(name))}
     lines = [*_head(result)]
@@ -47,7 +48,7 @@ def text_of(result: Result, histogram_us: int | None) -> str:
     return "\n".join(lines)
 
 
-def _head(result: Result) -> Iterator[str]:
+def _head(result: JitterResult) -> Iterator[str]:
     setup = result.setup
     bus = result.probes[0].bus if result.probes else setup.bus
     yield (
@@ -60,7 +61,7 @@ def _head(result: Result) -> Iterator[str]:
     yield f"# T: 0 executive, T: 1 plant; us; {bus}"
 
 
-def thread_line(number: int, node: Node, result: Result) -> str:
+def thread_line(number: int, node: ProbedNode, result: JitterResult) -> str:
     """Return cyclictest's line of a thread; Act is the last cycle's, P 0 without SCHED_FIFO."""
     late = node.late_ns // 1000
     priority = node.priority if result.fifo[PCPC] else 0
@@ -71,8 +72,8 @@ def thread_line(number: int, node: Node, result: Result) -> str:
     )
 
 
-def _stages(name: str, node: Node) -> Iterator[str]:
-    yield f"{name:10} us " + "".join(f"{point:>10}" for point in PERCENTILES)
+def _stages(name: str, node: ProbedNode) -> Iterator[str]:
+    yield f"{f'{name} us':13}" + "".join(f"{point:>10}" for point in PERCENTILES)
     for stage in STAGES:
         if len(node.stages_us[stage]):
             points = percentiles(node.stages_us[stage]).values()
@@ -116,27 +117,24 @@ def short_histogram(late_us: Vector) -> Iterator[str]:
         yield f"  {edges[i]:8g} .. {edges[i + 1]:8g} {counts[i]:9d} {bar}".rstrip()
 
 
-def _comparison(result: Result) -> Iterator[str]:
-    """Yield a line for each loop: its own figures, and ours over them."""
-    head = "".join(f"{figure:>10}" for figure in COMPARED)
-    over = "".join(f"{f'pcpc/it {figure}':>25}" for figure in COMPARED)
-    yield f"{'wake-up, us':12}{head}{over}"
-    ours = result.late_us(PCPC)
+def _comparison(result: JitterResult) -> Iterator[str]:
+    """Yield the figures of each loop, and ours over them."""
+    ours, rows = result.late_us(PCPC), [("wake-up", "", "us", "pcpc/it")]
     for name in result.loops:
         rounds = result.late_us(name)
         if not sum(map(len, rounds)):
             continue
         figures = percentiles(np.concatenate(rounds))
-        line = f"{name:12}" + "".join(f"{figures[figure]:10.1f}" for figure in COMPARED)
         found = {} if name == PCPC else ratios(ours, rounds)
-        for one in found.values():
-            spread = f"{one['median']:.2f} ({one['min']:.2f}..{one['max']:.2f})"
-            line += f"{spread:>25}"
-        yield line
+        for figure in COMPARED:
+            of = found.get(figure)
+            spread = f"{of.median:.2f} ({of.min:.2f}..{of.max:.2f})" if of else ""
+            rows.append((name, figure, f"{figures[figure]:.1f}", spread))
+    yield from screen.table(rows, right=(2,))
     yield "all rounds together; ratios: median over the rounds (least..largest)"
 
 
-def draw(result: Result, path: Path) -> None:
+def draw(result: JitterResult, path: Path) -> None:
     """Draw the lateness of all loops as histograms, both axes logarithmic; OSError."""
     page, axis = pages.sheet((9.0, 4.5), 110)
     late = {name: np.concatenate(result.late_us(name)) for name in result.loops}

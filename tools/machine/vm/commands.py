@@ -1,8 +1,12 @@
 """Commands: vm."""
 
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command
+from pcpc.tools.terminal.command import Command
+from pcpc.tools.terminal.request import Request
 
 _VM = """
 The command runs as you, in this folder, with this environment, on the host's
@@ -15,15 +19,17 @@ for function, not for timing. Its exit code is the command's; 124 time limit,
 """
 
 
-def vm(add: Add) -> None:
-    """Take what the machine has; the command follows after --."""
-    add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")
-    add("--memory", type=take.positive, default=2048, metavar="MB", help="default: %(default)s")
-    add("--cpus", type=take.positive, default=2, metavar="N", help="default: %(default)s")
-    add("--timeout", type=take.duration, default=600.0, metavar="DURATION", help="default: 600s")
-    add("--update", action="store_true", help="fetch the distribution's present kernel")
-    add("--verbose", action="store_true", help="show the guest's console on stderr")
-    add("--info", action="store_true", help="print kernel and accelerator, run nothing")
+class VmRequest(Request):
+    """What the machine has; the command follows after --."""
+
+    accel: Annotated[Literal["auto", "kvm", "tcg"], "default: %(default)s"] = "auto"
+    memory: Annotated[int, take.positive, "MB", "default: %(default)s"] = 2048
+    cpus: Annotated[int, take.positive, "N", "default: %(default)s"] = 2
+    timeout_s: Annotated[float, take.duration, "--timeout", "DURATION", "default: 600s"] = 600.0
+    update: Annotated[bool, "fetch the distribution's present kernel"] = False
+    verbose: Annotated[bool, "show the guest's console on stderr"] = False
+    info: Annotated[bool, "print kernel and accelerator, run nothing"] = False
+    rest: Sequence[str] = ()
 
 
 COMMANDS = (
@@ -31,7 +37,7 @@ COMMANDS = (
         "vm",
         "run a command on a kernel with vcan, in QEMU",
         "pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0; wait'",
-        vm,
+        VmRequest,
         notes=_VM,
         judges=True,
         rest="COMMAND [ARGUMENT ...]",

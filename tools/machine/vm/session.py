@@ -53,17 +53,19 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Limits:
+class TimeLimits:
     """Times in s from the start of QEMU: to the end of the command, and to `up`."""
 
     total_s: float
     boot_s: float = math.inf
 
 
-class Session:
+class MachineSession:
     """Runs one job (a shell script, job.py) in a machine that has just been started; used once."""
 
-    def __init__(self, machine: Machine, job: bytes, limits: Limits, progress: Progress) -> None:
+    def __init__(
+        self, machine: Machine, job: bytes, limits: TimeLimits, progress: Progress
+    ) -> None:
         """Nothing is sent before `run`."""
         self.up = False
         self._machine, self._job, self._limits, self._progress = machine, job, limits, progress

@@ -1,4 +1,4 @@
-"""`pcpc plant RIG --device`: a device in the executive's place, recorded and judged.
+"""`pcpc run RIG --device`: a device in the executive's place, recorded and judged.
 
 cli         the command: a folder, a run, a verdict
 host        the processes: emulator, recorder, the device's own command

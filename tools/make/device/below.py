@@ -39,7 +39,7 @@ class NodesBelow:
         both = ([frame for _, frame in of] for of in (self.told, self.heard))
         return [frame for of in both for frame in sorted(of, key=messages.sending_order)]
 
-    def record(self, log: logs.Log) -> logs.Node:
+    def record(self, log: logs.Log) -> logs.NodeLog:
         """Return the record of the first of these nodes with the frames that all had with above.
 
         In the order of the cycles and in one that in which they are sent; each frame once.

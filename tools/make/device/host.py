@@ -6,7 +6,6 @@ asked (SIGTERM), then killed. That it ended before the plant did is a fault, unl
 end by its own last frames.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -30,6 +29,8 @@ from pcpc.executive.nodes.rings import rows_of
 from pcpc.executive.rig.messages import database_of
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.device import witness
+from pcpc.tools.make.device.commands import InPlace
+from pcpc.tools.run.commands import RunRequest
 from pcpc.tools.run.run import Host
 from pcpc.tools.start.children import Child, end_with
 from pcpc.tools.start.folder import LOG
@@ -67,7 +68,7 @@ def _at_the_device(rig: Rig) -> Iterator[str]:
             yield f"losses.{name}"
 
 
-class Device:
+class DeviceProcess:
     """The device's command, once it runs; nothing where it is started elsewhere."""
 
     def __init__(self, words: Sequence[str], bus: str, output: Path) -> None:
@@ -136,7 +137,7 @@ class _WaitingForDevice(PeerWait):
     What is heard is noted while it comes: a device that sends fast fills the ring within seconds.
     """
 
-    device: Device
+    device: DeviceProcess
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -200,13 +201,14 @@ def heard_frames(rig: Rig, rows: NDArray[np.int64]) -> Iterator[tuple[str, list[
 class DeviceHost(Host):
     """One run of all nodes but the executive with a device, from start to what the log holds."""
 
-    def __init__(self, options: argparse.Namespace, rig: Rig, folder: Path) -> None:
-        for program in options.device[:1]:
+    def __init__(self, request: RunRequest, rig: Rig, folder: Path) -> None:
+        self.command = [*(request.in_place.of(InPlace).device or ())]
+        for program in self.command[:1]:
             if shutil.which(program) is None:
                 raise UserError(f"--device {program}: no such program, or it is not executable")
         below = tuple(role for role in rig.roles if role != "executive")
-        super().__init__(options, rig, below, folder)
-        self.device = Device(options.device, str(self.bus), folder / OUTPUT)
+        super().__init__(request, rig, below, folder)
+        self.device = DeviceProcess(self.command, str(self.bus), folder / OUTPUT)
         self.waiting = self.of_device = _WaitingForDevice(rig, below)
         self.of_device.device = self.device
         self.counts: witness.Counts = {}

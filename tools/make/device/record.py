@@ -17,8 +17,9 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import cycles_of, describe, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import text_of, timed_requirement
+from pcpc.tools.after.verdict.findings import Finding, FindingKind
 from pcpc.tools.after.verdict.judge import EvaluationError, Judge
-from pcpc.tools.after.verdict.requirements import Names
+from pcpc.tools.after.verdict.requirements import SignalNames
 
 WHY = "it needs variables that only an executive of pcpc records"
 Vector = NDArray[np.float64]
@@ -36,7 +37,7 @@ def run_of_device(rig: Rig, log: logs.Log, pacing: str) -> logs.Log:
         columns["time.t_s"] = cycle * 1e-9 * about["period_ns"]
     columns |= _references(rig, about, cycle)
     timing = {k: v[kept] for k, v in plant.timing.items() if k.startswith("timing.")}
-    bare = logs.Node(
+    bare = logs.NodeLog(
         cycle, plant.stamp_ns[kept], columns, timing, np.empty(0, logs.FRAME), [], [], about
     )
     metadata = {**log.metadata, "executive": log.metadata[lead]}
@@ -57,8 +58,8 @@ def _references(rig: Rig, about: Mapping[str, Any], cycle: NDArray[np.int64]) ->
     return {name: np.asarray(known.columns[name])[row] for name in names}
 
 
-def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
-    """Return a judge of what the log of a plant tells, and why the rest is not judged, by name."""
+def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, list[Finding]]:
+    """Return a judge of what the log of a plant tells, and what of the rest is not judged."""
     config, left = judge.rig.config, dict[str, str]()
     expected = config.expected
     try:
@@ -66,18 +67,19 @@ def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]
         left = {name: WHY for name in expected if math.isnan(metrics.get(name, math.nan))}
     except EvaluationError as error:
         left = dict.fromkeys(expected, str(error))
-    known = Names(log, judge.evaluation.signals)
+    known = SignalNames(log, judge.evaluation.signals)
     require = list(judge.required().values())
     silent = [entry for entry in require if _asks_for_more(judge, log, known, entry)]
-    left |= {text_of(entry): WHY for entry in silent}
     rig = judge.rig.changed(
         expect={config.controller: {k: v for k, v in expected.items() if k not in left}},
         require=[entry for entry in require if entry not in silent],
     )
-    return replace(judge, rig=rig), left
+    unjudged = [Finding(FindingKind.LIMIT, why, None, name) for name, why in left.items()]
+    unjudged += [Finding(FindingKind.REQUIREMENT, WHY, None, text_of(entry)) for entry in silent]
+    return replace(judge, rig=rig), unjudged
 
 
-def _asks_for_more(judge: Judge, log: logs.Log, known: Names, entry: Any) -> bool:
+def _asks_for_more(judge: Judge, log: logs.Log, known: SignalNames, entry: Any) -> bool:
     """Return whether a requirement asks for a value that no cycle of the log has."""
     run = judge.judged(log).run()
     for name in timed_requirement(entry, known.unit).names:

@@ -19,7 +19,8 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import cycles_of
-from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
+from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.slices import HEAD, PASSES, Assembler, K, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.replayed import Verdict, compare_frames
@@ -36,7 +37,7 @@ def is_of_device(head: logs.Log) -> bool:
 
 
 class DeviceComparison:
-    """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay.
+    """A device's frames against the rig's law, piece by piece; as `NodeComparison` in after.replay.
 
     `each` is called with the frames of a piece that are compared, the device's and the law's.
     """

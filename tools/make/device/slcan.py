@@ -10,7 +10,6 @@ does not take waits. The line is opened (O) again and again until it answers, th
 bus go to the device, but its own. A line that does not answer, or takes nothing, is given up.
 """
 
-import argparse
 import contextlib
 import os
 import select
@@ -26,9 +25,10 @@ from typing import NoReturn
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import can_id, plain_bus
-from pcpc.drivers.can.plain_bus import Can, Frame, Udp
+from pcpc.drivers.can.plain_bus import BusFrame, Can, Udp
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.make.device.commands import SlcanRequest
 
 OPENS_EVERY_MS = 50
 ANSWER_S = 60.0  # a board may still start, or be switched on by hand
@@ -49,7 +49,7 @@ def line_of(word: int, data: bytes, flags: int = Flag.NONE) -> bytes:
     return f"{kind}{can_id.text_of(word)}{length}{data.hex().upper()}\r".encode()
 
 
-def frame_of(line: bytes) -> Frame | None:
+def frame_of(line: bytes) -> BusFrame | None:
     """Return the frame of a line without its CR; None for another line, as an answer."""
     kind = line[:1].decode("latin-1")
     digits = 3 if kind in _FLAGS else 8 if kind.lower() in _FLAGS else 0
@@ -63,7 +63,7 @@ def frame_of(line: bytes) -> Frame | None:
     flags = _FLAGS[kind.lower()]
     if len(data) != n or (n > 8 and flags == Flag.NONE):
         return None
-    return Frame(can_id.word_of(number, digits == 8), data, flags)
+    return BusFrame(can_id.word_of(number, digits == 8), data, flags)
 
 
 def open_port(path: Path, baud: int) -> int:
@@ -158,23 +158,23 @@ class Bridge:
         return True
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: SlcanRequest) -> int:
     """Carry out `slcan`; return the exit code, of a program its own. UserError: wrong input."""
-    if bool(options.rest) == (options.port is not None):
+    if bool(request.rest) == (request.port is not None):
         raise UserError("pcpc slcan: give a serial line, or -- and a program; `pcpc slcan --help`")
-    if options.bitrate not in (None, *_BIT_RATES):
+    if request.bitrate not in (None, *_BIT_RATES):
         known = ", ".join(map(str, _BIT_RATES))
-        raise UserError(f"--bitrate {options.bitrate:g}: slcan knows {known} bit/s")
-    if options.data_bitrate not in _DATA_RATES:
-        raise UserError(f"--data-bitrate {options.data_bitrate:g}: slcan knows 2M and 5M")
+        raise UserError(f"--bitrate {request.bitrate:g}: slcan knows {known} bit/s")
+    if request.data_bitrate not in _DATA_RATES:
+        raise UserError(f"--data-bitrate {request.data_bitrate:g}: slcan knows 2M and 5M")
     signal.signal(signal.SIGTERM, _leave)
-    if options.port is not None:
-        line = open_port(options.port, options.baud)
-        bridge = Bridge(open_bus(options.bus), line, line, str(options.port))
-        if bridge.open(options.bitrate, options.data_bitrate):
+    if request.port is not None:
+        line = open_port(request.port, request.baud)
+        bridge = Bridge(open_bus(request.bus), line, line, str(request.port))
+        if bridge.open(request.bitrate, request.data_bitrate):
             bridge.run()
         return Exit.OK
-    return with_program(open_bus(options.bus), options.rest)
+    return with_program(open_bus(request.bus), request.rest)
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:

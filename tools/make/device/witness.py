@@ -20,7 +20,7 @@ from pathlib import Path
 
 import msgpack
 
-from pcpc.drivers.can.bus import Bus, listener
+from pcpc.drivers.can.bus import BusAddress, listener
 from pcpc.drivers.can.can_id import word_of
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
@@ -83,7 +83,7 @@ def share(counts: Counter[int], percent: float) -> float:
     return float(value)
 
 
-def start_witness(rig: Rig, bus: Bus, folder: Path) -> Child:
+def start_witness(rig: Rig, bus: BusAddress, folder: Path) -> Child:
     """Start to listen; it writes FILE into `folder` when it is asked to end. BusError."""
     heard, ear = Arrivals.of(rig), listener(bus)
 
@@ -111,7 +111,9 @@ def read_counts(folder: Path) -> Counts:
     return counts
 
 
-def _frames(ear: socket.socket, bus: Bus, stopped: Callable[[], bool]) -> Iterator[tuple[int, int]]:
+def _frames(
+    ear: socket.socket, bus: BusAddress, stopped: Callable[[], bool]
+) -> Iterator[tuple[int, int]]:
     """Yield the word and the time, ns, of each frame, until there is none and it is to end."""
     word_in = _word_of_frame if bus.interface == "socketcan" else _word_of_datagram
     while True:

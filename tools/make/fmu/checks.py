@@ -13,7 +13,6 @@ import time
 from multiprocessing.connection import Connection
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from pcpc.drivers.compiled.jit import JIT_OFF
@@ -22,6 +21,7 @@ from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig import fmu_block
 from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.tools.run.checked import Fmu
 
 KEY = "fmus"  # of the report of a node
 STEPS, MOST_S = 1000, 2.0
@@ -30,29 +30,27 @@ _MOST_NAMES = 12  # of a line
 _SHOWN = (("input",), ("output",), ("parameter", "start"))
 
 
-def report(made: Plan) -> list[dict[str, Any]]:
+def report(made: Plan) -> list[Fmu]:
     """Return for each FMU of a node what it is and how fast; RigError for one that cannot run."""
     return [_report(made, spec) for spec in made.spec.blocks if fmus.step_of(spec)]
 
 
-def _report(made: Plan, spec: BlockSpec) -> dict[str, Any]:
+def _report(made: Plan, spec: BlockSpec) -> Fmu:
     model, period_s = fmus.step_of(spec).model, 1.0 / made.rig.config.rate_hz
-    about = {
-        "block": spec.name,
-        "model": model.name,
-        "fmi": model.fmi,
-        "made_by": model.made_by,
-        "sha256": model.sha256,
-        "variables": msgspec.to_builtins(model.variables),
-    }
     steps = _in_a_child(spec, period_s)
-    return about | {
-        "steps": len(steps),
-        "median_us": 1e-3 * float(np.median(steps)),
-        "worst_us": 1e-3 * float(np.max(steps)),
-        "period_us": 1e6 * period_s,
-        "real_time_capable": bool(1e-9 * np.max(steps) < period_s),
-    }
+    return Fmu(
+        block=spec.name,
+        model=model.name,
+        fmi=model.fmi,
+        made_by=model.made_by,
+        sha256=model.sha256,
+        variables=model.variables,
+        steps=len(steps),
+        median_us=1e-3 * float(np.median(steps)),
+        worst_us=1e-3 * float(np.max(steps)),
+        period_us=1e6 * period_s,
+        real_time_capable=bool(1e-9 * np.max(steps) < period_s),
+    )
 
 
 def lines(about: dict[str, Any]) -> list[str]:

@@ -9,7 +9,6 @@ The block's C is that of `pcpc generate c`, with `fmu2.c` around it; both lie in
 are those of the rig. Equal rigs give equal files, but for what the compiler does.
 """
 
-import argparse
 import hashlib
 import shutil
 import zipfile
@@ -22,10 +21,12 @@ from xml.sax.saxutils import quoteattr
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.units import in_fmi
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig import fmu
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.make.fmu.commands import FmuRequest
 from pcpc.tools.make.generate.library import PLAIN, WARNINGS, compiler, run
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.kinds import number_text
@@ -51,13 +52,13 @@ class _Value:
     start: float
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: FmuRequest) -> int:
     """Write an FMU; say what it holds and how a rig takes it."""
     need("an FMU needs", "fmpy")
-    output = options.output and Path(options.output)
-    rig = load_rig(options.rig, None, options.set)
+    output = request.output and Path(request.output)
+    rig = load_rig(request.rig, None, request.set)
     made = plan(rig, "plant", "lockstep")
-    spec = chosen_block(made, options.block)
+    spec = chosen_block(made, request.block)
     output = output or Path(f"{identifier(spec.name)}.fmu")
     write(made, spec, output)
     print(f"{output}: FMI 2.0, co-simulation, step {1.0 / rig.config.rate_hz:g} s")
@@ -203,7 +204,7 @@ def _description(
     """Return modelDescription.xml."""
     shown = [one for one in values if _role(one) != _NO_STATE]
     config, name = made.rig.config, identifier(spec.name)
-    units = sorted({unit_text(one.port.unit) for one in shown} - {""})
+    units = sorted({in_fmi(one.port.unit) for one in shown} - {""})
     outputs = [n for n, one in enumerate(shown, 1) if one.kind == "outputs"]
     unknowns = [f'      <Unknown index="{n}"/>' for n in outputs]
     period = repr(config.period_ns * 1e-9)
@@ -259,7 +260,7 @@ def _variable(one: _Value) -> Iterator[str]:
         f"{_CAUSALITY[one.kind]} description={help}>"
     )
     parts = []
-    if unit := unit_text(one.port.unit):
+    if unit := in_fmi(one.port.unit):
         parts.append(f" unit={quoteattr(unit)}")
     for side, value in (("min", one.port.low), ("max", one.port.high)):
         if abs(value) < float("inf") and one.kind != "states":
@@ -268,8 +269,3 @@ def _variable(one: _Value) -> Iterator[str]:
         parts.append(f' start="{one.start!r}"')
     yield f"      <Real{''.join(parts)}/>"
     yield "    </ScalarVariable>"
-
-
-def unit_text(unit: str) -> str:
-    """Return a unit as FMI writes it: N m as N.m."""
-    return unit.replace(" ", ".")

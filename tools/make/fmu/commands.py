@@ -1,17 +1,20 @@
 """The part of `pcpc generate` that makes an FMU."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Request
 
 
-def fmu(add: Add) -> None:
-    """Take a rig, which block of its plant, and where to write."""
-    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
-    add("--block", metavar="NAME", help="block of the plant; default: the only one")
-    take.settings(add, "change a value of the rig or a block")
-    add("-o", "--output", type=Path, metavar="FILE", help="default: BLOCK.fmu")
+class FmuRequest(Request):
+    """A rig, which block of its plant, and where its FMU goes."""
+
+    rig: Annotated[str, "RIG", "name of a rig (pcpc rigs), or its file"]
+    block: Annotated[str | None, "NAME", "block of the plant; default: the only one"] = None
+    set: Annotated[Sequence[str], "NAME=VALUE", "change a value of the rig or a block"] = ()
+    output: Annotated[Path | None, "-o", "FILE", "default: BLOCK.fmu"] = None
 
 
 COMMANDS: tuple[Command, ...] = ()
@@ -21,7 +24,7 @@ PARTS_OF = {
             "fmu",
             "write a bit-identical FMU of a rig's plant (FMI 2.0, co-simulation)",
             "pcpc generate fmu slew10 -o barrel.fmu",
-            fmu,
+            FmuRequest,
             compiles=True,
             module="make.fmu.cli",
             codes=codes(ENVIRONMENT="no compiler, or FILE cannot be written"),

@@ -141,7 +141,7 @@ def fixed_files(folder: Path) -> None:
         (folder / name).write_text(texts[name], encoding="utf-8")
 
 
-class Row(NamedTuple):
+class BuildResult(NamedTuple):
     """What became of one build."""
 
     name: str
@@ -163,12 +163,12 @@ def table(
     folder: Path,
     own: Sequence[tuple[str, Callable[[], str]]],
     say: Callable[[str], None] = lambda line: None,
-) -> tuple[list[Row], list[Row]]:
+) -> tuple[list[BuildResult], list[BuildResult]]:
     """Return what became of those in Python, `own`, and of those in C.
 
     The first that gives a digest, and need not refuse, is what all others are compared with.
     """
-    python, c = list[Row](), list[Row]()
+    python, c = list[BuildResult](), list[BuildResult]()
     expected = ""
     for name, work in own:
         say(name)
@@ -180,25 +180,25 @@ def table(
             c.append(_row(one.name, partial(one.digest, folder), expected, one.refuses))
             expected = expected or c[-1].digest.strip("-")
         else:
-            c.append(Row(one.name, "-", f"not here: {one.cure}"))
+            c.append(BuildResult(one.name, "-", f"not here: {one.cure}"))
     return python, c
 
 
-def _row(name: str, work: Callable[[], str], expected: str, refuses: bool) -> Row:
+def _row(name: str, work: Callable[[], str], expected: str, refuses: bool) -> BuildResult:
     """Return what a build gives and what that means, without an expected digest as the first."""
     try:
         digest = work()
     except UserError as error:
         refused = str(error).endswith(": refused")
         verdict = "refused, as it has to be" if refused and refuses else f"FAILS: {error}"
-        return Row(name, "-", verdict)
+        return BuildResult(name, "-", verdict)
     if not re.fullmatch("[0-9a-f]{16}", digest):
-        return Row(name, "-", f"FAILS: no digest, but {digest[:40]!r}")
+        return BuildResult(name, "-", f"FAILS: no digest, but {digest[:40]!r}")
     if refuses and digest == expected:
-        return Row(name, digest, "equal: this processor joins nothing")
+        return BuildResult(name, digest, "equal: this processor joins nothing")
     if not expected:
-        return Row(name, digest, "what the others are compared with")
-    return Row(name, digest, "equal" if digest == expected else "DIFFERS")
+        return BuildResult(name, digest, "what the others are compared with")
+    return BuildResult(name, digest, "equal" if digest == expected else "DIFFERS")
 
 
 def _installed_program(name: str) -> tuple[str, ...]:

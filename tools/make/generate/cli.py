@@ -1,6 +1,5 @@
 """`pcpc generate c`: laws and rigs as C99, checked in every build that this machine has."""
 
-import argparse
 import os
 import subprocess
 import sys
@@ -13,12 +12,13 @@ from pcpc.executive.errors import did_you_mean, near_file
 from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.own_laws.modules import module_of
 from pcpc.executive.rig import law_lookup
 from pcpc.executive.rig.messages import check_no_drive
-from pcpc.executive.rig.modules import module_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate import builds, cost, precision, single
 from pcpc.tools.make.generate.closed import ClosedLoop, digest_of
+from pcpc.tools.make.generate.commands import CRequest
 from pcpc.tools.make.generate.device import device
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.node import rig_files
@@ -37,56 +37,56 @@ print(python_digest(sys.argv[1], sys.argv[2] or None, sys.argv[4:], int(sys.argv
 """
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: CRequest) -> int:
     """Write the C; check it, tell its cost, if asked; return the exit code.
 
     UserError: wrong input.
     """
-    progress = Progress(quiet=options.quiet)
-    if is_law(options.what):
-        return _of_law(options, progress)
-    rig = load_rig(_rig(options.what), options.controller, options.set)
+    progress = Progress(quiet=request.quiet)
+    if is_law(request.what):
+        return _of_law(request, progress)
+    rig = load_rig(_rig(request.what), request.controller, request.set)
     check_no_drive(rig, "generated C has no drive; generate it of a rig without one")
-    if options.device and options.single:
+    if request.device and request.single:
         what = "a device's frames are packed in double; leave out --device or --single"
         raise UserError(what)
-    xcp = getattr(options, "xcp", None)
-    if xcp is not None and not options.device:
+    xcp = request.beside.value("xcp")
+    if xcp is not None and not request.device:
         raise UserError("--xcp is of a device; give --device too")
-    files = device(rig, xcp) if options.device else rig_files(rig, in_single=options.single)
-    folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
-    if options.output or options.device or not (options.check or options.cost):
+    files = device(rig, xcp) if request.device else rig_files(rig, in_single=request.single)
+    folder = request.output or Path(f"{identifier(rig.config.rig)}_c")
+    if request.output or request.device or not (request.check or request.cost):
         _write_files(files, folder)
     if xcp is not None:
         lacking = part_of("live/xcp", "firmware").absent(files)
         print("\n".join(screen.wrapped_lines(" ".join(lacking), "not in the device: ", "  ")))
-    names = [options.controller] if options.controller else list(rig.config.controllers)
-    if options.cost:
-        given = options.set, options.cycles, options.single, progress
+    names = [request.controller] if request.controller else list(rig.config.controllers)
+    if request.cost:
+        given = request.set, request.cycles, request.single, progress
         print("\n".join(cost.cost_table(rig, names, *given)))
-    if not options.check:
+    if not request.check:
         return Exit.OK
-    code = check(rig, options, progress)
-    if options.single:
-        print("\n".join(["", *precision.precision_table(rig, names, options.set, progress)]))
+    code = check(rig, request, progress)
+    if request.single:
+        print("\n".join(["", *precision.precision_table(rig, names, request.set, progress)]))
     return code
 
 
-def _of_law(options: argparse.Namespace, progress: Progress) -> int:
+def _of_law(request: CRequest, progress: Progress) -> int:
     """Write a law alone, or tell its cost; return the exit code."""
-    if options.check or options.device or options.controller or options.set:
-        raise UserError(f"{options.what} is a law; for that name a rig that uses it")
-    block, name = block_of(options.what)
+    if request.check or request.device or request.controller or request.set:
+        raise UserError(f"{request.what} is a law; for that name a rig that uses it")
+    block, name = block_of(request.what)
     law = law_files(block, name)
     files = (
         single.single_precision(law) | single.files()
-        if options.single
+        if request.single
         else law | elementary.files()
     )
-    if options.output or not options.cost:
-        _write_files(files, options.output or Path(f"{name}_c"))
-    if options.cost:
-        print("\n".join(cost.law_cost_table(block, name, options.cycles, progress)))
+    if request.output or not request.cost:
+        _write_files(files, request.output or Path(f"{name}_c"))
+    if request.cost:
+        print("\n".join(cost.law_cost_table(block, name, request.cycles, progress)))
     return Exit.OK
 
 
@@ -157,35 +157,35 @@ def _shorter_duration(rig: Rig, cycles: int) -> list[str]:
     return [f"duration_s={wanted!r}"] if wanted < rig.config.duration_s else []
 
 
-def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
+def check(rig: Rig, request: CRequest, progress: Progress) -> int:
     """Print the table of builds with their digests; return 1 if one differs, 4 if no C ran.
 
     UserError: nothing to compare.
     """
-    cycles = min(options.cycles, cycles_of(rig))
-    closed = ClosedLoop(rig, options.single)
+    cycles = min(request.cycles, cycles_of(rig))
+    closed = ClosedLoop(rig, request.single)
     if not any(closed.columns().values()):
         raise rig.error("", "records no state and no output; there is nothing to be compared")
-    words = [str(rig.path), options.controller or "", str(cycles), *options.set]
+    words = [str(rig.path), request.controller or "", str(cycles), *request.set]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(closed.files(cycles), folder)
         builds.fixed_files(folder)
         own: list[tuple[str, Callable[[], str]]] = []
-        if not options.single:  # Python has no floats: those builds have to agree with each other
+        if not request.single:  # Python has no floats: those builds have to agree with each other
             progress.show("Python, compiled by numba")
             expected = _digest(rig, cycles)
             own = [("Python, numba", lambda: expected)]
             own += [("Python, interpreted", lambda: _interpreted_digest(words))]
         python, c = builds.table(folder, own, progress.show)
     progress.close()
-    kind = ", laws in float" if options.single else ""
+    kind = ", laws in float" if request.single else ""
     print(f"{rig.config.rig}, {rig.config.controller}{kind}: {cycles} cycles of the closed loop")
     print("\n".join(screen.table([(f"  {a}", b, c) for a, b, c in (*python, *c)])))
     if any(row.wrong for row in (*python, *c)):
         return Exit.NOT_MET
     if not any(row.compared for row in c):
-        least = "two builds" if options.single else "a build"
+        least = "two builds" if request.single else "a build"
         what = f"no C was compared: that needs {least} of those that are not here"
         raise UserError(f"{what}; {builds.GCC}", Exit.ENVIRONMENT)
     return Exit.OK

@@ -1,54 +1,42 @@
 """Commands: generate."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
-from pcpc.tools.terminal.rooms import offers
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Offers, Request
 
 
-def c(add: Add) -> None:
-    """Take laws or a rig, where to write, and what to tell of it."""
-    add(
-        "what",
-        metavar="LAW|RIG",
-        help="a law: pd, references:sine, plants/atb1000/model.py; or a rig: a name (pcpc rigs), "
-        "a file",
-    )
-    add("--controller", metavar="NAME", help="of a rig: use this controller")
-    take.settings(add, "of a rig: change a value of it or of a block")
-    add("-o", "--output", type=Path, metavar="DIR", help="folder; default: NAME_c")
-    add(
-        "--device",
-        action="store_true",
-        help="of a rig: also frames, CRC, supervisor, a main for Linux and Cortex-M",
-    )
-    add(
-        "--check",
-        action="store_true",
-        help="of a rig: run its closed loop in C, in every build that this machine can make, "
+class CRequest(Request):
+    """Laws or a rig, where their C goes, and what is told of it."""
+
+    what: Annotated[
+        str,
+        "LAW|RIG",
+        "a law: pd, references:sine, plants/atb1000/model.py; or a rig: a name (pcpc rigs), a file",
+    ]
+    controller: Annotated[str | None, "NAME", "of a rig: use this controller"] = None
+    set: Annotated[Sequence[str], "NAME=VALUE", "of a rig: change a value of it or of a block"] = ()
+    output: Annotated[Path | None, "-o", "DIR", "folder; default: NAME_c"] = None
+    device: Annotated[
+        bool, "of a rig: also frames, CRC, supervisor, a main for Linux and Cortex-M"
+    ] = False
+    check: Annotated[
+        bool,
+        "of a rig: run its closed loop in C, in every build that this machine can make, "
         "and compare with `pcpc simulate`",
-    )
-    add(
-        "--single",
-        action="store_true",
-        help="float, not double; --check compares the builds, and the run with double",
-    )
-    add(
-        "--cost",
-        action="store_true",
-        help="instructions and stack on Cortex-M7 and M4",
-    )
-    add(
-        "--cycles",
-        type=take.positive,
-        default=200,
-        metavar="N",
-        help="--check, --cost: number of cycles; default: %(default)s",
-    )
-    for more in offers("BESIDE_C"):
-        more(add)
-    take.quiet(add, "-q")
+    ] = False
+    single: Annotated[
+        bool, "float, not double; --check compares the builds, and the run with double"
+    ] = False
+    cost: Annotated[bool, "instructions and stack on Cortex-M7 and M4"] = False
+    cycles: Annotated[
+        int, take.positive, "N", "--check, --cost: number of cycles; default: %(default)s"
+    ] = 200
+    beside: Annotated[Offers, "BESIDE_C"] = Offers()
+    quiet: take.ShortQuiet = False
 
 
 _PARTS = (
@@ -57,7 +45,7 @@ _PARTS = (
         "write readable C99 of a law, or of a rig's executive",
         "pcpc generate c pd_nn_fast -o firmware\n"
         "pcpc generate c hull --controller pd_nn_fast --check",
-        c,
+        CRequest,
         compiles=True,
         module="make.generate.cli",
         codes=codes(

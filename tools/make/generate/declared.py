@@ -9,7 +9,7 @@ from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE, Quick
 from pcpc.executive.loop.states import NEXT, Condition, State
 from pcpc.executive.loop.strangers import REPEATED_CYCLES, REPEATED_FRAMES
-from pcpc.executive.nodes.install import PATIENCE_S
+from pcpc.executive.nodes.planned_run import PATIENCE_S
 
 _ABOUT = "/* Declared in executive/ and drivers/ of pcpc, written by `pcpc generate c`. */"
 _HEADER = f"""\

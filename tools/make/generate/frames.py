@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.dbc import Kind
+from pcpc.drivers.can.dbc import SignalKind
 from pcpc.executive.rig import messages
 from pcpc.tools.make.generate.words import comment, identifier, number
 
@@ -27,7 +27,7 @@ static void add_words(uint8_t data[8], uint64_t little, uint64_t big)
         data[i] |= word[i];
     }
 }"""
-_RAW_OF = {Kind.FLOAT_32: "raw_of_float32", Kind.FLOAT_64: "raw_of_float64"}
+_RAW_OF = {SignalKind.FLOAT_32: "raw_of_float32", SignalKind.FLOAT_64: "raw_of_float64"}
 
 
 def header(sent: Frames, heard: Frames) -> str:
@@ -189,17 +189,17 @@ def _where_it_is(signal: dbc.Signal, statement: str) -> Iterator[str]:
 
 def _value(signal: dbc.Signal, raw: str, whole: tuple[int, int]) -> str:
     """Return the expression of a signal's value; without a scale of 1 and an offset of 0."""
-    if signal.kind in (Kind.FLOAT_32, Kind.FLOAT_64):
+    if signal.kind in (SignalKind.FLOAT_32, SignalKind.FLOAT_64):
         code = f"float{signal.nbits}_of({raw})"
         if signal.factor != 1.0 or signal.offset != 0.0:  # else -0.0 stays
             code = f"({code} * {number(signal.factor)}) + {number(signal.offset)}"
         return code
-    if signal.kind == Kind.UNSIGNED_64:
+    if signal.kind == SignalKind.UNSIGNED_64:
         code = f"(double)({raw})"
     else:
         extends = signal.signed and signal.nbits < 64
         code = f"signed_of({raw}, {signal.nbits}u)" if extends else f"(int64_t)({raw})"
-        if signal.kind == Kind.WIDE:
+        if signal.kind == SignalKind.WIDE:
             return f"(double)(({code} * {whole[0]}ll) + {whole[1]}ll)"
         code = f"(double){code}"
     if signal.factor < 0.0 and signal.offset == 0.0:  # so that raw 0 is no -0.0

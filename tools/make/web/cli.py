@@ -1,6 +1,5 @@
 """`pcpc generate web`: a rig as one HTML file that any browser runs, bit for bit."""
 
-import argparse
 import base64
 import hashlib
 import html
@@ -13,6 +12,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.rig.messages import check_no_drive
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.generate.words import identifier
+from pcpc.tools.make.web.commands import WebRequest
 from pcpc.tools.make.web.contents import contents
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import outfile
@@ -44,17 +44,17 @@ _POLICY = (
 )
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: WebRequest) -> int:
     """Write a page; return the exit code. RigError, UserError."""
-    path = Path(rigs.find(options.rig))
-    rig = load_rig(path, options.controller, options.set)
+    path = Path(rigs.find(request.rig))
+    rig = load_rig(path, request.controller, request.set)
     check_no_drive(rig, "a page has no drive; make it of a rig without one")
-    progress = Progress(quiet=options.quiet)
+    progress = Progress(quiet=request.quiet)
     shipped = {one.path.resolve(): one.name for one in rigs.shipped_rigs()}
-    name = shipped.get(path.resolve(), options.rig)
-    made = contents(path, name, options.controller, options.set, progress.show)
+    name = shipped.get(path.resolve(), request.rig)
+    made = contents(path, name, request.controller, [*request.set], progress.show)
     progress.close()
-    output = options.output or Path(f"{identifier(rig.config.rig)}.html")
+    output = request.output or Path(f"{identifier(rig.config.rig)}.html")
     text = page(rig.config.title or rig.config.rig, made.payload())
     outfile.write_text(output, text)
     there, absent = made.about["controllers"], made.about["absent"]

@@ -1,18 +1,22 @@
 """The part of `pcpc generate` that makes a page."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Request
 
 
-def web(add: Add) -> None:
-    """Take a rig, what to change of it, and where to write."""
-    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
-    add("--controller", metavar="NAME", help="of its controllers only this; default: all")
-    take.settings(add, "change a value of the rig or a block")
-    add("-o", "--output", type=Path, metavar="FILE", help="default: RIG.html")
-    take.quiet(add, "-q")
+class WebRequest(Request):
+    """A rig, what is changed of it, and where its page goes."""
+
+    rig: Annotated[str, "RIG", "name of a rig (pcpc rigs), or its file"]
+    controller: Annotated[str | None, "NAME", "of its controllers only this; default: all"] = None
+    set: Annotated[Sequence[str], "NAME=VALUE", "change a value of the rig or a block"] = ()
+    output: Annotated[Path | None, "-o", "FILE", "default: RIG.html"] = None
+    quiet: take.ShortQuiet = False
 
 
 COMMANDS: tuple[Command, ...] = ()
@@ -22,7 +26,7 @@ PARTS_OF = {
             "web",
             "write a rig as one HTML file that runs in any browser, bit-identical",
             "pcpc generate web hull -o hull.html",
-            web,
+            WebRequest,
             compiles=True,
             module="make.web.cli",
             codes=codes(ENVIRONMENT="no compiler for wasm32, or FILE cannot be written"),

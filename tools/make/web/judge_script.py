@@ -1,7 +1,7 @@
 """What a page needs to judge a run of a rig as `pcpc simulate` does: `page/judge.js` reads it.
 
-The evaluation's functions run once on `symbols` in place of a log; conditions of requirements tell
-their parts. What neither can be written down is named with the reason, as `why`.
+The evaluation's functions run once on `symbols` in place of a log; conditions of requirements are
+trees. What neither can be written down is named with the reason, as `why`.
 """
 
 import math
@@ -12,21 +12,31 @@ from typing import Any, cast
 
 import numpy as np
 
+from pcpc.executive.laws.units import NONE, unit_of_name
 from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.log.reader import NODES, Log
 from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.own_laws.law_errors import cause
 from pcpc.executive.rig.expressions import Condition, Value
-from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import TimedRequirement, text_of
-from pcpc.executive.rig.units import unit_of_name
 from pcpc.plants import statistics
-from pcpc.plants.judging import WINDOW, Judged, Merit, Mistake, Place, Run, Source, Vector, edges
+from pcpc.plants.judging import (
+    WINDOW,
+    DeclarationError,
+    Judged,
+    Merit,
+    Place,
+    Run,
+    Source,
+    Vector,
+    edges,
+)
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import Judge, beyond
 from pcpc.tools.after.verdict.monitors import NEVER, Respond, Until, monitor
-from pcpc.tools.after.verdict.requirements import Names
+from pcpc.tools.after.verdict.requirements import SignalNames
 from pcpc.tools.make.web.symbols import Symbol, Trace, Unrecordable, plain
 
 _STATISTICS = {
@@ -141,7 +151,7 @@ class _Run(Run):
         node, variable = names.find_variable(self.log, name) or name.partition(":")[::2]
         if node not in NODES:
             if "plant" in self.log.node or "." not in name:
-                raise Mistake(names.unknown_name(self.log, name, self.signals))
+                raise DeclarationError(names.unknown_name(self.log, name, self.signals))
             return self._nan()
         record = self.log.node.get(node)
         if record is None or not len(record.columns):
@@ -149,7 +159,7 @@ class _Run(Run):
         if variable in record.columns:
             self.suspects.add(name)
         elif variable not in record.timing:
-            raise Mistake(names.unknown_name(self.log, name))
+            raise DeclarationError(names.unknown_name(self.log, name))
         return self.trace.column(f"{node}:{variable}")
 
     def before(self, values: Any) -> Any:
@@ -230,7 +240,9 @@ def _metrics(judge: Judge, traced: _TracedRun) -> list[dict[str, Any]]:
             else:
                 one["value"] = traced.trace.of(partial(merit, traced)).index
         except (Exception, Unrecordable) as error:
-            one["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
+            one["why"] = (
+                str(error) if isinstance(error, Unrecordable | DeclarationError) else cause(error)
+            )
         one["settings"] = sorted(traced.trace.settings)
         found.append(one)
     told = {one["name"] for one in found}
@@ -261,7 +273,7 @@ def _signals(judge: Judge, traced: _TracedRun) -> dict[str, int]:
 def _requirements(judge: Judge, traced: _TracedRun) -> list[dict[str, Any]]:
     """Return the requirements of the controller."""
     entries = list(judge.required().values())
-    known = Names(traced.log, judge.evaluation.signals)
+    known = SignalNames(traced.log, judge.evaluation.signals)
     found: list[dict[str, Any]] = []
     for entry, one in zip(entries, judge.check_requirements(traced.log), strict=True):
         about: dict[str, Any] = {"text": text_of(entry), "id": entry.id or ""}
@@ -271,13 +283,17 @@ def _requirements(judge: Judge, traced: _TracedRun) -> list[dict[str, Any]]:
                 {"missing": one} if isinstance(one, str) else _timed_requirement(one, known, traced)
             )
         except (Exception, Unrecordable) as error:
-            about["why"] = str(error) if isinstance(error, Unrecordable | Mistake) else cause(error)
+            about["why"] = (
+                str(error) if isinstance(error, Unrecordable | DeclarationError) else cause(error)
+            )
         about["settings"] = sorted(traced.trace.settings)
         found.append(about)
     return found
 
 
-def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun) -> dict[str, Any]:
+def _timed_requirement(
+    timed: TimedRequirement, known: SignalNames, traced: _TracedRun
+) -> dict[str, Any]:
     """Return a requirement that can be judged; cycles in place of times."""
     watch = monitor(timed, traced.period_s)
     reader = _Conditions(known, traced.run())
@@ -285,7 +301,7 @@ def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun
     event = timed.event
     about: dict[str, Any] = {
         "form": type(watch).__name__, "holds": reader.condition(timed.holds),
-        "window": [first, "Infinity" if past == NEVER else past], "begin": watch.begin,
+        "window": [first, _cycle(past)], "begin": _cycle(watch.begin),
         "within": watch.within, "ends": timed.within_s is not None,
         "lasts": watch.lasts if isinstance(watch, Respond) else 0,
     }  # fmt: skip
@@ -295,8 +311,6 @@ def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun
         about["becomes"] = reader.condition(event.becomes)
     elif event is not None and event.changes is not None:
         about["changes"] = reader.value(event.changes)
-    else:
-        about["waits"] = event is not None
     if (shot := timed.overshoot) is not None:
         about["overshoot"] = {
             "value": reader.value(shot.value), "over": reader.value(shot.over),
@@ -305,35 +319,36 @@ def _timed_requirement(timed: TimedRequirement, known: Names, traced: _TracedRun
     return about
 
 
+def _cycle(one: int) -> int | str:
+    return "Infinity" if one == NEVER else one
+
+
 @dataclass(frozen=True)
 class _Conditions:
     """Conditions and values of requirements as nodes of a trace."""
 
-    known: Names
+    known: SignalNames
     run: _Run
 
     def condition(self, one: Condition) -> dict[str, Any]:
         """Return a condition."""
-        word, *parts = one.parts
-        if word in ("and", "or"):
-            return {"word": word, "of": [self.condition(part) for part in parts]}
-        a, b, value, limit, shown = parts
+        if one.op in ("and", "or"):
+            return {"word": one.op, "of": [self.condition(part) for part in one.of]}
+        (a, b), (value, limit), shown = one.of, one.sides, one.unit or NONE
         return {
-            "sign": word, "a": self.value(a), "b": self.value(b), "what": value.text,
+            "sign": one.op, "a": self.value(a), "b": self.value(b), "what": value.text,
             "value": self.value(value), "limit": self.value(limit),
             "factor": float(shown.factor), "unit": shown.text,
         }  # fmt: skip
 
     def value(self, one: Value) -> int | str:
         """Return the node of a value; of what an overshoot is made of, its name."""
-        word, *parts = one.parts
         trace = self.run.trace
-        if word == "number":
-            return trace.number(parts[0]).index
-        if word != "column":
-            of = [self.value(part) for part in parts]
-            return trace.node({"abs": "absolute"}.get(word, word), *of)
-        name, factor = parts
+        if one.number is not None:
+            return trace.number(float(one.number)).index
+        if one.op != "column":
+            return trace.node(one.op, *(self.value(part) for part in one.of))
+        name, factor = one.of
         if name not in self.run.signals and names.find_variable(self.run.log, name) is None:
             return str(name)
         node, variable = self.known.place(name)

@@ -113,7 +113,7 @@ def _schedule(plans: list[Plan]) -> list[dict[str, Any]]:
     ]
 
 
-def _node(made: Plan, node: logs.Node, known: int) -> dict[str, Any]:
+def _node(made: Plan, node: logs.NodeLog, known: int) -> dict[str, Any]:
     beats = {f.name for f in (*made.rx_frames, *made.tx_frames) if messages.is_heartbeat(f)}
     about = node.description
     sources = about["sources"]
@@ -184,7 +184,7 @@ def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
         "signals": [
             {
                 "name": f"tx.{name}",
-                "kind": dbc.Kind(int(one.kind)).name,
+                "kind": dbc.SignalKind(int(one.kind)).name,
                 "bits": [_bits(int(one.bits_low)), _bits(int(one.bits_high))],
                 "mask": _bits(int(one.mask)),
                 **{key: int(one[key]) for key in ("byte", "big_endian", "shift", "layout")},

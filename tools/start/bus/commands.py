@@ -1,96 +1,92 @@
 """Commands: bus."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.rates import bits_per_s, hz
+from pcpc.tools.terminal.request import Request
+
+InOrder = Annotated[bool, "a node sends in its loop's order (SocketCAN), not by priority"]
 
 
-def bus(add: Add) -> None:
-    """Take a rig, and the bus that it is to fit; or two buses to make one of."""
-    add(
-        "words",
-        nargs="+",
-        metavar="RIG | emulate A B",
-        help="a rig's name or file; emulate: two buses, as vcan0 vcan1, udp_multicast:GROUP:PORT",
-    )
-    take.settings(add, "change a value of the rig, as realtime.plant.phase=0.4")
-    add(
-        "--bitrate",
-        type=bits_per_s,
-        metavar="RATE",
-        help="500k, 1M; default: the rig's bus.bitrate, or 1M",
-    )
-    add(
-        "--data-bitrate",
-        type=bits_per_s,
-        metavar="RATE",
-        help="CAN FD: data rate, 2M, 5M; emulate: none is carried without",
-    )
-    add("--rate", type=hz, metavar="RATE", help="cycle rate: 2kHz; default: the rig's")
-    add(
+class BusLoadRequest(Request):
+    """A rig, and the bus that it is to fit."""
+
+    rig: Annotated[str, "RIG", "a rig's name (pcpc rigs), or its file"]
+    set: Annotated[
+        Sequence[str], "NAME=VALUE", "change a value of the rig, as realtime.plant.phase=0.4"
+    ] = ()
+    bitrate: Annotated[
+        int | None, bits_per_s, "RATE", "500k, 1M; default: the rig's bus.bitrate, or 1M"
+    ] = None
+    data_bitrate: Annotated[int | None, bits_per_s, "RATE", "CAN FD: data rate, 2M, 5M"] = None
+    rate_hz: Annotated[
+        float | None, hz, "--rate", "RATE", "cycle rate: 2kHz; default: the rig's"
+    ] = None
+    jitter_s: Annotated[
+        float,
+        take.seconds("--jitter"),
         "--jitter",
-        type=take.seconds("--jitter"),
-        default=0.0,
-        metavar="TIME",
-        help="delay from a node's cycle to its frames: 100us; default: 0",
-    )
-    add(
-        "--any-phase",
-        action="store_true",
-        help="the nodes' clocks drift, as on two machines",
-    )
-    add(
-        "--in-order",
-        action="store_true",
-        help="a node sends in its loop's order (SocketCAN), not by priority",
-    )
-    add(
-        "--queue",
-        type=take.positive,
-        default=64,
-        metavar="N",
-        help="emulate: most frames that wait on a side; default: %(default)s",
-    )
-    add(
-        "--errors",
-        metavar="p=P,...",
-        help="emulate: bit error rate; burst=N transmissions; seed=N",
-    )
-    add(
-        "--for",
-        type=take.duration,
-        dest="for_s",
-        metavar="DURATION",
-        help="emulate: stop after this time; default: at Ctrl-C",
-    )
-    add(
+        "TIME",
+        "delay from a node's cycle to its frames: 100us; default: 0",
+    ] = 0.0
+    any_phase: Annotated[bool, "the nodes' clocks drift, as on two machines"] = False
+    in_order: InOrder = False
+    error_every_s: Annotated[
+        float,
+        take.seconds("--error-every"),
         "--error-every",
-        type=take.seconds("--error-every"),
-        default=0.0,
-        metavar="TIME",
-        help="shortest time between bus errors: 10ms; default: none",
-    )
-    add("--plot", type=Path, metavar="FILE.png", help="draw the cycle with the most frames")
-    take.quiet(add)
-    take.json(add)
+        "TIME",
+        "shortest time between bus errors: 10ms; default: none",
+    ] = 0.0
+    plot: Annotated[Path | None, "FILE.png", "draw the cycle with the most frames"] = None
+    quiet: take.Quiet = False
+    json: take.Json = False
+
+
+class EmulateRequest(Request):
+    """Two buses to make one of, and what that is like."""
+
+    a: Annotated[str, "CHANNEL", "vcan0, udp_multicast:GROUP:PORT"]
+    b: Annotated[str, "CHANNEL", "another one"]
+    bitrate: Annotated[int | None, bits_per_s, "RATE", "500k, 1M; default: 1M"] = None
+    data_bitrate: Annotated[
+        int | None, bits_per_s, "RATE", "CAN FD: data rate, 2M, 5M; none is carried without"
+    ] = None
+    in_order: InOrder = False
+    queue: Annotated[
+        int, take.positive, "N", "most frames that wait on a side; default: %(default)s"
+    ] = 64
+    errors: Annotated[str | None, "p=P,...", "bit error rate; burst=N transmissions; seed=N"] = None
+    for_s: Annotated[
+        float | None,
+        take.duration,
+        "--for",
+        "DURATION",
+        "stop after this time; default: at Ctrl-C",
+    ] = None
+    quiet: take.Quiet = False
+    json: take.Json = False
 
 
 COMMANDS = (
     Command(
         "bus",
         "print bus load and worst-case response time of each frame",
-        "pcpc bus hull\npcpc bus hull --rate 2kHz --bitrate 1M --data-bitrate 4M\n"
-        "pcpc bus emulate vcan0 vcan1 --bitrate 500k --errors p=1e-5,seed=7",
-        bus,
-        codes=codes(
-            OK="all frames are in time",
-            NOT_MET="a frame is late",
-            LOSS="emulate: a frame was lost",
-            ENVIRONMENT="emulate: a bus cannot be used",
-            INTERRUPTED="emulate",
-        ),
+        "pcpc bus hull\npcpc bus hull --rate 2kHz --bitrate 1M --data-bitrate 4M",
+        BusLoadRequest,
+        codes=codes(OK="all frames are in time", NOT_MET="a frame is late"),
         module="start.bus.cli",
+    ),
+    Command(
+        "bus emulate",
+        "make one CAN line with a bit rate and errors of two channels",
+        "pcpc bus emulate vcan0 vcan1 --bitrate 500k --errors p=1e-5,seed=7",
+        EmulateRequest,
+        codes=codes(LOSS="a frame was lost", ENVIRONMENT="a bus cannot be used", INTERRUPTED=""),
+        module="start.bus.emulate",
     ),
 )

@@ -21,10 +21,10 @@ from pcpc.drivers.canopen.layout import (
     PDOS,
     TPDO_MAPPING,
     TPDO_ROWS,
-    Row,
+    Od,
 )
 from pcpc.drivers.canopen.objects import NOT_VALID
-from pcpc.drivers.robots.odrive_settings import SENT, Command
+from pcpc.drivers.robots.odrive_settings import SENT, CommandId
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -52,8 +52,8 @@ def _canopen(rig: Rig, role: Role) -> Iterator[Frame]:
 
     start = [one.start for one in dictionary_of(rig, role)]
     node, period_ms = rig.config.drives[role].node, 1e3 / rig.config.rate_hz
-    if start[Row.HEARTBEAT_MS]:
-        yield _frame(f"heartbeat {node}", 0x700 + node, 1, float(start[Row.HEARTBEAT_MS]))
+    if start[Od.HEARTBEAT_MS]:
+        yield _frame(f"heartbeat {node}", 0x700 + node, 1, float(start[Od.HEARTBEAT_MS]))
     for i in range(PDOS):
         row = FIRST_TPDO + i * TPDO_ROWS
         entries = start[row + TPDO_MAPPING + 1 :][: start[row + TPDO_MAPPING]]
@@ -75,7 +75,7 @@ def _robot(rig: Rig, drive: Drive) -> Iterator[Frame]:
     if drive.profile == "odrive":
         for command, ms in zip(SENT.tolist(), start.values(), strict=False):
             if ms:
-                name = f"{Command(command).name.lower()} {drive.node}"
+                name = f"{CommandId(command).name.lower()} {drive.node}"
                 yield _frame(name, drive.node << 5 | command, 8, float(ms))
     elif drive.profile == "mit":
         yield _frame(f"feedback {drive.node}", int(start["MST_ID"]), 8, 0.0)

@@ -1,24 +1,24 @@
 """`pcpc bus emulate A B`: one CAN line with a bit rate, of two channels that have none.
 
 What is sent on A is there on B when its last bit would be, and the other way round; in between
-stands the model of `drivers.can.line`. At the end: what each side sent and lost, error counters,
+stands the model of `drivers.line.line`. At the end: what each side sent and lost, error counters,
 load, and how far behind its time the gateway handed the frames over.
 """
 
-import argparse
-import json
 import os
 import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import choice, line
+from pcpc.drivers.can import choice
 from pcpc.drivers.errors import BusError, Exit
+from pcpc.drivers.line import line
 from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
@@ -27,9 +27,11 @@ from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.xcp import xcp_ids
 from pcpc.tools.start.bus import line_report
+from pcpc.tools.start.bus.commands import EmulateRequest
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
 from pcpc.tools.start.interface import named_bus
+from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
 PRIORITY = 85  # above the executive's 80: a wire waits for nobody
@@ -37,7 +39,7 @@ _POLL_S = 0.1
 
 
 @dataclass(frozen=True)
-class Errors:
+class BusErrors:
     """How often a bit is hit, how many transmissions in a row, and by which chance."""
 
     p: float = 0.0
@@ -45,7 +47,7 @@ class Errors:
     seed: int = 1
 
     @classmethod
-    def from_text(cls, text: str | None) -> "Errors":
+    def from_text(cls, text: str | None) -> "BusErrors":
         """Return what `p=1e-5,burst=2,seed=7` says; RigError."""
         given: dict[str, Any] = {}
         for part in [] if text is None else text.replace(" ", "").split(","):
@@ -67,36 +69,36 @@ class Errors:
         return found
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: EmulateRequest) -> int:
     """Carry frames until the end is asked for; INTERRUPTED then, LOSS if one was lost.
 
     RigError: wrong input.
     """
-    errors = Errors.from_text(options.errors)
-    if options.queue > line.MOST_ROOM:
-        raise RigError(f"--queue {options.queue}: at most {line.MOST_ROOM}")
-    if options.bitrate and options.bitrate > MOST_CLASSIC:
-        raise RigError(f"--bitrate {rate_of(options.bitrate)}: classic CAN ends at 1 Mbit/s")
-    bitrate, fast = options.bitrate or MOST_CLASSIC, options.data_bitrate
+    errors = BusErrors.from_text(request.errors)
+    if request.queue > line.MOST_ROOM:
+        raise RigError(f"--queue {request.queue}: at most {line.MOST_ROOM}")
+    if request.bitrate and request.bitrate > MOST_CLASSIC:
+        raise RigError(f"--bitrate {rate_of(request.bitrate)}: classic CAN ends at 1 Mbit/s")
+    bitrate, fast = request.bitrate or MOST_CLASSIC, request.data_bitrate
     if fast is not None and (what := odd_rates(bitrate, fast)):
         raise RigError(f"--data-bitrate: {what}")
-    sides = _sides(options.words[1:])
+    sides = _sides([request.a, request.b])
     held = [choice.take_bus(choice.BusRequest(*one, rig="", roles=())) for one in sides]
     gateway = Gateway(
-        options.queue,
+        request.queue,
         fast is not None,
         bitrate=bitrate,
         data_bitrate=fast,
-        in_order=options.in_order,
+        in_order=request.in_order,
         p=errors.p,
         burst=errors.burst,
         seed=errors.seed,
     )
     gateway.open([one.bus for one in held])
     names = [str(one.bus) for one in held]
-    interrupted = _run(gateway, names, options)
+    interrupted = _run(gateway, names, request.quiet, request.for_s)
     found = result(gateway, names)
-    print(json.dumps(found, indent=2) if options.json else text_of(found))
+    screen.answer(request.json, found, lines_of(found), 2)
     lost = any(side["refused"] or side["lost_off"] for side in found["sides"])
     if interrupted:
         return Exit.INTERRUPTED
@@ -105,8 +107,6 @@ def command(options: argparse.Namespace) -> int:
 
 def _sides(words: list[str]) -> list[tuple[str, str | None]]:
     """Return the two buses that are named; RigError, BusError."""
-    if len(words) != 2:
-        raise RigError(f"emulate {' '.join(words)}: expected two buses, as emulate vcan0 vcan1")
     found = []
     for word in words:
         named = buses.parse(word)
@@ -121,9 +121,9 @@ def _sides(words: list[str]) -> list[tuple[str, str | None]]:
     return [(bus.interface, bus.channel) for bus in found]
 
 
-def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> bool:
+def _run(gateway: Gateway, names: list[str], quiet: bool, for_s: float | None) -> bool:
     """Carry until the end; return whether it was asked for."""
-    progress = Progress(options.quiet)
+    progress = Progress(quiet)
     report, failed, interrupted = realtime.prepare_process(), [], False
 
     def work() -> None:
@@ -135,7 +135,7 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
             failed.append(error)
 
     thread = threading.Thread(target=work, daemon=True)
-    end_s = time.monotonic() + (options.for_s or float("inf"))
+    end_s = time.monotonic() + (for_s or float("inf"))
     try:
         thread.start()
         rates = line_report.rates_of(line_report.numbers(gateway.n.line, names))
@@ -160,7 +160,7 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
     return interrupted
 
 
-def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
+def serve(rig: Rig, bus: buses.BusAddress, report: Path, ready: int) -> int:
     """Be the line of a run, in a process of its own, until SIGTERM; tell `ready`, a file, at once.
 
     Writes `result` to `report`. BusError goes to stderr.
@@ -176,7 +176,7 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     try:
         gateway.open(sides)
         os.close(ready)
-        _run(gateway, names, argparse.Namespace(quiet=True, for_s=None))
+        _run(gateway, names, quiet=True, for_s=None)
     except BusError as error:
         print(f"line: {error}", file=sys.stderr)
         return error.code
@@ -208,31 +208,31 @@ def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def text_of(found: dict[str, Any]) -> str:
-    """Return the result in lines to read."""
-    lines = [
+def lines_of(found: dict[str, Any]) -> Iterator[str]:
+    """Yield the result in lines to read."""
+    yield (
         f"line     {line_report.rates_of(found)}, {found['duration_s']:.3f} s, "
         f"load {found['load']:.1%}"
-    ]
+    )
     for side in found["sides"]:
-        lines.append(
-            f"{side['bus']}\n  sent     {side['sent']} frames, at most {side['longest_us']:.0f} us "
+        yield side["bus"]
+        yield (
+            f"  sent     {side['sent']} frames, at most {side['longest_us']:.0f} us "
             f"from queue to end, {side['most_waiting']} waiting"
         )
-        lines.append(
+        yield (
             f"  errors   {side['errors']}; {side['state']}, TEC {side['tec']} (worst "
             f"{side['worst_tec']}), REC {side['rec']}, {side['times_off']} times bus-off"
         )
         lost = {"queue full": side["refused"], "bus-off": side["lost_off"]}
         told = ", ".join(f"{count} {why}" for why, count in lost.items() if count)
-        lines.append(f"  lost     {told or 'none'}")
+        yield f"  lost     {told or 'none'}"
         if side["not_carried"]:
-            lines.append(f"  left out {side['not_carried']} FD or remote frames")
+            yield f"  left out {side['not_carried']} FD or remote frames"
     late = found["handed_over_late_us"]
-    lines.append(
+    yield (
         f"gateway  late p50 {late['p50']:.0f} us, p99 {late['p99']:.0f} us, max "
         f"{late['max']:.0f} us"
     )
     if found["not_taken"]:
-        lines.append(f"         {found['not_taken']} frames not taken by the other side's bus")
-    return "\n".join(lines)
+        yield f"         {found['not_taken']} frames not taken by the other side's bus"

@@ -13,7 +13,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, bare, sheet
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire
-from pcpc.tools.start.bus.report import Bus, rate_of
+from pcpc.tools.start.bus.report import BusReport, rate_of
 from pcpc.tools.terminal.outfile import new_file
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def arbitration(frames: Sequence[QueuedFrame], wire: Wire) -> list[tuple[int, in
     return found
 
 
-def draw(rig: Rig, buses: Sequence[Bus], path: Path) -> None:
+def draw(rig: Rig, buses: Sequence[BusReport], path: Path) -> None:
     """Draw all buses below each other; OSError."""
     heights = [1.2 + _ROW_IN * len(bus.rows) for bus in buses]
     page, column = sheet((9.0, sum(heights)), 110, len(buses), squeeze=False, height_ratios=heights)
@@ -59,7 +59,7 @@ def draw(rig: Rig, buses: Sequence[Bus], path: Path) -> None:
         page.savefig(unfinished)
 
 
-def _draw_bus(axis: "Axes", bus: Bus) -> None:
+def _draw_bus(axis: "Axes", bus: BusReport) -> None:
     frames, wire = traffic.queue_of(bus.frames, bus.setup)
     senders = list(dict.fromkeys(k.node for k in frames))
     colours = {name: _COLOURS[i % len(_COLOURS)] for i, name in enumerate(senders)}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.can.line import state_of
+from pcpc.drivers.line.line import state_of
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.terminal.outfile import whole_file
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.bus import BusAddress
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report
@@ -11,7 +11,7 @@ from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LINE
 
 
-def start(rig: Rig, bus: Bus, folder: Path) -> Child:
+def start(rig: Rig, bus: BusAddress, folder: Path) -> Child:
     """Start the gateway; return once it hears both sides, or has ended. RigError."""
     check_line(rig, "real")
 

@@ -68,7 +68,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Row:
+class FrameBounds:
     """A frame's times in ns; `response_ns` None: not bounded."""
 
     sent: SentFrame
@@ -144,14 +144,14 @@ def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFram
     return found, Wire(bit_ns, math.floor(cycle_ns), setup.error_every_ns, setup.in_order)
 
 
-def response_rows(frames: Sequence[SentFrame], setup: Setup) -> list[Row]:
+def response_rows(frames: Sequence[SentFrame], setup: Setup) -> list[FrameBounds]:
     """Return the times of the frames of a bus, by priority."""
     queue, wire = queue_of(frames, setup)
     rows = []
     for sent, k, response_ns in zip(frames, queue, _responses_ns(queue, wire), strict=True):
         share = math.floor(sent.wanted * 1e9 / setup.rate_hz)
         deadline_ns = k.period_ns if sent.wanted == 1.0 else share
-        rows.append(Row(sent, k.transmission_ns, k.period_ns, deadline_ns, response_ns))
+        rows.append(FrameBounds(sent, k.transmission_ns, k.period_ns, deadline_ns, response_ns))
     return rows
 
 
@@ -165,22 +165,22 @@ def _responses_ns(queue: Sequence[QueuedFrame], wire: Wire) -> list[int | None]:
     return [min((ns for ns in pair if ns is not None), default=None) for pair in both]
 
 
-def load(rows: Sequence[Row]) -> float:
+def load(rows: Sequence[FrameBounds]) -> float:
     """Return the share of the time for which the frames occupy the bus, in the worst case."""
     return math.fsum(row.sent.count * row.transmission_ns / row.period_ns for row in rows)
 
 
-def fits(rows: Sequence[Row]) -> bool:
+def fits(rows: Sequence[FrameBounds]) -> bool:
     """Return whether each frame is sent before its next one."""
     return not any(row.late for row in rows)
 
 
-def in_time(rows: Sequence[Row]) -> bool:
+def in_time(rows: Sequence[FrameBounds]) -> bool:
     """Return whether no cycle has to run on the frame before."""
     return not any(row.late or row.held for row in rows)
 
 
-Good = Callable[[Sequence[Row]], bool]
+Good = Callable[[Sequence[FrameBounds]], bool]
 
 
 def highest_hz(frames: Sequence[SentFrame], setup: Setup, good: Good) -> int:

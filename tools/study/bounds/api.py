@@ -1,12 +1,12 @@
 """`pcpc.bounds`: a run against the theorem of its law, as an object."""
 
-import argparse
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.after.record import Run
+from pcpc.tools.after.trust import Trust
 from pcpc.tools.start.settings import settings
 from pcpc.tools.study.bounds.bounds import Bounds, bounds_of
 from pcpc.tools.study.bounds.observed import BoundsError
@@ -37,10 +37,7 @@ def bounds(
     recomputed bit-identically.
     """
     place = what.path if isinstance(what, Run) else Path(what)
-    options = argparse.Namespace(
-        controller=controller, set=settings(set), law_as=law, rig=None, law=[], fmu=[], trust=trust
-    )
     try:
-        return bounds_of(str(place), options)
+        return bounds_of(str(place), controller, settings(set), law, Trust(trust))
     except NoTheorem as error:
         raise BoundsError(f"{place}: no theorem: {error}") from None

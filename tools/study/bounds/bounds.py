@@ -5,9 +5,9 @@ terms of the theorem.py that lies beside the plant's model or in `book/` there. 
 virtual time, a log is recomputed: weights stand in none.
 """
 
-import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,8 +17,8 @@ from pcpc import plants
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.own_laws.law_errors import cause
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
-from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.plants.declared import declared
@@ -26,9 +26,12 @@ from pcpc.plants.judging import Run, effective_rig
 from pcpc.plants.lyapunov import Account
 from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
 from pcpc.tools.after.log.recorded import LATEST, known_logs, log_of
+from pcpc.tools.after.trust import ASKED, Trust
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.bounds import figure, observed, text
+from pcpc.tools.study.bounds.commands import BoundsRequest
 from pcpc.tools.study.bounds.observed import BoundsError
+from pcpc.tools.study.result import plain
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.picture import check_picture
 
@@ -62,53 +65,62 @@ class Bounds:
 
     def to_dict(self) -> dict[str, object]:
         """Return all figures as plain values, for JSON."""
-        return {**text.plain(self.name, self.controller, self.account), "left_out": self.left_out,
-                "missing": list(self.missing), "rates_set": list(self.rates_set)}  # fmt: skip
+        return plain(text.figures(self.name, self.controller, self.account, self.left_out,
+                                  self.missing, self.rates_set))  # fmt: skip
 
     def __str__(self) -> str:
         found = text.lines(self.name, self.controller, self.account, self.left_out)
         for one in self.rates_set:
-            said = f"{one}: the theorem is judged with the rate that was set"
-            found += screen.wrapped_lines(said, "by --set   ")
-        return "\n".join(found)
+            found.append(f"by --set   {one}: the theorem is judged with the rate that was set")
+        return "\n".join(screen.fitted(found))
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: BoundsRequest) -> int:
     """Print the account; NOT_MET if it does not hold, LOSS in a log that is not whole.
 
     OK also where no theorem is known.
     """
-    check_picture("--plot", options.plot)
+    check_picture("--plot", request.plot)
+    code = request.code
+    trust = Trust(code.trust, code.law, code.rig, code.fmu)
     try:
         with np.errstate(all="ignore"):  # a run may leave what floats hold: it violates V
-            found = bounds_of(options.what, options)
-            shown = json.dumps(found.to_dict(), indent=1) if options.json else str(found)
+            found = bounds_of(request.what, request.controller, request.set, request.law_as, trust)
+            shown = json.dumps(found.to_dict(), indent=1) if request.json else str(found)
     except NoTheorem as error:
-        if options.json:
-            print(json.dumps({"theorem": None, "why": str(error)}))
+        if request.json:
+            print(screen.json_text(text.Unknown(None, str(error)), None))
         else:
             print(f"no theorem: {error}")
         return Exit.OK
     print(shown)
-    if options.plot is not None:
-        found.draw(options.plot)
-    for line in found.missing:
-        print("\n".join(screen.wrapped_lines(line, "missing  ", "         ")), file=sys.stderr)
+    if request.plot is not None:
+        found.draw(request.plot)
+    for line in screen.fitted(f"missing  {one}" for one in found.missing):
+        print(line, file=sys.stderr)
     if not found.account.holds:
         return Exit.NOT_MET
     return Exit.LOSS if found.missing else Exit.OK
 
 
-def bounds_of(what: str, options: argparse.Namespace) -> Bounds:
+def bounds_of(
+    what: str,
+    controller: str | None = None,
+    settings: Sequence[str] = (),
+    law_as: str | None = None,
+    trust: Trust = ASKED,
+) -> Bounds:
     """Return the account of a rig or a log; NoTheorem, BoundsError, RigError, LogError.
 
-    `options`: controller, set, law_as (of another law), and those of tools.after.log.rig.
+    `law_as`: by the theorem of another law; `trust`: of a log.
     """
     path = Path(what)
     if what == LATEST or path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap"))):
-        return _of_log(log_of(what), options)
-    rig = load_rig(find(what, known_logs(what)), options.controller, options.set)
-    return of_rig(rig, options.law_as)
+        log = log_of(what)
+        if controller or settings:
+            raise BoundsError(f"{log}: --controller and --set need a rig; a log cannot be changed")
+        return _of_log(log, law_as, trust)
+    return of_rig(load_rig(find(what, known_logs(what)), controller, settings), law_as)
 
 
 def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:
@@ -120,16 +132,14 @@ def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:
     return _account(rig, theorem, log, begin)
 
 
-def _of_log(path: Path, options: argparse.Namespace) -> Bounds:
-    if options.controller or options.set:
-        raise BoundsError(f"{path}: --controller and --set need a rig; a log cannot be changed")
+def _of_log(path: Path, law_as: str | None, trust: Trust) -> Bounds:
     made: list[Theorem] = []
 
     def states(rig: Rig) -> tuple[str, ...]:
-        made.append(theorem_of(rig, options.law_as))
+        made.append(theorem_of(rig, law_as))
         return tuple(made[0].states)
 
-    rig, log = observed.of_log(path, states, options)
+    rig, log = observed.of_log(path, states, trust)
     window = (effective_rig(log).get("evaluation") or {}).get("window_s")
     found = _account(rig, made[0], log, float(window[0]) if window else None)
     return replace(found, rates_set=_rate_settings(rig, made[0], log))

@@ -1,21 +1,25 @@
 """Commands: bounds."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Request
 
 
-def bounds(add: Add) -> None:
-    """Take a rig or a log, and by which law's theorem it is judged."""
-    add("what", metavar="RIG|LOG", help="a rig, which is simulated, or a log")
-    add("--controller", metavar="NAME", help="use this controller; default: the rig's")
-    take.settings(add, "change a value of the rig")
-    add("--as", dest="law_as", metavar="LAW", help="use the theorem of this law")
-    add("--plot", type=Path, metavar="FILE", help="draw V, its derivatives, |r|, weights, bounds")
-    take.code_of_laws(add)
-    take.json(add)
-    take.quiet(add)
+class BoundsRequest(Request):
+    """A rig or a log, and by which law's theorem it is judged."""
+
+    what: Annotated[str, "RIG|LOG", "a rig, which is simulated, or a log"]
+    controller: Annotated[str | None, "NAME", "use this controller; default: the rig's"] = None
+    set: Annotated[Sequence[str], "NAME=VALUE", "change a value of the rig"] = ()
+    law_as: Annotated[str | None, "--as", "LAW", "use the theorem of this law"] = None
+    plot: Annotated[Path | None, "FILE", "draw V, its derivatives, |r|, weights, bounds"] = None
+    code: take.CodeOfLaws = take.CodeOfLaws()
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -23,7 +27,7 @@ COMMANDS = (
         "bounds",
         "check a run against the theorem of its law: V, V', ultimate bound",
         "pcpc bounds friction-c\npcpc bounds latest --plot bounds.png",
-        bounds,
+        BoundsRequest,
         codes=codes(
             OK="the theorem holds, or none is known",
             NOT_MET="violated",

@@ -4,7 +4,6 @@ A log is recomputed by the replay's cycle, in which the same states come about b
 did is checked on everything that the log does hold.
 """
 
-import argparse
 import re
 import tempfile
 from collections.abc import Callable, Sequence
@@ -20,7 +19,8 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.nodes.plan import Plan
-from pcpc.executive.nodes.replay import HEAD, Assembler, K, Replay
+from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.slices import HEAD, Assembler, K
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.inheritance import inherit_entries
@@ -28,7 +28,8 @@ from pcpc.executive.rig.options import rename_earlier_keys
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.yamlfile import Keys
-from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.trust import Trust
 
 Wider = Callable[[Plan], None]
 
@@ -117,7 +118,7 @@ class _Node:
             self._heads.append(part.rows[:done, :HEAD])
             self.values.append(found.values)
 
-    def node(self, head: logs.Node) -> logs.Node:
+    def node(self, head: logs.NodeLog) -> logs.NodeLog:
         """Return the node with all that was recomputed."""
         heads = np.concatenate(self._heads)
         values = np.concatenate(self.values).view(np.float64)
@@ -128,14 +129,15 @@ class _Node:
 
 
 def of_log(
-    path: Path, states: Callable[[Rig], Sequence[str]], options: argparse.Namespace
+    path: Path, states: Callable[[Rig], Sequence[str]], trust: Trust
 ) -> tuple[Rig, logs.Log]:
     """Return a log's rig, and the log recomputed; `states` tells which, of the rig.
 
-    `options`: of `tools.after.log.rig`. LogError, RigError, BoundsError.
+    LogError, RigError, BoundsError.
     """
-    head = logs.head(path)
-    with log_rig.rig_of(head, options) as rig:
+    run = Opened(path, trust)
+    head = run.head
+    with run.rig() as rig:
         wanted = states(rig)
         nodes = [_Node(head, rig, role, wanted) for role in rig.roles if role in head.node]
     frontier, missing = Frontier(), list[str]()
@@ -147,5 +149,5 @@ def of_log(
         what = "".join(f"; {line}" for line in missing[:1])
         code = Exit.LOSS if missing else Exit.WRONG_INPUT
         raise BoundsError(f"{path}: holds no cycle that can be recomputed{what}", code)
-    made: dict[str, logs.Node] = {node.role: node.node(head.node[node.role]) for node in nodes}
+    made: dict[str, logs.NodeLog] = {node.role: node.node(head.node[node.role]) for node in nodes}
     return rig, replace(head, node=made, missing=missing)

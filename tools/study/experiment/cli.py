@@ -7,7 +7,6 @@
 Writes results.md, figures/ and, for studies of rigs, results.csv into a new folder.
 """
 
-import argparse
 import csv
 import importlib
 import sys
@@ -19,11 +18,12 @@ from types import ModuleType
 from pcpc import plants
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig.law_errors import cause
-from pcpc.executive.rig.modules import module_of, own_streams
-from pcpc.plants.study import Result
+from pcpc.executive.own_laws.law_errors import cause
+from pcpc.executive.own_laws.modules import module_of, own_streams
+from pcpc.plants.study import CaseResult
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import PoolError
+from pcpc.tools.study.experiment.commands import ExperimentRequest
 from pcpc.tools.study.experiment.runs import case_results
 from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
@@ -40,7 +40,7 @@ class StudyError(UserError):
     """A file that is no study."""
 
 
-def write_csv(results: Sequence[Result], path: Path) -> None:
+def write_csv(results: Sequence[CaseResult], path: Path) -> None:
     """Write one line a result: group, rig, label, settings and all metrics."""
     names = sorted({name for result in results for name in result.metrics})
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -125,33 +125,31 @@ def run_studies(
     return Exit.NOT_MET if failed else Exit.OK
 
 
-def command(options: argparse.Namespace) -> int:
-    """Run the experiment `options.name`; NOT_MET if a run failed. StudyError: wrong input."""
-    name = str(options.name)
+def command(request: ExperimentRequest) -> int:
+    """Run the experiment `request.name`; NOT_MET if a run failed. StudyError: wrong input."""
+    name = request.name
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
         known = ", ".join(names())
         cure = f"; expected {known}, or a study.py" if known else f"; {ONLY_IN_THE_REPOSITORY}"
         raise StudyError(f"{name}: no such experiment{did_you_mean(name, names()) or cure}")
-    if options.jobs is not None and options.jobs < 1:
-        raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
+    if request.jobs is not None and request.jobs < 1:
+        raise StudyError(f"--jobs {request.jobs}: expected 1 or more")
     need(f"{name}: its figures need", FIGURE)
     parts = chosen_studies(name)
-    with folder_of(options.output, Path(name).stem, empty=True) as folder:
-        return _run_in(folder, name, parts, options)
+    with folder_of(request.output, Path(name).stem, empty=True) as folder:
+        return _run_in(folder, parts, request)
 
 
-def _run_in(
-    folder: Path, name: str, parts: Sequence[ModuleType] | None, options: argparse.Namespace
-) -> int:
-    progress = Progress(options.quiet)
+def _run_in(folder: Path, parts: Sequence[ModuleType], request: ExperimentRequest) -> int:
+    progress = Progress(request.quiet)
     try:
         with writing(folder):
             if parts:
-                code = run_studies(parts, folder, progress, options.jobs)
+                code = run_studies(parts, folder, progress, request.jobs)
             else:
-                experiment = importlib.import_module(without_rigs()[name])
-                code = int(experiment.run(folder, progress, options.jobs))
+                experiment = importlib.import_module(without_rigs()[request.name])
+                code = int(experiment.run(folder, progress, request.jobs))
     except PoolError as error:
-        raise PoolError(f"{name}: {error}") from None
+        raise PoolError(f"{request.name}: {error}") from None
     print(folder / "results.md")
     return code

@@ -1,20 +1,24 @@
 """Commands: experiment."""
 
+from typing import Annotated
+
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Request
 
 
-def experiment(add: Add) -> None:
-    """Take a study."""
-    add(
-        "name",
-        metavar="NAME",
-        help="chapterN of the book, approximation, actuators, drawings, margins, rivals, rough, "
+class ExperimentRequest(Request):
+    """A study, where it goes, and in how many processes it runs."""
+
+    name: Annotated[
+        str,
+        "NAME",
+        "chapterN of the book, approximation, actuators, drawings, margins, rivals, rough, "
         "theorems, tuning, or a study.py",
-    )
-    add("-o", "--output", metavar="DIR", help="folder; default: runs/<UTC time>-NAME")
-    add("--jobs", type=int, metavar="N", help="processes; default: one a processor")
-    take.quiet(add)
+    ]
+    output: Annotated[str | None, "-o", "DIR", "folder; default: runs/<UTC time>-NAME"] = None
+    jobs: Annotated[int | None, "N", "processes; default: one a processor"] = None
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -22,7 +26,7 @@ COMMANDS = (
         "experiment",
         "run a study in virtual time: tables and figures",
         "pcpc experiment chapter9 -o results",
-        experiment,
+        ExperimentRequest,
         codes=codes(
             NOT_MET="a run failed",
             LOSS="",

@@ -19,7 +19,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.plants.judging import Run
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Case, CaseResult
 from pcpc.tools.start.native import native
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
@@ -66,10 +66,10 @@ class Piece:
     places: tuple[int, ...]
 
 
-def case_results(cases: Sequence[Case], progress: Progress, jobs: int | None) -> list[Result]:
+def case_results(cases: Sequence[Case], progress: Progress, jobs: int | None) -> list[CaseResult]:
     """Return the results of cases, in their order, done on `jobs` processes."""
     todo = pieces(cases)
-    found: dict[int, Result] = {}
+    found: dict[int, CaseResult] = {}
     with native(len(todo) < len(cases)):
         for piece, made in zip(todo, each(results, todo, progress, jobs, _size), strict=True):
             found |= zip(piece.places, made, strict=True)
@@ -163,13 +163,13 @@ def _names_and_numbers(path: str) -> tuple[frozenset[str], dict[str, float]]:
     return blocks, {"rate_hz": config.rate_hz, "duration_s": config.duration_s}
 
 
-def results(piece: Piece) -> list[Result]:
+def results(piece: Piece) -> list[CaseResult]:
     """Do a piece in this process."""
     found = _in_lanes(piece) if len(piece.own) > 1 else [None]
     return [made or alone(own.case) for own, made in zip(piece.own, found, strict=True)]
 
 
-def _in_lanes(piece: Piece) -> list[Result | None]:
+def _in_lanes(piece: Piece) -> list[CaseResult | None]:
     """Return the results of what lanes do; None for what is to be done alone."""
     from pcpc.executive.batch.runs import Case as Asked  # numba
     from pcpc.executive.nodes.watched import StepError
@@ -182,7 +182,7 @@ def _in_lanes(piece: Piece) -> list[Result | None]:
         done = bench.runs.done(cases)
     except (RigError, StepError):
         return [None] * len(piece.own)
-    found = list[Result | None]()
+    found = list[CaseResult | None]()
     for own, one in zip(piece.own, done, strict=True):
         found.append(None)
         if one.log:
@@ -200,7 +200,7 @@ def _bench(common: Common) -> "Bench":
     return Bench(Path(common.rig), common.controller, common.settings, names=names)
 
 
-def alone(case: Case) -> Result:
+def alone(case: Case) -> CaseResult:
     """Do one case in this process."""
     from pcpc.executive.nodes.virtual import in_memory  # numba
     from pcpc.executive.nodes.watched import StepError
@@ -210,14 +210,16 @@ def alone(case: Case) -> Result:
         rig = load_rig(case.rig, case.controller, case.settings)
         log = in_memory(rig)
     except (RigError, StepError) as error:
-        return Result(case, failed=str(error) or "a step does not return")
+        return CaseResult(case, failed=str(error) or "a step does not return")
     try:
         return _judged_result(case, Judge.of(rig), log, settings_of(rig))
     except RigError as error:
-        return Result(case, failed=str(error))
+        return CaseResult(case, failed=str(error))
 
 
-def _judged_result(case: Case, judge: "Judge", log: "Log", settings: Mapping[str, float]) -> Result:
+def _judged_result(
+    case: Case, judge: "Judge", log: "Log", settings: Mapping[str, float]
+) -> CaseResult:
     if judge.rig.evaluation is None:
         raise RigError(f"{case.rig}: names no evaluation file")
     metrics = judge.metrics(log, case.window_s)
@@ -225,7 +227,7 @@ def _judged_result(case: Case, judge: "Judge", log: "Log", settings: Mapping[str
     config = judge.rig.config
     expected = round(config.duration_s * config.rate_hz)
     early = len(log.node["executive"].cycle) < expected
-    return Result(case, metrics, traces, settings, diverged=early)
+    return CaseResult(case, metrics, traces, settings, diverged=early)
 
 
 def settings_of(rig: Rig) -> dict[str, float]:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.place import progress
 from pcpc.tools.after.record import Run
 from pcpc.tools.start.rigs import find
@@ -48,7 +48,7 @@ def fit(
     bounds = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
     asked = [Range(name, *(ends or (None, None))) for name, ends in bounds.items()]
     shown = progress(quiet)
-    read = log.log if isinstance(log, Run) else logs.read(log_of(str(log)))
+    read = log.log if isinstance(log, Run) else Opened(log_of(str(log))).log
     found = fit_model(Model(loaded, asked, sensors), read, shown.show)
     shown.close()
     return found

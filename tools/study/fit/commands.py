@@ -1,30 +1,35 @@
 """Commands: fit."""
 
+from collections.abc import Sequence
+from typing import Annotated
+
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import Add, Command, codes
+from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.request import Request
 
 
-def fit(add: Add) -> None:
-    """Take a rig, a log, and what is to be estimated from which sensors."""
-    add("rig", metavar="RIG", help="the rig whose plant is the model: name or file")
-    take.log(add)
-    take.several(
-        add,
-        "--parameter",
+class FitRequest(Request):
+    """A rig, a log, and what is to be estimated from which sensors."""
+
+    rig: Annotated[str, "RIG", "the rig whose plant is the model: name or file"]
+    log: take.Log
+    parameter: Annotated[
+        Sequence[str],
         "NAME[=lo:hi]",
         "a setting of the plant, BLOCK.NAME, and its bounds; default: those of the plant's "
         "identification.py",
-    )
-    take.several(
-        add,
-        "--sensor",
+    ] = ()
+    sensor: Annotated[
+        Sequence[str],
         "NAME",
         "FRAME.signal, or BLOCK.PORT in the plant's record; default: all sent",
-    )
-    take.settings(add, "change a value of the model, or a start of the search")
-    add("-o", "--output", metavar="DIR", help="folder; default: runs/<UTC time>-fit-<rig>")
-    take.json(add)
-    take.quiet(add)
+    ] = ()
+    set: Annotated[
+        Sequence[str], "NAME=VALUE", "change a value of the model, or a start of the search"
+    ] = ()
+    output: Annotated[str | None, "-o", "DIR", "folder; default: runs/<UTC time>-fit-<rig>"] = None
+    json: take.Json = False
+    quiet: take.Quiet = False
 
 
 COMMANDS = (
@@ -34,7 +39,7 @@ COMMANDS = (
         "pcpc fit slew10 latest\n"
         "pcpc fit slew10 latest --parameter barrel.gap_rad=0:0.01 -o fitted\n"
         "pcpc simulate slew10 --set @fitted/fit.yaml",
-        fit,
+        FitRequest,
         judges=True,
         compiles=True,
         reads_logs=True,

@@ -16,7 +16,7 @@ from pcpc.plants.judging import effective_rig
 from pcpc.tools.study.arrays import Array
 from pcpc.tools.study.fit.estimate import Estimate, close_pairs, estimate
 from pcpc.tools.study.fit.noise import HOLDS
-from pcpc.tools.study.fit.record import Record, record_of
+from pcpc.tools.study.fit.record import MeasuredRun, record_of
 from pcpc.tools.study.fit.result import Fit, Parameter, Sensor
 
 NARROW = 1e-6  # a standard error below this share of the value
@@ -176,7 +176,7 @@ def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> 
 
 
 def estimate_of(
-    model: Model, record: Record, say: Callable[[str], None] = lambda _: None
+    model: Model, record: MeasuredRun, say: Callable[[str], None] = lambda _: None
 ) -> Estimate:
     """Return the estimate of the model's parameters, in the order of their names."""
 
@@ -201,7 +201,7 @@ def _parameter(model: Model, found: Estimate, i: int) -> Parameter:
     return Parameter(name, unit, model.own[name], value, error, low, high, excited)
 
 
-def _sensor(model: Model, record: Record, found: Estimate, j: int) -> Sensor:
+def _sensor(model: Model, record: MeasuredRun, found: Estimate, j: int) -> Sensor:
     name = list(model.sensors)[j]
     samples = record.measured[:, j]
     there = np.isfinite(samples)
@@ -220,7 +220,7 @@ def _sensor(model: Model, record: Record, found: Estimate, j: int) -> Sensor:
     )
 
 
-def _log_notes(model: Model, record: Record, log: Log) -> list[str]:
+def _log_notes(model: Model, record: MeasuredRun, log: Log) -> list[str]:
     """Return what is to be said before a fit."""
     own = {
         name: value
@@ -258,7 +258,7 @@ def narrow(parameters: Sequence[Parameter]) -> list[str]:
     return [f"{', '.join(found)}: {what} than the interval shows"] if found else []
 
 
-def _refusal(found: Estimate, record: Record, sensors: Sequence[Sensor]) -> list[str]:
+def _refusal(found: Estimate, record: MeasuredRun, sensors: Sequence[Sensor]) -> list[str]:
     """Return why the end is no estimate of the plant; nothing where it explains the record."""
     if found.arrived:
         return []

@@ -12,14 +12,14 @@ import numpy as np
 
 from pcpc.executive.batch.driven import DrivenPlant
 from pcpc.executive.errors import RigError
-from pcpc.executive.log.reader import Log, Node
+from pcpc.executive.log.reader import Log, NodeLog
 from pcpc.tools.study.arrays import Array
 
 LEAST_ROWS = 50
 
 
 @dataclass(frozen=True)
-class Record:
+class MeasuredRun:
     """Commands `given` (rows, received) and samples `measured` (rows, sensors), NaN for none.
 
     `first`: the cycle of the first row.
@@ -36,7 +36,7 @@ class Record:
         return np.asarray((self.first + np.arange(len(self.given))) * self.period_s, np.float64)
 
 
-def record_of(log: Log, plant: DrivenPlant, sensors: Sequence[str]) -> Record:
+def record_of(log: Log, plant: DrivenPlant, sensors: Sequence[str]) -> MeasuredRun:
     """Return what `log` tells of `plant`; a sensor BLOCK.PORT is the plant's own record of it.
 
     RigError for a log of another plant, one that is too short, or one with tunings of the plant.
@@ -54,7 +54,7 @@ def record_of(log: Log, plant: DrivenPlant, sensors: Sequence[str]) -> Record:
     if rows < LEAST_ROWS:
         raise RigError(f"{log.path}: {max(rows, 0)} cycles of the plant; a fit takes {LEAST_ROWS}")
     measured = np.stack([_samples(plant, own, other, name, first, rows) for name in sensors], 1)
-    return Record(
+    return MeasuredRun(
         _given_signals(plant, own, other, first, rows),
         measured,
         first,
@@ -67,7 +67,7 @@ def _hears(log: Log, name: str, sensors: Sequence[str]) -> bool:
     return node is not None and any(f"rx.{one}" in node.columns for one in sensors)
 
 
-def _check(log: Log, plant: DrivenPlant, nodes: Sequence[Node], sensors: Sequence[str]) -> None:
+def _check(log: Log, plant: DrivenPlant, nodes: Sequence[NodeLog], sensors: Sequence[str]) -> None:
     """Raise RigError for a log that is not of this plant."""
     rate_hz = plant.rig.config.rate_hz
     for node in nodes:
@@ -91,7 +91,7 @@ def _check(log: Log, plant: DrivenPlant, nodes: Sequence[Node], sensors: Sequenc
 
 
 def _given_signals(
-    plant: DrivenPlant, own: Node | None, other: Node | None, first: int, rows: int
+    plant: DrivenPlant, own: NodeLog | None, other: NodeLog | None, first: int, rows: int
 ) -> Array:
     found = np.zeros((rows, len(plant.received)))
     for i, name in enumerate(plant.received):
@@ -102,7 +102,7 @@ def _given_signals(
     return found
 
 
-def _held_values(node: Node, name: str, first: int, rows: int, later: int) -> Array:
+def _held_values(node: NodeLog, name: str, first: int, rows: int, later: int) -> Array:
     """Return a column by cycle, each value until the next one; `later` cycles later."""
     at = np.searchsorted(node.cycle, first + np.arange(rows) - later, side="right") - 1
     values = np.asarray(node.columns[name])[np.maximum(at, 0)]
@@ -110,7 +110,7 @@ def _held_values(node: Node, name: str, first: int, rows: int, later: int) -> Ar
 
 
 def _samples(
-    plant: DrivenPlant, own: Node | None, other: Node | None, name: str, first: int, rows: int
+    plant: DrivenPlant, own: NodeLog | None, other: NodeLog | None, name: str, first: int, rows: int
 ) -> Array:
     """Return the samples of a sensor (rows,), NaN where none was due or came."""
     heard = other is not None and f"rx.{name}" in other.columns

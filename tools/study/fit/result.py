@@ -4,11 +4,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta, Struct
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.study.arrays import Array
 from pcpc.tools.study.result import Result
+from pcpc.tools.terminal.answer import Count
 from pcpc.tools.terminal.screen import wrapped_lines
 
 if TYPE_CHECKING:
@@ -26,13 +29,21 @@ class Parameter:
     """
 
     name: str
+    "BLOCK.NAME"
     unit: str
+    "empty: none"
     rig: float
+    "the rig's own value, in unit"
     value: float
+    "in unit; the rig's where it is not excited"
     error: float
+    "standard error, in unit; null: no interval"
     low: float
+    "of the 95 % interval, in unit"
     high: float
+    "of the 95 % interval, in unit"
     excited: bool
+    "false: the log tells nothing of it"
 
     @property
     def known(self) -> bool:
@@ -61,9 +72,8 @@ class Parameter:
         if not self.excited:
             yield f"{name:{width}} {self.rig:10.5g} {'-':>11}   the log does not determine it"
             return
-        row = f"{name:{width}} {self.rig:10.5g} {self.value:11.{self.digits}g}   "
-        whole = row + self.interval(" .. ")
-        yield whole if len(whole) <= 80 else whole.removesuffix(f" {self.unit}")
+        row = f"{name:{width}} {self.rig:10.5g} {self.value:11.{self.digits}g}"
+        yield f"{row}   {self.interval(' .. ')}"
 
 
 @dataclass(frozen=True)
@@ -76,11 +86,44 @@ class Sensor:
 
     name: str
     unit: str
-    samples: int
+    "empty: none"
+    samples: Count
     residual: float
+    "rms, in unit"
     noise: float
+    "of the samples alone, rms, in unit"
     explained: float
+    "share of the variance"
     worst: float
+    "rms residual of the worst 100 samples, over the noise"
+
+
+class Facts(Struct):
+    """All of a fit but its signals; null: not finite."""
+
+    rig: str
+    log: str
+    parameters: Annotated[list[Parameter], Meta(min_length=1)]
+    sensors: list[Sensor]
+    correlation: list[list[float]]
+    "of the estimates, a row a parameter"
+    notes: list[str]
+    "what to mind; where arrived is false the first one is why"
+    runs: Count
+    "of the model"
+    arrived: bool
+    "the model leaves no more than noise; if not, no value is an estimate"
+    missing: list[str]
+    "gaps of the log, in words"
+    cycles: Count
+    "of the log"
+
+
+class FactsInFolder(Facts):
+    """What `--json` prints; null: not finite."""
+
+    folder: str
+    "with fit.yaml, fit.json, fit.png"
 
 
 @dataclass(frozen=True)
@@ -119,10 +162,10 @@ class Fit(Result):
                 return one
         raise KeyError(f"{name}: not fitted{did_you_mean(name, [p.name for p in self.parameters])}")
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return all but the signals."""
         found = {key: value for key, value in vars(self).items() if key not in _SIGNALS}
-        return found | {"cycles": len(self.t_s)}
+        return Facts(**found, cycles=len(self.t_s))
 
     def lines(self) -> Iterator[str]:
         """Yield the tables of parameters and sensors, and what to mind."""
@@ -137,10 +180,9 @@ class Fit(Result):
         for sensor in self.sensors:
             share = f"{100.0 * sensor.explained:.4f} %" if math.isfinite(sensor.explained) else "-"
             row = f"{sensor.name:{width}} {sensor.residual:10.3g} {sensor.noise:11.3g}   {share}"
-            yield _with_unit(row, sensor.unit)
+            yield f"{row} {sensor.unit}"
         for label, notes in (("note", self.notes), ("missing", self.missing)):
-            for note in notes:
-                yield from wrapped_lines(note, f"{label:9}")
+            yield from (f"{label:9}{note}" for note in notes)
 
     def settings(self, rig: str) -> str:
         """Return the fitted values as a file for `--set @FILE`, each with its interval."""
@@ -164,9 +206,3 @@ class Fit(Result):
         """Write the overlay of model and log, and the residuals, as a picture; return `path`."""
         self.pictures()["fit"].savefig(path)
         return Path(path)
-
-
-def _with_unit(row: str, unit: str) -> str:
-    """Return a row with its unit, where it fits."""
-    whole = f"{row} {unit}".rstrip()
-    return whole if len(whole) <= 80 else row

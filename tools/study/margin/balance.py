@@ -33,7 +33,7 @@ _H = 1e-4  # of the differences, relative to the amplitude
 
 
 @dataclass(frozen=True)
-class Cycle:
+class BalancedCycle:
     """phi (n,), m (n,), w in rad a cycle and the gain g of (2) and (3); `amplitude` of a state."""
 
     phi: Complex
@@ -59,7 +59,7 @@ def first_harmonic(values: Vector) -> Complex:
     return np.asarray(2.0 / PHASES * np.tensordot(np.conj(TURNS), values, 1))
 
 
-def after_cycle(step: Step, found: Cycle) -> Vector:
+def after_cycle(step: Step, found: BalancedCycle) -> Vector:
     """Return f at the phases of a cycle, (P, n)."""
     states = np.array(list(found.states()))
     held = list(found.waiting)
@@ -78,7 +78,7 @@ def after_cycle(step: Step, found: Cycle) -> Vector:
     return after
 
 
-def waiting_states(step: Step, found: Cycle) -> tuple[int, ...]:
+def waiting_states(step: Step, found: BalancedCycle) -> tuple[int, ...]:
     """Return the states that are kept as they are at rest, and forgotten at other phases."""
     every = []
     for x in [found.mean, *found.states()]:
@@ -95,7 +95,7 @@ def waiting_states(step: Step, found: Cycle) -> tuple[int, ...]:
     return tuple(np.flatnonzero(both & kept.any(axis=0) & lost.any(axis=0)).tolist())
 
 
-def balance(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None:
+def balance(step: Step, at: BalancedCycle, state: int, amplitude: float) -> BalancedCycle | None:
     """Return the cycle in which that state has an amplitude, from one nearby; None if not found."""
     n, unit = len(at.mean), np.abs(at.phi) * amplitude / abs(at.phi[state])
     unit = np.maximum(unit, 1e-9 * unit.max())
@@ -109,7 +109,7 @@ def balance(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None
 
     def wrong(z: Vector) -> Vector:
         phi, mean, omega, gain = of(z)
-        after = after_cycle(step, Cycle(phi, mean, omega, gain, amplitude, 0.0, at.waiting))
+        after = after_cycle(step, BalancedCycle(phi, mean, omega, gain, amplitude, 0.0, at.waiting))
         first = (first_harmonic(after) - np.exp(1j * omega) * phi) / unit
         size = phi[state] / amplitude
         rest = (after.mean(axis=0) - mean) / unit
@@ -119,7 +119,7 @@ def balance(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None
     z, left = _solve(wrong, z)
     if not (left < 100.0 * _CLOSE and z[3 * n + 1] > 0.0):
         return None
-    return Cycle(*of(z), amplitude, left, at.waiting)
+    return BalancedCycle(*of(z), amplitude, left, at.waiting)
 
 
 def _solve(wrong: Callable[[Vector], Vector], z: Vector) -> tuple[Vector, float]:
@@ -145,7 +145,9 @@ def _solve(wrong: Callable[[Vector], Vector], z: Vector) -> tuple[Vector, float]
     return z, float(np.abs(now).max())
 
 
-def branch(step: Step, first: Cycle, state: int, factor: float, most: int) -> list[Cycle]:
+def branch(
+    step: Step, first: BalancedCycle, state: int, factor: float, most: int
+) -> list[BalancedCycle]:
     """Return cycles of falling amplitude, until one is not found, `most` at most."""
     found = [first]
     while len(found) < most:

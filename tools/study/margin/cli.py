@@ -1,6 +1,5 @@
 """`pcpc margin RIG`: the margins of a rig's loop, as a table, JSON and pictures."""
 
-import argparse
 import json
 from pathlib import Path
 
@@ -8,63 +7,48 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.study.margin import limit_cycle
-from pcpc.tools.study.margin.find import Question, margin_of
-from pcpc.tools.study.margin.limit_cycle_result import LimitCycle
-from pcpc.tools.study.margin.result import Margin
+from pcpc.tools.study.margin.commands import MarginRequest
+from pcpc.tools.study.margin.find import margin_of
 from pcpc.tools.study.result import Result
 from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
-from pcpc.tools.terminal.option_notes import refuse
 
-_OF_MARGINS = ("at_s", "settle", "amplitude", "lowest", "method", "seed")
+_OF_MARGINS = ("at_s", "settle_s", "amplitude", "lowest_hz", "method", "seed")
 _OF_CYCLES = ("linear", "grown", "factors")
 
 
-def command(options: argparse.Namespace) -> int:
+def command(request: MarginRequest) -> int:
     """Find the margins, or a limit cycle, and print what was found."""
-    if options.limit_cycle is None:
-        refuse(options, "is of --limit-cycle; name the growing setting with it", *_OF_CYCLES)
+    if request.limit_cycle is None:
+        request.refuse("is of --limit-cycle; name the growing setting with it", *_OF_CYCLES)
     else:
-        refuse(options, "is not of --limit-cycle; leave one of them out", *_OF_MARGINS)
-    find = _margins if options.limit_cycle is None else _limit_cycle
-    if options.output is None:
-        _print(options, find(options))
+        request.refuse("is not of --limit-cycle; leave one of them out", *_OF_MARGINS)
+    if request.output is None:
+        _print(request, _found(request))
         return Exit.OK
     need("-o: a figure needs", FIGURE)
-    with folder_of(options.output, "") as folder, writing(folder):
-        found = find(options)
-        _print(options, found)
+    with folder_of(request.output, "") as folder, writing(folder):
+        found = _found(request)
+        _print(request, found)
         found.save(folder)
     return Exit.OK
 
 
-def _margins(options: argparse.Namespace) -> Margin:
-    rig = load_rig(options.rig, options.controller, options.set)
-    question = Question(
-        options.loop,
-        options.at_s,
-        options.method,
-        options.amplitude,
-        options.seed,
-        options.settle,
-        options.lowest,
-    )
-    return margin_of(rig, question)
-
-
-def _limit_cycle(options: argparse.Namespace) -> LimitCycle:
-    settings = options.linear or [f"@{limit_cycle.linear_file(Path(options.rig))}"]
+def _found(request: MarginRequest) -> Result:
+    if request.limit_cycle is None:
+        return margin_of(load_rig(request.rig, request.controller, request.set), request.question)
+    settings = request.linear or [f"@{limit_cycle.linear_file(Path(request.rig))}"]
     return limit_cycle.limit_cycle(
-        Path(options.rig),
-        options.controller,
-        options.set,
+        Path(request.rig),
+        request.controller,
+        request.set,
         settings,
-        options.limit_cycle,
-        options.grown,
-        options.factors,
-        options.loop,
+        request.limit_cycle,
+        request.grown,
+        request.factors,
+        request.question.loop,
     )
 
 
-def _print(options: argparse.Namespace, found: Result) -> None:
-    print(json.dumps(found.json()) if options.json else found.text(), end="\n" * options.json)
+def _print(request: MarginRequest, found: Result) -> None:
+    print(json.dumps(found.json()) if request.json else found.text(), end="\n" * request.json)

@@ -20,7 +20,7 @@ from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.study.arrays import Flags, Places, Vector
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import CutLoop
 
 _ORDER: tuple[Role, ...] = ("executive", *PLANTS, "local")
 _KEPT = ("state", "received", "sent", "output")  # kinds of what a cycle begins with
@@ -77,7 +77,7 @@ class CycleMap:
         order = [*(flagged & (self.kinds == kind) for kind in _KEPT), flagged]
         return next(int(np.argmax(found)) for found in order if found.any())
 
-    def cut_places(self, loop: Loop) -> list[int]:
+    def cut_places(self, loop: CutLoop) -> list[int]:
         """Return the places behind the cut of a loop: what is sent, and where it is received."""
         received = [self.place(role, f"rx.{loop.signal}") for role in loop.takers]
         return [*received, self.place(loop.role, loop.sent)]
@@ -90,7 +90,7 @@ class CycleMap:
             self._node(role, 0)
         self.k = 0
 
-    def advance(self, cut: Loop | None = None, given: float = 0.0, added: bool = False) -> None:
+    def advance(self, cut: CutLoop | None = None, given: float = 0.0, added: bool = False) -> None:
         """Do cycle k of the executive, then k + 1 of the nodes below it.
 
         `cut`: a loop whose commands get lost, and `given` comes in their place, or is `added`.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -15,16 +15,14 @@ from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin import linear, loops, measured, motion, notes, operating
+from pcpc.tools.study.margin.commands import SETTLE_S, Method, Question
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.study.margin.result import Margin, Response
 from pcpc.tools.study.margin.sizes import measured_margins
 from pcpc.tools.study.margin.visible import without_below
 
-Method = Literal["both", "linearised", "measured"]
-SETTLE_S = 4.0
 _POINTS = 600
 _LONGER = (1.0, 2.0, 4.0)  # times of rest that a drift is given to fade
-_PERIODS = 4000  # of the rate in the period of the lowest line
 
 
 def margin(
@@ -55,43 +53,16 @@ def margin(
 
     Raises pcpc.Error: the rig has no loop, is unstable, ends in a fault or has no gain.
     """
-    question = Question(loop, at_s, method, amplitude, seed, settle_s, lowest_hz)
+    question = Question(
+        loop=loop,
+        at_s=at_s,
+        method=method,
+        amplitude=amplitude,
+        seed=seed,
+        settle_s=settle_s,
+        lowest_hz=lowest_hz,
+    )
     return margin_of(load_rig(find(str(rig)), controller, settings(set)), question)
-
-
-@dataclass(frozen=True)
-class Question:
-    """How a loop is looked at; the words are those of `margin`."""
-
-    loop: str | None = None
-    at_s: float = 0.0
-    method: Method = "both"
-    amplitude: float | None = None
-    seed: int = 1
-    settle_s: float = SETTLE_S
-    lowest_hz: float | None = None
-
-    def lowest(self, rate: float) -> float:
-        """Return the lowest frequency, Hz, of a rig of a rate."""
-        return rate / _PERIODS if self.lowest_hz is None else self.lowest_hz
-
-    def check(self, rate: float) -> None:
-        """Raise UserError for what no rig of a rate can be asked."""
-        least, most, lowest = rate / 1e6, rate / 8.0, self.lowest(rate)
-        if self.method not in ("both", "linearised", "measured"):
-            raise UserError(f"method {self.method}: expected both, linearised or measured")
-        if not 0.0 <= self.at_s <= 1e6:
-            raise UserError(f"--at {self.at_s:g} s: expected a time of the run, 0 or later")
-        if self.amplitude is not None and not 0.0 < self.amplitude < 1e300:
-            raise UserError(f"--amplitude {self.amplitude:g}: expected a number above 0")
-        if not 1.0 / rate <= self.settle_s <= 1e4:
-            what = f"expected {1.0 / rate:g} s to 10000 s"
-            raise UserError(f"--settle {self.settle_s:g} s: {what}")
-        if not least <= lowest <= most:
-            what = f"expected {least:g} to {most:g} Hz, an eighth of the rate"
-            raise UserError(f"--lowest {lowest:g} Hz: {what}")
-        if self.seed < 0:
-            raise UserError(f"--seed {self.seed}: expected 0 or a whole number above it")
 
 
 @np.errstate(all="ignore")  # what is no number is looked for
@@ -179,7 +150,7 @@ class _Point:
 
 
 def _linear(
-    plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
+    plans: dict[Role, Plan], cut: loops.CutLoop, held: dict[str, float], settle_s: float
 ) -> _Point:
     """Return the loop at rest, or in motion where there is none at rest; UserError."""
     rest = _rest(plans, cut, held, settle_s)
@@ -209,7 +180,7 @@ def _linear(
 
 
 def _loop_at_rest(
-    plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
+    plans: dict[Role, Plan], cut: loops.CutLoop, held: dict[str, float], settle_s: float
 ) -> _Point:
     """Return the linear loop at rest, or a remark why there is none that is stable."""
     try:
@@ -223,7 +194,7 @@ def _loop_at_rest(
 
 
 def _rest(
-    plans: dict[Role, Plan], cut: loops.Loop, held: dict[str, float], settle_s: float
+    plans: dict[Role, Plan], cut: loops.CutLoop, held: dict[str, float], settle_s: float
 ) -> operating.Rest:
     """Return where a rig rests after a time, or up to eight of them if it drifts."""
     rest = operating.at_rest(plans, held, settle_s)

@@ -15,7 +15,7 @@ import numpy as np
 from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.loops import Loop, OpenLoop
+from pcpc.tools.study.margin.loops import CutLoop, OpenLoop
 
 _STEP = 1e-6  # of the impulse, times 1 or the command
 _LEFT = 1e-6  # of the largest value, over the last tenth
@@ -40,7 +40,7 @@ class Impulse(OpenLoop):
         return np.asarray(1.0 / found - 1.0)
 
 
-def loop_by_impulse(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impulse:
+def loop_by_impulse(cycle: CycleMap, loop: CutLoop, given: frozenset[str]) -> Impulse:
     """Return the loop at the state of `cycle`; UserError where it does not come to rest.
 
     given   names of what differences say that the command reaches
@@ -55,7 +55,7 @@ def loop_by_impulse(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impul
     return Impulse(one, dt=cycle.dt, command=command, given=given)
 
 
-def _answer(cycle: CycleMap, loop: Loop, h: float) -> Vector:
+def _answer(cycle: CycleMap, loop: CutLoop, h: float) -> Vector:
     """Return s of (1), to its end; `cycle` is left as it was."""
     start, first, sent = cycle.v.copy(), cycle.k, cycle.place(loop.role, loop.sent)
     both = [(start.copy(), first, [h]), (start.copy(), first, [-h])]

@@ -20,8 +20,8 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin import balance, linear, loops, operating
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, Row, onset_index
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, StepAtFactor, onset_index
+from pcpc.tools.study.margin.loops import CutLoop
 from pcpc.tools.study.margin.measured import commands
 
 _SETTLE_S = 2.0
@@ -35,7 +35,7 @@ _AFTER_S, _LOOK_S = 2.0, 1.0
 class _ClosedLoop:
     """A closed loop as a map of the states of its open one, with a gain and grown settings."""
 
-    def __init__(self, cycle: CycleMap, cut: Loop, names: list[str], gain: int) -> None:
+    def __init__(self, cycle: CycleMap, cut: CutLoop, names: list[str], gain: int) -> None:
         self.cycle, self.cut = cycle, cut
         self.places = np.array([cycle.index[name] for name in names])
         self.start, self.k = cycle.v.copy(), cycle.k
@@ -49,7 +49,7 @@ class _ClosedLoop:
         self.cycle.advance()
         return self.cycle.v[self.places].copy()
 
-    def point(self, found: balance.Cycle) -> Point:
+    def point(self, found: balance.BalancedCycle) -> Point:
         def and_sent(x: Vector, gain: float) -> Vector:
             return np.append(self.step(x[:-1], gain), self.cycle.v[self.sent])
 
@@ -116,7 +116,7 @@ def limit_cycle(
         run = _command_step_in_run(
             operating.without_disturbances(load_rig(rig, controller, more)), cut
         )
-        rows.append(Row(factor, stable_cycle_at(points, factor), alone, run))
+        rows.append(StepAtFactor(factor, stable_cycle_at(points, factor), alone, run))
     return LimitCycle(
         whole.config.rig,
         whole.config.controller,
@@ -159,7 +159,7 @@ class _Critical:
     omega: float
 
 
-def _critical(cycle: CycleMap, cut: Loop, gain: str, place: int) -> _Critical:
+def _critical(cycle: CycleMap, cut: CutLoop, gain: str, place: int) -> _Critical:
     nominal = float(cycle.v[place])
 
     def linear_at(factor: float) -> linear.Linear:
@@ -190,7 +190,7 @@ def _critical(cycle: CycleMap, cut: Loop, gain: str, place: int) -> _Critical:
     return _Critical(high, found, phi if omega > 0.0 else phi.conj(), abs(omega))
 
 
-def _first(closed_loop: _ClosedLoop, loop: _Critical) -> balance.Cycle:
+def _first(closed_loop: _ClosedLoop, loop: _Critical) -> balance.BalancedCycle:
     """Return the cycle of the linear loop with half of the command's range as its amplitude."""
     half = 0.5 * (closed_loop.cut.high - closed_loop.cut.low)
     if not 0.0 < half < 1e9:
@@ -198,12 +198,12 @@ def _first(closed_loop: _ClosedLoop, loop: _Critical) -> balance.Cycle:
     mean = closed_loop.start[closed_loop.places]
     size = abs(loop.found.c @ loop.phi) / (1.0 - loop.found.d)
     phi = loop.phi * _SHARE * half / size
-    return balance.Cycle(phi, mean, loop.omega, loop.factor, 0.0, 0.0)
+    return balance.BalancedCycle(phi, mean, loop.omega, loop.factor, 0.0, 0.0)
 
 
 def _branch(
-    closed_loop: _ClosedLoop, first: balance.Cycle, wanted: dict[str, float]
-) -> list[balance.Cycle]:
+    closed_loop: _ClosedLoop, first: balance.BalancedCycle, wanted: dict[str, float]
+) -> list[balance.BalancedCycle]:
     """Return the branch, once what was taken away has come back."""
     places = {name: _place(closed_loop.cycle, name) for name in wanted}
     began = {name: float(closed_loop.start[place]) for name, place in places.items()}
@@ -226,7 +226,7 @@ def _branch(
     return [*up[:0:-1], *down]
 
 
-def _state_near(cycles: list[balance.Cycle], points: list[Point], factor: float) -> Vector:
+def _state_near(cycles: list[balance.BalancedCycle], points: list[Point], factor: float) -> Vector:
     """Return a state of the stable cycle whose gain is nearest."""
     stable = cycles[: onset_index(points) + 1]
     return next(min(stable, key=lambda one: abs(one.gain - factor)).states())
@@ -242,7 +242,7 @@ def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
     return None
 
 
-def _command_step_in_run(rig: Rig, cut: Loop) -> float:
+def _command_step_in_run(rig: Rig, cut: CutLoop) -> float:
     """Return the step of the command, rms, in a run of the rig; nan where it ends in a fault."""
     try:
         return _step_rms(commands(rig, cut))

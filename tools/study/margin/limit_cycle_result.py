@@ -22,7 +22,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Row:
+class StepAtFactor:
     """The command's step at a factor, rms: `predicted` (None: no cycle), of the map, of the rig.
 
     `alone`: the map of the balance, begun in the cycle and left alone for 2 s; `run`: the rig as it
@@ -48,7 +48,7 @@ class LimitCycle(Result):
     linear_factor: float
     linear_hz: float
     branch: list[Point]
-    rows: list[Row]
+    rows: list[StepAtFactor]
     signal: str
     unit: str
 

@@ -16,7 +16,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex, Flags, Vector
 from pcpc.tools.study.margin import impulse, slopes
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.loops import Loop, OpenLoop
+from pcpc.tools.study.margin.loops import CutLoop, OpenLoop
 from pcpc.tools.study.margin.operating import Rest
 
 _CHANGES = 0.05  # of a response, from cycle to cycle
@@ -57,7 +57,7 @@ class Linear(OpenLoop):
         return np.linalg.eigvals(self.a).astype(complex)
 
 
-def linearise(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
+def linearise(rest: Rest, loop: CutLoop) -> Linear | impulse.Impulse:
     """Return the open loop at the mean of the states: noise keeps none of them at rest.
 
     Where the next cycle has another one (a delay line that is looked up by time), its answer to
@@ -90,7 +90,7 @@ def _lasts(first: Linear, second: Linear) -> bool:
     return bool(np.abs(one - two).max() <= _CHANGES * most)
 
 
-def differences(cycle: CycleMap, loop: Loop) -> Linear:
+def differences(cycle: CycleMap, loop: CutLoop) -> Linear:
     """Return the open loop at the state of `cycle`, which is left as it was."""
     kept, start, k = cycle.kept, cycle.v.copy(), cycle.k
     sent = cycle.place(loop.role, loop.source)

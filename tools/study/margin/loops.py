@@ -21,7 +21,7 @@ _HEAD = ("supervisor", "health", "timing", "time", "rx")
 
 
 @dataclass(frozen=True)
-class Loop:
+class CutLoop:
     """A loop by its signal; `takers` are the nodes that receive it, `source` what is sent."""
 
     signal: str
@@ -71,7 +71,7 @@ class OpenLoop:
         return np.empty(0, complex)
 
 
-def loops(rig: Rig, plans: dict[Role, Plan]) -> list[Loop]:
+def loops(rig: Rig, plans: dict[Role, Plan]) -> list[CutLoop]:
     """Return the loops of a rig, those to the plant first."""
     found = []
     for role, made in plans.items():
@@ -90,16 +90,16 @@ def _takes(made: Plan, signal: str) -> bool:
     return any(f"rx.{signal}" in spec.inputs.values() for spec in made.spec.blocks)
 
 
-def _loop(made: Plan, role: Role, signal: str, source: str, takers: tuple[Role, ...]) -> Loop:
+def _loop(made: Plan, role: Role, signal: str, source: str, takers: tuple[Role, ...]) -> CutLoop:
     variable = made.table.variables[made.table.index[f"tx.{signal}"]]
     low, high = variable.low, variable.high
     if signal in made.limits:
         limit = made.limits[signal]
         low, high = max(low, limit.low), min(high, limit.high)
-    return Loop(signal, role, source, variable.unit, takers, low, high)
+    return CutLoop(signal, role, source, variable.unit, takers, low, high)
 
 
-def choose(rig: Rig, plans: dict[Role, Plan], name: str | None) -> tuple[Loop, list[Loop]]:
+def choose(rig: Rig, plans: dict[Role, Plan], name: str | None) -> tuple[CutLoop, list[CutLoop]]:
     """Return the loop of that signal, or the first, and all. UserError if there is none."""
     known = loops(rig, plans)
     if not known:

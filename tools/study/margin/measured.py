@@ -34,7 +34,7 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.study.arrays import Complex, Places, Vector
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import CutLoop
 from pcpc.tools.study.margin.operating import INJECTED, with_injection
 
 PERIODS = 4
@@ -144,7 +144,7 @@ def multisine(
 
 def measure(
     rig: Rig,
-    cut: Loop,
+    cut: CutLoop,
     held: Mapping[str, float],
     sines: Multisine,
     settle_s: float,
@@ -197,7 +197,7 @@ def _smooth(variance: Vector) -> Vector:
     return np.asarray(np.maximum(mean, variance))
 
 
-def _moves(u: Vector, rate: float, cut: Loop) -> Moves:
+def _moves(u: Vector, rate: float, cut: CutLoop) -> Moves:
     power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
     k = int(np.argmax(power))
     pure = float(power[max(k - 2, 0) : k + 3].sum() / max(power.sum(), 1e-300))
@@ -209,7 +209,7 @@ def _moves(u: Vector, rate: float, cut: Loop) -> Moves:
 
 def best_measurement(
     rig: Rig,
-    cut: Loop,
+    cut: CutLoop,
     held: Mapping[str, float],
     about: tuple[float, float, int],
     sizes: Sequence[float],
@@ -241,7 +241,7 @@ def best_measurement(
     return found
 
 
-def commands(rig: Rig, cut: Loop) -> Vector:
+def commands(rig: Rig, cut: CutLoop) -> Vector:
     """Return what a law commands in every cycle of the rig as it is; UserError at a fault.
 
     Shape (n,).
@@ -251,7 +251,7 @@ def commands(rig: Rig, cut: Loop) -> Vector:
     return _run(VirtualRun(made, None), cut, np.zeros(n))[0]
 
 
-def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
+def _run(run: VirtualRun, cut: CutLoop, d: Vector) -> tuple[Vector, int]:
     """Return what the law commanded in every cycle, and how often a value was clamped."""
     at = [made.role for made in run.plans].index(cut.role)
     table, loops = run.plans[at].table.index, tuple(block.loop for block in run.blocks)

@@ -15,7 +15,7 @@ from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin import linear
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.linear import UNSTABLE, Linear
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import CutLoop
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.study.margin.operating import Rest
 
@@ -40,7 +40,7 @@ class Motion:
     unstable: int
 
 
-def in_motion(plans: dict[Role, Plan], cut: Loop) -> Motion | None:
+def in_motion(plans: dict[Role, Plan], cut: CutLoop) -> Motion | None:
     """Return the worst loop along the rig's own run, None where there is none."""
     cycle = CycleMap(plans, moving=True)
     cycle.begin({})
@@ -81,7 +81,7 @@ def _grid(rate: float) -> Vector:
     return np.geomspace(rate / 1e5, 0.5 * rate, _POINTS)
 
 
-def check_rest(rest: Rest, cut: Loop) -> None:
+def check_rest(rest: Rest, cut: CutLoop) -> None:
     """Raise UserError where a command goes on that would be still if its loop were open.
 
     Noise and disturbances of the plant move it in the open loop, too; what fades is no cycle.
@@ -107,7 +107,7 @@ def check_rest(rest: Rest, cut: Loop) -> None:
         raise UserError(f"{what}, and would be at rest in the open loop; a lower gain may end it")
 
 
-def worse_in_motion(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> list[str]:
+def worse_in_motion(plans: dict[Role, Plan], cut: CutLoop, disk_margin: float) -> list[str]:
     """Return what has to be said of the loop in motion beside that of a point, as its disk margin.
 
     The point is none of rest, or a gate, a gap or friction may be on another side in motion.
@@ -127,12 +127,12 @@ def worse_in_motion(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> l
     return [f"in motion it is another: {where}; {worst}, {gain}"]
 
 
-def stuck_note(cut: Loop) -> str:
+def stuck_note(cut: CutLoop) -> str:
     """Return what is said of a point at which the command has no effect on itself."""
     return f"{cut.signal} has no effect on itself: {STUCK}"
 
 
-def motion_notes(cut: Loop, one: Motion) -> list[str]:
+def motion_notes(cut: CutLoop, one: Motion) -> list[str]:
     """Return what has to be said of a loop in motion beside one that is stuck."""
     what = f"in motion, at {one.loops} of {one.looks} times of its own run, it has one"
     where = f"the worst of them, at {one.at_s:.4g} s, is shown here"

@@ -22,7 +22,7 @@ _NEAR, _WORSE = 1.03, 0.9
 _WITHIN, _CLOSE = 3.0, 0.03  # of a line: errors, and of its size: no other loop
 
 
-def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
+def linear_notes(found: Found, cut: loops.CutLoop, moves: float) -> list[str]:
     """Return what has to be said of a linear loop; UserError if it has no margins.
 
     moves   how the command moves at the point, rms
@@ -70,7 +70,7 @@ def check_stable(found: Found) -> None:
             raise UserError(f"{what}; {cure}")
 
 
-def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.Loop) -> list[str]:
+def measured_notes(measurement: sizes.MeasuredMargins, cut: loops.CutLoop) -> list[str]:
     """Return what has to be said of a measured loop; UserError if it does not answer."""
     own, seen = measurement.loop, measurement.margins
     unit = f" {cut.unit}" if cut.unit else ""
@@ -188,7 +188,7 @@ def _apart(
     return float(off), float(own.error[at]), float(own.f_hz[at])
 
 
-def no_small_loop(own: measured.MeasuredLoop, cut: loops.Loop, why: str) -> list[str]:
+def no_small_loop(own: measured.MeasuredLoop, cut: loops.CutLoop, why: str) -> list[str]:
     """Return that measured numbers are those of their amplitude, as there is no loop at rest."""
     what = f"the numbers are those of {_size(own, cut)}, what is small may have others"
     said = "there is no stable linear loop at rest"
@@ -196,7 +196,7 @@ def no_small_loop(own: measured.MeasuredLoop, cut: loops.Loop, why: str) -> list
 
 
 def other_small_loop(
-    own: measured.MeasuredLoop, cut: loops.Loop, seen: Margins, ours: Margins, small: Found
+    own: measured.MeasuredLoop, cut: loops.CutLoop, seen: Margins, ours: Margins, small: Found
 ) -> list[str]:
     """Return which measured numbers are those of their amplitude, as the loop at rest has others.
 
@@ -215,7 +215,7 @@ def other_small_loop(
     return [f"{what}; what is small has others, see --method linearised"]
 
 
-def _size(own: measured.MeasuredLoop, cut: loops.Loop) -> str:
+def _size(own: measured.MeasuredLoop, cut: loops.CutLoop) -> str:
     return f"{own.amplitude:.3g} {cut.unit}".rstrip()
 
 
@@ -240,6 +240,6 @@ def is_restless(moves: float, command: float) -> bool:
     return moves > 1e-6 * max(1.0, abs(command))
 
 
-def command_rms(rest: operating.Rest, cut: loops.Loop) -> float:
+def command_rms(rest: operating.Rest, cut: loops.CutLoop) -> float:
     """Return how much the command moves at rest, rms."""
     return float(rest.deviation[rest.cycle.place(cut.role, cut.sent)])

@@ -4,7 +4,6 @@ What the executive's blocks without an input (references) give at one time of th
 what they give, derivatives are 0: outputs whose unit has a higher power of 1/s than another's.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,17 +11,17 @@ import msgspec
 import numpy as np
 
 from pcpc.drivers.errors import UserError
+from pcpc.executive.laws.units import unit
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Fault
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import CutLoop
 
 _WILD = 1e12  # beyond every variable, also beyond counters
 INJECTED = "margin"  # name of the fault that adds the excitation
-_PER_S = re.compile(r"/s([23]?)\Z")
 
 
 def without_disturbances(rig: Rig) -> Rig:
@@ -49,19 +48,13 @@ def reference_values(plans: Mapping[Role, Plan], at_s: float) -> dict[str, float
         )
         spec.block.step(round(at_s * rate) / rate, 1.0 / rate, p, x, u, y)
         variables = [made.table.variables[place] for place in views.outputs]
-        orders = [_order(one.unit) for one in variables]
+        orders = [unit(one.unit).order for one in variables]
         for variable, value, order in zip(variables, y.tolist(), orders, strict=True):
             found[variable.name] = value if order == min(orders) else 0.0
     return found
 
 
-def _order(unit: str) -> int:
-    """Return the power of 1/s at the end of a unit."""
-    match = _PER_S.search(unit)
-    return 0 if match is None else int(match[1] or 1)
-
-
-def with_injection(rig: Rig, loop: Loop, values: Mapping[str, float]) -> Rig:
+def with_injection(rig: Rig, loop: CutLoop, values: Mapping[str, float]) -> Rig:
     """Return the rig with the references held and something added to a sent signal.
 
     Both are faults on purpose: of kind value at the references' outputs, of kind bias at the

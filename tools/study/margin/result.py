@@ -10,7 +10,6 @@ import numpy as np
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.margins import Margins
 from pcpc.tools.study.result import Result, plain
-from pcpc.tools.terminal.screen import wrapped_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,12 +124,12 @@ class Margin(Result):
         yield f"{self.rig}, {self.controller}: loop of {self.loop}, {self.rate_hz:g} Hz"
         if self.reference:
             held = ", ".join(f"{name} = {value:.6g}" for name, value in self.reference.items())
-            yield from wrapped_lines(held, "held      ")
+            yield f"held      {held}"
         yield f"command   {self.command:.6g}{unit} {when}"
         if math.isfinite(self.amplitude):
             yield f"injected  at most {self.amplitude:.4g}{unit}"
         if len(self.loops) > 1:
-            yield from wrapped_lines(", ".join(self.loops), "loops     ")
+            yield f"loops     {', '.join(self.loops)}"
         heads = (
             f"{method} in motion" if moves and method == "linearised" else method
             for method in self.responses
@@ -140,8 +139,7 @@ class Margin(Result):
             cells = (_cell(one.margins, *how) for one in self.responses.values())
             yield f"{what:20}" + "".join(f"{cell:>28}" for cell in cells)
         yield ""
-        for note in self.notes:
-            yield from wrapped_lines(note)
+        yield from self.notes
 
 
 _NUMBERS = {*Margins.__dataclass_fields__, "gain_margin_db", "disk_gain", "disk_phase_deg"}

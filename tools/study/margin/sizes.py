@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.study.margin.loops import Loop
+from pcpc.tools.study.margin.loops import CutLoop
 from pcpc.tools.study.margin.margins import Margins
 from pcpc.tools.study.margin.measured import (
     ENOUGH,
@@ -59,7 +59,7 @@ class MeasuredMargins:
 
 def measured_margins(
     rig: Rig,
-    cut: Loop,
+    cut: CutLoop,
     held: Mapping[str, float],
     about: tuple[float, float, int],
     sizes: Sequence[float],

@@ -13,13 +13,13 @@ from pcpc.tools.after.record import UnknownName
 from pcpc.tools.start.native import native
 from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
+from pcpc.tools.study.sweep.commands import SweepRequest
 from pcpc.tools.terminal.extras import need_for_sweep
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
 
-    from pcpc.tools.study.sweep.request import Request
     from pcpc.tools.study.sweep.results import Results
     from pcpc.tools.study.sweep.sensitivity import Share
 
@@ -32,8 +32,8 @@ class Sweep:
     chosen are not a sample: no share of them is a probability.
 
     Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
-    requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not
-    done in lanes).
+    requirements, `unjudged:NAME` (why), ok (null: not judged), why, outcome (ran, fault, refused),
+    alone (why it was not done in lanes).
     """
 
     table: "pyarrow.Table"
@@ -125,25 +125,21 @@ def sweep(
     fault, or with values out of range, is a row like any other.
     """
     need_for_sweep()
-    with native("numba" not in sys.modules):
-        from pcpc.tools.study.sweep.request import Request  # time
-
-    varied = [f"{name}={text}" for name, text in (vary or {}).items()]
-    request = Request(
-        find(str(rig)), controllers or (), varied, settings(set), draws, sampling, seed,
-        until, worst, rare, of, limit, threads=threads, scheduler=scheduler,
+    request = SweepRequest(
+        rig=find(str(rig)), controllers=",".join(controllers) if controllers else None,
+        vary=[f"{name}={text}" for name, text in (vary or {}).items()], set=settings(set),
+        draws=draws, sampling=sampling, seed=seed, until=until, worst=worst, rare=rare, of=of,
+        limit=limit, threads=threads, scheduler=scheduler,
     )  # fmt: skip
-    return _done(request, folder, quiet)
+    with native("numba" not in sys.modules):
+        from pcpc.tools.study.sweep.request import campaign_of, work_of  # time
 
-
-def _done(request: "Request", folder: str | Path | None, quiet: bool | None) -> Sweep:
-    """Return the campaign of a request, run to its end."""
     from pcpc.tools.study.sweep import shards  # time
 
-    campaign = request.campaign()
+    campaign = campaign_of(request)
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]
-    work = request.work(campaign, place)
+    work = work_of(request, campaign, place)
     try:
         outcome = work.to_end(progress(quiet))
     finally:

@@ -12,7 +12,7 @@ import numpy as np
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig.carried_files import is_ordinary
+from pcpc.executive.own_laws.carried_files import is_ordinary
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.requirements import text_of
 from pcpc.tools.after.verdict.judge import Judge

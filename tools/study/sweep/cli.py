@@ -1,6 +1,5 @@
 """`pcpc sweep`: thousands of runs of a rig in virtual time, a table, a report, a statement."""
 
-import argparse
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,48 +8,26 @@ from typing import TYPE_CHECKING, Any
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError
 from pcpc.tools.start.folder import folder_of
-from pcpc.tools.start.rigs import find
-from pcpc.tools.study.sweep import decision, rerun, shards, store
+from pcpc.tools.study.sweep import decision, shards, store
 from pcpc.tools.study.sweep.campaign import SEARCHES
+from pcpc.tools.study.sweep.commands import MergeRequest, SweepRequest
 from pcpc.tools.study.sweep.report import report
-from pcpc.tools.study.sweep.request import Request
+from pcpc.tools.study.sweep.request import campaign_of, work_of
 from pcpc.tools.study.sweep.results import Results
 from pcpc.tools.study.sweep.statements import HOLDS
 from pcpc.tools.study.sweep.summary import COLUMNS, summary
 from pcpc.tools.study.sweep.work import Work
-from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.progress import Progress
 
 if TYPE_CHECKING:
     import pyarrow
 
-_REQUESTED = (
-    "draws", "sampling", "seed", "until", "worst", "rare", "of", "limit", "shard", "threads",
-    "scheduler",
-)  # fmt: skip
-_TAKES = {"merge": {"output", "quiet"}, "rerun": {"output", "quiet", "on_bus"}}
 
-
-def command(options: argparse.Namespace) -> int:
+def command(request: SweepRequest) -> int:
     """Carry out `pcpc sweep`; return the exit code. RigError: wrong input."""
-    _check_options(options)
-    if options.words[0] == "merge":
-        return _merge(options)
-    if options.words[0] == "rerun":
-        return rerun.command(options)
-    if options.words[1:]:
-        raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
-    controllers = options.controllers
-    request = Request(
-        find(options.words[0]),
-        () if controllers is None else controllers.split(","),
-        options.vary,
-        options.set,
-        **{name: getattr(options, name) for name in _REQUESTED},
-    )
-    campaign = request.campaign()
-    with folder_of(options.output, f"sweep-{campaign.rigs[0].config.rig}") as folder:
-        return _run(request.work(campaign, folder), Progress(options.quiet))
+    campaign = campaign_of(request)
+    with folder_of(request.output, f"sweep-{campaign.rigs[0].config.rig}") as folder:
+        return _run(work_of(request, campaign, folder), Progress(request.quiet))
 
 
 def _run(work: Work, progress: Progress) -> int:
@@ -73,20 +50,10 @@ def _run(work: Work, progress: Progress) -> int:
     return _tell(*shards.merge([folder]), folder, outcome)
 
 
-def _check_options(options: argparse.Namespace) -> None:
-    """Raise UserError for an option that `merge`, `rerun` or a campaign does not take."""
-    if (kind := options.words[0]) in _TAKES:
-        wrong = [name for name in vars(options) if name not in _TAKES[kind]]
-        refuse(options, f"pcpc sweep {kind} does not take it", *wrong)
-    else:
-        refuse(options, "is of `pcpc sweep rerun`", "on_bus")
-
-
-def _merge(options: argparse.Namespace) -> int:
-    folders = [Path(name) for name in options.words[1:]]
-    if not folders:
-        raise RigError("pcpc sweep merge: name the folders of the shards")
-    named = str(folders[0]) if options.output is None else options.output
+def merge(request: MergeRequest) -> int:
+    """Carry out `pcpc sweep merge`; return the exit code. RigError: wrong input."""
+    folders = [Path(name) for name in request.folders]
+    named = str(folders[0]) if request.output is None else request.output
     with shards.merged(folders) as (db, spec), folder_of(named, "") as folder:
         table = shards.table(db, spec)
         if spec["sampling"] not in SEARCHES:

@@ -22,7 +22,7 @@ from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
-from pcpc.tools.study.engine import AHEAD, Engine, Piece, Pieces, Row
+from pcpc.tools.study.engine import AHEAD, Engine, Piece, Pieces, RunVerdict
 from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.terminal.extras import need
@@ -77,7 +77,7 @@ class Cluster:
         if self._own:
             self._own.close()
 
-    def rows(self, pieces: Pieces) -> Iterator[list[Row]]:
+    def rows(self, pieces: Pieces) -> Iterator[list[RunVerdict]]:
         """Yield the rows of tasks as they are done.
 
         UserError: the scheduler is gone, or a task that its workers do not survive.
@@ -127,7 +127,7 @@ def dask_setup(worker: object) -> None:
 _turn = threading.Lock()
 
 
-def run_task(campaign: Campaign, origin: Origin, pieces: list[Piece]) -> list[Row]:
+def run_task(campaign: Campaign, origin: Origin, pieces: list[Piece]) -> list[RunVerdict]:
     """Return a task's rows, on a worker. RigError: its rig or code is not that of `origin`."""
     with _turn:  # compiled once
         engine = _engine(campaign, origin)

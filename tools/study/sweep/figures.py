@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.executive.rig.units import unit_of_name
+from pcpc.executive.laws.units import unit_of_name
 from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import plain_text
 from pcpc.tools.study.arrays import Vector

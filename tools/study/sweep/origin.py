@@ -17,7 +17,7 @@ from pathlib import Path
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.rig import carried_files, modules
+from pcpc.executive.own_laws import carried_files, modules
 from pcpc.executive.rig.buses import virtual_pacing
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict.judge import Judge

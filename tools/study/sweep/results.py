@@ -9,15 +9,15 @@ import numpy as np
 
 from pcpc.tools.study.arrays import Flags, Rows, Vector
 from pcpc.tools.study.binomial import clopper_pearson
-from pcpc.tools.study.engine import FAULT, RAN, REFUSED
+from pcpc.tools.study.engine import FAULT, NOTHING, RAN, REFUSED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-VARY, METRIC, MARGIN, HELD = "vary:", "metric:", "margin:", "held:"
+VARY, METRIC, MARGIN, HELD, LEFT = "vary:", "metric:", "margin:", "held:", "unjudged:"
 COLUMNS = {  # of a table in their order, or the kinds of those that have a name behind it
     "draw": "int64", "controller": "string", "seed": "int64",
-    VARY: "double", METRIC: "double", MARGIN: "double", HELD: "bool",
+    VARY: "double", METRIC: "double", MARGIN: "double", HELD: "bool", LEFT: "string",
     "ok": "bool", "why": "string", "outcome": "string", "alone": "string",
 }  # fmt: skip
 
@@ -62,7 +62,8 @@ class Results:
     """A table with one row a run, as `pcpc sweep` writes it, and the campaign's `spec`.
 
     Columns: draw, controller, seed, outcome (ran, fault, refused), ok, why; `vary:NAME`,
-    `metric:NAME` and `margin:NAME` (float, NaN where not told), `held:NAME` (null: not judged).
+    `metric:NAME` and `margin:NAME` (float, NaN where not told), `held:NAME` (null: not judged),
+    `unjudged:NAME` (why it was not; null: it was).
     """
 
     def __init__(self, table: Any, spec: Mapping[str, Any]) -> None:
@@ -73,9 +74,9 @@ class Results:
         there = self.column("controller").tolist()
         named = [name for name in spec.get("controllers", ()) if name in there]
         self.controllers: list[str] = list(dict.fromkeys([*named, *there]))
-        self.variations, self.metrics, self.requirements = (
+        self.variations, self.metrics, self.requirements, self._left = (
             [name.removeprefix(kind) for name in table.column_names if name.startswith(kind)]
-            for kind in (VARY, METRIC, MARGIN)
+            for kind in (VARY, METRIC, MARGIN, LEFT)
         )
 
     @property
@@ -113,22 +114,34 @@ class Results:
         return counts(outcomes, judged)
 
     def never_judged(self) -> Iterator[str]:
-        """Yield a line for each requirement that no run judged, or no run of its controller."""
+        """Yield a line for what no run was judged by, or no run of its controller."""
         for name in self.requirements:
             found = {one: self.counts(one, name) for one in self.controllers}
             silent = [one for one, n in found.items() if n.unjudged and not n.runs]
-            whys = {one: self._why_unjudged(one, name) for one in silent}
+            whys = {one: self._whys_unjudged(one, name) for one in silent}
             line = f"{name} was judged in no run"
             if any(n.runs for n in found.values()):
-                yield from (f"{line} of {one}{why}" for one, why in whys.items() if why)
+                yield from (f"{line} of {one}: {why[0]}" for one, why in whys.items() if why)
             elif silent:
-                yield line + next(filter(None, whys.values()), "")
+                yield ": ".join([line, *next(filter(None, whys.values()), [])[:1]])
+        for one in self.controllers:
+            own = self.rows_of(one)
+            columns = (self.column(c)[own] for c in ("ok", *(HELD + r for r in self.requirements)))
+            if any(held is not None for column in columns for held in column):
+                continue
+            left = {name: self._whys_unjudged(one, name) for name in self._left}
+            name = max(left, key=lambda name: len(left[name]), default="")
+            if name not in ("", *self.requirements) and left[name]:
+                yield f"{name} was judged in no run of {one}: {left[name][0]}"
+            elif not self._left:  # an earlier version told it in words alone
+                first = [why for why in self.column("why")[own][:1] if why not in ("", NOTHING)]
+                yield from (f"{one}: {why}" for why in first)
 
-    def _why_unjudged(self, controller: str, requirement: str) -> str:
-        """Return the first reason, behind a colon; "" where no run tells one."""
-        begin = f"{requirement} was not judged"
-        why = self.column("why")[self.rows_of(controller)].tolist()
-        return next((one.removeprefix(begin) for one in why if one.startswith(begin)), "")
+    def _whys_unjudged(self, controller: str, name: str) -> list[str]:
+        """Return why a controller's runs were not judged by a requirement or limit."""
+        own = self.rows_of(controller)
+        found = self.column(LEFT + name)[own].tolist() if name in self._left else []
+        return [why for why in found if why]
 
     def values(self, name: str, controller: str) -> Vector:
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""

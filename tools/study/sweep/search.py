@@ -15,13 +15,13 @@ import numpy as np
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.engine import FAULT, RAN, REFUSED, Pieces, Row, pieces
+from pcpc.tools.study.engine import FAULT, RAN, REFUSED, Pieces, RunVerdict, pieces
 from pcpc.tools.study.sweep import rare, statements, worst
 from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.study.sweep.vary import points_of_normal
 
-Rows = Callable[[Pieces], Iterator[list[Row]]]
+Rows = Callable[[Pieces], Iterator[list[RunVerdict]]]
 CASES = 5  # of a controller that are told
 APART = 12  # numbers of draws are this times the runs apart between controllers: more than asked
 
@@ -81,7 +81,7 @@ class Search:
         head += f", {runs.unjudged:,} of which were not judged" if runs.unjudged else ""
         return [head, *(runs.line(runs.numbers[point.tobytes()]) for point in points)]
 
-    def margin(self, row: Row) -> float:
+    def margin(self, row: RunVerdict) -> float:
         """Return a row's margin; inf where nothing was to be judged, or nothing could be run."""
         if row.outcome == REFUSED:
             return math.inf
@@ -95,7 +95,7 @@ class Search:
         failed = False in row.held.values() or (row.ok is False and not (row.metrics and told))
         return -math.inf if failed and least >= 0.0 else least
 
-    def is_unjudged(self, row: Row) -> bool:
+    def is_unjudged(self, row: RunVerdict) -> bool:
         """Return whether nobody knows if a run failed: not all was judged, nothing failed."""
         whole = bool(row.held) and None not in row.held.values()
         return self.of is None and row.outcome == RAN and not whole and self.margin(row) >= 0.0
@@ -152,7 +152,7 @@ class _ControllerRuns:
         self._check(found)
         return np.array([self.search.margin(row) for row in found])
 
-    def _check(self, rows: list[Row]) -> None:
+    def _check(self, rows: list[RunVerdict]) -> None:
         for row in rows:
             unjudged = self.search.is_unjudged(row)
             self.unjudged += unjudged

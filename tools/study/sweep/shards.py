@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.carried_files import is_ordinary
+from pcpc.executive.own_laws.carried_files import is_ordinary
 from pcpc.tools.study.sweep import store
 from pcpc.tools.study.sweep.campaign import SEARCHES, Shard, differences, read
 from pcpc.tools.terminal.outfile import new_file

@@ -24,10 +24,10 @@ import msgspec
 
 from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.executive.errors import RigError, code_of
-from pcpc.executive.rig.carried_files import is_ordinary
-from pcpc.tools.study.engine import Row
+from pcpc.executive.own_laws.carried_files import is_ordinary
+from pcpc.tools.study.engine import RunVerdict
 from pcpc.tools.study.sweep.campaign import Shard, differences, read
-from pcpc.tools.study.sweep.results import COLUMNS, HELD, MARGIN, METRIC, VARY, kind_of
+from pcpc.tools.study.sweep.results import COLUMNS, HELD, LEFT, MARGIN, METRIC, VARY, kind_of
 from pcpc.tools.terminal.outfile import new_file, write_text
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ _REFUSED = {  # what is told of errors that are no damage, and the exit code
 }
 
 
-class Store(Mapping[Run, Row]):
+class Store(Mapping[Run, RunVerdict]):
     """One shard in the folder of a campaign, its rows by draw and controller."""
 
     _is_new = False  # its spec was written here
@@ -92,7 +92,7 @@ class Store(Mapping[Run, Row]):
         self._count: int = db.execute("SELECT count(*) FROM run").fetchone()[0]
         self._had = self._count
 
-    def __getitem__(self, of: Run) -> Row:
+    def __getitem__(self, of: Run) -> RunVerdict:
         if (text := self._text(of)) is None:
             raise KeyError(of)
         return _row(*of, text)
@@ -108,7 +108,7 @@ class Store(Mapping[Run, Row]):
     def __len__(self) -> int:
         return self._count
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def add(self, rows: Iterable[RunVerdict]) -> None:
         """Keep rows, all or none of them; UserError, also where one is there and differs."""
         lines = []
         for row in rows:
@@ -263,12 +263,13 @@ def _hash(*parts: object) -> bytes:
     return hashlib.sha256(repr(parts).encode("utf-8", "backslashreplace")).digest()
 
 
-def _text(row: Row) -> str:
-    return json.dumps({k: v for k, v in vars(row).items() if k not in ("draw", "controller")})
+def _text(row: RunVerdict) -> str:
+    left = ("draw", "controller", *["unjudged"] * (not row.unjudged))
+    return json.dumps({k: v for k, v in vars(row).items() if k not in left})
 
 
-def _row(draw: int, controller: str, text: str) -> Row:
-    return msgspec.convert({**json.loads(text), "draw": draw, "controller": controller}, Row)
+def _row(draw: int, controller: str, text: str) -> RunVerdict:
+    return msgspec.convert({**json.loads(text), "draw": draw, "controller": controller}, RunVerdict)
 
 
 def table_of(db: sqlite3.Connection, spec: Mapping[str, Any]) -> "pyarrow.Table":
@@ -293,11 +294,11 @@ def table_of(db: sqlite3.Connection, spec: Mapping[str, Any]) -> "pyarrow.Table"
     return table.select(names).replace_schema_metadata({"pcpc": json.dumps(dict(spec))})
 
 
-def _part(rows: Sequence[Row]) -> "pyarrow.Table":
+def _part(rows: Sequence[RunVerdict]) -> "pyarrow.Table":
     """Return rows as a table with the columns that they have."""
     import pyarrow as pa
 
-    kinds = {VARY: "values", METRIC: "metrics", MARGIN: "margins", HELD: "held"}
+    kinds = {VARY: "values", METRIC: "metrics", MARGIN: "margins", HELD: "held", LEFT: "unjudged"}
     columns = dict[str, Any]()
     for kind, type_ in COLUMNS.items():
         found = [getattr(row, kinds.get(kind, kind)) for row in rows]

@@ -1,10 +1,9 @@
 """`pcpc bisect`: what it prints of real runs, what it refuses, and what it leaves alone."""
 
-import argparse
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 from bisected import (
@@ -25,9 +24,10 @@ from logcommand import run_here
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.bisect import cli, runs
+from pcpc.tools.after.bisect.commands import BisectRequest
 from pcpc.tools.after.compare.repository import Repository
 from pcpc.tools.after.compare.versions import Side
-from pcpc.tools.after.log import diff
+from pcpc.tools.terminal import screen
 
 QUIET = "--duration", "0.01s", "--quiet"
 
@@ -113,7 +113,7 @@ def test_each_run_is_as_asked(
     (tmp_path / "tuned.yaml").write_text("lag.tau_s: 0.2\n")
     monkeypatch.chdir(tmp_path)
     words = "--set", "@tuned.yaml", "--controller", "proportional", "--set", "lag.tau_s=0.25"
-    asked = argparse.Namespace(controller=None, duration=None, set=["@tuned.yaml", "a=-1"])
+    asked = BisectRequest(rig="", good="", bad="", set=["@tuned.yaml", "a=-1"])
     assert list(cli._words(asked)) == [f"--set=@{tmp_path}/tuned.yaml", "--set=a=-1"]
     for n in (2, 4):
         found = told(history / "motor", "good", "HEAD", *words[:n], code=1)
@@ -153,7 +153,7 @@ def test_commits_that_cannot_be_run_are_passed_over_and_named(repo: Path) -> Non
     assert {one["commit"] for one in found["skipped"]} == {broken, planted}
     assert all("law.py" in one["why"] and "/tmp" not in one["why"] for one in found["skipped"])
     assert found["nodes"][0]["name"] == "lag.x"
-    text = "\n".join(cli._lines(found))
+    text = "\n".join(screen.fitted(cli._lines(found)))
     assert "one of 3 commits" in text and text.count("skipped  ") == 2, text
     assert all(len(line) <= 80 for line in text.splitlines()), text
     said = refused(repo / "motor", "good", planted)
@@ -280,43 +280,6 @@ def test_a_hooks_environment_changes_nothing(
     assert not (repo / "x").exists() and (history / ".git/index").read_bytes() == before
 
 
-def test_the_order_is_that_of_a_cycle() -> None:
-    rows = [["time.t_s", "", "supervisor", "loop", ""], ["rx.FB.q", "", "received", "FB", ""],
-            ["supervisor.saturated", "", "supervisor", "loop", ""],
-            ["tx.CMD.u", "", "sent", "CMD", ""], ["b.y", "", "output", "b", ""],
-            ["b.x", "", "state", "b", ""], ["b.u", "", "input", "b", ""],
-            ["a.y", "", "output", "a", ""]]  # fmt: skip
-
-    class Log:
-        node: ClassVar = {
-            n: type("Node", (), {"description": {"variables": rows}})
-            for n in ("executive", "plant")
-        }
-
-    order = ["frame FB received", "rx.FB.q", "time.t_s", "b.u", "b.x", "b.y", "a.y",
-             "supervisor.saturated", "frame CMD sent"]  # fmt: skip
-    stages = ["frames in", "frames in", "time", *["block b"] * 3, "block a", "limits, sent",
-              "frames out"]  # fmt: skip
-    log: Any = Log()
-    for prefix in ("", "plant."):
-        for n in range(len(order)):
-            names = [
-                f"frame {prefix}{name.removeprefix('frame ')}" if "frame" in name else prefix + name
-                for name in reversed(order[n:])
-            ]
-            report = diff.Report(
-                "a",
-                "b",
-                differences=[
-                    diff.Difference("plant.b.y" if prefix else "b.y", 0.0, 9, "", "", 1),
-                    *(diff.Difference(name, 0.0, 5, "1.0", "2.0", 1) for name in names),
-                ],
-            )
-            (first,) = runs.firsts(report, log, log)
-            assert (first.name, first.stage, first.others) == (order[n], stages[n], len(names) - 1)
-            assert first.node == (prefix.rstrip(".") or "executive")
-
-
 @pytest.mark.parametrize("number", [Exit.LOSS, Exit.INTERRUPTED])
 def test_a_disk_that_is_full_and_a_run_that_is_ended_end_the_search(
     number: Exit, history: Path, monkeypatch: pytest.MonkeyPatch
@@ -396,6 +359,6 @@ def test_the_words_of_the_terminal_fit() -> None:
         "skipped": [{"commit": "d" * 40, "why": "w " * 99}] * 20, "files": ["f" * 99] * 20,
         "only": ["only a has x" * 20], "nodes": [],
     }  # fmt: skip
-    lines = list(cli._lines(many))
+    lines = list(screen.fitted(cli._lines(many)))
     assert all(len(line) <= 80 for line in lines) and "12 more" in "\n".join(lines)
     assert sum(line.startswith("skipped") for line in lines) == 8

@@ -15,7 +15,7 @@ from pcpc.tools.after.log.readers import child
 
 
 @contextmanager
-def _here(path: Path, channel: str | None, limits: child.Limits) -> Iterator[IO[bytes]]:
+def _here(path: Path, channel: str | None, limits: child.ReaderLimits) -> Iterator[IO[bytes]]:
     """Give what a reader's process would write."""
     out = BytesIO()
     child.write(out, path, channel, replace(limits, stall_s=inf))

@@ -33,7 +33,7 @@ def test_a_clock_that_was_set_back_keeps_the_order_and_is_told(tmp_path: Path) -
     counts = json.loads(done.out)
     step = {"frame": 1001, "back_s": 4.99, "shift_s": 5.0}
     assert (counts["clock_steps"], counts["unsorted"]) == ([step], 0), counts
-    lines = run("cat", tmp_path / "o.mcap").out.splitlines()
+    lines = run("export", "-o-", tmp_path / "o.mcap").out.splitlines()
     assert [int(line[-4:], 16) for line in lines] == list(range(2000))
     done = run("import", path, "-o", tmp_path / "o.mcap", "--force")
     said = (

@@ -110,12 +110,13 @@ def test_a_longer_frame_is_decoded_and_a_shorter_one_is_not() -> None:
 
 def test_a_signal_that_no_frame_can_have_is_listed() -> None:
     signals = ["a : 0|8@1+ (1,0)", "far : 60|8@1+ (1,0)", "long : 0|72@1+ (1,0)",
-               "half : 8|24@1- (1,0)"]  # fmt: skip
+               "half : 8|24@1- (1,0)", "wide : 1|8@1+ (1e400,0)",
+               "high : 2|8@1+ (1,-1e400)"]  # fmt: skip
     found = decoded(described({"1 F: 8": signals}, "SIG_VALTYPE_ 1 half : 1;\n"), [(1, "05" * 8)])
     assert columns(found) == {"F.a": [5]}
-    assert found.left_out == ["F.far (60|8)", "F.long (0|72)", "F.half (8|24)"] or sorted(
-        found.left_out
-    ) == ["F.far (60|8)", "F.half (8|24)", "F.long (0|72)"]
+    assert sorted(found.left_out) == [
+        "F.far (60|8)", "F.half (8|24)", "F.high (2|8)", "F.long (0|72)", "F.wide (1|8)",
+    ]  # fmt: skip
 
 
 J1939 = 'BA_DEF_ "ProtocolType" STRING;\nBA_ "ProtocolType" "J1939";\n'

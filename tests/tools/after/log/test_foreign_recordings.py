@@ -15,20 +15,20 @@ from foreign import START_S, TEXTS, WRITERS, Sent, some_frames
 from pcpc.drivers.can import can_id
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.tools.after.log.cat import frame_text
-from pcpc.tools.after.log.recording import Recording, read
+from pcpc.tools.after.log.recording import ForeignRecording, read
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
 _UTF16_MARK = b"\xff\xfe"
 
 
-def recorded(path: Path, content: bytes) -> Recording:
+def recorded(path: Path, content: bytes) -> ForeignRecording:
     """Read a file of this content."""
     path.write_bytes(content)
     return read(path, None, Progress(True))
 
 
-def frames_of(recording: Recording) -> list[Sent]:
+def frames_of(recording: ForeignRecording) -> list[Sent]:
     """Return the frames that were read, as they were sent."""
     found = []
     for row in recording.frames:
@@ -159,8 +159,21 @@ _GOOD = "100#1122"
         (".log", " (1700000000.000000)  can0  20000004   [1]  00  ERRORFRAME", "error"),
         (".log", " (1700000000.000000)  can0  100 [0012] (00|81:03:00000000) 11", "CAN XL"),
         (".log", " (1700000000.000000)  can0  100   [3]  11 22", "damaged"),
-        (".log", " (1700000000.000000)  can0  100   [1]  00010010", "damaged"),
+        (".log", " (1700000000.000000)  can0  100   [2]  00010010", "damaged"),
+        (".log", f"{_AT}45100#81:00:00000000#1122", "CAN XL"),
+        (".log", "DROPCOUNT: dropped 5 CAN frames on 'can0' socket", "damaged"),
+        (".log", "(1700000000,5) can0 100#1122", _GOOD),
+        (".log", " \x1b[34m(1700000000.0)  can0  100   [2]  11 22\x1b[0m", _GOOD),
+        (".log", " (1700000000.0)  can0  100   [2]  00010001 00100010", _GOOD),
+        (".log", " (1700000000.0)  can0  100   [2]  22`11   'BA'", _GOOD),
+        (".log", " (1700000000.0)  can0  100   [2]  00100010`00010001", _GOOD),
+        (".log", " (1700000000.0)  can0  100   [3]  22`11", "damaged"),
+        (".log", " (1700000000.0)  can0  100   [1]  000100010", "damaged"),
         (".asc", f"{_ASC}0.0 1 100 Rx d 2 11 22", _GOOD),
+        (".asc", f"{_ASC}0,0 1 100 Rx d 2 11 22", _GOOD),
+        (".asc", f"{_ASC}0.0 1 MY NAME Rx d 2 11 22  Length = 0 BitCount = 0 ID = 256", "damaged"),
+        (".asc", f"{_ASC}0.0 100 Rx d 2 11 22", "damaged"),
+        (".asc", f"{_ASC}0.0 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6 60 3B D1 40 1F", "event"),
         (".asc", f"{_ASC}0.0 1 100 Rx d f 11 22 33 44 55 66 77 88", "100#1122334455667788"),
         (".asc", "date 2023-11-14 22:13:20\nbase dec\n0.0 1 256 Rx d 2 17 34", _GOOD),
         (".asc", f"{_ASC}0.0 1 18FEF100 Rx d 1 11", "18FEF100#11"),
@@ -215,6 +228,11 @@ _GOOD = "100#1122"
          "J1939 of more than 8 bytes"),
         (".csv", "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.5,0x100,0,0,0,2,ESI=",
          _GOOD),
+        (".csv", '"1.5","0x100","0","0","0","2","ESI="', _GOOD),
+        (".csv", "1.5,0x100,True,False,False,2,ESI=", "00000100#1122"),
+        (".csv", "1.5,0x100,yes,0,0,2,ESI=", "damaged"),
+        (".csv", "1.5,0x100,0,0,0,12,AAAAAAAAAAAAAAAA", f"100##0{'00' * 12}"),
+        (".csv", "1.5,0x100,0,False,TRUE,2,", "error"),
         (".csv", "1.5,0x100,0,1,0,2,", "remote"),
         (".csv", "1.5,0x100,0,0,1,2,", "error"),
         (".csv", "1.5,0x100,0,0,0,3,ESI=", "damaged"),

@@ -1,4 +1,4 @@
-"""`pcpc log animate`: a film of the plant; whose Python draws it; `pcpc check` of a drawing."""
+"""`pcpc log plot --moving`: a film; whose Python draws it; `pcpc check` of a drawing."""
 
 import shutil
 from itertools import pairwise
@@ -19,7 +19,7 @@ MARK = "\nopen({mark!r}, 'a').close()\n"
 
 def film(log: Path, folder: Path, *words: str) -> list[np.ndarray]:
     """Return the pictures of a film of the barrel's log."""
-    done = run("animate", log, "-o", folder / "a.gif", "--quiet", *words)
+    done = run("plot", "--moving", log, "-o", folder / "a.gif", "--quiet", *words)
     assert done.code == 0, done
     with Image.open(folder / "a.gif") as pictures:
         return [np.asarray(one.convert("L")) for one in ImageSequence.Iterator(pictures)]
@@ -44,7 +44,7 @@ def test_a_film_has_its_pictures_and_they_move(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_filmed_is_told(words: tuple[str, ...], said: str) -> None:
-    done = run("animate", barrel_log(), *words)
+    done = run("plot", "--moving", barrel_log(), *words)
     assert done.code != 0 and said in done.err and "Traceback" not in done.err, done
 
 
@@ -71,7 +71,7 @@ def test_a_drawing_runs_from_its_place_and_from_the_log_with_trust_only(
     assert mark.exists(), "it lies where the log says, unchanged"
     mark.unlink()
     shutil.rmtree(folder)
-    done = run("animate", log, "-o", tmp_path / "b.gif")
+    done = run("plot", "--moving", log, "-o", tmp_path / "b.gif")
     assert done.code != 0 and "--trust" in done.err and not mark.exists(), done
     assert "drawing.py (sha256" in done.err, done.err
     film(log, tmp_path, "--trust")
@@ -85,7 +85,7 @@ def test_a_drawing_that_changed_does_not_hinder_the_evaluation(
     (folder / "drawing.py").write_text("1/0")
     done = run("plot", log, "-o", tmp_path / "f.png", "--quiet")
     assert done.code == 0 and "the figure of motor" in done.out, done
-    done = run("animate", log, "-o", tmp_path / "b.gif")
+    done = run("plot", "--moving", log, "-o", tmp_path / "b.gif")
     assert done.code != 0 and "is another file now" in done.err, done
 
 

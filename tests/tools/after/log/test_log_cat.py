@@ -1,4 +1,4 @@
-"""`pcpc log cat`: what is printed is what the log holds, in forms that other tools read."""
+"""`pcpc log export -o -`: what is printed is what the log holds, in forms that other tools read."""
 
 import csv
 import io
@@ -27,7 +27,7 @@ def log() -> logs.Log:
 
 def printed(*words: str | Path, code: int = 0) -> str:
     """Return what `cat` prints of the barrel's log."""
-    done = run("cat", barrel_log("pd"), *words)
+    done = run("export", "-o-", barrel_log("pd"), *words)
     assert done.code == code, done
     return done.out
 
@@ -93,7 +93,7 @@ def test_numbers_that_json_has_not_are_text() -> None:
 
 def test_closed_pipe_ends_quietly() -> None:
     log = str(barrel_log("pd"))
-    words = [program(), "log", "cat", log, "--format", "ndjson"]
+    words = [program(), "log", "export", log, "-o-", "--format", "ndjson"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline().startswith(b"{")
@@ -113,7 +113,7 @@ def test_closed_pipe_ends_quietly() -> None:
     ],
 )
 def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
-    done = run("cat", barrel_log("pd"), *words)
+    done = run("export", "-o-", barrel_log("pd"), *words)
     assert done.code == 2 and done.out == "" and done.err.count("\n") == 1, done
     assert part in done.err, done.err
 
@@ -121,7 +121,7 @@ def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
 def test_damaged_log_is_printed_as_far_as_it_is_readable(tmp_path: Path) -> None:
     whole = barrel_log("pd").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) - 30])
-    done = run("cat", tmp_path / "cut.mcap")
+    done = run("export", "-o-", tmp_path / "cut.mcap")
     assert done.code == 3 and done.out.count("\n") == 301, f"{done.code}, {done.err}"
     assert "damaged or cut" in done.err, done.err
 

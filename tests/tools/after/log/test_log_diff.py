@@ -1,4 +1,4 @@
-"""`pcpc log diff`: equal runs are equal bit for bit; of others it tells where they part."""
+"""`pcpc compare --bits`: equal runs are equal bit for bit; of others it tells where they part."""
 
 import math
 from pathlib import Path
@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from json_schemas import holds
-from logcommand import PLANT, barrel_log, run
+from logcommand import PLANT, barrel_log, run_here
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log import diff
-from pcpc.tools.after.log.ulp import ulp_distance
 
 
 @pytest.fixture(scope="module")
@@ -33,16 +32,18 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def compared(a: Path, b: Path, *words: str, code: int) -> dict[str, Any]:
     """Return what `--json` says."""
-    done = run("diff", a, b, *words, "--json")
+    done = run_here("compare", "--bits", a, b, *words, "--json", "-")
     assert done.code == code, done
-    return dict(holds("log diff", done.out))
+    return dict(holds("compare --bits", done.out))
 
 
 def test_same_run_again_is_equal_bit_for_bit(other: Any) -> None:
     report = compared(barrel_log("pd"), other("duration_s=0.3"), code=0)
     assert report["equal"] and report["cycles"] == {"executive": 300, "plant": 301}, f"{report}"
     assert report["variables"] > 100 and report["frames"] > 3000, f"{report}"
-    assert run("diff", barrel_log("pd"), other("duration_s=0.3")).out.endswith("equal\n")
+    assert run_here("compare", "--bits", barrel_log("pd"), other("duration_s=0.3")).out.endswith(
+        "equal\n"
+    )
 
 
 def test_first_and_largest_difference_are_found_where_they_are(other: Any) -> None:
@@ -80,27 +81,13 @@ def test_cycles_and_variables_of_one_log_are_told(other: Any) -> None:
     assert any(" variables: " in line for line in report["only"]), f"{report['only']}"
 
 
-@pytest.mark.parametrize(
-    ("a", "b", "ulp"),
-    [
-        (1.0, math.nextafter(1.0, 2.0), 1),
-        (-5e-324, 5e-324, 2),
-        (0.0, -0.0, 0),
-        (1.0, math.nan, None),
-        (math.inf, 1.7976931348623157e308, 1),
-    ],
-)
-def test_ulp_distance_counts_the_floats_between(a: float, b: float, ulp: int | None) -> None:
-    assert ulp_distance(a, b) == ulp == ulp_distance(b, a)
-
-
 def test_nan_equals_nan_and_differs_from_numbers() -> None:
     log = logs.read(barrel_log("pd"))
     node = log.node["executive"]
     for value, expected in ((math.nan, 1), (math.inf, 1), (-0.0, 1)):
         changed = {k: v.copy() for k, v in node.columns.items()}
         changed["supervisor.fault"][7] = value
-        new = logs.Node(**{**vars(node), "columns": changed})
+        new = logs.NodeLog(**{**vars(node), "columns": changed})
         twin = logs.Log(log.path, {"executive": new}, log.attachments, log.metadata, [])
         lone = logs.Log(log.path, {"executive": node}, log.attachments, log.metadata, [])
         report = diff.compare(lone, twin)
@@ -116,7 +103,7 @@ def test_nan_equals_nan_and_differs_from_numbers() -> None:
     ],
 )
 def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
-    done = run("diff", barrel_log("pd"), barrel_log("pd"), *words)
+    done = run_here("compare", "--bits", barrel_log("pd"), barrel_log("pd"), *words)
     assert done.code == 2 and part in done.err and done.err.count("\n") == 1, done
-    done = run("diff", barrel_log("pd"), Path("/nowhere.mcap"))
+    done = run_here("compare", "--bits", barrel_log("pd"), Path("/nowhere.mcap"))
     assert done.code == 2 and "/nowhere.mcap" in done.err and done.err.count("\n") == 1, done

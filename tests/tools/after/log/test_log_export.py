@@ -94,7 +94,7 @@ def fabricated(frames: NDArray[Any]) -> logs.Log:
     """Return a log that holds nothing but these frames, from 999,999,999 ns after a second on."""
     facts = {"clock_wall_ns": str(1_760_000_000_999_999_999), "clock_monotonic_ns": "0"}
     none = np.empty(0, np.int64)
-    node = logs.Node(none, none, {}, {}, frames, [], [], {})
+    node = logs.NodeLog(none, none, {}, {}, frames, [], [], {})
     return logs.Log(Path("made.mcap"), {"executive": node}, {}, {"executive": facts}, [])
 
 

@@ -171,6 +171,6 @@ def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:
 
 
 def test_every_sub_command_has_help_with_an_example() -> None:
-    for name in ("info", "cat", "diff", "recover", "export", "import", "plot"):
+    for name in ("info", "recover", "export", "import", "plot"):
         text = run(name, "--help").out
         assert f"example:\n  pcpc log {name}" in text and "exit code: 0" in text, text

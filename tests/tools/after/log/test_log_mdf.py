@@ -16,8 +16,12 @@ from asammdf import MDF, Signal
 from logcommand import DBC, barrel_log, run, run_here
 from numpy.typing import NDArray
 
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.executive.log import reader as logs
-from pcpc.tools.after.log import export, series
+from pcpc.tools.after.log import export, recording, series
+from pcpc.tools.after.log.readers import child, measurement
+from pcpc.tools.terminal.outfile import LogCommandError
+from pcpc.tools.terminal.progress import Progress
 
 # what asammdf leaves of a damaged file prints a traceback, which its reader's process hides
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -38,7 +42,7 @@ def odd_log(frames: NDArray[Any]) -> logs.Log:
     """Return a log of six rows with a variable of odd values, and of these frames."""
     stamps = 10**6 * np.arange(6)
     about: Any = {"variables": [["a.odd", "m/s²", "state", "a", 'what is odd: "<&>"']]}
-    node = logs.Node(
+    node = logs.NodeLog(
         EDGES["cycle"] + np.arange(6), stamps, {"a.odd": np.array(ODD)}, {}, frames, [], [], about
     )
     facts = {"clock_wall_ns": str(EDGES["time_ns"]), "clock_monotonic_ns": "0"}
@@ -130,9 +134,11 @@ def test_fd_extended_and_remote_frames_stay_what_they_are(tmp_path: Path) -> Non
 def test_events_and_tunings_are_markers(tmp_path: Path) -> None:
     rig = tmp_path / "run"
     words = "simulate", "slew10", "-o", rig, "--quiet", "--no-figure", "--set", "duration_s=0.1"
-    assert run_here(*words).code == 0
+    assert run_here(*words).code == 1, "too short to be judged"
     path = exported(tmp_path, rig)
-    told = run("cat", rig, "--topics", "/events", "/tunings", "/plant/events", "/plant/tunings")
+    told = run(
+        "export", "-o-", rig, "--topics", "/events", "/tunings", "/plant/events", "/plant/tunings"
+    )
     expected = [json.loads(line) for line in told.out.splitlines()]
     with MDF(path) as read:
         found = [(event.sync_base, json.loads(event.comment)) for event in read.events]
@@ -206,6 +212,97 @@ def test_a_recording_of_a_canedge_that_lost_its_power_is_imported(tmp_path: Path
     assert not leftovers, leftovers
 
 
+_BUS = {"BusChannel": 3, "ID": 0x100, "IDE": 0, "DLC": 2, "DataLength": 2, "Dir": 0}
+_FD = _BUS | {"EDL": 1, "BRS": 1, "DLC": 15, "DataLength": 64}
+_BYTES = bytes(range(0x11, 0x51))
+_HEX = _BYTES.hex().upper()
+
+
+def without(row: dict[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if key not in keys}
+
+
+@pytest.mark.parametrize(
+    ("row", "room", "expected"),
+    [  # members that others leave out, or write in another way; bytes that there is room for
+        (_BUS, 8, "100#1112 R"),
+        (without(_BUS, "IDE"), 8, "100#1112 R"),
+        (without(_BUS, "IDE") | {"ID": 0x7FF}, 8, "7FF#1112 R"),
+        (without(_BUS, "IDE") | {"ID": 0x800}, 8, "00000800#1112 R"),
+        (without(_BUS, "IDE") | {"ID": 0x98FEF100}, 8, "18FEF100#1112 R"),
+        (_BUS | {"ID": 0x98FEF100}, 8, "18FEF100#1112 R"),
+        (_BUS | {"IDE": 1}, 8, "00000100#1112 R"),
+        (_BUS | {"ID": 0x800}, 8, "no id of 11 bits: 0x800"),
+        (without(_BUS, "ID"), 8, "'ID'"),
+        (without(_BUS, "BusChannel", "Dir"), 8, "100#1112 R"),
+        (without(_BUS, "DataLength"), 8, "100#1112 R"),
+        (without(_BUS, "DataLength") | {"DLC": 15}, 8, f"100#{_HEX[:16]} R"),
+        (without(_BUS, "DataLength", "DLC"), 3, "100#111213 R"),
+        (_BUS | {"DLC": 9, "DataLength": 12}, 8, f"100#{_HEX[:16]} R"),
+        (_BUS | {"EDL": 0, "DLC": 9, "DataLength": 12}, 64, f"100#{_HEX[:16]} R"),
+        (_BUS, 1, "1 of 2 bytes"),
+        (_BUS | {"Dir": 1}, 8, "100#1112 T"),
+        (_BUS | {"Dir": b"Tx"}, 8, "100#1112 T"),
+        (_BUS | {"Dir": "RX"}, 8, "100#1112 R"),
+        (_BUS | {"RTR": 1}, 8, "remote"),
+        (_FD, 64, f"100##1{_HEX} R"),
+        (_FD, 8, "8 of 64 bytes"),
+        (_FD | {"BRS": 0, "ESI": 1, "DataLength": 1}, 8, "100##211 R"),
+        (without(_FD, "EDL", "BRS") | {"DataLength": 12}, 64, f"100##0{_HEX[:24]} R"),
+        (without(_FD, "EDL", "BRS") | {"DataLength": 8}, 64, f"100#{_HEX[:16]} R"),
+        (without(_FD, "DataLength", "BRS") | {"DLC": 9}, 64, f"100##0{_HEX[:24]} R"),
+        (without(_FD, "DataLength", "EDL"), 64, f"100##1{_HEX} R"),
+    ],
+)
+def test_a_frame_of_bus_logging_is_read_by_the_members_that_it_has(
+    row: dict[str, Any], room: int, expected: str
+) -> None:
+    row = row | {"DataBytes": np.frombuffer(_BYTES[:room], np.uint8)}
+    try:
+        found = measurement.frame_of(0, "", row)
+    except (ValueError, KeyError) as error:
+        assert str(error) == expected
+        return
+    digits = f"{found.number:0{8 if found.extended else 3}X}"
+    mark = f"##{found.flags & 3}" if found.flags & Flag.FD else "#"
+    text = f"{digits}{mark}{found.data.hex().upper()} {'TR'[found.is_received]}"
+    assert (found.kind or text) == expected
+    assert found.channel == (str(row["BusChannel"]) if "BusChannel" in row else None)
+
+
+def test_groups_of_others_are_read_without_a_source_and_one_odd_frame_refuses_none(
+    tmp_path: Path,
+) -> None:
+    path, day_s = tmp_path / "a.mf4", 86_400.0
+    groups: list[tuple[str, dict[str, Any], float]] = [
+        ("CAN_DataFrame", _BUS | {"ID": 0x101}, 2.0),
+        ("CAN_DataFrame", without(_BUS, "BusChannel"), 1.0),
+        ("CAN_DataFrame", _BUS, np.nan),
+        ("CAN_DataFrame", _BUS, 1e9 * day_s),
+        ("CAN_DataFrame", without(_BUS, "ID"), 1.0),
+        ("CAN_ErrorFrame", {"BusChannel": 1}, 0.0),
+        ("CAN_RemoteFrame", {"ID": 5}, 0.0),
+        ("CAN_OverloadFrame", {"BusChannel": 1}, 0.0),
+        ("LIN_Frame", {"ID": 5}, 0.0),
+    ]
+    with MDF(version="4.10") as file:
+        for name, row, at_s in groups:
+            samples = np.zeros(1, [*((f"{name}.{key}", "<u4") for key in row),
+                                   (f"{name}.DataBytes", "u1", (8,))])  # fmt: skip
+            for key, value in row.items():
+                samples[f"{name}.{key}"] = value
+            file.append(Signal(samples, np.array([at_s]), name=name), common_timebase=True)
+            file.groups[-1].channel_group.flags = 2 | 4  # of a bus, and not decoded
+        file.save(path)
+    found = recording.read(path, None, Progress(quiet=True))
+    assert found.frames["id"].tolist() == [0x100, 0x101], "by their time"
+    account = found.account
+    assert account.left_out == {"error": 1, "remote": 1, "overload": 1} and account.others == 1
+    damage = ("2: a stamp of nan s", "3: a stamp of 8.6", "4: it has no ID")
+    for said, place in zip(account.damage, damage, strict=True):
+        assert said.startswith(f"CAN_DataFrame 1 of group {place}"), said
+
+
 def test_a_missing_asammdf_is_named_with_its_cure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,6 +352,35 @@ def frames_of_an_export() -> NDArray[Any]:
     frames = np.zeros(64, logs.FRAME)
     frames["id"], frames["dlc"], frames["stamp_ns"] = 0x120, 8, 10**6 * np.arange(64)
     return frames
+
+
+@pytest.mark.parametrize(
+    ("block", "field", "value", "said"),
+    [
+        ("##CG", 80, 10**9, "damaged after 64 frames"),
+        *(pytest.param(*case, marks=pytest.mark.deep) for case in (
+            ("##CG", 80, 2**64 - 1, "damaged after 64 frames"),
+            ("##DG", 24, None, "its reader hangs after 0 frames"),
+            ("##CG", 24, None, "its reader hangs after 0 frames"),
+            ("##CN", 24, None, "its reader hangs after 0 frames"),
+            ("##CN", 32, None, "damaged after 0 frames"),
+            ("##FH", 24, None, "its reader hangs after 0 frames"),
+            ("##TX", 8, 2**40, "damaged after 0 frames"),
+            ("##DZ", 32, 2**40, "damaged after 0 frames"),
+        )),
+    ],
+)  # fmt: skip
+def test_a_block_that_declares_too_much_or_names_itself_ends_its_reader(
+    block: str, field: int, value: int | None, said: str, tmp_path: Path
+) -> None:
+    path = written(odd_log(frames_of_an_export()), tmp_path / "t.mf4")
+    data = bytearray(path.read_bytes())
+    place = data.rindex(block.encode())
+    data[place + field : place + field + 8] = (value or place).to_bytes(8, "little")
+    path.write_bytes(data)
+    limits = child.ReaderLimits(700 << 20, 20 << 20, 4.0)  # memory, files, time without a frame
+    with pytest.raises(LogCommandError, match=said):
+        recording.read(path, None, Progress(quiet=True), limits)
 
 
 @pytest.mark.parametrize(

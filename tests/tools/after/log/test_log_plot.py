@@ -12,9 +12,9 @@ from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import drawing, plot, series
 
 
-def source(path: Path) -> drawing.Source:
+def source(path: Path) -> drawing.DrawnLog:
     log = logs.read(path)
-    return drawing.Source(path.stem, log, series.all_series(log), series.start_ns(log))
+    return drawing.DrawnLog(path.stem, log, series.all_series(log), series.start_ns(log))
 
 
 def test_a_spike_of_one_cycle_in_an_hour_stays_visible() -> None:

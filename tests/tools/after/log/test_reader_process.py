@@ -19,12 +19,12 @@ from foreign import START_S, blf_container, blf_file
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.log import recording
 from pcpc.tools.after.log.readers import child
-from pcpc.tools.after.log.recording import Recording, read
+from pcpc.tools.after.log.recording import ForeignRecording, read
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
 OWN_READERS = True
-LIMITS = child.Limits(600 << 20, 4 << 20, 1.0)
+LIMITS = child.ReaderLimits(600 << 20, 4 << 20, 1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -75,7 +75,9 @@ def children() -> list[int]:
             for pid in (task / "children").read_text().split()]  # fmt: skip
 
 
-def recorded(path: Path, progress: Progress, limits: child.Limits | None) -> Recording | str:
+def recorded(
+    path: Path, progress: Progress, limits: child.ReaderLimits | None
+) -> ForeignRecording | str:
     """Read a file; return the recording, or the error's line. No process and no file is left."""
     before, outcome = children(), ""
     try:
@@ -123,7 +125,7 @@ CUT_MDF += b"##HD" + bytes(4) + (104).to_bytes(8, "little") + (6).to_bytes(8, "l
     ],
 )  # fmt: skip
 def test_what_ends_a_reader_is_one_line(
-    made: Callable[[Path], Path], progress: Progress, limits: child.Limits | None, said: str,
+    made: Callable[[Path], Path], progress: Progress, limits: child.ReaderLimits | None, said: str,
     tmp_path: Path,
 ) -> None:  # fmt: skip
     outcome = recorded(made(tmp_path), progress, limits)
@@ -173,7 +175,7 @@ def test_a_reader_of_its_own_reads_what_one_here_reads(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text(lines + f"({START_S + 1}.0) can0 101##1AA\nwhat is it\n")
     seen: list[None] = []
     found = recorded(tmp_path / "a.log", _Meanwhile(lambda: seen.append(None)), None)
-    assert isinstance(found, Recording)
+    assert isinstance(found, ForeignRecording)
     data = [row["data"][: row["dlc"]].tobytes() for row in found.frames]
     assert data == [i.to_bytes(2, "big") for i in range(40_001)] + [b"\xaa"]
     assert dict(found.channels) == {"can0": 20_002, "can1": 20_000} and len(seen) == 4
@@ -202,7 +204,7 @@ def test_a_stream_that_is_cut_anywhere_is_no_end(tmp_path: Path) -> None:
             recording._last_word(BytesIO(whole[:size]), [], LIMITS, path, QUIET)
 
 
-class _Counted(child.Limits):
+class _Counted(child.ReaderLimits):
     """Counts how often a reader's time begins anew."""
 
     times = 0
@@ -218,8 +220,8 @@ def test_a_readers_time_begins_anew_with_each_block(tmp_path: Path) -> None:
 
 def test_the_limits_grow_with_the_file(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"x" * 10_000)
-    small = child.Limits.of(tmp_path / "a")
+    small = child.ReaderLimits.of(tmp_path / "a")
     os.truncate(tmp_path / "a", 500_000_000)
-    large = child.Limits.of(tmp_path / "a")
+    large = child.ReaderLimits.of(tmp_path / "a")
     assert large.bytes - small.bytes == 200 * 499_990_000 == large.memory_bytes - small.memory_bytes
     assert small.stall_s < 11.0 and large.stall_s > 500.0

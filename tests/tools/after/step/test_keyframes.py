@@ -23,7 +23,7 @@ from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.replay import Comparison, recomputed_pieces
+from pcpc.tools.after.replay import NodeComparison, recomputed_pieces
 
 ALL_RIGS = sorted(ROOT.glob("plants/*/rigs/*.yaml"))
 SHORT = ("duration_s=0.45", "record.keyframe=100ms")
@@ -54,7 +54,7 @@ def leaves(kind: Any, at: int = 0, name: str = "") -> Iterator[tuple[str, int, i
                 yield f"{name}{field}", at + place, inner.itemsize
 
 
-def state_of(node: Comparison) -> dict[str, bytes]:
+def state_of(node: NodeComparison) -> dict[str, bytes]:
     """Return all that a node has in its memory, by the name of the field."""
     loop, made = node.replay.block.loop, node.replay.plan
     data = np.asarray(loop).tobytes()
@@ -64,9 +64,9 @@ def state_of(node: Comparison) -> dict[str, bytes]:
     return found | {"v": loop.v[kept].tobytes()}
 
 
-def compared(log: Path, cycle: int, seek: int, rig: Any) -> list[Comparison]:
+def compared(log: Path, cycle: int, seek: int, rig: Any) -> list[NodeComparison]:
     head = logs.head(log)
-    nodes = [Comparison(head, rig, role, cycle, seek=seek) for role in rig.roles]
+    nodes = [NodeComparison(head, rig, role, cycle, seek=seek) for role in rig.roles]
     for _ in recomputed_pieces(log, nodes, since_ns=min(node.since_ns for node in nodes)):
         pass
     for node in nodes:
@@ -123,9 +123,9 @@ def entries(log: Path, role: str = "executive") -> list[dict[str, Any]]:
 
 
 def stepped(log: Path, cycle: int) -> Any:
-    done = run_here("step", log, "--cycle", str(cycle), "--quiet", "--json")
+    done = run_here("replay", log, "--cycle", str(cycle), "--quiet", "--json")
     assert done.code == 0, done
-    return holds("step", done.out)
+    return holds("replay --cycle", done.out)
 
 
 def test_there_is_one_each_time(log: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_ring_of_a_log_can_be_stepped_behind_its_first_keyframe(tmp_path: Path
         row = int(np.flatnonzero(node.cycle == 320)[0])
         for name in node.columns.keys() & one["values"].keys():
             assert float(one["values"][name]) == node.columns[name][row], name
-    early = run_here("step", tmp_path / "log.mcap", "--cycle", "150")
+    early = run_here("replay", tmp_path / "log.mcap", "--cycle", "150")
     assert early.code == 2 and "not with the start of the run" in early.err, early
 
 
@@ -244,7 +244,7 @@ def test_a_wrong_one_is_left_out_and_told_and_the_one_before_serves(
     simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
     assert stepped(path, 350) == stepped(log, 350)
     head, rig = logs.head(path), load_rig(RIGS / "engage.yaml", settings=list(SHORT))
-    node = Comparison(head, rig, "executive", 350, seek=350)
+    node = NodeComparison(head, rig, "executive", 350, seek=350)
     (told,) = node.notes
     assert "a keyframe of the executive is left out" in told and said in told, told
     assert node.recorded.behind == 199
@@ -259,7 +259,7 @@ def test_a_search_goes_back_as_far_as_it_has_to(
     with monkeypatch.context() as patch:
         patch.setattr(keyframes, "_packed_state", spoiled)
         simulate(rig, tmp_path / "log.mcap")
-    node = Comparison(logs.head(tmp_path / "log.mcap"), rig, "plant", 1450, seek=1450)
+    node = NodeComparison(logs.head(tmp_path / "log.mcap"), rig, "plant", 1450, seek=1450)
     assert node.recorded.behind == 199, "two of each node are right"
     (told,) = node.notes
     assert "cycle 1399" in told and told.endswith("; and 11 more"), told
@@ -272,10 +272,12 @@ def test_the_user_is_told_what_was_left_out_and_of_another_version_once(
         patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
         simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
     words = "--cycle", "350", "--node", "plant", "--json"
-    done = run_here("step", tmp_path / "log.mcap", "--quiet", *words)
+    done = run_here("replay", tmp_path / "log.mcap", "--quiet", *words)
     told = "the keyframes of the plant are left out: its layout is of another version"
     assert done.code == 0 and done.err.count("\n") == 1 and told in done.err, done
-    assert holds("step", done.out) == [one for one in stepped(log, 350) if one["node"] == "plant"]
+    assert holds("replay --cycle", done.out) == [
+        one for one in stepped(log, 350) if one["node"] == "plant"
+    ]
 
 
 def test_a_log_that_was_cut_has_those_before_the_cut(log: Path, tmp_path: Path) -> None:
@@ -294,8 +296,8 @@ def test_a_flipped_bit_is_never_another_value(log: Path, tmp_path: Path) -> None
         spoiled = bytearray(whole)
         spoiled[place] ^= 1 << int(place % 8)
         (tmp_path / "log.mcap").write_bytes(bytes(spoiled))
-        done = run_here("step", tmp_path / "log.mcap", "--cycle", "350", "--quiet", "--json")
-        assert done.code != 0 or holds("step", done.out) == wanted, int(place)
+        done = run_here("replay", tmp_path / "log.mcap", "--cycle", "350", "--quiet", "--json")
+        assert done.code != 0 or holds("replay --cycle", done.out) == wanted, int(place)
 
 
 def test_a_part_of_a_log_is_what_the_whole_has_there(log: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`pcpc step`: a cycle of a log with all its variables, recorded or not."""
+"""`pcpc replay --cycle`: a cycle of a log with all its variables, recorded or not."""
 
 import json
 import random
@@ -31,9 +31,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stepped(log: Path, cycle: int, *words: str) -> dict[str, dict[str, Any]]:
-    done = run_here("step", log, "--cycle", str(cycle), "--quiet", "--json", *words)
+    done = run_here("replay", log, "--cycle", str(cycle), "--quiet", "--json", *words)
     assert done.code == 0, done
-    return {one["node"]: one for one in holds("step", done.out)}
+    return {one["node"]: one for one in holds("replay --cycle", done.out)}
 
 
 def test_recorded_values_are_those_of_the_log(log: Path) -> None:
@@ -65,7 +65,7 @@ def test_what_no_log_has_is_that_of_a_run_that_is_left_there(log: Path) -> None:
 
 
 def test_the_text_has_the_stages_in_order(log: Path) -> None:
-    done = run_here("step", log, "--time", "0.1", "--node", "executive", "--quiet")
+    done = run_here("replay", log, "--time", "0.1", "--node", "executive", "--quiet")
     lines = done.out.splitlines()
     assert lines[0] == "executive, cycle 100 (0.1 s)"
     order = ["  frame in", "signals in", "block reference", "block controller", "signals out",
@@ -82,7 +82,7 @@ def test_a_limited_command_says_what_was_wanted(tmp_path: Path) -> None:
         "executive.limits.CMD.motor_torque.high=0.01",
     ]
     simulate(load_rig(RIGS / "hull.yaml", settings=settings), tmp_path / "log.mcap")
-    done = run_here("step", tmp_path, "--cycle", "90", "--show", "tx.CMD.motor_torque", "--quiet")
+    done = run_here("replay", tmp_path, "--cycle", "90", "--show", "tx.CMD.motor_torque", "--quiet")
     assert "limited" in done.out, done
     assert "0.01  N m limited, " in done.out, done
 
@@ -90,6 +90,6 @@ def test_a_limited_command_says_what_was_wanted(tmp_path: Path) -> None:
 def test_a_part_of_a_log_is_shown_as_far_as_it_goes(log: Path, tmp_path: Path) -> None:
     data = log.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: 2 * len(data) // 3])
-    done = run_here("step", tmp_path / "cut.mcap", "--cycle", str(CYCLES - 1), "--quiet")
+    done = run_here("replay", tmp_path / "cut.mcap", "--cycle", str(CYCLES - 1), "--quiet")
     assert done.code in (2, 3), done
     assert json.dumps(done.out) == '""'

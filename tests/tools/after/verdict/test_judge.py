@@ -14,7 +14,8 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict import summary_file
-from pcpc.tools.after.verdict.judge import Judge, check
+from pcpc.tools.after.verdict.findings import FindingKind, lines
+from pcpc.tools.after.verdict.judge import Judge, beyond, check
 from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.summary import CODES, summarise
 
@@ -155,11 +156,19 @@ def test_a_metric_that_is_not_there_is_named_with_a_proposal(rig: Write) -> None
     assert line.startswith("eror_rms is not known in this run") and "error_rms?" in line, line
 
 
+def test_a_window_that_is_the_whole_run_is_another_one_only_where_the_run_is() -> None:
+    rig = load_rig(RIGS / "slew10.yaml")
+    assert rig.evaluation is not None
+    rig = rig.changed(evaluation={"file": str(rig.evaluation.file)})
+    assert beyond(rig, []) == beyond(rig, ["seed=2"]) == ""
+    assert beyond(rig, ["duration_s=9"]).startswith("duration_s was changed, and the window is")
+
+
 def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:
     own = rig()
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
     assert summary.verdict == "ok", summary
-    summary.note_failed(["no figure: own.py:12: boom"])
+    summary.enter(*lines(FindingKind.EVALUATION, ["no figure: own.py:12: boom"]))
     assert summary.verdict == "expectation not met", summary
 
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from logcommand import barrel_log
-from logcommand import run as log_command
+from logcommand import barrel_log, run_here
 from processes import PATIENT, RIGS, own_bus, pcpc
 
 from pcpc import Error, NotOk, Run, open, simulate
@@ -20,7 +19,7 @@ from pcpc.plants import pages
 from pcpc.tools.after.verdict import report
 from pcpc.tools.after.verdict.judge import Judge, check
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.requirements import Result
+from pcpc.tools.after.verdict.requirements import JudgedRequirement
 from pcpc.tools.after.verdict.summary import summarise
 
 STEP10 = RIGS / "step10.yaml"
@@ -90,10 +89,11 @@ def test_the_summary_fits_a_terminal_and_the_strict_verdict_knows_what_was_not_j
     for label, lines in report.rows(run.result, Path("runs/x"), 80).items():
         assert all(len(line) <= 71 for line in lines), (label, lines)
     rig = load_rig(rig_file(tmp_path, "  - {when: 5s, then: controller.e_rad < 1}\n"))
-    for strict, verdict in ((False, "ok"), (True, "expectation not met")):
+    for strict, verdict in ((False, "not judged"), (True, "expectation not met")):
         found = summarise(rig, run.log, Outcome("virtual", "memory", strict=strict))
         assert found.verdict == verdict, found
-        assert list(found.not_judged.values()) == ["its event never happened"], found
+        (why,) = found.not_judged.values()
+        assert why == "the run ended before its time began, at 5.0 s", found
 
 
 def test_requirements_are_those_of_the_controller(run: Run, tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_requirements_are_those_of_the_controller(run: Run, tmp_path: Path) -> N
 # ------------------------------------------------------------------------------------ any record
 
 
-def same(found: list[Result], wanted: list[Result]) -> None:
+def same(found: list[JudgedRequirement], wanted: list[JudgedRequirement]) -> None:
     assert [one.json() for one in found] == [one.json() for one in wanted]
 
 
@@ -201,7 +201,7 @@ def test_a_violation_on_purpose_has_its_exact_cycle_on_a_bus(
     for number in (0, 5):  # the error that is too large, the step that is too fast
         first = told[number]["first_cycle"]
         assert first == cycle[cycle >= 500][0], (first, "the step is at 500, or skipped")
-    same(recorded.requirements, [Result(**_without_text(one)) for one in told])
+    same(recorded.requirements, [JudgedRequirement(**_without_text(one)) for one in told])
     if pacing == "lockstep":
         same(recorded.requirements, run.requirements)
 
@@ -235,10 +235,31 @@ def test_the_figure_marks_violations(
           "before": "0.2s"},
          "no cycle lies in its time"),
         ({"always": "controller.e_rad < 1", "after": "90s"},
-         "the run ended before its time began"),
-        ({"when": "90s", "then": "controller.e_rad < 1"}, "its event never happened"),
+         r"the run ended before its time began, at 90\.0 s"),
+        ({"when": "90s", "then": "controller.e_rad < 1"},
+         r"the run ended before its time began, at 90\.0 s"),
+        *(({"when": when, "then": "controller.e_rad < 1", **more}, said) for when, more, said in (
+            ("time.t_s > 90s", {}, r"the run ended before its time began, at 90\.001 s"),
+            ("plant:time.t_s >= 90s", {}, r"the run ended before its time began, at 90\.0 s"),
+            ("abs(time.t_s - 100s) <= 100ms", {}, r".* before its time began, at 99\.9 s"),
+            ("not time.t_s < 90s", {"after": "1min"}, r".* before its time began, at 90\.0 s"),
+            ("time.t_s > 90s", {"before": "1min"}, "no cycle lies in its time"),
+            ("time.t_s > 1s", {"after": "1min"}, "its event never happened"),
+            ("time.t_s < 0", {}, "its event never happened"),
+            ("time.t_s > 90s and controller.e_rad < 9", {}, "its event never happened"),
+            ("time.t_s > 90s or controller.e_rad > 9", {}, "its event never happened"),
+        )),
+        *(({"overshoot": "controller.e_rad", "over": "reference.q_d_rad", "at_most": "1 rad",
+            "when": when}, said) for when, said in (
+            ("90s", r"the run ended before its time began, at 90\.0 s"),
+            ("0.2s", "its event never happened"),
+            ("time.t_s > 200ms", "its event never happened"),
+        )),
         ({"when": "controller.e_rad > 1000", "then": "controller.e_rad < 1"},
          "its event never happened"),
+        ({"when": "abs(controller.e_rad) > 100 mrad", "then": "controller.e_rad > 9",
+          "within": "90s"},
+         "the run ended before its time was over"),
         ({"settles": "controller.e_rad", "into": "1 rad", "when": "0s", "within": "90s"},
          "the run ended before its time was over"),
     ],
@@ -252,11 +273,11 @@ def test_what_was_not_judged_says_the_true_reason(
 
 def test_a_run_can_be_asked_from_python(run: Run) -> None:
     held = run.require(always="abs(controller.e_rad) < 20 deg")
-    assert held.held and held.margin_unit == "rad" and isinstance(held, Result)
+    assert held.held and held.margin_unit == "rad" and isinstance(held, JudgedRequirement)
     with pytest.raises(NotOk, match=r"^never .* violated first at cycle 500, 0\.5 s: abs\("):
         run.require(never="abs(controller.e_rad) > 100 mrad")
     with pytest.raises(AssertionError, match="not judged: its event never happened"):
-        run.require(when="3s", then="controller.e_rad < 1")
+        run.require(when="controller.e_rad > 1000", then="controller.e_rad < 1")
     with pytest.raises(Error, match=r"^require: always: no variable .* did you mean"):
         run.require(always="controller.e_rd < 1")
     with pytest.raises(Error, match="unknown field `alway`"):
@@ -266,18 +287,18 @@ def test_a_run_can_be_asked_from_python(run: Run) -> None:
 
 
 def test_any_log_is_judged_by_its_rig_and_by_others(run: Run, tmp_path: Path) -> None:
-    own = log_command("require", run.path.parent)
+    own = run_here("report", "--requirements", run.path.parent)
     lines = " ".join(own.out.split())
     assert own.code == 1 and "no large error: violated first at cycle 500, 0.5 s: abs(" in lines
     assert all(len(line) <= 80 for line in own.out.splitlines()), own.out
-    held = log_command(
-        "require", run.path, "--require", "never: controller.e_rad > 1 rad", "--json"
-    )
+    held = run_here("report", run.path, "--require", "never: controller.e_rad > 1 rad", "--json")
     (told,) = json.loads(held.out)
     assert held.code == 0 and told["held"] and told["margin_unit"] == "rad", held
-    wrong = log_command("require", run.path, "--require", "never: controller.e_rd > 1")
+    wrong = run_here(
+        "report", "--requirements", run.path, "--require", "never: controller.e_rd > 1"
+    )
     assert wrong.code == 2 and "did you mean controller.e_rad?" in wrong.err, wrong
-    none = log_command("require", barrel_log("pd"))
+    none = run_here("report", "--requirements", barrel_log("pd"))
     assert none.code == 2 and "requires nothing of pd; try --require" in none.err, none
 
 

@@ -1,6 +1,5 @@
 """The verdict speaks of the whole run: whatever was changed, kept, or ended before its time."""
 
-import argparse
 import dataclasses
 import json
 import math
@@ -18,16 +17,24 @@ from processes import RIGS, Done, Running, own_bus, pcpc
 
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.run_counts import Absences
 from pcpc.executive.loop.timing_layout import Stage
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.log.tally import Tally
+from pcpc.tools.after.report import sections
+from pcpc.tools.after.report.record import ReportedRun
 from pcpc.tools.after.verdict import judge as judging
 from pcpc.tools.after.verdict import report, summary_file
 from pcpc.tools.after.verdict.conclude import conclude
+from pcpc.tools.after.verdict.findings import Finding, FindingKind, lines
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.requirements import JudgedRequirement
 from pcpc.tools.after.verdict.summary import Summary, summarise
+from pcpc.tools.terminal.arguments import RunFolder
+from pcpc.tools.terminal.document import Strong
 
 SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
 RELAY = str(Path(__file__).resolve().parents[3] / "executive" / "relay" / "rig.yaml")
@@ -51,6 +58,11 @@ def test_a_figure_that_leaves_out_what_is_no_number_is_not_met(wrong: float) -> 
     found = summarise(rig, log, Outcome("virtual", "memory"))
     assert found.verdict == "expectation not met", found.metrics
     assert "barrel.theta_rad is not a finite number at 4 s" in found.expectations_failed[0], found
+    read = summary_file.from_json(summary_file.plain(found))
+    record = ReportedRun(log, Tally(Scan()), "", Judge.of(rig), "", read)
+    assert [one.held for one in record.findings] == [False], "its value is within its limits"
+    table = sections.metrics(record)
+    assert table is not None and table.rows[0][-1] == Strong("not met"), table
 
 
 def test_a_log_that_was_replaced_while_the_run_went_on_is_a_loss() -> None:
@@ -85,6 +97,66 @@ def test_a_changed_value_does_not_switch_the_limits_off() -> None:
     assert worse.judged == ["muzzle_error_rms_mrad"], worse.judged
 
 
+@pytest.mark.parametrize(
+    ("verdict", "judged", "left", "then"),
+    [
+        ("ok", [], {}, "ok"), ("ok", ["m"], {"n": "x"}, "ok"), ("ok", ["timing"], {}, "ok"),
+        ("ok", [], {"n": "x"}, "not judged"), ("ok", ["timing"], {"n": "x"}, "not judged"),
+        ("loss", [], {"n": "x"}, "loss"), ("safety stop", [], {"n": "x"}, "safety stop"),
+        ("expectation not met", [], {"n": "x"}, "expectation not met"),
+    ],
+)  # fmt: skip
+def test_a_run_of_which_nothing_was_judged_is_not_judged_and_no_worse(
+    verdict: str, judged: list[str], left: dict[str, str], then: str, tmp_path: Path
+) -> None:
+    def found() -> Summary:
+        summary = Summary(metrics={}, verdict=verdict, judged=judged)
+        summary.enter(*(Finding(FindingKind.LIMIT, why, None, name) for name, why in left.items()))
+        return summary
+
+    assert found().verdict == then and found().not_judged == left
+    if then == "not judged":
+        assert report.verdict_text(found()) == "not judged: x (1 limit not judged)"
+    unmet, lost = found(), found()
+    unmet.enter(*lines(FindingKind.EVALUATION, ["m = 2"]))
+    lost.note_missing(tmp_path / "figure.png", OSError())
+    graver = verdict if verdict in ("loss", "safety stop") else "expectation not met"
+    assert unmet.verdict == graver and lost.verdict == (
+        "safety stop" if verdict == "safety stop" else "loss"
+    )
+
+
+@pytest.mark.parametrize(
+    ("judged", "metrics", "held", "then"),
+    [
+        (["timing"], {}, True, "ok"), (["timing"], {}, False, "ok"),
+        (["timing"], {}, None, "not judged"), (["timing"], {"m": 1.0}, None, "not judged"),
+        (["timing"], {"timing": 1.0}, None, "ok"), ([], {"timing": 1.0}, None, "not judged"),
+    ],
+)  # fmt: skip
+def test_a_limit_may_be_called_timing(
+    judged: list[str], metrics: dict[str, float], held: bool | None, then: str
+) -> None:
+    summary = Summary(metrics=metrics, verdict="ok", judged=judged)
+    summary.requirements = [JudgedRequirement("timing", held)]
+    summary.enter(Finding(FindingKind.LIMIT, "too short", None, "n"))
+    assert summary.verdict == then
+
+
+@pytest.mark.parametrize(
+    ("verdict", "judged", "left", "then"),
+    [
+        ("ok", [], {"m": "too short"}, "not judged"), ("ok", ["m"], {"n": "x"}, "ok"),
+        ("ok", [], {}, "ok"), ("loss", [], {"m": "too short"}, "loss"),
+    ],
+)  # fmt: skip
+def test_an_older_summary_that_says_ok_of_what_nothing_judged_is_read_as_not_judged(
+    verdict: str, judged: list[str], left: dict[str, str], then: str
+) -> None:
+    older = {"metrics": {"m": None}, "verdict": verdict, "judged": judged, "not_judged": left}
+    assert summary_file.from_json(older).verdict == then
+
+
 @pytest.mark.parametrize("way", ["controller=pd", 'controller="pd"', "controller=Python"])
 def test_a_controller_that_the_rig_has_is_not_from_outside(way: str) -> None:
     rig = load_rig(SLEW10, "pd", ["controller.kv_Nms_rad=10"])
@@ -106,19 +178,19 @@ def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> Non
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("duration_s=1.0", "the run ends at 1 s, before its window ends at 6 s"),
+        ("duration_s=1.0",
+         "the run ends at 1 s, before its window ends at 6 s; duration_s=6 is enough"),
         ("evaluation.window_s=[1.0, 2.0]", "evaluation.window_s was changed"),
     ],
-)
+)  # fmt: skip
 def test_limits_without_their_window_are_named_and_fail_on_demand(
     setting: str, reason: str, tmp_path: Path
 ) -> None:
     done = virtual(tmp_path / "a", "--set", setting)
-    assert (done.code, done.summary["verdict"]) == (0, "ok"), done
+    assert (done.code, done.summary["verdict"]) == (1, "not judged"), done
     (why,) = done.summary["not_judged"].values()
-    assert why.startswith(reason) and why in report.verdict_text(
-        summary_file.from_json(done.summary)
-    ), why
+    said = report.verdict_text(summary_file.from_json(done.summary))
+    assert why.startswith(reason) and said == f"not judged: {why} (1 limit not judged)", said
     strict = virtual(tmp_path / "b", "--set", setting, "--judge")
     assert strict.code == 1 and reason in strict.summary["expectations_failed"][0], strict
 
@@ -348,8 +420,8 @@ def test_a_verdict_says_why_on_its_own_line(
     entries: dict[str, object], verdict: str, said: str
 ) -> None:
     found = Summary(metrics={}, verdict=verdict, judged=["a", "b"])
-    for name, lines in entries.items():
-        setattr(found, name, lines)
+    for name, entry in entries.items():
+        setattr(found, name, entry)
     assert report.verdict_text(found).startswith(said), report.verdict_text(found)
     shown = report.rows(found, Path("runs/x"), 80)
     assert ("problem" in shown) == (len(found.problems()) > 1), shown
@@ -397,7 +469,7 @@ def test_timing_is_judged_by_what_was_skipped_and_held(
     quick = {f"timing.{stage}_us": np.full(len(cycle), 10.0) for stage in Stage.words()}
     about: Any = {"period_ns": 1_000_000, "variables": []}
     frames = np.empty(0, logs.FRAME)
-    node = logs.Node(cycle, cycle * 1_000_000, {}, quick, frames, [], [], about)
+    node = logs.NodeLog(cycle, cycle * 1_000_000, {}, quick, frames, [], [], about)
     log = logs.Log(Path("log.mcap"), {"executive": node}, {}, {}, [])
     counts = {"skipped_cycles": skipped, "held_cycles": held}
     found = summarise(rig, log, Outcome("real", "", health={"executive": counts}))
@@ -423,8 +495,8 @@ def test_no_space_for_the_columns_of_a_long_log_costs_no_log(
     short = partial(long_logs.read, short=100)
     monkeypatch.setattr(long_logs, "read", short)
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: open("/dev/full", "wb"))  # noqa: SIM115
-    options = argparse.Namespace(no_figure=True, json=True)
-    code = conclude(Judge.of(rig), tmp_path, Outcome("virtual", "memory"), options, {})
+    kept = RunFolder(no_figure=True, json=True)
+    code = conclude(Judge.of(rig), tmp_path, Outcome("virtual", "memory"), kept, {})
     assert code == 3 and (tmp_path / "log.mcap").read_bytes() == whole
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert "No space left" in " ".join(summary["log_missing"]), summary["log_missing"]

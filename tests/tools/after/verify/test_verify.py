@@ -1,6 +1,5 @@
-"""`pcpc verify`: logs that can be trusted, and everything that is none of those."""
+"""`pcpc replay`: logs that can be trusted, and everything that is none of those."""
 
-import argparse
 import hashlib
 import json
 import os
@@ -11,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -49,13 +49,13 @@ def made(folder: Path, *settings: str, name: str = "log.mcap") -> Path:
 
 
 def verify(*words: str | Path) -> Done:
-    return run_here("verify", *words, "--jobs", "1", "--quiet")
+    return run_here("replay", "--brief", *words, "--jobs", "1", "--quiet")
 
 
 def row(path: Path, *words: str) -> dict[str, Any]:
     """Return what `--json` says of one log; its exit code is that of its verdict."""
     done = verify(path, "--json", *words)
-    (found,) = holds("verify", done.out)["logs"]
+    (found,) = holds("replay --brief", done.out)["logs"]
     assert done.code == one.CODES[found["verdict"]], done
     return dict(found)
 
@@ -258,11 +258,11 @@ def test_what_a_log_does_not_let_be_recomputed_is_no_pass(log: Path, tmp_path: P
 def test_a_column_that_nobody_recorded_is_no_pass(log: Path, tmp_path: Path) -> None:
     """The recorded columns, their schema and their description lack one alike."""
     found = row(log)
-    node = argparse.Namespace(
+    node: Any = SimpleNamespace(
         role="executive",
         both=["a"],
         verdict=Verdict("executive", 1000.0, cycles=1, variables=1),
-        replay=argparse.Namespace(names=["a", "b", "c"]),
+        replay=SimpleNamespace(names=["a", "b", "c"]),
     )
     assert [*one._unjudged_causes(node, (), {"executive": {"a"}})] == [
         "recomputed, but not recorded: b and 1 more"
@@ -296,7 +296,7 @@ def test_what_is_no_log_is_unreadable_and_the_others_are_verified(
     done = verify(runs, "--json", "--junit", tmp_path / "a.xml")
     found = {
         Path(each["log"]).relative_to(runs).as_posix(): each["verdict"]
-        for each in holds("verify", done.out)["logs"]
+        for each in holds("replay --brief", done.out)["logs"]
     }
     assert done.code == 2 and found.pop("whole.mcap") == "identical", done
     assert {*found} == {"broken.mcap", "empty.mcap", "folder.mcap", "lost/log.mcap", "pipe.mcap",
@@ -467,7 +467,7 @@ def test_logs_that_are_not_as_in_the_table(runs: Path, tmp_path: Path) -> None:
     assert "failure" in (tmp_path / "a.xml").read_text()
     shutil.copy(made(tmp_path / "other", "seed=2"), runs / "a.mcap")
     done = checked(runs, "--json")
-    told = holds("verify", done.out)
+    told = holds("replay --brief", done.out)
     assert done.code == 1 and [each["what"] for each in told["table"]] == ["changed", "missing"]
     assert all(each["verdict"] == "identical" for each in told["logs"]), "else it shows nothing"
 
@@ -483,7 +483,7 @@ def test_a_table_for_another_folder(runs: Path, tmp_path: Path) -> None:
 def test_a_verdict_that_is_another_one_now(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     original = one._recompute
 
-    def worse(row: one.Row, *given: Any) -> None:
+    def worse(row: one.VerifiedLog, *given: Any) -> None:
         original(row, *given)
         row.verdict = one.INCOMPLETE
 
@@ -662,14 +662,16 @@ def test_rows_have_the_order_of_names_and_each_log_is_one(
     (tmp_path / "d").symlink_to(tmp_path)
     given = []
 
-    def backwards(judge: Any, names: Any, progress: Any, jobs: int) -> list[one.Row]:
+    def backwards(judge: Any, names: Any, progress: Any, jobs: int) -> list[one.VerifiedLog]:
         given.append(jobs)
         return [judge(name) for name in names[::-1]][::-1]
 
     monkeypatch.setattr(cli, "each", backwards)
     same = tmp_path / "b/../a/log.mcap"
-    done = run_here("verify", tmp_path / "c", tmp_path, same, "--jobs", "2", "--quiet", "--json")
-    found = [Path(each["log"]).parent.name for each in holds("verify", done.out)["logs"]]
+    done = run_here(
+        "replay", "--brief", tmp_path / "c", tmp_path, same, "--jobs", "2", "--quiet", "--json"
+    )
+    found = [Path(each["log"]).parent.name for each in holds("replay --brief", done.out)["logs"]]
     assert (done.code, found, given) == (2, ["a", "b", "c"], [2]), done
 
 
@@ -692,11 +694,13 @@ def test_a_process_that_dies_is_no_pass(tmp_path: Path, monkeypatch: pytest.Monk
     made_text(tmp_path / "a")
     made_text(tmp_path / "b")
     monkeypatch.setattr(cli, "verified_row", killed)
-    done = run_here("verify", tmp_path, "--jobs", "2", "--table", tmp_path / "t", "--quiet")
+    done = run_here(
+        "replay", "--brief", tmp_path, "--jobs", "2", "--table", tmp_path / "t", "--quiet"
+    )
     assert done.code == 4 and "was killed" in done.err and not done.out, done
     assert not (tmp_path / "t").exists()
 
 
-def killed(log: str, options: argparse.Namespace) -> one.Row:
+def killed(log: str, **_: object) -> one.VerifiedLog:
     os.kill(os.getpid(), signal.SIGKILL)
-    return one.Row(log, one.IDENTICAL)
+    return one.VerifiedLog(log, one.IDENTICAL)

@@ -8,8 +8,8 @@ import pytest
 
 from pcpc.drivers.can import e2e
 from pcpc.drivers.compiled.lanes import WIDTH
+from pcpc.executive.batch.runs import BatchRuns
 from pcpc.executive.batch.runs import Case as One
-from pcpc.executive.batch.runs import Runs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.command import main
@@ -89,7 +89,7 @@ def test_a_row_that_is_not_as_stated_is_told(changed: dict[str, object], bench: 
     ],
 )
 def test_the_weights_of_the_code_are_those_that_counting_gives(
-    code: residual.Code, distance: int, first: int
+    code: residual.CheckCode, distance: int, first: int
 ) -> None:
     single, known = residual.syndromes(code), residual.weights(code)
     words = 2 ** (residual.BITS - code.crc_bits)
@@ -132,7 +132,7 @@ def test_a_clean_run_of_each_rig_has_no_alarm_and_each_is_another() -> None:
     for rig, about in enumerate(alarms.RIGS):
         assert alarms.case(rig, 5) != alarms.case(rig, 6) and alarms.case(rig, 5).seed == 5
         runs = alarms._runs(rig)
-        runs = Runs(runs.path, runs.controller, ["duration_s=0.5"], runs.wanted)
+        runs = BatchRuns(runs.path, runs.controller, ["duration_s=0.5"], runs.wanted)
         found = alarms.alarm_counts(runs.done([alarms.case(rig, seed) for seed in range(WIDTH)]))
         assert sum(found.values()) == 0, (about.name, found)
     assert sum(one.tenths for one in alarms.RIGS) == 10
@@ -148,7 +148,7 @@ def test_a_clean_run_of_each_rig_has_no_alarm_and_each_is_another() -> None:
 def test_a_run_that_is_not_clean_is_an_alarm(words: str, told: str, tmp_path: Path) -> None:
     clean, path = alarms._runs(0), tmp_path / "lossy.yaml"
     path.write_text(f"base: {clean.path.resolve()}\nrig: lossy\nlosses: {{FB_A: {{{words}}}}}\n")
-    runs = Runs(path, clean.controller, ["duration_s=0.5"], clean.wanted)
+    runs = BatchRuns(path, clean.controller, ["duration_s=0.5"], clean.wanted)
     found = alarms.alarm_counts(runs.done([One(1)]))
     assert found[told] > 0, found
 

@@ -44,9 +44,9 @@ def test_another_share_than_the_predicted_one_is_told(monkeypatch: pytest.Monkey
 
 
 def test_a_receiver_that_judges_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    rules = expected.Receiver.check
+    rules = expected.ExpectedReceiver.check
     monkeypatch.setattr(
-        expected.Receiver,
+        expected.ExpectedReceiver,
         "check",
         lambda self, data, length: rules(
             dataclasses.replace(self, last=self.last + 1), data, length

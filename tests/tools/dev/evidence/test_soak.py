@@ -1,6 +1,5 @@
 """Soak runs end well, and what is wrong with a log or with memory is told."""
 
-import argparse
 import dataclasses
 import json
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.dev.command import main
 from pcpc.tools.dev.evidence import invariants, soak
-from pcpc.tools.dev.evidence.options import SOAK
+from pcpc.tools.dev.evidence.options import SOAK, SoakRequest
 from pcpc.tools.start.children import Child
 
 pytestmark = pytest.mark.deep
@@ -61,8 +60,8 @@ def test_the_log_of_a_run_with_an_error_is_kept_and_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(soak, "broken_promises", lambda log, rig: (0, ["the moon is missing"]))
-    options = argparse.Namespace(rig=str(rig), seed=1, hours=0.0, each=1.0, json=True, quiet=False)
-    assert soak.command(options) == 1
+    request = SoakRequest(rig=str(rig), hours=0.0, each_s=1.0, json=True)
+    assert soak.command(request) == 1
     out, err = capsys.readouterr()
     row = holds("soak", out)  # one row a line
     assert row["wrong"][0] == "the moon is missing" and "run 0: the moon is missing" in err
@@ -98,7 +97,7 @@ def test_a_run_that_ends_by_itself_is_told(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def run(rig: Path) -> tuple[Rig, logs.Node]:
+def run(rig: Path) -> tuple[Rig, logs.NodeLog]:
     loaded = load_rig(str(rig), None, ["duration_s=0.3", "evaluation.window_s=[0.0, 0.3]"])
     return loaded, in_memory(loaded).node["executive"]
 
@@ -124,7 +123,7 @@ def rising(sent: Any, state: Any) -> None:
     (awake, "CMD.motor_torque was not safe in INIT"), (rising, "CMD.motor_torque rose in FAULT"),
 ])  # fmt: skip
 def test_a_command_that_breaks_a_promise_is_told(
-    run: tuple[Rig, logs.Node], change: Callable[[Any, Any], None], says: str
+    run: tuple[Rig, logs.NodeLog], change: Callable[[Any, Any], None], says: str
 ) -> None:
     loaded, node = run
     assert [*invariants.commands(loaded, "executive", node)] == []

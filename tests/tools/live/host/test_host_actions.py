@@ -1,8 +1,8 @@
 """What the page asks of several nodes, and what its server does when it cannot follow a run."""
 
-import argparse
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,9 +18,11 @@ from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.actions import Actions
+from pcpc.tools.live.host.commands import BesideRun, PageOfRun, PageRequest
 from pcpc.tools.live.host.display import Display
 from pcpc.tools.live.host.run_page import Page
-from pcpc.tools.live.host.sources import FollowedRun, Source
+from pcpc.tools.live.host.sources import FollowedRun, RunSource
+from pcpc.tools.terminal.request import Offers
 
 ROLES = ("executive", "local", "plant")  # as the page has them
 STATE, RESET = "supervisor.state", "supervisor.reset"
@@ -44,7 +46,7 @@ def blocks() -> Iterator[dict[str, sh.NodeMemory]]:
 
 def actions(blocks: dict[str, sh.NodeMemory]) -> Actions:
     nodes = {role: SimpleNamespace(live=Live(sharing.attach(b.name))) for role, b in blocks.items()}
-    source = Source("stand", True, nodes)
+    source = RunSource("stand", True, nodes)
     return Actions(lambda: source, write=True)
 
 
@@ -66,12 +68,10 @@ def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.NodeMemory]) -> N
     assert not any(block.mail.request for block in blocks.values())
 
 
-def test_what_is_told_is_made_anew_once_more_was_recorded(
-    options: argparse.Namespace,
-) -> None:
+def test_what_is_told_is_made_anew_once_more_was_recorded() -> None:
     with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
         node = live._nodes["plant"]
-        stage = Display(FollowedRun(node=node.name), options, [])
+        stage = Display(FollowedRun(node=node.name), PageRequest(), [])
         until(lambda: stage.find() or stage.source.nodes, "the run is found")
         told = []
         for _ in range(3):
@@ -83,21 +83,17 @@ def test_what_is_told_is_made_anew_once_more_was_recorded(
     assert told == sorted(set(told)), told
 
 
-@pytest.fixture
-def options(tmp_path, monkeypatch: pytest.MonkeyPatch) -> argparse.Namespace:
-    """Return those of a page beside a run."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    return argparse.Namespace(host=True, write=False, port=0, recordings=None, recordings_mb=None)
-
-
 def test_a_server_that_cannot_follow_ends_with_the_error(
-    options: argparse.Namespace, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    beside = Offers(BesideRun(host=True, page=PageOfRun(port=0)))
+
     def fails(stage: Display) -> None:
         raise ValueError("the ring is torn")
 
     monkeypatch.setattr(Display, "poll", fails)
-    with Page(options, {"executive": "nobody.executive"}) as page:
+    with Page(beside, {"executive": "nobody.executive"}) as page:
         page.start()
         said = until(page.ended, "the page ends")
     assert said.startswith("the page has ended: ValueError: the ring is torn; the run goes on")

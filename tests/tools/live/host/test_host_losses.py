@@ -13,7 +13,7 @@ from scoped import ROWS, stepping
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live as nodes
 from pcpc.tools.live.host.recordings import Recordings
-from pcpc.tools.live.host.sources import LiveNode, Source
+from pcpc.tools.live.host.sources import LiveNode, RunSource
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_rows_that_were_overwritten_before_they_were_recorded_stand_in_the_file(
 ) -> None:
     name = f"recorded{jump}.{os.getpid()}.executive"
     block, go_on = stepping(name, jump)
-    source = Source("stand", True, {"executive": LiveNode(nodes.find(name))}, 1)
+    source = RunSource("stand", True, {"executive": LiveNode(nodes.find(name))}, 1)
     recordings = Recordings(tmp_path)
     file = Path(recordings.start(source)["file"])
     go_on(0.0)

@@ -89,10 +89,10 @@ def recorded(run: pcpc.Live, tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["log", "info"], "slew10"), (["log", "cat"], "controller.e_rad"),
+        (["log", "info"], "slew10"), (["log", "export", "-o-"], "controller.e_rad"),
         (["log", "plot", "-o", "a.png"], "a.png"), (["log", "export", "-o", "a.csv"], "a.csv"),
         (["log", "export", "-o", "a.log"], "frames"), (["log", "recover", "-o", "b.mcap"], "plant"),
-        (["log", "diff"], "equal"), (["report", "-o", "a.html"], "a.html"),
+        (["compare", "--bits"], "equal"), (["report", "-o", "a.html"], "a.html"),
     ],
     ids=lambda words: " ".join(words[:2]) if isinstance(words, list) else "",
 )  # fmt: skip
@@ -105,7 +105,7 @@ def test_all_commands_about_logs_open_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    files = [recorded, recorded] if "diff" in words else [recorded]
+    files = [recorded, recorded] if "--bits" in words else [recorded]
     place = 1 if words[0] == "report" else 2
     assert main([*words[:place], *files, *words[place:]]) == 0
     assert said in capsys.readouterr().out

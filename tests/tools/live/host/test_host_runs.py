@@ -129,7 +129,7 @@ def test_the_next_run_of_a_name_takes_the_place_of_the_one_before(
 ) -> None:
     monkeypatch.setattr(runs, "AGAIN_S", 0.0)
     name = f"again.{os.getpid()}.executive"
-    shown = runs.Runs(run=runs.run_of(name))
+    shown = runs.LiveRuns(run=runs.run_of(name))
     try:
         for process in (1, 2):
             standing.stand(name, HEAD).control.pid = process

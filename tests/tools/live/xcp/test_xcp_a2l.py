@@ -54,7 +54,7 @@ def case(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     """Return the file of a node, and what its table has, without arrays."""
     rig, controller, node = request.param
     path = tmp_path_factory.mktemp("a2l") / "node.a2l"
-    done = run_here("a2l", rig, "--controller", controller, "--node", node, "-o", path)
+    done = run_here("generate", "a2l", rig, "--controller", controller, "--node", node, "-o", path)
     assert done.code == 0, done
     found = load_rig(Path(rigs.find(rig)), controller, [])
     expected = {}
@@ -183,7 +183,7 @@ def test_a_parameter_that_a_fault_changes_is_polled_only(tmp_path: Path) -> None
     rig, file = tmp_path / "rig.yaml", tmp_path / "a.a2l"
     fault = "{weak: {kind: gain, at: controller.kv_Nms_rad, value: 0.5}}"
     rig.write_text(f"base: {Path(rigs.find('hull')).resolve()}\nfaults: {fault}\n")
-    assert run_here("a2l", rig, "-o", file).code == 0
+    assert run_here("generate", "a2l", rig, "-o", file).code == 0
     text = file.read_text()
     assert 'controller.kv_Nms_rad "gain on the filtered error (polled only)"' in text
     assert 'controller.lam_per_s "slope of the filtered error"' in text
@@ -191,7 +191,7 @@ def test_a_parameter_that_a_fault_changes_is_polled_only(tmp_path: Path) -> None
 
 def test_gains_that_a_drive_takes_from_its_bus_are_polled_only(tmp_path: Path) -> None:
     rig, file = Path(__file__).parents[3] / "drivers/robots/odrive.yaml", tmp_path / "a.a2l"
-    assert run_here("a2l", rig, "--node", "plant", "-o", file).code == 0
+    assert run_here("generate", "a2l", rig, "--node", "plant", "-o", file).code == 0
     polled = re.findall(r"CHARACTERISTIC (\S+) .* \(polled only\)\"\n", file.read_text())
     gains = ["position_gain_per_s", "velocity_gain", "integral_gain_per_s"]
     assert [one for one in polled if one.startswith("drive.")] == [f"drive.{one}" for one in gains]

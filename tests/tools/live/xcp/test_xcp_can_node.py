@@ -164,9 +164,9 @@ def test_what_goes_wrong_on_the_bus_ends_nothing(tmp_path: Path) -> None:
         again.send(b"\xfc")
         until(lambda: b"\xfe\x00" in again.look(), "the flood is over")
         again.ask(Cmd.SET_MTA, 0, 8 * number)
-        assert pcpc("lock", "tune", "--node", node.name).code == 0
+        assert pcpc("operate", "lock", "tune", "--node", node.name).code == 0
         assert again.download(201.0) == b"\xfe\x25", "locked"
-        assert pcpc("lock", "none", "--node", node.name).code == 0
+        assert pcpc("operate", "lock", "none", "--node", node.name).code == 0
         again.ask(Cmd.SET_MTA, 0, 8 * number)
         assert again.download(1001.0) == b"\xfe\x22", "out of range"
         done = pcpc("xcp", node.name, "--can")
@@ -239,7 +239,7 @@ def test_a_rig_with_can_fd_is_measured_in_long_frames(tmp_path: Path) -> None:
         node = live.find(live.sh.block_name("probe_fd", run.bus, "executive"))
         down, up = run.ids["executive"]
         bus = plain_bus.open_bus(buses.bus_named(*buses.parse(run.bus)))
-        got = list[plain_bus.Frame]()
+        got = list[plain_bus.BusFrame]()
 
         def ask(packet: bytes) -> bytes:
             got.clear()
@@ -274,7 +274,7 @@ def test_an_a2l_file_tells_ids_and_rates(tmp_path: Path) -> None:
 
     rig, file = served_hull(tmp_path, "{can: [0x7C0, 0x18DA00F1]}"), tmp_path / "hull.a2l"
     words = ("--set", "bus.bitrate=500000", "-o", str(file))
-    assert pcpc("a2l", str(rig), "--node", "plant", *words).code == 0
+    assert pcpc("generate", "a2l", str(rig), "--node", "plant", *words).code == 0
     text = file.read_text()
     assert "/begin XCP_ON_CAN 0x0101 CAN_ID_MASTER 0x7C2 CAN_ID_SLAVE 0x98DA00F3" in text
     assert "BAUDRATE 500000" in text and "CAN_FD MAX_DLC" not in text
@@ -282,5 +282,5 @@ def test_an_a2l_file_tells_ids_and_rates(tmp_path: Path) -> None:
     session = import_a2l(str(file), in_memory=True, encoding="utf-8", progress_bar=False)
     assert len(session.query(model.Measurement).all()) > 50
     long = fd_rig(tmp_path, "bus: {data_bitrate: 5000000}", "xcp: can")
-    assert pcpc("a2l", str(long), "-o", str(file)).code == 0
+    assert pcpc("generate", "a2l", str(long), "-o", str(file)).code == 0
     assert "CAN_FD MAX_DLC 64 CAN_FD_DATA_TRANSFER_BAUDRATE 5000000" in file.read_text()

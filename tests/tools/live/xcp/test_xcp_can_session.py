@@ -13,7 +13,7 @@ from fd_rig import fd_rig
 from processes import RIGS
 from test_xcp_slave import A2L, NAMES, VALUES, Node, bad, good, listed, refused
 
-from pcpc.drivers.can.plain_bus import Frame
+from pcpc.drivers.can.plain_bus import BusFrame
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
@@ -25,7 +25,7 @@ from pcpc.executive.rig.xcp import xcp_ids
 from pcpc.tools.live.xcp import on_can
 from pcpc.tools.live.xcp.on_can import CanMaster, CanPlace
 from pcpc.tools.live.xcp.packets import LAYOUTS, Cmd, Err, Link
-from pcpc.tools.live.xcp.slave import Session
+from pcpc.tools.live.xcp.slave import XcpSession
 from pcpc.tools.start.bus import traffic
 
 CLASSIC, FD = Link(8, 8, 4.0, 50), Link(64, 64, 4.0, 50)
@@ -38,18 +38,18 @@ def node() -> Node:
 
 
 @pytest.fixture
-def session(node: Node) -> Session:
+def session(node: Node) -> XcpSession:
     return connected(node, CLASSIC)
 
 
-def connected(node: Node, link: Link) -> Session:
-    made = Session(node.table(), link)
+def connected(node: Node, link: Link) -> XcpSession:
+    made = XcpSession(node.table(), link)
     (answer,) = made.answers(b"\xff\x00".ljust(8, b"\xaa"))
     assert answer == bytes([0xFF, 0x05, 0xC0, link.cto]) + struct.pack("<HBB", link.dto, 1, 1)
     return made
 
 
-def uploaded(session: Session, count: int) -> bytes:
+def uploaded(session: XcpSession, count: int) -> bytes:
     answers = session.answers(bytes([Cmd.UPLOAD, count]))
     assert all(one[0] == 0xFF and len(one) <= 8 for one in answers), answers
     return b"".join(one[1:] for one in answers)
@@ -65,7 +65,7 @@ def block(data: bytes) -> list[bytes]:
 
 
 def test_a_double_is_uploaded_in_a_block_or_in_parts_of_one_reading(
-    session: Session, node: Node
+    session: XcpSession, node: Node
 ) -> None:
     old = node.values.copy()
     good(session, Cmd.SET_MTA, 0, 0)
@@ -86,7 +86,7 @@ def test_a_double_is_uploaded_in_a_block_or_in_parts_of_one_reading(
     assert good(session, Cmd.GET_DAQ_RESOLUTION_INFO)[:2] == b"\x01\x07"
 
 
-def test_a_double_is_set_by_a_block_or_not_at_all(session: Session, node: Node) -> None:
+def test_a_double_is_set_by_a_block_or_not_at_all(session: XcpSession, node: Node) -> None:
     value = struct.pack("<d", 120.0)
     good(session, Cmd.SET_MTA, 0, 16)
     first, last = block(value)
@@ -115,7 +115,7 @@ def test_a_double_is_set_by_a_block_or_not_at_all(session: Session, node: Node) 
     assert len(node.written) == 2
 
 
-def test_a_list_has_parts_of_doubles_a_stamp_alone_and_a_budget(session: Session) -> None:
+def test_a_list_has_parts_of_doubles_a_stamp_alone_and_a_budget(session: XcpSession) -> None:
     listed(session, [], [(8, 4)], [(12, 4), (0, 3)], [(3, 5)])
     good(session, Cmd.SET_DAQ_LIST_MODE, 0x10, 0, 0, 1, 0)
     good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
@@ -132,7 +132,7 @@ def test_a_list_has_parts_of_doubles_a_stamp_alone_and_a_budget(session: Session
     good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
 
 
-def test_what_runs_counts_in_the_budget_of_what_starts(session: Session) -> None:
+def test_what_runs_counts_in_the_budget_of_what_starts(session: XcpSession) -> None:
     good(session, Cmd.FREE_DAQ)
     good(session, Cmd.ALLOC_DAQ, 2)
     for number, count in ((0, 3), (1, 2)):
@@ -153,24 +153,28 @@ class Wire:
     """A bus in memory that takes what `room` says; all that was sent, and when."""
 
     def __init__(self) -> None:
-        self.inbox, self.sent, self.room = list[Frame](), list[tuple[float, Frame]](), math.inf
+        self.inbox, self.sent, self.room = (
+            list[BusFrame](),
+            list[tuple[float, BusFrame]](),
+            math.inf,
+        )
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[BusFrame]:
         while self.inbox:
             yield self.inbox.pop(0)
 
     def offer(self, word: int, data: bytes, flags: int = 0) -> bool:
         if len(self.sent) >= self.room:
             return False
-        self.sent.append((on_can.time.monotonic(), Frame(word, data, flags)))
+        self.sent.append((on_can.time.monotonic(), BusFrame(word, data, flags)))
         return True
 
 
 def master_of(node: Node, flags: int = Flag.NONE) -> tuple[CanMaster, Wire]:
     place = CanPlace((0x7C0, 0x7C1), flags, Xcp(frames=16), 0.01, (None, None))
     wire = Wire()
-    master = CanMaster(place, wire, Session(node.table(), place.link))  # type: ignore[arg-type]
-    wire.inbox.append(Frame(0x7C0, b"\xff\x00"))
+    master = CanMaster(place, wire, XcpSession(node.table(), place.link))  # type: ignore[arg-type]
+    wire.inbox.append(BusFrame(0x7C0, b"\xff\x00"))
     master.flush()
     assert wire.sent[-1][1].word == 0x7C1 and wire.sent[-1][1].data[:1] == b"\xff"
     return master, wire
@@ -182,8 +186,8 @@ def test_a_flood_is_answered_within_the_budget(node: Node, monkeypatch: pytest.M
     master, wire = master_of(node)
     for _ in range(500):
         now_s += 0.001
-        wire.inbox += [Frame(0x7C0, bytes([Cmd.UPLOAD, 255])), Frame(0x7C0, b"\xfd")] * 3
-        wire.inbox += [Frame(0x7C1, b"\xff\x00"), Frame(0x123, b"")] * 3
+        wire.inbox += [BusFrame(0x7C0, bytes([Cmd.UPLOAD, 255])), BusFrame(0x7C0, b"\xfd")] * 3
+        wire.inbox += [BusFrame(0x7C1, b"\xff\x00"), BusFrame(0x123, b"")] * 3
         master.send([b"\x00" * 8] * 9)
         master.flush()
     at = np.array([one for one, _ in wire.sent])
@@ -211,7 +215,7 @@ def test_what_a_full_queue_does_not_take_waits_and_is_told_if_it_is_too_much(nod
     kept = [struct.unpack("<I", frame.data)[0] for _, frame in wire.sent[1:]]
     assert kept == [i // 100 for i in range(len(kept))], "the oldest first, none in between"
     good(master.session, Cmd.START_STOP_SYNCH, 0)
-    wire.inbox.append(Frame(0x7C0, b"\xfd"))
+    wire.inbox.append(BusFrame(0x7C0, b"\xfd"))
     master.flush()
     master.send([b"\x07"])
     while len(wire.sent) < 3 or wire.sent[-1][1].data != b"\x07":

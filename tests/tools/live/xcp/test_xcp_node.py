@@ -25,7 +25,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live
 from pcpc.tools.live.xcp.packets import EV_DAQ_OVERLOAD, EVENT, HEAD
 from pcpc.tools.live.xcp.serve import _Master, _sent_bytes
-from pcpc.tools.live.xcp.slave import Session
+from pcpc.tools.live.xcp.slave import XcpSession
 
 MASTER = Path(__file__).with_name("xcp_master.py")
 ROWS, SECONDS = 100, 60.0
@@ -158,7 +158,7 @@ def test_a_thousand_downloads_of_a_session_are_tunings_at_the_cycles_told(tmp_pa
 
 
 def assert_in_log(
-    node: logs.Node,
+    node: logs.NodeLog,
     rows: list[Any],
     recorded: list[str],
     rate_hz: float = 200.0,
@@ -193,9 +193,9 @@ def test_what_is_locked_or_out_of_range_is_refused(slave: Slave) -> None:
     master = Raw(slave.tcp)
     assert master.ask(b"\xff\x00")[0] == 0xFF
     assert download(master, slave, 1001.0) == b"\xfe\x22"
-    assert pcpc("lock", "tune", "--node", slave.run.node).code == 0
+    assert pcpc("operate", "lock", "tune", "--node", slave.run.node).code == 0
     assert download(master, slave, 201.0) == b"\xfe\x25"
-    assert pcpc("lock", "none", "--node", slave.run.node).code == 0
+    assert pcpc("operate", "lock", "none", "--node", slave.run.node).code == 0
     assert download(master, slave, 199.0) == b"\xff"
 
 
@@ -221,7 +221,7 @@ def test_a_master_that_does_not_read_gets_all_of_it_later_or_is_left() -> None:
     node = SlaveTable().table()
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
-    master = _Master(Session(node), partial(_sent_bytes, ours.send, None), True)
+    master = _Master(XcpSession(node), partial(_sent_bytes, ours.send, None), True)
     packets = [struct.pack("<I", i) * 250 for i in range(1000)]
     master.send(packets)
     theirs.settimeout(SECONDS)
@@ -242,7 +242,7 @@ def test_a_packet_that_udp_has_lost_is_told_with_the_next() -> None:
     def put(message: bytes) -> int:
         return 0 if full[0] else went.append(message[HEAD.size :]) or len(message)
 
-    master = _Master(Session(SlaveTable().table()), put, False)
+    master = _Master(XcpSession(SlaveTable().table()), put, False)
     master.send([b"a"])
     full[0] = False
     master.send([b"b"])
@@ -280,7 +280,7 @@ def test_an_a2l_file_is_read_by_a_parser_of_another_hand(tmp_path: Path) -> None
     from pya2l import import_a2l, model
 
     file = tmp_path / "hull.a2l"
-    done = pcpc("a2l", "hull", "-o", str(file))
+    done = pcpc("generate", "a2l", "hull", "-o", str(file))
     assert done.code == 0, done
     session = import_a2l(str(file), in_memory=True, encoding="utf-8", progress_bar=False)
     found = {one.name: one.ecu_address.address for one in session.query(model.Measurement)}
@@ -292,4 +292,4 @@ def test_an_a2l_file_is_read_by_a_parser_of_another_hand(tmp_path: Path) -> None
     lines = file.read_text().count("ECU_ADDRESS"), len(re.findall("VALUE 0x", file.read_text()))
     assert len(found) == sum(lines) > 100
     assert sorted(found.values()) == [8 * i for i in range(len(found))]
-    assert pcpc("a2l", "hull", "--node", "moon", "-o", str(file)).code == 2
+    assert pcpc("generate", "a2l", "hull", "--node", "moon", "-o", str(file)).code == 2

@@ -9,7 +9,7 @@ import pytest
 
 from pcpc.tools.live.xcp.lists import MOST_ENTRIES, MOST_ODTS
 from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, CommandRefused, Err
-from pcpc.tools.live.xcp.slave import NodeTable, Session, period
+from pcpc.tools.live.xcp.slave import NodeTable, XcpSession, period
 
 NAMES = ["time.t_s", "controller.e", "controller.kv", "controller.km", "odd"]
 COLUMNS = [0, 1, -1, -1, 2]
@@ -46,30 +46,30 @@ def node() -> Node:
 
 
 @pytest.fixture
-def session(node: Node) -> Session:
-    made = Session(node.table())
+def session(node: Node) -> XcpSession:
+    made = XcpSession(node.table())
     (answer,) = made.answers(b"\xff\x00")
     assert answer == bytes([0xFF, 0x05, 0x80, ETHERNET.cto]) + struct.pack("<H", 1400) + b"\x01\x01"
     return made
 
 
-def good(session: Session, command: Cmd, *given: int) -> bytes:
+def good(session: XcpSession, command: Cmd, *given: int) -> bytes:
     answer, *_ = session.answers(bytes([command]) + LAYOUTS[command].pack(*given))
     assert answer[0] == 0xFF, f"{command.name}{given}: {answer.hex()}"
     return answer[1:]
 
 
-def refused(session: Session, packet: bytes) -> Err:
+def refused(session: XcpSession, packet: bytes) -> Err:
     (answer,) = session.answers(packet)
     assert answer[0] == 0xFE and len(answer) == 2, answer.hex()
     return Err(answer[1])
 
 
-def bad(session: Session, command: Cmd, *given: int) -> Err:
+def bad(session: XcpSession, command: Cmd, *given: int) -> Err:
     return refused(session, bytes([command]) + LAYOUTS[command].pack(*given))
 
 
-def listed(session: Session, *odts: list[tuple[int, int]]) -> None:
+def listed(session: XcpSession, *odts: list[tuple[int, int]]) -> None:
     """Make one list of tables of (address, size)."""
     good(session, Cmd.FREE_DAQ)
     good(session, Cmd.ALLOC_DAQ, 1)
@@ -83,14 +83,14 @@ def listed(session: Session, *odts: list[tuple[int, int]]) -> None:
 
 
 def test_nothing_is_answered_before_a_connection_and_after_it(node: Node) -> None:
-    made = Session(node.table())
+    made = XcpSession(node.table())
     for code in range(255):
         assert made.answers(bytes([code, 0, 0, 0])) == []
     made.answers(b"\xff\x00")
     assert made.answers(b"\xfe") == [b"\xff"] and made.answers(b"\xfd") == []
 
 
-def test_a_command_of_another_length_is_refused(session: Session) -> None:
+def test_a_command_of_another_length_is_refused(session: XcpSession) -> None:
     for command, layout in LAYOUTS.items():
         for size in {0, 1, layout.size - 1, layout.size + 1, 200} - {layout.size, -1}:
             assert refused(session, bytes([command]) + bytes(size)) == Err.CMD_SYNTAX, command
@@ -99,7 +99,7 @@ def test_a_command_of_another_length_is_refused(session: Session) -> None:
     assert bad(session, Cmd.SYNCH) == Err.CMD_SYNCH
 
 
-def test_values_and_the_file_are_uploaded_and_nothing_else(session: Session) -> None:
+def test_values_and_the_file_are_uploaded_and_nothing_else(session: XcpSession) -> None:
     good(session, Cmd.SET_MTA, 0, 8)
     assert struct.unpack("<dd", good(session, Cmd.UPLOAD, 16)) == (-1.25, 110.0)
     assert good(session, Cmd.UPLOAD, 8) == struct.pack("<d", 60.0), "the address goes on"
@@ -126,7 +126,7 @@ def test_values_and_the_file_are_uploaded_and_nothing_else(session: Session) -> 
     assert bad(session, Cmd.BUILD_CHECKSUM, 0xFFFFFFFF) == Err.OUT_OF_RANGE
 
 
-def test_parameters_are_set_whole_together_and_in_range(session: Session, node: Node) -> None:
+def test_parameters_are_set_whole_together_and_in_range(session: XcpSession, node: Node) -> None:
     two = struct.pack("<dd", 120.0, 61.0)
     good(session, Cmd.SET_MTA, 0, 16)
     assert session.answers(bytes([0xF0, 16]) + two) == [
@@ -151,7 +151,7 @@ def test_parameters_are_set_whole_together_and_in_range(session: Session, node: 
     assert len(node.written) == 1 and node.values[2:4].tolist() == [120.0, 61.0]
 
 
-def test_a_list_sends_what_it_was_told_of_every_cycle(session: Session) -> None:
+def test_a_list_sends_what_it_was_told_of_every_cycle(session: XcpSession) -> None:
     listed(session, [(8, 8), (32, 8)], [(0, 4), (12, 2)])
     good(session, Cmd.SET_DAQ_LIST_MODE, 0x10, 0, 0, 2, 0)
     assert good(session, Cmd.START_STOP_DAQ_LIST, 1, 0) == b"\x00"
@@ -177,7 +177,7 @@ def test_a_list_sends_what_it_was_told_of_every_cycle(session: Session) -> None:
 
 
 @pytest.mark.parametrize("packet", [b"\xff\x00", b"\xfe"])
-def test_a_connection_begins_and_ends_without_a_list(session: Session, packet: bytes) -> None:
+def test_a_connection_begins_and_ends_without_a_list(session: XcpSession, packet: bytes) -> None:
     listed(session, [(8, 8)])
     good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
     assert len(session.packets(np.array([0]), np.zeros((1, 3)))) == 1
@@ -185,7 +185,7 @@ def test_a_connection_begins_and_ends_without_a_list(session: Session, packet: b
     assert session.packets(np.array([0]), np.zeros((1, 3))) == []
 
 
-def test_event_channels_are_divisions_of_the_loop(session: Session) -> None:
+def test_event_channels_are_divisions_of_the_loop(session: XcpSession) -> None:
     listed(session, [(0, 8)])
     rows = np.zeros((300, 3))
     for event, division in ((0, 1), (1, 10), (2, 100)):
@@ -209,7 +209,7 @@ def test_a_period_has_three_digits(ns: int) -> None:
     assert count * 10**unit == pytest.approx(ns, rel=0.02 if ns > 255 else 0.0)
 
 
-def test_lists_are_built_in_their_order_and_have_an_end(session: Session) -> None:
+def test_lists_are_built_in_their_order_and_have_an_end(session: XcpSession) -> None:
     good(session, Cmd.FREE_DAQ)
     assert bad(session, Cmd.ALLOC_ODT, 0, 1) == Err.SEQUENCE
     assert bad(session, Cmd.ALLOC_DAQ, MOST_ODTS + 1) == Err.MEMORY_OVERFLOW
@@ -232,7 +232,7 @@ def test_lists_are_built_in_their_order_and_have_an_end(session: Session) -> Non
     assert bad(session, Cmd.SET_DAQ_PTR, 1, 0, 0) == Err.OUT_OF_RANGE
 
 
-def test_wrong_entries_and_modes_are_refused(session: Session) -> None:
+def test_wrong_entries_and_modes_are_refused(session: XcpSession) -> None:
     listed(session, [(0, 8)], [(8, 8)])
     assert bad(session, Cmd.WRITE_DAQ, 0xFF, 8, 0, 0) == Err.OUT_OF_RANGE, "the table is full"
     good(session, Cmd.SET_DAQ_PTR, 0, 1, 0)
@@ -256,7 +256,7 @@ def test_wrong_entries_and_modes_are_refused(session: Session) -> None:
     assert bad(session, Cmd.WRITE_DAQ, 0xFF, 8, 0, 0) == Err.SEQUENCE
 
 
-def test_lists_start_together_or_not_at_all(session: Session) -> None:
+def test_lists_start_together_or_not_at_all(session: XcpSession) -> None:
     good(session, Cmd.FREE_DAQ)
     good(session, Cmd.ALLOC_DAQ, 2)
     for i in (0, 1):
@@ -271,7 +271,7 @@ def test_lists_start_together_or_not_at_all(session: Session) -> None:
     assert session.packets(np.array([0]), np.zeros((1, 3))) == []
 
 
-def test_what_was_selected_is_no_more_once_it_was_started_or_stopped(session: Session) -> None:
+def test_what_was_selected_is_no_more_once_it_was_started_or_stopped(session: XcpSession) -> None:
     good(session, Cmd.FREE_DAQ)
     good(session, Cmd.ALLOC_DAQ, 2)
     for i in (0, 1):
@@ -305,7 +305,7 @@ def test_what_was_selected_is_no_more_once_it_was_started_or_stopped(session: Se
     assert [one[0] for one in session.packets(np.array([0]), np.zeros((1, 3)))] == [1]
 
 
-def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: Session) -> None:
+def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: XcpSession) -> None:
     listed(session, [(0, 8)] * 175)
     assert bad(session, Cmd.START_STOP_DAQ_LIST, 1, 0) == Err.DAQ_CONFIG
     listed(session, [(0, 8)] * 174)
@@ -317,7 +317,7 @@ def test_a_packet_that_is_too_long_for_a_frame_is_refused(session: Session) -> N
 def test_whatever_comes_is_answered_by_one_packet_and_moves_nothing(node: Node) -> None:
     """Random packets, and right ones with changed bytes; what is written is in its range."""
     random = np.random.default_rng(38)
-    made = Session(node.table())
+    made = XcpSession(node.table())
     right = [bytes([code]) + bytes(layout.size) for code, layout in LAYOUTS.items()]
     right += [bytes([0xF0, 8]) + struct.pack("<d", 5.0), bytes([0xC7, 1]) + bytes(8)]
     for _ in range(20_000):

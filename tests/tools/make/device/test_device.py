@@ -1,4 +1,4 @@
-"""`pcpc plant RIG --device`: a device as the executive, in C and in Python, right and wrong."""
+"""`pcpc run RIG --device`: a device in C and in Python, right and wrong."""
 
 import json
 import re
@@ -52,7 +52,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> logs.Log:
 
 
 def with_device(folder: Path, device: Sequence[str], *options: str) -> Done:
-    words = ("plant", RIG, "--bus", own_bus(), "-o", str(folder), "--json", *options)
+    words = ("run", "--only=plant", RIG, "--bus", own_bus(), "-o", str(folder), "--json", *options)
     return pcpc(*words, "--device", *device)
 
 
@@ -160,7 +160,7 @@ def test_a_wrong_rate_is_named(tmp_path: Path) -> None:
 def test_a_device_may_be_started_elsewhere(tmp_path: Path) -> None:
     bus = own_bus()
     words = ("--pacing", "lockstep", "--bus", bus, "-o", str(tmp_path / "run"), "--json", *SHORT)
-    with Running("plant", RIG, *words, "--device") as plant:
+    with Running("run", "--only=plant", RIG, *words, "--device") as plant:
         plant.pid("plant")
         device = [word.replace("{bus}", bus) for word in (*PYTHON, str(CYCLES))]
         assert subprocess.run(device).returncode == 0
@@ -173,7 +173,7 @@ def test_a_plant_that_is_killed_is_named_before_the_device_that_ends_of_it(tmp_p
     pid = tmp_path / "pid"
     words = ("--pacing", "lockstep", "--bus", own_bus(), "-o", str(tmp_path / "run"), "--json")
     device = faulty(f"kills={pid}")
-    with Running("plant", RIG, *words, *SHORT, "--device", *device) as plant:
+    with Running("run", "--only=plant", RIG, *words, *SHORT, "--device", *device) as plant:
         pid.write_text(str(plant.pid("plant")))
         done = plant.done()
     told = [line.partition(" ")[0] for line in done.summary["faults"]]
@@ -199,7 +199,17 @@ def test_what_was_heard_of_a_device_that_never_begins_is_told(
 ) -> None:
     rig, bus = tmp_path / "rig.yaml", own_bus()
     rig.write_text(f"base: {RIG}\nsupervisor: {{peer_timeout_s: 7.0}}\n")
-    words = ("plant", str(rig), "--bus", bus, "--pacing", pacing, "-o", str(tmp_path / "run"))
+    words = (
+        "run",
+        "--only=plant",
+        str(rig),
+        "--bus",
+        bus,
+        "--pacing",
+        pacing,
+        "-o",
+        str(tmp_path / "run"),
+    )
     device = subprocess.Popen([word.replace("{bus}", bus) for word in faulty(what, 0)])
     try:
         done = pcpc(*words, *SHORT, "--device")
@@ -217,7 +227,16 @@ def test_what_was_heard_of_a_device_that_never_begins_is_told(
 def test_a_device_that_says_nothing_is_told_so(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(f"base: {RIG}\nsupervisor: {{peer_timeout_s: 1.0}}\n")
-    words = ("plant", str(rig), "--bus", own_bus(), "-o", str(tmp_path / "run"), *SHORT)
+    words = (
+        "run",
+        "--only=plant",
+        str(rig),
+        "--bus",
+        own_bus(),
+        "-o",
+        str(tmp_path / "run"),
+        *SHORT,
+    )
     done = pcpc(*words, "--device")
     assert done.code == 4 and "no frame of a device on" in done.err, done
     assert "so no run is kept" in done.err and not (tmp_path / "run").exists(), done
@@ -228,7 +247,7 @@ def test_what_cannot_be_a_device_is_refused(tmp_path: Path) -> None:
     assert done.code == 2 and "no such program" in done.err, done
     assert not (tmp_path / "run").exists()
     emulated = ("--set", "bus.emulate=500000", "--device", "sh")
-    done = pcpc("plant", "hull", *emulated, cwd=tmp_path)
+    done = pcpc("run", "--only=plant", "hull", *emulated, cwd=tmp_path)
     assert done.code == 2 and "--set bus.emulate=null" in done.err, done
 
 
@@ -241,9 +260,29 @@ def test_the_summary_is_kept_with_what_the_device_did(tmp_path: Path) -> None:
 
 def test_the_executive_is_a_device_like_any_other(tmp_path: Path) -> None:
     """The barrel is judged by its true motion and the rig's reference, without the executive."""
-    own = ("exec", "slew10", "--bus", "{bus}", "--pacing", "lockstep", "--no-figure", "--quiet")
+    own = (
+        "run",
+        "--only=executive",
+        "slew10",
+        "--bus",
+        "{bus}",
+        "--pacing",
+        "lockstep",
+        "--no-figure",
+        "--quiet",
+    )
     folder = tmp_path / "plant"
-    words = ("plant", "slew10", "--pacing", "lockstep", "--json", "-o", str(folder), "--no-figure")
+    words = (
+        "run",
+        "--only=plant",
+        "slew10",
+        "--pacing",
+        "lockstep",
+        "--json",
+        "-o",
+        str(folder),
+        "--no-figure",
+    )
     done = pcpc(*words, "--bus", own_bus(), "--device", PCPC, *own, "-o", str(tmp_path / "exec"))
     assert done.code == 0, done
     virtual = pcpc("simulate", "slew10", "--no-figure", "--json", "-o", str(tmp_path / "virtual"))
@@ -259,14 +298,19 @@ def test_the_executive_is_a_device_like_any_other(tmp_path: Path) -> None:
 
 def test_what_only_the_executive_knows_is_no_pass_where_all_must_be_judged(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
-    rig.write_text(f"base: {RIG}\nrequire: [{{always: abs(controller.command) < 1e9}}]\n")
-    words = ("plant", str(rig), "--pacing", "lockstep", "--json", *SHORT)
+    words = ("run", "--only=plant", str(rig), "--pacing", "lockstep", "--json", *SHORT)
     device = (*PYTHON, str(CYCLES))
-    for more, code in (((), 0), (("--judge",), 1)):
-        folder = tmp_path / f"run{code}"
+    for held, more, verdict in (
+        ("", (), "not judged"),
+        ("{always: time.t_s >= 0}, ", (), "ok"),
+        ("{always: time.t_s >= 0}, ", ("--judge",), "expectation not met"),
+    ):
+        required = f"[{held}{{always: abs(controller.command) < 1e9}}]"
+        rig.write_text(f"base: {RIG}\nrequire: {required}\n")
+        folder = tmp_path / verdict
         done = pcpc(*words, *more, "-o", str(folder), "--bus", own_bus(), "--device", *device)
-        assert done.code == code and len(done.summary["not_judged"]) == 1, done
-        assert (done.summary["verdict"] == "ok") == (code == 0), done
+        assert len(done.summary["not_judged"]) == 1 and done.summary["verdict"] == verdict, done
+        assert done.code == (verdict != "ok"), done
 
 
 def test_the_bytes_of_the_contract_are_those_on_the_wire() -> None:

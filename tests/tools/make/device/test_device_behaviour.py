@@ -29,7 +29,7 @@ def good(cycles: np.ndarray, period_ns: int = T_NS) -> list[np.ndarray]:
 
 def judged(frames: list[np.ndarray], pacing: str) -> Behaviour:
     cycle = np.arange(N)
-    node = logs.Node(cycle, cycle * T_NS, {}, {}, np.concatenate(frames), [], [], {})
+    node = logs.NodeLog(cycle, cycle * T_NS, {}, {}, np.concatenate(frames), [], [], {})
     return behaviour(RIG, logs.Log(ROOT, {"plant": node}, {}, {}, []), pacing)
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from pcpc.drivers.can import dbc, e2e
 from pcpc.executive.log import reader as logs
-from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, K, Replay, Slice
+from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.slices import HEAD, PASSES, STAMP, K, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate.device import device

@@ -75,7 +75,7 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return library_of(tmp_path_factory.mktemp("slcan"), fd=False)
 
 
-def long_frames(count: int) -> list[plain_bus.Frame]:
+def long_frames(count: int) -> list[plain_bus.BusFrame]:
     draw = random.Random(10)
     found = [one._replace(flags=draw.choice((0, 4, 5))) for one in frames(count)]
     return [
@@ -84,23 +84,23 @@ def long_frames(count: int) -> list[plain_bus.Frame]:
     ]
 
 
-def frames(count: int) -> list[plain_bus.Frame]:
+def frames(count: int) -> list[plain_bus.BusFrame]:
     draw = random.Random(9)
     words = (
         draw.choice((draw.randrange(2**11), 1 << 31 | draw.randrange(2**29))) for _ in range(count)
     )
-    return [plain_bus.Frame(word, draw.randbytes(draw.randrange(9))) for word in words]
+    return [plain_bus.BusFrame(word, draw.randbytes(draw.randrange(9))) for word in words]
 
 
 def heard(
     library: Any, line: Any, text: bytes, kind: Any = Frame
-) -> tuple[list[plain_bus.Frame], bytes]:
+) -> tuple[list[plain_bus.BusFrame], bytes]:
     """Return the frames of characters that a device takes, and what it answers."""
-    found, said, frame = list[plain_bus.Frame](), b"", kind()
+    found, said, frame = list[plain_bus.BusFrame](), b"", kind()
     for byte in text:
         if library.slcan_take(ctypes.byref(line), ctypes.c_char(byte), ctypes.byref(frame)):
             flags = getattr(frame, "flags", Flag.NONE)
-            found.append(plain_bus.Frame(frame.id, bytes(frame.data[: frame.n]), flags))
+            found.append(plain_bus.BusFrame(frame.id, bytes(frame.data[: frame.n]), flags))
         said += b"" if line.reply == b"\0" else line.reply
     return found, said
 
@@ -205,7 +205,7 @@ def carry_both_ways(device: int, host: int, bus: str) -> None:
     os.write(device, b"\r\r\rt7011")
     end = slcan.open_bus(bus)
     os.write(device, b"7F\rT1ABCDEF02AA55\r")
-    came = list[plain_bus.Frame]()
+    came = list[plain_bus.BusFrame]()
     until(lambda: came.extend(end.frames()) or len(came) >= 1, "a frame on the bus")
     until(lambda: came.extend(end.frames()) or came[-1][1] == b"\xaa\x55", "the other one")
     assert came[-1] == (1 << 31 | 0x1ABCDEF0, b"\xaa\x55", Flag.NONE)
@@ -243,10 +243,10 @@ def test_what_cannot_be_a_line_is_refused(tmp_path: Path) -> None:
 class Silence:
     """A bus on which `frames` are, once."""
 
-    def __init__(self, frames: list[plain_bus.Frame]) -> None:
+    def __init__(self, frames: list[plain_bus.BusFrame]) -> None:
         self._frames = frames
 
-    def frames(self) -> list[plain_bus.Frame]:
+    def frames(self) -> list[plain_bus.BusFrame]:
         """Return what is there."""
         found, self._frames = self._frames, []
         return found

@@ -56,7 +56,7 @@ def test_a_share_is_that_of_the_sorted_values(seed: int) -> None:
 
 
 @contextmanager
-def hearing(name: str) -> Iterator[tuple[socket.socket, buses.Bus]]:
+def hearing(name: str) -> Iterator[tuple[socket.socket, buses.BusAddress]]:
     bus = buses.bus_named(*buses.parse(name))
     with buses.listener(bus) as ear:
         yield ear, bus

@@ -42,7 +42,7 @@ def test_virtual_time_and_lockstep_processes_write_the_same(run: Path, echo: Pat
         "run", str(echo), "--pacing", "lockstep", "--bus", own_bus(), "-o", str(folder), "--quiet"
     )
     assert done.code == 0, done
-    done = pcpc("log", "diff", str(run), str(folder))
+    done = pcpc("compare", "--bits", str(run), str(folder))
     assert done.code == 0 and "equal" in done.out, done
 
 

@@ -15,7 +15,6 @@ from reference_fmus import PLATFORM, columns, fmu, made, rig
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
-from pcpc.executive.rig.fmu import unit_of
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.fmu import checks
 
@@ -135,13 +134,6 @@ def test_a_description_from_a_log_runs_nothing(
     assert words in str(error.value)
 
 
-def test_units_of_modelica_as_they_are_written_here() -> None:
-    written = ["N.m", "kg.m2/s2", "m/s^2", "1", "rad/s", "N*m", "", "W/(m2.K)"]
-    assert [unit_of(text) for text in written] == [
-        "N m", "kg m2/s2", "m/s2", "", "rad/s", "N m", "", "W/(m2 K)"
-    ]  # fmt: skip
-
-
 def test_an_fmu_that_fails_is_a_fault_of_the_plant_with_its_own_words(tmp_path: Path) -> None:
     file = made("VanDerPol", 3, tmp_path / "cold.fmu", code=COLD)
     run = VirtualRun(load_rig(rig(tmp_path, file, "fmu.x0", duration=1.0)), None)
@@ -171,9 +163,9 @@ def test_check_runs_it_in_a_process_of_its_own(tmp_path: Path) -> None:
         checks.report(plan(load_rig(path), "plant", "real"))
     good = rig(tmp_path, fmu("VanDerPol", 3), "fmu.x0")
     (about,) = checks.report(plan(load_rig(good), "plant", "real"))
-    assert about["steps"] == checks.STEPS and 0.0 < about["median_us"] <= about["worst_us"]
+    assert about.steps == checks.STEPS and 0.0 < about.median_us <= about.worst_us
     slow = rig(tmp_path, fmu("VanDerPol", 3), "fmu.x0", rate=20000.0)
-    assert checks.report(plan(load_rig(slow), "plant", "real"))[0]["period_us"] == 50.0
+    assert checks.report(plan(load_rig(slow), "plant", "real"))[0].period_us == 50.0
 
 
 @pytest.mark.parametrize("crashes", [True, False])

@@ -15,7 +15,7 @@ import pytest
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import clip, sin, where
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.rig.preparation import prepared_values
+from pcpc.executive.own_laws.preparation import prepared_values
 from pcpc.executive.rig.reading import load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.library import Library, in_place, run, write

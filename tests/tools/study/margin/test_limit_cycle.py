@@ -68,10 +68,12 @@ def test_phases_of_a_map_give_the_describing_function(name: str, ratio: float) -
         wide = ratio if name == "gap" else 0.0
         return np.array([u, np.clip(held, moved - wide, moved + wide)])
 
-    at = balance.Cycle(np.array([1.0, 0.5]), np.zeros(2), 0.3, 1.0, 1.0, 0.0)
+    at = balance.BalancedCycle(np.array([1.0, 0.5]), np.zeros(2), 0.3, 1.0, 1.0, 0.0)
     waiting = (1,) if name == "gap" else ()
     assert ratio > 0.5 or balance.waiting_states(step, at) == waiting
-    swept = balance.after_cycle(step, balance.Cycle(at.phi, at.mean, 0.3, 1.0, 1.0, 0.0, waiting))
+    swept = balance.after_cycle(
+        step, balance.BalancedCycle(at.phi, at.mean, 0.3, 1.0, 1.0, 0.0, waiting)
+    )
     assert balance.first_harmonic(swept[:, 1]) == pytest.approx(KNOWN[name](ratio), abs=5e-3)
 
 

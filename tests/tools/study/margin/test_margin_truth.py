@@ -30,7 +30,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_loop_that_is_stuck_is_looked_at_in_motion(lab: Path) -> None:
     stuck = pcpc.margin(lab)
     free = pcpc.margin(lab, set={"motor.coulomb_Nm": 0.0})
-    said = stuck.text().replace("\n", " ")
+    said = " ".join(stuck.text().split())
     assert "has no effect on itself: no gain around this loop at this point (stuck" in said
     assert "linearised in motion" in said and "at rest has" not in said
     for name in NAMES:

@@ -21,7 +21,7 @@ import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.api.simulate import simulate
 from pcpc.tools.cli import main
-from pcpc.tools.study.engine import Bench, Draw, Row
+from pcpc.tools.study.engine import Bench, Draw, RunVerdict
 from pcpc.tools.study.sweep import shards, statements, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.decision import LOOK
@@ -43,7 +43,7 @@ def done(
     shard: Shard = WHOLE,
     threads: int = 2,
     until: str | None = None,
-) -> tuple[dict[tuple[int, str], Row], str]:
+) -> tuple[dict[tuple[int, str], RunVerdict], str]:
     work = Work(campaign, shard, folder, until, threads)
     try:
         told = work.to_end(QUIET)
@@ -146,7 +146,7 @@ def test_what_was_done_is_not_done_again(whole: Path, tmp_path: Path) -> None:
 
 def test_a_row_that_is_done_again_and_differs_is_told(tmp_path: Path) -> None:
     rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
-    row = Row(3, "pid", 7, {}, RAN, True, metrics={"nan": math.nan})
+    row = RunVerdict(3, "pid", 7, {}, RAN, True, metrics={"nan": math.nan})
     rows.add([row])
     rows.add([row, dataclasses.replace(row, draw=4)])
     assert sorted(rows) == [(3, "pid"), (4, "pid")]
@@ -199,11 +199,13 @@ def test_a_row_costs_no_memory_and_is_read_back_as_it_was(tmp_path: Path) -> Non
     rows = store.Store(tmp_path, BOTH.spec(), WHOLE)
     tracemalloc.start()
     for i in range(4000):
-        rows.add([Row(i, "pid", 2**30 + i, {}, RAN, None, metrics=metrics)])
+        rows.add([RunVerdict(i, "pid", 2**30 + i, {}, RAN, None, metrics=metrics)])
     each = tracemalloc.get_traced_memory()[0] / len(rows)
     tracemalloc.stop()
     assert each < 50, f"{each:.0f} B a row in memory"
-    assert rows[3999, "pid"] == Row(3999, "pid", 2**30 + 3999, {}, RAN, None, metrics=metrics)
+    assert rows[3999, "pid"] == RunVerdict(
+        3999, "pid", 2**30 + 3999, {}, RAN, None, metrics=metrics
+    )
     assert (4000, "pid") not in rows and (1, "pd") not in rows
     rows.close()
 
@@ -215,7 +217,7 @@ def test_a_table_in_chunks_has_the_columns_of_all_rows(
     some = ({"a": 1.0}, {}, {"b": 2.0, "a": 3.0}, {"c": 4.0}, {})
     for i, own in reversed(list(enumerate(some))):
         held = dict.fromkeys((f"held {n}" for n in own), None)
-        rows.add([Row(i, "pid", i, {"x": 0.5}, RAN, True, "", own, {"m": None}, held)])
+        rows.add([RunVerdict(i, "pid", i, {"x": 0.5}, RAN, True, "", own, {"m": None}, held)])
     whole = rows.table()
     monkeypatch.setattr(store, "CHUNK", 1)
     chunked = rows.table()
@@ -256,6 +258,8 @@ def test_what_is_out_of_range_or_diverges_is_counted_and_the_rest_goes_on() -> N
         RAN, REFUSED, rows[2].outcome, RAN, REFUSED, RAN, RAN, RAN,
     ]  # fmt: skip
     assert "motor.inertia_kg_m2 = -1 is outside 1e-09..1000 kg m^2" in rows[1].why
+    left = [f"{name} was not judged: {why}" for name, why in rows[0].unjudged.items()]
+    assert (rows[0].ok, rows[0].why, rows[1].unjudged) == (None, left[0], {})
     alone = Bench(Path(RIG), "pid", SHORT).rows([Draw(0, 7, {"motor.inertia_kg_m2": 1e-9})])
     assert (rows[2].ok, rows[2].metrics) == (alone[0].ok, alone[0].metrics)
     assert (

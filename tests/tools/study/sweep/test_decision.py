@@ -7,6 +7,7 @@ import pytest
 from test_shards import SPEC, row
 
 from pcpc.tools.cli import main
+from pcpc.tools.study.engine import NOTHING
 from pcpc.tools.study.sweep import decision, shards, store
 from pcpc.tools.study.sweep.campaign import Shard
 from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED, Results
@@ -82,12 +83,16 @@ def test_a_statement_is_met_by_its_rows_alone_and_the_exit_code_says_so(
 
 def of(held: bool | None, name: str = "calm", ok: bool | None = True) -> dict[str, Any]:
     """Return what a run came to, of a requirement that it held or not, or was not judged by."""
-    ok, why = (None, f"{name} was not judged: no step") if held is None and ok else (ok, "")
-    return {"outcome": RAN, "ok": ok and held, "why": why, "margins": {name: None},
-            "held": {name: held}}  # fmt: skip
+    left = {name: "no step"} if held is None and ok else {}
+    why = "".join(f"{name} was not judged: {one}" for one in left.values())
+    return {"outcome": RAN, "ok": None if left else ok and held, "why": why, "unjudged": left,
+            "margins": {name: None}, "held": {name: held}}  # fmt: skip
 
 
 NEVER = "calm was judged in no run"
+TOLD = {"outcome": RAN, "ok": None, "why": "m was not judged: too short"}
+SHORT = TOLD | {"unjudged": {"m": "too short"}}
+TWO = SHORT | {"unjudged": {"n": "gone", "m": "too short"}}
 
 
 @pytest.mark.parametrize(
@@ -109,6 +114,16 @@ NEVER = "calm was judged in no run"
         ({"pid": [of(True)], "pd": [of(False, "arrives")]}, ""),
         ({"pid": [GOOD] * 2}, ""),
         ({"pid": [UNJUDGED] * 2}, ""),  # a rig that requires nothing
+        ({"pid": [SHORT] * 2}, "m was judged in no run of pid: too short"),
+        ({"pid": [SHORT, STOPPED]}, ""),
+        ({"pid": [SHORT, GOOD]}, ""),
+        ({"pid": [BAD, SHORT]}, ""),
+        ({"pid": [GOOD] * 2, "pd": [SHORT] * 2}, "m was judged in no run of pd: too short"),
+        ({"pid": [TWO, SHORT]}, "m was judged in no run of pid: too short"),
+        ({"pid": [TWO] * 2}, "n was judged in no run of pid: gone"),
+        ({"pid": [of(None), of(None) | {"unjudged": {"calm": "no step", "m": "x"}}]}, NEVER),
+        ({"pid": [of(True) | SHORT, of(None) | SHORT]}, ""),
+        ({"pid": [of(False) | {"why": "", "ok": False}, of(None) | SHORT]}, ""),
     ],
 )
 def test_a_requirement_that_no_run_judges_is_no_pass(
@@ -122,6 +137,15 @@ def test_a_requirement_that_no_run_judges_is_no_pass(
     told = " ".join(capsys.readouterr().out.split())
     lines = told.count("was judged in no run")
     assert (lines, said in told) == (bool(said), True), told
+
+
+def test_rows_of_an_earlier_version_tell_it_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, (row_, code) in enumerate(((TOLD, 1), (UNJUDGED | {"why": NOTHING}, 0))):
+        folder = campaign(tmp_path / str(number), {"pid": [row_] * 2}, until=None)
+        assert main(["sweep", "merge", str(folder)]) == code
+        assert ("pid: m was not judged: too short" in capsys.readouterr().out) == bool(code)
 
 
 def test_a_statement_on_one_requirement_needs_no_other(tmp_path: Path) -> None:

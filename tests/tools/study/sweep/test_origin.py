@@ -13,14 +13,14 @@ import pytest
 from places import ROOT
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.batch.runs import Case, Runs
+from pcpc.executive.batch.runs import BatchRuns, Case
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
-from pcpc.tools.study.engine import Row
+from pcpc.tools.study.engine import RunVerdict
 from pcpc.tools.study.sweep import origin as origins
-from pcpc.tools.study.sweep import rerun, store
+from pcpc.tools.study.sweep import rerun, shards, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard, differences
-from pcpc.tools.study.sweep.results import RAN
+from pcpc.tools.study.sweep.results import RAN, Results
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
@@ -127,7 +127,7 @@ def test_a_folder_goes_on_with_the_code_that_it_began_with(
     other = copy(tmp_path / "motor")
     (other / "laws/pid.py").open("a").write("# edited\n")
     first = store.Store(tmp_path / "rows", whole, Shard(1, 2))
-    first.add([Row(0, "pid", 1, {}, RAN, True)])
+    first.add([RunVerdict(0, "pid", 1, {}, RAN, True)])
     first.close()
     spec = {**campaign(other).spec(), "rig": whole["rig"]}
     with pytest.raises(RigError, match=r"another campaign; it differs in laws/pid\.py; choose"):
@@ -147,7 +147,7 @@ def kept(folder: Path, metric: float, ok: bool | None = True) -> Path:
     spec = Campaign(str(TEMPLATE / "rig.yaml"), ("pid", "pd"), (), 1).spec()
     own = store.Store(folder, spec, Shard())
     found: dict[str, Any] = {"metrics": {"rms": metric}, "margins": {"it holds": 0.5}}
-    own.add(Row(0, name, 1, {}, RAN, ok, **found) for name in spec["controllers"])
+    own.add(RunVerdict(0, name, 1, {}, RAN, ok, **found) for name in spec["controllers"])
     own.complete()
     own.close()
     return folder
@@ -165,7 +165,7 @@ def kept(folder: Path, metric: float, ok: bool | None = True) -> Path:
         ((1.5, True), (1.0, 0.5), 5, "rms, verdict"),
         ((1.5, False), (1.5, 0.5), 0, "verdict"),
         ((1.5, False), (1.5, 0.5), 1, ""),
-        ((1.5, None), (1.5, 0.5), 0, ""),
+        ((1.5, None), (1.5, 0.5), 0, "verdict"),
         ((math.inf, False), ("inf", 0.5), 1, ""),
         ((math.inf, False), (1.5, 0.5), 1, "rms"),
     ],
@@ -187,7 +187,9 @@ def test_a_run_again_is_that_of_the_table_or_says_so(
         summary = {
             "metrics": {"rms": rms},
             "requirements": [{"name": "it holds", "margin": margin}],
-        }
+            "verdict": {0: "ok", 1: "expectation not met", 5: "safety stop"}[ended],
+            "judged": ["it holds"], "not_judged": {},
+        }  # fmt: skip
         (Path(words[-1]) / "summary.json").write_text(json.dumps(summary))
         return ended
 
@@ -195,6 +197,25 @@ def test_a_run_again_is_that_of_the_table_or_says_so(
     assert main(["sweep", "rerun", str(folder), "0", "pd"]) == (1 if other else ended)
     said = capsys.readouterr().out
     assert said == (f"{folder}: draw 0 of pd came to another {other}\n" if other else "")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "judged", "left", "ok"),
+    [
+        ("ok", ["a"], {}, True), ("ok", ["a"], {"b": "too short"}, None), ("ok", [], {}, None),
+        ("not judged", [], {"b": "too short"}, None), ("loss", ["a"], {"b": "too short"}, False),
+    ],
+)  # fmt: skip
+def test_a_verdict_is_another_one_where_it_was_not_judged(
+    verdict: str, judged: list[str], left: dict[str, str], ok: bool | None, tmp_path: Path
+) -> None:
+    about = {"metrics": {"rms": 1.5}, "requirements": [{"name": "it holds", "margin": 0.5}]}
+    about |= {"verdict": verdict, "judged": judged, "not_judged": left}
+    (tmp_path / "summary.json").write_text(json.dumps(about))
+    for one in (True, False, None):
+        results = Results(*shards.merge([kept(tmp_path / str(one), 1.5, one)]))
+        other = rerun._differences(tmp_path / "summary.json", results, 0)
+        assert other == ["verdict"] * (one != ok), (one, other)
 
 
 def test_a_run_again_by_another_code_is_refused(
@@ -214,7 +235,7 @@ def test_rows_of_other_draws_are_not_gone_on_with(wrong: dict[str, Any], tmp_pat
     first = next(whole.numbered(Shard()))
     draw = whole.draw("pid", *first)
     work = Work(whole, Shard(), tmp_path / "rows", None, 1)
-    own = Row(0, "pid", draw.seed, draw.values, RAN, True)
+    own = RunVerdict(0, "pid", draw.seed, draw.values, RAN, True)
     work.store.add([own])
     assert not work._is_done(*first), "that of pd is not there"
     work.store.close()
@@ -249,7 +270,7 @@ def test_a_campaign_does_not_end_well_if_its_code_changed_meanwhile(
 def test_runs_one_by_one_are_of_the_rig_file_of_the_first(tmp_path: Path) -> None:
     folder = copy(tmp_path / "motor")
     rig = folder / "rig.yaml"
-    runs = Runs(rig, "pid", [], {})
+    runs = BatchRuns(rig, "pid", [], {})
     runs.rig_of(Case(1))
     rig.write_text(rig.read_text().replace("ki_V_rads: 600.0", "ki_V_rads: 601.0"))
     with pytest.raises(UserError, match="changed since the first run; begin again") as error:

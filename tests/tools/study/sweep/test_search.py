@@ -15,7 +15,7 @@ from places import ROOT
 import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
-from pcpc.tools.study.engine import Engine, Row
+from pcpc.tools.study.engine import Engine, RunVerdict
 from pcpc.tools.study.sweep import shards, store
 from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED
@@ -118,7 +118,7 @@ def test_a_refused_campaign_keeps_what_was_there_and_nothing_else(
 
 def test_rows_that_were_there_before_a_refusal_stay(tmp_path: Path) -> None:
     for had, kept in ((1, 2), (0, 0)):
-        folder, row = tmp_path / str(had), Row(0, "pid", 1, {}, RAN, True)
+        folder, row = tmp_path / str(had), RunVerdict(0, "pid", 1, {}, RAN, True)
         for draws in [[0]] * had + [[had]]:
             own = store.Store(folder, WORST.spec(), Shard())
             own.add(dataclasses.replace(row, draw=draw) for draw in draws)
@@ -150,8 +150,8 @@ def test_a_likely_failure_is_the_share_of_the_rows(tmp_path: Path) -> None:
 
 
 def test_the_margin_of_a_row() -> None:
-    def row(outcome: str, **more: object) -> Row:
-        return Row(0, "pid", 1, {}, outcome, **({"ok": True} | more))  # type: ignore[arg-type]
+    def row(outcome: str, **more: object) -> RunVerdict:
+        return RunVerdict(0, "pid", 1, {}, outcome, **({"ok": True} | more))  # type: ignore[arg-type]
 
     by_requirement, by_metric = Search(WORST), Search(RARE, "m", 3.0)
     assert by_requirement.margin(row(RAN, margins={"a": 0.5, "b": -0.25, "c": None})) == -0.25
@@ -202,7 +202,7 @@ def test_a_run_that_was_not_judged_is_no_run_without_failure(
     def rows_of(asked: Any) -> Any:
         for name, draws in asked:
             yield [
-                Row(
+                RunVerdict(
                     **{"draw": one.number, "controller": name, "seed": 1, "values": one.values}
                     | {"outcome": RAN, "ok": True, "metrics": {"m": 1.0}}
                     | (about if one.number == 11 else HELD)
@@ -232,7 +232,7 @@ def test_a_run_that_was_not_judged_is_no_run_without_failure(
 def test_rows_of_other_points_are_no_answer(tmp_path: Path) -> None:
     search = Search(WORST)
     work = Work(WORST, Shard(), tmp_path, None, 1, None, search)
-    work.store.add([Row(0, "pid", 1, {"motor.coulomb_Nm": 1.0}, RAN, True)])
+    work.store.add([RunVerdict(0, "pid", 1, {"motor.coulomb_Nm": 1.0}, RAN, True)])
     work.store.close()
     with pytest.raises(RigError, match=r"draw 0 had other values than now.*another -o"):
         done(search, tmp_path, 1)

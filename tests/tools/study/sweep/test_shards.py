@@ -17,7 +17,7 @@ import pytest
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
-from pcpc.tools.study.engine import Row
+from pcpc.tools.study.engine import RunVerdict
 from pcpc.tools.study.sweep import shards, store
 from pcpc.tools.study.sweep.campaign import Shard
 from pcpc.tools.study.sweep.results import RAN, REFUSED
@@ -29,8 +29,10 @@ SPEC: dict[str, Any] = {
 }  # fmt: skip
 
 
-def row(draw: int, controller: str) -> Row:
-    return Row(draw, controller, 1 + draw, {"arm.m": 1.5}, RAN, True, metrics={"rms": draw / 3.0})
+def row(draw: int, controller: str) -> RunVerdict:
+    return RunVerdict(
+        draw, controller, 1 + draw, {"arm.m": 1.5}, RAN, True, metrics={"rms": draw / 3.0}
+    )
 
 
 def shard(folder: Path, number: int, of: int, spec: dict[str, Any] = SPEC) -> Path:

@@ -99,6 +99,11 @@ def data_frame(
     return RecordedFrame(time_ns, number, extended, data, flags, is_received, channel)
 
 
+def flags_by_size(data: bytes) -> int:
+    """Return the flags of a frame of which a file has only the data: above 8 bytes it is of FD."""
+    return int(Flag.FD if len(data) > CLASSIC_BYTES else Flag.NONE)
+
+
 def classic_bytes(dlc: int) -> int:
     """Return the length that a DLC of a classic frame means: 9 to 15 are 8 (ISO 11898-1)."""
     if not 0 <= dlc < len(LENGTHS):
@@ -118,8 +123,8 @@ def number_of(text: str, base: int, what: str) -> int:
 
 
 def ns_of(text: str) -> int:
-    """Return the ns of decimal seconds, each digit of them; ValueError."""
-    whole, _, digits = text.removeprefix("-").partition(".")
+    """Return the ns of decimal seconds, each digit of them, by point or comma; ValueError."""
+    whole, _, digits = text.removeprefix("-").replace(",", ".").partition(".")
     if not (whole.isascii() and whole.isdigit() and len(whole) < 20):
         raise ValueError(f"expected seconds, not {text[:30]!r}")
     if digits and not (digits.isascii() and digits.isdigit()):

@@ -31,9 +31,10 @@ from pcpc.tools.after.log.readers.lines import NO_END, foreign_line, frames_of_l
 
 _FD_BIT, _BRS_BIT, _ESI_BIT, _REMOTE_BIT = 0x1000, 0x2000, 0x4000, 0x10
 _SKIPPED = {"CBFF": 1, "CEFF": 1, "FBFF": 2, "FEFF": 2}  # words between data and flags
-_STAMP = re.compile(r"-?\d+\.\d+")
+_STAMP = re.compile(r"-?\d+[.,]\d+")
 _WAYS = {"rx": True, "tx": False, "txrq": False}
 _NUMBER = re.compile(r"\bID = (\d+)(x?)")
+_LIKE_CLASSIC = re.compile(r"\s(Rx|Tx)\s+d\s+[0-9a-f]{1,2}\b", re.IGNORECASE)
 _LIKE_A_FRAME = re.compile(r"\s(Rx|Tx)\s+(d|r|\S+\s+[01]\s+[01])\s", re.IGNORECASE)
 
 
@@ -69,6 +70,8 @@ class _Asc:
         found = self._of_words(time_ns, words, line if has_end else None)
         if found is None and not has_end:
             raise ValueError(NO_END)
+        if found is None and words[1:2] != ["J1939TP"] and _LIKE_CLASSIC.search(line):
+            raise foreign_line(line, "ASC with a channel and an id")
         if found is None and "Start of measurement" not in line:
             self._account.others += 1
         return found

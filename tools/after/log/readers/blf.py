@@ -36,7 +36,8 @@ _PLAIN, _ZLIB = 0, 2
 _ID, _EXTENDED = 0x1FFFFFFF, 0x80000000
 _TEN_US, _TXRQ = 1, 2
 _FRAME, _CONTAINERS, _FRAME2, _FRAME_FD, _FRAME_FD64 = 1, 10, 86, 100, 101
-_KINDS = {2: "error", 73: "error", 104: "error", 3: "overload"}
+_KINDS = {2: "error", 73: "error", 104: "error", 140: "error", 3: "overload", 139: "CAN XL"}
+_OF_BYTE = (104, 139, 140)  # objects whose channel is a byte
 _MARK = b"LOBJ"
 _LONGEST_PADDING, _LARGEST = 8, 1 << 24  # bytes
 
@@ -179,7 +180,7 @@ class _Blf:
 def _of_kind(time_ns: int, kind: int, body: bytes, begin: int) -> RecordedFrame:
     """Return the frame of an object, whose body begins there; ValueError, struct.error."""
     if kind in _KINDS:
-        channel = int.from_bytes(body[:2], "little") if kind != 104 else body[0]
+        channel = body[0] if kind in _OF_BYTE else int.from_bytes(body[:2], "little")
         return RecordedFrame(time_ns, channel=str(channel - 1), kind=_KINDS[kind])
     if kind == _FRAME_FD64:
         return _of_fd64(time_ns, body, begin)

@@ -1,7 +1,11 @@
-"""python-can's CSV: timestamp,arbitration_id,extended,remote,error,dlc,data in base 64."""
+"""python-can's CSV: timestamp,arbitration_id,extended,remote,error,dlc,data in base 64.
+
+Nothing in it says CAN FD but more than 8 bytes. Spreadsheets add quotes, True and False.
+"""
 
 import base64
 import binascii
+import csv
 from collections.abc import Iterator
 from typing import IO
 
@@ -10,12 +14,14 @@ from pcpc.tools.after.log.readers.account import (
     NotReadError,
     RecordedFrame,
     data_frame,
+    flags_by_size,
     ns_of_float,
     number_of,
 )
 from pcpc.tools.after.log.readers.lines import NO_END, frames_of_lines
 
 _COLUMNS = 7
+_SWITCHES = {"0": False, "1": True, "false": False, "true": True}
 
 
 def frames(file: IO[bytes], account: Account) -> Iterator[RecordedFrame]:
@@ -30,7 +36,7 @@ class _Csv:
 
     def frame(self, line: str, has_end: bool) -> RecordedFrame | None:
         """Return the frame of a line; NotReadError if the first is none of python-can's."""
-        words = [word.strip() for word in line.split(",")]
+        words = [word.strip() for word in next(csv.reader([line]))]
         first, self._is_first = self._is_first, False
         if first and words[0] == "timestamp" and len(words) == _COLUMNS:
             return None
@@ -44,13 +50,16 @@ class _Csv:
             data = base64.b64decode(words[6], validate=True)
         except (ValueError, binascii.Error):
             raise ValueError(f"expected seconds and base 64: {line[:60]!r}") from None
-        if words[4] == "1" or words[3] == "1":
-            return RecordedFrame(time_ns, kind="error" if words[4] == "1" else "remote")
+        if any(word.lower() not in _SWITCHES for word in words[2:5]):
+            raise ValueError(f"expected 0 or 1, not {','.join(words[2:5])[:40]!r}")
+        extended, remote, error = (_SWITCHES[word.lower()] for word in words[2:5])
+        if error or remote:
+            return RecordedFrame(time_ns, kind="error" if error else "remote")
         number = number_of(words[1], 16, "an id")
         dlc = number_of(words[5], 10, "a length")
         if len(data) != dlc:
             raise ValueError(f"{len(data)} of {dlc} bytes")
-        return data_frame(time_ns, number, words[2] == "1", data)
+        return data_frame(time_ns, number, extended, data, flags_by_size(data))
 
     def finish(self) -> None:
         """Nothing stands at the end."""

@@ -4,8 +4,9 @@
      (1700000000.000100)  can0  123   [8]  11 22 ...   the screen with -ta; -t A has a date there
       can0  123   [8]  11 22 33 44 55 66 77 88          the screen without stamps
 
-Comments (`#`), numbers before lines, and what `-e`, `-x`, `-a` and `-8` add are read over. The
-stamps of `-td` are distances: whether a file has them shows only once all of it is read.
+Comments (`#`), numbers before lines, and what `-e`, `-x`, `-a`, `-c` and `-8` add are read over.
+The bytes of `-i` are binary, those of `-S` in reverse. What `-d` says of dropped frames is a loss.
+The stamps of `-td` are distances: whether a file has them shows only once all of it is read.
 """
 
 import re
@@ -33,6 +34,9 @@ _LOG = re.compile(
     rf"\s*{_STAMP}(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]{{1,8}})#(?P<rest>\S*)"
     r"(?:\s+(?P<way>[RrTt]))?\s*"
 )
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_DROPPED = re.compile(r"DROPCOUNT: dropped (\d+)")
+_SWAPPED, _BINARY = "`", re.compile(r"[01]{8}")
 _SCREEN = re.compile(
     rf"\s*(?:{_STAMP})?(?P<channel>\S+)\s+(?:(?P<way>[RT]X)\s+(?P<set>[B-]\s+[E-])\s+)?"
     r"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})\s+[\[{](?P<length>[0-9A-Fa-f]{1,4})[\]}](?P<rest>.*)"
@@ -55,8 +59,11 @@ class _Candump:
 
     def frame(self, line: str, has_end: bool) -> RecordedFrame | None:
         """Return the frame of a line; ValueError for what is none."""
+        line = _COLOUR.sub("", line)
         if line.lstrip().startswith("#"):
             return None
+        if dropped := _DROPPED.match(line):
+            raise ValueError(f"candump says that {dropped[1]} frames were dropped")
         if line.startswith("\t"):  # -e explains an error frame
             self._account.others += 1
             return None
@@ -90,7 +97,7 @@ class _Candump:
         received = (found["way"] or "R").upper() == "R"
         word = int(digits, 16)
         extended = len(digits) > _STANDARD_DIGITS
-        if rest.startswith("##"):
+        if rest.startswith("##") or ":" in rest:
             return RecordedFrame(time_ns, channel=channel, kind="CAN XL")
         if extended and word & _ERROR:
             return RecordedFrame(time_ns, channel=channel, kind="error")
@@ -123,11 +130,8 @@ class _Candump:
             set_ = found["set"] or ""
             flags = Flag.FD | (Flag.BRS if "B" in set_ else 0) | (Flag.ESI if "E" in set_ else 0)
         size = int(length) if flags else classic_bytes(int(length, 16))
-        words = rest.split()[:size]
-        if len(words) < size or not all(len(word) == 2 for word in words):
-            raise ValueError(f"{len(words)} of {size} bytes in hexadecimal pairs")
+        data = _bytes_shown(rest, size)
         received = (found["way"] or "RX") == "RX"
-        data = _data("".join(words))
         return data_frame(time_ns, number, extended, data, flags, received, channel)
 
     def _check_whole(self, frame: RecordedFrame) -> None:
@@ -146,6 +150,18 @@ def _data(digits: str) -> bytes:
         return bytes.fromhex(digits)
     except ValueError:
         raise ValueError(f"expected pairs of hexadecimal digits, not {digits[:40]!r}") from None
+
+
+def _bytes_shown(text: str, size: int) -> bytes:
+    """Return the bytes of a line of the screen; ValueError if there are fewer."""
+    first = text.split(None, 1)[0] if text.strip() else ""
+    is_swapped = size > 1 and _SWAPPED in first
+    words = first.split(_SWAPPED)[::-1] if is_swapped else text.split()[:size]
+    if len(words) == size and all(_BINARY.fullmatch(word) for word in words):
+        return bytes(int(word, 2) for word in words)
+    if len(words) != size or not all(len(word) == 2 for word in words):
+        raise ValueError(f"{len(words)} of {size} bytes in hexadecimal pairs")
+    return _data("".join(words))
 
 
 def _date_ns(stamp: str) -> int:

@@ -1,6 +1,6 @@
 """A process that reads one recording, so that its parent outlives whatever the file does to it.
 
-    ["drive.blf", null, 4123, 4.5e9, 2e8, 11.0]     its word: file, channel, parent, `Limits`
+    ["drive.blf", null, 4123, 4.5e9, 2e8, 11.0]     its word: file, channel, parent, `ReaderLimits`
     {"rows": 20000, "width": 8}, rows               its output: a line of JSON, rows of `row_type`
     {"end": {..., "left_out": {"error": 2}}, ...}   at last the account, the channels and their
     {"error": "a.blf: no BLF file", "code": 2}      frames; or why there is none
@@ -42,7 +42,7 @@ AT_ONCE = 20_000  # frames
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReaderLimits:
     """What a reader may take; `bytes`: of unpacked files, and of rows."""
 
     memory_bytes: int
@@ -50,7 +50,7 @@ class Limits:
     stall_s: float  # of computing without rows
 
     @classmethod
-    def of(cls, path: Path) -> "Limits":
+    def of(cls, path: Path) -> "ReaderLimits":
         """Return those for a file of this size."""
         size = path.stat().st_size
         return cls((4 << 30) + 200 * size, (16 << 20) + 200 * size, 10.0 + 1e-6 * size)
@@ -122,14 +122,16 @@ class _Rows:
         self._rows.clear()
 
 
-def write(out: IO[bytes], path: Path, channel: str | None, limits: Limits) -> None:
+def write(out: IO[bytes], path: Path, channel: str | None, limits: ReaderLimits) -> None:
     """Write what a recording holds, or in an error why that is nothing."""
     last = _outcome(out, path, channel, limits)
     out.write(json.dumps(last).encode() + b"\n")
     out.flush()
 
 
-def _outcome(out: IO[bytes], path: Path, channel: str | None, limits: Limits) -> dict[str, Any]:
+def _outcome(
+    out: IO[bytes], path: Path, channel: str | None, limits: ReaderLimits
+) -> dict[str, Any]:
     """Write the rows; return the account or the error."""
     account, number = Account(), 0
     rows = _Rows(out, channel, account)
@@ -164,7 +166,7 @@ def _outcome(out: IO[bytes], path: Path, channel: str | None, limits: Limits) ->
     return {"error": text, "code": code}
 
 
-def word(path: Path, channel: str | None, limits: Limits) -> str:
+def word(path: Path, channel: str | None, limits: ReaderLimits) -> str:
     """Return the word of a process that this one starts."""
     return json.dumps([str(path), channel, os.getpid(), *astuple(limits)])
 
@@ -174,7 +176,7 @@ def main() -> None:
     name, channel, parent, *most = json.loads(sys.argv[1])
     with suppress(AttributeError):  # only Linux tells of a parent's end; elsewhere its pipe does
         end_with(parent, signal.SIGKILL)
-    limits = Limits(*most)
+    limits = ReaderLimits(*most)
     limits.apply()
     with suppress(BrokenPipeError):
         write(sys.stdout.buffer, Path(name), channel, limits)

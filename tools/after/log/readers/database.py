@@ -10,6 +10,7 @@ from pcpc.tools.after.log.readers.account import (
     NotReadError,
     RecordedFrame,
     data_frame,
+    flags_by_size,
     ns_of_float,
 )
 
@@ -60,4 +61,4 @@ def _of_row(row: tuple[Any, ...]) -> RecordedFrame:
     content = bytes(data or b"")
     if len(content) != dlc:
         raise ValueError(f"{len(content)} of {dlc} bytes")
-    return data_frame(time_ns, int(number), bool(extended), content)
+    return data_frame(time_ns, int(number), bool(extended), content, flags_by_size(content))

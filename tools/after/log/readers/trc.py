@@ -112,7 +112,7 @@ class _Trc:
             self._columns = value.split(",")
         elif key == "$STARTTIME":
             try:
-                days = Decimal(value) - _DAYS_TO_1970
+                days = Decimal(value.replace(",", ".")) - _DAYS_TO_1970
                 self._start_ns = max(0, int(days * _DAY_NS) // 1000 * 1000)
             except (InvalidOperation, ValueError, OverflowError):
                 self._account.note(unknown_date(value[:40]))

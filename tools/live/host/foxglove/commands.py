@@ -1,21 +1,10 @@
 """What `pcpc host` takes for Foxglove and Lichtblick."""
 
 import argparse
+from typing import Annotated
 
-from pcpc.tools.terminal.command import Add, Command
-
-
-def foxglove_options(add: Add) -> None:
-    """Take whether they are served, or a layout is printed."""
-    add(
-        "--foxglove",
-        type=port,
-        nargs="?",
-        const=-1,
-        metavar="PORT",
-        help="serve Foxglove and Lichtblick; default: first free port from 8765",
-    )
-    add("--foxglove-layout", action="store_true", help="print a layout of RIG for both")
+from pcpc.tools.terminal.command import Command
+from pcpc.tools.terminal.request import Request
 
 
 def port(text: str) -> int:
@@ -26,5 +15,18 @@ def port(text: str) -> int:
     return int(text)
 
 
-BESIDE_HOST = foxglove_options
+class FoxgloveRequest(Request):
+    """Whether they are served, or a layout is printed."""
+
+    foxglove: Annotated[
+        int | None,
+        port,
+        "PORT",
+        "serve Foxglove and Lichtblick; default: first free port from 8765",
+        {"nargs": "?", "const": -1},
+    ] = None
+    foxglove_layout: Annotated[bool, "print a layout of RIG for both"] = False
+
+
+BESIDE_HOST = FoxgloveRequest
 COMMANDS: tuple[Command, ...] = ()

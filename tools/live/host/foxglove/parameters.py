@@ -17,7 +17,7 @@ from pcpc.tools.live.host import guard
 from pcpc.tools.live.host.actions import Actions
 from pcpc.tools.live.host.client_messages import Set
 from pcpc.tools.live.host.foxglove.names import TOKEN
-from pcpc.tools.live.host.sources import Source, full
+from pcpc.tools.live.host.sources import RunSource, full
 
 MOST = 64  # parameters in one message
 _MOST_LETTERS = 300
@@ -32,7 +32,7 @@ class Parameters(ServerListener):
 
     def __init__(
         self,
-        source: Callable[[], Source],
+        source: Callable[[], RunSource],
         actions: Actions,
         token: str,
         tell: Callable[[str, Any], None],
@@ -135,6 +135,6 @@ def _numbers(wanted: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in wanted.items()}
 
 
-def _value_text(source: Source, name: str, value: float) -> str:
+def _value_text(source: RunSource, name: str, value: float) -> str:
     role, variable = source.place(name)
     return f"{name} = {source.nodes[role].variables[variable].shown(value)}"

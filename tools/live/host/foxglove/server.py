@@ -16,14 +16,14 @@ from pcpc.tools.live.host.actions import Actions
 from pcpc.tools.live.host.foxglove.names import LOG_TOPIC
 from pcpc.tools.live.host.foxglove.parameters import Parameters
 from pcpc.tools.live.host.foxglove.topics import NodeTopics
-from pcpc.tools.live.host.sources import FollowedRun, Source
+from pcpc.tools.live.host.sources import FollowedRun, RunSource
 
 TICK_S = 0.02
 LOOK_S = 0.5  # how soon another run, and what others have tuned, is seen
 QUEUE = 512  # messages for a client: about two seconds of them
 
 
-class Server:
+class FoxgloveServer:
     """One; `certificate`: with its key, both PEM. UserError: it cannot listen there."""
 
     def __init__(
@@ -99,7 +99,7 @@ class Server:
         self._server.publish_status(text, level, id="set")
 
 
-def _began_ns(source: Source) -> str:
+def _began_ns(source: RunSource) -> str:
     """Return when the first node of a run began, on the wall's clock."""
     first = next(iter(source.nodes.values()))
     return str(first.live.block.description["metadata"]["clock_wall_ns"])

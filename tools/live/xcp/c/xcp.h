@@ -1,4 +1,4 @@
-/* The device as an XCP slave on its bus (ASAM MCD-1 XCP 1.1 on CAN): `pcpc a2l RIG` describes it.
+/* The device as an XCP slave on its bus (ASAM MCD-1 XCP 1.1 on CAN): `pcpc generate a2l RIG` describes it.
 
    Addresses are numbers of names, never memory: variable i is at 8 i .. 8 i + 7, a double. What is
    written is whole parameters, all of a DOWNLOAD or none, between two cycles; the event packet FD FE

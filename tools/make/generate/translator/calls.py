@@ -12,7 +12,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     TRUTH,
     WHOLE,
     Callee,
-    Cells,
+    CellsKind,
     Number,
     Several,
     Value,
@@ -58,13 +58,13 @@ class Calls(Expressions):
         count = size(view.kind.layout)
         const = "const " if view.root not in self.written else ""
         text = f"({const}double *){view.address()}"
-        return Value(text, Cells((count,)), UNARY, root=view.root)
+        return Value(text, CellsKind((count,)), UNARY, root=view.root)
 
     def _builtin(self, node: ast.Call, function: Any) -> Value:
         name = function.__name__
         if name == "len":
             cells = self.value(node.args[0])
-            if not isinstance(cells.kind, Cells):
+            if not isinstance(cells.kind, CellsKind):
                 raise self.error(node, f"{ast.unparse(node)}: only an array has a length")
             return Value(str(cells.kind.shape[0]), WHOLE, fixed=True)
         if name not in ("abs", "int", "float", "bool") or len(node.args) != 1:

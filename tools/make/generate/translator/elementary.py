@@ -10,7 +10,7 @@ from typing import Any
 
 from pcpc.executive.laws import emath
 from pcpc.tools.make.generate.translator import points
-from pcpc.tools.make.generate.translator.kinds import FLOAT, Cells, Number
+from pcpc.tools.make.generate.translator.kinds import FLOAT, CellsKind, Number
 from pcpc.tools.make.generate.translator.source import comment
 from pcpc.tools.make.generate.translator.unit import Unit, wrapped_lines
 
@@ -49,7 +49,7 @@ def files() -> dict[str, str]:
     ]
     test = _Math("pcpc")
     evaluate = getattr(points.evaluate, "py_func", points.evaluate)
-    called = test.function(evaluate, (FLOAT, Cells((points.VALUES,))), None, None)  # type: ignore[arg-type]
+    called = test.function(evaluate, (FLOAT, CellsKind((points.VALUES,))), None, None)  # type: ignore[arg-type]
     doc = f"{emath.__doc__}\n\nMade by `pcpc generate c` from executive/laws/emath.py."
     constants = unit.constant_lines()
     own = [line for line in test.constant_lines() if line not in constants]

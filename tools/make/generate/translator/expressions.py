@@ -17,7 +17,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     TRUTH,
     WHOLE,
     Callee,
-    Cells,
+    CellsKind,
     Kind,
     Number,
     Several,
@@ -137,7 +137,7 @@ class Expressions:
     def _name(self, node: ast.Name) -> Value:
         if node.id in self.kinds:
             kind = self.kinds[node.id]
-            root = node.id if isinstance(kind, View | Cells) else ""
+            root = node.id if isinstance(kind, View | CellsKind) else ""
             return Value(c_name(node.id), kind, root=root, fixed=isinstance(kind, Number))
         return self._global(node, node.id)
 
@@ -166,7 +166,7 @@ class Expressions:
         text = f"{base.text}{'->' if base.pointer else '.'}{c_name(field.name)}"
         if field.group is not None:
             return Value(text, View(field.group), root=base.root, pointer=False)
-        kind: Kind = Cells(field.shape) if field.shape else FLOAT
+        kind: Kind = CellsKind(field.shape) if field.shape else FLOAT
         return Value(text, kind, root=base.root)
 
     def _global_part(self, node: ast.Attribute) -> bool:
@@ -185,7 +185,7 @@ class Expressions:
             if not isinstance(at, int) or not 0 <= at < len(outs):
                 raise self.error(node, "say which of the values by a number")
             return outs[at]
-        if not isinstance(base.kind, Cells) or len(parts) > len(base.kind.shape):
+        if not isinstance(base.kind, CellsKind) or len(parts) > len(base.kind.shape):
             raise self.error(node, f"{ast.unparse(node)}: that has no such elements")
         indices = self.operands(parts)
         for part, index in zip(parts, indices, strict=True):
@@ -195,7 +195,7 @@ class Expressions:
                 raise self.error(part, "count from the beginning: C has no index below 0")
         text = base.at(PRIMARY) + "".join(f"[{index.text}]" for index in indices)
         rest = base.kind.shape[len(parts) :]
-        kind: Kind = Cells(rest, base.kind.element) if rest else base.kind.element
+        kind: Kind = CellsKind(rest, base.kind.element) if rest else base.kind.element
         return Value(text, kind, root=base.root)
 
     def _binop(self, node: ast.BinOp) -> Value:

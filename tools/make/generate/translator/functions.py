@@ -9,7 +9,7 @@ from typing import Any
 from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
     Callee,
-    Cells,
+    CellsKind,
     Kind,
     Number,
     Value,
@@ -44,7 +44,7 @@ class CFunction:
             if isinstance(kind, Callee) or (isinstance(kind, View) and not kind.layout.fields):
                 continue
             text = value.address() if isinstance(kind, View) else value.text
-            if isinstance(kind, Cells) and len(kind.shape) > 1 and not changes:
+            if isinstance(kind, CellsKind) and len(kind.shape) > 1 and not changes:
                 rest = "".join(f"[{extent}]" for extent in kind.shape[1:])
                 text = f"(const {kind.element.name} (*){rest}){value.at(14)}"
             found.append(text)
@@ -120,7 +120,7 @@ class Function(Statements):
         const = "" if changed else "const "
         if isinstance(kind, View):
             return f"{const}{self.unit.struct(kind.layout)} *{name}"
-        if isinstance(kind, Cells):
+        if isinstance(kind, CellsKind):
             rest = "".join(f"[{extent}]" for extent in kind.shape[1:])
             its = f"(*{name}){rest}" if rest else f"*{name}"
             return f"{const}{kind.element.name} {its}"

@@ -44,7 +44,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Cells:
+class CellsKind:
     """An array of a fixed shape, row by row."""
 
     shape: tuple[int, ...]
@@ -65,7 +65,7 @@ class Several:
     kinds: tuple[Number, ...]
 
 
-Kind = Number | View | Cells | Callee | Several | None
+Kind = Number | View | CellsKind | Callee | Several | None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 from pcpc.drivers.compiled.views import Layout
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.rig.preparation import Values, prepared_values
+from pcpc.executive.own_laws.preparation import Values, prepared_values
 from pcpc.tools.make.generate.translator.functions import Function
 from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
@@ -38,7 +38,7 @@ def law_files(
 ) -> dict[str, str]:
     """Return the texts of `NAME.h` and `NAME.c`, by file name.
 
-    `values`: parameters and states of `executive.rig.preparation`, for NAME_init; else the
+    `values`: parameters and states of `executive.own_laws.preparation`, for NAME_init; else the
     law's defaults. Raises Untranslatable with the line of the source.
     """
     if not name.isidentifier() or not name.isascii() or c_name(name) != name:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.compiled.stage import Stage
-from pcpc.executive.rig.modules import PROJECT
+from pcpc.executive.own_laws.modules import PROJECT
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 
 _NO_COMMENT = ("fmt:", "noqa", "type:", "pragma")

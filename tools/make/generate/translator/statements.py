@@ -10,7 +10,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     TRUTH,
     WHOLE,
     Callee,
-    Cells,
+    CellsKind,
     Kind,
     Number,
     Several,
@@ -188,9 +188,13 @@ class Statements(Calls):
             self.wrote(value.root)
         begin = self.declared(c_name(name), value.kind, name in self.written)
         text = value.address() if isinstance(value.kind, View) else value.text
-        if isinstance(value.kind, Cells) and text.startswith("(") and name in self.written:
+        if isinstance(value.kind, CellsKind) and text.startswith("(") and name in self.written:
             text = text.replace("(const double *)", "(double *)", 1)
-        if isinstance(value.kind, Cells) and len(value.kind.shape) > 1 and name not in self.written:
+        if (
+            isinstance(value.kind, CellsKind)
+            and len(value.kind.shape) > 1
+            and name not in self.written
+        ):
             rest = "".join(f"[{extent}]" for extent in value.kind.shape[1:])
             text = f"(const {value.kind.element.name} (*){rest}){text}"
         self.lines.append(f"{begin} = {text};")

@@ -16,7 +16,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
     TRUTH,
     WHOLE,
-    Cells,
+    CellsKind,
     Kind,
     Number,
     Untranslatable,
@@ -65,7 +65,7 @@ class Unit:
         text = number_text(float(value))
         return (text if "PCPC" in text else self._constant_name(name, "double", "", text)), FLOAT
 
-    def table(self, name: str, values: Any) -> tuple[str, Cells]:
+    def table(self, name: str, values: Any) -> tuple[str, CellsKind]:
         """Return name and kind of an array from outside of the function. Raises Untranslatable."""
         array = np.asarray(values)
         element = TRUTH if array.dtype.kind == "b" else WHOLE if array.dtype.kind in "iu" else FLOAT
@@ -73,7 +73,7 @@ class Unit:
             raise Untranslatable(f"{self.name}: {name} is no array of numbers; make it one")
         shape = "".join(f"[{extent}]" for extent in array.shape)
         text = self._constant_name(name, element.name, shape, _initialiser(array))
-        return text, Cells(tuple(array.shape), element)
+        return text, CellsKind(tuple(array.shape), element)
 
     def _constant_name(self, name: str, kind: str, shape: str, text: str) -> str:
         its = self.prefix + name.lstrip("_")

@@ -1,6 +1,6 @@
 """The law, laws/pid.py, as a program of its own in the executive's place, as your firmware will be.
 
-    pcpc plant device.yaml --pacing lockstep --device python device.py {bus}
+    pcpc run device.yaml --pacing lockstep --device python device.py {bus}
 
 It needs python-can and cantools, and nothing of pcpc:  python device.py BUS [RATE_HZ]
 

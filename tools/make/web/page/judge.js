@@ -18,7 +18,9 @@ export function judge(data, column, cycles, periodS) {
   const limited = metrics.filter((one) => one.limit).sort((a, b) => a.order - b.order);
   const all = [...limited, ...requirements], bad = all.filter((one) => one.met === false);
   const here = all.some((one) => one.here);
-  const word = cut ? UNFINISHED : bad.length ? "expectation not met" : here ? HERE : "ok";
+  const none = all.length && all.every((one) => one.met === null);
+  const word = cut ? UNFINISHED : bad.length ? "expectation not met" : here ? HERE
+    : none ? "not judged" : "ok";
   return { word, failed: bad.map((one) => one.words), metrics, requirements,
     signals: drawnSignals(data, calculation) };
 }
@@ -78,7 +80,7 @@ function required(about, calculation, cut, periodS) {
   const { first, least, events, judged } = watch, open = events - judged;
   const time = (cycle) => Number(shortNumber(cycle * periodS, 12));
   if (least === null || !(judged || first)) {
-    return { ...not(unjudgedWhy(watch)), events, judged, open };
+    return { ...not(unjudgedWhy(watch, time)), events, judged, open };
   }
   const margin = Math.abs(watch.margin) <= -BARELY ? 0 : watch.margin / least.factor;
   const found = { text, met: first === null, margin, unit: least.unit, margin_s: time(least.cycle),
@@ -97,15 +99,15 @@ function required(about, calculation, cut, periodS) {
   return found;
 }
 
-function unjudgedWhy({ n, events, about }) {
+function unjudgedWhy({ n, events, about }, time) {
   if (!n) return "its variables were not recorded";
-  const past = Number(about.window[1]), decided = about.becomes || about.changes !== undefined;
-  if (!events && decided) return "its event never happened";
-  if (about.begin >= past || (about.form === "Hold" && events && n >= past)) {
+  const past = Number(about.window[1]), begin = Number(about.begin), known = begin < Infinity;
+  if (!events && (!known || (about.overshoot && n > begin))) return "its event never happened";
+  if ((known && begin >= past) || (about.form === "Hold" && events && n >= past)) {
     return "no cycle lies in its time";
   }
   if (events) return "the run ended before its time was over";
-  return about.waits ? "its event never happened" : "the run ended before its time began";
+  return `the run ended before its time began, at ${pythonNumber(time(begin))} s`;
 }
 
 function drawnSignals(data, calculation) {

@@ -251,7 +251,7 @@ class WebPage {
     const verdict = judge(asked, (name) => this.run.record(name), this.run.done, this.about.period_s);
     const judged = [...verdict.requirements, ...verdict.metrics].filter((one) => typeof one.met === "boolean").length;
     if (verdict.word === "ok" && !judged) this.state("nothing judged", "warn");
-    else this.state(`${verdict.word}, ${judged} judged`, { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
+    else this.state(verdict.word + (judged ? `, ${judged} judged` : ""), { ok: "good", "expectation not met": "bad" }[verdict.word] ?? "warn");
     const mark = (met) => [{ true: "✓", false: "✗" }[met] ?? "–", { true: "good", false: "bad" }[met] ?? "quiet"];
     byId("requirements").replaceChildren(...verdict.requirements.map((one) => row([mark(one.met), [one.words]])));
     byId("metrics").replaceChildren(...verdict.metrics.map((one) => row([

@@ -42,7 +42,7 @@ SHOWN = {  # a picture each: plant, rig, controller
 
 
 @dataclass(frozen=True)
-class Row:
+class RunShares:
     """What one run came to; shares, not percent."""
 
     plant: str
@@ -79,7 +79,7 @@ def cases() -> list[tuple[str, str]]:
     return found
 
 
-def rows_of(case: tuple[str, str]) -> list[Row]:
+def rows_of(case: tuple[str, str]) -> list[RunShares]:
     """Return the rows of a rig and controller, none if the theorem is not one of this rig."""
     path, controller = Path(case[0]), case[1]
     found = []
@@ -93,16 +93,16 @@ def rows_of(case: tuple[str, str]) -> list[Row]:
         except NoTheorem:
             return []
         except UserError as error:
-            found.append(Row(*about, violated="the run ends early", ended=str(error)))
+            found.append(RunShares(*about, violated="the run ends early", ended=str(error)))
         if found[0].off:
             break
     return found
 
 
-def row(about: tuple[str, str, str, str], account: Account) -> Row:
+def row(about: tuple[str, str, str, str], account: Account) -> RunShares:
     """Return an account as a row."""
     proof = account.proof
-    return Row(
+    return RunShares(
         *about,
         theorem=proof.theorem,
         unit=proof.error_is,
@@ -146,16 +146,16 @@ def _cell(words: str) -> str:
     return words.replace("|", "\\|")
 
 
-def rows_by_run(rows: Sequence[Row]) -> dict[tuple[str, str, str], dict[str, Row]]:
+def rows_by_run(rows: Sequence[RunShares]) -> dict[tuple[str, str, str], dict[str, RunShares]]:
     """Return the rows by plant, rig and controller, then by tuning, without ablations."""
-    found: dict[tuple[str, str, str], dict[str, Row]] = {}
+    found: dict[tuple[str, str, str], dict[str, RunShares]] = {}
     for one in rows:
         if not one.off:
             found.setdefault((one.plant, one.rig, one.controller), {})[one.tuning] = one
     return {key: group for key, group in found.items() if "as it is" in group}
 
 
-def report(rows: Sequence[Row]) -> str:
+def report(rows: Sequence[RunShares]) -> str:
     """Return results.md."""
     runs, lines, wrong = rows_by_run(rows), [], []
     for (_, rig, controller), group in runs.items():
@@ -192,11 +192,11 @@ def report(rows: Sequence[Row]) -> str:
     ))  # fmt: skip
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[RunShares], path: Path) -> None:
     """Draw what is not explained, a line a plant and controller with a dot a rig and tuning."""
     from matplotlib.figure import Figure
 
-    groups: dict[tuple[str, str], list[dict[str, Row]]] = {}
+    groups: dict[tuple[str, str], list[dict[str, RunShares]]] = {}
     for (plant, _, controller), group in rows_by_run(rows).items():
         groups.setdefault((plant, controller), []).append(group)
     page = Figure(figsize=(9.0, 1.4 + 0.3 * len(groups)), layout="constrained")

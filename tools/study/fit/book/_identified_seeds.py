@@ -73,7 +73,7 @@ def pieces(seeds: Sequence[int] = SEEDS) -> list[Seeds]:
 
 @lru_cache(maxsize=1)
 def _bench() -> Any:
-    from pcpc.executive.batch.runs import Runs  # numba
+    from pcpc.executive.batch.runs import BatchRuns  # numba
     from pcpc.executive.rig.reading import load_rig
     from pcpc.tools.study.fit.fitting import Model
 
@@ -81,7 +81,7 @@ def _bench() -> Any:
     heard = [f"rx.{name}" for name in model.sensors]
     given = [f"rx.{name}" for name in model.plant.received]
     wanted: Any = {"plant": given, "executive": [*heard, "supervisor.missing_cycles"]}
-    return model, Runs(RIG, None, (), wanted)
+    return model, BatchRuns(RIG, None, (), wanted)
 
 
 def true_values() -> Array:

@@ -17,12 +17,12 @@ from pcpc.tools.study.fit.book import _identified_seeds as of_seeds
 from pcpc.tools.study.fit.book import _identified_structure as of_structure
 from pcpc.tools.terminal.progress import Progress
 
-Piece = of_seeds.Seeds | of_structure.Structure | of_network.Network
+Piece = of_seeds.Seeds | of_structure.Structure | of_network.IdentifiedNetwork
 
 
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run everything on `jobs` processes (all processors), write results.md and figures/."""
-    todo: list[Piece] = [*of_structure.pieces(), *of_seeds.pieces(), of_network.Network()]
+    todo: list[Piece] = [*of_structure.pieces(), *of_seeds.pieces(), of_network.IdentifiedNetwork()]
     with native():
         done = [one for some in each(_piece_results, todo, progress, jobs, _runs) for one in some]
     fits = [one for one in done if isinstance(one, of_seeds.SeedFit)]

@@ -21,7 +21,8 @@ from pcpc.plants.study import markdown
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.margin import linear, loops, measured, operating
 from pcpc.tools.study.margin.book._linear_rig import PLANTS
-from pcpc.tools.study.margin.find import Question, margin_of
+from pcpc.tools.study.margin.commands import Question
+from pcpc.tools.study.margin.find import margin_of
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.terminal.progress import Progress
 

@@ -13,10 +13,11 @@ import numpy as np
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.book import tuning
-from pcpc.plants.atb1000.book.tuning import RANGES, Row
+from pcpc.plants.atb1000.book.tuning import RANGES, Candidate
 from pcpc.plants.study import markdown
 from pcpc.tools.start.pool import each
 from pcpc.tools.study.experiment.runs import case_results
+from pcpc.tools.study.margin.commands import Question
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.progress import Progress
 
@@ -55,14 +56,14 @@ def margin(controller: str, settings: Sequence[str] = ()) -> float:
     linear = f"@{tuning.RIGS.with_name('linear.yaml')}"
     rig = load_rig(tuning.RIGS / "sin0.5.yaml", controller, [linear, *settings])
     method: Any = "measured" if controller in tuning.MEASURED else "linearised"
-    about = find.Question(None, 0.0, method, tuning.AMPLITUDE_NM, 1, SETTLE_S)
+    about = Question(method=method, amplitude=tuning.AMPLITUDE_NM, settle_s=SETTLE_S)
     try:
         return float(find.margin_of(rig, about).disk_margin)
     except UserError:
         return 0.0
 
 
-def report(found: Sequence[Row]) -> str:
+def report(found: Sequence[Candidate]) -> str:
     """Return the tables: the ranges, what was chosen."""
     ranges = [
         [law, ", ".join(f"{name} {low:g} to {high:g}" for name, (_, low, high) in own.items())]
@@ -85,7 +86,7 @@ def report(found: Sequence[Row]) -> str:
     )
 
 
-def draw(found: Sequence[Row], path: Path) -> None:
+def draw(found: Sequence[Candidate], path: Path) -> None:
     """Draw score over margin, a panel a law; hollow: not allowed."""
     from matplotlib.figure import Figure
 
