@@ -28,6 +28,7 @@ from hypothesis import HealthCheck, settings
 
 from pcpc.tools.start.children import Child
 
+pytest_plugins = ("deadline",)
 STARTS_PROGRAMS = {
     "processes", "hosting", "live_run", "playing", "copies", "paging", "two_processes", "free_bus",
     "live", "blocks", "pcpc.tools.start.children",
