@@ -18,6 +18,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, code_of
 from pcpc.tools.make.commands import NewRequest
+from pcpc.tools.run.rig_schema import rig_schema
 from pcpc.tools.terminal import screen
 
 TEMPLATE = Path(__file__).with_name("template")
@@ -66,6 +67,8 @@ NEXT = {
     "pytest": "its tests",
 }
 NEXT_DEVICE = "pcpc run device.yaml --pacing lockstep --device python device.py {bus}"
+SCHEMA = "rig.schema.json"
+_MODELINE = f"# yaml-language-server: $schema={SCHEMA}\n"
 _TO_RUN = re.compile("(?<=\n)## Four ways to run it\n.*?(?=## )", re.DOTALL)  # in a README.md
 _NAME = re.compile("(?!-)[a-z0-9._-]{1,64}")  # of a rig
 
@@ -105,8 +108,8 @@ def command(request: NewRequest) -> int:
     write(folder, request.device, template, request.drive)
     print(f"{folder}: a rig of your own, {template.what}")
     files = {
-        **template.files, **(DEVICE_FILES if request.device else {}),
-        **(DRIVE_FILES if request.drive else {}),
+        **template.files, SCHEMA: "what an editor knows of rig.yaml",
+        **(DEVICE_FILES if request.device else {}), **(DRIVE_FILES if request.drive else {}),
     }  # fmt: skip
     rig = folder.resolve().name
     rows = [(f"  {template.renamed(name, rig)}", what) for name, what in files.items()]
@@ -174,9 +177,12 @@ def _texts(template: Template, device: bool, drive: str | None) -> dict[str, str
         more = TEMPLATE / "device"
         texts |= {file: _text(more / file) for file in DEVICE_FILES}
         texts["README.md"] += _text(more / "README.md")
+    texts[SCHEMA] = screen.json_text(rig_schema(), 1) + "\n"
     if drive:
         texts["drive.yaml"] = _text(TEMPLATE / f"drive_{drive}.yaml")
-    return texts
+    return {
+        file: f"{_MODELINE if file.endswith('.yaml') else ''}{text}" for file, text in texts.items()
+    }
 
 
 def _text(file: Path) -> str:

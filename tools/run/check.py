@@ -12,7 +12,7 @@ from typing import Any
 from msgspec import to_builtins
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.errors import Exit, printable
+from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.executive.batch import lane_words
 from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
@@ -41,6 +41,7 @@ from pcpc.tools.run.checked import (
     Wire,
 )
 from pcpc.tools.run.commands import CheckRequest
+from pcpc.tools.run.rig_schema import rig_schema
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.rooms import parts_called
@@ -50,7 +51,12 @@ _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
 def command(request: CheckRequest) -> int:
-    """Check and describe a rig."""
+    """Check and describe a rig, or print the schema of its file."""
+    if not request.rig:
+        if not request.schema:
+            raise UserError("RIG is missing: name a rig, its file or its folder")
+        screen.answer(True, rig_schema(), (), 1)
+        return Exit.OK
     rig = load_rig(request.rig, request.controller, request.set)
     check_line(rig, "virtual")
     plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
@@ -60,6 +66,10 @@ def command(request: CheckRequest) -> int:
     for made in plans:
         without_effect.check(made)
     judge = Judge.of(rig)
+    if request.schema:
+        metrics = judge.evaluation.names(rig.evaluation.numbers) if rig.evaluation else ()
+        screen.answer(True, rig_schema(rig, plans, metrics), (), 1)
+        return Exit.OK
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)
     report.warnings += [*impure, *filter(None, [late]), *check(judge, request.set)]

@@ -6,13 +6,19 @@ from typing import Annotated, Any, Literal, NoReturn
 
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
-from pcpc.tools.terminal.request import HIDDEN, Offers, Request
+from pcpc.tools.terminal.request import HIDDEN, WORD, Offers, Request
 
 
 class CheckRequest(take.RigRequest):
-    """A rig."""
+    """A rig, or none for the schema of all."""
 
+    rig: Annotated[
+        str, WORD, "RIG", "a rig's name (pcpc rigs), file or folder, or a run in progress"
+    ] = ""
     json: take.Json = False
+    schema: Annotated[
+        bool, "print the JSON Schema of a rig file, for an editor; with RIG its own names, too"
+    ] = False
 
 
 class _RefusedOption(argparse.Action):
@@ -89,7 +95,7 @@ COMMANDS = (
     Command(
         "check",
         "check a rig file and print its wiring and bus load",
-        "pcpc check hull",
+        "pcpc check hull\npcpc check rig.yaml --schema > rig.schema.json",
         CheckRequest,
         codes=codes(ENVIRONMENT="the bus cannot be used"),
         judges=True,
