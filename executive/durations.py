@@ -16,12 +16,12 @@ def duration_ns(text: str, unit: str = "", zero: bool = False) -> Fraction:
     """
     written = _WRITTEN.fullmatch(text)
     try:
-        found = Fraction(written[1]) * _UNITS_NS[written[2] or unit] if written else Fraction(-1)
+        ns = Fraction(written[1]) * _UNITS_NS[written[2] or unit] if written else Fraction(-1)
     except (ValueError, KeyError):
-        found = Fraction(-1)
-    if found < 0 or (found == 0 and not zero):
+        ns = Fraction(-1)
+    if ns < 0 or (ns == 0 and not zero):
         raise ValueError(f"{text}: not a duration above 0; expected like 500us, 5ms, 10s, 2min")
-    return found
+    return ns
 
 
 def duration_s(text: str, unit: str = "s") -> float:

@@ -91,22 +91,22 @@ class Drawing:
         values = {name: float(now.get(name, math.nan)) for name in (*self.needs, "t")}
         values = {name: v if math.isfinite(v) else math.nan for name, v in values.items()}
         absent = [name for name in self.needs if math.isnan(values[name])]
-        found = self.raw_scene(values, p)
-        if absent or found.lacks:
-            x0, _, x1, y1 = found.bounds
+        drawn = self.raw_scene(values, p)
+        if absent or drawn.lacks:
+            x0, _, x1, y1 = drawn.bounds
             words = f"no data: {', '.join(absent)}" if absent else "no data"
-            found.add(text((0.5 * (x0 + x1), y1 - 0.04 * found.side), words))
-        return found
+            drawn.add(text((0.5 * (x0 + x1), y1 - 0.04 * drawn.side), words))
+        return drawn
 
     def raw_scene(self, now: Now, p: Settings) -> Scene:
         """Return what the drawing.py makes of values as they are. DrawingError."""
         try:
-            found = self._scene(now, p)
-            if not isinstance(found, Scene):
-                raise TypeError(f"scene returned {type(found).__name__}, expected a Scene")
+            drawn = self._scene(now, p)
+            if not isinstance(drawn, Scene):
+                raise TypeError(f"scene returned {type(drawn).__name__}, expected a Scene")
         except (Exception, SystemExit) as error:
             raise DrawingError(cause(error)) from None
-        return found
+        return drawn
 
     def columns(self, run: Run) -> dict[str, Vector]:
         """Return the values of a run by short name, a value a cycle, and `t`. Each (n,)."""

@@ -181,12 +181,12 @@ class Evaluation:
     def figures(self, judged: Judged) -> dict[str, float]:
         """Return the figures of a run; {} without a cycle in the window."""
         merits = self.taken(judged.numbers)
-        found: dict[str, float] = {}
+        figures: dict[str, float] = {}
         for leader in dict.fromkeys(m.leader for m in merits.values() if isinstance(m, Merit)):
             own = {n: m for n, m in merits.items() if isinstance(m, Merit) and m.leader == leader}
-            found |= judged.measured(own, leader)
-        found |= {n: m(judged) for n, m in merits.items() if not isinstance(m, Merit)}
-        return {name: float(found[name]) for name in merits if not math.isnan(found[name])}
+            figures |= judged.measured(own, leader)
+        figures |= {n: m(judged) for n, m in merits.items() if not isinstance(m, Merit)}
+        return {name: float(figures[name]) for name in merits if not math.isnan(figures[name])}
 
     def judged(
         self,
@@ -203,18 +203,18 @@ class Evaluation:
 
     def taken(self, numbers: Mapping[str, float]) -> dict[str, Merit | Callable[[Judged], float]]:
         """Return the figures of merit that the rig's windows and numbers ask for."""
-        given = {*further(numbers), *numbers, WINDOW, RUN, LATE, ""}
-        found: dict[str, Merit | Callable[[Judged], float]] = {}
+        known_names = {*further(numbers), *numbers, WINDOW, RUN, LATE, ""}
+        taken_merits: dict[str, Merit | Callable[[Judged], float]] = {}
         for name, merit in self.merits.items():
             if not isinstance(merit, Merit):
-                found[name] = merit
+                taken_merits[name] = merit
             elif merit.over == EACH:
-                found[name] = replace(merit, over=WINDOW)
+                taken_merits[name] = replace(merit, over=WINDOW)
                 parts = further(numbers)
-                found |= {f"{part}_{name}": replace(merit, over=part) for part in parts}
-            elif merit.over in given and merit.needs in given:
-                found[name] = merit
-        return found
+                taken_merits |= {f"{part}_{name}": replace(merit, over=part) for part in parts}
+            elif merit.over in known_names and merit.needs in known_names:
+                taken_merits[name] = merit
+        return taken_merits
 
     def non_finite(self, judged: Judged, name: str) -> str:
         """Return which recorded value of a figure is no finite number; "" for none."""
@@ -227,13 +227,13 @@ class Evaluation:
 
     def unknown(self, numbers: Mapping[str, float]) -> Iterator[tuple[str, str]]:
         """Yield the numbers of a rig that nothing here asks for, each with a cure."""
-        asked = {_window_of(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
-        asked |= {m.needs for m in self.merits.values() if isinstance(m, Merit)} - {""}
-        windows = [f"{name}_{end}_s" for name in sorted(asked) for end in ("from", "to")]
+        used = {_window_of(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
+        used |= {m.needs for m in self.merits.values() if isinstance(m, Merit)} - {""}
+        windows = [f"{name}_{end}_s" for name in sorted(used) for end in ("from", "to")]
         known = [
             *self.numbers,
             *windows,
-            *(n for n in numbers if EACH in asked and _WINDOW.search(n)),
+            *(n for n in numbers if EACH in used and _WINDOW.search(n)),
         ]
         for name in numbers:
             begin = _WINDOW.sub("_from_s", name)
@@ -295,16 +295,16 @@ def further(numbers: Mapping[str, float]) -> list[str]:
     return [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
 
 
-def _sequence(what: str, given: Any, kind: type, place: Place) -> Any:
-    """Return `given` if it is a sequence of `kind`; Mistake with the cure."""
+def _sequence(label: str, value: Any, kind: type, place: Place) -> Any:
+    """Return `value` if it is a sequence of `kind`; Mistake with the cure."""
     name = kind.__name__
-    if isinstance(given, kind):
+    if isinstance(value, kind):
         raise DeclarationError(
-            f"{what}: a comma is missing behind the only {name}: ({name}(...),)", place
+            f"{label}: a comma is missing behind the only {name}: ({name}(...),)", place
         )
-    if not isinstance(given, tuple | list) or not all(isinstance(one, kind) for one in given):
-        raise DeclarationError(f"{what}: expected ({name}(...), ...), got {_short(given)}", place)
-    return given
+    if not isinstance(value, tuple | list) or not all(isinstance(one, kind) for one in value):
+        raise DeclarationError(f"{label}: expected ({name}(...), ...), got {_short(value)}", place)
+    return value
 
 
 def _short(given: object) -> str:

@@ -50,11 +50,11 @@ def identification_of(rig: Rig) -> Identification:
 
 
 def _mapping(module: Any, file: Path, name: str, kind: Any, expected: str) -> Any:
-    found = getattr(module, name, None)
-    if found is None:
+    mapping = getattr(module, name, None)
+    if mapping is None:
         return None
-    if not isinstance(found, dict) or not all(
-        isinstance(key, str) and isinstance(value, kind) for key, value in found.items()
+    if not isinstance(mapping, dict) or not all(
+        isinstance(key, str) and isinstance(value, kind) for key, value in mapping.items()
     ):
         raise IdentificationError(f"{file}: {name}: expected {expected}")
-    return found
+    return mapping

@@ -47,13 +47,13 @@ def paired_rows(
         return np.full(len(lead.cycle), -1, np.int64)
     if node == leader:
         return np.arange(len(lead.cycle))
-    ours, theirs, oldest = lead.stamp_ns, other.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
+    lead_times, other_times, oldest = lead.stamp_ns, other.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
     if log.metadata.get("executive", {}).get("pacing") in WITHOUT_CLOCK:
-        ours, theirs, oldest = lead.cycle, other.cycle, 0.0
-        if np.array_equal(ours, theirs[: len(ours)]):
-            return np.arange(len(ours))
-    rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
-    return np.where((rows >= 0) & (ours - theirs[rows] <= oldest), rows, -1)
+        lead_times, other_times, oldest = lead.cycle, other.cycle, 0.0
+        if np.array_equal(lead_times, other_times[: len(lead_times)]):
+            return np.arange(len(lead_times))
+    rows = np.searchsorted(other_times, lead_times, side="right").astype(np.int64) - 1
+    return np.where((rows >= 0) & (lead_times - other_times[rows] <= oldest), rows, -1)
 
 
 def edges(period_s: float, begin_s: float, end_s: float) -> tuple[float, float]:
@@ -153,11 +153,13 @@ class Run:
 
         `place`: where the source is declared. Mistake: it does not return a number a cycle.
         """
-        given = self.get(source) if isinstance(source, str) else source(self)
+        returned = self.get(source) if isinstance(source, str) else source(self)
         try:
-            values = np.asarray(given, np.float64)
+            values = np.asarray(returned, np.float64)
         except (TypeError, ValueError):
-            raise DeclarationError(f"expected numbers, got {type(given).__name__}", place) from None
+            raise DeclarationError(
+                f"expected numbers, got {type(returned).__name__}", place
+            ) from None
         if values.shape[:1] != self.cycle.shape:
             what = f"expected a value a cycle, {len(self.cycle)}, got the shape {values.shape}"
             raise DeclarationError(what, place)
@@ -175,12 +177,12 @@ class Run:
             return np.full(len(rows), math.nan)
         if variable not in record.columns and variable not in record.timing:
             raise DeclarationError(names.unknown_name(log, name))
-        found = (record.columns if variable in record.columns else record.timing)[variable]
-        if variable in record.columns and not np.isfinite(found).all():
+        column = (record.columns if variable in record.columns else record.timing)[variable]
+        if variable in record.columns and not np.isfinite(column).all():
             self.suspects.add(name)
         if self._in_step(node):
-            return np.where(False, math.nan, found[: len(rows)])  # of the same type as below
-        return np.where(rows < 0, math.nan, found[rows])
+            return np.where(False, math.nan, column[: len(rows)])  # of the same type as below
+        return np.where(rows < 0, math.nan, column[rows])
 
     def _in_step(self, node: str) -> bool:
         """Return whether record i of a node belongs to cycle i, for each."""
@@ -316,21 +318,21 @@ class Judged:
         """
         if not self._reaches(leader):
             return dict.fromkeys(merits, math.nan)
-        left: dict[str, list[Any]] = {name: [] for name in merits}
+        parts: dict[str, list[Any]] = {name: [] for name in merits}
         long = isinstance(self.log, LongLog)
-        for run, own in self.stretches(leader):
-            for name, one in merits.items():
-                values = one.of(run, own)
+        for run, rows in self.stretches(leader):
+            for name, merit in merits.items():
+                values = merit.of(run, rows)
                 if not long:
-                    left[name] = [one.statistic.whole(values)]
+                    parts[name] = [merit.statistic.whole(values)]
                     continue
-                if one.statistic.only_finite:
+                if merit.statistic.only_finite:
                     values = values[np.isfinite(values)]
                 if len(values):
                     with np.errstate(over="ignore"):  # of a run that diverged
-                        left[name].append(one.statistic.part(values))
+                        parts[name].append(merit.statistic.part(values))
         return {
-            name: one.scale * (one.statistic.of(left[name]) if long else left[name][0])
+            name: one.scale * (one.statistic.of(parts[name]) if long else parts[name][0])
             for name, one in merits.items()
         }
 
@@ -339,14 +341,14 @@ class Judged:
 
         Figures ignore such values.
         """
-        for run, own in self.stretches(one.leader) if self.suspects else ():
+        for run, rows in self.stretches(one.leader) if self.suspects else ():
             fresh = replace(run)  # it knows what this figure alone asks for
             fresh.values(one.source, one.place)
             for name in sorted(self.suspects.intersection(fresh._made)):
                 node = (names.find_variable(self.log, name) or ("",))[0]
                 wrong = ~np.isfinite(fresh[name]) & fresh.told(node)
                 wrong &= True if one.over == RUN else fresh.window(one.over)
-                if len(found := fresh.t_s[own][wrong[own]]):
+                if len(found := fresh.t_s[rows][wrong[rows]]):
                     return f"{name} is not a finite number at {found[0]:.4g} s"
         return ""
 

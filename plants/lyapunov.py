@@ -184,10 +184,10 @@ class Account:
     @cached_property
     def steps(self) -> Vector:
         """What steps of the tuning add to (7), (n - 1,); 0 for maps, whose (1) has them."""
-        found = np.zeros(len(self.proof.v) - 1)
+        steps = np.zeros(len(self.proof.v) - 1)
         for one in self.proof.tuned if self.proof.step_s is None else ():
-            found += one.steps(self.period_s)
-        return found
+            steps += one.steps(self.period_s)
+        return steps
 
     @cached_property
     def stepping(self) -> float:
@@ -294,10 +294,10 @@ class Account:
 
         Shape (n - 1,).
         """
-        one = self.proof
-        right = one.constants.slope(one.error, one.weights, one.rest)[:-1]
-        right = right if one.extra is None else right + one.extra[:-1]
-        return self.slope > right + 1e-9 * (1.0 + np.abs(one.damping[:-1]))
+        proof = self.proof
+        right = proof.constants.slope(proof.error, proof.weights, proof.rest)[:-1]
+        right = right if proof.extra is None else right + proof.extra[:-1]
+        return self.slope > right + 1e-9 * (1.0 + np.abs(proof.damping[:-1]))
 
     @cached_property
     def start_within(self) -> float:
@@ -306,12 +306,12 @@ class Account:
         That is what the level set of V allows with the weights as they were; 0 where it allows
         none.
         """
-        one, reach = self.proof.constants, 1.25 * float(self.proof.error.max(initial=0.0))
+        constants, reach = self.proof.constants, 1.25 * float(self.proof.error.max(initial=0.0))
         try:
-            left = one.low * reach**2 - float(self.proof.weights[0]) ** 2 / one.gamma
+            rest = constants.low * reach**2 - float(self.proof.weights[0]) ** 2 / constants.gamma
         except OverflowError:
             return 0.0
-        return math.sqrt(max(left, 0.0) / one.high)
+        return math.sqrt(max(rest, 0.0) / constants.high)
 
     def checks(self) -> list[Check]:
         """Return what can be violated, in order."""
@@ -336,16 +336,16 @@ class Account:
 
     def _moves(self) -> Check:
         apart = [one.apart(self.period_s) for one in self.proof.tuned]
-        found = [
-            f"{one.name} {100.0 * off:.2g} %"
-            + ("" if off <= APART else f" (declared {one.rate:.3g}, moves like {seen:.3g})")
-            for one, off in zip(self.proof.tuned, apart, strict=True)
-            for seen in [one.seen(self.period_s)]
+        layer_rates = [
+            f"{layer.name} {100.0 * off:.2g} %"
+            + ("" if off <= APART else f" (declared {layer.rate:.3g}, moves like {seen:.3g})")
+            for layer, off in zip(self.proof.tuned, apart, strict=True)
+            for seen in [layer.seen(self.period_s)]
         ]
         return Check(
             "weights move as the proof has them move",
             all(off <= APART for off in apart),
-            f"apart by {', '.join(found)}; {100.0 * APART:.0f} % allowed",
+            f"apart by {', '.join(layer_rates)}; {100.0 * APART:.0f} % allowed",
         )
 
     def _bound_checks(self, finite: bool) -> list[Check]:

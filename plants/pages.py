@@ -213,12 +213,12 @@ def thinned_line(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Ve
     size = -(-len(y) // (points // 2))
     if size <= 2:
         return t, y
-    whole = len(y) // size * size
-    pieces = y[:whole].reshape(-1, size)
-    first = np.arange(0, whole, size)
+    full = len(y) // size * size
+    pieces = y[:full].reshape(-1, size)
+    first = np.arange(0, full, size)
     low = first + np.where(np.isnan(pieces), math.inf, pieces).argmin(axis=1)
     high = first + np.where(np.isnan(pieces), -math.inf, pieces).argmax(axis=1)
-    kept = np.unique(np.concatenate((low, high, np.arange(whole, len(y)))))
+    kept = np.unique(np.concatenate((low, high, np.arange(full, len(y)))))
     return t[kept], y[kept]
 
 
@@ -228,14 +228,14 @@ def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]
     points = cycles + 2
     if isinstance(judged.log, LongLog):
         points = max(POINTS * judged.log.part_cycles // cycles, 8)
-    found: list[list[tuple[Vector, Vector]]] = [[] for _ in lines]
-    for run, own in judged.stretches("executive"):
-        for pieces, line in zip(found, lines, strict=True):
+    drawn: list[list[tuple[Vector, Vector]]] = [[] for _ in lines]
+    for run, rows in judged.stretches("executive"):
+        for pieces, line in zip(drawn, lines, strict=True):
             y = run.values(line.source, line.place)
-            pieces.append(thinned_line(run.t_s[own], y[own], points))
+            pieces.append(thinned_line(run.t_s[rows], y[rows], points))
     return [
         (np.concatenate([t for t, _ in pieces]), np.concatenate([y for _, y in pieces]))
-        for pieces in found
+        for pieces in drawn
     ]
 
 
@@ -288,13 +288,13 @@ def draw_lateness(ax: "Axes", judged: Judged) -> None:
 
     late, *marked = traces(judged, [Line(late_us, "late"), after("late"), after("skipped")])
     draw_line(ax, *late, "wake-up behind the deadline", BLUE, linewidth=0.6)
-    for (t, y), name, what, mark in zip(
+    for (t, y), name, words, mark in zip(
         marked, ("late", "skipped"), ("late", "after a skip"), ("x", "v"), strict=True
     ):
         there = np.isfinite(y)
         if there.any():
             count = judged.log.node["executive"].timing[f"health.{name}_cycles"]
-            label = f"{what} ({int(count[-1])})"
+            label = f"{words} ({int(count[-1])})"
             ax.plot(t[there], y[there], mark, color=VERMILION, markersize=5, label=label)
     ax.set_yscale("log")
 

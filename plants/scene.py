@@ -177,7 +177,7 @@ def slot(
     The slot goes from `low` to `high`; the tooth is solid where it touches, up to a thousandth.
     """
     (x, y), scale, h = centre, wide / span, 0.12 * wide
-    left, right, at = x + scale * low, x + scale * high, x + scale * tooth
+    left, right, tip = x + scale * low, x + scale * high, x + scale * tooth
     near = 1e-3 * (high - low)
     touches = tooth <= low + near or tooth >= high - near
     jaw = 0.16 * wide
@@ -186,7 +186,11 @@ def slot(
     return [
         area(walls, "moving"),
         area(
-            [(at, y - 0.8 * h), (at - 0.04 * wide, y + 2.2 * h), (at + 0.04 * wide, y + 2.2 * h)],
+            [
+                (tip, y - 0.8 * h),
+                (tip - 0.04 * wide, y + 2.2 * h),
+                (tip + 0.04 * wide, y + 2.2 * h),
+            ],
             "force",
             1.0 if touches else 0.15,
         ),
@@ -200,13 +204,13 @@ def gauge(
     (x, y), w = at, 0.05 * high
     ticks = [(x - w * (0.5 if i % 2 else 1.0), y + 0.125 * high * i) for i in range(-4, 5)]
     scale = [p for tick in ticks for p in ((x, tick[1]), tick, (x, tick[1]))]
-    found = [line(scale, "note", 0.8), text((x, y + 0.56 * high), words)]
+    shapes = [line(scale, "note", 0.8), text((x, y + 0.56 * high), words)]
     for value, role in marks:
         v = y + 0.5 * high * _clamp(value / span, -1.0, 1.0)
-        found.append(
+        shapes.append(
             area(((x, v), (x + 1.6 * w, v + 0.6 * w), (x + 1.6 * w, v - 0.6 * w)), role, 0.9, 1.0)
         )
-    return found
+    return shapes
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,10 @@ def _distribution(values: Vector) -> Distribution:
 
 
 def _median(parts: Sequence[Distribution]) -> float:
-    found = parts[0]
+    joined = parts[0]
     for part in parts[1:]:
-        found.join(part)
-    return found.quantile(0.5)
+        joined.join(part)
+    return joined.quantile(0.5)
 
 
 RMS = Statistic(

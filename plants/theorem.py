@@ -55,16 +55,16 @@ class Cycles:
 
         NoTheorem: the log has too few rows.
         """
-        whole = np.ones(len(self.run.cycle), bool)
+        recorded = np.ones(len(self.run.cycle), bool)
         for node in self.run.log.node:
-            whole &= self.run.told(node)
+            recorded &= self.run.told(node)
         follows = np.diff(self.run.cycle, prepend=self.run.cycle[:1] - 1) == 1
-        begins = np.flatnonzero(np.diff(whole & follows, prepend=False) & whole & follows)
+        begins = np.flatnonzero(np.diff(recorded & follows, prepend=False) & recorded & follows)
         best = slice(0, 0)
         for begin in begins:
-            over = np.flatnonzero(~(whole & follows)[begin:])
-            end = int(begin + over[0]) if len(over) else len(whole)
-            first = int(begin) - int(begin > 0 and whole[begin - 1])
+            over = np.flatnonzero(~(recorded & follows)[begin:])
+            end = int(begin + over[0]) if len(over) else len(recorded)
+            first = int(begin) - int(begin > 0 and recorded[begin - 1])
             if end - first > best.stop - best.start:
                 best = slice(first, end)
         if best.stop - best.start < LEAST:
@@ -271,12 +271,12 @@ def layered(
 def rates_positive(weights: Sequence[Weights]) -> Assumption:
     """Return whether all tuning rates are above 0: a network that rests has no theorem."""
     dead = [one.name for one in weights if not one.rate > 0.0]
-    found = (
+    rates = (
         f"{', '.join(dead)} not above 0"
         if dead
         else ", ".join(f"{one.name} {one.rate:g}" for one in weights)
     )
-    return Assumption("tuning rates above 0", not dead, found, needed=True)
+    return Assumption("tuning rates above 0", not dead, rates, needed=True)
 
 
 def positive(what: str, value: float) -> Assumption:
@@ -284,17 +284,17 @@ def positive(what: str, value: float) -> Assumption:
     return Assumption(f"{what} above 0", value > 0.0, f"{what.split()[-1]} {value:g}", needed=True)
 
 
-def switched_on(run: Cycles, what: str, *names: str) -> Assumption:
+def switched_on(run: Cycles, claim: str, *names: str) -> Assumption:
     """Return whether switches of the law, without which nothing is tuned, are on."""
     found = {name: run.law(name) for name in names}
     words = ", ".join(f"{name} {value:g}" for name, value in found.items())
-    return Assumption(what, all(value > 0.5 for value in found.values()), words, needed=True)
+    return Assumption(claim, all(value > 0.5 for value in found.values()), words, needed=True)
 
 
-def never(what: str, wrong: NDArray[np.bool_], words: str) -> Assumption:
+def never(claim: str, wrong: NDArray[np.bool_], words: str) -> Assumption:
     """Return whether a cycle is `wrong`, (n,); `words` have {} for the share of those that are."""
     share = f"{100.0 * float(np.mean(wrong)):.3g} % of the cycles"
-    return Assumption(what, not wrong.any(), words.format(share))
+    return Assumption(claim, not wrong.any(), words.format(share))
 
 
 def acting(wanted: Vector, acts: Vector, unit: str) -> Assumption:

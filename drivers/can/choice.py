@@ -103,19 +103,19 @@ def _partners_bus(wanted: BusRequest) -> Choice | None:
 
 def _free_bus(wanted: BusRequest) -> Choice:
     """Return the first bus that is free, its neighbour too where two are needed."""
-    taken = {name.split("/")[2] for name in claim.held_names("seat/") if name.count("/") > 3}
+    names_in_use = {name.split("/")[2] for name in claim.held_names("seat/") if name.count("/") > 3}
     note = ""
     for bus, why_not in itertools.chain(_vcans(wanted), _udp_ports(wanted)):
-        every = [bus]
-        while len(every) < wanted.count:
-            every.append(neighbour_of(every[-1]))
-        if any(str(one) in taken for one in every):
+        buses = [bus]
+        while len(buses) < wanted.count:
+            buses.append(neighbour_of(buses[-1]))
+        if any(str(one) in names_in_use for one in buses):
             continue
-        claims = [one for one in (claim.hold(_name(bus)) for bus in every) if one is not None]
+        claims = [one for one in (claim.hold(_name(bus)) for bus in buses) if one is not None]
         choice = Choice(bus, note, claims)
-        if len(claims) == len(every) and not why_not:
+        if len(claims) == len(buses) and not why_not:
             return choice
-        if len(claims) == len(every):
+        if len(claims) == len(buses):
             note = note or f"{why_not}; to share it: --bus {bus}"
         choice.release()
     raise BusError(

@@ -52,13 +52,13 @@ def length_of(frame: Cells[Byte], row: int, frames: Cells[FrameRow]) -> int:
 
 
 @inline
-def four_bytes(data: Cells[Byte], at: int) -> int:
-    """Return the little-endian word of the 4 bytes from `at` on: one load, where `at` is known.
+def four_bytes(data: Cells[Byte], offset: int) -> int:
+    """Return the little-endian word of the 4 bytes from `offset` on: one load where it is known.
 
     `data`: (n,).
     """
-    low = int64(data[at]) | int64(data[at + 1]) << int64(8)
-    high = int64(data[at + 2]) | int64(data[at + 3]) << int64(8)
+    low = int64(data[offset]) | int64(data[offset + 1]) << int64(8)
+    high = int64(data[offset + 2]) | int64(data[offset + 3]) << int64(8)
     return int64(low | high << int64(16))
 
 
@@ -69,19 +69,19 @@ def eight_bytes(data: Cells[Byte], at: int) -> int:
 
 
 @inline
-def put_four_bytes(data: Cells[Byte], at: int, word: int) -> None:
-    """Write a little-endian word into 4 bytes of `data` (n,) from `at` on."""
-    data[at] = word & 255
-    data[at + 1] = (word >> int64(8)) & 255
-    data[at + 2] = (word >> int64(16)) & 255
-    data[at + 3] = (word >> int64(24)) & 255
+def put_four_bytes(data: Cells[Byte], offset: int, word: int) -> None:
+    """Write a little-endian word into 4 bytes of `data` (n,) from `offset` on."""
+    data[offset] = word & 255
+    data[offset + 1] = (word >> int64(8)) & 255
+    data[offset + 2] = (word >> int64(16)) & 255
+    data[offset + 3] = (word >> int64(24)) & 255
 
 
 @inline
-def _add(data: Cells[Byte], at: int, word: int) -> None:
-    """Add the bits of a little-endian word to those of 8 bytes from `at` on."""
+def _add(data: Cells[Byte], offset: int, word: int) -> None:
+    """Add the bits of a little-endian word to those of 8 bytes from `offset` on."""
     for i in range(8):
-        data[at + i] |= (word >> int64(8 * i)) & 255
+        data[offset + i] |= (word >> int64(8 * i)) & 255
 
 
 @inline

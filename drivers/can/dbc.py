@@ -137,20 +137,20 @@ def _selector(message: Message, tail: Collection[str], where: str) -> str:
             raise DbcError(f"{where}: {signal.name}: in more than one layout; {cure}")
     names = {str(signal.multiplexer_signal) for signal in layered}
     if len(names) > 1:
-        what = f"{', '.join(sorted(names))}: more than one multiplexer"
-        raise DbcError(f"{where}: {what}; {cure}")
-    chosen = message.get_signal_by_name(names.pop())
-    scaled = (chosen.scale, chosen.offset) != (1, 0)
-    odd = chosen.is_signed or chosen.is_float or scaled or chosen.length > 32
-    if odd or chosen.name in tail:
-        what = "a multiplexer must be unsigned, of 32 bits, factor 1, offset 0, and no counter"
-        raise DbcError(f"{where}: {chosen.name}: {what}")
+        problem = f"{', '.join(sorted(names))}: more than one multiplexer"
+        raise DbcError(f"{where}: {problem}; {cure}")
+    multiplexer = message.get_signal_by_name(names.pop())
+    scaled = (multiplexer.scale, multiplexer.offset) != (1, 0)
+    odd = multiplexer.is_signed or multiplexer.is_float or scaled or multiplexer.length > 32
+    if odd or multiplexer.name in tail:
+        problem = "a multiplexer must be unsigned, of 32 bits, factor 1, offset 0, and no counter"
+        raise DbcError(f"{where}: {multiplexer.name}: {problem}")
     for signal in layered:
         layout = (signal.multiplexer_ids or [0])[0]
-        if layout >= 1 << chosen.length:
-            what = f"layout {layout} does not fit into the {chosen.length} bits"
-            raise DbcError(f"{where}: {signal.name}: {what} of {chosen.name}")
-    return chosen.name
+        if layout >= 1 << multiplexer.length:
+            problem = f"layout {layout} does not fit into the {multiplexer.length} bits"
+            raise DbcError(f"{where}: {signal.name}: {problem} of {multiplexer.name}")
+    return multiplexer.name
 
 
 def _flags(message: Message) -> int:
@@ -202,16 +202,16 @@ def _crc(message: Message, counter: str) -> tuple[int, int, int]:
     crc, where = message.get_signal_by_name("crc"), f"frame {message.name}"
     if crc.length == 8:
         return Protection.CRC_8, message.length - 1, message.frame_id
-    place = crc.start // 8
-    whole = (place + 2, 0, 255) == _counter(message.get_signal_by_name(counter), where)
-    if crc.start % 8 or crc.byte_order == "big_endian" or not whole:
-        what = "a crc of 16 bits takes two whole bytes (Intel), and the one behind it is"
-        raise DbcError(f"{where}: {what} the {counter}'s, as in AUTOSAR's E2E profile 5")
-    given = message.dbc.attributes.get("E2EDataId") if message.dbc else None
-    data_id = message.frame_id & 0xFFFF if given is None else given.value
+    crc_byte = crc.start // 8
+    counter_follows = (crc_byte + 2, 0, 255) == _counter(message.get_signal_by_name(counter), where)
+    if crc.start % 8 or crc.byte_order == "big_endian" or not counter_follows:
+        problem = "a crc of 16 bits takes two whole bytes (Intel), and the one behind it is"
+        raise DbcError(f"{where}: {problem} the {counter}'s, as in AUTOSAR's E2E profile 5")
+    attribute = message.dbc.attributes.get("E2EDataId") if message.dbc else None
+    data_id = message.frame_id & 0xFFFF if attribute is None else attribute.value
     if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
         raise DbcError(f"{where}: E2EDataId {printable(repr(data_id)[:40])}; expected 0 to 65535")
-    return Protection.CRC_16, place, data_id
+    return Protection.CRC_16, crc_byte, data_id
 
 
 def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
@@ -228,12 +228,12 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
     begins, first = signal.start, first_bit(signal)
     factor, offset = real(signal.scale), real(signal.offset)
     if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
-        what = f"factor {factor}, offset {offset}; must be finite, factor not 0"
-        raise DbcError(f"{where}: {what}; correct (factor,offset)")
+        problem = f"factor {factor}, offset {offset}; must be finite, factor not 0"
+        raise DbcError(f"{where}: {problem}; correct (factor,offset)")
     kind = _kind(signal, where)
     if first - 8 * word_place(begins // 8, dlc) + signal.length > 64:
-        what = f"{signal.length} bits lie in 9 bytes; begin it with a byte"
-        raise DbcError(f"{where}: {what}")
+        problem = f"{signal.length} bits lie in 9 bytes; begin it with a byte"
+        raise DbcError(f"{where}: {problem}")
     full: tuple[float, float] = (0, (1 << signal.length) - 1)
     if signal.is_float:
         full = (-_FLOAT_MAX[signal.length], _FLOAT_MAX[signal.length])
@@ -248,8 +248,8 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
         low, high = (code if signal.is_float or math.isinf(code) else round(code) for code in raw)
         codes = (max(full[0], low), min(full[1], high))
     if not limits[0] <= limits[1] or not codes[0] <= codes[1]:
-        what = f"no raw value lies in [{limits[0]}|{limits[1]}]"
-        raise DbcError(f"{where}: {what}; correct [minimum|maximum]; [0|0] means no limit")
+        problem = f"no raw value lies in [{limits[0]}|{limits[1]}]"
+        raise DbcError(f"{where}: {problem}; correct [minimum|maximum]; [0|0] means no limit")
     return Signal(
         signal.name,
         printable(signal.unit or ""),

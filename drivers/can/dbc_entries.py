@@ -115,18 +115,18 @@ class Description:
 
     def those_meant(self, entry: DbcEntry) -> tuple[DescribedFrame, list[DescribedSignal]] | None:
         """Return the frame of an entry, with its signals of this name; else list it, None."""
-        about = f"{entry.keyword} {entry.number}"
+        entry_label = f"{entry.keyword} {entry.number}"
         frame = self.frames.get(entry.number or 0)
         if frame is None and entry.number in self._of_no_frame:
             return None
         if frame is None:
-            self.leave_out(entry.place, f"{about}: there is no frame with this id")
+            self.leave_out(entry.place, f"{entry_label}: there is no frame with this id")
             return None
         name = entry.groups.get("signal", "")
         signals = frame.named(name)
         if name and not signals:
-            what = f"{about} {name}: frame {frame.name} has no such signal"
-            self.leave_out(entry.place, what)
+            problem = f"{entry_label} {name}: frame {frame.name} has no such signal"
+            self.leave_out(entry.place, problem)
             return None
         return frame, signals
 
@@ -195,17 +195,17 @@ class Description:
     def _new_signal(self, entry: DbcEntry) -> None:
         frame, groups = self._current, entry.groups
         if frame is None:
-            what = f"SG_ {groups['name']}: a signal of no frame; put it behind its BO_"
-            self.leave_out(entry.place, what)
+            problem = f"SG_ {groups['name']}: a signal of no frame; put it behind its BO_"
+            self.leave_out(entry.place, problem)
             return
         signal = DescribedSignal(groups["name"], groups)
         if not frame.refusal and (why := _why_no_signal(signal)):
             self.leave_out(entry.place, f"frame {frame.name}: {signal.name}{why}", frame)
             return
         if not frame.refusal and signal.marker and not _MARKER.fullmatch(signal.marker):
-            what = f"frame {frame.name}: {signal.name}: {groups.pop('marker')[:20]} is no marker"
+            problem = f"frame {frame.name}: {signal.name}: {groups.pop('marker')[:20]} is no marker"
             cure = "read as always there; expected M, m0 or m0M"
-            self.leave_out(entry.place, f"{what} of a multiplexer, {cure}", frame)
+            self.leave_out(entry.place, f"{problem} of a multiplexer, {cure}", frame)
         frame.signals.append(signal)
 
     # multiplexers
@@ -242,14 +242,14 @@ class Description:
             if signal.marker.startswith("m") and signal.chooser is None and len(always) == 1:
                 layout = int(signal.marker[1:].removesuffix("M"))
                 signal.chooser, signal.ranges = always[0], [(layout, layout)]
-        kept = [one for one in frame.signals if _is_reached(one)]
+        reachable = [one for one in frame.signals if _is_reached(one)]
         for signal in frame.signals:
-            if not any(signal is one for one in kept):
-                what = f"frame {frame.name}: {signal.name} ({signal.marker}): its multiplexer is"
+            if not any(signal is one for one in reachable):
+                problem = f"frame {frame.name}: {signal.name} ({signal.marker}): its multiplexer is"
                 cure = "give it an SG_MUL_VAL_" if len(always) > 1 else "mark one as M"
                 which = "not known" if len(always) > 1 else "not there"
-                self.leave_out(frame.place, f"{what} {which}; {cure}", frame)
-        frame.signals = kept
+                self.leave_out(frame.place, f"{problem} {which}; {cure}", frame)
+        frame.signals = reachable
 
 
 def whole_number(text: str) -> int | None:

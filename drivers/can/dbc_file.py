@@ -70,13 +70,13 @@ def text(path: str | Path) -> str:
         raise DbcError(f"{path}: {reason}; give a readable DBC file") from None
     encoding = next((name for mark, name in _MARKS.items() if data.startswith(mark)), "utf-8")
     try:
-        found = data.decode(encoding)
+        decoded = data.decode(encoding)
     except UnicodeDecodeError:
-        found = data.decode("cp1252", "replace")
-    found = found.rstrip(_PADDING)
-    if "\0" in found:
+        decoded = data.decode("cp1252", "replace")
+    decoded = decoded.rstrip(_PADDING)
+    if "\0" in decoded:
         raise DbcError(f"{path}: not text; give a DBC file")
-    return found.replace("\r\n", "\n").replace("\r", "\n")
+    return decoded.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def load(path: str | Path) -> Database:
@@ -99,17 +99,17 @@ def parse(path: str | Path, content: str, *, strict: bool = False) -> Database:
         raise DbcError(f"{path}:{described.odd[0].place}: {described.odd[0].what}")
     try:
         with patience(_PATIENCE_S + _PATIENCE_S_PER_BYTE * len(content)):
-            found = cantools_database(plain)
+            database = cantools_database(plain)
     except StalledError:
         raise DbcError(f"{path}: cantools does not come to an end with it; simplify it") from None
     except Exception as error:  # cantools lets KeyError, ValueError, ... of its parser through
         said = f"cantools: {type(error).__name__} {printable(' '.join(str(error).split())[:300])}"
         raise DbcError(f"{path}: {said}; correct the DBC file") from None
-    for message in found.messages:
+    for message in database.messages:
         _name(message, writing)
     nodes = tuple(writing.long_nodes.get(name, name) for name in described.nodes)
     odd = sorted((_with_long_nodes(one, writing) for one in described.odd), key=_line)
-    return Database(str(path), tuple(found.messages), nodes, tuple(odd), writing.is_j1939)
+    return Database(str(path), tuple(database.messages), nodes, tuple(odd), writing.is_j1939)
 
 
 def cantools_database(content: str) -> can_database.Database:
@@ -143,10 +143,10 @@ def _line(one: OddEntry) -> int:
 def place(path: str | Path, frame: str, signal: str) -> str:
     """Return file:line of a signal; the file alone where it is not found."""
     bare, inside = _without_strings(text(path)), ""
-    for found in _FRAME_OR_SIGNAL.finditer(bare):
-        inside = found[1] or inside
-        if (inside, found[3]) == (frame, signal):
-            return f"{path}:{bare.count(chr(10), 0, found.start()) + 1}"
+    for match in _FRAME_OR_SIGNAL.finditer(bare):
+        inside = match[1] or inside
+        if (inside, match[3]) == (frame, signal):
+            return f"{path}:{bare.count(chr(10), 0, match.start()) + 1}"
     return str(path)
 
 

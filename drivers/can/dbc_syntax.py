@@ -89,23 +89,23 @@ class DbcEntry:
 def entries(content: str) -> Iterator[DbcEntry]:
     """Yield each entry of the text of a DBC file, and what stands between them."""
     content = _COMMENT.sub(_without_comment, content)
-    at, line, counted = _end(_BLANK, content, 0), 1, 0
-    while at < len(content):
-        line, counted = line + content.count("\n", counted, at), at
-        keyword = content[at : _end(_WORD, content, at)]
-        found = _PATTERNS[keyword].match(content, at) if keyword in _PATTERNS else None
-        if found:
-            groups = {key: text for key, text in found.groupdict().items() if text is not None}
+    offset, line, counted = _end(_BLANK, content, 0), 1, 0
+    while offset < len(content):
+        line, counted = line + content.count("\n", counted, offset), offset
+        keyword = content[offset : _end(_WORD, content, offset)]
+        match = _PATTERNS[keyword].match(content, offset) if keyword in _PATTERNS else None
+        if match:
+            groups = {key: text for key, text in match.groupdict().items() if text is not None}
             yield DbcEntry(str(line), keyword, groups)
-            after = found.end()
+            after = match.end()
         else:
-            following = _NEXT.search(content, at)
+            following = _NEXT.search(content, offset)
             after = following.end() if following else len(content)
-            bad = _first_misfit(content, at, keyword)
+            bad = _first_misfit(content, offset, keyword)
             column = bad - content.rfind("\n", 0, bad)
-            place = f"{line + content.count(chr(10), at, bad)}:{column}"
-            yield DbcEntry(place, keyword, {}, _marked(content, bad), content[at:after][:_KEPT])
-        at = _end(_BLANK, content, after)
+            place = f"{line + content.count(chr(10), offset, bad)}:{column}"
+            yield DbcEntry(place, keyword, {}, _marked(content, bad), content[offset:after][:_KEPT])
+        offset = _end(_BLANK, content, after)
 
 
 def parts(text: str) -> list[str]:
@@ -128,13 +128,13 @@ def _without_comment(found: re.Match[str]) -> str:
     return found["kept"] or " " + "\n" * found[0].count("\n")
 
 
-def _first_misfit(content: str, at: int, keyword: str) -> int:
+def _first_misfit(content: str, offset: int, keyword: str) -> int:
     """Return the place of the first thing that does not belong into an entry."""
     pieces = (rf"{keyword}\b", *_SHAPES[keyword]) if keyword in _SHAPES else ()
     for n in range(len(pieces), 0, -1):
-        if found := re.compile(r"\s*+".join(pieces[:n]) + r"\s*+").match(content, at):
+        if found := re.compile(r"\s*+".join(pieces[:n]) + r"\s*+").match(content, offset):
             return found.end()
-    return at
+    return offset
 
 
 def _marked(content: str, bad: int) -> str:

@@ -125,14 +125,14 @@ class Writing:
         if signal.chooser is not None:
             marker = f"m{signal.ranges[0][0]}"
         marker += "M" if signal.chooses else ""
-        heard = ",".join(self._node(name) for name in names(groups["names"])) or NOBODY
+        receivers = ",".join(self._node(name) for name in names(groups["names"])) or NOBODY
         factor, offset, low, high = (
             _number(groups[key]) for key in ("factor", "offset", "low", "high")
         )
         return (
             f" SG_ {self._alias[id(signal)]} {marker} : {int(groups['start'])}|{groups['bits']}"
             f"@{groups['order']}{groups['sign']} ({factor},{offset}) [{low}|{high}]"
-            f" {groups['unit']} {heard}"
+            f" {groups['unit']} {receivers}"
         )
 
     # attributes
@@ -216,14 +216,14 @@ class Writing:
             self._number_multiplexers(frame, alias)
 
     def _number_multiplexers(self, frame: DescribedFrame, alias: str) -> None:
-        own = [(alias, self._alias[id(one)]) for one in frame.signals]
-        every = [self.names[one] for one in own]
-        for i, (signal, key) in enumerate(zip(frame.signals, own, strict=True)):
-            if signal.chooses and every.count(every[i]) > 1:
-                self.names[key] = longer = f"{every[i]}_{signal.groups['start']}"
-                what = f"frame {frame.name}: {every[i]}: another signal has this name"
+        keys = [(alias, self._alias[id(one)]) for one in frame.signals]
+        signal_names = [self.names[one] for one in keys]
+        for i, (signal, key) in enumerate(zip(frame.signals, keys, strict=True)):
+            if signal.chooses and signal_names.count(signal_names[i]) > 1:
+                self.names[key] = longer = f"{signal_names[i]}_{signal.groups['start']}"
+                problem = f"frame {frame.name}: {signal_names[i]}: another signal has this name"
                 cure = f"read as {longer}; make them differ"
-                self.described.leave_out(frame.place, f"{what}; {cure}", frame)
+                self.described.leave_out(frame.place, f"{problem}; {cure}", frame)
 
     # what refers to frames and signals
 

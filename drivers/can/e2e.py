@@ -76,12 +76,12 @@ def crc8(can_id: int, data: Cells[Byte], n_bytes: int) -> int:
 
 
 @compiled()
-def crc16(data_id: int, data: Cells[Byte], place: int, n_bytes: int) -> int:
-    """Return the CRC-16 over `n_bytes` of `data` (n,) but the two at `place`, and two of the id."""
+def crc16(data_id: int, data: Cells[Byte], crc_byte: int, n_bytes: int) -> int:
+    """Return the CRC-16 over `n_bytes` of `data` (n,) but two at `crc_byte`, and two of the id."""
     crc = np.uint64(0xFFFF)
     for i in range(n_bytes + 2):
         byte = data[i] if i < n_bytes else data_id >> 8 * (i - n_bytes)
-        if i < place or i > place + 1:
+        if i < crc_byte or i > crc_byte + 1:
             known = _CRC_16_TABLE[(crc >> np.uint64(8) ^ np.uint64(byte)) & np.uint64(0xFF)]
             crc = crc << np.uint64(8) & np.uint64(0xFFFF) ^ known
     return int64(crc)
@@ -90,19 +90,19 @@ def crc16(data_id: int, data: Cells[Byte], place: int, n_bytes: int) -> int:
 @compiled()
 def right_crc(data: Cells[Byte], frame: int, frames: Cells[FrameRow]) -> int:
     """Return the CRC that belongs to `data` (n,) of a protected frame of `frames` (rows,)."""
-    place = frames[frame].crc_byte
+    crc_byte = frames[frame].crc_byte
     if frames[frame].protected == Protection.CRC_16:
-        return crc16(frames[frame].data_id, data, place, frames[frame].dlc)
-    return crc8(frames[frame].can_id, data, place)
+        return crc16(frames[frame].data_id, data, crc_byte, frames[frame].dlc)
+    return crc8(frames[frame].can_id, data, crc_byte)
 
 
 @compiled()
 def crc_of(data: Cells[Byte], frame: int, frames: Cells[FrameRow]) -> int:
     """Return the CRC that stands in `data` (n,) of a protected frame of `frames` (rows,)."""
-    place = frames[frame].crc_byte
-    crc = int64(data[place])
+    crc_byte = frames[frame].crc_byte
+    crc = int64(data[crc_byte])
     if frames[frame].protected == Protection.CRC_16:
-        crc |= int64(data[place + 1]) << 8
+        crc |= int64(data[crc_byte + 1]) << 8
     return crc
 
 
@@ -112,10 +112,10 @@ def put_crc(data: Cells[Byte], frame: int, frames: Cells[FrameRow], crc: int) ->
 
     `data` (n,), `frames` (rows,).
     """
-    place = frames[frame].crc_byte
-    data[place] = crc & 0xFF
+    crc_byte = frames[frame].crc_byte
+    data[crc_byte] = crc & 0xFF
     if frames[frame].protected == Protection.CRC_16:
-        data[place + 1] = crc >> 8 & 0xFF
+        data[crc_byte + 1] = crc >> 8 & 0xFF
 
 
 @inline

@@ -8,16 +8,18 @@ from pcpc.drivers.errors import DbcError
 def check_format(message: Message, where: str) -> None:
     """Raise DbcError for a length that CAN does not have, and for signals that are in the way."""
     if not message.is_fd and not 0 <= message.length <= 8:
-        what = f'{message.length} bytes need CAN FD; say VFrameFormat "StandardCAN_FD", or split it'
-        raise DbcError(f"{where}: {what}")
+        problem = (
+            f'{message.length} bytes need CAN FD; say VFrameFormat "StandardCAN_FD", or split it'
+        )
+        raise DbcError(f"{where}: {problem}")
     if message.length not in LENGTHS:
         longer = next((n for n in LENGTHS if n >= message.length), LENGTHS[-1])
-        what = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
-        raise DbcError(f"{where}: {what}")
+        problem = f"{message.length} bytes; CAN FD has {longer}; say so, the rest is padding"
+        raise DbcError(f"{where}: {problem}")
     names = [signal.name for signal in message.signals]
     if double := next((name for name in names if names.count(name) > 1), None):
-        what = f"{names.count(double)} signals {double}; give each a name of its own"
-        raise DbcError(f"{where}: {what}")
+        problem = f"{names.count(double)} signals {double}; give each a name of its own"
+        raise DbcError(f"{where}: {problem}")
     for signal in message.signals:
         _check_place(signal, message.length, where)
     try:

@@ -58,7 +58,7 @@ class Udp:
 
     def offer(self, word: int, data: bytes, flags: int = Flag.NONE) -> bool:
         """Send a frame; False where that fails."""
-        said = {
+        message = {
             "arbitration_id": word & can_id.ID,
             "is_extended_id": bool(word & can_id.EXTENDED),
             "dlc": len(data),
@@ -67,7 +67,7 @@ class Udp:
             "bitrate_switch": bool(flags & Flag.BRS),
             **_SAID,
         }
-        return self._tx.send(msgpack.packb(said)) > 0
+        return self._tx.send(msgpack.packb(message)) > 0
 
     def frames(self) -> Iterator[BusFrame]:
         """Yield the frames that are there."""
@@ -83,14 +83,16 @@ class Udp:
 def _frame_of_datagram(text: bytes) -> BusFrame | None:
     """Return the data frame of a datagram."""
     try:
-        said = msgpack.unpackb(text)
-        number, extended = int(said["arbitration_id"]), bool(said.get("is_extended_id"))
-        data = bytes(memoryview(said["data"]))
+        message = msgpack.unpackb(text)
+        number, extended = int(message["arbitration_id"]), bool(message.get("is_extended_id"))
+        data = bytes(memoryview(message["data"]))
     except (ArithmeticError, ValueError, TypeError, KeyError, AttributeError,
             msgpack.UnpackException):  # fmt: skip
         return None
-    flags = (Flag.FD | Flag.BRS * bool(said.get("bitrate_switch"))) if said.get("is_fd") else 0
-    other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame"))
+    flags = (
+        (Flag.FD | Flag.BRS * bool(message.get("bitrate_switch"))) if message.get("is_fd") else 0
+    )
+    other = any(message.get(k) for k in ("is_remote_frame", "is_error_frame"))
     fits = len(data) in (LENGTHS if flags else LENGTHS[:9])
     fits &= 0 <= number <= (can_id.ID if extended else 0x7FF)
     return BusFrame(can_id.word_of(number, extended), data, flags) if fits and not other else None

@@ -118,9 +118,9 @@ def _write_packet(frame: Cells[Byte], packet: Cells[Byte]) -> int:
 
 
 @loop_function
-def _value_end(b: Cells[Byte], at: int, end: int) -> Any:
-    """Return the end of the msgpack scalar, string or bytes at `at`; -1 if cut or unknown."""
-    tag = int64(b[at])
+def _value_end(b: Cells[Byte], offset: int, end: int) -> Any:
+    """Return the end of the msgpack scalar, string or bytes at `offset`; -1 if cut or unknown."""
+    tag = int64(b[offset])
     length = int64(-1)
     if tag <= 0x7F or tag >= 0xE0 or tag == 0xC0 or tag == 0xC2 or tag == 0xC3:
         length = int64(0)
@@ -134,24 +134,24 @@ def _value_end(b: Cells[Byte], at: int, end: int) -> Any:
         length = int64(4)
     elif tag == 0xCB or tag == 0xCF or tag == 0xD3:
         length = int64(8)
-    elif (tag == 0xC4 or tag == 0xD9) and at + 1 < end:
-        length = int64(b[at + 1]) + 1
-    if length < 0 or at + 1 + length > end:
+    elif (tag == 0xC4 or tag == 0xD9) and offset + 1 < end:
+        length = int64(b[offset + 1]) + 1
+    if length < 0 or offset + 1 + length > end:
         return int64(-1)
-    return at + 1 + length
+    return offset + 1 + length
 
 
 @loop_function
-def _uint(b: Cells[Byte], at: int, stop: int) -> Any:
+def _uint(b: Cells[Byte], offset: int, stop: int) -> Any:
     """Return the msgpack unsigned integer (or bool) in b[at:stop]; -1 if it is something else."""
-    tag = int64(b[at])
+    tag = int64(b[offset])
     if tag <= 0x7F:
         return tag
     if tag == 0xC2 or tag == 0xC3:
         return tag - 0xC2
     value = int64(0)
     if 0xCC <= tag <= 0xCE:
-        for i in range(at + 1, stop):
+        for i in range(offset + 1, stop):
             value = value * 256 + int64(b[i])
         return value
     return int64(-1)
@@ -163,12 +163,12 @@ def _read_packet(b: Cells[Byte], end: int, frame: Cells[Byte], remotes: int) -> 
     if end < 2 or end > PACKET_BYTES - 1 or b[0] & 0xF0 != 0x80:
         return False
     can_id, data_at, data_n, extended = int64(-1), int64(0), int64(-1), int64(0)
-    at, other, flags, remote = int64(1), False, int64(0), int64(0)
+    offset, other, flags, remote = int64(1), False, int64(0), int64(0)
     for _ in range(int64(b[0] & 15)):
-        if at >= end or b[at] < 0xA1 or b[at] > 0xBF:
+        if offset >= end or b[offset] < 0xA1 or b[offset] > 0xBF:
             return False
-        n = int64(b[at]) & 31
-        key = at + 1
+        n = int64(b[offset]) & 31
+        key = offset + 1
         value = key + n
         if value >= end:
             return False
@@ -194,14 +194,14 @@ def _read_packet(b: Cells[Byte], end: int, frame: Cells[Byte], remotes: int) -> 
             flags |= Flag.BRS
         elif n == 21 and first == 101 and _uint(b, value, stop) == 1:  # error_state_indicator
             flags |= Flag.ESI
-        at = stop
+        offset = stop
     highest = 0x1FFFFFFF if extended else 0x7FF
     if flags & Flag.FD == 0:
         flags = int64(0)
     elif data_n >= 0 and CAN_BE[np.uint64(data_n)] == 0:
         return False
     longest = 8 if flags == 0 else 64
-    if other or at != end or not 0 <= can_id <= highest or not 0 <= data_n <= longest:
+    if other or offset != end or not 0 <= can_id <= highest or not 0 <= data_n <= longest:
         return False
     for i in range(4):
         frame[i] = (can_id >> (8 * i)) & 255
@@ -242,10 +242,10 @@ def on_second(wire: Wire, frame: Cells[Byte]) -> bool:
     word = int64(0)
     for i in range(4):
         word |= int64(frame[i]) << (8 * i)
-    found = False
+    is_second = False
     for i in range(wire.n_second):
-        found |= wire.second[i] == word
-    return found
+        is_second |= wire.second[i] == word
+    return is_second
 
 
 @loop_inline
@@ -267,16 +267,16 @@ def _send(wire: Wire) -> bool:
         return _put_python_can(wire)
     if wire.kind == Medium.SOCKETCAN:
         n = int64(FRAME_BYTES if wire.tx[FLAGS] & Flag.FD else CLASSIC_BYTES)
-        at = libc.address(wire.tx)
+        address = libc.address(wire.tx)
     elif wire.kind == Medium.UDP:
-        n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
+        n, address = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
     else:
         wire.errno = errno.EPROTONOSUPPORT
         return False
     fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
     flags = wire.tx[FLAGS]
     wire.tx[FLAGS] = flags & (Flag.BRS | Flag.ESI)  # FD says the size
-    sent = libc.send(fd, at, n, libc.MSG_DONTWAIT) == n
+    sent = libc.send(fd, address, n, libc.MSG_DONTWAIT) == n
     if not sent:
         wire.errno = libc.errno()
     wire.tx[FLAGS] = flags

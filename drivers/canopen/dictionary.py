@@ -34,13 +34,13 @@ _LOW_32 = 0xFFFF_FFFF
 @loop_function
 def row_of_object(d: Drive, index: int, subindex: int) -> int:
     """Return the row of an object; -1 if there is no such index, -2 no such subindex."""
-    found = int64(-1)
+    missing = int64(-1)
     for i in range(d.n):
         if d.objects[i].index == index:
-            found = int64(-2)
+            missing = int64(-2)
             if d.objects[i].subindex == subindex:
                 return int64(i)
-    return found
+    return missing
 
 
 @loop_inline

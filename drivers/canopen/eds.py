@@ -13,9 +13,9 @@ _MANDATORY = 0x1000, 0x1001, 0x1018
 _VAR, _RECORD = 0x7, 0x9
 
 
-def text(every: Sequence[Object], product: str = "CiA 402 drive of pcpc") -> str:
+def text(dictionary: Sequence[Object], product: str = "CiA 402 drive of pcpc") -> str:
     """Return the EDS of a dictionary."""
-    indices = sorted({one.index for one in every})
+    indices = sorted({one.index for one in dictionary})
     parts = [
         _section("FileInfo", FileVersion=1, FileRevision=0, EDSVersion="4.0", Description=product),
         _section(
@@ -28,7 +28,7 @@ def text(every: Sequence[Object], product: str = "CiA 402 drive of pcpc") -> str
         _list("OptionalObjects", [i for i in indices if i not in _MANDATORY]),
         _list("ManufacturerObjects", []),
     ]  # fmt: skip
-    ordered = sorted(every, key=lambda one: (one.index, one.subindex))
+    ordered = sorted(dictionary, key=lambda one: (one.index, one.subindex))
     for index, group in groupby(ordered, key=lambda one: one.index):
         parts += _entries(index, list(group))
     return "\n".join(parts)
@@ -44,32 +44,32 @@ def _entries(index: int, group: list[Object]) -> list[str]:
     return [head, *(_object(f"{index:04X}sub{one.subindex:X}", one) for one in group)]
 
 
-def _object(section: str, one: Object) -> str:
-    start = one.text if one.kind == ObjectType.TEXT else str(one.start)
-    low, high = one.bounds
+def _object(section: str, od_object: Object) -> str:
+    start = od_object.text if od_object.kind == ObjectType.TEXT else str(od_object.start)
+    low, high = od_object.bounds
     limits = {"LowLimit": low, "HighLimit": high}
-    if one.kind == ObjectType.TEXT:
+    if od_object.kind == ObjectType.TEXT:
         limits = {}
-    elif one.kind == ObjectType.F32:
-        limits, start = {}, _real(one.start)
+    elif od_object.kind == ObjectType.F32:
+        limits, start = {}, _real(od_object.start)
     return _section(
         section,
-        ParameterName=one.name,
+        ParameterName=od_object.name,
         ObjectType=f"0x{_VAR:X}",
-        DataType=f"0x{int(one.kind):04X}",
+        DataType=f"0x{int(od_object.kind):04X}",
         **limits,
-        AccessType=_access(one),
+        AccessType=_access(od_object),
         DefaultValue=start,
-        PDOMapping=int(bool(one.access & (at.TO_DRIVE | at.FROM_DRIVE))),
+        PDOMapping=int(bool(od_object.access & (at.TO_DRIVE | at.FROM_DRIVE))),
     )
 
 
-def _access(one: Object) -> str:
+def _access(od_object: Object) -> str:
     """Return how an object is read and written, and mapped if only one way."""
-    mapped = one.access & (at.TO_DRIVE | at.FROM_DRIVE)
-    if not one.access & at.WRITE:
+    mapped = od_object.access & (at.TO_DRIVE | at.FROM_DRIVE)
+    if not od_object.access & at.WRITE:
         return "ro"
-    if not one.access & at.READ:
+    if not od_object.access & at.READ:
         return "wo"
     return {at.TO_DRIVE: "rww", at.FROM_DRIVE: "rwr"}.get(mapped, "rw")
 

@@ -50,87 +50,87 @@ class EdsContent:
     left_out: list[str] = field(default_factory=list)
 
 
-def read(path: Path, every: Sequence[Object], node: int) -> EdsContent:
+def read(path: Path, dictionary: Sequence[Object], node: int) -> EdsContent:
     """Return what the file makes of a dictionary of the drive `node`.
 
     OSError; ValueError: it is no such file, or that of another node.
     """
     file = sections(path.read_bytes())
-    found = EdsContent(list(every))
-    _check_node(file, node, found)
+    content = EdsContent(list(dictionary))
+    _check_node(file, node, content)
     entries = sorted(variables(file), key=lambda one: (one.index, one.subindex))
     if not entries:
         raise ValueError(f"has no object{', ' + file.odd[0] if file.odd else ''}; {_WANTED}")
-    known = {(one.index, one.subindex): i for i, one in enumerate(every)}
+    rows = {(one.index, one.subindex): i for i, one in enumerate(dictionary)}
     for entry in entries:
         try:
-            _take(found, entry, known.get((entry.index, entry.subindex)), node)
+            _take(content, entry, rows.get((entry.index, entry.subindex)), node)
         except ValueError as error:
-            found.left_out.append(f"{entry.key} ({error})")
-    found.left_out += file.odd
-    _let_go(found)
-    return found
+            content.left_out.append(f"{entry.key} ({error})")
+    content.left_out += file.odd
+    _let_go(content)
+    return content
 
 
-def _check_node(file: Sections, node: int, found: EdsContent) -> None:
+def _check_node(file: Sections, node: int, content: EdsContent) -> None:
     """Raise ValueError if a DCF is that of another node."""
     for section in ("DEVICECOMISSIONING", "DEVICECOMMISSIONING"):
         text = file.of.get(section, {}).get("nodeid")
         if not text:
             continue
         try:
-            wanted = number(text, 0)
+            node_id = number(text, 0)
         except ValueError as error:
-            found.left_out.append(f"[DeviceComissioning] NodeID ({error})")
+            content.left_out.append(f"[DeviceComissioning] NodeID ({error})")
             continue
-        if not 1 <= wanted <= 127:  # 255: of a device that was not given any
-            found.left_out.append(f"[DeviceComissioning] NodeID {printable(text[:40])}")
-        elif wanted != node:
+        if not 1 <= node_id <= 127:  # 255: of a device that was not given any
+            content.left_out.append(f"[DeviceComissioning] NodeID {printable(text[:40])}")
+        elif node_id != node:
             raise ValueError(f"[DeviceComissioning]: NodeID {text}, the rig's node is {node}")
 
 
-def _take(found: EdsContent, entry: EdsVariable, place: int | None, node: int) -> None:
+def _take(content: EdsContent, entry: EdsVariable, row: int | None, node: int) -> None:
     """Take over what is said of an object; ValueError says why not."""
-    if place is not None:
-        found.every[place] = _ours(found, place, entry, node)
+    if row is not None:
+        content.every[row] = _ours(content, row, entry, node)
     elif not _OWN[0] <= entry.index <= _OWN[1]:
-        found.left_out.append(entry.key)
-    elif len(found.every) >= at.MAX_OBJECTS:
+        content.left_out.append(entry.key)
+    elif len(content.every) >= at.MAX_OBJECTS:
         raise ValueError(f"more than {at.MAX_OBJECTS} objects")
-    elif new := _passive_object(found, entry, node):
-        found.every.append(new)
+    elif new := _passive_object(content, entry, node):
+        content.every.append(new)
     else:
-        found.left_out.append(entry.key)
+        content.left_out.append(entry.key)
 
 
-def _ours(found: EdsContent, place: int, entry: EdsVariable, node: int) -> Object:
+def _ours(content: EdsContent, row: int, entry: EdsVariable, node: int) -> Object:
     """Return an object of ours with what the file says of it."""
-    one, text = found.every[place], entry.value
+    od_object, text = content.every[row], entry.value
     kind = _type_of(entry)
-    if one.kind == ObjectType.TEXT:
+    if od_object.kind == ObjectType.TEXT:
         if not (text.isascii() and text.isprintable() and len(text) <= at.TEXT_BYTES):
             raise ValueError(f"not {at.TEXT_BYTES} characters of ASCII")
-        return replace(one, text=text) if text else one
-    if _SIZES.get(kind) != one.bits or kind == ObjectType.F32:
-        what = f"DataType 0x{kind:04X}, the drive has 0x{int(one.kind):04X}"
-        raise ValueError(f"{one.name}: {what}")
+        return replace(od_object, text=text) if text else od_object
+    if _SIZES.get(kind) != od_object.bits or kind == ObjectType.F32:
+        problem = f"DataType 0x{kind:04X}, the drive has 0x{int(od_object.kind):04X}"
+        raise ValueError(f"{od_object.name}: {problem}")
     if not text:
-        return one
-    start = _signed_value(number(text, node), one)
-    if place == Od.MODES:
-        return replace(one, start=start & one.start)
-    settable = one.access & at.WRITE and place != Od.ERROR_COUNT
-    if not (settable or place in _STATED):
-        if start != one.start and place != Od.ERROR_COUNT:
-            found.left_out.append(f"{entry.key}={text}")
-        return one
-    low, high = one.bounds
-    if one.access & at.WRITE and place >= at.OTHERS:
-        low, high = _limits(entry, one, node)
-    if not low <= start <= high or (place, start) in _NOT_POSSIBLE:
-        found.left_out.append(f"{entry.key}={text}")
-        return one
-    return replace(one, start=start, low=low, high=high)
+        return od_object
+    start = _signed_value(number(text, node), od_object)
+    if row == Od.MODES:
+        return replace(od_object, start=start & od_object.start)
+    settable = od_object.access & at.WRITE and row != Od.ERROR_COUNT
+    if not (settable or row in _STATED):
+        if start != od_object.start and row != Od.ERROR_COUNT:
+            content.left_out.append(f"{entry.key}={text}")
+        return od_object
+    low, high = od_object.bounds
+    if od_object.access & at.WRITE and row >= at.OTHERS:
+        low, high = _limits(entry, od_object, node)
+    if not low <= start <= high or (row, start) in _NOT_POSSIBLE:
+        content.left_out.append(f"{entry.key}={text}")
+        return od_object
+    return replace(od_object, start=start, low=low, high=high)
 
 
 def _type_of(entry: EdsVariable) -> int:
@@ -140,24 +140,24 @@ def _type_of(entry: EdsVariable) -> int:
     raise ValueError("no DataType")
 
 
-def _limits(entry: EdsVariable, one: Object, node: int) -> tuple[int, int]:
+def _limits(entry: EdsVariable, od_object: Object, node: int) -> tuple[int, int]:
     """Return the bounds that both have; those of the file count if they are two, and differ."""
-    low, high = one.bounds
-    told = [entry.keys.get(key) for key in ("lowlimit", "highlimit")]
-    if told[0] and told[1]:
-        ends = [_signed_value(number(end, node), one) for end in told if end]
+    low, high = od_object.bounds
+    limits = [entry.keys.get(key) for key in ("lowlimit", "highlimit")]
+    if limits[0] and limits[1]:
+        ends = [_signed_value(number(end, node), od_object) for end in limits if end]
         if ends[0] < ends[1]:  # 0 and 0 are no limits
             return max(low, ends[0]), min(high, ends[1])
     return low, high
 
 
-def _signed_value(value: int, one: Object) -> int:
+def _signed_value(value: int, od_object: Object) -> int:
     """Return a number that may have been written as the bits of a negative one."""
-    whole = 1 << one.bits
-    return value - whole if one.signed and whole >> 1 <= value < whole else value
+    whole = 1 << od_object.bits
+    return value - whole if od_object.signed and whole >> 1 <= value < whole else value
 
 
-def _passive_object(found: EdsContent, entry: EdsVariable, node: int) -> Object | None:
+def _passive_object(content: EdsContent, entry: EdsVariable, node: int) -> Object | None:
     """Return an object without an effect; None of a type that the drive cannot hold."""
     kind = _type_of(entry)
     kind = int(ObjectType.U8) if kind == _BOOLEAN else kind
@@ -170,18 +170,18 @@ def _passive_object(found: EdsContent, entry: EdsVariable, node: int) -> Object 
     if number(entry.keys.get("pdomapping") or "0", node):
         rights |= mapped
     name = entry.keys.get("parametername", "")
-    one = Object(name, entry.index, entry.subindex, ObjectType(kind), rights)
+    od_object = Object(name, entry.index, entry.subindex, ObjectType(kind), rights)
     if kind == ObjectType.F32:
-        return replace(one, start=_bits_of_float(entry.value or "0"))
-    start = _signed_value(number(entry.value or "0", node), one)
-    low, high = one.bounds
+        return replace(od_object, start=_bits_of_float(entry.value or "0"))
+    start = _signed_value(number(entry.value or "0", node), od_object)
+    low, high = od_object.bounds
     if not low <= start <= high:
-        raise ValueError(f"{start} does not fit into {one.bits} bits")
-    low, high = _limits(entry, one, node)
+        raise ValueError(f"{start} does not fit into {od_object.bits} bits")
+    low, high = _limits(entry, od_object, node)
     if not low <= start <= high:
-        found.left_out.append(f"{entry.key} (limits without {entry.value or 0})")
-        return replace(one, start=start)
-    return replace(one, start=start, low=low, high=high)
+        content.left_out.append(f"{entry.key} (limits without {entry.value or 0})")
+        return replace(od_object, start=start)
+    return replace(od_object, start=start, low=low, high=high)
 
 
 def _bits_of_float(text: str) -> int:
@@ -200,22 +200,24 @@ def _bits_of_float(text: str) -> int:
     return bits
 
 
-def _let_go(found: EdsContent) -> None:
+def _let_go(content: EdsContent) -> None:
     """Let PDOs be not valid that map what the drive does not have, and say which."""
-    known = {(one.index, one.subindex): one for one in found.every}
+    objects_by_key = {(one.index, one.subindex): one for one in content.every}
     for p in range(2 * at.PDOS):
         received = p < at.PDOS
         first = p * at.RPDO_ROWS if received else at.FIRST_TPDO + (p - at.PDOS) * at.TPDO_ROWS
         mapping = first + (at.RPDO_MAPPING if received else at.TPDO_MAPPING)
-        entries = [found.every[mapping + 1 + i].start for i in range(found.every[mapping].start)]
-        wanted = at.TO_DRIVE if received else at.FROM_DRIVE
-        odd = [
+        entries = [
+            content.every[mapping + 1 + i].start for i in range(content.every[mapping].start)
+        ]
+        direction = at.TO_DRIVE if received else at.FROM_DRIVE
+        unmappable = [
             entry for entry in entries
-            if (one := known.get((entry >> 16, entry >> 8 & 255))) is None
-            or not one.access & wanted or one.bits != entry & 255
+            if (one := objects_by_key.get((entry >> 16, entry >> 8 & 255))) is None
+            or not one.access & direction or one.bits != entry & 255
         ]  # fmt: skip
-        if odd or sum(entry & 255 for entry in entries) > 64:
-            cob_id, count = found.every[first + at.COB_ID], found.every[mapping]
-            found.every[first + at.COB_ID] = replace(cob_id, start=cob_id.start | NOT_VALID)
-            found.every[mapping] = replace(count, start=0)
-            found.left_out.append(f"{count.index:04X}")
+        if unmappable or sum(entry & 255 for entry in entries) > 64:
+            cob_id, count = content.every[first + at.COB_ID], content.every[mapping]
+            content.every[first + at.COB_ID] = replace(cob_id, start=cob_id.start | NOT_VALID)
+            content.every[mapping] = replace(count, start=0)
+            content.left_out.append(f"{count.index:04X}")

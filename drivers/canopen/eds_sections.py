@@ -48,7 +48,7 @@ class Sections:
 
 def sections(data: bytes) -> Sections:
     """Return the sections of the bytes of a file."""
-    found, current = Sections(), None
+    file, current = Sections(), None
     for i, line in enumerate(_text(data).splitlines()):
         bare = line.strip()
         if not bare or bare[0] in ";#":
@@ -56,20 +56,20 @@ def sections(data: bytes) -> Sections:
         if bare[0] == "[" and "]" in bare:
             name = bare[1 : bare.index("]")].strip().upper()
             current = dict[str, str]()
-            if name in found.of:
-                found.odd.append(f"line {i + 1} ([{printable(name[:40])}] again)")
+            if name in file.of:
+                file.odd.append(f"line {i + 1} ([{printable(name[:40])}] again)")
             else:
-                found.of[name] = current
+                file.of[name] = current
             continue
         key, sign, value = (part.strip() for part in bare.partition("="))
         if current is None or not sign:
-            what = "no [section] before it" if current is None else "no key=value"
-            found.odd.append(f"line {i + 1} ({what})")
+            problem = "no [section] before it" if current is None else "no key=value"
+            file.odd.append(f"line {i + 1} ({problem})")
         elif key.lower() in current:
-            found.odd.append(f"line {i + 1} ({printable(key[:40])} again)")
+            file.odd.append(f"line {i + 1} ({printable(key[:40])} again)")
         else:
             current[key.lower()] = value.split(";")[0].strip()
-    return found
+    return file
 
 
 def _text(data: bytes) -> str:
@@ -82,46 +82,44 @@ def _text(data: bytes) -> str:
         return data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
 
 
-def variables(found: Sections) -> Iterator[EdsVariable]:
+def variables(file: Sections) -> Iterator[EdsVariable]:
     """Yield each variable, and what is odd into `found.odd`."""
-    for name, keys in found.of.items():
+    for name, keys in file.of.items():
         if match := _VALUES.fullmatch(name):
-            array = found.of.get(match[1], {})
+            array = file.of.get(match[1], {})
             if not array.get("compactsubobj"):
-                found.odd.append(f"[{name}] (no compact [{match[1]}])")
+                file.odd.append(f"[{name}] (no compact [{match[1]}])")
         elif match := _SECTION.fullmatch(name):
             index, subindex = int(match[1], 16), int(match[2] or "0", 16)
             try:
                 count = number(keys.get("compactsubobj") or "0", 0)
                 is_record = number(keys.get("objecttype") or "7", 0) in _RECORDS
             except ValueError as error:
-                found.odd.append(f"{match[1]} ({error})")
+                file.odd.append(f"{match[1]} ({error})")
                 continue
             if match[2] is None and count > 0:
-                yield from _compact(found, index, keys, count)
+                yield from _compact(file, index, keys, count)
             elif match[2] or not is_record:
                 yield EdsVariable(index, subindex, keys)
         elif "datatype" in keys:
-            found.odd.append(
+            file.odd.append(
                 f"[{printable(name[:40])}] (no index of an object, as 2001 or 2001sub1)"
             )
 
 
-def _compact(
-    found: Sections, index: int, keys: dict[str, str], count: int
-) -> Iterator[EdsVariable]:
+def _compact(file: Sections, index: int, keys: dict[str, str], count: int) -> Iterator[EdsVariable]:
     """Yield the variables of an array whose subindices have no sections of their own."""
     values = dict[int, str]()
-    for key, value in found.of.get(f"{index:04X}VALUE", {}).items():
+    for key, value in file.of.get(f"{index:04X}VALUE", {}).items():
         if key == "nrofentries":
             continue
         subindex = int(key) if key.isdecimal() and len(key) < 4 else 0
         if 1 <= subindex <= count:
             values[subindex] = value
         else:
-            found.odd.append(f"[{index:04X}Value] {printable(key[:40])}")
+            file.odd.append(f"[{index:04X}Value] {printable(key[:40])}")
     if count > _MOST_SUBINDICES:
-        found.odd.append(f"{index:04X}.{_MOST_SUBINDICES + 1} to {count}")
+        file.odd.append(f"{index:04X}.{_MOST_SUBINDICES + 1} to {count}")
     count = min(count, _MOST_SUBINDICES)
     size = {"datatype": "5", "accesstype": "ro", "defaultvalue": str(count)}
     yield EdsVariable(index, 0, size)

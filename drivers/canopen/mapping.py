@@ -61,12 +61,12 @@ def is_valid(d: Drive, p: int) -> bool:
 def why_not(d: Drive, row: int, raw: int) -> int:
     """Return the abort code for a value of a PDO's row; 0 if it may be written."""
     p = pdo_of(row)
-    place, mapping = row - first_row(p), mapping_row(p)
-    if place == COB_ID:
+    offset, mapping = row - first_row(p), mapping_row(p)
+    if offset == COB_ID:
         return _why_no_id(d, p, row, raw)
-    if place == KIND:
+    if offset == KIND:
         return WRONG_VALUE if 240 < raw < 254 else 0
-    if place == INHIBIT and row < mapping:
+    if offset == INHIBIT and row < mapping:
         return NOT_NOW if is_valid(d, p) else 0
     if row < mapping:
         return 0

@@ -119,10 +119,10 @@ def take_setpoint(d: Drive) -> None:
 
 
 @loop_inline
-def fastest_that_stops(left: float, slow: float, dt: float) -> float:
-    """Return the velocity of a cycle after which equal steps of deceleration end at `left` (3)."""
-    cycles = math.floor((math.sqrt(1.0 + 8.0 * left / (slow * dt * dt)) - 1.0) / 2.0)
-    return left / ((cycles + 1.0) * dt) + 0.5 * cycles * slow * dt
+def fastest_that_stops(distance: float, slow: float, dt: float) -> float:
+    """Return a cycle's velocity after which equal steps of deceleration end at `distance` (3)."""
+    cycles = math.floor((math.sqrt(1.0 + 8.0 * distance / (slow * dt * dt)) - 1.0) / 2.0)
+    return distance / ((cycles + 1.0) * dt) + 0.5 * cycles * slow * dt
 
 
 @loop_function
@@ -131,19 +131,19 @@ def profile_position(d: Drive, dt: float) -> float:
     x = d.state
     take_setpoint(d)
     a, slow = position_of(d, Od.ACCELERATION), position_of(d, Od.DECELERATION)
-    left = x.target - x.demand_position
+    distance = x.target - x.demand_position
     fastest = min(
-        fastest_that_stops(abs(left), slow, dt),
+        fastest_that_stops(abs(distance), slow, dt),
         velocity_of(d, Od.PROFILE_VELOCITY),
         velocity_of(d, Od.MAX_PROFILE_VELOCITY),
     )
     if d.value[Od.CONTROLWORD] & HALT != 0:
         fastest = 0.0
-    goal = fastest if left > 0.0 else -fastest
+    goal = fastest if distance > 0.0 else -fastest
     grows = abs(goal) > abs(x.demand_velocity)
     v = toward(x.demand_velocity, goal, (a if grows else slow) * dt)
     stops = abs(v) <= slow * dt * ROUNDING  # in the next cycle
-    if x.moves != 0 and stops and abs(left - v * dt) <= abs(left) * (ROUNDING - 1.0):
+    if x.moves != 0 and stops and abs(distance - v * dt) <= abs(distance) * (ROUNDING - 1.0):
         x.demand_position, x.moves = x.target, 0
     else:
         x.demand_position += v * dt
@@ -217,10 +217,10 @@ def go_home(d: Drive) -> None:
 @loop_function
 def limited_command(d: Drive, u: float) -> float:
     """Return a command within the largest torque; note if it was larger."""
-    most = d.rated * d.value[Od.MAX_TORQUE] * 1e-3
-    if abs(u) > most:
+    limit = d.rated * d.value[Od.MAX_TORQUE] * 1e-3
+    if abs(u) > limit:
         d.state.limited = 1
-    return min(max(u, -most), most)
+    return min(max(u, -limit), limit)
 
 
 @loop_function
@@ -229,11 +229,11 @@ def follow_velocity(d: Drive, wanted: float, dt: float) -> float:
     x, g = d.state, d.gains
     e = wanted - x.velocity
     u = g.velocity * (e + x.integral)
-    held = limited_command(d, u)
-    if held == u or u * e < 0.0:
+    command = limited_command(d, u)
+    if command == u or u * e < 0.0:
         x.integral += g.integral_per_s * e * dt
     d.value[Od.VELOCITY_DEMAND] = raw_of(wanted, d.velocity_scale)
-    return held
+    return command
 
 
 @loop_function

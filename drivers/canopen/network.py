@@ -42,13 +42,13 @@ def boot(d: Drive) -> None:
 
 
 @loop_function
-def start_over(d: Drive, whole: bool) -> None:
+def start_over(d: Drive, all_objects: bool) -> None:
     """Give the objects their first values: all, or those of the communication; boot."""
     for i in range(d.n):
         index = d.objects[i].index
-        if whole or OF_COMMUNICATION[0] <= index <= OF_COMMUNICATION[1]:
+        if all_objects or OF_COMMUNICATION[0] <= index <= OF_COMMUNICATION[1]:
             d.value[i] = d.objects[i].start
-    if whole:
+    if all_objects:
         x = d.state
         x.power, x.mode, x.word_before, x.enabled = Power.NOT_READY, OperationMode.NONE, 0, 0
         x.homed, x.offset = 0, 0.0

@@ -84,75 +84,80 @@ def _mapping_entry(row: Od) -> int:
 def _pdo(received: bool, number: int, node: int) -> Iterator[Object]:
     """Yield the objects of one PDO in the order of its rows."""
     index = (0x1400 if received else 0x1800) + number
-    what = f"{'R' if received else 'T'}PDO {number + 1}"
+    pdo_name = f"{'R' if received else 'T'}PDO {number + 1}"
     cob_id = (0x200 if received else 0x180) + 0x100 * number + node
-    yield Object(f"{what} communication", index, 0, ObjectType.U8, RO, 2 if received else 5)
+    yield Object(f"{pdo_name} communication", index, 0, ObjectType.U8, RO, 2 if received else 5)
     valid = 0 if number == 0 else NOT_VALID
-    yield Object(f"{what} COB-ID", index, 1, ObjectType.U32, RW, cob_id | valid)
-    yield Object(f"{what} transmission type", index, 2, ObjectType.U8, RW, 255)
+    yield Object(f"{pdo_name} COB-ID", index, 1, ObjectType.U32, RW, cob_id | valid)
+    yield Object(f"{pdo_name} transmission type", index, 2, ObjectType.U8, RW, 255)
     if not received:
-        yield Object(f"{what} inhibit time", index, 3, ObjectType.U16, RW)
+        yield Object(f"{pdo_name} inhibit time", index, 3, ObjectType.U16, RW)
         yield Object(
-            f"{what} event timer", index, 5, ObjectType.U16, RW, 0 if number else STATUS_MS
+            f"{pdo_name} event timer", index, 5, ObjectType.U16, RW, 0 if number else STATUS_MS
         )
     first = _FIRST["received" if received else "sent"][number]
     mapping = index + 0x200
-    yield Object(f"{what} mapping", mapping, 0, ObjectType.U8, RW, len(first), 0, at.MAX_ENTRIES)
+    yield Object(
+        f"{pdo_name} mapping", mapping, 0, ObjectType.U8, RW, len(first), 0, at.MAX_ENTRIES
+    )
     for i in range(at.MAX_ENTRIES):
         start = _mapping_entry(first[i]) if i < len(first) else 0
-        yield Object(f"{what} entry {i + 1}", mapping, i + 1, ObjectType.U32, RW, start)
+        yield Object(f"{pdo_name} entry {i + 1}", mapping, i + 1, ObjectType.U32, RW, start)
 
 
 def objects(node: int, name: str) -> list[Object]:
     """Return the dictionary of the drive `node`, in the order of the rows; `name` is the rig's."""
-    found = [one for i in range(at.PDOS) for one in _pdo(True, i, node)]
-    found += [one for i in range(at.PDOS) for one in _pdo(False, i, node)]
-    own = {Od.EMERGENCY_ID: 0x80 + node, Od.SDO_IN: 0x600 + node, Od.SDO_OUT: 0x580 + node}
+    dictionary = [one for i in range(at.PDOS) for one in _pdo(True, i, node)]
+    dictionary += [one for i in range(at.PDOS) for one in _pdo(False, i, node)]
+    ids = {Od.EMERGENCY_ID: 0x80 + node, Od.SDO_IN: 0x600 + node, Od.SDO_OUT: 0x580 + node}
     texts = {Od.DEVICE_NAME: name, Od.HARDWARE: "emulated", Od.SOFTWARE: "pcpc"}
     for row in Od:
-        one = Object(row.name.replace("_", " ").capitalize(), *row.declared)
-        found.append(replace(one, start=own.get(row, one.start), text=texts.get(row, "")))
-    return found
+        od_object = Object(row.name.replace("_", " ").capitalize(), *row.declared)
+        dictionary.append(
+            replace(od_object, start=ids.get(row, od_object.start), text=texts.get(row, ""))
+        )
+    return dictionary
 
 
-def changed_dictionary(every: list[Object], starts: Mapping[str, int]) -> list[Object]:
+def changed_dictionary(dictionary: list[Object], starts: Mapping[str, int]) -> list[Object]:
     """Return the dictionary with other values at the start, by key; ValueError says what is wrong.
 
     COB-IDs and mappings are taken as they are.
     """
-    known = {one.key: i for i, one in enumerate(every)}
-    found = list(every)
+    rows = {one.key: i for i, one in enumerate(dictionary)}
+    changed = list(dictionary)
     for key, value in starts.items():
-        if key.upper() not in known:
+        if key.upper() not in rows:
             raise ValueError(f"{key}: the drive has no such object")
-        one = every[known[key.upper()]]
-        low, high = one.bounds
-        if not one.access & at.WRITE:
-            raise ValueError(f"{key}: {one.name} cannot be written")
+        od_object = dictionary[rows[key.upper()]]
+        low, high = od_object.bounds
+        if not od_object.access & at.WRITE:
+            raise ValueError(f"{key}: {od_object.name} cannot be written")
         if not low <= value <= high:
             raise ValueError(f"{key}: {value} is outside {low}..{high}")
-        found[known[key.upper()]] = replace(one, start=value)
-    return found
+        changed[rows[key.upper()]] = replace(od_object, start=value)
+    return changed
 
 
-def install(d: object, node: int, every: list[Object]) -> None:
+def install(d: object, node: int, dictionary: list[Object]) -> None:
     """Write the dictionary into the zeroed Drive record `d`, which is as after power-on."""
     into: Any = d
-    into.node, into.n, into.on = node, len(every), 1
+    into.node, into.n, into.on = node, len(dictionary), 1
     texts = 0
-    for i, one in enumerate(every):
-        place = -1
-        if one.kind == ObjectType.TEXT:
-            place = texts * at.TEXT_BYTES
-            raw = one.text.encode("ascii", "replace")[: at.TEXT_BYTES]
-            into.text[place : place + len(raw)] = list(raw)
+    for i, od_object in enumerate(dictionary):
+        text_offset = -1
+        if od_object.kind == ObjectType.TEXT:
+            text_offset = texts * at.TEXT_BYTES
+            raw = od_object.text.encode("ascii", "replace")[: at.TEXT_BYTES]
+            into.text[text_offset : text_offset + len(raw)] = list(raw)
             texts += 1
-        low, high = one.bounds
-        size = len(one.text.encode("ascii", "replace")[: at.TEXT_BYTES])
-        signed = int(one.signed) if place < 0 else size  # of a text: its length
+        low, high = od_object.bounds
+        size = len(od_object.text.encode("ascii", "replace")[: at.TEXT_BYTES])
+        signed = int(od_object.signed) if text_offset < 0 else size  # of a text: its length
         into.objects[i] = (
-            one.index, one.subindex, one.bits, signed, place, one.access, low, high, one.start,
+            od_object.index, od_object.subindex, od_object.bits, signed, text_offset,
+            od_object.access, low, high, od_object.start,
         )  # fmt: skip
-        into.value[i] = one.start
+        into.value[i] = od_object.start
     into.state.nmt = Heartbeat.BOOT_UP
     into.sent_at[:] = into.since_sync[:] = -1

@@ -44,12 +44,12 @@ def take(d: Drive, p: int, word: int) -> None:
     for i in range(d.map_n[p]):
         row = d.map_row[p * MAX_ENTRIES + i]
         raw = from_bits(d, row, word >> shift)
-        one = d.objects[row]
-        if one.low <= raw <= one.high and is_possible(d, row, raw):
+        od_object = d.objects[row]
+        if od_object.low <= raw <= od_object.high and is_possible(d, row, raw):
             d.value[row] = raw
         else:
             d.mistakes[Mistake.VALUE_REFUSED] += 1
-        shift += one.bits
+        shift += od_object.bits
 
 
 @loop_function

@@ -48,12 +48,12 @@ READ_ONLY, WRITE_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
 @loop_function
 def write(d: Drive, row: int, raw: int) -> int:
     """Write an object, with what follows from it; return the abort code, 0 for none."""
-    one = d.objects[row]
-    if one.access & MAY_WRITE == 0:
+    od_object = d.objects[row]
+    if od_object.access & MAY_WRITE == 0:
         return READ_ONLY
-    if raw > one.high:
+    if raw > od_object.high:
         return TOO_HIGH
-    if raw < one.low:
+    if raw < od_object.low:
         return TOO_LOW
     if not is_possible(d, row, raw):
         return WRONG_VALUE
@@ -74,12 +74,12 @@ def write(d: Drive, row: int, raw: int) -> int:
 def serve(d: Drive, data: Cells[Byte]) -> None:
     """Answer a client's frame of 8 bytes."""
     command = int64(data[0]) >> 5
-    about = int64(data[1]) | int64(data[2]) << 8 | int64(data[3]) << 16
-    row = row_of_object(d, about & 0xFFFF, about >> 16)
+    multiplexor = int64(data[1]) | int64(data[2]) << 8 | int64(data[3]) << 16
+    row = row_of_object(d, multiplexor & 0xFFFF, multiplexor >> 16)
     if command == UP:
-        begin_up(d, row, about)
+        begin_up(d, row, multiplexor)
     elif command == DOWN:
-        begin_down(d, row, about, data)
+        begin_down(d, row, multiplexor, data)
     elif command == UP_SEGMENT:
         next_up(d, data)
     elif command == DOWN_SEGMENT:
@@ -87,15 +87,15 @@ def serve(d: Drive, data: Cells[Byte]) -> None:
     elif command == ABORT:
         d.state.segment_row = 0
     else:
-        abort(d, about, NO_COMMAND)
+        abort(d, multiplexor, NO_COMMAND)
 
 
 @loop_function
-def abort(d: Drive, about: int, code: int) -> None:
+def abort(d: Drive, multiplexor: int, code: int) -> None:
     """Refuse, and forget the transfer."""
     d.state.segment_row = 0
     d.mistakes[Mistake.SDO_ABORTED] += 1
-    put(d, SDO_ANSWER + d.node, 8, 0x80 | about << 8, code)
+    put(d, SDO_ANSWER + d.node, 8, 0x80 | multiplexor << 8, code)
 
 
 @loop_function
@@ -108,23 +108,23 @@ def about_of(d: Drive) -> int:
 
 
 @loop_function
-def begin_up(d: Drive, row: int, about: int) -> None:
+def begin_up(d: Drive, row: int, multiplexor: int) -> None:
     """Send a value at once, or the length of a text that follows in segments."""
     if row < 0:
-        abort(d, about, why_none(row))
+        abort(d, multiplexor, why_none(row))
         return
-    one, x = d.objects[row], d.state
+    od_object, x = d.objects[row], d.state
     x.segment_row = 0
-    if one.access & MAY_READ == 0:
-        abort(d, about, WRITE_ONLY)
+    if od_object.access & MAY_READ == 0:
+        abort(d, multiplexor, WRITE_ONLY)
         return
-    if one.bits != 0:
-        size = one.bits // 8
-        put(d, SDO_ANSWER + d.node, 8, 0x43 | (4 - size) << 2 | about << 8, to_bits(d, row))
+    if od_object.bits != 0:
+        size = od_object.bits // 8
+        put(d, SDO_ANSWER + d.node, 8, 0x43 | (4 - size) << 2 | multiplexor << 8, to_bits(d, row))
         return
     x.segment_row, x.segment_loads = row + 1, LOADS_UP
-    x.segment_toggle, x.segment_at, x.segment_size, x.segment_since = 0, 0, one.sign, d.k
-    put(d, SDO_ANSWER + d.node, 8, 0x41 | about << 8, one.sign)
+    x.segment_toggle, x.segment_at, x.segment_size, x.segment_since = 0, 0, od_object.sign, d.k
+    put(d, SDO_ANSWER + d.node, 8, 0x41 | multiplexor << 8, od_object.sign)
 
 
 @loop_function
@@ -137,13 +137,13 @@ def next_up(d: Drive, data: Cells[Byte]) -> None:
     if (int64(data[0]) >> 4) & 1 != x.segment_toggle:
         abort(d, about_of(d), TOGGLE)
         return
-    left = x.segment_size - x.segment_at
-    n = min(left, SEGMENT)
+    remaining = x.segment_size - x.segment_at
+    n = min(remaining, SEGMENT)
     words = int64(0)
     place = d.objects[x.segment_row - 1].text + x.segment_at
     for i in range(n):
         words |= int64(d.text[place + i]) << (8 * i)
-    last = 1 if left <= SEGMENT else 0
+    last = 1 if remaining <= SEGMENT else 0
     head = x.segment_toggle << 4 | (SEGMENT - n) << 1 | last
     put(d, SDO_ANSWER + d.node, 8, head | (words & 0xFFFFFF) << 8, words >> 24)
     x.segment_at += n
@@ -153,31 +153,31 @@ def next_up(d: Drive, data: Cells[Byte]) -> None:
 
 
 @loop_function
-def begin_down(d: Drive, row: int, about: int, data: Cells[Byte]) -> None:
+def begin_down(d: Drive, row: int, multiplexor: int, data: Cells[Byte]) -> None:
     """Write what the frame has, or wait for segments."""
     if row < 0:
-        abort(d, about, why_none(row))
+        abort(d, multiplexor, why_none(row))
         return
     head, x, size = int64(data[0]), d.state, d.objects[row].bits // 8
-    sized, told = head & 1, low_word(four_bytes(data, 4))
+    sized, word = head & 1, low_word(four_bytes(data, 4))
     if d.objects[row].access & MAY_WRITE == 0:
-        abort(d, about, READ_ONLY)
+        abort(d, multiplexor, READ_ONLY)
     elif head & 2 == 0:
-        if sized != 0 and told != size:
-            abort(d, about, WRONG_LENGTH)
+        if sized != 0 and word != size:
+            abort(d, multiplexor, WRONG_LENGTH)
             return
         x.segment_row, x.segment_loads = row + 1, LOADS_DOWN
         x.segment_toggle, x.segment_at, x.segment_data, x.segment_since = 0, 0, 0, d.k
-        put(d, SDO_ANSWER + d.node, 8, 0x60 | about << 8, 0)
+        put(d, SDO_ANSWER + d.node, 8, 0x60 | multiplexor << 8, 0)
     elif sized != 0 and 4 - (head >> 2 & 3) != size:
-        abort(d, about, WRONG_LENGTH)
+        abort(d, multiplexor, WRONG_LENGTH)
     else:
         x.segment_row = 0
-        code = write(d, row, from_bits(d, row, told))
+        code = write(d, row, from_bits(d, row, word))
         if code != 0:
-            abort(d, about, code)
+            abort(d, multiplexor, code)
         else:
-            put(d, SDO_ANSWER + d.node, 8, 0x60 | about << 8, 0)
+            put(d, SDO_ANSWER + d.node, 8, 0x60 | multiplexor << 8, 0)
 
 
 @loop_function

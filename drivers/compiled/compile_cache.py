@@ -159,14 +159,14 @@ def distrust(folder: Path) -> str:
     """Return why code in `folder`, or in what will be made there, is not run; "" if it is."""
     for path in (folder, *folder.parents):
         try:
-            found = path.stat()
+            status = path.stat()
         except OSError:
             continue
-        if found.st_uid not in (0, os.geteuid()):
-            return f"{path} belongs to user {found.st_uid}"
-        if path == folder and found.st_mode & stat.S_IWOTH:
+        if status.st_uid not in (0, os.geteuid()):
+            return f"{path} belongs to user {status.st_uid}"
+        if path == folder and status.st_mode & stat.S_IWOTH:
             return f"everybody may write into {path}"
-        return "" if stat.S_ISDIR(found.st_mode) else f"{path} is not a folder"
+        return "" if stat.S_ISDIR(status.st_mode) else f"{path} is not a folder"
     return ""
 
 

@@ -46,7 +46,7 @@ def is_open() -> bool:
 
 def open_numba() -> Any:
     """Return `drivers.compiled.in_numba`, and let numba know all types of ours."""
-    found = import_module(_NUMBA)
+    in_numba = import_module(_NUMBA)
     if not _state["open"]:
         _state["open"] = True
         for name in _TYPES:
@@ -54,7 +54,7 @@ def open_numba() -> Any:
         for name in _more:
             import_module(name)
         kinds.complete()
-    return found
+    return in_numba
 
 
 def with_numba(module: str) -> None:

@@ -90,10 +90,10 @@ def compiled(
         watch = compile_cache.watch
         if watch.listener is not None:
             watch.listener(watch.done)
-        made: Any = njit(**options)(function)
+        jitted: Any = njit(**options)(function)
         with inner.outermost():  # should a module be imported while another function is compiled
-            made.compile(types_of())
-        (result,) = made.overloads.values()
+            jitted.compile(types_of())
+        (result,) = jitted.overloads.values()
         mark = _mark_of_result(result.signature.return_type)
         module = result.library._final_module
         declared = (one.name for one in module.functions if one.is_declaration)

@@ -137,12 +137,12 @@ class Function:
             marks = tuple(map(kinds.mark_of, arguments))
         except UnmarkedValue:
             return self.in_numba(*arguments)
-        found = self._bound.get(marks)
-        if found is None:
+        bound = self._bound.get(marks)
+        if bound is None:
             if self._signature is not None and marks != self._signature.marks:
                 return self.in_numba(*arguments)
-            found = self._bind(marks, arguments)
-        return found(*arguments)
+            bound = self._bind(marks, arguments)
+        return bound(*arguments)
 
     @property
     def in_numba(self) -> Any:
@@ -211,14 +211,14 @@ class Function:
             return with_numba.types_of(arguments, kinds)
 
         try:
-            found: ready_code.ReadyFunction = with_numba.compiled(
+            ready: ready_code.ReadyFunction = with_numba.compiled(
                 self._source, self._key(marks), self.py_func, kinds_in_numba, _BARE | self._options
             )
         except Exception:
             if self._signature is not None:
                 raise
             return ready_code.ReadyFunction(0, "")  # numba says more when it is called
-        return found
+        return ready
 
 
 def _itself(made: Any) -> Any:

@@ -45,10 +45,10 @@ def write_sealed(path: Path, rest: bytes) -> None:
 def keep_first(folders: Sequence[Path], keep: Callable[[int], None]) -> None:
     """Let `keep` write into the first folder, by its place, that takes it; tell the user."""
     refused = ""
-    for place, folder in enumerate(folders):
+    for index, folder in enumerate(folders):
         try:
             compile_cache.make(folder)
-            keep(place)
+            keep(index)
         except OSError as error:
             refused = refused or error.strerror or str(error) or type(error).__name__
             continue
@@ -59,11 +59,11 @@ def keep_first(folders: Sequence[Path], keep: Callable[[int], None]) -> None:
 
 def read_sealed(path: Path) -> Any:
     """Return what a file has; OSError."""
-    whole = path.read_bytes()
-    if hashlib.sha256(whole[_SEAL:]).digest() != whole[:_SEAL]:
+    sealed = path.read_bytes()
+    if hashlib.sha256(sealed[_SEAL:]).digest() != sealed[:_SEAL]:
         raise OSError(f"{path}: damaged")
     try:
-        return pickle.loads(whole[_SEAL:])
+        return pickle.loads(sealed[_SEAL:])
     except Exception as error:
         raise OSError(f"{path}: not readable here: {error}") from None
 
@@ -76,23 +76,23 @@ def claim(folder: Path, name: str) -> IO[bytes] | None:
     try:
         compile_cache.make(folder)
         lock = folder / f"{name}.lock"
-        held = open(lock, "a+b", 0)  # noqa: SIM115  closed by who asked
+        lock_file = open(lock, "a+b", 0)  # noqa: SIM115  closed by who asked
         begin_s = time.monotonic()
-        while not _is_locked(held):
+        while not _is_locked(lock_file):
             if time.monotonic() - begin_s >= compile_cache.SHORT_S:
                 compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
             time.sleep(_POLL_S)
-        held.truncate(0)
-        held.write(str(os.getpid()).encode())
+        lock_file.truncate(0)
+        lock_file.write(str(os.getpid()).encode())
     except OSError:
         return None
-    return held
+    return lock_file
 
 
-def _is_locked(held: IO[bytes]) -> bool:
+def _is_locked(lock_file: IO[bytes]) -> bool:
     """Lock a file; return False where another process has it locked. OSError: it knows no locks."""
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
@@ -116,10 +116,10 @@ def state_of(function: Any) -> State:
 def state_now(file: str) -> State:
     """Return by what a file is known to be the same as before; None without one."""
     try:
-        found = os.stat(file)
+        status = os.stat(file)
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return status.st_mtime_ns, status.st_size
 
 
 def content(function: FunctionType) -> str:
@@ -192,15 +192,15 @@ _told: list[str] = []  # once a process
 MENDED = "it was not fit for it when this process looked, and is now"
 
 
-def tell(refused: str, kept: Path | None) -> None:
+def tell(refused: str, folder: Path | None) -> None:
     """Say where compiled code went, if not where it belongs."""
     wanted = compile_cache.cache_folder()
-    if _told or (kept == wanted and wanted != compile_cache.temporary_folder()):
+    if _told or (folder == wanted and wanted != compile_cache.temporary_folder()):
         return
     why = compile_cache.distrust(wanted) or refused or MENDED
-    instead = "it is compiled again at every start" if kept is None else f"it goes to {kept}"
-    what = f"compiled code cannot be kept in {wanted}: {why}; {instead}"
-    if kept == wanted:
-        what = f"this user has no home folder: compiled code goes to {kept}"
-    _told.append(what)
+    instead = "it is compiled again at every start" if folder is None else f"it goes to {folder}"
+    message = f"compiled code cannot be kept in {wanted}: {why}; {instead}"
+    if folder == wanted:
+        message = f"this user has no home folder: compiled code goes to {folder}"
+    _told.append(message)
     print(_told[0], file=sys.stderr, flush=True)

@@ -109,11 +109,11 @@ def plain(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 def structure(dtype: np.dtype[Any], make: Callable[[np.dtype[Any]], Any]) -> Kind:
     """Return the type of an element of a structured array; `make` returns numba's."""
-    if (found := _structures.get(dtype)) is None:
+    if (kind := _structures.get(dtype)) is None:
         bare = plain(dtype)
-        found = Kind(f"s{dtype_mark(bare)}", lambda: make(bare))
-        _structures.update({bare: found, dtype: found, np.dtype((np.record, bare)): found})
-    return found
+        kind = Kind(f"s{dtype_mark(bare)}", lambda: make(bare))
+        _structures.update({bare: kind, dtype: kind, np.dtype((np.record, bare)): kind})
+    return kind
 
 
 def complete() -> None:
@@ -127,10 +127,10 @@ _marks: dict[np.dtype[Any], str] = {}
 
 def dtype_mark(dtype: np.dtype[Any]) -> str:
     """Return 12 digits for what lies where in a structured type."""
-    if (found := _marks.get(dtype)) is None:
+    if (mark := _marks.get(dtype)) is None:
         text = repr(_record_layout(dtype))
-        found = _marks[dtype] = hashlib.sha256(text.encode()).hexdigest()[:12]
-    return found
+        mark = _marks[dtype] = hashlib.sha256(text.encode()).hexdigest()[:12]
+    return mark
 
 
 def _record_layout(dtype: np.dtype[Any]) -> Any:

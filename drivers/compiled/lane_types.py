@@ -172,12 +172,12 @@ for _function, _its in ((operator.and_, "and_"), (operator.or_, "or_"), (operato
         context: Context,
         builder: ir.IRBuilder,
         signature: CallSignature,
-        given: Values,
+        arguments: Values,
         name: str = _its,
     ) -> Any:
         masks = (
             value if kind == MASK else in_all(builder, builder.trunc(value, _BIT))
-            for value, kind in zip(given, signature.args, strict=True)
+            for value, kind in zip(arguments, signature.args, strict=True)
         )
         return getattr(builder, name)(*masks)
 

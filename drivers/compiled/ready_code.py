@@ -41,21 +41,21 @@ class ReadyFunction(NamedTuple):
         function = ctypes.CFUNCTYPE(ctypes.c_int, *convention)(self.address)
         several = self.result.startswith("(")
         kinds = self.result.strip("()").split(",") if self.result else []
-        place: Any = ctypes.c_int64
+        result_type: Any = ctypes.c_int64
         if kinds:
-            place = _RESULTS[kinds[0]]
+            result_type = _RESULTS[kinds[0]]
         if several:
             named = [(f"_{i}", _RESULTS[kind]) for i, kind in enumerate(kinds)]
-            place = type("_Place", (ctypes.Structure,), {"_fields_": named})
+            result_type = type("_Place", (ctypes.Structure,), {"_fields_": named})
         simple = all(mark == "d" for mark in marks)
 
         def call(*arguments: Any) -> Any:
-            given: Any = arguments
+            leaves: Any = arguments
             if not simple:
-                given = []
-                leaves_of(arguments, given)
-            result, error = place(), ctypes.c_void_p()
-            status = function(ctypes.byref(result), ctypes.byref(error), *given)
+                leaves = []
+                leaves_of(arguments, leaves)
+            result, error = result_type(), ctypes.c_void_p()
+            status = function(ctypes.byref(result), ctypes.byref(error), *leaves)
             if status > 0:
                 _raise(error)
             if status not in (0, _NONE):
@@ -69,17 +69,17 @@ class ReadyFunction(NamedTuple):
 
 def _in_c(marks: tuple[str, ...]) -> list[Any]:
     """Return the types in C of what `leaves_of` makes of arguments."""
-    found: list[Any] = []
+    c_types: list[Any] = []
     for mark in ",".join(marks).replace("(", "").replace(")", "").split(","):
         if mark in _SIMPLE:
-            found.append(_SIMPLE[mark])
+            c_types.append(_SIMPLE[mark])
         elif mark.startswith("s"):
-            found.append(ctypes.c_void_p)
+            c_types.append(ctypes.c_void_p)
         elif mark:
             dimensions = int(mark.removeprefix("r")[2])
-            found += [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
-            found += [ctypes.c_int64] * (2 * dimensions)
-    return found
+            c_types += [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
+            c_types += [ctypes.c_int64] * (2 * dimensions)
+    return c_types
 
 
 class _ExceptionRecord(ctypes.Structure):
@@ -93,11 +93,11 @@ class _ExceptionRecord(ctypes.Structure):
 
 def _raise(error: ctypes.c_void_p) -> None:
     told = _ExceptionRecord.from_address(error.value or 0)
-    kind, arguments, place = pickle.loads(ctypes.string_at(told.pickled, told.size))
+    kind, arguments, origin = pickle.loads(ctypes.string_at(told.pickled, told.size))
     raised = kind(*arguments or ())
-    if place is None:
+    if origin is None:
         raise raised
-    name, file, line = place
+    name, file, line = origin
     text = "\n" * (line - 1) + "raise _raised"  # so that the traceback names its line, as numba's
     code = compile(text, file, "exec").replace(co_name=name)
     exec(code, {"_raised": raised})
@@ -147,14 +147,14 @@ class ImportedFunction:
     @contextmanager
     def claim(self) -> Iterator[None]:
         """Let one process at a time compile it."""
-        held: IO[bytes] | None = None
+        lock: IO[bytes] | None = None
         if self._folders:
-            held = kept_files.claim(self._folders[0], f"{self._base}.run")
+            lock = kept_files.claim(self._folders[0], f"{self._base}.run")
         try:
             yield
         finally:
-            if held is not None:
-                held.close()
+            if lock is not None:
+                lock.close()
 
     @cached_property
     def _place(self) -> str:

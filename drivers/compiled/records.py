@@ -144,16 +144,16 @@ class Record:
 
     def __init_subclass__(cls, fills: str = "") -> None:
         """Lay out the fields; one that is named `fills` fills the last page of memory."""
-        found: dict[str, tuple[Any, Field]] = {}
+        fields: dict[str, tuple[Any, Field]] = {}
         for base in cls.__bases__:
-            found |= getattr(base, "_fields", {})
+            fields |= getattr(base, "_fields", {})
         for name, kind in inspect.get_annotations(cls).items():
-            found[name] = kind, vars(cls).get(name, Field())
-        cls._fields = found
+            fields[name] = kind, vars(cls).get(name, Field())
+        cls._fields = fields
         cls.dtype = _dtype(cls)
         if fills:
             rest = -cls.dtype.itemsize % mmap.PAGESIZE or mmap.PAGESIZE
-            cls._fields = found | {fills: (Cells[Byte], Field((rest,)))}
+            cls._fields = fields | {fills: (Cells[Byte], Field((rest,)))}
             cls.dtype = _dtype(cls)
         marks = {name: mark for name, (_, mark) in cls._fields.items() if mark.carried}
         ordered = sorted(marks, key=lambda name: marks[name].large)

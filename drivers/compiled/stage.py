@@ -94,14 +94,14 @@ def _annotated_ports(function: Callable[..., None]) -> tuple[Any, ...]:
     if len(names) != 6:
         raise TypeError(f"{where} is not step(t, dt, p, x, u, y)")
     notes = inspect.get_annotations(function, eval_str=True)
-    found = tuple(notes.get(name) for name in names[2:])
-    for name, ports in zip(names[2:], found, strict=True):
+    port_classes = tuple(notes.get(name) for name in names[2:])
+    for name, ports in zip(names[2:], port_classes, strict=True):
         if not isinstance(getattr(ports, "layout", None), Layout):
             raise TypeError(
                 f"{where} does not say which ports {name} has: `{name}: Gains` with a class Gains "
                 f"of ports, or `{name}: Nothing`"
             )
-    return found
+    return port_classes
 
 
 def _check(view: Any, size: int, letter: str) -> None:

@@ -29,10 +29,10 @@ _made: Any = Deferred(_TYPES, "structure")
 
 def structure(dtype: np.dtype[Any]) -> kinds.Kind:
     """Return the type of a structure of `dtype`, which from now on has it everywhere."""
-    found = kinds.structure(dtype, lambda bare: _made.in_numba(bare))
+    kind = kinds.structure(dtype, lambda bare: _made.in_numba(bare))
     if is_open():
-        found.in_numba()
-    return found
+        kind.in_numba()
+    return kind
 
 
 def words_of(structure: Any) -> Any:

@@ -73,12 +73,12 @@ def mark_of(layout: tuple[Any, ...]) -> str:
 def view(layout: Layout, element: types.Type = f8) -> Fields:
     """Return the type of a View, whose values are each a float64 or a LANE."""
     each, fields, size = _BYTES[element], [], 0
-    for name, place, shape, group in layout.fields:
+    for name, offset, shape, group in layout.fields:
         kind: Any = (
             view(group, element) if group else CellsType(shape, element) if shape else element
         )
-        fields.append((name, kind, each * place))
-        size = each * place + (kind.size if group else each * math.prod(shape))
+        fields.append((name, kind, each * offset))
+        size = each * offset + (kind.size if group else each * math.prod(shape))
     return Fields(f"View({layout.name}, {mark_of(layout.fields)}, {element})", tuple(fields), size)
 
 
@@ -104,10 +104,10 @@ class _Attributes(AttributeTemplate):
 
 
 def address_of(
-    context: Context, builder: ir.IRBuilder, pointer: ir.Value, found: Any
+    context: Context, builder: ir.IRBuilder, pointer: ir.Value, field: Any
 ) -> tuple[Any, bool]:
     """Return the address of a part, and whether it is one number."""
-    kind, place = found
+    kind, place = field
     first = builder.bitcast(pointer, ir.IntType(8).as_pointer())
     address = builder.gep(first, [ir.Constant(_I64, place)], inbounds=True)
     into, number = context.get_value_type(kind), not isinstance(kind, CellsType | Fields)
@@ -126,12 +126,12 @@ def _get(
 def _set(
     context: Context, builder: ir.IRBuilder, signature: CallSignature, arguments: Values, name: str
 ) -> None:
-    kind, given = signature.args
-    found = kind.fields[name]
-    address, number = address_of(context, builder, arguments[0], found)
+    kind, value_type = signature.args
+    field = kind.fields[name]
+    address, number = address_of(context, builder, arguments[0], field)
     if not number:
         raise TypeError(f"{name} has several values: set them one by one")
-    builder.store(context.cast(builder, arguments[1], given, found[0]), address)
+    builder.store(context.cast(builder, arguments[1], value_type, field[0]), address)
 
 
 def _indices(index: types.Type) -> tuple[Any, ...]:
@@ -173,18 +173,20 @@ def _element(
     kind: CellsType,
     pointer: ir.Value,
     index: Values,
-    of: Any,
+    index_type: Any,
 ) -> Any:
-    single = not isinstance(of, types.BaseTuple)
-    values = [index] if single else [builder.extract_value(index, i) for i in range(len(of))]
-    at = ir.Constant(_I64, 0)
-    for i, (value, its) in enumerate(zip(values, _indices(of), strict=True)):
+    single = not isinstance(index_type, types.BaseTuple)
+    values = (
+        [index] if single else [builder.extract_value(index, i) for i in range(len(index_type))]
+    )
+    offset = ir.Constant(_I64, 0)
+    for i, (value, its) in enumerate(zip(values, _indices(index_type), strict=True)):
         stride = kind.stride * math.prod(kind.extents[i + 1 :])
         step = builder.mul(
             context.cast(builder, value, its, types.int64), ir.Constant(_I64, stride), flags=["nsw"]
         )
-        at = builder.add(at, step, flags=["nsw"])
-    return builder.gep(pointer, [at], inbounds=True)
+        offset = builder.add(offset, step, flags=["nsw"])
+    return builder.gep(pointer, [offset], inbounds=True)
 
 
 def _item(

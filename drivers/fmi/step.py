@@ -40,13 +40,13 @@ class FmuValues:
 
 
 @inline
-def set_value(kind: Any, at: Any, i: Any, value: Any) -> None:
+def set_value(kind: Any, address: Any, i: Any, value: Any) -> None:
     """Set value `i` of an array: the nearest that the type has, 0 for NaN."""
     if kind >= INT8:
         if value != value:
             value = 0.0
         value = np.floor(min(max(value, LOWEST[kind]), HIGHEST[kind]) + 0.5)
-    write(kind, at, i, value)
+    write(kind, address, i, value)
 
 
 @inline

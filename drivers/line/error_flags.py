@@ -60,21 +60,21 @@ def _ticks_to_see(line: Line, level: int) -> int:
     run = int64(1)
     while hit - run >= 0 and wire[hit - run] == last:
         run += 1
-    at, ticks = hit, int64(0)
-    while not _seen(at, run, last, places[Place.FIXED], end):
-        at += 1
+    position, ticks = hit, int64(0)
+    while not _seen(position, run, last, places[Place.FIXED], end):
+        position += 1
         run = run + 1 if level == last else int64(1)
         last = level
-        ticks += line.fast if fast and at <= end else line.bit
-        fast = fast or (at == brs and level == 1)
+        ticks += line.fast if fast and position <= end else line.bit
+        fast = fast or (position == brs and level == 1)
     return ticks
 
 
 @loop_function
-def _seen(at: int, run: int, level: int, fixed: int, end: int) -> bool:
-    """Return whether bit `at`, the last of `run` like it, is wrong to a receiver (2)."""
-    if at < fixed:
+def _seen(position: int, run: int, level: int, fixed: int, end: int) -> bool:
+    """Return whether bit `position`, the last of `run` like it, is wrong to a receiver (2)."""
+    if position < fixed:
         return run >= _EQUAL_BITS
-    if at < end:
-        return (at - fixed) % FIXED_EVERY == 0 and run > 1
-    return level == 0 or at >= end + _ACK_DELIMITER
+    if position < end:
+        return (position - fixed) % FIXED_EVERY == 0 and run > 1
+    return level == 0 or position >= end + _ACK_DELIMITER

@@ -100,10 +100,10 @@ def urgency_of(frame: Cells[Byte]) -> int:
 
 
 @loop_function
-def put(line: Line, s: int, frame: Cells[Byte], at: int) -> bool:
-    """Queue `frame` of sender `s` at tick `at`; return False if it is lost.
+def put(line: Line, s: int, frame: Cells[Byte], tick: int) -> bool:
+    """Queue `frame` of sender `s` at `tick`; return False if it is lost.
 
-    `at` is not before the last `until` of `advance`.
+    `tick` is not before the last `until` of `advance`.
     """
     if line.off[s] != 0:
         line.lost_off[s] += 1
@@ -114,7 +114,7 @@ def put(line: Line, s: int, frame: Cells[Byte], at: int) -> bool:
         return False
     copy(line.frames[s * MOST_ROOM + k], frame)
     line.urgency[s, k] = urgency_of(frame)
-    line.since[s, k] = at
+    line.since[s, k] = tick
     line.waiting[s] = k + 1
     line.most_waiting[s] = max(line.most_waiting[s], k + 1)
     return True
@@ -144,10 +144,10 @@ def advance(line: Line, until: int) -> int:
 
 
 @loop_function
-def close(line: Line, at: int) -> None:
-    """Let what waits at tick `at`, up to which `advance` went, begin: nothing more comes for it."""
-    if line.sending < 0 and _next_begin(line) <= at:
-        _begin(line, at)
+def close(line: Line, tick: int) -> None:
+    """Let what waits at `tick`, up to which `advance` went, begin: nothing more comes for it."""
+    if line.sending < 0 and _next_begin(line) <= tick:
+        _begin(line, tick)
 
 
 @loop_function
@@ -337,9 +337,9 @@ def _remove_queued(line: Line, s: int, k: int) -> None:
 def _recovers(line: Line, until: int) -> bool:
     """Return whether a sender that is off comes back up to tick `until` of an idle line (5)."""
     for s in range(line.senders):
-        at = line.recessive_since + _run_ticks(line) * line.runs_left[s]
-        if line.off[s] != 0 and at <= until:
+        tick = line.recessive_since + _run_ticks(line) * line.runs_left[s]
+        if line.off[s] != 0 and tick <= until:
             line.off[s] = line.transmit_errors[s] = line.receive_errors[s] = 0
-            line.who, line.at = s, at
+            line.who, line.at = s, tick
             return True
     return False

@@ -50,10 +50,10 @@ def holder(name: str) -> Holder | None:
         question.setblocking(False)
         try:
             question.connect(_address(name))
-            found = question.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
+            credentials = question.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
         except OSError:
             return None
-    pid, uid, _ = struct.unpack("iII", found)
+    pid, uid, _ = struct.unpack("iII", credentials)
     return Holder(pid, uid)
 
 

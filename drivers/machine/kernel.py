@@ -26,7 +26,7 @@ def map_over(memory: mmap.mmap, at: int, size: int, descriptor: int, offset: int
     if at < 0 or size <= 0 or at + size > len(memory):
         raise ValueError(f"{at}..{at + size} is not inside {len(memory)} bytes")
     begin = ctypes.addressof(ctypes.c_char.from_buffer(memory))
-    found = _libc.mmap(
+    address = _libc.mmap(
         begin + at,
         size,
         _PROT_READ_AND_WRITE,
@@ -34,7 +34,7 @@ def map_over(memory: mmap.mmap, at: int, size: int, descriptor: int, offset: int
         descriptor,
         offset,
     )
-    if found == _FAILED:
+    if address == _FAILED:
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))
 

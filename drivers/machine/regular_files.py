@@ -16,11 +16,11 @@ def open_regular(path: Path, flags: int = 0) -> BinaryIO:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | flags)
     try:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            is_folder = stat.S_ISDIR(found.st_mode)
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            is_folder = stat.S_ISDIR(status.st_mode)
             raise OSError(0, "Is a directory" if is_folder else "is no regular file")
-        if not found.st_size and _says_more(descriptor):
+        if not status.st_size and _says_more(descriptor):
             raise OSError(0, "is no regular file")
         return open(descriptor, "rb")
     except BaseException:

@@ -87,29 +87,29 @@ def place_at(r: Robot, position: float) -> None:
 
 
 @loop_inline
-def braking_velocity(left: float, most: float, slow: float, dt: float) -> float:
-    """Return the velocity from which, slowing down at `slow`, one still stops where `left` ends."""
+def braking_velocity(distance: float, velocity_limit: float, slow: float, dt: float) -> float:
+    """Return the velocity from which one, slowing down at `slow`, still stops after `distance`."""
     half = 0.5 * slow * dt
-    fastest = min(math.sqrt(half * half + 2.0 * slow * abs(left)) - half, most)
-    return fastest if left > 0.0 else -fastest
+    fastest = min(math.sqrt(half * half + 2.0 * slow * abs(distance)) - half, velocity_limit)
+    return fastest if distance > 0.0 else -fastest
 
 
 @loop_inline
-def wanted_velocity(r: Robot, d: Drive, most: float) -> float:
+def wanted_velocity(r: Robot, d: Drive, velocity_limit: float) -> float:
     """Return w_d of (1) for the way's position and velocity."""
     x = r.state
     wanted = x.way_velocity + d.gains.position_per_s * (x.way_position - x.position)
-    return min(max(wanted, -most), most)
+    return min(max(wanted, -velocity_limit), velocity_limit)
 
 
 @loop_function
-def torque_for(r: Robot, d: Drive, wanted: float, most: float) -> float:
+def torque_for(r: Robot, d: Drive, wanted: float, torque_limit: float) -> float:
     """Return T of (2) for a velocity."""
     x, g, dt = r.state, d.gains, 1.0 / d.rate_hz
     e = wanted - x.velocity
     gain = g.velocity / (d.rated * r.velocity_scale)
     torque = x.way_torque + gain * (e + x.integral)
-    held = min(max(torque, -most), most)
-    if held == torque or torque * e < 0.0:
+    limited = min(max(torque, -torque_limit), torque_limit)
+    if limited == torque or torque * e < 0.0:
         x.integral += g.integral_per_s * e * dt
-    return held
+    return limited

@@ -203,14 +203,14 @@ def take_target(r: Robot, d: Drive, mode: int, data: Cells[Byte], n: int) -> Non
         r.mistakes[Mistake.NOT_FINITE] += 1
         return
     x.fed_at = d.k
-    most = r.value[MitKey.P_MAX]
+    limit = r.value[MitKey.P_MAX]
     x.most_torque = r.value[MitKey.T_MAX]
     if mode == MitMode.VELOCITY:
-        most = r.value[MitKey.V_MAX]
-        x.target_velocity, x.most_velocity = min(max(first, -most), most), most
+        limit = r.value[MitKey.V_MAX]
+        x.target_velocity, x.most_velocity = min(max(first, -limit), limit), limit
     else:
-        x.target_position, x.most_velocity = min(max(first, -most), most), abs(second)
-    r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
+        x.target_position, x.most_velocity = min(max(first, -limit), limit), abs(second)
+    r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > limit else 0
     if mode == MitMode.FORCE:
         word = four_bytes(data, 4)
         x.most_velocity = 0.01 * (word & 0xFFFF)
@@ -220,23 +220,23 @@ def take_target(r: Robot, d: Drive, mode: int, data: Cells[Byte], n: int) -> Non
 @loop_function
 def serve(r: Robot, d: Drive, data: Cells[Byte], n: int) -> None:
     """Read, write or save a register, or say where the motor is."""
-    what, number, row = int64(data[2]), int64(data[3]), -1
-    if what == REFRESH:
+    request, number, row = int64(data[2]), int64(data[3]), -1
+    if request == REFRESH:
         feed_back(r, d)
         return
     for i in range(r.n):
         if r.settings[i].number == number:
             row = i
-    if what == SAVE:
-        reply(r, d, what, int64(1), int64(0))
+    if request == SAVE:
+        reply(r, d, request, int64(1), int64(0))
         return
-    if row < 0 or (what != READ and what != WRITE) or (what == WRITE and n < 8):
+    if row < 0 or (request != READ and request != WRITE) or (request == WRITE and n < 8):
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
-    one = r.settings[row]
-    if what == WRITE:
-        value = np.float64(four_bytes(data, 4)) if one.whole != 0 else number_at(data, 4)
-        if not one.low <= value <= one.high or one.writable == 0:
+    setting = r.settings[row]
+    if request == WRITE:
+        value = np.float64(four_bytes(data, 4)) if setting.whole != 0 else number_at(data, 4)
+        if not setting.low <= value <= setting.high or setting.writable == 0:
             r.mistakes[Mistake.VALUE_REFUSED] += 1
         else:
             r.value[row] = value
@@ -244,7 +244,7 @@ def serve(r: Robot, d: Drive, data: Cells[Byte], n: int) -> None:
                 start_here(r)
     r.value[MitKey.POSITION] = r.value[MitKey.OUTPUT] = r.state.position
     value = r.value[row]
-    reply(r, d, what, number, int64(value) if one.whole != 0 else word_of(value))
+    reply(r, d, request, number, int64(value) if setting.whole != 0 else word_of(value))
 
 
 @loop_function
@@ -282,16 +282,16 @@ def work(r: Robot, d: Drive) -> float:
     if x.power != Power.ON:
         x.integral = 0.0
         return 0.0
-    mode, most = int64(r.value[MitKey.MODE]), r.value[MitKey.T_MAX]
+    mode, torque_limit = int64(r.value[MitKey.MODE]), r.value[MitKey.T_MAX]
     if mode == MitMode.MIT:
         stiff = x.stiffness * (x.target_position - x.position)
         torque = stiff + x.damping * (x.target_velocity - x.velocity) + x.target_torque  # (1)
-        x.torque = min(max(torque, -most), most)
+        x.torque = min(max(torque, -torque_limit), torque_limit)
     elif mode == MitMode.VELOCITY:
-        x.torque = torque_for(r, d, x.target_velocity, most)
+        x.torque = torque_for(r, d, x.target_velocity, torque_limit)
     else:
         x.way_position, x.way_velocity = x.target_position, 0.0
-        limit = min(x.most_torque, most)
+        limit = min(x.most_torque, torque_limit)
         x.torque = torque_for(r, d, wanted_velocity(r, d, x.most_velocity), limit)
     return x.torque
 

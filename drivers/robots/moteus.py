@@ -116,13 +116,13 @@ def say_number(r: Robot, d: Drive, number: int) -> None:
 
 
 @loop_function
-def say_failed(r: Robot, d: Drive, what: int, register: int, error: int) -> None:
+def say_failed(r: Robot, d: Drive, code: int, register: int, error: int) -> None:
     """Write that a register could not be read or written, and count it."""
     r.mistakes[Mistake.VALUE_REFUSED] += 1
     if r.cursor.out > LONGEST - 7:
         r.cursor.ok = 0
         return
-    say(r, d, int64(what))
+    say(r, d, int64(code))
     say_number(r, d, register)
     say(r, d, int64(error))
 
@@ -153,20 +153,20 @@ def is_cut(r: Robot) -> int:
 def take_subframe(r: Robot, d: Drive, data: Cells[Byte]) -> None:
     """Take what follows in the frame."""
     c = r.cursor
-    what = int64(data[c.at])
+    operation = int64(data[c.at])
     c.at += 1
-    if what == NOTHING:
+    if operation == NOTHING:
         return
-    if what >= 0x20:
+    if operation >= 0x20:
         c.ok = 0
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
         return
-    kind, count = what >> 2 & 3, what & 3
+    kind, count = operation >> 2 & 3, operation & 3
     if count == 0:
         count = number_of(r, data)
     if c.ok != 0 and count > 0:
         first = number_of(r, data)
-        if c.ok != 0 and what < 0x10:
+        if c.ok != 0 and operation < 0x10:
             take_values(r, d, data, kind, first, count)
         elif c.ok != 0 and c.answers != 0:
             tell(r, d, kind, first, count)
@@ -179,16 +179,16 @@ def size_of(kind: int) -> int:
 
 
 @loop_function
-def value_at(data: Cells[Byte], at: int, kind: int) -> float:
+def value_at(data: Cells[Byte], offset: int, kind: int) -> float:
     """Return the value there, as it is sent."""
     if kind == FLOAT:
-        return number_at(data, at)
+        return number_at(data, offset)
     if kind == INT8:
-        byte = int64(data[at])
+        byte = int64(data[offset])
         return np.float64(byte - 256 if byte >= 128 else byte)
     if kind == INT16:
-        return short_at(data, at)
-    word = four_bytes(data, at)
+        return short_at(data, offset)
+    word = four_bytes(data, offset)
     return np.float64(word - 4294967296 if word >= 1 << 31 else word)
 
 
@@ -302,10 +302,10 @@ def say_value(r: Robot, d: Drive, register: int, kind: int) -> None:
     if kind == FLOAT:
         word = word_of(value) if value == value else int64(0x7FC00000)
     else:
-        most = 127.0 if kind == INT8 else (32767.0 if kind == INT16 else 2147483647.0)
-        whole = -most - 1.0
+        largest = 127.0 if kind == INT8 else (32767.0 if kind == INT16 else 2147483647.0)
+        whole = -largest - 1.0
         if value == value:
-            whole = min(max(value / SCALES[3 * coding + kind], -most), most)
+            whole = min(max(value / SCALES[3 * coding + kind], -largest), largest)
         word = int64(whole)
     for i in range(size_of(kind)):
         say(r, d, word >> int64(8 * i))

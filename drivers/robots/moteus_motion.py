@@ -121,17 +121,17 @@ def stiffness(r: Robot, d: Drive) -> float:
 def torque_of(r: Robot, d: Drive, stiff: float) -> float:
     """Return T of (1) and do a step of (2); `stiff` 0: damping only."""
     x, v = r.state, r.value
-    most = v[MoteusKey.CURRENT_LIMIT] * v[MoteusKey.TORQUE_CONSTANT]
-    most = min(abs(usual(v[ACTIVE + MoteusKey.MOST_TORQUE], most)), most)
+    torque_limit = v[MoteusKey.CURRENT_LIMIT] * v[MoteusKey.TORQUE_CONSTANT]
+    torque_limit = min(abs(usual(v[ACTIVE + MoteusKey.MOST_TORQUE], torque_limit)), torque_limit)
     e, torque = x.way_position - x.position, damping(r, d) * (x.way_velocity - x.velocity)
     if stiff != 0:
         gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
         limit = v[MoteusKey.INTEGRAL_LIMIT] * abs(usual(v[ACTIVE + MoteusKey.INTEGRAL_SCALE], 1.0))
-        limit = min(limit, most)
+        limit = min(limit, torque_limit)
         x.integral += gain * d.gains.integral_per_s * e / d.rate_hz
         x.integral = min(max(x.integral, -limit), limit)
         torque += x.integral + stiffness(r, d) * e + x.target_torque
-    return min(max(torque, -most), most)
+    return min(max(torque, -torque_limit), torque_limit)
 
 
 @loop_function
@@ -145,27 +145,27 @@ def limit_of(r: Robot, key: int, default: float) -> float:
 def advance_way(r: Robot, dt: float) -> None:
     """Advance q_d and w_d to the next cycle."""
     x, v = r.state, r.value
-    most = limit_of(r, MoteusKey.MOST_VELOCITY, MoteusKey.USUAL_VELOCITY)
+    velocity_limit = limit_of(r, MoteusKey.MOST_VELOCITY, MoteusKey.USUAL_VELOCITY)
     a = limit_of(r, MoteusKey.ACCELERATION, MoteusKey.USUAL_ACCELERATION)
-    limited, ramped = most == most, a == a
-    w, most = x.target_velocity, most if limited else FINITE
-    w = min(max(w, -most), most)
-    left, before = x.target_position - x.way_position, x.way_velocity
+    limited, ramped = velocity_limit == velocity_limit, a == a
+    w, velocity_limit = x.target_velocity, velocity_limit if limited else FINITE
+    w = min(max(w, -velocity_limit), velocity_limit)
+    distance, before = x.target_position - x.way_position, x.way_velocity
     if x.result == 0:
         x.way_velocity = toward(before, w, a * dt) if ramped else w
         x.arrived = 1 if x.way_velocity == w else 0
     elif not limited and not ramped:
         x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
     elif ramped:
-        goal = w + braking_velocity(left, FINITE, a, dt)
-        x.way_velocity = toward(before, min(max(goal, -most), most), a * dt)
+        goal = w + braking_velocity(distance, FINITE, a, dt)
+        x.way_velocity = toward(before, min(max(goal, -velocity_limit), velocity_limit), a * dt)
         by = abs(x.way_velocity - w)
-        if (abs(left) <= by * dt and by <= 2.0 * a * dt) or (left == 0.0 and by <= a * dt):
+        if (abs(distance) <= by * dt and by <= 2.0 * a * dt) or (distance == 0.0 and by <= a * dt):
             x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
-    elif abs(left) <= most * dt:
+    elif abs(distance) <= velocity_limit * dt:
         x.way_position, x.way_velocity, x.result, x.arrived = x.target_position, w, 0, 1
     else:
-        x.way_velocity = most if left > 0.0 else -most
+        x.way_velocity = velocity_limit if distance > 0.0 else -velocity_limit
     x.way_position += x.way_velocity * dt
     x.target_position += w * dt if x.result != 0 else 0.0
     slip, stop = v[MoteusKey.SLIP], v[ACTIVE + MoteusKey.STOP]

@@ -213,12 +213,12 @@ def take_input(r: Robot, command: int, data: Cells[Byte]) -> None:
         x.target_position, x.target_velocity, x.target_torque = first, second, third
         x.arrived = 0
     elif command == CommandId.VELOCITY:
-        most = r.value[OdriveKey.VELOCITY_LIMIT]
-        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
+        limit = r.value[OdriveKey.VELOCITY_LIMIT]
+        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > limit else 0
         x.target_velocity, x.target_torque = first, third
     else:
-        most = r.value[OdriveKey.TORQUE_LIMIT]
-        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > most else 0
+        limit = r.value[OdriveKey.TORQUE_LIMIT]
+        r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > limit else 0
         x.target_torque = first
 
 
@@ -248,13 +248,13 @@ def serve(r: Robot, d: Drive, data: Cells[Byte]) -> None:
     if data[0] > 1 or number >= r.n:
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
-    whole = r.settings[number].whole != 0
+    is_whole = r.settings[number].whole != 0
     if data[0] == 1:
         word = four_bytes(data, 4)
-        write(r, number, np.float64(word) if whole else number_at(data, 4))
+        write(r, number, np.float64(word) if is_whole else number_at(data, 4))
         return
     value = r.value[number]
-    word = int64(value) if whole else word_of(value)
+    word = int64(value) if is_whole else word_of(value)
     send(d, CommandId.ANSWER, number << int64(8), word)
 
 
@@ -329,14 +329,14 @@ def advance_way(r: Robot, dt: float) -> bool:
 def follow_trapezoid(r: Robot, dt: float) -> None:
     """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
     x, v = r.state, r.value
-    slow, left = v[OdriveKey.DECELERATION], x.target_position - x.way_position
-    goal = braking_velocity(left, v[OdriveKey.TRAJECTORY_VELOCITY], slow, dt)
+    slow, distance = v[OdriveKey.DECELERATION], x.target_position - x.way_position
+    goal = braking_velocity(distance, v[OdriveKey.TRAJECTORY_VELOCITY], slow, dt)
     grows = abs(goal) > abs(x.way_velocity)
     rate = v[OdriveKey.ACCELERATION] if grows else slow
     before = x.way_velocity
     x.way_velocity = toward(before, goal, rate * dt)
     x.way_torque = (x.way_velocity - before) / dt * v[OdriveKey.INERTIA]
-    if abs(left) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
+    if abs(distance) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
         x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
     else:
         x.way_position += x.way_velocity * dt
@@ -352,8 +352,8 @@ def work(r: Robot, d: Drive) -> float:
     if v[OdriveKey.WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and d.k - x.fed_at > patience:
         disarm(r, Error.WATCHDOG)
         r.mistakes[Mistake.SILENT] += 1
-    most, control = v[OdriveKey.VELOCITY_LIMIT], int64(v[OdriveKey.CONTROL_MODE])
-    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[OdriveKey.TOLERANCE] * most:
+    velocity_limit, control = v[OdriveKey.VELOCITY_LIMIT], int64(v[OdriveKey.CONTROL_MODE])
+    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[OdriveKey.TOLERANCE] * velocity_limit:
         disarm(r, Error.VELOCITY)
     if x.power == Axis.CLOSED_LOOP and (control < Control.TORQUE or not advance_way(r, dt)):
         disarm(r, Error.BAD_CONFIG)
@@ -364,12 +364,17 @@ def work(r: Robot, d: Drive) -> float:
     limit = v[OdriveKey.TORQUE_LIMIT]
     if control == Control.TORQUE:
         gain = d.gains.velocity / (d.rated * r.velocity_scale)
-        torque = min(max(x.way_torque, gain * (-most - x.velocity)), gain * (most - x.velocity))
+        torque = min(
+            max(x.way_torque, gain * (-velocity_limit - x.velocity)),
+            gain * (velocity_limit - x.velocity),
+        )
         x.torque = min(max(torque, -limit), limit)
     elif control == Control.VELOCITY:
-        x.torque = torque_for(r, d, min(max(x.way_velocity, -most), most), limit)
+        x.torque = torque_for(
+            r, d, min(max(x.way_velocity, -velocity_limit), velocity_limit), limit
+        )
     else:
-        x.torque = torque_for(r, d, wanted_velocity(r, d, most), limit)
+        x.torque = torque_for(r, d, wanted_velocity(r, d, velocity_limit), limit)
     return x.torque
 
 

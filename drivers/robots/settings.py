@@ -20,26 +20,35 @@ class Setting(NamedTuple):
     writable: bool = True
 
 
-def changed_settings(every: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
+def changed_settings(settings: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
     """Return the settings with other values at the start; ValueError says what is wrong."""
-    names = {one.name: i for i, one in enumerate(every)}
-    found = list(every)
+    names = {one.name: i for i, one in enumerate(settings)}
+    changed = list(settings)
     for name, value in starts.items():
         if name not in names:
             known = ", ".join(one for one in names if one.split(".")[-1] == name.split(".")[-1])
             raise ValueError(f"{name}: the drive has no such setting" + (known and f"; {known}?"))
-        one = every[names[name]]
-        if not one.low <= value <= one.high or (one.whole and value != int(value)):
-            kind = "a whole number" if one.whole else "a number"
-            raise ValueError(f"{name}: {value:g} is not {kind} from {one.low:g} to {one.high:g}")
-        found[names[name]] = one._replace(start=float(value))
-    return found
+        setting = settings[names[name]]
+        if not setting.low <= value <= setting.high or (setting.whole and value != int(value)):
+            kind = "a whole number" if setting.whole else "a number"
+            raise ValueError(
+                f"{name}: {value:g} is not {kind} from {setting.low:g} to {setting.high:g}"
+            )
+        changed[names[name]] = setting._replace(start=float(value))
+    return changed
 
 
-def install(r: object, dialect: Dialect, every: Sequence[Setting]) -> None:
+def install(r: object, dialect: Dialect, settings: Sequence[Setting]) -> None:
     """Write settings into the zeroed Robot record `r`, which is as after power-on."""
     into: Any = r
-    into.dialect, into.n = dialect, len(every)
-    for i, one in enumerate(every):
-        into.settings[i] = (one.number, one.whole, one.writable, one.start, one.low, one.high)
-        into.value[i] = one.start
+    into.dialect, into.n = dialect, len(settings)
+    for i, setting in enumerate(settings):
+        into.settings[i] = (
+            setting.number,
+            setting.whole,
+            setting.writable,
+            setting.start,
+            setting.low,
+            setting.high,
+        )
+        into.value[i] = setting.start

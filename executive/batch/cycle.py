@@ -199,14 +199,14 @@ def limit(n: Loop, w: Cells[Lane]) -> None:
     w[CLAMPED] = 0.0
     table, waits = n.limits.table, w[STATE] == float(State.INIT)
     for i in range(n.limits.n):
-        j, own = n.limits.place[i], of_limit(n, i)
-        wanted, sent, rate = where(waits, table[i].safe, w[j]), w[own], table[i].rate
+        j, place = n.limits.place[i], of_limit(n, i)
+        wanted, sent, rate = where(waits, table[i].safe, w[j]), w[place], table[i].rate
         value = clamp(wanted, table[i].low, table[i].high)
         value = clamp(value, sent - rate, sent + rate)
         clamped = value != wanted
         w[CLAMPED] = where(clamped, 1.0, w[CLAMPED])
         add(n, w, SATURATED, number(clamped))
-        w[j], w[own] = value, value
+        w[j], w[place] = value, value
 
 
 @inline
@@ -242,21 +242,21 @@ def survives(m: Loop, z: Cells[Lane], row: int) -> Mask:
     if m.rx.loss[row].enter <= 0.0:
         add(m, z, RECEIVED, 1.0)
         return z[m.n_variables + ODD] == z[m.n_variables + ODD]
-    own = of_frame(m, row)
-    s = z[own + SEED] * _FACTOR
+    place = of_frame(m, row)
+    s = z[place + SEED] * _FACTOR
     s = s - (s * (1.0 / _PRIME) + ROUND - ROUND) * _PRIME
     s = where(s < 0.0, s + _PRIME, s)
-    lost = z[own + IN_LOSS] > 0.5
+    lost = z[place + IN_LOSS] > 0.5
     turns = s / _PRIME < where(lost, m.rx.loss[row].leave, m.rx.loss[row].enter)
     lost = (lost & ~turns) | (turns & ~lost)
-    gap = where(z[own + HEARD] > 0.5, z[own + GAP] + 1.0, 1.0)  # since the last one
-    z[own + SEED], z[own + IN_LOSS] = s, number(lost)
+    gap = where(z[place + HEARD] > 0.5, z[place + GAP] + 1.0, 1.0)  # since the last one
+    z[place + SEED], z[place + IN_LOSS] = s, number(lost)
     used, protected = ~lost, m.rx.frames[row].protected != Protection.UNPROTECTED
     if protected:
         used = used & (gap <= float(e2e.MAX_DELTA))
         add(m, z, ODD, number(gap > float(m.rx.frames[row].counter_mask)))
         add(m, z, LOST, where(lost, 0.0, gap - 1.0))
-    z[own + GAP], z[own + HEARD] = where(lost, gap, 0.0), where(lost, z[own + HEARD], 1.0)
+    z[place + GAP], z[place + HEARD] = where(lost, gap, 0.0), where(lost, z[place + HEARD], 1.0)
     add(m, z, RECEIVED, number(used))
     add(m, z, ON_PURPOSE, number(lost))
     return used

@@ -44,20 +44,20 @@ def _rows(
     width: int,
     steps: Cells[int],
     places: Cells[int],
-    given: Array,
+    commands: Array,
     wanted: Cells[int],
-    kept: Cells[Lane],
+    trace: Cells[Lane],
     first: int,
 ) -> None:
-    """Do the rows of `given` from cycle `first` on, `width` runs at once."""
-    for row in range(given.shape[0]):
+    """Do the rows of `commands` from cycle `first` on, `width` runs at once."""
+    for row in range(commands.shape[0]):
         n.control.passes += 1  # for `watched`
         for i in range(places.shape[0]):
-            w[places[i]] = given[row, i]
+            w[places[i]] = commands[row, i]
         cycle.step(n, w, values, width, steps, first + row)
         cycle.carry(n, w, sh.MAX_BLOCKS)
         for i in range(wanted.shape[0]):
-            kept[row * wanted.shape[0] + i] = w[wanted[i]]
+            trace[row * wanted.shape[0] + i] = w[wanted[i]]
 
 
 @njit(**_OPTIONS)
@@ -66,14 +66,14 @@ def _in_lanes(
     values: Array,
     steps: Cells[int],
     places: Cells[int],
-    given: Array,
+    commands: Array,
     wanted: Cells[int],
     trace: Array,
     first: int,
 ) -> None:
     """Do the rows in all lanes: `values` and `trace` a LANE each."""
-    w, kept = lane_rows(values), lane_rows(trace)
-    _rows(n, w, values, WIDTH, steps, places, given, wanted, kept, first)
+    w, lane_trace = lane_rows(values), lane_rows(trace)
+    _rows(n, w, values, WIDTH, steps, places, commands, wanted, lane_trace, first)
 
 
 @njit(**_OPTIONS)
@@ -82,13 +82,13 @@ def _alone(
     values: Array,
     steps: Cells[int],
     places: Cells[int],
-    given: Array,
+    commands: Array,
     wanted: Cells[int],
     trace: Array,
     first: int,
 ) -> None:
     """Do the same for one: `values` (rows,), `trace` (rows * wanted,)."""
-    _rows(n, values, values, 1, steps, places, given, wanted, trace, first)
+    _rows(n, values, values, 1, steps, places, commands, wanted, trace, first)
 
 
 class DrivenPlant:
@@ -152,31 +152,31 @@ class DrivenPlant:
         self,
         points: Sequence[Mapping[str, float]],
         names: Sequence[str],
-        given: Array,
+        commands: Array,
         first: int = 0,
         seed: int = 1,
     ) -> Array:
-        """Return the signals (points, rows, names) under the commands `given` (rows, received).
+        """Return the signals (points, rows, names) under the `commands` (rows, received).
 
         `points`: settings BLOCK.NAME beside the rig's; `names`: FRAME.signal of what is sent, or
         BLOCK.PORT; `first`: the cycle of the first row; `seed`: of the noises. RigError for
         settings that the plant refuses, StepError for a step that raises.
         """
         wanted = np.array([self.place(name) for name in names], np.int64)
-        found = np.empty((len(points), len(given), len(names)))
-        given = np.ascontiguousarray(given)
+        signals = np.empty((len(points), len(commands), len(names)))
+        commands = np.ascontiguousarray(commands)
         for start in range(0, len(points), WIDTH):
             some = points[start : start + WIDTH]
             columns = [self._values(point, seed) for point in some]
-            made = (
+            batch = (
                 None
                 if self._differ or len(some) == 1
-                else self._lanes(columns, wanted, given, first)
+                else self._lanes(columns, wanted, commands, first)
             )
-            if made is None:
-                made = np.stack([self._one(c, wanted, given, first) for c in columns])
-            found[start : start + len(some)] = made
-        return found
+            if batch is None:
+                batch = np.stack([self._one(c, wanted, commands, first) for c in columns])
+            signals[start : start + len(some)] = batch
+        return signals
 
     @property
     def blocks(self) -> list[str]:
@@ -221,7 +221,7 @@ class DrivenPlant:
         return values
 
     def _lanes(
-        self, columns: Sequence[Array], wanted: NDArray[np.int64], given: Array, first: int
+        self, columns: Sequence[Array], wanted: NDArray[np.int64], commands: Array, first: int
     ) -> Array | None:
         """Return the signals of at most WIDTH columns; None where lanes cannot."""
         try:
@@ -233,21 +233,21 @@ class DrivenPlant:
         values = table(cycle.rows_of(loop))
         padded = [*columns, *[columns[0]] * (WIDTH - len(columns))]
         values[: len(columns[0])] = np.stack(padded, axis=1)
-        trace = table(len(given) * len(wanted))
-        about = loop, values, steps, self._places, given, wanted, trace, first
+        trace = table(len(commands) * len(wanted))
+        arguments = loop, values, steps, self._places, commands, wanted, trace, first
         try:
-            self._call_watched(lambda: _in_lanes(*about))
+            self._call_watched(lambda: _in_lanes(*arguments))
         except LanesDiffer:
             self._differ = True
             return None
-        shaped = trace.reshape(len(given), len(wanted), WIDTH)
+        shaped = trace.reshape(len(commands), len(wanted), WIDTH)
         return np.ascontiguousarray(shaped.transpose(2, 0, 1)[: len(columns)])
 
-    def _one(self, values: Array, wanted: NDArray[np.int64], given: Array, first: int) -> Array:
-        trace, loop = np.zeros(len(given) * len(wanted)), self._block.loop
-        about = loop, values, self._single, self._places, given, wanted, trace, first
-        self._call_watched(lambda: _alone(*about))
-        return trace.reshape(len(given), len(wanted))
+    def _one(self, values: Array, wanted: NDArray[np.int64], commands: Array, first: int) -> Array:
+        trace, loop = np.zeros(len(commands) * len(wanted)), self._block.loop
+        arguments = loop, values, self._single, self._places, commands, wanted, trace, first
+        self._call_watched(lambda: _alone(*arguments))
+        return trace.reshape(len(commands), len(wanted))
 
     def _call_watched(self, do: Callable[[], object]) -> None:
         try:

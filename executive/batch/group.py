@@ -155,14 +155,14 @@ class LaneGroup:
 
     def columns(self) -> Traces:
         """Return what was kept, by node: (wanted, WIDTH, cycles)."""
-        found = {}
+        traces = {}
         for role, seat in self.seats.items():
             rows = seat.trace.reshape(self.cycles + 1, -1)
             columns = np.empty((rows.shape[1], len(rows)))
             for first in range(0, len(rows), _AT_ONCE):
                 columns[:, first : first + _AT_ONCE] = rows[first : first + _AT_ONCE].T
-            found[role] = columns.reshape(-1, WIDTH, len(rows))
-        return found
+            traces[role] = columns.reshape(-1, WIDTH, len(rows))
+        return traces
 
     def _piece(self, first: int) -> bool:
         """Do a piece of the cycles; return whether the lanes differ in it."""
@@ -218,13 +218,13 @@ def _seat(
 
 
 def _entries(made: Plan) -> NDArray[np.int64]:
-    found = []
+    entries = []
     for spec in made.spec.blocks:
         try:
-            found.append(spec.block.step.entry_of_lanes)
+            entries.append(spec.block.step.entry_of_lanes)
         except Exception as error:  # numba has many
             raise NotInLanes(f"the step of {spec.name}: {cause(error)}") from error
-    return np.array(found, np.int64)
+    return np.array(entries, np.int64)
 
 
 def _beginning(role: Role, seat: cycle.Seat) -> NDArray[np.float64]:

@@ -29,12 +29,12 @@ def decisions(source: str) -> list[tuple[int, str]]:
     Eight runs decide it as one, or are done one by one. What depends on parameters may stay.
     """
     steps = (one for one in ast.parse(source).body if has_decorator(one, "stage"))
-    found = {
+    decided = {
         each for step in steps if isinstance(step, ast.FunctionDef) for each in _decisions(step)
     }
     return [
         (line, f"`{word}` of a state or an input: runs that differ in it go one by one; {cure}")
-        for line, word, cure in sorted(found)
+        for line, word, cure in sorted(decided)
     ]
 
 
@@ -56,15 +56,15 @@ def _decisions(step: ast.FunctionDef) -> Iterator[tuple[int, str, str]]:
 
 def _varying_names(step: ast.FunctionDef) -> set[str]:
     """Return the names of states, inputs, outputs, and of all that is made of them."""
-    found, before = {one.arg for one in step.args.args[3:]}, -1
-    while len(found) != before:
-        before = len(found)
+    names, before = {one.arg for one in step.args.args[3:]}, -1
+    while len(names) != before:
+        before = len(names)
         for node in ast.walk(step):
             if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign) and node.value:
                 targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-                if _mentions(node.value, found):
-                    found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
-    return found
+                if _mentions(node.value, names):
+                    names |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+    return names
 
 
 def _mentions(node: ast.AST, names: set[str]) -> bool:

@@ -101,32 +101,32 @@ class BatchRuns:
         why = self.why or self._why_alone(cases)
         if why or (group := self.group) is None:
             return [self._alone(case, why) for case in cases]
-        found: dict[int, RunResult] = {}
-        left = [dict(enumerate(cases))]
-        while left:
-            some = left.pop()
+        results: dict[int, RunResult] = {}
+        waiting = [dict(enumerate(cases))]
+        while waiting:
+            some = waiting.pop()
             if len(some) == 1 < len(cases):
-                found |= {i: self._alone(case, _DIFFERS) for i, case in some.items()}
+                results |= {i: self._alone(case, _DIFFERS) for i, case in some.items()}
                 continue
             refused = self._fill(group, list(some.values()))
-            found |= {
+            results |= {
                 i: RunResult(None, refused=why) for i, why in zip(some, refused, strict=True) if why
             }
-            able = {i: case for i, case in some.items() if i not in found}
+            able = {i: case for i, case in some.items() if i not in results}
             try:
-                odd = group.run()
+                odd_lanes = group.run()
             except LanesDiffer:
-                left += _case_parts(able)
+                waiting += _case_parts(able)
                 continue
             traces = group.columns()
             for lane, (i, case) in enumerate(some.items()):
                 if i in able:
-                    found[i] = (
+                    results[i] = (
                         self._alone(case, _ODD)
-                        if odd[lane]
+                        if odd_lanes[lane]
                         else RunResult(self._log(group, case, lane, traces))
                     )
-        return [found[i] for i in range(len(cases))]
+        return [results[i] for i in range(len(cases))]
 
     def _places(self, group: LaneGroup, role: Role, spec: BlockSpec) -> Mapping[str, int]:
         """Return the places of a block's own names in the table of its node."""
@@ -143,22 +143,24 @@ class BatchRuns:
     def _fill(self, group: LaneGroup, cases: Sequence[Case]) -> list[str]:
         """Put the cases into the lanes; return why one is refused, "" for the others."""
         group.begin()
-        found = []
+        refusals = []
         for lane, case in enumerate(cases):
             try:
                 for role, spec in self._specs(case):
                     rate_hz = self.rig.config.rate_hz
                     pairs = prepared_values(spec.block, spec.settings, rate_hz, case.seed)
                     places = self._places(group, role, spec)
-                    own = {places[name]: value for name, value in (*pairs[0], *pairs[1])}
-                    group.put(lane, role, own)
+                    values = {places[name]: value for name, value in (*pairs[0], *pairs[1])}
+                    group.put(lane, role, values)
                 group.put_seed(lane, case.seed)
-                found.append("")
+                refusals.append("")
             except (ValueError, RigError) as error:
-                found.append(str(error))
-        if "" in found:  # lanes without a run do what another does: none is stopped by them
-            group.repeat(found.index(""), [i for i in range(WIDTH) if i >= len(found) or found[i]])
-        return found
+                refusals.append(str(error))
+        if "" in refusals:  # lanes without a run do what another does: none is stopped by them
+            group.repeat(
+                refusals.index(""), [i for i in range(WIDTH) if i >= len(refusals) or refusals[i]]
+            )
+        return refusals
 
     def _specs(self, case: Case) -> Iterator[tuple[Role, BlockSpec]]:
         """Yield the blocks that a case changes, with its settings. ValueError: out of range."""
@@ -169,30 +171,30 @@ class BatchRuns:
             changed.setdefault((role, spec.name), {})[setting] = value
         for role, node in self.rig.nodes().items():
             for spec in node.blocks:
-                own = changed.get((role, spec.name), {})
+                changed_settings = changed.get((role, spec.name), {})
                 seeded = spec.block.prepare is not None and case.seed != self.rig.config.seed
-                if own or seeded:
-                    yield role, replace(spec, settings=spec.settings | own)
+                if changed_settings or seeded:
+                    yield role, replace(spec, settings=spec.settings | changed_settings)
 
     def _log(self, group: LaneGroup, case: Case, lane: int, traces: Traces) -> logs.Log:
         """Return what was kept of a lane, as a log; `traces`: of all, see `LaneGroup.columns`."""
         nodes = {}
-        for role, about in group.described.items():
+        for role, description in group.described.items():
             rows = group.cycles + (role == "plant")
             columns = {
-                name: own[lane, :rows]
-                for name, own in zip(self.wanted[role], traces[role], strict=True)
+                name: trace[lane, :rows]
+                for name, trace in zip(self.wanted[role], traces[role], strict=True)
             }
-            timing = set(about["timing_columns"])
+            timing = set(description["timing_columns"])
             nodes[str(role)] = logs.NodeLog(
                 self._cycles[:rows],
                 self._stamps_ns[:rows],
-                Columns(about["state_columns"], columns.__getitem__),
+                Columns(description["state_columns"], columns.__getitem__),
                 {name: one for name, one in columns.items() if name in timing},
                 np.empty(0, logs.FRAME),
                 [],
                 [],
-                about,
+                description,
             )
         metadata = {str(role): METADATA for role in group.plans}
         return logs.Log(Path(), nodes, {}, metadata, [], rig=self._data(case))
@@ -211,11 +213,11 @@ class BatchRuns:
         data = {**self.rig.effective(), "seed": case.seed}
         for name, value in case.settings.items():
             role, spec, setting = self._own[name]
-            at: Any = data
+            section: Any = data
             for key in (*law_keys(self.rig.config, role, spec.name), "parameters"):
-                at[key] = dict(at[key])
-                at = at[key]
-            at[setting] = value
+                section[key] = dict(section[key])
+                section = section[key]
+            section[setting] = value
         return data
 
     def rig_of(self, case: Case) -> Rig:

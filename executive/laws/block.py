@@ -74,11 +74,11 @@ class Block:
 
     def with_units(self, of: Callable[[str], str]) -> "Block":
         """Return the same block with the unit `of` each port's unit; its step is the same code."""
-        made = copy.copy(self)
+        copied = copy.copy(self)
         for kind in ("settings", "parameters", "states", "inputs", "outputs"):
             ports = (replace(one, unit=of(one.unit)) for one in getattr(self, kind))
-            object.__setattr__(made, kind, tuple(ports))
-        return made
+            object.__setattr__(copied, kind, tuple(ports))
+        return copied
 
     def size(self, ports: Sequence[Port]) -> int:
         """Return the number of float64 values of these ports."""

@@ -45,17 +45,19 @@ class States(Ports):
     pace = port("", "its change a cycle", recorded=False)
 
 
-def input_ports(outputs: Sequence[Output], laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
+def input_ports(
+    outputs: Sequence[Output], laws: Sequence[str], adapted: Sequence[Port]
+) -> list[Port]:
     """Return the inputs: the outputs of each law in turn, then what each law adapted."""
-    own = [
+    law_ports = [
         Port(f"{one.name}_of_{law}", one.unit, f"{one.name} as {law} wants it")
         for law in laws
         for one in outputs
     ]
-    return own + [Port(f"adapted_{i}", one.unit, one.help) for i, one in enumerate(held)]
+    return law_ports + [Port(f"adapted_{i}", one.unit, one.help) for i, one in enumerate(adapted)]
 
 
-def output_ports(laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
+def output_ports(laws: Sequence[str], adapted: Sequence[Port]) -> list[Port]:
     """Return the outputs behind the controller's own."""
     numbers = ", ".join(f"{j} {law}" for j, law in enumerate(laws))
     return [
@@ -65,14 +67,14 @@ def output_ports(laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
             Port(f"usable_{law}", "", f"1 while {law} can take over: all it says is finite")
             for law in laws
         ),
-        *(Port(f"kept_{i}", one.unit, one.help, recorded=False) for i, one in enumerate(held)),
+        *(Port(f"kept_{i}", one.unit, one.help, recorded=False) for i, one in enumerate(adapted)),
     ]
 
 
 def block(
-    laws: Sequence[str], outputs: Sequence[Output], held: Sequence[Port], owners: Sequence[int]
+    laws: Sequence[str], outputs: Sequence[Output], adapted: Sequence[Port], owners: Sequence[int]
 ) -> Block:
-    """Return the block behind the last of `laws`; `owners` (held,): the law of each of `held`."""
+    """Return the block behind the last of `laws`; `owners`: the law of each of `adapted`."""
     numbers = ", ".join(f"{j} {law}" for j, law in enumerate(laws))
     last = float(len(laws) - 1)
     parameters = _port_class(
@@ -90,9 +92,9 @@ def block(
             "step": port("", "y_o - y_n (1)", shape=len(outputs)),
         },
     )
-    inputs = _port_class("Inputs", _ports(input_ports(outputs, laws, held)))
+    inputs = _port_class("Inputs", _ports(input_ports(outputs, laws, adapted)))
     before = [Port(f"out_{i}", one.unit, one.name) for i, one in enumerate(outputs)]
-    ends = _port_class("Outputs", _ports([*before, *output_ports(laws, held)]))
+    ends = _port_class("Outputs", _ports([*before, *output_ports(laws, adapted)]))
     return Block(_step(parameters, states, inputs, ends, outputs, owners))
 
 

@@ -145,25 +145,25 @@ class Ports:
         """Lay out the ports of the bases, then those of the class itself."""
         declared: dict[str, _PortDeclaration | _Group] = {}
         for base in cls.__bases__:
-            for name, what in getattr(base, "_declared", {}).items():
-                _add(cls, declared, name, what)
-        for name, what in list(vars(cls).items()):
-            if isinstance(what, _PortDeclaration | _Group):
-                _add(cls, declared, name, what)
+            for name, declaration in getattr(base, "_declared", {}).items():
+                _add(cls, declared, name, declaration)
+        for name, declaration in list(vars(cls).items()):
+            if isinstance(declaration, _PortDeclaration | _Group):
+                _add(cls, declared, name, declaration)
         cls._declared = declared
         fields: list[Field] = []
         ports: list[Port] = []
         place = 0
-        for name, what in declared.items():
-            if isinstance(what, _Group):
-                fields.append(Field(name, place, (), what.ports.layout))
-                ports += what.elements()
-                size = what.ports.size
+        for name, declaration in declared.items():
+            if isinstance(declaration, _Group):
+                fields.append(Field(name, place, (), declaration.ports.layout))
+                ports += declaration.elements()
+                size = declaration.ports.size
             else:
-                fields.append(Field(name, place, what.shape, None))
-                ports += _elements(name, what)
-                size = what.about.size
-            setattr(cls, name, _Access(name, place, size, what))
+                fields.append(Field(name, place, declaration.shape, None))
+                ports += _elements(name, declaration)
+                size = declaration.about.size
+            setattr(cls, name, _Access(name, place, size, declaration))
             place += size
         if place <= MOST_VALUES:  # else a rig that uses it is refused
             counts = Counter(element for one in ports for element in one.names())
@@ -209,27 +209,27 @@ class Ports:
         raise AttributeError(f"{type(self).__name__} has no port {name}{known}")
 
 
-def _add(cls: type, declared: dict[str, Any], name: str, what: Any) -> None:
+def _add(cls: type, declared: dict[str, Any], name: str, declaration: Any) -> None:
     if name in declared or hasattr(Ports, name):
         raise ValueError(f"{cls.__name__}: two ports are named {name}")
-    declared[name] = what
+    declared[name] = declaration
 
 
-def _elements(name: str, what: _PortDeclaration) -> list[Port]:
+def _elements(name: str, declaration: _PortDeclaration) -> list[Port]:
     """Return the table's ports: those with names of their own one by one."""
-    about = replace(what.about, name=name)
-    if not what.named:
-        return [about]
-    defaults = what.defaults or (about.default,) * about.size
+    array_port = replace(declaration.about, name=name)
+    if not declaration.named:
+        return [array_port]
+    defaults = declaration.defaults or (array_port.default,) * array_port.size
     return [
         replace(
-            about,
-            name=what.named.replace("#", str(i + 1)),
+            array_port,
+            name=declaration.named.replace("#", str(i + 1)),
             default=defaults[i],
             size=1,
-            help=about.help.replace("#", str(i + 1)),
+            help=array_port.help.replace("#", str(i + 1)),
         )
-        for i in range(about.size)
+        for i in range(array_port.size)
     ]
 
 

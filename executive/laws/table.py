@@ -69,12 +69,12 @@ def block(
     """
     outputs = {name: port(its_unit, "of the table") for name, its_unit in columns.items()}
     rate_at = np.full(len(columns), -1)  # the place of each column's slope among the outputs
-    for order, what in ((1, "slope of"), (2, "0, second derivative of")):
+    for order, meaning in ((1, "slope of"), (2, "0, second derivative of")):
         for column, (name, its_unit) in enumerate(columns.items()):
             derived, derived_unit = derivative(name, its_unit, order)
             if derived not in outputs:
                 rate_at[column] = len(outputs) if order == 1 else rate_at[column]
-                outputs[derived] = port(derived_unit, f"{what} {name}")
+                outputs[derived] = port(derived_unit, f"{meaning} {name}")
     declared: Any = type("Outputs", (Ports,), {"__doc__": "Of a table.", **outputs})
     begins = times_s - _SAME_S
     last, n = len(times_s) - 1, len(columns)

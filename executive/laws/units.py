@@ -104,21 +104,25 @@ def _parsed_unit(text: str) -> tuple[Fraction, Powers, str]:
     factor, way = Fraction(1), Fraction(1)
     powers: Powers = ()
     while text:
-        found = _TOKEN.match(text)
-        if found is None:
+        token = _TOKEN.match(text)
+        if token is None:
             raise ValueError(text)
-        text = text[found.end() :]
-        if found["sign"] == ")":
+        text = text[token.end() :]
+        if token["sign"] == ")":
             break
-        if found["sign"] == "/":
+        if token["sign"] == "/":
             way = Fraction(-1)
             continue
-        if found["sign"] == "(":
-            own, part, text = _parsed_unit(text)
+        if token["sign"] == "(":
+            part_factor, part, text = _parsed_unit(text)
         else:
-            own, part = _part(found["prefix"], found["symbol"])
-            way *= Fraction((found["power"] or "1").lstrip("^"))
-        factor *= own ** int(way) if way.denominator == 1 else Fraction(float(own) ** float(way))
+            part_factor, part = _part(token["prefix"], token["symbol"])
+            way *= Fraction((token["power"] or "1").lstrip("^"))
+        factor *= (
+            part_factor ** int(way)
+            if way.denominator == 1
+            else Fraction(float(part_factor) ** float(way))
+        )
         powers = _product(powers, tuple((name, way * n) for name, n in part))
         way = Fraction(1)
     return factor, powers, text
@@ -136,18 +140,18 @@ def _part(prefix: str, symbol: str) -> tuple[Fraction, Powers]:
 
 
 def _product(a: Powers, b: Powers) -> Powers:
-    found = dict(a)
+    powers = dict(a)
     for name, n in b:
-        found[name] = found.get(name, Fraction(0)) + n
-    return tuple(sorted((name, n) for name, n in found.items() if n))
+        powers[name] = powers.get(name, Fraction(0)) + n
+    return tuple(sorted((name, n) for name, n in powers.items() if n))
 
 
 def _base(powers: Powers) -> Unit:
     """Return a unit of base units, with the text that names it."""
-    over = " ".join(_power(name, n) for name, n in powers if n > 0)
+    numerator = " ".join(_power(name, n) for name, n in powers if n > 0)
     under = [_power(name, -n) for name, n in powers if n < 0]
     below = under[0] if len(under) == 1 else f"({' '.join(under)})"
-    return Unit(f"{over or '1'}/{below}" if under else over, Fraction(1), powers)
+    return Unit(f"{numerator or '1'}/{below}" if under else numerator, Fraction(1), powers)
 
 
 def _power(name: str, n: Fraction) -> str:

@@ -50,16 +50,16 @@ class Topics(Protocol):
 class Channels:
     """The topics of a node, of which `about` is the description."""
 
-    def __init__(self, about: NodeDescription, writer: Topics) -> None:
-        self.about, self.name = about, str(about["node"])
-        facts = about["metadata"]
+    def __init__(self, description: NodeDescription, writer: Topics) -> None:
+        self.about, self.name = description, str(description["node"])
+        facts = description["metadata"]
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
         self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
-        self.period_ns = int(about["period_ns"])
-        self.state_end = 8 * (RECORD_HEAD + len(about["state_columns"]))
-        both = {"state": about["state_columns"], "timing": about["timing_columns"]}
+        self.period_ns = int(description["period_ns"])
+        self.state_end = 8 * (RECORD_HEAD + len(description["state_columns"]))
+        both = {"state": description["state_columns"], "timing": description["timing_columns"]}
         self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
-        self.ids |= register_entries(writer, self.name, data_bytes(about))
+        self.ids |= register_entries(writer, self.name, data_bytes(description))
 
     def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
@@ -131,26 +131,30 @@ def register_entries(writer: Topics, node: str, most: int = 8) -> dict[str, int]
 
 def register_objects(writer: Topics, node: str, *kinds: str) -> dict[str, int]:
     """Register topics of JSON of a node, of kinds of `JSON_SCHEMAS`; return their ids by kind."""
-    found: dict[str, int] = {}
+    ids: dict[str, int] = {}
     for kind in kinds:
         topic = f"{kind.lower()}s"
         place, schema = logs.topic(node, topic), json.dumps(JSON_SCHEMAS[kind])
-        found[topic] = writer.register(place, f"pcpc.{kind}", schema, "json")
-    return found
+        ids[topic] = writer.register(place, f"pcpc.{kind}", schema, "json")
+    return ids
 
 
-def write_description(writer: BulkWriter, about: NodeDescription, files: dict[str, str]) -> None:
+def write_description(
+    writer: BulkWriter, description: NodeDescription, files: dict[str, str]
+) -> None:
     """Write what explains the messages of a node; `files` are those that stand in the log so far.
 
     A file that differs from one of its name stands below the node's name.
     """
-    name = str(about["node"])
-    facts = {str(key): str(value) for key, value in about["metadata"].items()}
-    facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
+    name = str(description["node"])
+    facts = {str(key): str(value) for key, value in description["metadata"].items()}
+    facts |= {"rig": str(description["rig"]), "period_ns": str(description["period_ns"])}
     writer.add_metadata(name, facts)
-    rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
-    wall_ns = int(about["metadata"]["clock_wall_ns"])
-    for file, data, digest in carried_files.attachments(about, {f"{name}.json": json.dumps(rest)}):
+    rest = {k: v for k, v in description.items() if k not in _OF_THE_MEMORY}
+    wall_ns = int(description["metadata"]["clock_wall_ns"])
+    for file, data, digest in carried_files.attachments(
+        description, {f"{name}.json": json.dumps(rest)}
+    ):
         place = file if files.get(file, digest) == digest else f"{name}/{file}"
         if files.setdefault(place, "") == "":
             files[place] = digest

@@ -104,28 +104,28 @@ def counts(metadata: Mapping[str, str]) -> dict[str, str]:
 def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
     """Return an event or tuning, which must be `named`; None if it is none."""
     try:
-        found = parse_json(text)
+        parsed = parse_json(text)
     except ValueError:
         return None
     needed = (*_NEEDED, "name") if named else _NEEDED
-    if not isinstance(found, dict) or not all(key in found for key in needed):
+    if not isinstance(parsed, dict) or not all(key in parsed for key in needed):
         return None
-    if not all(_fits(found[key], kind) for key, kind in _ENTRY.items() if key in found):
+    if not all(_fits(parsed[key], kind) for key, kind in _ENTRY.items() if key in parsed):
         return None
-    value = found["value"]
+    value = parsed["value"]
     if isinstance(value, str) and not _NUMBER_TEXT.fullmatch(value):
         return None
-    return {key: part for key, part in found.items() if not isinstance(part, list | dict)}
+    return {key: part for key, part in parsed.items() if not isinstance(part, list | dict)}
 
 
 def possible_frames(frames: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which frames (n,) of `logs.FRAME` a bus could have carried, (n,)."""
     length, fd = frames["dlc"], frames["flags"] & Flag.FD != 0
     fd &= frames["data"].shape[1] > 8
-    found = np.where(fd, np.isin(length, LENGTHS), length <= 8) & (frames["direction"] <= 1)
+    possible = np.where(fd, np.isin(length, LENGTHS), length <= 8) & (frames["direction"] <= 1)
     for name in ("stamp_ns", "cycle"):
-        found &= (frames[name] >= -LATEST // 2) & (frames[name] <= LATEST // 2)
-    return np.asarray(found)
+        possible &= (frames[name] >= -LATEST // 2) & (frames[name] <= LATEST // 2)
+    return np.asarray(possible)
 
 
 def unwrapped_cycles(sequence: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:

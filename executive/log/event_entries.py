@@ -12,15 +12,15 @@ from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.ring_layout import OfEvent
 
 
-def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[str, Any]]:
+def entry_of(row: NDArray[np.int64], description: NodeDescription) -> tuple[str, dict[str, Any]]:
     """Return the topic of an event in a node's ring, and what the log says of it.
 
-    `about` is the node's description. `row`: (columns,).
+    `row`: (columns,).
     """
     code, argument = int(row[OfEvent.CODE]), int(row[OfEvent.ARGUMENT])
     number = float(row[OfEvent.BITS :].view(np.float64)[0])
     value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
-    variables = about["variables"]
+    variables = description["variables"]
     if code == Event.TUNING:
         return "tunings", {"name": variables[argument][0], "value": value}
     if code in VALUE_EVENTS:
@@ -29,12 +29,12 @@ def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[
     kind = EVENTS.get(code, f"code_{code}")
     entry = {"event": kind, "argument": argument, "value": value}
     names = {
-        "fault": about.get("fault_names", []),
-        "state": about.get("state_names", []),
+        "fault": description.get("fault_names", []),
+        "state": description.get("state_names", []),
         "refused": [variable[0] for variable in variables],
     }.get(kind, [])
     if 0 <= argument < len(names):
         entry["name"] = names[argument]
     if code in OF_A_FRAME:
-        entry["name"] = about["frames"].get(str(argument), "")
+        entry["name"] = description["frames"].get(str(argument), "")
     return "events", entry

@@ -29,21 +29,21 @@ class Frontier:
         self._followed: dict[str, bool] = dict.fromkeys(logs.NODES, False)
         self._notes = 0
 
-    def see(self, found: Scan, channel: int, rows: NDArray[np.uint8]) -> None:
+    def see(self, scanned: Scan, channel: int, rows: NDArray[np.uint8]) -> None:
         """Take a run of messages of one channel as it comes; -1: the file is over.
 
         `rows`: (n, bytes of a message).
         """
-        damage = [note for note in found.missing if not note.startswith(_DATA_IS_WHOLE)]
+        damage = [note for note in scanned.missing if not note.startswith(_DATA_IS_WHOLE)]
         if len(damage) > self._notes and self._notes >= 0:
             self._notes = -1
         if self._notes < 0:
             return
         if channel < 0:
-            if any(record.name == "run" for record in found.metadata):
+            if any(record.name == "run" for record in scanned.metadata):
                 self.whole = dict.fromkeys(logs.NODES, ALL)
             return
-        node, kind = TOPICS.get(found.topic(channel), ("", ""))
+        node, kind = TOPICS.get(scanned.topic(channel), ("", ""))
         if kind == "state":
             self._cycles(node, rows)
         elif kind in ("can/frames", "events", "tunings"):

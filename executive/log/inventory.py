@@ -94,16 +94,16 @@ class Inventory:
         """
         if not any(node in metadata or f"{node}.json" in files for node in ROLES):
             return []
-        found = [
+        lines = [
             f"{LEFT_OUT}, or behind later ones: {count} {name}"
             for name, count in sorted(self.left_out.items())
         ]
         if "run" in metadata:
-            return found + self._count_differences(_numbers(metadata["run"]), metadata)
+            return lines + self._count_differences(_numbers(metadata["run"]), metadata)
         notes = metadata.get("recovered")
         if notes is None and closed:
-            return [*found, "the recorder's counts (metadata run): whether all is there is unknown"]
-        return found + [text for key, text in (notes or {}).items() if key.startswith("missing ")]
+            return [*lines, "the recorder's counts (metadata run): whether all is there is unknown"]
+        return lines + [text for key, text in (notes or {}).items() if key.startswith("missing ")]
 
     def _count_differences(self, run: Mapping[str, int], metadata: Collection[str]) -> list[str]:
         """Return how the messages differ from the counts of the recorder."""
@@ -136,10 +136,10 @@ def _numbers(counts: Mapping[str, str]) -> dict[str, int]:
     return {k: int(text) for k, text in counts.items() if text.isdecimal() and len(text) < 19}
 
 
-def _differs(what: str, count: int, low: int, high: int | None) -> list[str]:
+def _differs(name: str, count: int, low: int, high: int | None) -> list[str]:
     """Return a line if messages are missing, or are more than `high`, where that is known."""
     if count < low:
-        return [f"{what}: {low - count} of {low} messages"]
+        return [f"{name}: {low - count} of {low} messages"]
     if high is not None and count > high:
-        return [f"{what}: {count} messages where the recorder wrote {high}"]
+        return [f"{name}: {count} messages where the recorder wrote {high}"]
     return []

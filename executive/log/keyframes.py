@@ -60,10 +60,10 @@ class Keyframes:
     """Those that a node publishes, as entries of a log."""
 
     def __init__(self, block: sh.NodeMemory) -> None:
-        about = node_description(block.description)
+        description = node_description(block.description)
         self._block, self._seen = block, 0
-        self._bytes = about["keyframe_bytes"] if about.get("keyframe_passes") else 0
-        self._layout = about.get("keyframe_layout", "")
+        self._bytes = description["keyframe_bytes"] if description.get("keyframe_passes") else 0
+        self._layout = description.get("keyframe_layout", "")
 
     def look(self) -> tuple[int, int, dict[str, Any]] | None:
         """Return stamp, cycle and entry of the newest one; None if it is known, or in the making.
@@ -107,34 +107,36 @@ def newest(
     `layout`: of this node's here. `why_not` says why a state is none, or "". `notes` gets what was
     left out, in a line. LogError.
     """
-    about = head.node[role].description
-    period = about["period_ns"]
-    every = about.get("keyframe_passes", 0) * period
-    if every and about.get("keyframe_layout") != layout:
+    description = head.node[role].description
+    period = description["period_ns"]
+    every_ns = description.get("keyframe_passes", 0) * period
+    if every_ns and description.get("keyframe_layout") != layout:
         notes.append(f"the keyframes of the {role} are left out: {_OTHER_LAYOUT}")
         return None
-    first = _first_cycle(head.path, role) if every else None
+    first = _first_cycle(head.path, role) if every_ns else None
     if first is None:
         return None
-    size = about.get("keyframe_bytes", 0)
-    at, back = first[1] + (before - first[0]) * period, every + _BACK_NS
+    size = description.get("keyframe_bytes", 0)
+    at_ns, back_ns = first[1] + (before - first[0]) * period, every_ns + _BACK_NS
     while True:
-        told: list[str] = []
+        refusals: list[str] = []
         good = None
-        for log_ns, text in _entries(head.path, role, (max(at - back, 0), at + _MARGIN_NS)):
+        for log_ns, text in _entries(
+            head.path, role, (max(at_ns - back_ns, 0), at_ns + _MARGIN_NS)
+        ):
             try:
-                found = keyframe_of(text, log_ns, size, layout, before)
-                if found is not None and (what := why_not(found.state)):
-                    raise ValueError(f"cycle {found.cycle}, {what}")
-                good = found or good
+                keyframe = keyframe_of(text, log_ns, size, layout, before)
+                if keyframe is not None and (what := why_not(keyframe.state)):
+                    raise ValueError(f"cycle {keyframe.cycle}, {what}")
+                good = keyframe or good
             except ValueError as error:
-                told.append(str(error))
-        if good is not None or at - back < first[1]:
-            if told:
-                more = f"; and {len(told) - 1} more" if len(told) > 1 else ""
-                notes.append(f"a keyframe of the {role} is left out: {told[-1]}{more}")
+                refusals.append(str(error))
+        if good is not None or at_ns - back_ns < first[1]:
+            if refusals:
+                more = f"; and {len(refusals) - 1} more" if len(refusals) > 1 else ""
+                notes.append(f"a keyframe of the {role} is left out: {refusals[-1]}{more}")
             return good
-        back *= 4
+        back_ns *= 4
 
 
 def keyframe_of(

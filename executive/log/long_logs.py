@@ -147,17 +147,17 @@ class LongLog(Log):
             (lead.cycle[first], lead.cycle[past - 1]),
             (lead.stamp_ns[first], lead.stamp_ns[past - 1]),
         )
-        found = {}
+        nodes = {}
         for name, node in self.node.items():
             a, b = (first, past) if name == leader else self._neighbour_rows(name, *ends)
-            found[name] = replace(
+            nodes[name] = replace(
                 node,
                 cycle=np.array(node.cycle[a:b]),
                 stamp_ns=np.array(node.stamp_ns[a:b]),
                 columns=_column_slice(node.columns, a, b),
                 timing=_column_slice(node.timing, a, b),
             )
-        return Log(self.path, found, self.attachments, self.metadata, self.missing)
+        return Log(self.path, nodes, self.attachments, self.metadata, self.missing)
 
     def _neighbour_rows(
         self, name: str, cycles: tuple[int, int], stamps: tuple[int, int]
@@ -186,7 +186,7 @@ def read(
     first, is_all = next(pieces)
     if is_all and _longest(first) <= short:
         return first
-    asked, known = wanted(first), {name for name, node in first.node.items() if node.columns}
+    needed, known = wanted(first), {name for name, node in first.node.items() if node.columns}
     tables: dict[str, list[ColumnFile]] = {}
     entries: dict[str, tuple[list[Any], list[Any]]] = {}
     notes: list[str] = []
@@ -195,12 +195,12 @@ def read(
     while True:
         notes += piece.missing
         for name, node in piece.node.items():
-            own = entries.setdefault(name, ([], []))
-            for kept, more in zip(own, (node.events, node.tunings), strict=True):
+            kept_entries = entries.setdefault(name, ([], []))
+            for kept, more in zip(kept_entries, (node.events, node.tunings), strict=True):
                 kept += more[: max(most - len(kept), 0)]
             if name not in tables and len(node.cycle):  # of one that comes later nothing was asked
                 every = (*node.columns, *node.timing)
-                tables[name] = [_table(path, asked.get(name, ()) if name in known else every)]
+                tables[name] = [_table(path, needed.get(name, ()) if name in known else every)]
             if name in tables:
                 tables[name][0].write(node)
         if is_all:
@@ -242,11 +242,11 @@ def whole_run(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = P
             timing=columns,
         )
         tables[name] = [table]
-    about = log.attachments, log.metadata, log.missing
-    whole = Log(log.path, nodes, *about)
-    if _longest(whole) <= short:
-        return whole
-    return LongLog(log.path, nodes, *about, log.files, tables=tables, part_cycles=part)
+    rest = log.attachments, log.metadata, log.missing
+    whole_log = Log(log.path, nodes, *rest)
+    if _longest(whole_log) <= short:
+        return whole_log
+    return LongLog(log.path, nodes, *rest, log.files, tables=tables, part_cycles=part)
 
 
 def _mapped_log(
@@ -260,15 +260,15 @@ def _mapped_log(
     """Return a log whose columns lie in `tables`; `last` is its last piece."""
     nodes = {}
     for name, node in last.node.items():
-        own = tables.setdefault(name, [_table(last.path, ())])
-        rows = own[0].rows()
+        files = tables.setdefault(name, [_table(last.path, ())])
+        rows = files[0].rows()
 
-        def fetch(key: str, name: str = name, own: list[ColumnFile] = own) -> Vector:
-            for table in own:
+        def fetch(key: str, name: str = name, files: list[ColumnFile] = files) -> Vector:
+            for table in files:
                 if key in table.names:
                     return table.column(key)
-            own.append(_more(last.path, name, key, short))
-            return own[-1].column(key)
+            files.append(_more(last.path, name, key, short))
+            return files[-1].column(key)
 
         events, tunings = entries[name]
         nodes[name] = replace(

@@ -141,46 +141,46 @@ def scan(path: Path) -> Scan:
     return found
 
 
-def walk(path: Path, found: Scan, only: Times | None = None) -> Iterator[Piece]:
-    """Yield the messages of a file as they come; put all else into `found`. LogError as `scan`.
+def walk(path: Path, scanned: Scan, only: Times | None = None) -> Iterator[Piece]:
+    """Yield the messages of a file as they come; put all else into `scanned`. LogError as `scan`.
 
     A piece: channel id, messages (n, bytes of each record). All pieces of a chunk come at one
-    `found.place`. `only`: chunks with messages between these log times, ns, are looked into;
+    `scanned.place`. `only`: chunks with messages between these log times, ns, are looked into;
     whether all is there is not told then. A whole summary says where.
     """
     try:
         with open_regular(path) as file:
             data: Any = _map(file.fileno()) or file.read()
-            found.is_written = is_being_written(file)
+            scanned.is_written = is_being_written(file)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror}") from None
     begin = data[: len(MAGIC)]
     if sum(a == b for a, b in zip(begin, MAGIC, strict=False)) < len(MAGIC) - 2:
-        what = f"begins with {begin!r}" if begin else "it is empty"
-        raise LogError(f"{path}: not an MCAP file ({what})")
+        why = f"begins with {begin!r}" if begin else "it is empty"
+        raise LogError(f"{path}: not an MCAP file ({why})")
     if begin != MAGIC:
-        found.missing.append(f"the first bytes are damaged ({begin!r})")
-    found.size = len(data)
-    summary = _take_summary(data, found)
-    places = places_of(data, summary, only, found.statistics) if only and summary else None
+        scanned.missing.append(f"the first bytes are damaged ({begin!r})")
+    scanned.size = len(data)
+    summary = _take_summary(data, scanned)
+    places = places_of(data, summary, only, scanned.statistics) if only and summary else None
     try:
-        yield from _walk_data(data, summary, found, only, places)
+        yield from _walk_data(data, summary, scanned, only, places)
     except TooMuchError as error:
-        found.missing.append(f"all after byte {found.place}: {error}; no true log is like that")
+        scanned.missing.append(f"all after byte {scanned.place}: {error}; no true log is like that")
     if only is None:
-        _compare(found)
-        known = {one.name: one.metadata for one in found.metadata}
-        closed = not (found.missing or found.untold)
-        notes = found.inventory.notes(known, {one.name for one in found.attachments}, closed)
-        found.missing += [line for line in notes if line not in found.missing]
-        if found.foreign and not (found.proved or found.copies):
-            names = ", ".join(repr(one.name[:80]) for one in found.foreign[:_NAMED])
-            what = f"metadata {names}, {len(found.foreign)} in all, of another tool"
-            found.missing.append(f"{what}: no checksum proves them; `pcpc log recover` keeps them")
-    if found.untold:
-        found.missing.append(f"{found.untold} further places are damaged")
-    if found.untimely:
-        found.missing.append(f"{found.untimely} messages of times beyond 2116; left out")
+        _compare(scanned)
+        known = {one.name: one.metadata for one in scanned.metadata}
+        closed = not (scanned.missing or scanned.untold)
+        notes = scanned.inventory.notes(known, {one.name for one in scanned.attachments}, closed)
+        scanned.missing += [line for line in notes if line not in scanned.missing]
+        if scanned.foreign and not (scanned.proved or scanned.copies):
+            names = ", ".join(repr(one.name[:80]) for one in scanned.foreign[:_NAMED])
+            why = f"metadata {names}, {len(scanned.foreign)} in all, of another tool"
+            scanned.missing.append(f"{why}: no checksum proves them; `pcpc log recover` keeps them")
+    if scanned.untold:
+        scanned.missing.append(f"{scanned.untold} further places are damaged")
+    if scanned.untimely:
+        scanned.missing.append(f"{scanned.untimely} messages of times beyond 2116; left out")
 
 
 def _map(descriptor: int) -> Any:
@@ -192,7 +192,7 @@ def _map(descriptor: int) -> Any:
 
 
 def _walk_data(
-    data: bytes, summary: int, found: Scan, only: Times | None, places: Iterator[int] | None
+    data: bytes, summary: int, scanned: Scan, only: Times | None, places: Iterator[int] | None
 ) -> Iterator[Piece]:
     """Yield the messages of the data section, which ends where `summary`, if not 0, begins.
 
@@ -203,27 +203,27 @@ def _walk_data(
     while place < stop:
         if places is not None and (place := next(places, stop)) == stop:
             return
-        found.place = place
+        scanned.place = place
         try:
-            opcode, end, content = _read_record(data, place, stop, found, only)
+            opcode, end, content = _read_record(data, place, stop, scanned, only)
         except UNREADABLE as error:
-            after = _next_record(data, place + 1, stop, found)
+            after = _next_record(data, place + 1, stop, scanned)
             if after == stop and not summary:
                 break
             what = _NAMES.get(data[place], "record")
             lost = f"all up to byte {after} is left out"
-            found.add_note(f"{what} at byte {place} is damaged ({error}); {lost}")
+            scanned.add_note(f"{what} at byte {place} is damaged ({error}); {lost}")
             place = after
             continue
         if opcode == Opcode.DATA_END:
-            found.proved = only is None and bool(content) and content == crc
-            if content and content != crc and not (only or found.missing):
-                found.missing.append(
+            scanned.proved = only is None and bool(content) and content == crc
+            if content and content != crc and not (only or scanned.missing):
+                scanned.missing.append(
                     "the checksum of all data does not match though that of each part does: "
                     "only the file's header or an index can be damaged"
                 )
             if not summary:
-                found.missing.append(
+                scanned.missing.append(
                     "the summary at the end is damaged or cut; all before it is read"
                 )
             return
@@ -233,29 +233,29 @@ def _walk_data(
             pass
         elif opcode == Opcode.CHUNK:
             head = place + RECORD.size
-            if found.inventory.has_chunk(data[head : head + CHUNK_HEAD]):
+            if scanned.inventory.has_chunk(data[head : head + CHUNK_HEAD]):
                 place = end
                 continue
             try:
-                yield from _chunk_pieces(content, found)
+                yield from _chunk_pieces(content, scanned)
             except UNREADABLE as error:
-                found.add_note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
+                scanned.add_note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
         elif opcode == Opcode.ATTACHMENT:
-            found.attachments.append(content)
+            scanned.attachments.append(content)
         elif opcode == Opcode.METADATA:
             foreign = isinstance(content, ForeignMetadata)
-            (found.foreign if foreign else found.metadata).append(content)
+            (scanned.foreign if foreign else scanned.metadata).append(content)
         place = end
     if not summary:
-        why = _GOES_ON if found.is_written else "recorder killed, disk full, or file cut"
-        found.missing.append(
+        why = _GOES_ON if scanned.is_written else "recorder killed, disk full, or file cut"
+        scanned.missing.append(
             f"the end: nothing is readable after byte {place} of {len(data)} "
             f"({why}); the rest of the log is whole"
         )
 
 
 def _read_record(
-    data: bytes, place: int, stop: int, found: Scan, only: Times | None = None
+    data: bytes, place: int, stop: int, scanned: Scan, only: Times | None = None
 ) -> tuple[int, int, Any]:
     """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails.
 
@@ -269,32 +269,32 @@ def _read_record(
         raise ValueError(f"no record of kind {opcode} belongs here")
     if end > stop:
         raise ValueError(f"of {length} bytes only {stop - place - RECORD.size} follow")
-    if only and (opcode == Opcode.MESSAGE_INDEX or _is_outside(data, place, opcode, found, only)):
+    if only and (opcode == Opcode.MESSAGE_INDEX or _is_outside(data, place, opcode, scanned, only)):
         return opcode, end, None
     if opcode == Opcode.CHUNK and length >= DECLARED.size:
         declared = DECLARED.unpack_from(data, place + RECORD.size)[2]
-        found.spend(declared if declared <= LARGEST_CHUNK else 0)
+        scanned.spend(declared if declared <= LARGEST_CHUNK else 0)
     try:
         return opcode, end, READERS[opcode](data[place + RECORD.size : end])
     except UNREADABLE as error:
         raise ValueError(str(error) or "it is cut") from None
 
 
-def _is_outside(data: bytes, place: int, opcode: int, found: Scan, only: Times) -> bool:
+def _is_outside(data: bytes, place: int, opcode: int, scanned: Scan, only: Times) -> bool:
     """Return whether the record at `place` is a chunk that is not to be looked into.
 
     Without a summary the first ones say what the messages of others mean.
     """
     if opcode != Opcode.CHUNK:
         return False
-    told = {one.name.removeprefix(_TOLD) for one in found.metadata if one.name.startswith(_TOLD)}
-    if only != NONE and not told <= {one.topic for one in found.channels.values()}:
+    told = {one.name.removeprefix(_TOLD) for one in scanned.metadata if one.name.startswith(_TOLD)}
+    if only != NONE and not told <= {one.topic for one in scanned.channels.values()}:
         return False
     first, last = _CHUNK_TIMES.unpack_from(data, place + RECORD.size)
     return bool(last < only[0] or first > only[1])
 
 
-def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:
+def _next_record(data: bytes, place: int, stop: int, scanned: Scan) -> int:
     """Return where the next record lies that passes a check of its own; `stop` if there is none."""
     size, most = _WINDOWS
     while place < stop:
@@ -307,9 +307,9 @@ def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:
             _, length = RECORD.unpack_from(data, place + i)
             if length > stop - place - i:
                 continue
-            found.spend(length)
+            scanned.spend(length)
             try:
-                *_, content = _read_record(data, place + i, stop, found)
+                *_, content = _read_record(data, place + i, stop, scanned)
             except UNREADABLE:
                 continue
             if not isinstance(content, ForeignMetadata):
@@ -319,7 +319,7 @@ def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:
     return stop
 
 
-def _take_summary(data: bytes, found: Scan) -> int:
+def _take_summary(data: bytes, scanned: Scan) -> int:
     """Take channels and counts from the summary; return where it begins, 0 if it is not whole."""
     footer = len(data) - FOOTER.size
     if footer < len(MAGIC):
@@ -336,24 +336,24 @@ def _take_summary(data: bytes, found: Scan) -> int:
             place += RECORD.size + length
             body = data[place - length : min(place, footer)]
             if opcode == Opcode.STATISTICS:
-                found.statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+                scanned.statistics = Statistics.read(ReadDataStream(BytesIO(body)))
             else:
-                _describe(found, opcode, body)
+                _describe(scanned, opcode, body)
     except UNREADABLE as error:
-        found.missing.append(f"a part of the summary at the end: {error or 'it is cut'}")
+        scanned.missing.append(f"a part of the summary at the end: {error or 'it is cut'}")
     return int(start)
 
 
-def _describe(found: Scan, opcode: int, body: bytes) -> None:
+def _describe(scanned: Scan, opcode: int, body: bytes) -> None:
     if opcode == Opcode.SCHEMA:
         schema = read_schema(body)
-        found.schemas[schema.id] = schema
+        scanned.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
         channel = read_channel(body)
-        found.channels[channel.id] = channel
+        scanned.channels[channel.id] = channel
 
 
-def _chunk_pieces(data: bytes, found: Scan) -> Iterator[Piece]:
+def _chunk_pieces(data: bytes, scanned: Scan) -> Iterator[Piece]:
     """Yield a chunk's messages; neighbours of one channel and size come as one piece."""
     place = 0
     while place < len(data):
@@ -362,8 +362,8 @@ def _chunk_pieces(data: bytes, found: Scan) -> Iterator[Piece]:
         if place + size > len(data):
             raise ValueError("a record is cut")
         if opcode != Opcode.MESSAGE:
-            found.spend(0, 1)
-            _describe(found, opcode, data[place + RECORD.size : place + size])
+            scanned.spend(0, 1)
+            _describe(scanned, opcode, data[place + RECORD.size : place + size])
             place += size
             continue
         if size < MESSAGE_HEAD:
@@ -377,24 +377,24 @@ def _chunk_pieces(data: bytes, found: Scan) -> Iterator[Piece]:
             rows = rows[: int(same.argmin())]
         channel = int.from_bytes(head[RECORD.size :], "little")
         place += rows.size
-        found.count[channel] += len(rows)
-        found.spend(0, len(rows))
+        scanned.count[channel] += len(rows)
+        scanned.spend(0, len(rows))
         timely = rows[:, _TIME_TOP] < _TIME_TOP_END
         if not timely.all():
-            found.untimely += len(rows) - int(timely.sum())
+            scanned.untimely += len(rows) - int(timely.sum())
             rows = rows[timely]
-        rows = found.inventory.new_rows(found.topic(channel), rows)
+        rows = scanned.inventory.new_rows(scanned.topic(channel), rows)
         if len(rows):
             yield channel, rows
 
 
-def _compare(found: Scan) -> None:
+def _compare(scanned: Scan) -> None:
     """Note the channels of which fewer messages are readable than were written, or no name."""
-    written = {} if found.statistics is None else found.statistics.channel_message_counts
+    written = {} if scanned.statistics is None else scanned.statistics.channel_message_counts
     for i, count in written.items():
-        if found.count[i] < count:
-            name = found.topic(i) or f"channel {i}"
-            found.add_note(f"{name}: {count - found.count[i]} of {count} messages")
-    unknown = sum(count for i, count in found.count.items() if i not in found.channels)
+        if scanned.count[i] < count:
+            name = scanned.topic(i) or f"channel {i}"
+            scanned.add_note(f"{name}: {count - scanned.count[i]} of {count} messages")
+    unknown = sum(count for i, count in scanned.count.items() if i not in scanned.channels)
     if unknown:
-        found.missing.append(f"the topics of {unknown} messages: no channel describes them")
+        scanned.missing.append(f"the topics of {unknown} messages: no channel describes them")

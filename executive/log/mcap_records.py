@@ -188,19 +188,19 @@ def places_of(
 
     None if it does not name them all.
     """
-    place, found, named = summary, [], Counter[int]()
+    place, places, named = summary, [], Counter[int]()
     while place + RECORD.size < len(data) - FOOTER.size:
         opcode, length = RECORD.unpack_from(data, place)
         place += RECORD.size
         named[opcode] += 1
         if opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
-            found.append(int.from_bytes(data[place : place + 8], "little"))
+            places.append(int.from_bytes(data[place : place + 8], "little"))
         elif opcode == Opcode.CHUNK_INDEX:
             first, last, at = CHUNK_INDEX.unpack_from(data, place)
-            found += [at] if last >= only[0] and first <= only[1] else []
+            places += [at] if last >= only[0] and first <= only[1] else []
         place += length
     wanted = counts and (counts.attachment_count, counts.metadata_count, counts.chunk_count)
     kinds = Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX
     if wanted != tuple(named[kind] for kind in kinds):
         return None
-    return iter(sorted({at for at in found if len(MAGIC) <= at < summary}))
+    return iter(sorted({at for at in places if len(MAGIC) <= at < summary}))

@@ -60,10 +60,10 @@ def of_rig(rig: Path) -> dict[str, str]:
 
 def rig_commits(metadata: Mapping[str, Mapping[str, str]], nodes: Iterable[str]) -> str:
     """Return what a log's nodes say of the commit: once, or by node where they differ."""
-    found = {node: text for node in nodes if (text := metadata[node].get(RIG_COMMIT, ""))}
-    if len({*found.values()}) == 1:
-        return next(iter(found.values()))
-    return ", ".join(f"{text} ({node})" for node, text in found.items())
+    commits = {node: text for node in nodes if (text := metadata[node].get(RIG_COMMIT, ""))}
+    if len({*commits.values()}) == 1:
+        return next(iter(commits.values()))
+    return ", ".join(f"{text} ({node})" for node, text in commits.items())
 
 
 def _commit(lines: Sequence[str], file: str) -> str:
@@ -81,7 +81,7 @@ def _commit(lines: Sequence[str], file: str) -> str:
 @functools.cache
 def _lasting() -> dict[str, str]:
     """Return what does not change while a process lives."""
-    found = {
+    lasting = {
         "python": platform.python_version(),
         "kernel": f"{platform.system()} {platform.release()}",
         "machine": platform.machine(),
@@ -91,10 +91,10 @@ def _lasting() -> dict[str, str]:
     }
     for package in _PACKAGES:
         try:
-            found[f"version_{package}"] = importlib.metadata.version(package)
+            lasting[f"version_{package}"] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            found[f"version_{package}"] = "not installed"
-    return found
+            lasting[f"version_{package}"] = "not installed"
+    return lasting
 
 
 def _processor() -> str:

@@ -115,10 +115,10 @@ def read(path: Path) -> Log:
 
 def head(path: Path) -> Log:
     """As `read`, without the records of the cycles: rig, DBC, metadata, descriptions."""
-    found = Scan()
-    for _ in walk(path, found, NONE):
+    scanned = Scan()
+    for _ in walk(path, scanned, NONE):
         pass
-    return assemble(path, found)
+    return assemble(path, scanned)
 
 
 def pieces(
@@ -135,76 +135,76 @@ def pieces(
     -1. `only`: of `walk`. With `short` there are no frames and keyframes, and a log whose nodes
     have at most so many cycles is one piece.
     """
-    found, begin, told, waited, sifted = Scan(), 0, 0, 0, 0
+    scanned, begin, told_notes, waited, sifted = Scan(), 0, 0, 0, 0
     newest: dict[str, bytes] = {}  # sequence of the last message, by topic
     is_due = short is None
-    for piece in walk(path, found, only):
-        name, rows = found.topic(piece[0]), piece[1]
+    for piece in walk(path, scanned, only):
+        name, rows = scanned.topic(piece[0]), piece[1]
         if short is not None:
-            is_due = is_due or (name in _STATES and found.inventory.kept[name] > short)
-            if found.place - sifted >= size:
-                _leave_frames_out(found)
-                sifted = found.place
-        if is_due and found.place - begin >= size:
+            is_due = is_due or (name in _STATES and scanned.inventory.kept[name] > short)
+            if scanned.place - sifted >= size:
+                _leave_frames_out(scanned)
+                sifted = scanned.place
+        if is_due and scanned.place - begin >= size:
             waited += rows.nbytes
-            if waited > _PATIENCE_BYTES or _is_level(found, newest):
+            if waited > _PATIENCE_BYTES or _is_level(scanned, newest):
                 if short is not None:
-                    _leave_frames_out(found)
-                log = assemble(path, found, told)
-                begin, told, waited = found.place, len(found.missing), 0
-                found.pieces.clear()
+                    _leave_frames_out(scanned)
+                log = assemble(path, scanned, told_notes)
+                begin, told_notes, waited = scanned.place, len(scanned.missing), 0
+                scanned.pieces.clear()
                 yield log, False
-        found.pieces.append(
+        scanned.pieces.append(
             piece if short is None else (piece[0], rows.copy())
         )  # else its chunk stays
         newest[name] = rows[-1, SEQUENCE].tobytes()
-        see(found, *piece)
-    see(found, -1, np.empty((0, 0), np.uint8))
+        see(scanned, *piece)
+    see(scanned, -1, np.empty((0, 0), np.uint8))
     if short is not None:
-        _leave_frames_out(found)
-    yield assemble(path, found, told), True
+        _leave_frames_out(scanned)
+    yield assemble(path, scanned, told_notes), True
 
 
-def _is_level(found: Scan, newest: Mapping[str, bytes]) -> bool:
+def _is_level(scanned: Scan, newest: Mapping[str, bytes]) -> bool:
     """Return whether states and timing of each node, where both are logged, are at one cycle."""
-    logged = {channel.topic for channel in found.channels.values()}
-    logged |= {record.name.removeprefix("variables:") for record in found.metadata}
+    logged = {channel.topic for channel in scanned.channels.values()}
+    logged |= {record.name.removeprefix("variables:") for record in scanned.metadata}
     halves = ((name, topic(TOPICS[name][0], "timing")) for name in _STATES & logged)
     return all(newest.get(a) == newest.get(b) or b not in logged for a, b in halves)
 
 
-def _leave_frames_out(found: Scan) -> None:
+def _leave_frames_out(scanned: Scan) -> None:
     """Take frames and keyframes out of a scan; count frames that cannot be."""
-    for name in {c.topic for c in found.channels.values() if c.topic.endswith("/frames")}:
+    for name in {c.topic for c in scanned.channels.values() if c.topic.endswith("/frames")}:
         for size in FRAME_SIZES:
-            _, sane = _frames_of(found, name, size)
-            found.inventory.impossible[name] += len(sane) - int(sane.sum())
-    found.pieces = [p for p in found.pieces if not found.topic(p[0]).endswith(_FRAMES)]
+            _, sane = _frames_of(scanned, name, size)
+            scanned.inventory.impossible[name] += len(sane) - int(sane.sum())
+    scanned.pieces = [p for p in scanned.pieces if not scanned.topic(p[0]).endswith(_FRAMES)]
 
 
-def assemble(path: Path, found: Scan, told: int = 0) -> Log:
-    """Return what a scan found as a log, without the first `told` notes of what is missing.
+def assemble(path: Path, scanned: Scan, told_notes: int = 0) -> Log:
+    """Return what a scan found as a log, without the first `told_notes` of what is missing.
 
     Raises LogError if it is not one of this project.
     """
-    notes = found.missing[told:]
-    metadata = {record.name: record.metadata for record in found.metadata}
+    notes = scanned.missing[told_notes:]
+    metadata = {record.name: record.metadata for record in scanned.metadata}
     for name in {"run", "frames", "away"} & metadata.keys():
         metadata[name] = log_checks.counts(metadata[name])
-    files = {one.name: one.data for one in found.attachments if one.name.startswith(CARRIED)}
+    files = {one.name: one.data for one in scanned.attachments if one.name.startswith(CARRIED)}
     attachments = {
         one.name: one.data.decode("utf-8", "replace")
-        for one in found.attachments
+        for one in scanned.attachments
         if one.name not in files
     }
     wrong: list[str] = []
     descriptions = _descriptions(metadata, attachments, wrong)
-    notes += _unsaid(found, wrong)
+    notes += _unsaid(scanned, wrong)
     if not descriptions:
-        reason = found.missing[0] if found.missing else "no metadata of a node"
+        reason = scanned.missing[0] if scanned.missing else "no metadata of a node"
         raise LogError(f"{path}: an MCAP file, but not a log of pcpc ({reason})")
     nodes = {
-        name: _node(name, found, metadata, about, notes) for name, about in descriptions.items()
+        name: _node(name, scanned, metadata, about, notes) for name, about in descriptions.items()
     }
     return Log(path, nodes, attachments, metadata, notes, files)
 
@@ -217,11 +217,13 @@ def frame_names(log: Log) -> dict[int, str]:
     return names
 
 
-def variables(found: Scan, name: str) -> list[LoggedVariable]:
+def variables(scanned: Scan, name: str) -> list[LoggedVariable]:
     """Return the fields of a topic of columns, in the order of its messages; empty if unknown."""
-    schemas = [found.schemas.get(c.schema_id) for c in found.channels.values() if c.topic == name]
+    schemas = [
+        scanned.schemas.get(c.schema_id) for c in scanned.channels.values() if c.topic == name
+    ]
     text = schemas[0].data.decode("utf-8", "replace") if schemas and schemas[0] else ""
-    known = next((m.metadata for m in found.metadata if m.name == f"variables:{name}"), {})
+    known = next((m.metadata for m in scanned.metadata if m.name == f"variables:{name}"), {})
     listed = []
     for found_field in map(_FIELD.match, text.split("\n")):
         if found_field:
@@ -257,98 +259,100 @@ def _descriptions(
     metadata: dict[str, dict[str, str]], attachments: Mapping[str, str], notes: list[str]
 ) -> dict[str, NodeDescription]:
     """Return the description of each node; add metadata that is damaged but repeated in there."""
-    found: dict[str, NodeDescription] = {}
+    descriptions: dict[str, NodeDescription] = {}
     for name in NODES:
         if name not in metadata and f"{name}.json" not in attachments:
             continue
         text = attachments.get(f"{name}.json", "absent")
         given = _json_value(text, {}, f"{name}: its description", notes)
-        about, wrong = log_checks.description(given)
-        if name not in metadata and {"metadata", "rig", "period_ns"} <= about.keys():
-            facts = about["metadata"] | {key: about[key] for key in ("rig", "period_ns")}
+        description, wrong = log_checks.description(given)
+        if name not in metadata and {"metadata", "rig", "period_ns"} <= description.keys():
+            facts = description["metadata"] | {
+                key: description[key] for key in ("rig", "period_ns")
+            }
             metadata[name] = {key: str(value) for key, value in facts.items()}
         if name in metadata:
             metadata[name], impossible = log_checks.facts(metadata[name])
-            found[name] = about
+            descriptions[name] = description
             for key in wrong:
                 notes.append(f"{name}: {key} of its description is not readable")
             for key in impossible:
                 notes.append(f"{name}: {key} is impossible")
-    return found
+    return descriptions
 
 
 def _node(
     name: str,
-    found: Scan,
+    scanned: Scan,
     metadata: Mapping[str, Mapping[str, str]],
-    about: NodeDescription,
+    description: NodeDescription,
     notes: list[str],
 ) -> NodeLog:
-    cycle, log_time, columns = _columns(found, topic(name, "state"))
-    timing_cycle, _, timing = _columns(found, topic(name, "timing"))
+    cycle, log_time, columns = _columns(scanned, topic(name, "state"))
+    timing_cycle, _, timing = _columns(scanned, topic(name, "timing"))
     if timing and not np.array_equal(cycle, timing_cycle):  # one of them lost messages
-        _, kept, timing_kept = np.intersect1d(cycle, timing_cycle, return_indices=True)
-        if len(cycle) > len(kept):
-            notes.append(f"{name}: {len(cycle) - len(kept)} cycles have no timing; left out")
-        cycle, log_time = cycle[kept], log_time[kept]
-        columns = {key: values[kept] for key, values in columns.items()}
+        _, kept_rows, timing_kept = np.intersect1d(cycle, timing_cycle, return_indices=True)
+        if len(cycle) > len(kept_rows):
+            notes.append(f"{name}: {len(cycle) - len(kept_rows)} cycles have no timing; left out")
+        cycle, log_time = cycle[kept_rows], log_time[kept_rows]
+        columns = {key: values[kept_rows] for key, values in columns.items()}
         timing = {key: values[timing_kept] for key, values in timing.items()}
     wrong: list[str] = []
     wall_ns, monotonic_ns = (
         _json_value(metadata[name].get(key, "absent"), 0, f"{name}: {key}", wrong)
         for key in ("clock_wall_ns", "clock_monotonic_ns")
     )
-    notes += _unsaid(found, wrong)
-    frames = _frames(found, name, notes, frame_type(about))
+    notes += _unsaid(scanned, wrong)
+    frames = _frames(scanned, name, notes, frame_type(description))
     return NodeLog(
         cycle,
         log_time - (wall_ns - monotonic_ns),
         columns,
         timing,
         frames,
-        _objects(found, topic(name, "events"), notes),
-        _objects(found, topic(name, "tunings"), notes),
-        about,
-        _texts(found, topic(name, "keyframes")),
+        _objects(scanned, topic(name, "events"), notes),
+        _objects(scanned, topic(name, "tunings"), notes),
+        description,
+        _texts(scanned, topic(name, "keyframes")),
     )
 
 
-def _unsaid(found: Scan, lines: list[str]) -> list[str]:
+def _unsaid(scanned: Scan, lines: list[str]) -> list[str]:
     """Return what was not told with an earlier piece of the log."""
-    fresh = [line for line in lines if line not in found.inventory.said]
-    found.inventory.said.update(fresh)
+    fresh = [line for line in lines if line not in scanned.inventory.said]
+    scanned.inventory.said.update(fresh)
     return fresh
 
 
-def _frames(found: Scan, name: str, notes: list[str], kind: np.dtype[Any]) -> NDArray[Any]:
+def _frames(scanned: Scan, name: str, notes: list[str], kind: np.dtype[Any]) -> NDArray[Any]:
     """Return the frames of a node; what no bus could have carried is left out."""
     place = topic(name, "can/frames")
-    frames, sane = _frames_of(found, place, kind.itemsize)
-    if lost := len(frames) - int(sane.sum()) + found.inventory.impossible.pop(place, 0):
+    frames, sane = _frames_of(scanned, place, kind.itemsize)
+    if lost := len(frames) - int(sane.sum()) + scanned.inventory.impossible.pop(place, 0):
         notes.append(f"{name}: {lost} frames that no bus could have carried")
         frames = frames[sane]
     return frames
 
 
-def _frames_of(found: Scan, name: str, size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _frames_of(scanned: Scan, name: str, size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return the frames of a topic of `size` bytes, and which of them a bus could have carried."""
     none = np.empty(0, message_dtype(CDR_BYTES + size))
-    return frames_in(np.concatenate([none, *_messages(found, name, CDR_BYTES + size)]))
+    return frames_in(np.concatenate([none, *_messages(scanned, name, CDR_BYTES + size)]))
 
 
-def _messages(found: Scan, name: str, payload_bytes: int) -> list[NDArray[Any]]:
+def _messages(scanned: Scan, name: str, payload_bytes: int) -> list[NDArray[Any]]:
     """Return the messages of a topic of one payload size as structured arrays, each (n,)."""
     dtype = message_dtype(payload_bytes)
-    pieces = found.pieces_of(name)
+    pieces = scanned.pieces_of(name)
     return [piece.view(dtype)[:, 0] for piece in pieces if piece.shape[1] == dtype.itemsize]
 
 
 def _columns(
-    found: Scan, name: str
+    scanned: Scan, name: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[np.float64]]]:
     """Return (cycle, log_time in ns, columns by dotted name) of a topic of flat float64 fields."""
-    names = [variable.name for variable in variables(found, name)]
-    messages = _messages(found, name, CDR_BYTES + 8 * len(names))
+    names = [variable.name for variable in variables(scanned, name)]
+    messages = _messages(scanned, name, CDR_BYTES + 8 * len(names))
     count = sum(map(len, messages))
     cycle, log_time = np.empty((2, count), np.int64)
     values = np.empty((len(names), count))
@@ -357,9 +361,9 @@ def _columns(
         rows = slice(begin, begin := begin + len(piece))
         cycle[rows], log_time[rows] = piece["sequence"], piece["log_time"]
         values[:, rows] = np.ascontiguousarray(piece["data"][:, CDR_BYTES:]).view("<f8").T
-    cycle = log_checks.unwrapped_cycles(cycle, found.inventory.cycles.get(name))
+    cycle = log_checks.unwrapped_cycles(cycle, scanned.inventory.cycles.get(name))
     if count:
-        found.inventory.cycles[name] = int(cycle[-1])
+        scanned.inventory.cycles[name] = int(cycle[-1])
     return cycle, log_time, dict(zip(names, values, strict=True))
 
 
@@ -374,7 +378,7 @@ def _texts(found: Scan, name: str) -> list[bytes]:
     return [row[MESSAGE_HEAD:].tobytes() for piece in found.pieces_of(name) for row in piece]
 
 
-def _json_value(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
+def _json_value(text: str | bytes, otherwise: Any, subject: str, notes: list[str]) -> Any:
     """Return the JSON value; `otherwise`, and a note, if it is damaged or of another kind."""
     try:
         value = log_checks.parse_json(text)
@@ -382,5 +386,5 @@ def _json_value(text: str | bytes, otherwise: Any, what: str, notes: list[str]) 
         value = None
     if isinstance(value, type(otherwise)) and not isinstance(value, bool):
         return value
-    notes.append(f"{what} is not readable")
+    notes.append(f"{subject} is not readable")
     return otherwise

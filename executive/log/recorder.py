@@ -39,16 +39,16 @@ class _Node:
     """One attached block: its channels and what was counted."""
 
     def __init__(self, block: NodeMemory, writer: BulkWriter) -> None:
-        about = node_description(block.description)
-        self.block, self.about, self.name = block, about, about["node"]
-        self.channels = Channels(about, writer)
+        description = node_description(block.description)
+        self.block, self.about, self.name = block, description, description["node"]
+        self.channels = Channels(description, writer)
         self.alarms, self.keyframes = Alarms(block), Keyframes(block)
-        if about.get("keyframe_passes"):
+        if description.get("keyframe_passes"):
             self.channels.ids |= register_objects(writer, self.name, "Keyframe")
         self.written = dict.fromkeys((*RINGS, "alarm", "keyframe"), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _rows_taken(block, ring) for ring in RINGS}
-        self.counts = RunCounts(about)
+        self.counts = RunCounts(description)
 
     def is_over(self) -> bool:
         """Return whether the loop has ended, in good order or by death: it puts no more rows."""
@@ -177,11 +177,11 @@ class Recorder:
     def _add(self, block: NodeMemory) -> None:
         """Take up a node; write what explains its messages first."""
         self._set_clock(block.description["metadata"])
-        about = node_description(block.description)
+        description = node_description(block.description)
         node = _Node(block, self.writer)
         if node.name in self.judged:
             node.counts.open_table(self.path, self.judged[node.name])
-        write_description(self.writer, about, self._files)
+        write_description(self.writer, description, self._files)
         self.nodes.append(node)
 
     def _set_clock(self, facts: dict[str, str]) -> None:

@@ -51,18 +51,19 @@ class Absences:
 
     def _count(self) -> None:
         known = self._waiting[:, 0] <= (self._ran[-1] if len(self._ran) else -1)
-        own, self._waiting = self._waiting[known], self._waiting[~known]
-        if not len(own):
+        rows, self._waiting = self._waiting[known], self._waiting[~known]
+        if not len(rows):
             return
-        own = own[np.argsort(own[:, 1], kind="stable")]  # by id, the frames of each in their order
-        ids, at = own[:, 1], self._first + np.searchsorted(self._ran, own[:, 0])
+        # by id, the frames of each in their order
+        rows = rows[np.argsort(rows[:, 1], kind="stable")]
+        ids, passes = rows[:, 1], self._first + np.searchsorted(self._ran, rows[:, 0])
         begin = np.flatnonzero(np.concatenate(([True], ids[1:] != ids[:-1])))
-        gaps, numbers = at.copy(), ids[begin].tolist()
-        gaps[1:] -= at[:-1]
-        first = np.zeros_like(begin) if self._waits else at[begin]
+        gaps, numbers = passes.copy(), ids[begin].tolist()
+        gaps[1:] -= passes[:-1]
+        first = np.zeros_like(begin) if self._waits else passes[begin]
         before = [self._last.get(n, i) for n, i in zip(numbers, first.tolist(), strict=True)]
-        gaps[begin] = at[begin] - before
-        longest, last = np.maximum.reduceat(gaps, begin), at[[*(begin[1:] - 1), -1]]
+        gaps[begin] = passes[begin] - before
+        longest, last = np.maximum.reduceat(gaps, begin), passes[[*(begin[1:] - 1), -1]]
         for number, most, place in zip(numbers, longest.tolist(), last.tolist(), strict=True):
             self._longest[number] = max(self._longest.get(number, 0), most)
             self._last[number] = place
@@ -77,20 +78,20 @@ class Absences:
 class RunCounts:
     """Counts and table of one node, of which `about` is the description of its block."""
 
-    def __init__(self, about: NodeDescription) -> None:
-        self._about = about
+    def __init__(self, description: NodeDescription) -> None:
+        self._about = description
         self._frames: Counter[int] = Counter()
-        self._absences = Absences(not any(name == DRIVEN for name, *_ in about["variables"]))
+        self._absences = Absences(not any(name == DRIVEN for name, *_ in description["variables"]))
         self._table: ColumnFile | None = None
         self._cells: list[int] = []
 
     def open_table(self, log: Path, columns: Sequence[str]) -> None:
         """Write `columns` of the whole run to a table beside the log."""
-        about = self._about
-        cells = {name: RECORD_HEAD + i for i, name in enumerate(about["state_columns"])}
-        first = RECORD_HEAD + len(about["state_columns"]) + 1
-        cells |= {name: first + i for i, name in enumerate(about["timing_columns"])}
-        file = sidecar(log, about["node"]).open("wb")
+        description = self._about
+        cells = {name: RECORD_HEAD + i for i, name in enumerate(description["state_columns"])}
+        first = RECORD_HEAD + len(description["state_columns"]) + 1
+        cells |= {name: first + i for i, name in enumerate(description["timing_columns"])}
+        file = sidecar(log, description["node"]).open("wb")
         self._table = ColumnFile(file, [name for name in columns if name in cells])
         self._cells = [
             OfRecord.CYCLE,
@@ -111,12 +112,12 @@ class RunCounts:
 
     def frame_counts(self) -> dict[str, int]:
         """Return the frames by `node.sent.ID` and `node.received.ID.STATE`, the id in hex."""
-        found = {}
+        counts = {}
         for key, count in sorted(self._frames.items()):
             number, received, state = key & 0xFFFFFFFF, key >> 40 & 0xFF, key >> 48 & 0xFF
             what = f"received.{number:X}.{state}" if received else f"sent.{number:X}"
-            found[f"{self._about['node']}.{what}"] = count
-        return found
+            counts[f"{self._about['node']}.{what}"] = count
+        return counts
 
     def absences(self) -> dict[str, int]:
         """Return the longest absences in cycles by `node.ID`, the id in hex."""

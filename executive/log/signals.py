@@ -27,8 +27,8 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     split = [find_variable(log, name) or name.rpartition(":")[::2] for name in names]
     roles = list(dict.fromkeys(role or "executive" for role, _ in split))
     if len(roles) != 1 or roles[0] not in log.node:
-        what = "signals of one node are needed" if len(roles) > 1 else f"no node {roles[0]}"
-        raise RigError(f"{where}: {what}; it has {', '.join(log.node)}")
+        problem = "signals of one node are needed" if len(roles) > 1 else f"no node {roles[0]}"
+        raise RigError(f"{where}: {problem}; it has {', '.join(log.node)}")
     node = log.node[roles[0]]
     units = {name: unit for name, unit, *_ in node.description["variables"]}
     for given, (_, name) in zip(names, split, strict=True):
@@ -40,7 +40,7 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     if len(values) < 2 or not np.isfinite(values).all():
         raise RigError(f"{where}: {', '.join(names)}: two records, all finite, are needed")
     if values.size > MOST_VALUES:
-        what = f"{values.size} values, a table holds {MOST_VALUES}"
-        raise RigError(f"{where}: {what}; take a shorter run or fewer signals")
+        problem = f"{values.size} values, a table holds {MOST_VALUES}"
+        raise RigError(f"{where}: {problem}; take a shorter run or fewer signals")
     times_s = node.cycle.astype(np.float64) * (period_ns * 1e-9)
     return Numbers(columns, times_s, values)

@@ -46,10 +46,10 @@ class Alarms:
     """The alarms of one node, of which `block` is the memory."""
 
     def __init__(self, block: sh.NodeMemory) -> None:
-        about = block.description
-        self._block, self._node = block, str(about["node"])
-        self._period_ns = int(about["period_ns"])
-        self._limits = about.get("alarms", {})
+        description = block.description
+        self._block, self._node = block, str(description["node"])
+        self._period_ns = int(description["period_ns"])
+        self._limits = description.get("alarms", {})
         late_us = self._limits.get("late_us") or 1e-3 * self._period_ns
         self._past = place_of(round(1e3 * late_us), *OF_STAGES) + 1
         self._late = f"cycle later than {late_us:.6g} us"
@@ -62,10 +62,10 @@ class Alarms:
         if self._limits and control.passes and not control.done:
             counts = {kind: (int(control[word]), what) for kind, (word, what) in KINDS.items()}
             late = int(self._block["histogram"][Stage.WAKE_LATE, self._past :].sum())
-            for kind, (count, what) in ({"late": (late, self._late)} | counts).items():
+            for kind, (count, text) in ({"late": (late, self._late)} | counts).items():
                 if rose := self._rose(kind, count, now_s):
                     k = int(control.cycle)
-                    yield Alarm(self._node, kind, k, 1e-9 * k * self._period_ns, rose, what)
+                    yield Alarm(self._node, kind, k, 1e-9 * k * self._period_ns, rose, text)
 
     def _rose(self, kind: str, count: int, now_s: float) -> int:
         """Return by how much a counter rose, if that is an alarm, else 0."""

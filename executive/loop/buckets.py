@@ -20,7 +20,7 @@ def place_of(ns: int, fine: int, doublings: int) -> int:
     return fine * d + min(ns >> d, 2 * fine - 1)
 
 
-def end_of(place: int, fine: int) -> int:
+def end_of(bucket: int, fine: int) -> int:
     """Return the largest whole ns of a bucket."""
-    d = max(place // fine - 1, 0)
-    return ((place - fine * d + 1) << d) - 1
+    d = max(bucket // fine - 1, 0)
+    return ((bucket - fine * d + 1) << d) - 1

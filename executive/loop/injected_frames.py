@@ -123,12 +123,12 @@ def hold(n: Loop, f: int) -> int:
         faults.count[f] = 0
         return CHANGED | AND_ANOTHER
     late = int64(min(max(size(n, f), 0.0), FAULT_DEPTH - 1.0))
-    at = faults.count[f]
-    faults.count[f] = at + 1
-    copy(faults.waiting[f, at % FAULT_DEPTH], frame)
-    if at < late:
+    position = faults.count[f]
+    faults.count[f] = position + 1
+    copy(faults.waiting[f, position % FAULT_DEPTH], frame)
+    if position < late:
         return GONE
-    copy(frame, faults.waiting[f, (at - late) % FAULT_DEPTH])
+    copy(frame, faults.waiting[f, (position - late) % FAULT_DEPTH])
     return CHANGED
 
 

@@ -91,7 +91,7 @@ def wrong(n: Loop, f: int, x: float) -> float:
 def injected_value(n: Loop, f: int, x: float, a: float, cycles: int) -> float:
     """Return (1) to (14)."""
     faults, period_s = n.faults, n.clock.period_ns * 1e-9
-    kind, kept = faults.kind[f], faults.kept[f]
+    kind, kept_value = faults.kind[f], faults.kept[f]
     if kind == Wrong.VALUE:
         return a
     if kind == Wrong.BIAS:
@@ -101,7 +101,7 @@ def injected_value(n: Loop, f: int, x: float, a: float, cycles: int) -> float:
     if kind == Wrong.DRIFT:
         return x + a * (cycles * period_s)
     if kind in (Wrong.STUCK, Wrong.DROPOUT):
-        return kept
+        return kept_value
     if kind == Wrong.NOISE:
         total = -6.0
         for _ in range(12):
@@ -117,7 +117,7 @@ def injected_value(n: Loop, f: int, x: float, a: float, cycles: int) -> float:
     if kind == Wrong.SATURATION:
         return min(max(x, -a), a)
     if kind == Wrong.RATE:
-        return min(max(x, kept - a * period_s), kept + a * period_s)
+        return min(max(x, kept_value - a * period_s), kept_value + a * period_s)
     if kind == Wrong.NAN:
         return np.nan
     return 0.0 if abs(x) <= a else x - a * np.sign(x)

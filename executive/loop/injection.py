@@ -44,11 +44,11 @@ def uniform(n: Loop, f: int) -> float:
 @loop_function
 def acts(n: Loop, f: int) -> int:
     """Draw whether fault `f`, which is on, acts this time: always, singly, or in bursts."""
-    at = n.faults.place[f]
-    share = n.v[at + SHARE]
+    place = n.faults.place[f]
+    share = n.v[place + SHARE]
     if share >= 1.0:
         return True
-    leave = 1.0 / n.v[at + BURST]
+    leave = 1.0 / n.v[place + BURST]
     turn = leave if n.faults.acting[f] != 0 else min(leave * share / (1.0 - share), 1.0)
     if uniform(n, f) < turn:
         n.faults.acting[f] = 1 - n.faults.acting[f]

@@ -43,12 +43,12 @@ REACTIONS = Reaction.words()
 @loop_function
 def suspect(n: Loop, row: int, state: int, lost: int) -> None:
     """Look for a second sender in a frame that is not used; `lost` before it, as of its check."""
-    rx, every, before = n.rx, n.rx.frames[row].every_n, n.intrusion.counted_frame[row]
+    rx, period, before = n.rx, n.rx.frames[row].every_n, n.intrusion.counted_frame[row]
     if state == FrameState.ERROR:
         if rx.state[row].fresh != 0:
             note_sign(n, row, Event.TWO_SENDERS, 1)
     elif state == FrameState.REPEATED:
-        if rx.state[row].still_cycles <= every and differs(n, row):
+        if rx.state[row].still_cycles <= period and differs(n, row):
             note_sign(n, row, Event.TWO_SENDERS, HINTS)
     else:
         mask = rx.frames[row].counter_mask
@@ -59,7 +59,7 @@ def suspect(n: Loop, row: int, state: int, lost: int) -> None:
         if ahead > mask >> 1:
             if turns == 1:
                 note_sign(n, row, Event.TWO_SENDERS, 1)
-        elif ahead >= turns + n.clock.behind // every + e2e.MAX_DELTA:
+        elif ahead >= turns + n.clock.behind // period + e2e.MAX_DELTA:
             note_sign(n, row, Event.AHEAD, HINTS)
         copy(before, n.wire.rx)
 
@@ -77,10 +77,10 @@ def differs(n: Loop, row: int) -> bool:
 def watch_beat(n: Loop, row: int) -> None:
     """Look at the time between two heartbeats; after a stall they come together."""
     watch = n.intrusion
-    every, before = watch.beat_every[row], watch.beat_at[row]
+    period, before = watch.beat_every[row], watch.beat_at[row]
     watch.beat_at[row] = n.k
-    if before > 0 and n.clock.behind == 0 and 4 * (n.k - before) < 3 * every:
-        if n.k - watch.early_at[row] <= HINT_TURNS * every:
+    if before > 0 and n.clock.behind == 0 and 4 * (n.k - before) < 3 * period:
+        if n.k - watch.early_at[row] <= HINT_TURNS * period:
             note_sign(n, row, Event.TWO_PLACES, 1)
         watch.early_at[row] = n.k
 

@@ -41,14 +41,14 @@ def spans(variables: int, faults: bool, more: Marks = NO_DRIVE) -> list[Span]:
     offset in LOOP and bytes; ("", "v") first.
     """
     kinds: Any = LOOP.fields
-    found = [("", "v", int(kinds["v"][1]), 8 * variables)]
+    content = [("", "v", int(kinds["v"][1]), 8 * variables)]
     for record, names in {**KEPT, **more}.items():
-        kind, at = kinds[record][:2]
+        kind, offset = kinds[record][:2]
         for name in names:
             inner, place = kind.fields[name][:2]
             if faults or name not in Loop.records()[record].large_fields:
-                found.append((record, name, at + place, inner.itemsize))
-    return found
+                content.append((record, name, offset + place, inner.itemsize))
+    return content
 
 
 def size_of(held: Sequence[Span]) -> int:
@@ -56,10 +56,10 @@ def size_of(held: Sequence[Span]) -> int:
     return sum(size for *_, size in held)
 
 
-def name_of(held: Sequence[Span], variables: Sequence[str]) -> str:
+def name_of(content: Sequence[Span], variables: Sequence[str]) -> str:
     """Return a name for what lies where in a keyframe: 16 hexadecimal digits."""
-    kinds = [_kind_of(record or name) for record, name, _, _ in held]
-    return hashlib.sha256(repr((held, kinds, list(variables))).encode()).hexdigest()[:16]
+    kinds = [_kind_of(record or name) for record, name, _, _ in content]
+    return hashlib.sha256(repr((content, kinds, list(variables))).encode()).hexdigest()[:16]
 
 
 @cache
@@ -68,10 +68,10 @@ def _kind_of(record: str) -> str:
     return str(LOOP[record])
 
 
-def install(loop: Loop, held: Sequence[Span], every: int) -> None:
+def install(loop: Loop, content: Sequence[Span], every: int) -> None:
     """Let the loop keep a keyframe every so many passes; 0 for none."""
-    keep, n, past, base = loop.keep, 0, -1, held[0][2]
-    for _, _, offset, size in held:
+    keep, n, past, base = loop.keep, 0, -1, content[0][2]
+    for _, _, offset, size in content:
         if offset == past:
             keep.span[n - 1].length += size
         else:
@@ -105,11 +105,11 @@ def restore(loop: Loop, held: Sequence[Span], state: bytes) -> None:
             into[name] = values.reshape(shape) if shape else values[0]
 
 
-def fields(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]:
+def fields(content: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]:
     """Yield record, field and values, flat, of what a keyframe holds."""
-    at = 0
-    for record, name, _, size in held:
+    offset = 0
+    for record, name, _, size in content:
         of_record: Any = LOOP[record].fields if record else LOOP.fields
         kind = of_record[name][0].base
-        yield record, name, np.frombuffer(state, kind, size // kind.itemsize, at)
-        at += size
+        yield record, name, np.frombuffer(state, kind, size // kind.itemsize, offset)
+        offset += size

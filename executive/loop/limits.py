@@ -33,10 +33,10 @@ class Quick(NumberedEnum):
 @loop_function
 def find_not_finite(v: Cells[float], first: int, past: int) -> int:
     """Return the first of these places that holds no finite number, -1 for none."""
-    odd = int64(0)
+    not_finite = int64(0)
     for i in range(first, past):
-        odd |= not abs(v[i]) < FINITE
-    if odd != 0:
+        not_finite |= not abs(v[i]) < FINITE
+    if not_finite != 0:
         for i in range(first, past):
             if not abs(v[i]) < FINITE:
                 return int64(i)
@@ -64,7 +64,7 @@ def check_finite(n: Loop) -> bool:
 def limit_commands(n: Loop) -> None:
     """Judge what is to be sent: finite or a fault; clamp, limit the rate, ramp to safe."""
     guard, table = n.guard, n.limits.table
-    odd = check_finite(n)
+    not_finite = check_finite(n)
     n.v[CLAMPED] = 0.0
     state = int64(n.v[STATE])
     waits = guard.safe_start != 0 and SENDS[state] == 0
@@ -95,7 +95,7 @@ def limit_commands(n: Loop) -> None:
         table[i].last = value
         if rising and guard.gain > 0.0:
             table[i].last = safe + (value - safe) / guard.gain
-    if odd and guard.faulted == Fault.NONE:
+    if not_finite and guard.faulted == Fault.NONE:
         guard.faulted = guard.odd_output
 
 
@@ -119,7 +119,7 @@ def quick_stop(n: Loop, fault: int) -> None:
 
 
 @loop_function
-def begin_ramp(n: Loop, asked: bool) -> None:
+def begin_ramp(n: Loop, end_asked: bool) -> None:
     """Set the pace of the ramp by the slowest command; at an end nobody above is waited for."""
     guard, rx, table = n.guard, n.rx, n.limits.table
     guard.pace = guard.ramp_step
@@ -129,7 +129,7 @@ def begin_ramp(n: Loop, asked: bool) -> None:
         way = abs(table[i].last - table[i].safe)
         if way * guard.pace > table[i].rate:
             guard.pace = table[i].rate / way
-    if asked:
+    if end_asked:
         rx.starters = 0
         rx.awaited = 0
         for row in range(rx.n):

@@ -30,8 +30,8 @@ _REST_BITS = 1_000_000  # in which what is on its way at the end comes through
 
 
 @loop_function
-def _queue(line: Line, nodes: tuple[Loop, ...], s: int, at: int) -> None:
-    """Queue what node `s` has sent at tick `at`."""
+def _queue(line: Line, nodes: tuple[Loop, ...], s: int, tick: int) -> None:
+    """Queue what node `s` has sent at tick `tick`."""
     end = nodes[s].wire
     for k in range(end.outbox_put):
         if s >= line.senders:  # the plant of a local node
@@ -39,21 +39,21 @@ def _queue(line: Line, nodes: tuple[Loop, ...], s: int, at: int) -> None:
         elif nodes[s].meeting.between != 0 and wire.on_second(end, end.outbox[k]):
             wire.deliver(end.outbox[k], nodes[s + 1].wire)
         else:
-            lines.put(line, s, end.outbox[k], at)
+            lines.put(line, s, end.outbox[k], tick)
     end.outbox_put = 0
 
 
 @loop_function
 def _go_on(line: Line, nodes: tuple[Loop, ...], until: int) -> None:
     """Let the line go on to tick `until`, and put what is through into its receiver's inbox."""
-    what = lines.advance(line, until)
-    while what != Outcome.NOTHING:
+    outcome = lines.advance(line, until)
+    while outcome != Outcome.NOTHING:
         for s in range(line.senders):
-            if what == Outcome.SENT and s != line.who:
+            if outcome == Outcome.SENT and s != line.who:
                 wire.deliver(line.frame, nodes[s].wire)
             if error_frames.news(line, s, line.news):
                 wire.deliver(line.news, nodes[s].wire)
-        what = lines.advance(line, until)
+        outcome = lines.advance(line, until)
 
 
 def _run(
@@ -66,19 +66,19 @@ def _run(
         work_below(nodes, steps)
     for _ in range(cycles):
         before, time_ns = top.passes, top.k * top.clock.period_ns
-        at = tick_at(line.per_s, time_ns)
-        _go_on(line, nodes, at)
+        tick = tick_at(line.per_s, time_ns)
+        _go_on(line, nodes, tick)
         more = one_pass(top, steps[0])
-        _queue(line, nodes, 0, at)
+        _queue(line, nodes, 0, tick)
         for row in range(len(phases)):
             i = phases[row, 0]
-            at = tick_at(line.per_s, time_ns + phases[row, 1])
-            _go_on(line, nodes, at)
+            tick = tick_at(line.per_s, time_ns + phases[row, 1])
+            _go_on(line, nodes, tick)
             if more or top.passes != before:  # else it has not sent
                 pass_or_finish(nodes[i], steps[i])
-                _queue(line, nodes, i, at)
+                _queue(line, nodes, i, tick)
         if not more:
-            _go_on(line, nodes, at + _REST_BITS * line.bit)
+            _go_on(line, nodes, tick + _REST_BITS * line.bit)
             end_run(nodes, steps)
             return 0
     return 1

@@ -76,7 +76,7 @@ def hear_drive(n: Loop) -> int:
 @loop_function
 def hear_robot(n: Loop) -> int:
     """Let a robot's drive hear it."""
-    d, r, at = n.canopen, n.robot, n.canopen.place_gains
+    d, r, place = n.canopen, n.robot, n.canopen.place_gains
     d.k = n.k
     if r.dialect == Dialect.ODRIVE:
         whose = hear_odrive(r, d, n.wire.rx)
@@ -87,8 +87,8 @@ def hear_robot(n: Loop) -> int:
     took = taken(n, whose)
     if took != 0 and r.state.regained != 0:
         r.state.regained = 0
-        n.v[at], n.v[at + 1] = d.gains.position_per_s, d.gains.velocity
-        n.v[at + 2] = d.gains.integral_per_s
+        n.v[place], n.v[place + 1] = d.gains.position_per_s, d.gains.velocity
+        n.v[place + 2] = d.gains.integral_per_s
     return took
 
 
@@ -111,10 +111,10 @@ def taken(n: Loop, whose: int) -> int:
 @loop_function
 def begin(n: Loop) -> None:
     """Tell the drive cycle and gains."""
-    d, at = n.canopen, n.canopen.place_gains
+    d, place = n.canopen, n.canopen.place_gains
     d.k = n.k
-    d.gains.position_per_s, d.gains.velocity = n.v[at], n.v[at + 1]
-    d.gains.integral_per_s = n.v[at + 2]
+    d.gains.position_per_s, d.gains.velocity = n.v[place], n.v[place + 1]
+    d.gains.integral_per_s = n.v[place + 2]
 
 
 @loop_function
@@ -160,20 +160,20 @@ def speak_drive(n: Loop) -> int:
     measure(d, position, velocity_at(n, position))
     speak(d)
     send_outbox(n)
-    x, at = d.state, d.place_seen
-    n.v[at + Seen.CONTROLWORD] = d.value[Od.CONTROLWORD]
-    n.v[at + Seen.STATUSWORD] = d.value[Od.STATUSWORD]
-    n.v[at + Seen.MODE] = x.mode
-    n.v[at + Seen.NMT] = x.nmt
-    n.v[at + Seen.ERROR_CODE] = d.value[Od.ERROR_CODE]
-    n.v[at + Seen.TARGET_POSITION] = d.value[Od.TARGET_POSITION] / d.position_scale
-    n.v[at + Seen.TARGET_VELOCITY] = d.value[Od.TARGET_VELOCITY] / d.velocity_scale
-    n.v[at + Seen.TARGET_TORQUE] = d.value[Od.TARGET_TORQUE] * 1e-3
-    n.v[at + Seen.DEMAND_POSITION] = x.demand_position
-    n.v[at + Seen.POSITION] = x.position
-    n.v[at + Seen.VELOCITY] = x.velocity
+    x, place = d.state, d.place_seen
+    n.v[place + Seen.CONTROLWORD] = d.value[Od.CONTROLWORD]
+    n.v[place + Seen.STATUSWORD] = d.value[Od.STATUSWORD]
+    n.v[place + Seen.MODE] = x.mode
+    n.v[place + Seen.NMT] = x.nmt
+    n.v[place + Seen.ERROR_CODE] = d.value[Od.ERROR_CODE]
+    n.v[place + Seen.TARGET_POSITION] = d.value[Od.TARGET_POSITION] / d.position_scale
+    n.v[place + Seen.TARGET_VELOCITY] = d.value[Od.TARGET_VELOCITY] / d.velocity_scale
+    n.v[place + Seen.TARGET_TORQUE] = d.value[Od.TARGET_TORQUE] * 1e-3
+    n.v[place + Seen.DEMAND_POSITION] = x.demand_position
+    n.v[place + Seen.POSITION] = x.position
+    n.v[place + Seen.VELOCITY] = x.velocity
     for i in range(len(d.mistakes)):
-        n.v[at + MISTAKES + i] = d.mistakes[i]
+        n.v[place + MISTAKES + i] = d.mistakes[i]
     return int64(0)
 
 
@@ -189,17 +189,17 @@ def speak_robot(n: Loop) -> int:
     else:
         speak_moteus(r, d)
     send_outbox(n)
-    x, at = r.state, d.place_seen
-    n.v[at + SeenRobot.STATE] = x.power
-    n.v[at + SeenRobot.ERRORS] = x.errors
-    n.v[at + SeenRobot.TARGET_POSITION] = x.target_position / r.position_scale
-    n.v[at + SeenRobot.TARGET_VELOCITY] = x.target_velocity / r.velocity_scale
-    n.v[at + SeenRobot.TARGET_TORQUE] = x.target_torque
-    n.v[at + SeenRobot.POSITION] = x.position / r.position_scale
-    n.v[at + SeenRobot.VELOCITY] = x.velocity / r.velocity_scale
-    n.v[at + SeenRobot.TORQUE] = x.torque
+    x, place = r.state, d.place_seen
+    n.v[place + SeenRobot.STATE] = x.power
+    n.v[place + SeenRobot.ERRORS] = x.errors
+    n.v[place + SeenRobot.TARGET_POSITION] = x.target_position / r.position_scale
+    n.v[place + SeenRobot.TARGET_VELOCITY] = x.target_velocity / r.velocity_scale
+    n.v[place + SeenRobot.TARGET_TORQUE] = x.target_torque
+    n.v[place + SeenRobot.POSITION] = x.position / r.position_scale
+    n.v[place + SeenRobot.VELOCITY] = x.velocity / r.velocity_scale
+    n.v[place + SeenRobot.TORQUE] = x.torque
     for i in range(len(r.mistakes)):
-        n.v[at + MISTAKES_ROBOT + i] = r.mistakes[i]
+        n.v[place + MISTAKES_ROBOT + i] = r.mistakes[i]
     return int64(0)
 
 

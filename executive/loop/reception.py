@@ -177,10 +177,10 @@ def take_frame(n: Loop) -> int:
         meeting.compare_greeting(n, word)
         return row
     if n.meeting.ordered != 0 and n.passes == 0:
-        what = meeting.sorted_out(n, row)
-        if what == Turn.LEAVE:
+        turn = meeting.sorted_out(n, row)
+        if turn == Turn.LEAVE:
             return int64(-1)
-        if what == Turn.HELD_FIRST:
+        if turn == Turn.HELD_FIRST:
             peer = n.rx.role[row].peer - 1
             meeting.exchange_held(n, peer)
             use_frame(n, meeting.held_row(n, peer))

@@ -50,11 +50,11 @@ def _room(n: Loop, ends: Ends, taken: Cells[int], rows: int) -> bool:
     """Wait for room in a full ring, where the rig says so; return whether there is any."""
     until = int64(0)
     while ends.head - libc.load_acquire(taken, 0) >= rows:
-        over = n.rings.wait_recorder == 0
-        if not over and stopping(n):
+        gives_up = n.rings.wait_recorder == 0
+        if not gives_up and stopping(n):
             until = machine_ns(n.clock) + LAST_WAIT_NS if until == 0 else until
-            over = ends.dropped > 0 or machine_ns(n.clock) >= until
-        if over:
+            gives_up = ends.dropped > 0 or machine_ns(n.clock) >= until
+        if gives_up:
             return False
         libc.sched_yield()
     return True
@@ -67,15 +67,15 @@ def push_frame(n: Loop, frame: Cells[Byte], received: int, state: int) -> None:
     if row < 0:
         return
     word = codec.four_bytes(frame, 0) | int64(frame[LENGTH]) << 32 | int64(frame[FLAGS]) << 56
-    into, at = n.frame, row * n.rings.frame_words
-    into[at + OfFrame.HEADER] = sh.CDR_HEADER
-    into[at + OfFrame.STAMP_NS] = stamp(n.clock)
-    into[at + OfFrame.CYCLE] = n.k
-    into[at + OfFrame.ABOUT] = word | received << 40 | state << 48
-    into[at + OfFrame.PAYLOAD] = codec.eight_bytes(frame, 8)
+    into, offset = n.frame, row * n.rings.frame_words
+    into[offset + OfFrame.HEADER] = sh.CDR_HEADER
+    into[offset + OfFrame.STAMP_NS] = stamp(n.clock)
+    into[offset + OfFrame.CYCLE] = n.k
+    into[offset + OfFrame.ABOUT] = word | received << 40 | state << 48
+    into[offset + OfFrame.PAYLOAD] = codec.eight_bytes(frame, 8)
     for i in range(1, n.rings.frame_words - OfFrame.PAYLOAD):
         long = frame[FLAGS] & Flag.FD != 0
-        into[at + OfFrame.PAYLOAD + i] = codec.eight_bytes(frame, 8 * (i + 1)) if long else 0
+        into[offset + OfFrame.PAYLOAD + i] = codec.eight_bytes(frame, 8 * (i + 1)) if long else 0
     libc.store_release(n.frame_ends, "head", n.frame_ends.head + 1)
 
 
@@ -102,17 +102,17 @@ def push_record(n: Loop) -> None:
     row = _free_row(n, n.record_ends, n.record_taken, rings.record_rows)
     if row < 0:
         return
-    at = row * columns
-    record[at + OfRecord.CYCLE] = n.k
-    record[at + OfRecord.STAMP_NS] = n.clock.wake
-    record[at + OfRecord.HEADER] = sh.CDR_HEADER
-    at += RECORD_HEAD
+    offset = row * columns
+    record[offset + OfRecord.CYCLE] = n.k
+    record[offset + OfRecord.STAMP_NS] = n.clock.wake
+    record[offset + OfRecord.HEADER] = sh.CDR_HEADER
+    offset += RECORD_HEAD
     for i in range(rings.n_state):
-        record[at + i] = bits_of(n.v[rings.state_columns[i]])
-    at += rings.n_state
-    record[at] = sh.CDR_HEADER
+        record[offset + i] = bits_of(n.v[rings.state_columns[i]])
+    offset += rings.n_state
+    record[offset] = sh.CDR_HEADER
     for i in range(rings.n_timing):
-        record[at + 1 + i] = bits_of(n.v[rings.timing_columns[i]])
+        record[offset + 1 + i] = bits_of(n.v[rings.timing_columns[i]])
     libc.store_release(n.record_ends, "head", n.record_ends.head + 1)
 
 

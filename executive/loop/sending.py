@@ -75,14 +75,14 @@ def transmit(n: Loop) -> None:
     if n.faults.n_floods > 0:
         flood(n)
     for row in range(tx.n):
-        every = tx.frames[row].every_n
+        period = tx.frames[row].every_n
         if tx.kind[row].is_emergency != 0:
             code = int64(n.v[ERROR_CODE])
             if code != tx.kind[row].told and n.guard.off == 0:
                 tx.kind[row].told = code
                 send_frame(n, row, 0)
-        elif n.passes % every == 0:
-            send_frame(n, row, n.passes // every + tx.kind[row].is_sync)
+        elif n.passes % period == 0:
+            send_frame(n, row, n.passes // period + tx.kind[row].is_sync)
     n.timing.sent = now(n.clock)
 
 

@@ -77,22 +77,22 @@ def _claim(path: str) -> tuple[str, socket.socket]:
     """Claim `path`, or with a suffix that nobody guesses where another user has it."""
     for name in (path, *(f"{path}~{secrets.token_hex(4)}" for _ in range(3))):
         try:
-            held = claim.hold(name)
+            own_socket = claim.hold(name)
         except OSError as error:
             raise SharedError(
                 f"{path}: no abstract socket here ({error.strerror}); a node is found by one"
             ) from None
-        if held is not None:
-            return name, held
+        if own_socket is not None:
+            return name, own_socket
         if (who := _ours(name)) is not None:
             raise _in_use(path, who)
     raise SharedError(f"{path}: cannot be claimed")
 
 
-def _others(path: str, own: str = "") -> Iterator[claim.Holder]:
-    """Yield who of this user holds `path`, or had to take it with a suffix, but `own`."""
+def _others(path: str, own_name: str = "") -> Iterator[claim.Holder]:
+    """Yield who of this user holds `path`, or had to take it with a suffix, but `own_name`."""
     for name in claim.held_names(path):
-        if name != own and (name == path or name.startswith(f"{path}~")):
+        if name != own_name and (name == path or name.startswith(f"{path}~")):
             who = _ours(name)
             if who is not None:
                 yield who
@@ -104,11 +104,11 @@ def lock(name: str) -> socket.socket:
     Another user who squats the name does not matter.
     """
     path = _path("lock", name)
-    own, held = _claim(path)
-    for who in _others(path, own):  # it met a squatter who is gone
-        held.close()
+    own_name, own_socket = _claim(path)
+    for who in _others(path, own_name):  # it met a squatter who is gone
+        own_socket.close()
         raise _in_use(path, who)
-    return held
+    return own_socket
 
 
 def _in_use(path: str, who: claim.Holder) -> SharedError:
@@ -325,10 +325,10 @@ def _mapped_memory(name: str, line: socket.socket, published: int, mailbox: int)
 
 def check(description: Any) -> None:
     """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
-    about = sh.full_description(description["name"], description)
-    if about["record_columns"] != description["record_columns"]:
+    full = sh.full_description(description["name"], description)
+    if full["record_columns"] != description["record_columns"]:
         raise ValueError("its rows have another size")
-    if not RECORD_HEAD < about["record_columns"] <= sh.RECORD_RING_WORDS:
+    if not RECORD_HEAD < full["record_columns"] <= sh.RECORD_RING_WORDS:
         raise ValueError("its rows do not fit the ring")
     if data_bytes(description) not in (8, 64):
         raise ValueError("its frames have another size")

@@ -97,27 +97,27 @@ def count_missing(n: Loop, running: int) -> None:
 @loop_part
 def supervise(n: Loop) -> None:
     """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
-    guard, before, asked = n.guard, int64(n.v[STATE]), over(n)
+    guard, before, end_asked = n.guard, int64(n.v[STATE]), over(n)
     count_missing(n, RUNS[before])
     silent = EXPECTS[before] != 0 and guard.missing >= guard.fault_after
-    if silent and guard.faulted == Fault.NONE and not asked:
+    if silent and guard.faulted == Fault.NONE and not end_asked:
         guard.faulted = Fault.INPUT_MISSING
     watch_estop(n)
     safe = settled(n.limits)
     listens = n.clock.trigger == Trigger.CLOCKED or not silent  # the node above, to what is sent
-    leave = asked and (safe or not listens)
+    leave = end_asked and (safe or not listens)
     fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
     if guard.reset != 0:
         judge_reset(n, fresh and ramped)
     disarmed = guard.disarmed != 0
     state = next_state(before, fresh, guard.faulted, leave, ramped and guard.waits == 0, disarmed)
     waits = disarmed and state == State.READY
-    ramps = RAMPS[state] != 0 or asked or waits
+    ramps = RAMPS[state] != 0 or end_asked or waits
     if before == State.READY and not ramps:
         guard.pace = 0.0
     if ramps and (guard.pace == 0.0 or guard.quick == Quick.ASKED):
-        begin_ramp(n, asked)
-    if RAMPS[before] != 0 or (asked and not leave) or (waits and before == state):
+        begin_ramp(n, end_asked)
+    if RAMPS[before] != 0 or (end_asked and not leave) or (waits and before == state):
         guard.gain = max(guard.gain - guard.pace, 0.0)
     elif not ramps and SENDS[state] != 0:
         guard.gain = min(guard.gain + guard.ramp_step, 1.0)

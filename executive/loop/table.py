@@ -74,10 +74,10 @@ class Table:
         if name not in self.index:
             readable = [v.name for v in self.variables if v.kind != "input"]
             raise RigError(f"{place}: {target}: no variable {name!r}{did_you_mean(name, readable)}")
-        found = self.variables[self.index[name]]
-        if found.unit != unit:
+        source = self.variables[self.index[name]]
+        if source.unit != unit:
             raise RigError(
-                f"{place}: {target} is in {unit or '1'!r} but {name} is in {found.unit or '1'!r}; "
+                f"{place}: {target} is in {unit or '1'!r} but {name} is in {source.unit or '1'!r}; "
                 "wire a variable of the same unit"
             )
         return self.index[name]

@@ -130,14 +130,14 @@ def percentile(n: Loop, stage: int, share: float) -> int:
 @loop_function
 def show(n: Loop) -> None:
     """Write least, mean, most and percentiles of lateness and work to the table, us."""
-    at = STATISTICS_AT
+    place = STATISTICS_AT
     for j in range(SHOWN.shape[0]):
         s = SHOWN[j]
         stage = n.stages[s]
-        n.v[at] = 0.001 * stage.least
-        n.v[at + 1] = 0.001 * stage.total / max(stage.count, int64(1))
-        n.v[at + 2] = 0.001 * stage.most
-        at += 3
+        n.v[place] = 0.001 * stage.least
+        n.v[place + 1] = 0.001 * stage.total / max(stage.count, int64(1))
+        n.v[place + 2] = 0.001 * stage.most
+        place += 3
         for k in range(POINTS.shape[0]):
-            n.v[at] = 0.001 * percentile(n, s, POINTS[k])
-            at += 1
+            n.v[place] = 0.001 * percentile(n, s, POINTS[k])
+            place += 1

@@ -52,11 +52,11 @@ class _Said:
 
     def take(self, status: int, text: bytes | None) -> None:
         """Keep what an FMU says; its code calls it."""
-        told = " ".join((text or b"").decode(errors="replace").split())
+        message = " ".join((text or b"").decode(errors="replace").split())
         if status >= 2 and len(self.words) < _MOST_WORDS:
-            self.words.append(told)
+            self.words.append(message)
         elif status == 1:
-            self.warning, self.warnings = self.warning or told, self.warnings + 1
+            self.warning, self.warnings = self.warning or message, self.warnings + 1
 
 
 def step_of(spec: BlockSpec) -> Any:
@@ -147,22 +147,22 @@ class Instance:
 
     def warning(self) -> str:
         """Return of what it warned, and how often; "" if it did not."""
-        did, said = [], self.said
+        did, messages = [], self.said
         if self.head.status == Status.WARNING:
             did.append(f"{_DID[int(self.head.failed)]} returned a warning")
-        if said.warnings:
-            did.append(f"{said.warnings:,} messages of warning, the first: {said.warning}")
+        if messages.warnings:
+            did.append(f"{messages.warnings:,} messages of warning, the first: {messages.warning}")
         return one_line(f"{self.name}: {'; '.join(did)}") if did else ""
 
     def _message(self, what: str) -> str:
         words = self.said.words
         return one_line(f"{what}: {'; '.join(words)}" if words else what)
 
-    def _error(self, what: str, error: Exception) -> RigError:
+    def _error(self, failure: str, error: Exception) -> RigError:
         told = str(error)
         own = "" if self.said.words and "Failed to instantiate" in told else f": {told}"
         return RigError(
-            self._message(f"{self._where}: {self.name}: {self.model.name}: {what}{own}")
+            self._message(f"{self._where}: {self.name}: {self.model.name}: {failure}{own}")
         )
 
     def _fmpy_instance(self, folder: Path) -> Any:
@@ -171,7 +171,7 @@ class Instance:
         from fmpy.fmi3 import FMU3Slave
 
         kind = FMU2Slave if self.model.fmi == "2.0" else FMU3Slave
-        here = os.getcwd()
+        folder_before = os.getcwd()
         try:
             return kind(
                 guid=self.model.token,
@@ -180,7 +180,7 @@ class Instance:
                 instanceName=self.name,
             )
         except Exception as error:
-            os.chdir(here)
+            os.chdir(folder_before)
             raise self._error("its library cannot be loaded", error) from None
 
     def _instantiate(self) -> None:
@@ -201,12 +201,14 @@ class Instance:
         """Give it the rig's values, where they are not its own, and initialise it for t = 0."""
         if not self._three:
             self._fmu.setupExperiment(startTime=0.0)
-        given = [one for one in self.model.variables if one.name in settings]
+        set_variables = [one for one in self.model.variables if one.name in settings]
         changed = {
-            (one.kind, one.reference) for one in given if settings[one.name] != one.start
+            (one.kind, one.reference) for one in set_variables if settings[one.name] != one.start
         }  # in FMI 2.0 each type counts its references of its own
         for which in sorted(changed):
-            self._start([one for one in given if (one.kind, one.reference) == which], settings)
+            self._start(
+                [one for one in set_variables if (one.kind, one.reference) == which], settings
+            )
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
 
@@ -240,20 +242,20 @@ class Instance:
     ) -> Iterator[tuple[int, ...]]:
         """Yield a row of ValueGroup for the variables of each type."""
         for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
-            own = [
+            of_kind = [
                 (place, one)
                 for place, one in enumerate(variables)
                 if _method(one.kind, self._three) == kind
             ]
             code = KINDS[kind if self._three or kind != "Boolean" else "Boolean32"]
-            values = [settings.get(one.name, 0.0) for _, one in own]
-            references = [one.reference for _, one in own if one.element == 0]
+            values = [settings.get(one.name, 0.0) for _, one in of_kind]
+            references = [one.reference for _, one in of_kind if one.element == 0]
             verb = "Get" if role == Role.OUTPUT else "Set"
             yield (
                 role, self._address(f"{verb}{kind}"), code,
                 len(references), self._keep(np.array(references, np.uint32)),
-                len(own), self._keep(np.array(values).astype(DTYPES[code])),
-                self._keep(np.array([place for place, _ in own], np.int64)),
+                len(of_kind), self._keep(np.array(values).astype(DTYPES[code])),
+                self._keep(np.array([place for place, _ in of_kind], np.int64)),
                 self._keep(np.array([float(f"{value:.12g}") for value in values])),
             )  # fmt: skip
 
@@ -284,11 +286,11 @@ def _logger() -> Any:
     from fmpy.logging import addLoggerProxy
 
     def listen(key: int | None, name: bytes, status: int, category: bytes, text: bytes) -> None:
-        said = _said.get(key or 0)
-        if said is None:
+        messages = _said.get(key or 0)
+        if messages is None:
             fmi2.printLogMessage(key, name, status, category, text)
         else:
-            said.take(status, text)
+            messages.take(status, text)
 
     callbacks = fmi2.fmi2CallbackFunctions()
     _loggers.append(fmi2.fmi2CallbackLoggerTYPE(listen))

@@ -52,15 +52,15 @@ N = structure(GatewayMemory.dtype)
 def _read(n: Any, end: Any, s: Any) -> Any:
     """Queue what has come on a side; return False if its bus failed."""
     for _ in range(_READ_AT_ONCE):
-        what = wire.get_frame(end, False)
-        if what == Arrival.FRAME:
+        arrival = wire.get_frame(end, False)
+        if arrival == Arrival.FRAME:
             line.put(n.line, s, end.rx, n.until)
-        elif what == Arrival.FOREIGN:
+        elif arrival == Arrival.FOREIGN:
             n.foreign[s] += 1
-        elif what == Arrival.FAILED:
+        elif arrival == Arrival.FAILED:
             n.control.errno = end.errno
             return False
-        elif what == Arrival.NOTHING:
+        elif arrival == Arrival.NOTHING:
             break
     return True
 
@@ -79,9 +79,9 @@ def _hand_over(n: Any, end: Any) -> None:
 @loop_function
 def _go_on(n: Any) -> None:
     """Let the line go on to tick `until`."""
-    what = line.advance(n.line, n.until)
-    while what != Outcome.NOTHING:
-        if what == Outcome.SENT:
+    outcome = line.advance(n.line, n.until)
+    while outcome != Outcome.NOTHING:
+        if outcome == Outcome.SENT:
             for s in range(n.sides):
                 if s != n.line.who:
                     _hand_over(n, n.side[s])
@@ -89,7 +89,7 @@ def _go_on(n: Any) -> None:
             for s in range(n.sides):
                 if error_frames.news(n.line, s, n.side[s].tx):
                     wire.put_frame(n.side[s])
-        what = line.advance(n.line, n.until)
+        outcome = line.advance(n.line, n.until)
 
 
 @loop_function

@@ -85,11 +85,13 @@ class Live:
     """A running node. What it reads is a cycle old at the most; LiveError where it has ended."""
 
     def __init__(self, block: sh.NodeMemory) -> None:
-        about = block.description
-        self.block, self.name, self.period_ns = block, block.name, int(about["period_ns"])
+        description = block.description
+        self.block, self.name, self.period_ns = block, block.name, int(description["period_ns"])
         self.variables = {
-            name: LiveVariable(name, unit, kind, writer, help, _pair(about["ranges"].get(name)))
-            for name, unit, kind, writer, help in about["variables"]
+            name: LiveVariable(
+                name, unit, kind, writer, help, _pair(description["ranges"].get(name))
+            )
+            for name, unit, kind, writer, help in description["variables"]
         }
         self._places = {name: place for place, name in enumerate(self.variables)}
         self._mailbox = Mailbox(block)
@@ -167,10 +169,10 @@ class Live:
         chosen: dict[str, None] = {}
         for word in words:
             if _GLOB.search(word):
-                found = [name for name in self.variables if fnmatchcase(name, word)]
-                if not found:
+                matches = [name for name in self.variables if fnmatchcase(name, word)]
+                if not matches:
                     raise LiveError(f"{word}: matches no variable; `pcpc get` shows all")
-                chosen |= dict.fromkeys(found)
+                chosen |= dict.fromkeys(matches)
             else:
                 chosen[known_name(word, self.variables)] = None
         return list(chosen)
@@ -206,11 +208,11 @@ class Live:
         """
         deadline_s, seen = time.monotonic() + within_s, -1
         while True:
-            over = not self.running or time.monotonic() >= deadline_s
+            is_over = not self.running or time.monotonic() >= deadline_s
             now = self.read()
             if now.cycle != seen and holds(now):
                 return now
-            if over:
+            if is_over:
                 why = f"not within {within_s:g} s" if self.running else "the node ended first"
                 raise LiveError(f"{self.name}: {what}: {why}", Exit.NOT_MET)
             seen = now.cycle
@@ -243,14 +245,14 @@ class Live:
         if len(changes) > SLOTS:
             raise LiveError(f"{len(changes)} values; at most {SLOTS} apply at once")
         for name, value in changes.items():
-            one = self.variables[known_name(name, self.variables)]
-            if one.range is None:
-                what = f"{one.kind}, written by {one.writer} every cycle"
-                raise LiveError(f"{name}: {what}; only parameters can be set")
-            low, high = one.range
+            variable = self.variables[known_name(name, self.variables)]
+            if variable.range is None:
+                problem = f"{variable.kind}, written by {variable.writer} every cycle"
+                raise LiveError(f"{name}: {problem}; only parameters can be set")
+            low, high = variable.range
             if not (low <= value <= high and math.isfinite(value)):
-                what = f"{name}: {value:.12g} is outside {low:.12g}..{high:.12g} {one.unit}"
-                raise LiveError(what.rstrip())
+                problem = f"{name}: {value:.12g} is outside {low:.12g}..{high:.12g} {variable.unit}"
+                raise LiveError(problem.rstrip())
         return [self._places[name] for name in changes]
 
 
@@ -270,13 +272,13 @@ def _pair(bounds: Sequence[float] | None) -> tuple[float, float] | None:
 
 def running(rig: str = "") -> dict[str, Live]:
     """Return this user's nodes whose loop runs, by name: all, or those of a rig or run."""
-    found = {}
+    nodes = {}
     for block in sharing.running():
         with suppress(KeyError, TypeError, ValueError):  # what it says is not what a node says
             live = Live(block)
             if live.running and live.is_of(rig):
-                found[live.name] = live
-    return found
+                nodes[live.name] = live
+    return nodes
 
 
 def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | None = None) -> Live:
@@ -285,14 +287,14 @@ def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | Non
     It is called as `Live.names` has it. LiveError: none runs (ENVIRONMENT), or several do.
     """
     nodes = running(rig) if among is None else among
-    found = [name for name, live in nodes.items() if node in live.names]
-    if len(found) > 1:
-        choice = " or ".join(found)
+    names = [name for name, live in nodes.items() if node in live.names]
+    if len(names) > 1:
+        choice = " or ".join(names)
         raise LiveError(
-            f"{node}: {len(found)} nodes of this name run here; choose one with --node {choice}"
+            f"{node}: {len(names)} nodes of this name run here; choose one with --node {choice}"
         )
-    if found:
-        return nodes[found[0]]
+    if names:
+        return nodes[names[0]]
     others = f"; running: {', '.join(nodes)}" if nodes else ""
     if among is None and not nodes and (users := sharing.other_users()):
         others = f"; user {' and '.join(users)} has nodes, which only that user can reach"
@@ -315,17 +317,18 @@ def find_for(words: Sequence[str], among: Mapping[str, Live] | None = None) -> L
             every = {name: 0 for live in nodes.values() for name in live.variables}
             raise LiveError(f"{word}: no such variable{did_you_mean(word, every)}")
     holders = [name for name, live in nodes.items() if all(_has(live, word) for word in words)]
-    found = [name for name in holders if name.endswith(".executive")] or holders
-    if len(found) > 1:
-        choice = " or ".join(found)
+    candidates = [name for name in holders if name.endswith(".executive")] or holders
+    if len(candidates) > 1:
+        choice = " or ".join(candidates)
         raise LiveError(
-            f"{words[0]}: {len(found)} nodes have this variable; choose one with --node {choice}"
+            f"{words[0]}: {len(candidates)} nodes have this variable; "
+            f"choose one with --node {choice}"
         )
-    if not found:
+    if not candidates:
         raise LiveError(
             f"{' '.join(words)}: no node has all of them; name variables of one node at a time"
         )
-    return nodes[found[0]]
+    return nodes[candidates[0]]
 
 
 def _has(live: Live, word: str) -> bool:

@@ -28,10 +28,10 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     made = Plan(rig, role, planned_controllers.complete(rig, role), pacing)
     for part in PARTS:
         part.variables(made)
-    for what, size, most in (size for part in PARTS for size in part.sizes(made)):
+    for items, size, most in (size for part in PARTS for size in part.sizes(made)):
         if size > most:
             holds = f"one node holds {most} (see executive/loop/sizes.py)"
-            raise rig.error(role, f"{size} {what}; {holds}")
+            raise rig.error(role, f"{size} {items}; {holds}")
     return made
 
 
@@ -40,10 +40,10 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
 
     Not `kept`: without the effective rig's text, for a run whose log is not written.
     """
-    told, said = replace(made, metadata=metadata, has_text=kept), NodeDescription()
+    told, description = replace(made, metadata=metadata, has_text=kept), NodeDescription()
     for part in PARTS:
-        said |= part.described(told)
-    return said
+        description |= part.described(told)
+    return description
 
 
 def check_pacing(rig: Rig, pacing: str) -> None:

@@ -27,17 +27,17 @@ def complete(rig: Rig, role: Role) -> NodeSpec:
     if role != "executive" or len(names) == 1:
         return spec
     blocks = _by_law(rig, spec)
-    held = list(_adapting_values(blocks))
+    adapted = list(_adapting_values(blocks))
     outputs = _outputs(rig, spec, blocks)
     block = handover.block(
-        names, outputs, [port for _, _, port in held], [owner for owner, _, _ in held]
+        names, outputs, [port for _, _, port in adapted], [owner for owner, _, _ in adapted]
     )
     config = rig.config.handover
     if config.to > len(names) - 1:
         raise rig.error("handover.to", f"{config.to:g}; expected 0 to {len(names) - 1}")
     sources = [
         f"{names[j if one.has[j] else 0]}.{one.name}" for j in range(len(names)) for one in outputs
-    ] + [f"{_prefix(names, owner)}.{name}" for owner, name, _ in held]
+    ] + [f"{_prefix(names, owner)}.{name}" for owner, name, _ in adapted]
     inputs = dict(zip((port.name for port in block.inputs), sources, strict=True))
     settings = {"to": config.to, "over_s": config.over_s}
     made = BlockSpec(BLOCK, block, settings, inputs, {"": rig.where("standby")})
@@ -70,20 +70,20 @@ def _outputs(rig: Rig, spec: NodeSpec, blocks: list[Block]) -> list[handover.Out
         {name: port.unit for port in block.outputs for name in port.names()} for block in blocks
     ]
     wired = [*spec.transmit.values(), *(s for one in spec.blocks for s in one.inputs.values())]
-    found = [
+    outputs = [
         handover.Output(
             name, unit, [one.get(name) == unit for one in known], f"{_OWN}.{name}" in wired
         )
         for name, unit in known[0].items()
     ]
     commands = {spec.transmit[signal] for signal in _commands(rig, spec) if signal in spec.transmit}
-    for one in found:
-        for law, has in zip(laws(rig.config), one.has, strict=True):
-            if not has and f"{_OWN}.{one.name}" in commands:
-                what = f"{law} has no output {one.name} [{one.unit}], which is a command of "
+    for output in outputs:
+        for law, has in zip(laws(rig.config), output.has, strict=True):
+            if not has and f"{_OWN}.{output.name}" in commands:
+                what = f"{law} has no output {output.name} [{output.unit}], which is a command of "
                 what += f"{rig.config.controller}; it cannot be on standby for it"
                 raise rig.error("standby", what)
-    return found
+    return outputs
 
 
 def _commands(rig: Rig, spec: NodeSpec) -> set[str]:
@@ -142,11 +142,11 @@ def standby_copies(spec: NodeSpec, table: Table) -> list[tuple[int, int]]:
 
 def beginning(spec: NodeSpec, table: Table, values: Mapping[int, float]) -> dict[int, float]:
     """Return what the hand-over begins with: states that are kept, and who is in charge."""
-    found = {kept: values[state] for kept, state in standby_copies(spec, table)}
+    first_values = {kept: values[state] for kept, state in standby_copies(spec, table)}
     if TO in table.index:
         to = values[table.index[TO]]
-        found |= {table.index[IN_CHARGE]: to, table.index[f"{BLOCK}.asked"]: to}
-    return found
+        first_values |= {table.index[IN_CHARGE]: to, table.index[f"{BLOCK}.asked"]: to}
+    return first_values
 
 
 def _of_fallback(rig: Rig, table: Table, controller: Views, spec: BlockSpec) -> Views:

@@ -56,12 +56,12 @@ def _ids_of_one(node: int, start: Any) -> set[int]:
 
 
 def _names(node: int, start: Any) -> dict[int, str]:
-    found = {0: "NMT", _SYNC: "SYNC", _SYNC + node: "EMCY", 0x700 + node: "heartbeat"}
-    found |= {0x580 + node: "SDO answer", 0x600 + node: "SDO request"}
+    id_names = {0: "NMT", _SYNC: "SYNC", _SYNC + node: "EMCY", 0x700 + node: "heartbeat"}
+    id_names |= {0x580 + node: "SDO answer", 0x600 + node: "SDO request"}
     for i in range(PDOS):
         for word, row in (("RPDO", i * RPDO_ROWS), ("TPDO", FIRST_TPDO + i * TPDO_ROWS)):
-            found[start[row + COB_ID] & _ID] = f"{word}{i + 1}"
-    return found
+            id_names[start[row + COB_ID] & _ID] = f"{word}{i + 1}"
+    return id_names
 
 
 KINDS = planned_robot.KINDS | {
@@ -89,50 +89,50 @@ def is_lone_drive(rig: Rig, roles: Sequence[str]) -> bool:
 
 def dictionary_of(rig: Rig, role: Role = "plant") -> list[objects.Object]:
     """Return a drive's objects as they are at the start; RigError for what cannot be."""
-    drive, at = rig.config.drives[role], f"{role}.drive"
+    drive, section = rig.config.drives[role], f"{role}.drive"
     if drive.node not in _NODES:
-        raise rig.error(f"{at}.node", f"{drive.node} is not one of 1 to 127")
-    every = taken_from_eds(rig, role).every
+        raise rig.error(f"{section}.node", f"{drive.node} is not one of 1 to 127")
+    dictionary = taken_from_eds(rig, role).every
     for key, raw in drive.objects.items():
         if raw != int(raw):
-            raise rig.error(f"{at}.objects", f"{key}: {raw:g} is not a whole number")
+            raise rig.error(f"{section}.objects", f"{key}: {raw:g} is not a whole number")
     try:
         return objects.changed_dictionary(
-            every, {str(key): int(raw) for key, raw in drive.objects.items()}
+            dictionary, {str(key): int(raw) for key, raw in drive.objects.items()}
         )
     except ValueError as error:
-        raise rig.error(f"{at}.objects", str(error)) from None
+        raise rig.error(f"{section}.objects", str(error)) from None
 
 
 def taken_from_eds(rig: Rig, role: Role = "plant") -> eds_file.EdsContent:
     """Return a drive's own objects with what its EDS makes of them; RigError."""
-    drive, at = rig.config.drives[role], f"{role}.drive"
-    every = objects.objects(drive.node, rig.config.rig)
+    drive, section = rig.config.drives[role], f"{role}.drive"
+    dictionary = objects.objects(drive.node, rig.config.rig)
     if drive.eds is None or drive.profile != CIA402:
-        return eds_file.EdsContent(every)
+        return eds_file.EdsContent(dictionary)
     file = rig.document.file((role, "drive", "eds"), drive.eds)
     try:
-        return eds_file.read(file, every, drive.node)
+        return eds_file.read(file, dictionary, drive.node)
     except OSError as error:
-        raise rig.error(f"{at}.eds", f"{file}: {error.strerror or error}") from None
+        raise rig.error(f"{section}.eds", f"{file}: {error.strerror or error}") from None
     except ValueError as error:
-        raise rig.error(f"{at}.eds", f"{file.name}: {error}") from None
+        raise rig.error(f"{section}.eds", f"{file.name}: {error}") from None
 
 
 def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.Frame]:
     """Return a node's received or sent frames but for those of the drive."""
-    found = list(dbc.frames(database, rig.config.sections[role].node, way))
+    node_frames = list(dbc.frames(database, rig.config.sections[role].node, way))
     drive = drive_of(rig, role)
     if drive is None:
-        return found
-    own, fd = KINDS[drive.profile].ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
+        return node_frames
+    ids, fd = KINDS[drive.profile].ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
     if drive.profile == CIA402:
-        return [frame for frame in found if frame.can_id not in own]
-    for frame in found:
-        if frame.can_id in own and frame.fd >= fd:
+        return [frame for frame in node_frames if frame.can_id not in ids]
+    for frame in node_frames:
+        if frame.can_id in ids and frame.fd >= fd:
             what = f"{drive.node} has the id of {frame.name}, {frame.can_id:#05x}; choose another"
             raise rig.error(f"{role}.drive.node", what)
-    return found
+    return node_frames
 
 
 def frames_before_start(
@@ -155,11 +155,11 @@ def check_senders(rig: Rig, database: dbc.Database, pacing: str) -> None:
     check_heartbeats(rig, frames_before_start(rig, database, pacing))
     if pacing == "lockstep":
         check_starters(rig, database)
-    taken: dict[tuple[bool, int], Role] = {}
+    senders: dict[tuple[bool, int], Role] = {}
     for role, plant in rig.config.plants.items():
         sent = {one.can_id for one in frames(rig, role, database, "tx") if not one.extended}
         for number in sorted(sent | _spoken_ids(rig, role)):
-            other = taken.setdefault((plant.bus is None, number), role)
+            other = senders.setdefault((plant.bus is None, number), role)
             if other != role:
                 key = f"{role}.node" if plant.drive is None else f"{role}.drive.node"
                 what = f"{number:#05x} is an id of {other} on this bus, too; choose another"
@@ -212,10 +212,10 @@ def _unit_of_command(rig: Rig, role: Role, blocks: Sequence[BlockSpec]) -> str:
     }
     if len(units) == 1:
         return units.pop()
-    what = f"no block of the plant takes {COMMAND}; wire an input of one to it, as torque_Nm"
+    problem = f"no block of the plant takes {COMMAND}; wire an input of one to it, as torque_Nm"
     if units:
-        what = f"{COMMAND} is wired to inputs in {' and '.join(sorted(units))}; it has one unit"
-    raise RigError(f"{rig.where(f'{role}.drive')}: {what}")
+        problem = f"{COMMAND} is wired to inputs in {' and '.join(sorted(units))}; it has one unit"
+    raise RigError(f"{rig.where(f'{role}.drive')}: {problem}")
 
 
 class PlantDrive(Part):

@@ -36,19 +36,19 @@ class Faults(Part):
         """Add four variables a fault, those of values first, and when it begins; RigError."""
         rig, role, table = made.rig, made.role, made.table
         check_frames(rig, messages.received_frames(rig, messages.database_of(rig)))
-        every = [
+        of_node = [
             one
             for name in rig.config.faults
             for one in _acting(made, name, rig.config.faults[name])
         ]
-        every.sort(key=lambda one: one.group)
-        if len(every) > MAX_FAULTS:
-            raise rig.error("faults", f"{len(every)} faults; one node holds {MAX_FAULTS}")
-        for one in every:
-            unit = table.variables[one.target].unit if one.group == Seam.VALUES else ""
-            made.faults.append(replace(one, place=_add_variables(made, one, unit)))
-        for one in made.faults:
-            for row in one.moments(rig, role):
+        of_node.sort(key=lambda one: one.group)
+        if len(of_node) > MAX_FAULTS:
+            raise rig.error("faults", f"{len(of_node)} faults; one node holds {MAX_FAULTS}")
+        for acting in of_node:
+            unit = table.variables[acting.target].unit if acting.group == Seam.VALUES else ""
+            made.faults.append(replace(acting, place=_add_variables(made, acting, unit)))
+        for acting in made.faults:
+            for row in acting.moments(rig, role):
                 made.tune_at(*row)
 
     def in_no_lane(self, rig: Rig) -> str:
@@ -64,35 +64,35 @@ class Faults(Part):
         )
         faults.n = len(rows) - faults.n_floods
         faults.n_places = len(planned)
-        for i, one in enumerate(planned):
-            faults.every_place[i] = one.place
-            if one.group == Seam.OWN_STALL:
-                faults.own_stall[faults.n_own_stalls] = one.place
+        for i, acting in enumerate(planned):
+            faults.every_place[i] = acting.place
+            if acting.group == Seam.OWN_STALL:
+                faults.own_stall[faults.n_own_stalls] = acting.place
                 faults.n_own_stalls += 1
-            elif one.group == Seam.PEER_STALL:
-                faults.peer_stall[faults.n_peer_stalls] = one.place
+            elif acting.group == Seam.PEER_STALL:
+                faults.peer_stall[faults.n_peer_stalls] = acting.place
                 faults.n_peer_stalls += 1
-        for f, one in enumerate(rows):
-            if one.group != Seam.FLOODS:
-                faults.kind[f] = one.kind
-            faults.how[f] = HOWS.index(one.fault.how or "value")
-            faults.place[f], faults.seam[f] = one.place, one.seam
-            faults.target[f], faults.other[f] = one.target, one.other
-            faults.seed[f] = draws.first(made.rig.config.seed, f"{one.name} {made.role}")
-            faults.since[f], faults.goes_on[f] = -1, one.fault.goes_on
-            if one.group == Seam.FRAMES:
-                faults.spoiled[one.target] = 1
+        for f, acting in enumerate(rows):
+            if acting.group != Seam.FLOODS:
+                faults.kind[f] = acting.kind
+            faults.how[f] = HOWS.index(acting.fault.how or "value")
+            faults.place[f], faults.seam[f] = acting.place, acting.seam
+            faults.target[f], faults.other[f] = acting.target, acting.other
+            faults.seed[f] = draws.first(made.rig.config.seed, f"{acting.name} {made.role}")
+            faults.since[f], faults.goes_on[f] = -1, acting.fault.goes_on
+            if acting.group == Seam.FRAMES:
+                faults.spoiled[acting.target] = 1
 
     def described(self, made: Plan) -> NodeDescription:
         """Return what clients and summaries need to know of each."""
         return {
             "faults": {
-                one.name: {
-                    "kind": one.fault.kind,
-                    "of": one.fault.at or one.fault.frame or one.fault.node,
-                    "next_cycle": one.acts_later,
+                acting.name: {
+                    "kind": acting.fault.kind,
+                    "of": acting.fault.at or acting.fault.frame or acting.fault.node,
+                    "next_cycle": acting.acts_later,
                 }
-                for one in made.faults
+                for acting in made.faults
             }
         }
 
@@ -149,8 +149,8 @@ def _check(rig: Rig, key: str, fault: Fault) -> FaultKind:
         known = f"how: {', '.join(hows)}" if hows else "no how"
         raise rig.error(f"{key}.how", f"{kind.word} knows {known}")
     if hows and "value" not in hows and fault.how is None:
-        what = f"{kind.word} needs how: {', '.join(hows)}; for random data use kind: masquerade"
-        raise rig.error(key, what)
+        problem = f"{kind.word} needs how: {', '.join(hows)}; for random data use kind: masquerade"
+        raise rig.error(key, problem)
     if fault.goes_on and not row.counts_on:
         those = " or ".join(one.word for one in WrongFrame if one.row.counts_on)
         raise rig.error(f"{key}.goes_on", f"only a fault of kind {those} has goes_on")
@@ -159,15 +159,15 @@ def _check(rig: Rig, key: str, fault: Fault) -> FaultKind:
         raise rig.error(key, f"{kind.word} needs a value: how large it is")
     low, high = _range_of(rig, fault, kind)
     if fault.value is not None and not low <= fault.value <= high:
-        what = f"{fault.value:g} is outside {low:g}..{high:g}, which a {kind.word} may have"
-        raise rig.error(f"{key}.value", what)
+        problem = f"{fault.value:g} is outside {low:g}..{high:g}, which a {kind.word} may have"
+        raise rig.error(f"{key}.value", problem)
     _check_moments(rig, key, fault)
     if fault.at is not None and fault.node is not None:
         raise rig.error(f"{key}.node", "for a value, at names the node: plant:NAME")
     if (fault.data_of is not None) != row.copies:
         those = " or ".join(one.word for one in WrongFrame if one.row.copies)
-        what = f"{those}, and nothing else, has data_of: another frame's name"
-        raise rig.error(key, what)
+        problem = f"{those}, and nothing else, has data_of: another frame's name"
+        raise rig.error(key, problem)
     return kind
 
 
@@ -181,14 +181,14 @@ def _kind_of(rig: Rig, key: str, fault: Fault) -> FaultKind:
     kind = WrongNode.of(fault.kind)
     if kind is not None:
         if fault.node is None or fault.at is not None or fault.frame is not None:
-            what = f"a {kind.word} has node: executive or plant, and neither at nor frame"
-            raise rig.error(key, what)
+            problem = f"a {kind.word} has node: executive or plant, and neither at nor frame"
+            raise rig.error(key, problem)
         if kind is WrongNode.STALL and len(rig.roles) > 2:
             raise rig.error(key, "a stall needs a rig of two nodes")
         return kind
     if fault.at is None and fault.frame is None:
-        what = f"at: a variable ({', '.join(WrongValue.words())})"
-        raise rig.error(key, f"what is disturbed? {what}; or frame: a frame's name")
+        problem = f"at: a variable ({', '.join(WrongValue.words())})"
+        raise rig.error(key, f"what is disturbed? {problem}; or frame: a frame's name")
     if fault.at is not None:
         kind, cure = WrongValue.of(fault.kind), "a fault of a frame; write frame: NAME"
     else:
@@ -220,10 +220,10 @@ def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
     late = (cycles_in(fault.from_, config.rate_hz) or 0) >= round(
         config.duration_s * config.rate_hz
     )
-    shortened, own = (
+    shortened, from_is_set = (
         rig.where(path).startswith("--set ") for path in ("duration_s", f"{key}.from")
     )
-    if late and (own or not shortened):
+    if late and (from_is_set or not shortened):
         end = f"the end of the run at {config.duration_s:g} s"
         raise rig.error(f"{key}.from", f"{fault.from_} is after {end}")
 

@@ -26,11 +26,11 @@ class Keyframes(Part):
 
     def described(self, made: Plan) -> NodeDescription:
         """Return how often, how large, and what lies where in one."""
-        held = held_spans(made)
+        spans = held_spans(made)
         return {
             "keyframe_passes": passes_of(made),
-            "keyframe_bytes": layout.size_of(held),
-            "keyframe_layout": layout.name_of(held, made.names),
+            "keyframe_bytes": layout.size_of(spans),
+            "keyframe_layout": layout.name_of(spans, made.names),
         }
 
 
@@ -61,13 +61,15 @@ def why_none(made: Plan, state: bytes) -> str:
         return f"{what}, which no run has"
     values = np.frombuffer(state, "<f8", len(made.table.variables))
     spoiled = {one.target for one in made.faults if one.group == Seam.VALUES}
-    for i, (one, value) in enumerate(zip(made.table.variables, values, strict=True)):
-        low, high = (one.low, one.high) if one.kind == "parameter" else (-_LARGEST, _LARGEST)
+    for i, (variable, value) in enumerate(zip(made.table.variables, values, strict=True)):
+        low, high = (
+            (variable.low, variable.high) if variable.kind == "parameter" else (-_LARGEST, _LARGEST)
+        )
         can_be = max(low, -_LARGEST) <= value <= min(high, _LARGEST) or i in spoiled
-        can_be |= one.kind in _ANY_NUMBER and one.writer != "drive"
-        if not (can_be or one.timing or value == made.values.get(i)):
-            why = "a law need not survive" if one.kind == "state" else "no run has"
-            return f"{one.name} is {value:g}, which {why}"
+        can_be |= variable.kind in _ANY_NUMBER and variable.writer != "drive"
+        if not (can_be or variable.timing or value == made.values.get(i)):
+            why = "a law need not survive" if variable.kind == "state" else "no run has"
+            return f"{variable.name} is {value:g}, which {why}"
     return ""
 
 

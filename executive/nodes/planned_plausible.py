@@ -23,8 +23,8 @@ class Plausible(Part):
         for name, limit in _limits(made).items():
             key = f"{made.role}.plausible.{name}"
             if name not in received:
-                what = f"{rig.config.sections[made.role].node} receives no signal {name}"
-                raise rig.error(key, what + did_you_mean(name, received))
+                problem = f"{rig.config.sections[made.role].node} receives no signal {name}"
+                raise rig.error(key, problem + did_you_mean(name, received))
             if not limit.low < limit.high:
                 raise rig.error(key, f"low {limit.low:g} is not below high {limit.high:g}")
             signal = received[name]
@@ -32,8 +32,10 @@ class Plausible(Part):
                 span = f"{signal.low:g}..{signal.high:g} {signal.unit}".rstrip()
                 raise rig.error(key, f"no value of {name}, {span}, lies within these bounds")
             if limit.rate_per_s is not None and not math.isfinite(limit.rate_per_s):
-                what = f"expected a finite number, got {limit.rate_per_s:g}; null is no rate limit"
-                raise rig.error(f"{key}.rate_per_s", what)
+                problem = (
+                    f"expected a finite number, got {limit.rate_per_s:g}; null is no rate limit"
+                )
+                raise rig.error(f"{key}.rate_per_s", problem)
             help = f"values of {name} that were not taken"
             made.add(Variable(COUNT + name, "", "health", "loop", help))
 

@@ -64,17 +64,17 @@ KINDS = {
 
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
-    kind, at = KINDS[drive.profile], rig.config.key_of(drive)
+    kind, section = KINDS[drive.profile], rig.config.key_of(drive)
     if drive.node not in kind.nodes:
         what = f"{drive.node} is not one of {kind.nodes[0]} to {kind.nodes[-1]}"
-        raise rig.error(f"{at}.node", what)
+        raise rig.error(f"{section}.node", what)
     if drive.eds is not None:
-        raise rig.error(f"{at}.eds", f"{drive.profile} has no EDS; leave it out")
+        raise rig.error(f"{section}.eds", f"{drive.profile} has no EDS; leave it out")
     try:
         starts = {str(key): float(value) for key, value in drive.objects.items()}
         return settings.changed_settings(kind.settings, starts)
     except ValueError as error:
-        raise rig.error(f"{at}.objects", str(error)) from None
+        raise rig.error(f"{section}.objects", str(error)) from None
 
 
 def install_robot(loop: Loop, rig: Rig, drive: Drive) -> None:

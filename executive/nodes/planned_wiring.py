@@ -24,12 +24,12 @@ class Wiring(Part):
 
     def install(self, made: Plan, loop: Loop) -> None:
         """Write them, and where those of each block end."""
-        at, blocks = 0, loop.blocks
+        row, blocks = 0, loop.blocks
         for i, copies in enumerate(made.copies):
             for pair in copies:
-                blocks.copies[at] = pair
-                at += 1
-            blocks.copies_end[i] = at
+                blocks.copies[row] = pair
+                row += 1
+            blocks.copies_end[i] = row
 
     def described(self, made: Plan) -> NodeDescription:
         """Return where each value comes from, the blocks in their order, who can take over."""

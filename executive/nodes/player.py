@@ -75,13 +75,13 @@ _place_of = loop_function(place_of)
 @loop_function
 def _sleep_until(n: Any, deadline: Any) -> Any:
     """Sleep until `deadline`; return False if the stop word was set."""
-    at = machine_ns(n)
-    while at < deadline and libc.load_acquire(n.control, "stop") == 0:
-        until = min(deadline, at + _STOP_EVERY_NS)
+    now_ns = machine_ns(n)
+    while now_ns < deadline and libc.load_acquire(n.control, "stop") == 0:
+        until = min(deadline, now_ns + _STOP_EVERY_NS)
         n.timespec[0] = until // 1_000_000_000
         n.timespec[1] = until % 1_000_000_000
         libc.clock_nanosleep(libc.CLOCK_MONOTONIC, libc.TIMER_ABSTIME, libc.address(n.timespec), 0)
-        at = machine_ns(n)
+        now_ns = machine_ns(n)
     return libc.load_acquire(n.control, "stop") == 0
 
 
@@ -126,16 +126,16 @@ def play(n: Any, frames: Any, due: Any, start: Any, lap: Any, laps: Any) -> Any:
                 n.control.errors += 1
                 n.control.errno = n.wire.errno
                 continue
-            at = machine_ns(n)
+            sent_ns = machine_ns(n)
             if n.control.sent == 0:
                 n.control.first_due = deadline
-                n.control.first_sent = at
+                n.control.first_sent = sent_ns
             n.control.last_due = deadline
-            n.control.last_sent = at
+            n.control.last_sent = sent_ns
             n.control.sent += 1
             taken += 1
             if n.timed != 0:
-                note(n, max(at - deadline, np.int64(0)))
+                note(n, max(sent_ns - deadline, np.int64(0)))
         done += 1
     return taken
 

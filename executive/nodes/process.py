@@ -123,7 +123,7 @@ class Process:
         BusError: the bus is not usable.
         """
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
-        held = sharing.lock(name)
+        node_lock = sharing.lock(name)
         self.choice.claims += claim_frames(self.rig, self.plan, self.bus)
         metadata = (
             facts()
@@ -137,11 +137,11 @@ class Process:
             }
         )
         self.signals = kernel.signal_file(_SIGNALS)
-        about = describe(self.plan, metadata)
-        about["initial"], about["file"] = self._parameters(), str(self.rig.path.resolve())
-        if lacking := carried_files.missing_warning(about["files"]):
+        head = describe(self.plan, metadata)
+        head["initial"], head["file"] = self._parameters(), str(self.rig.path.resolve())
+        if lacking := carried_files.missing_warning(head["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
-        served = sharing.ServedMemory(name, about)
+        served = sharing.ServedMemory(name, head)
         block = served.block
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         opened_ns = time.monotonic_ns()  # from here on it hears the others
@@ -171,7 +171,7 @@ class Process:
         if not refused:
             self._linger(served)
         served.close()
-        held.close()
+        node_lock.close()
         if refused:
             why = faults.reason(block.description, block.control)
             raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
@@ -184,12 +184,12 @@ class Process:
 
         Without `served` it is the warm-up.
         """
-        over, end = socket.socketpair()
+        loop_end, end = socket.socketpair()
         work, watch = Work(call, end.close), Watch([loop])
         work.start()
         look_s = time.monotonic() + POLL_S
-        with over:
-            while not self._waits_for(served, over, look_s):
+        with loop_end:
+            while not self._waits_for(served, loop_end, look_s):
                 if self._asked_to_end():
                     if served is None:
                         os._exit(Exit.OK)
@@ -214,17 +214,17 @@ class Process:
         os._exit(Exit.SAFETY_STOP)
 
     def _waits_for(
-        self, served: sharing.ServedMemory | None, over: socket.socket, until_s: float
+        self, served: sharing.ServedMemory | None, loop_end: socket.socket, until_s: float
     ) -> bool:
         """Serve clients until a signal, `until_s` or the loop's end; return whether that came."""
         while True:
-            waited: list[Any] = [over, self.signals, *(served.sockets() if served else [])]
+            waited: list[Any] = [loop_end, self.signals, *(served.sockets() if served else [])]
             left_s = max(until_s - time.monotonic(), 0.0)
             ready, _, _ = select.select(waited, [], [], left_s)
             if served:
                 served.serve()
-            if not ready or over in ready or self.signals in ready:
-                return over in ready
+            if not ready or loop_end in ready or self.signals in ready:
+                return loop_end in ready
 
     def _linger(self, served: sharing.ServedMemory, for_host: bool = True) -> None:
         """Serve clients of a node that has ended, while its host is there or may come.
@@ -290,18 +290,18 @@ def claim_frames(rig: Rig, made: Plan, bus: buses.BusAddress) -> list[socket.soc
     bus = side_of(rig, bus, made.role) if made.role == "local" else bus
     for frame in made.tx_frames:
         lower = below is not None and (made.role in PLANTS or frame.name in made.below)
-        own = below if lower else bus
-        name = f"frame/{own}/{frame.word:08X}"
-        held = claim.hold(name)
-        if held is None:
+        own_bus = below if lower else bus
+        name = f"frame/{own_bus}/{frame.word:08X}"
+        claimed = claim.hold(name)
+        if claimed is None:
             holder = claim.holder(name)
             who = f", process {holder.pid}" if holder and holder.pid else ""
             what = faults.frame_text(frame.word, frame.name)
             raise BusError(
-                f"{own}: another sender of {what} is on this bus{who}; "
+                f"{own_bus}: another sender of {what} is on this bus{who}; "
                 "end it or choose another with --bus"
             )
-        claims.append(held)
+        claims.append(claimed)
     return claims
 
 
@@ -314,11 +314,11 @@ def open_buses(rig: Rig, bus: buses.BusAddress, made: Plan, end: Any) -> None:
     end.fd = made.fd
     below = second_bus(rig, bus, made.role)
     bus = side_of(rig, bus, made.role) if made.role == "local" else bus
-    own = below if made.role in PLANTS and below is not None else bus
+    own_bus = below if made.role in PLANTS and below is not None else bus
     ids = made.receive_ids + made.send_ids
     is_drive = planned_drive.drive_of(rig, made.role) is not None
     end.remotes = is_drive
-    buses.open_bus(own, None if is_drive else ids, end)
+    buses.open_bus(own_bus, None if is_drive else ids, end)
     if made.below and below is not None:
         buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
     buses.set_own_address(end)

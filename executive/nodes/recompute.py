@@ -78,10 +78,10 @@ def hear_next(n: Loop, recorded: Recording) -> None:
 @loop_function
 def tune_next(n: Loop, recorded: Recording) -> None:
     """Take the next tuning, and note it again."""
-    at = recorded.done[_TUNINGS]
+    row = recorded.done[_TUNINGS]
     recorded.done[_TUNINGS] += 1
-    n.v[recorded.tuned[at]] = recorded.values[at]
-    push_event(n, Event.TUNING, recorded.tuned[at], recorded.values[at])
+    n.v[recorded.tuned[row]] = recorded.values[row]
+    push_event(n, Event.TUNING, recorded.tuned[row], recorded.values[row])
 
 
 @loop_function

@@ -87,20 +87,20 @@ class Replay:
         install_in_memory(made, loop)
         loop.clock.kind, loop.tuning.n, loop.meeting.ordered = Time.GIVEN, 0, 0
         self.plan, self.steps = made, made.steps  # the plan keeps open what its blocks have opened
-        about = self.block.description
+        description = self.block.description
         counted = [name for name in COUNTED if name in recorded]
-        self.names = [*about["state_columns"], *counted]
-        counters = [about["timing_columns"].index(name) for name in counted]
-        states = RECORD_HEAD + np.arange(len(about["state_columns"]))
+        self.names = [*description["state_columns"], *counted]
+        counters = [description["timing_columns"].index(name) for name in counted]
+        states = RECORD_HEAD + np.arange(len(description["state_columns"]))
         self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
         self._table, self._index = made.table, made.table.index
-        measured = [name for name in about["timing_columns"] if name not in COUNTED]
+        measured = [name for name in description["timing_columns"] if name not in COUNTED]
         self._clocks = [name for name in measured if name in recorded]
         self._given = [
-            f"{one.name}.{name}"
-            for one in made.spec.blocks
-            if one.name in external
-            for port in (*one.block.outputs, *(one.block.states if step_of(one) else ()))
+            f"{spec.name}.{name}"
+            for spec in made.spec.blocks
+            if spec.name in external
+            for port in (*spec.block.outputs, *(spec.block.states if step_of(spec) else ()))
             if port.recorded
             for name in port.names()
         ]
@@ -173,12 +173,12 @@ class Replay:
     def check_tuning(self, cycle: int, name: str, value: float) -> None:
         """Raise LogError for a tuning that no node takes."""
         variable = self._table.variables[self._index[name]]
-        what = f"cycle {cycle}: the log has a tuning of {name} to {value:g}"
+        tuning = f"cycle {cycle}: the log has a tuning of {name} to {value:g}"
         if variable.kind != "parameter":
-            raise logs.LogError(f"{what}, which is no parameter; it is damaged or made up")
+            raise logs.LogError(f"{tuning}, which is no parameter; it is damaged or made up")
         if not (variable.low <= value <= variable.high and math.isfinite(value)):
             ends = f"{variable.low:g}..{variable.high:g}"
-            raise logs.LogError(f"{what}, outside {ends}; it is damaged or made up")
+            raise logs.LogError(f"{tuning}, outside {ends}; it is damaged or made up")
 
     def _clocked_before(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
         """Return what was measured in the cycle before each of `part`; keep that of the last."""
@@ -205,13 +205,13 @@ class Replay:
         The last heartbeat of cycle 0 is that of the cycle itself. `frames`: (n,) records.
         """
         loop, block = self.block.loop, self.block
-        said = frames[(frames["direction"] == 0) & self._is_meeting(frames)].copy()
-        said = said[: max(len(said) - len(self._heartbeats), 0)]
-        said["stamp_ns"] = 0
-        block["frame"][: len(said), OfFrame.HEADER] = sh.CDR_HEADER
-        block["frame"][: len(said), OfFrame.STAMP_NS :] = said[:, None].view(np.int64)
-        block.ends("frame").head = len(said)
-        loop.control.sent += len(said)
+        sent = frames[(frames["direction"] == 0) & self._is_meeting(frames)].copy()
+        sent = sent[: max(len(sent) - len(self._heartbeats), 0)]
+        sent["stamp_ns"] = 0
+        block["frame"][: len(sent), OfFrame.HEADER] = sh.CDR_HEADER
+        block["frame"][: len(sent), OfFrame.STAMP_NS :] = sent[:, None].view(np.int64)
+        block.ends("frame").head = len(sent)
+        loop.control.sent += len(sent)
 
     def _frames(self) -> NDArray[Any]:
         rows = np.ascontiguousarray(self._new_rows("frame")[:, 1:])

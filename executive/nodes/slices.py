@@ -64,11 +64,11 @@ class Assembler:
         """Return the cycles that were not taken. Shape (n,)."""
         return self._rows[:, K]
 
-    def take(self, whole: int, end: bool) -> Iterator[Slice]:
-        """Yield the slices up to cycle `whole`; before the `end` only full ones."""
+    def take(self, until: int, end: bool) -> Iterator[Slice]:
+        """Yield the slices up to cycle `until`; before the `end` only full ones."""
         while True:
             here = self._rows[:CYCLES_AT_ONCE]
-            count = int(np.argmax(here[:, K] > whole)) if (here[:, K] > whole).any() else len(here)
+            count = int(np.argmax(here[:, K] > until)) if (here[:, K] > until).any() else len(here)
             if not count or ((full := self._full(here[:count])) == 0 and not end):
                 return
             count = full or count

@@ -61,14 +61,23 @@ class Memory:
         """Return the run as it would be read back from a file."""
         nodes = {}
         for block, rows in zip(self._blocks, self._rows, strict=True):
-            about = node_description(block.description)
+            description = node_description(block.description)
             rows[:] = [table := np.concatenate(rows)]
             values = table.view(np.float64).T
-            n = len(about["state_columns"])
-            columns = dict(zip(about["state_columns"], values[RECORD_HEAD:], strict=False))
-            timing = dict(zip(about["timing_columns"], values[RECORD_HEAD + n + 1 :], strict=True))
-            nodes[about["node"]] = logs.NodeLog(
-                table[:, 0], table[:, 1], columns, timing, np.empty(0, logs.FRAME), [], [], about
+            n = len(description["state_columns"])
+            columns = dict(zip(description["state_columns"], values[RECORD_HEAD:], strict=False))
+            timing = dict(
+                zip(description["timing_columns"], values[RECORD_HEAD + n + 1 :], strict=True)
+            )
+            nodes[description["node"]] = logs.NodeLog(
+                table[:, 0],
+                table[:, 1],
+                columns,
+                timing,
+                np.empty(0, logs.FRAME),
+                [],
+                [],
+                description,
             )
         first = self._blocks[0].description
         metadata = {name: node.description["metadata"] for name, node in nodes.items()}
@@ -101,10 +110,10 @@ class VirtualRun:
             check(one)
         if controller is not None:
             made[0].external["controller"] = controller.entry
-        own = {} if log is None else of_rig(rig.path)
+        rig_facts = {} if log is None else of_rig(rig.path)
         metadata = (
             facts()
-            | own
+            | rig_facts
             | {
                 "pacing": "virtual",
                 "bus": "memory",

@@ -48,10 +48,12 @@ def _check_times(rig: Rig) -> None:
             if name.endswith("_to_s") and at_s > end_s and not _is_left_from_a_base(rig, path):
                 late[path] = at_s
     shortened = rig.where("duration_s").startswith("--set ")
-    given = f", duration_s in {rig.where('duration_s')}"
+    duration = f", duration_s in {rig.where('duration_s')}"
     for path, at_s in late.items():
         if not shortened or rig.where(path).startswith("--set "):
-            raise rig.error(path, f"{at_s:g} s is after the end of the run at {end_s:g} s{given}")
+            raise rig.error(
+                path, f"{at_s:g} s is after the end of the run at {end_s:g} s{duration}"
+            )
 
 
 def _is_left_from_a_base(rig: Rig, path: str) -> bool:
@@ -122,10 +124,10 @@ def _preparation(rig: Rig, block: Block, settings: dict[str, float]) -> Any:
     """Return what `prepare` makes of settings; None where it refuses them."""
     assert block.prepare is not None, "asked of blocks that prepare"
     try:
-        found = block.prepare(settings, rig.config.rate_hz, rig.config.seed)
+        prepared = block.prepare(settings, rig.config.rate_hz, rig.config.seed)
     except Exception:  # values that nobody gave; those of the rig were prepared before
         return None
     return [
         {key: np.asarray(value, float).tolist() for key, value in part.items()}
-        for part in (found.parameters, found.states)
+        for part in (prepared.parameters, prepared.states)
     ]

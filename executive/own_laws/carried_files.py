@@ -186,16 +186,16 @@ def sha256(file: Path) -> str:
 
 
 def attachments(
-    about: Mapping[str, Any], more: Mapping[str, str]
+    description: Mapping[str, Any], more: Mapping[str, str]
 ) -> Iterator[tuple[str, bytes, str]]:
     """Yield name, content and SHA-256 of what a log holds of a node: texts, `more`, files.
 
     A file that has changed since it was listed is left out.
     """
-    for name, text in {**about["attachments"], **more}.items():
+    for name, text in {**description["attachments"], **more}.items():
         data = text.encode()
         yield name, data, hashlib.sha256(data).hexdigest()
-    for entry in about.get("files", ()):
+    for entry in description.get("files", ()):
         with suppress(OSError):
             data = b"" if entry["left_out"] else Path(entry["path"]).read_bytes()
             if (digest := hashlib.sha256(data).hexdigest()) == entry["sha256"]:

@@ -83,13 +83,13 @@ def is_numba_error(error: BaseException) -> bool:
     )
 
 
-def located_message(where: tuple[str, int] | None, what: str) -> str:
+def located_message(where: tuple[str, int] | None, message: str) -> str:
     """Return `file:line: what, in source`."""
     if where is None:
-        return what
+        return message
     file, line = where
     source = _shortened_line(linecache.getline(file, line).strip())
-    return f"{display_path(Path(file))}:{line}: {what}{f', in `{source}`' if source else ''}"
+    return f"{display_path(Path(file))}:{line}: {message}{f', in `{source}`' if source else ''}"
 
 
 def users_place(frames: TracebackType | None) -> tuple[str, int] | None:

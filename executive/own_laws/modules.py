@@ -41,25 +41,25 @@ def module_of(name: str, file: Path) -> ModuleType:
 
 
 @contextmanager
-def _bounded_import(what: str) -> Iterator[None]:
+def _bounded_import(subject: str) -> Iterator[None]:
     """Name an import that takes long; end it when it computes for ever and compiles nothing."""
     before = compile_cache.watch.done
 
     def say() -> None:
         if compile_cache.watch.done == before:  # else that is said
-            print(f"{what}: still importing; Ctrl-C ends it", file=sys.stderr)
+            print(f"{subject}: still importing; Ctrl-C ends it", file=sys.stderr)
 
-    told = threading.Timer(LONG_S, say)
-    told.start()
+    timer = threading.Timer(LONG_S, say)
+    timer.start()
     try:
         with patience(ENDLESS_S, lambda: compile_cache.watch.done):
             yield
     except StalledError:
         why = f"it does not come to an end, it computed for {ENDLESS_S:g} s"
-        raise ImportError(f"{what}: {why}") from None
+        raise ImportError(f"{subject}: {why}") from None
     finally:
-        told.cancel()
-        told.join()
+        timer.cancel()
+        timer.join()
 
 
 def outside_module(file: Path) -> ModuleType | None:
@@ -79,10 +79,10 @@ def digest_at_import(file: Path) -> str | None:
 
 def opened_files() -> Reads:
     """Return what the imports of this process opened, as far as a log is to carry it."""
-    found: Reads = {}
+    all_reads: Reads = {}
     for reads in _read_by.values():
-        add_reads(found, reads)
-    return found
+        add_reads(all_reads, reads)
+    return all_reads
 
 
 def project_name(file: Path) -> str | None:

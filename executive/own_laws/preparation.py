@@ -60,37 +60,39 @@ def prepared_values(
 
 
 def _check_names(
-    ports: "Sequence[Port]", given: Sequence[str], settings: Mapping[str, float]
+    ports: "Sequence[Port]", names: Sequence[str], settings: Mapping[str, float]
 ) -> None:
     """Raise ValueError for a name that is no port's, and no setting handed on."""
-    others = set(given) - settings.keys() - {port.name for port in ports}
+    others = set(names) - settings.keys() - {port.name for port in ports}
     if others and (others := others - {name for port in ports for name in port.names()}):
         known = {name for port in ports for name in (port.name, *port.names())}
-        name = next(name for name in given if name in others)
+        name = next(name for name in names if name in others)
         raise ValueError(f"prepare gave {name}: no such port{did_you_mean(name, known)}")
 
 
-def _values(ports: "Sequence[Port]", given: Mapping[str, Any], computed: bool) -> Values:
+def _values(ports: "Sequence[Port]", by_name: Mapping[str, Any], computed: bool) -> Values:
     """Return name and value of each element; a port of several is given whole or by element."""
     pairs: Values = []
     for port in ports:
         if port.size == 1:
             default = 0.0 if port.default is None else port.default
-            value = given.get(port.name, default)
+            value = by_name.get(port.name, default)
             pairs.append((port.name, _number(port.name, value) if computed else float(value)))
         else:
-            pairs += _elements(port, given, computed)
+            pairs += _elements(port, by_name, computed)
     return pairs
 
 
-def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
+def _elements(port: "Port", by_name: Mapping[str, Any], computed: bool) -> Values:
     names = _names(port.name, port.size)
     default = 0.0 if port.default is None else port.default
-    if port.name in given:
+    if port.name in by_name:
         try:
-            values = np.asarray(given[port.name], float)
+            values = np.asarray(by_name[port.name], float)
         except (TypeError, ValueError):
-            raise ValueError(f"{port.name}: prepare gave {_short_text(given[port.name])}") from None
+            raise ValueError(
+                f"{port.name}: prepare gave {_short_text(by_name[port.name])}"
+            ) from None
         if values.shape != (port.size,):
             raise ValueError(
                 f"{port.name}: prepare gave shape {values.shape}, expected ({port.size},)"
@@ -98,11 +100,11 @@ def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
         if computed:
             return list(zip(names, _numbers(port.name, values.tobytes()), strict=True))
         pairs = list(zip(names, values.tolist(), strict=True))
-    elif given.keys().isdisjoint(names):
+    elif by_name.keys().isdisjoint(names):
         own = _number(port.name, default) if computed else float(default)
         return [(name, own) for name in names]
     else:
-        pairs = [(name, given.get(name, default)) for name in names]
+        pairs = [(name, by_name.get(name, default)) for name in names]
     return [(name, _number(name, value) if computed else float(value)) for name, value in pairs]
 
 

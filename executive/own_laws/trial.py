@@ -102,9 +102,9 @@ def trial_problem(case: TrialCase) -> str:
         )
     except subprocess.TimeoutExpired:
         return f"{where}: its trial does not return within {limit_s:.0f} s"
-    told = [json.loads(line) for line in child.stdout.splitlines() if line.startswith(b"{")]
-    phase = next((line["phase"] for line in reversed(told) if "phase" in line), "start")
-    if not told or "problem" not in told[-1]:
+    lines = [json.loads(line) for line in child.stdout.splitlines() if line.startswith(b"{")]
+    phase = next((line["phase"] for line in reversed(lines) if "phase" in line), "start")
+    if not lines or "problem" not in lines[-1]:
         end = (
             signal.Signals(-child.returncode).name
             if child.returncode < 0
@@ -112,12 +112,12 @@ def trial_problem(case: TrialCase) -> str:
         )
         said = child.stderr.decode(errors="replace").strip().splitlines()[-1:]
         return ": ".join([where, f"its process ended in its {phase} with {end}", *said])
-    if told[-1]["said"]:
-        print(f"{where}: prints: {told[-1]['said']}", file=sys.stderr)
-    if not told[-1]["problem"]:
+    if lines[-1]["said"]:
+        print(f"{where}: prints: {lines[-1]['said']}", file=sys.stderr)
+    if not lines[-1]["problem"]:
         _passes.add(text)
-        _note_pass(_record_name(case), case, told[-1]["sources"])
-    return str(told[-1]["problem"])
+        _note_pass(_record_name(case), case, lines[-1]["sources"])
+    return str(lines[-1]["problem"])
 
 
 # What is remembered
@@ -249,17 +249,17 @@ def _refuse_exit(*_: Any) -> NoReturn:
 def main(text: str) -> None:
     """Try the law of a case; answer on the original stdout, all else goes to a file of its own."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
-    said = open(os.memfd_create("said"), "r+b", buffering=0)  # noqa: SIM115  to the end
+    output = open(os.memfd_create("said"), "r+b", buffering=0)  # noqa: SIM115  to the end
     for descriptor in (1, 2):
-        os.dup2(said.fileno(), descriptor)
+        os.dup2(output.fileno(), descriptor)
     given, sys.path[:] = json.loads(text)
     case, end = TrialCase(**given), os._exit
     os._exit = os.abort = _refuse_exit  # type: ignore[assignment]
     before = set(sys.modules)
     problem = _problem(case, lambda phase: print(json.dumps({"phase": phase}), file=answers))
     sys.stdout.flush()
-    said.seek(0)
-    words = " ".join(said.read(400).decode(errors="replace").split())
+    output.seek(0)
+    words = " ".join(output.read(400).decode(errors="replace").split())
     answer = {"problem": problem, "said": words[:80], "sources": _sources(before)}
     print(json.dumps(answer), file=answers, flush=True)
     end(0)  # a law's threads are not waited for

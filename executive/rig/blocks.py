@@ -138,14 +138,14 @@ def entries(config: Config, section: Role) -> Iterator[tuple[str, BlockEntry]]:
 def _settings(
     document: Document,
     keys: Keys,
-    given: Mapping[str, float],
+    values: Mapping[str, float],
     block: "Block",
     shared: Mapping[str, Shared],
     places: dict[str, str],
 ) -> dict[str, float]:
     """Return all settings of a block in the order of its ports; their places go to `places`."""
     ports = {name: port for port in block.settings for name in port.names()}
-    for name in given:
+    for name in values:
         if name not in ports:
             its_keys = (*keys, "parameters", name)
             raise document.error(its_keys, f"unknown parameter{did_you_mean(name, ports)}")
@@ -156,8 +156,8 @@ def _settings(
             parameter, source, its_keys = shared[name]
             what = f"unit '{parameter.unit}' where block {keys[-1]} has '{port.unit}'"
             raise source.error((*its_keys, "unit"), what)
-        if name in given:
-            settings[name] = given[name]
+        if name in values:
+            settings[name] = values[name]
         elif name in shared:
             parameter, source, its_keys = shared[name]
             settings[name] = parameter.value
@@ -172,8 +172,8 @@ def _settings(
     return settings
 
 
-def _check_range(source: Document, at: Keys, name: str, port: "Port", value: float) -> None:
+def _check_range(source: Document, its_keys: Keys, name: str, port: "Port", value: float) -> None:
     if not (port.low <= value <= port.high and math.isfinite(value)):
         unit = f" {port.unit}" if port.unit else ""
         what = f"{value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
-        raise source.error(at, f"{name}: {what}" if source.place(at).option else what)
+        raise source.error(its_keys, f"{name}: {what}" if source.place(its_keys).option else what)

@@ -17,13 +17,13 @@ def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> BusReque
     """Return what `can.choice` needs to know; `named` is a --bus option, before the rig's."""
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
-    asked = (config.bus.interface, channel) if named is None else buses.parse(named)
+    address = (config.bus.interface, channel) if named is None else buses.parse(named)
     second = [one.bus for one in config.plants.values() if one.bus is not None]
     beside = any((one.interface, one.channel) == ("auto", None) for one in second)
     count = 1 + (beside or (config.local is not None and config.local.bus is None))
     if config.bus.emulate is not None:  # all its sides, and that between local node and plant
         count += len(on_line(rig)) - 1 + (config.xcp_on_can is not None)
-    return BusRequest(*asked, rig=config.rig, roles=roles, count=count)
+    return BusRequest(*address, rig=config.rig, roles=roles, count=count)
 
 
 def second_bus(rig: Rig, bus: buses.BusAddress, role: Role) -> buses.BusAddress | None:
@@ -36,10 +36,12 @@ def second_bus(rig: Rig, bus: buses.BusAddress, role: Role) -> buses.BusAddress 
     if local is None and rig.config.bus.emulate is not None:
         return side_of(rig, bus, role) if role in plants else None
     bus = side_of(rig, bus, "local")
-    own = [one.bus for name, one in plants.items() if role in (name, "executive") and one.bus]
-    if local is None and not own:
+    second_buses = [
+        one.bus for name, one in plants.items() if role in (name, "executive") and one.bus
+    ]
+    if local is None and not second_buses:
         return None
-    keys = own[0] if local is None else local.bus
+    keys = second_buses[0] if local is None else local.bus
     if keys is None:
         return buses.neighbour_of(bus)
     channel = None if keys.channel is None else str(keys.channel)

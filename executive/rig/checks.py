@@ -126,12 +126,12 @@ def _overrun(document: Document, config: Config) -> Problems:
 
 def _keep(config: Config) -> Problems:
     if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
-        what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
-        yield ("record", "keep"), what
+        problem = f"{config.record.keep}: expected more than 0 and no more than 12 days"
+        yield ("record", "keep"), problem
     every = config.record.keyframe_ns
     if every and not _SHORTEST_KEYFRAME_NS <= every <= _LONGEST_KEEP_NS:
-        what = f"{config.record.keyframe}: expected 100ms to 12 days, or 0s for none"
-        yield ("record", "keyframe"), what
+        problem = f"{config.record.keyframe}: expected 100ms to 12 days, or 0s for none"
+        yield ("record", "keyframe"), problem
 
 
 def _xcp(config: Config) -> Problems:
@@ -226,10 +226,10 @@ def evaluation(document: Document, config: Config) -> Evaluation | None:
     numbers = dict(config.evaluation)
     named = {key: numbers.pop(key) for key in ("file", "window_s") if key in numbers}
     named.setdefault("window_s", [0.0, config.duration_s])
-    given = convert(document, named, Evaluation, ("evaluation",))
-    if not 0 <= given.window_s[0] < given.window_s[1]:
+    declared = convert(document, named, Evaluation, ("evaluation",))
+    if not 0 <= declared.window_s[0] < declared.window_s[1]:
         raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
-    shipped = project_file(given.file)
-    file = document.file(("evaluation", "file"), given.file) if shipped is None else shipped
+    shipped = project_file(declared.file)
+    file = document.file(("evaluation", "file"), declared.file) if shipped is None else shipped
     own_numbers = convert(document, numbers, dict[str, float], ("evaluation",))
-    return msgspec.structs.replace(given, file=str(file), numbers=own_numbers)
+    return msgspec.structs.replace(declared, file=str(file), numbers=own_numbers)

@@ -15,16 +15,16 @@ def commands(rig: Rig, role: Role, sent: Iterable[str]) -> dict[str, Limit]:
     What the other node's watchdog substitutes is a command: it is safe in FAULT and at the end.
     """
     nodes = rig.nodes()
-    theirs = {
+    safe_values = {
         name: value
         for other in rig.roles
         if other != role
         for name, value in nodes[other].safe.items()
     }
-    given = dict(nodes[role].limits)
-    given |= {name: Limit() for name in sent if name in theirs and name not in given}
+    declared = dict(nodes[role].limits)
+    declared |= {name: Limit() for name in sent if name in safe_values and name not in declared}
     limits = {}
-    for name, limit in given.items():
-        safe = theirs.get(name, 0.0) if limit.safe is None else limit.safe
+    for name, limit in declared.items():
+        safe = safe_values.get(name, 0.0) if limit.safe is None else limit.safe
         limits[name] = msgspec.structs.replace(limit, safe=min(max(safe, limit.low), limit.high))
     return limits

@@ -37,11 +37,11 @@ def file_keys_of(kind: type[Keyed]) -> dict[str, tuple[Any, bool]]:
     return keys
 
 
-def as_data(whole: Keyed) -> dict[str, Any]:
+def as_data(keyed: Keyed) -> dict[str, Any]:
     """Return all values under the keys that they have in a file."""
     data: dict[str, Any] = {}
-    for key, value in msgspec.to_builtins(whole).items():
-        data |= value if key in whole.spread else {key: value}
+    for key, value in msgspec.to_builtins(keyed).items():
+        data |= value if key in keyed.spread else {key: value}
     return data
 
 

@@ -22,12 +22,14 @@ def data(
     document: Document, config: Config, specs: Mapping[Role, Sequence[BlockSpec]]
 ) -> dict[str, Any]:
     """Return a rig's data with all values of its blocks."""
-    whole = as_data(config)
-    for keys in file_keys(whole):
-        value_at(whole, keys[:-1])[keys[-1]] = rebased_path(document, keys, value_at(whole, keys))
+    rig_data = as_data(config)
+    for keys in file_keys(rig_data):
+        value_at(rig_data, keys[:-1])[keys[-1]] = rebased_path(
+            document, keys, value_at(rig_data, keys)
+        )
     for role, blocks in specs.items():
         for block in blocks:
-            entry = value_at(whole, law_keys(config, role, block.name))
+            entry = value_at(rig_data, law_keys(config, role, block.name))
             entry["parameters"] = dict(block.settings)
             if block.table:
                 entry["file"] = table_name(role, block, config)
@@ -35,15 +37,15 @@ def data(
                 entry["signal"] = None
                 entry["interpolation"] = entry["interpolation"] or "hold"
     if config.xcp is None:
-        del whole["xcp"]
+        del rig_data["xcp"]
     for role in config.plants:
-        plant = whole[role]
+        plant = rig_data[role]
         plant["parameters_file"] = None
         if plant["drive"] is not None and plant["drive"]["eds"] is not None:
             plant["drive"]["eds"] = eds_name(role)
         if plant["bus"] is None:
             del plant["bus"]
-    return whole
+    return rig_data
 
 
 def eds_name(role: Role) -> str:
@@ -60,14 +62,14 @@ def _is_fmu(role: Role, block: BlockSpec, config: Config) -> bool:
     return config.sections[role].blocks[block.name].law == fmu.LAW
 
 
-def file_keys(whole: Mapping[str, Any]) -> list[Keys]:
+def file_keys(rig_data: Mapping[str, Any]) -> list[Keys]:
     """Return the paths of all values of a rig that name a file or a law."""
     keys: list[Keys] = [("dbc",), ("evaluation", "file")]
     keys += [(role, "parameters_file") for role in PLANTS]
-    keys += [("controllers", name, "law") for name in whole["controllers"]]
-    for role in (role for role in ROLES if whole.get(role) is not None):
-        keys += [(role, "blocks", name, "law") for name in whole[role]["blocks"]]
-    return [key for key in keys if value_at(whole, key) is not None]
+    keys += [("controllers", name, "law") for name in rig_data["controllers"]]
+    for role in (role for role in ROLES if rig_data.get(role) is not None):
+        keys += [(role, "blocks", name, "law") for name in rig_data[role]["blocks"]]
+    return [key for key in keys if value_at(rig_data, key) is not None]
 
 
 def rebased_path(document: Document, keys: Keys, text: str) -> str:
@@ -82,8 +84,8 @@ def rebased_path(document: Document, keys: Keys, text: str) -> str:
     return Path(os.path.relpath(file, document.path.parent)).as_posix() + colon + attribute
 
 
-def value_at(whole: Any, keys: Keys) -> Any:
+def value_at(value: Any, keys: Keys) -> Any:
     """Return the value at a path; None where there is none."""
     for key in keys:
-        whole = whole.get(key) if isinstance(whole, Mapping) else None
-    return whole
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value

@@ -180,18 +180,18 @@ class Condition(Term):
 
 def condition(text: str, units: Units) -> Condition:
     """Return the condition that a text states; ExpressionError."""
-    whole = _Reader(text, units).whole()
-    if isinstance(whole, Value):
-        raise ExpressionError(f"{text} is a value; expected a condition, like {whole.text} > 0")
-    return whole
+    parsed = _Reader(text, units).whole()
+    if isinstance(parsed, Value):
+        raise ExpressionError(f"{text} is a value; expected a condition, like {parsed.text} > 0")
+    return parsed
 
 
 def value(text: str, units: Units) -> Value:
     """Return the value that a text states; ExpressionError."""
-    whole = _Reader(text, units).whole()
-    if isinstance(whole, Condition):
+    parsed = _Reader(text, units).whole()
+    if isinstance(parsed, Condition):
         raise ExpressionError(f"{text} is a condition; expected a value")
-    return whole
+    return parsed
 
 
 def comparison(a: Value, sign: str, b: Value) -> Condition:
@@ -285,24 +285,24 @@ class _Reader:
             raise self.wrong(f"needs a condition for {part.text}, like {part.text} > 0")
         return part
 
-    def _call(self, text: str, name: str, given: list[Value]) -> Value:
+    def _call(self, text: str, name: str, arguments: list[Value]) -> Value:
         op = _FUNCTIONS.get(name, "")
-        if op in ("minimum", "maximum") and len(given) > 1:
-            return reduce(lambda a, b: _combination(text, op, a, b), given)
-        if op not in _UNIT_AFTER or len(given) != 1:
+        if op in ("minimum", "maximum") and len(arguments) > 1:
+            return reduce(lambda a, b: _combination(text, op, a, b), arguments)
+        if op not in _UNIT_AFTER or len(arguments) != 1:
             raise self.wrong(
                 "calls an unknown function; known: abs sqrt rate of one value, min max of several"
             )
-        (argument,) = given
+        (argument,) = arguments
         return Value(op, (argument,), argument.unit and _UNIT_AFTER[op](argument.unit), text)
 
 
-def _constant(text: str, number: Fraction, own: Unit | None) -> Value:
+def _constant(text: str, number: Fraction, own_unit: Unit | None) -> Value:
     try:
         float(number)
     except OverflowError:
         raise ExpressionError(f"{text} is beyond the range of a float") from None
-    return Value("number", (number,), own, text)
+    return Value("number", (number,), own_unit, text)
 
 
 def _product(text: str, op: str, a: Value, b: Value) -> Value:
@@ -321,13 +321,13 @@ def _combination(text: str, op: str, a: Value, b: Value) -> Value:
     return _folded(text, op, a.unit, a, b)
 
 
-def _folded(text: str, op: str, own: Unit | None, a: Value, b: Value) -> Value:
+def _folded(text: str, op: str, own_unit: Unit | None, a: Value, b: Value) -> Value:
     """Return what two values give, of two constants a constant."""
     if a.number is None or b.number is None:
-        return Value(op, (a, b), own, text)
+        return Value(op, (a, b), own_unit, text)
     if op == "divide" and not b.number:
         raise ExpressionError(f"{text} divides by 0")
-    return _constant(text, _EXACT[op](a.number, b.number), own)
+    return _constant(text, _EXACT[op](a.number, b.number), own_unit)
 
 
 def _in_one_unit(a: Value, b: Value, text: str) -> tuple[Value, Value]:

@@ -87,35 +87,35 @@ def read_fmu(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Block,
     for name in entry.inputs:
         if inputs.get(name, name) not in inputs.values():
             raise document.error((*keys, "inputs", name), _no_input(model, name, file))
-    here = msgspec.structs.replace(
+    renamed = msgspec.structs.replace(
         entry,
         inputs=_by_own_names(document, (*keys, "inputs"), entry.inputs, inputs),
         parameters=_by_own_names(document, (*keys, "parameters"), entry.parameters, settings),
     )
     own = None if file.suffix == ".json" else file
     try:
-        block = fmu_block.block(model, own, here.inputs)
+        block = fmu_block.block(model, own, renamed.inputs)
     except ValueError as error:  # names of a log that somebody else wrote
         raise document.error((*keys, "file"), str(error)) from None
-    return block, msgspec.json.encode(model).decode() + "\n", here
+    return block, msgspec.json.encode(model).decode() + "\n", renamed
 
 
 def _by_own_names(
-    document: Document, keys: Keys, given: Mapping[str, Any], names: Mapping[str, str]
+    document: Document, keys: Keys, by_fmu_name: Mapping[str, Any], names: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return a mapping by the names here, where it goes by the FMU's own; places go along."""
-    own = {name: names.get(name, name) for name in given}
+    own_names = {name: names.get(name, name) for name in by_fmu_name}
     places = places_in(reduce(child, keys, document.data))
-    places |= {own[name]: places[name] for name in given if name in places}
-    return {own[name]: value for name, value in given.items()}
+    places |= {own_names[name]: places[name] for name in by_fmu_name if name in places}
+    return {own_names[name]: value for name, value in by_fmu_name.items()}
 
 
 def _no_input(model: FmuModel, name: str, file: Path) -> str:
     """Return what is wrong with a wired name."""
-    found = next((one for one in model.variables if name in (one.given, one.name)), None)
-    if found is not None:
-        what = "starts there" if found.role == START else f"is of causality {found.role}"
-        return f"{found.given} of {file.name} {what}; only inputs are wired"
+    variable = next((one for one in model.variables if name in (one.given, one.name)), None)
+    if variable is not None:
+        what = "starts there" if variable.role == START else f"is of causality {variable.role}"
+        return f"{variable.given} of {file.name} {what}; only inputs are wired"
     known = [one.given for one in model.of(INPUT)]
     return f"{file.name} has no input {name}{did_you_mean(name, known)}"
 
@@ -211,14 +211,16 @@ def _version(file: Path) -> str:
 
 def _variables(description: Any) -> Iterator[FmuVariable]:
     """Yield the numbers of a description that are inputs, outputs, parameters or starts."""
-    taken: set[str] = {"fmi_address", "fmi_status"}
+    used_names: set[str] = {"fmi_address", "fmi_status"}
     for variable in description.modelVariables:
         if variable.type not in _NUMBERS or variable.alias is not None:
             continue
         roles = [*_roles(variable)]
         for element, name in _elements(variable):
             for role, ending in roles:
-                yield _variable(variable, role, element, name, _unique_name(name + ending, taken))
+                yield _variable(
+                    variable, role, element, name, _unique_name(name + ending, used_names)
+                )
 
 
 def _roles(variable: Any) -> Iterator[tuple[str, str]]:
@@ -252,10 +254,10 @@ def _elements(variable: Any) -> Iterator[tuple[int, str]]:
         yield from ((i, f"{variable.name}[{i + 1}]") for i in range(size))
 
 
-def _variable(variable: Any, role: str, element: int, name: str, here: str) -> FmuVariable:
+def _variable(variable: Any, role: str, element: int, name: str, own_name: str) -> FmuVariable:
     declared = variable.declaredType
     text = variable.unit or (declared.unit if declared is not None else "") or ""
-    about = " ".join((variable.description or "").split())
+    description = " ".join((variable.description or "").split())
     low, high = (
         _number(end if end is not None else getattr(declared, side, None))
         for end, side in ((variable.min, "min"), (variable.max, "max"))
@@ -266,7 +268,7 @@ def _variable(variable: Any, role: str, element: int, name: str, here: str) -> F
     if role == "parameter" and start is None:
         start = 0.0
     return FmuVariable(
-        name=here,
+        name=own_name,
         given=name,
         role=role,
         kind=variable.type,
@@ -276,7 +278,7 @@ def _variable(variable: Any, role: str, element: int, name: str, here: str) -> F
         start=start,
         low=low,
         high=high,
-        help=about or f"{name} of the FMU",
+        help=description or f"{name} of the FMU",
         tunable=role == "parameter" and variable.variability == "tunable",
     )
 
@@ -295,13 +297,13 @@ def _number(text: Any, element: int = 0) -> float | None:
         return None
 
 
-def _unique_name(name: str, taken: set[str]) -> str:
+def _unique_name(name: str, used_names: set[str]) -> str:
     """Return the name of a variable as an identifier, with a number if that is taken."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     word = word if re.match("[A-Za-z]", word) else f"v_{word}"
     unique, number = word, 1
-    while unique in taken:
+    while unique in used_names:
         number += 1
         unique = f"{word}_{number}"
-    taken.add(unique)
+    used_names.add(unique)
     return unique

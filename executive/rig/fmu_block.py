@@ -94,16 +94,16 @@ def block(model: FmuModel, file: Path | None, wired: Mapping[str, str]) -> Block
 
 def _ports(kind: str, variables: list[FmuVariable]) -> Any:
     """Return a declaration with a port of one value for each variable, under its name."""
-    made = {
+    ports = {
         f"v{i}": port(
-            one.unit,
-            one.help,
-            one.start,
-            -float("inf") if one.low is None else one.low,
-            float("inf") if one.high is None else one.high,
-            named=one.name,
+            variable.unit,
+            variable.help,
+            variable.start,
+            -float("inf") if variable.low is None else variable.low,
+            float("inf") if variable.high is None else variable.high,
+            named=variable.name,
             shape=1,
         )
-        for i, one in enumerate(variables)
+        for i, variable in enumerate(variables)
     }
-    return type(kind, (Ports,), {"__doc__": "Of an FMU.", **made})
+    return type(kind, (Ports,), {"__doc__": "Of an FMU.", **ports})

@@ -73,10 +73,10 @@ def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
         absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
         if absent and f"{full_name}.".startswith(f"{absent}."):
             cure = did_you_mean(module_name, shipped_laws()) if is_bare else ""
-            what = "law" if is_bare else "module"
-            raise document.error(its_keys, f"no {what} {full_name}{cure}") from None
-        what = "" if is_numba_error(error) else f"{module_name} cannot be imported: "
-        raise document.error(its_keys, f"{what}{cause(error)}") from error
+            phrase = "law" if is_bare else "module"
+            raise document.error(its_keys, f"no {phrase} {full_name}{cure}") from None
+        phrase = "" if is_numba_error(error) else f"{module_name} cannot be imported: "
+        raise document.error(its_keys, f"{phrase}{cause(error)}") from error
     block = getattr(module, name, None)
     if isinstance(block, Block):
         try:
@@ -86,9 +86,9 @@ def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
         return block
     blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
     kind = type(block).__name__
-    what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
+    phrase = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
     cure = did_you_mean(name, blocks) if blocks else f"; end the file with {name} = Block(step)"
-    raise document.error(its_keys, f"{name} of {module_name} {what}{cure}")
+    raise document.error(its_keys, f"{name} of {module_name} {phrase}{cure}")
 
 
 def users_case(law: str, file: Path, use: Use) -> trial.TrialCase | None:

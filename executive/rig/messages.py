@@ -100,12 +100,12 @@ def check_stops(rig: Rig, database: dbc.Database) -> None:
         ("stop_frame", stops.stop_frame, single),
     ):
         if name is not None:
-            what = "signal" if key == "estop" else "frame of GenMsgSendType Event"
-            rig.known(f"supervisor.{key}", name, known, f"node receives a {what}")
+            phrase = "signal" if key == "estop" else "frame of GenMsgSendType Event"
+            rig.known(f"supervisor.{key}", name, known, f"node receives a {phrase}")
     sent = [frame.name for node in nodes for frame in dbc.frames(database, node, "tx")]
     if stops.stop_frame in sent:
-        what = f"{stops.stop_frame} is sent by a node of the rig; leave its sender open"
-        raise rig.error("supervisor.stop_frame", what)
+        phrase = f"{stops.stop_frame} is sent by a node of the rig; leave its sender open"
+        raise rig.error("supervisor.stop_frame", phrase)
     if rig.config.watchdog is not None:
         stop_frame_of(rig)
 
@@ -114,11 +114,11 @@ def stop_frame_of(rig: Rig) -> str:
     """Return the name of the frame by which a watchdog stops a rig; RigError if it could not."""
     stop = rig.config.supervisor.stop_frame
     if stop is None:
-        what = "a watchdog needs a frame that stops the rig; name one as supervisor.stop_frame"
-        raise rig.error("watchdog", f"{what} (docs/bus-safety.md)")
+        problem = "a watchdog needs a frame that stops the rig; name one as supervisor.stop_frame"
+        raise rig.error("watchdog", f"{problem} (docs/bus-safety.md)")
     if "supervisor.state" not in rig.nodes()["executive"].transmit.values():
-        what = "a watchdog does not see the end of a run; transmit supervisor.state, as CMD.mode"
-        raise rig.error("executive.transmit", what)
+        problem = "a watchdog does not see the end of a run; transmit supervisor.state, as CMD.mode"
+        raise rig.error("executive.transmit", problem)
     return stop
 
 
@@ -247,10 +247,10 @@ def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...
     return (frozenset(known - second), *([second] if second else []))
 
 
-def check_no_drive(rig: Rig, what: str) -> None:
-    """Raise RigError, `what` it is, if one of the rig's plants is a drive."""
+def check_no_drive(rig: Rig, problem: str) -> None:
+    """Raise RigError, `problem` it is, if one of the rig's plants is a drive."""
     for role in rig.config.drives:
-        raise rig.error(f"{role}.drive", what)
+        raise rig.error(f"{role}.drive", problem)
 
 
 def fd_frames(rig: Rig) -> list[dbc.Frame]:

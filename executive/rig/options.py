@@ -104,7 +104,7 @@ def rename_earlier_keys(document: Document) -> None:
 
 def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
     """Return the suggestion for a setting that is none: only what this rig has."""
-    own_settings, whole = list(_block_settings(document, config)), as_data(config)
+    own_settings, rig_data = list(_block_settings(document, config)), as_data(config)
     if same := [setting for setting in own_settings if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
     begun = [
@@ -113,15 +113,15 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
     if len(begun) == 1:  # kv for controller.kv_Nms_rad
         return f"; did you mean {begun[0]}?"
     first, _, rest = name.partition(".")
-    missing = first in ("local", "watchdog") and whole[first] is None  # sections on request
-    if rest and (missing or whole.get(first) == {}):  # entries by name, and the rig has none
+    missing = first in ("local", "watchdog") and rig_data[first] is None  # sections on request
+    if rest and (missing or rig_data.get(first) == {}):  # entries by name, and the rig has none
         entry = (
             "".join(f"{{{key}: " for key in rest.split(".")) + "..." + "}" * len(rest.split("."))
         )
         whole_one = f", or --set '{first}.{rest.partition('.')[0]}={{kind: ...}}'"
         cure = f"; write {first}: {entry} into the rig file, then --set can change it"
         return cure + whole_one * (first == "faults")
-    lists = {key for key, at in keys.items() if isinstance(_value_at(whole, at), list)}
+    lists = {key for key, at in keys.items() if isinstance(_value_at(rig_data, at), list)}
     return did_you_mean(name, [*(key for key in keys if key not in lists), *own_settings])
 
 

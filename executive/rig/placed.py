@@ -43,12 +43,12 @@ class PlacedMap(dict[str, Any]):
         super().__init__(data or {})
         self.at = dict(at or {})
 
-    def take(self, key: str, other: "PlacedMap", theirs: str = "") -> None:
-        """Take over a key of another mapping, or what is there under `theirs`, with its places."""
-        theirs = theirs or key
-        self[key] = copied(other[theirs])
-        if theirs in other.at:
-            self.at[key] = other.at[theirs]
+    def take(self, key: str, other: "PlacedMap", other_key: str = "") -> None:
+        """Take over a key of another mapping, or what has `other_key` there, with its places."""
+        other_key = other_key or key
+        self[key] = copied(other[other_key])
+        if other_key in other.at:
+            self.at[key] = other.at[other_key]
 
 
 class Items(list[Any]):

@@ -122,12 +122,12 @@ def _sentence(entry: schema.Requirement) -> str:
 def timed_requirement(entry: schema.Requirement, units: Units) -> TimedRequirement:
     """Return a requirement with its names known and its units checked; RequirementError."""
     form = _form(entry)
-    given = {key: str(value) for key, value in msgspec.to_builtins(entry).items()}
-    seconds = {key: _seconds(given, key) for key in ("within", "for", "after", "before")}
-    expressions = _Part(given, units)
+    texts = {key: str(value) for key, value in msgspec.to_builtins(entry).items()}
+    seconds = {key: _seconds(texts, key) for key in ("within", "for", "after", "before")}
+    expressions = _Part(texts, units)
     window_s = seconds["after"] or 0.0, np.inf if (end := seconds["before"]) is None else end
     if not window_s[0] < window_s[1]:
-        raise RequirementError("before", f"{given['before']} is not later than after")
+        raise RequirementError("before", f"{texts['before']} is not later than after")
     event = expressions.event() if entry.when else None
     until, lasts_s, past = None, seconds["for"], None
     if form in ("always", "never", "then"):
@@ -152,8 +152,8 @@ def timed_requirement(entry: schema.Requirement, units: Units) -> TimedRequireme
 
 def _form(entry: schema.Requirement) -> str:
     """Return the key that tells the form; RequirementError for keys that do not go together."""
-    given = [key for key in msgspec.to_builtins(entry) if key not in _ALSO]
-    forms = [key for key in given if key in _FORMS]
+    keys = [key for key in msgspec.to_builtins(entry) if key not in _ALSO]
+    forms = [key for key in keys if key in _FORMS]
     if len(forms) != 1:
         what = f"{' and '.join(forms)} in one" if forms else "no condition"
         raise RequirementError(
@@ -162,9 +162,9 @@ def _form(entry: schema.Requirement) -> str:
     (form,) = forms
     needs, may = _FORMS[form]
     for key in needs:
-        if key not in given:
+        if key not in keys:
             raise RequirementError(form, f"key {key} is missing")
-    for key in given:
+    for key in keys:
         if key not in (form, *needs, *may):
             known = ", ".join((*needs, *may, "after", "before"))
             raise RequirementError(key, f"does not go with {form}, which takes {known}")
@@ -175,12 +175,12 @@ def _form(entry: schema.Requirement) -> str:
     return form
 
 
-def _seconds(given: Mapping[str, str], key: str) -> float | None:
-    if key not in given:
+def _seconds(texts: Mapping[str, str], key: str) -> float | None:
+    if key not in texts:
         return None
-    ns = round(duration_ns(given[key], zero=True))
+    ns = round(duration_ns(texts[key], zero=True))
     if ns > _LONGEST_NS:
-        raise RequirementError(key, f"{given[key]}: expected no more than 12 days")
+        raise RequirementError(key, f"{texts[key]}: expected no more than 12 days")
     return 1e-9 * ns
 
 
@@ -202,10 +202,10 @@ class _Part:
         except ExpressionError as error:
             raise RequirementError(key, str(error)) from None
 
-    def at_most(self, key: str, one: Value, limit: Value) -> Condition:
+    def at_most(self, key: str, value: Value, limit: Value) -> Condition:
         """Return that a value is no larger than what `key` gives."""
         try:
-            return ex.comparison(one, "<=", limit)
+            return ex.comparison(value, "<=", limit)
         except ExpressionError as error:
             raise RequirementError(key, str(error)) from None
 
@@ -240,7 +240,7 @@ class _Part:
             limit = limit.taken_as(value.unit)
         self.at_most("over", value, over)
         own = value.unit or over.unit or NONE
-        what = ex.column(PAST, own, text=f"overshoot of {value.text}")
+        overshoot = ex.column(PAST, own, text=f"overshoot of {value.text}")
         bound = ex.column(LIMIT, own)
         past = Overshoot(value, over, float(limit.number or 0), relative)
-        return past, ex.comparison(what, "<=", bound)
+        return past, ex.comparison(overshoot, "<=", bound)

@@ -38,16 +38,16 @@ def expand_segments(document: Document) -> None:
 
 
 def _expand(document: Document, keys: Keys, entry: PlacedMap) -> None:
-    its_keys, law, given = (*keys, KEY), entry.get("law"), entry[KEY]
-    if given is not None:  # null: by a rig over its base
+    its_keys, law, listed = (*keys, KEY), entry.get("law"), entry[KEY]
+    if listed is not None:  # null: by a rig over its base
         if law != LAW:
             raise document.error(its_keys, f"only `law: {LAW}` takes segments, got {law}")
-        segments = convert(document, given, list[Segment], its_keys)
+        segments = convert(document, listed, list[Segment], its_keys)
         if not 1 <= len(segments) <= _MOST:
-            what = (
+            problem = (
                 f"{len(segments)} segments, expected 1 to {_MOST}; more: law: table (docs/rig.md)"
             )
-            raise document.error(its_keys, what)
+            raise document.error(its_keys, problem)
         parameters = entry.setdefault("parameters", PlacedMap())
         for number, segment in enumerate(segments, 1):
             if isinstance(parameters, PlacedMap):  # else refused with all other keys
@@ -59,14 +59,14 @@ def _put_parameters(
     document: Document, keys: Keys, parameters: PlacedMap, number: int, segment: Segment
 ) -> None:
     """Put what a segment says into the parameters of its block; RigError."""
-    here = (*keys, KEY, number - 1)
+    its_keys = (*keys, KEY, number - 1)
     if (segment.to is None) != (segment.by == "hold"):
         what = "`to: VALUE` goes with `by: step`, `line` or `quintic`; neither of them: hold"
-        raise document.error(here, what)
+        raise document.error(its_keys, what)
     if not 0.0 <= segment.over_s <= 1e6:
-        raise document.error((*here, "over_s"), f"{segment.over_s:g} is outside 0..1e+06 s")
+        raise document.error((*its_keys, "over_s"), f"{segment.over_s:g} is outside 0..1e+06 s")
     if segment.over_s == 0.0 and segment.by in ("line", "quintic"):
-        raise document.error((*here, "over_s"), f"a {segment.by} takes time; 0 s is `by: step`")
+        raise document.error((*its_keys, "over_s"), f"a {segment.by} takes time; 0 s is `by: step`")
     for name, key, value in (
         (f"to_{number}", "to", segment.to or 0.0),
         (f"over_{number}_s", "over_s", segment.over_s),
@@ -75,4 +75,4 @@ def _put_parameters(
         if name in parameters:
             at = (*keys, "parameters", name)
             raise document.error(at, f"segment {number} gives it; change that one")
-        parameters[name], parameters.at[name] = value, document.place((*here, key))
+        parameters[name], parameters.at[name] = value, document.place((*its_keys, key))

@@ -71,8 +71,8 @@ def read_table(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Bloc
     wanted = [entry.signal] if isinstance(entry.signal, str) else entry.signal or []
     reader = _readers.get(file.suffix)
     if (reader is None) != (not wanted):
-        what = "give `signal: NAME` of the log" if reader else "only a log (.mcap) has signals"
-        raise document.error(keys, what)
+        problem = "give `signal: NAME` of the log" if reader else "only a log (.mcap) has signals"
+        raise document.error(keys, problem)
     if reader is None and entry.interpolation is None:
         raise document.error(keys, "give `interpolation: linear` or `interpolation: hold`")
     numbers = reader(file, wanted) if reader else _read_csv(file)
@@ -80,8 +80,8 @@ def read_table(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Bloc
     for text in numbers.columns:
         column = _COLUMN.fullmatch(text)
         if column is None or column[1] in columns:
-            what = "named twice" if column else "expected a name such as q_d_rad or load [N m]"
-            raise RigError(f"{display_path(file)}: column '{text[:60]}': {what}")
+            problem = "named twice" if column else "expected a name such as q_d_rad or load [N m]"
+            raise RigError(f"{display_path(file)}: column '{text[:60]}': {problem}")
         columns[column[1]] = table.unit_of(column[1]) if column[2] is None else column[2].strip()
     linear = entry.interpolation == "linear"
     block = table.block(numbers.times_s, numbers.values, columns, linear, entry.repeat)
@@ -96,8 +96,8 @@ def _read_csv(file: Path) -> Numbers:
         if not header:
             header = cells
             if header[0] != _TIME or len(header) < 2:
-                what = f"the first line names the columns, {_TIME} first, as `{_TIME}, q_d_rad`"
-                raise RigError(f"{line}: {what}; got '{text[:60]}'")
+                problem = f"the first line names the columns, {_TIME} first, as `{_TIME}, q_d_rad`"
+                raise RigError(f"{line}: {problem}; got '{text[:60]}'")
             continue
         if len(cells) != len(header):
             raise RigError(
@@ -105,8 +105,8 @@ def _read_csv(file: Path) -> Numbers:
             )
         rows.append([_number(line, name, cell) for name, cell in zip(header, cells, strict=True)])
         if len(rows) > 1 and not rows[-2][0] < rows[-1][0]:
-            what = f"{_TIME} {rows[-1][0]:g} is not later than that of the row before"
-            raise RigError(f"{line}: {what}, {rows[-2][0]:g}")
+            problem = f"{_TIME} {rows[-1][0]:g} is not later than that of the row before"
+            raise RigError(f"{line}: {problem}, {rows[-2][0]:g}")
         if len(rows) * (len(header) - 1) > MOST_VALUES:
             raise RigError(f"{line}: more than {MOST_VALUES} values; leave out rows or columns")
     if len(rows) < 2:
@@ -133,11 +133,11 @@ def _cells(text: str) -> list[str]:
     return [cell.strip() for cell in text.split(separator)]
 
 
-def _number(at: str, name: str, text: str) -> float:
+def _number(where: str, name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise RigError(f"{at}: {name}: expected a finite number, got '{text[:40]}'")
+        raise RigError(f"{where}: {name}: expected a finite number, got '{text[:40]}'")
     return value

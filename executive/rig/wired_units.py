@@ -42,16 +42,16 @@ def in_its_unit(
     keys: Keys,
     name: str,
     block: "Block",
-    given: str | None,
+    named_unit: str | None,
     others: Sequence[WiredBlock],
 ) -> "Block":
-    """Return the block `name` in the unit that is `given`, or that the `others` have; RigError."""
+    """Return the block `name` in `named_unit`, or in the unit that the `others` have; RigError."""
     if not is_free(block):
-        if given is not None:
+        if named_unit is not None:
             what = "only references of any unit take it, as law: profiles:step"
             raise document.error((*keys, "unit"), what)
         return block
-    its = _fed_unit(document, keys, name, others) if given is None else given.strip()
+    its = _fed_unit(document, keys, name, others) if named_unit is None else named_unit.strip()
     return block.with_units(lambda text: _derived_unit(text, its))
 
 
@@ -65,19 +65,19 @@ def _fed_unit(document: Document, keys: Keys, name: str, others: Sequence[WiredB
                     continue
                 its = _integrated_unit(ports[target], order)
                 if its is None:
-                    what = f"{source} feeds {other.name}.{target}, whose unit "
+                    problem = f"{source} feeds {other.name}.{target}, whose unit "
                     kind = "a rate" if order == 1 else "an acceleration"
-                    what += f"'{ports[target]}' is not {kind}"
-                    raise document.error(keys, f"{what}; give `unit: ...` for the value")
+                    problem += f"'{ports[target]}' is not {kind}"
+                    raise document.error(keys, f"{problem}; give `unit: ...` for the value")
                 return its
-    what = "no input defines its unit: wire its value to one"
-    raise document.error(keys, f'{what}, or give `unit: m` (`unit: ""`: a plain number)')
+    problem = "no input defines its unit: wire its value to one"
+    raise document.error(keys, f'{problem}, or give `unit: m` (`unit: ""`: a plain number)')
 
 
-def _derived_unit(text: str, given: str) -> str:
-    """Return "?", "?/s" or "?/s2" with `given` in the place of the ?; other texts as they are."""
+def _derived_unit(text: str, its_unit: str) -> str:
+    """Return "?", "?/s" or "?/s2" with `its_unit` for the ?; other texts as they are."""
     head, mark, _ = text.partition("?")
-    return head + unit(given).per_second(unit(text).order).text if mark else text
+    return head + unit(its_unit).per_second(unit(text).order).text if mark else text
 
 
 def _integrated_unit(given: str, order: int) -> str | None:

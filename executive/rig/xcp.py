@@ -29,8 +29,8 @@ def xcp_ids(rig: Rig) -> dict[Role, tuple[int, int]]:
     keys = rig.config.xcp_on_can
     if keys is None:
         return {}
-    taken = {message.frame_id: message.name for message in database_of(rig).messages}
-    taken |= {
+    owners = {message.frame_id: message.name for message in database_of(rig).messages}
+    owners |= {
         number: f"the drive {role}'s"
         for role, drive in rig.config.drives.items()
         for number in range(0x800)
@@ -41,9 +41,9 @@ def xcp_ids(rig: Rig) -> dict[Role, tuple[int, int]]:
         return [(first + 2 * i, second + 2 * i) for i in range(len(rig.roles))]
 
     own = list(chain(*ids(*keys.can)))
-    if clash := next((one for one in own if one in taken or own.count(one) > 1), None):
-        free = next(n for n in chain(*FREE_FROM) if not taken.keys() & {*chain(*ids(n, n + 1))})
-        what = f"the id 0x{clash:X} is {taken.get(clash, 'of two nodes')}, too"
+    if clash := next((one for one in own if one in owners or own.count(one) > 1), None):
+        free = next(n for n in chain(*FREE_FROM) if not owners.keys() & {*chain(*ids(n, n + 1))})
+        what = f"the id 0x{clash:X} is {owners.get(clash, 'of two nodes')}, too"
         raise rig.error("xcp", f"{what}; free is xcp: {{can: [0x{free:X}, 0x{free + 1:X}]}}")
     return dict(zip(rig.roles, ids(*keys.can), strict=True))
 

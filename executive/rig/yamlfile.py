@@ -70,16 +70,16 @@ class Document:
         """Return `file:line:column` (or the option) of `path`, or of what is nearest around it."""
         return str(self.place(path))
 
-    def error(self, path: str | Keys, what: str) -> RigError:
-        """Return the error `file:line:column: path: what`; an option needs no path beside it."""
+    def error(self, path: str | Keys, problem: str) -> RigError:
+        """Return the error `file:line:column: path: problem`; an option needs no path beside it."""
         place, name = self.place(path), dotted_path(path) if isinstance(path, tuple) else path
-        whole = what if place.option or not name else f"{name}: {what}"
+        whole = problem if place.option or not name else f"{name}: {problem}"
         return RigError(f"{place}: {whole}")
 
-    def known(self, path: str | Keys, name: str, names: Collection[str], what: str) -> None:
-        """Raise RigError `no WHAT NAME; did you mean X?` for a name that is not among `names`."""
+    def known(self, path: str | Keys, name: str, names: Collection[str], kind: str) -> None:
+        """Raise RigError `no KIND NAME; did you mean X?` for a name that is not among `names`."""
         if name not in names:
-            raise self.error(path, f"no {what} {name}{did_you_mean(name, names)}")
+            raise self.error(path, f"no {kind} {name}{did_you_mean(name, names)}")
 
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that `text` at `keys` names, from where it was written; RigError."""
@@ -247,10 +247,10 @@ def _read_file(
 def _text_of(file: Path) -> str:
     """Return the text of a regular file; OSError, UnicodeDecodeError."""
     with open_regular(file) as stream:
-        whole = stream.read(MOST_BYTES + 1)
-    if len(whole) > MOST_BYTES:
+        content = stream.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
         raise OSError(0, f"more than {MOST_BYTES >> 20} MiB")
-    return whole.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
 @lru_cache(maxsize=64)  # an experiment loads the same few files a thousand times

@@ -56,10 +56,10 @@ def draw_lines(ax: Any, lines: Iterable[Line], traces: Mapping[str, Any], **look
         values = source(traces) if callable(source) else traces.get(source)
         if values is not None:
             steps = line.style.startswith("steps")
-            own = {"linewidth": line.width, "label": line.label}
-            own |= {"color": line.colour} if line.colour else {}
-            own |= {"drawstyle": line.style} if steps else {}
-            ax.plot(traces["t"], values, "-" if steps else line.style, **{**look, **own})
+            options = {"linewidth": line.width, "label": line.label}
+            options |= {"color": line.colour} if line.colour else {}
+            options |= {"drawstyle": line.style} if steps else {}
+            ax.plot(traces["t"], values, "-" if steps else line.style, **{**look, **options})
 
 
 def columns(

@@ -99,10 +99,10 @@ def joined(*keys: Key) -> Key:
 
 def grouped(results: Iterable[CaseResult], *keys: Key) -> dict[Words, list[CaseResult]]:
     """Return results by their keys, in the order of the cases."""
-    found: dict[Words, list[CaseResult]] = {}
+    groups: dict[Words, list[CaseResult]] = {}
     for result in results:
-        found.setdefault(tuple(str(key(result)) for key in keys), []).append(result)
-    return found
+        groups.setdefault(tuple(str(key(result)) for key in keys), []).append(result)
+    return groups
 
 
 def by_case(results: Iterable[CaseResult], of: str) -> dict[Words, CaseResult]:
@@ -165,16 +165,18 @@ class Column:
 
     def cell(self, runs: Runs, expected: Words, metric: str) -> str:
         """Return the cell of a row of runs, of which this is expected; `metric`: the row's."""
-        own = [run for run in runs if all(str(key(run)) == value for key, value in self.where)]
+        matching = [run for run in runs if all(str(key(run)) == value for key, value in self.where)]
         source = metric if self.source == "" else self.source
         if isinstance(source, int):
             return "".join(expected[source : source + 1])
-        if not own:
+        if not matching:
             return self.absent
         if not isinstance(source, str):
-            return self._printed([source(run) for run in own])
+            return self._printed([source(run) for run in matching])
         names = dict.fromkeys(source.format(joint) for joint in JOINTS)
-        return self.between.join(self._printed([r.metric(name) for r in own]) for name in names)
+        return self.between.join(
+            self._printed([r.metric(name) for r in matching]) for name in names
+        )
 
     def _printed(self, values: list[Any]) -> str:
         return printed(self.of(values), self.text)
@@ -223,21 +225,21 @@ class RunsTable:
 
     def markdown(self, results: Iterable[CaseResult], known: Expected) -> str:
         """Return title and table; `known`: what is expected of a group's row."""
-        own, of = _runs(results, self.group)
+        group_runs, of = _runs(results, self.group)
         rows = [
             [*names, *_cells(self.columns, runs, known(of, *names), metric)]
-            for names, runs, metric in self._rows(own)
+            for names, runs, metric in self._rows(group_runs)
         ]
         heads = (*self.rows, *(column.head for column in self.columns))
         return (f"{self.title}\n\n" if self.title else "") + markdown(heads, rows)
 
-    def _rows(self, own: Runs) -> Iterator[tuple[Words, Runs, str]]:
+    def _rows(self, group_runs: Runs) -> Iterator[tuple[Words, Runs, str]]:
         for name, metric in self.metrics.items():
-            yield (name,), own, metric
-        found = {} if self.metrics else grouped(own, *self.rows.values())
-        firsts = [names[0] for names in found] if self.nested else []
-        for names in sorted(found, key=lambda row: firsts.index(row[0]) if firsts else 0):
-            yield names, found[names], ""
+            yield (name,), group_runs, metric
+        groups = {} if self.metrics else grouped(group_runs, *self.rows.values())
+        firsts = [names[0] for names in groups] if self.nested else []
+        for names in sorted(groups, key=lambda row: firsts.index(row[0]) if firsts else 0):
+            yield names, groups[names], ""
 
 
 @dataclass(frozen=True)

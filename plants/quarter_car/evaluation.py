@@ -48,16 +48,18 @@ def oscillation(judged: Judged) -> float:
         inside = (run.cycle >= first) & (run.cycle < past - 1)
         return np.where(inside & ((here < 0.0) != (there < 0.0)), at, math.nan)
 
-    asked = {
+    merits = {
         "away": Peak(lambda run: run[SPEED] - mean),
         "begin": Lowest(crossings),
         "end": Highest(crossings),
         "count": Count(crossings),
     }
-    found = judged.measured(asked, "plant")
-    if not found["away"] > SMALLEST_OSCILLATION_M_S or found["count"] < 3:
+    figures = judged.measured(merits, "plant")
+    if not figures["away"] > SMALLEST_OSCILLATION_M_S or figures["count"] < 3:
         return math.nan
-    return math.pi * (found["count"] - 1) / ((found["end"] - found["begin"]) * judged.period_s)
+    return (
+        math.pi * (figures["count"] - 1) / ((figures["end"] - figures["begin"]) * judged.period_s)
+    )
 
 
 def stop_m(run: Run) -> float:

@@ -254,10 +254,10 @@ def rest(settings: Mapping[str, float]) -> float:
     if settings["strut"] != PASSIVE:
         return 0.0
     weight, ks = settings["ms_kg"] * settings["gravity_m_s2"], settings["ks_N_m"]
-    left = weight - ks * settings["stop_m"]  # for the lower stop
-    if settings["limits_on"] == 0.0 or left <= 0.0:
+    stop_force = weight - ks * settings["stop_m"]  # for the lower stop
+    if settings["limits_on"] == 0.0 or stop_force <= 0.0:
         return -weight / ks
-    return -(settings["stop_m"] + left / (settings["kb_N_m"] + ks))
+    return -(settings["stop_m"] + stop_force / (settings["kb_N_m"] + ks))
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:

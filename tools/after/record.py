@@ -186,28 +186,28 @@ class Run:
         (n,) with the fields t_s, cycle, sender, id, name, dlc, data: `run.frames["id"]`.
         """
         try:
-            found = play_frames.bus_frames(self.log)
+            played = play_frames.bus_frames(self.log)
         except play_frames.PlayError:
             return np.empty(0, FRAME)
-        table = np.zeros(len(found), FRAME)
-        begin_ns = found.stamp_ns[0] - round(1e9 * found.cycle[0] * self.period_s)
-        table["t_s"] = 1e-9 * (found.stamp_ns - begin_ns)
-        table["cycle"], table["id"] = found.cycle, found.words & 0x1FFFFFFF
-        table["sender"] = np.array(found.senders)[found.sender]
-        known = {number: found.names.get(number, "") for number in set(table["id"].tolist())}
+        table = np.zeros(len(played), FRAME)
+        begin_ns = played.stamp_ns[0] - round(1e9 * played.cycle[0] * self.period_s)
+        table["t_s"] = 1e-9 * (played.stamp_ns - begin_ns)
+        table["cycle"], table["id"] = played.cycle, played.words & 0x1FFFFFFF
+        table["sender"] = np.array(played.senders)[played.sender]
+        known = {number: played.names.get(number, "") for number in set(table["id"].tolist())}
         table["name"] = [known[number] for number in table["id"].tolist()]
-        table["dlc"], table["data"] = found.raw[:, 4], found.raw[:, 8:16]
+        table["dlc"], table["data"] = played.raw[:, 4], played.raw[:, 8:16]
         return table
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
         """States, faults, tunings, skipped periods of all nodes, by cycle; each with its node."""
-        found = [
+        events = [
             {"node": name, **event}
             for name, node in self.log.node.items()
             for event in (*node.events, *node.tunings)
         ]
-        return sorted(found, key=lambda event: int(event.get("cycle", 0)))
+        return sorted(events, key=lambda event: int(event.get("cycle", 0)))
 
     def _signal(self, name: str) -> Vector | None:
         """Return a signal of the rig's evaluation; None if it has no such one."""
@@ -295,12 +295,12 @@ class Run:
         words = {key.removesuffix("_"): value for key, value in entry.items()}
         try:
             asked = msgspec.convert(words, Requirement)
-            (found,) = results([asked], self._judged_run)
+            (result,) = results([asked], self._judged_run)
         except (msgspec.ValidationError, RequirementError) as error:
             raise UserError(f"require: {error}") from None
-        if not found.held:
-            raise NotOk(str(found))
-        return found
+        if not result.held:
+            raise NotOk(str(result))
+        return result
 
     @property
     def verdict(self) -> str:
@@ -327,10 +327,10 @@ class Run:
                 about = self.metrics, place, self.requirements
                 if reason := self._judge.draw(self.log, *about):
                     raise UserError(f"{self.path}: {reason}")
-            found = Figure(place.read_bytes())
+            figure = Figure(place.read_bytes())
         if path is not None:
-            found.save(path)
-        return found
+            figure.save(path)
+        return figure
 
     def report(self, path: str | Path) -> Path:
         """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
@@ -366,10 +366,10 @@ class Run:
         """
         from pcpc.tools.after.replay import replay  # time
 
-        own = changes.pop("controller", None), settings(changes.pop("set", {}))
+        options = changes.pop("controller", None), settings(changes.pop("set", {}))
         if changes:
             raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")
-        return replay(self._opened, Progress(quiet=True), "all", *own)
+        return replay(self._opened, Progress(quiet=True), "all", *options)
 
     def differences(self, other: "Run") -> list[Difference]:
         """Return where bits differ, as `compare --bits`."""

@@ -24,20 +24,20 @@ def run_digest(log: Log) -> str:
 
 def digest_of(log: Log, names: Mapping[str, Sequence[str]], cycles: int) -> str:
     """Return the digest of these columns of the nodes, in this order, and of so many cycles."""
-    whole = hashlib.sha256()
+    digest = hashlib.sha256()
     for role, columns in names.items():
         if not columns:
             continue
         table = np.stack([log.node[role].columns[name] for name in columns])[:, :cycles].T
         words = np.ascontiguousarray(table, "<f8").view(np.uint64)
-        whole.update(np.where(np.isnan(table), np.uint64(NAN), words).tobytes())
-    return whole.hexdigest()
+        digest.update(np.where(np.isnan(table), np.uint64(NAN), words).tobytes())
+    return digest.hexdigest()
 
 
-def _block_columns(about: NodeDescription) -> list[str]:
+def _block_columns(description: NodeDescription) -> list[str]:
     """Return what is digested of a node."""
-    recorded = {*about["state_columns"]}
-    named = [(name, kind, writer) for name, _, kind, writer, *_ in about["variables"]]
+    recorded = {*description["state_columns"]}
+    named = [(name, kind, writer) for name, _, kind, writer, *_ in description["variables"]]
     return [name for name in in_order(named) if name in recorded]
 
 

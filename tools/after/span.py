@@ -63,13 +63,13 @@ def chosen_variables(known: dict[str, str], words: Sequence[str]) -> set[str]:
     """
     if not words:
         return {name for name, kind in known.items() if kind != "parameter"}
-    found: set[str] = set()
+    chosen: set[str] = set()
     for word in words:
         matched = {name for name in known if fnmatchcase(name, word)}
         if not matched:
             raise UserError(f"--show {word}: no such variable{did_you_mean(word, known)}")
-        found |= matched
-    return found
+        chosen |= matched
+    return chosen
 
 
 class ValuePrinter:
@@ -90,11 +90,11 @@ class ValuePrinter:
             roles = " and ".join(node.role for node in having)
             raise UserError(f"--show: {roles} have such variables; choose one with --node")
         self._node = having[0]
-        about = self._node.replay
+        replay = self._node.replay
         self._node.recorded.alone = self._first
-        self._loop, self._period_s = about.block.loop, 1e-9 * about.block.description["period_ns"]
-        kept = [one for one in variables_of(about) if one.name in names]
-        self._place = [about.plan.table.index[one.name] for one in kept]
+        self._loop, self._period_s = replay.block.loop, 1e-9 * replay.block.description["period_ns"]
+        kept = [one for one in variables_of(replay) if one.name in names]
+        self._place = [replay.plan.table.index[one.name] for one in kept]
         heads = [f"{one.name} [{one.unit}]" if one.unit else one.name for one in kept]
         print(",".join(["t_s", "cycle", *heads]))
         self._past = self._first

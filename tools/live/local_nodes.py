@@ -37,12 +37,12 @@ class Nodes:
 
     def leader(self, rig: str, node: str = "executive") -> Live:
         """Return the node that is meant of a rig's run, "" for any; LiveError with what runs."""
-        found = self.running(rig) if rig else {}
-        if rig and not found:
+        lives = self.running(rig) if rig else {}
+        if rig and not lives:
             runs = sorted({str(one.block.description["rig"]) for one in self.running().values()})
             other = f"there are runs of {', '.join(runs)}" if runs else "`pcpc run RIG` starts one"
             raise LiveError(f"{rig}: no run of this rig; {other}", Exit.ENVIRONMENT)
-        runs = sorted({one.run for one in found.values()})
+        runs = sorted({one.run for one in lives.values()})
         if len(runs) > 1 and node == "executive":
             raise LiveError(f"{rig}: {len(runs)} runs of this rig; choose {' or '.join(runs)}")
         return self.find(node, rig)

@@ -55,25 +55,25 @@ def states(live: Live) -> list[State]:
     present ones.
     """
     rows, first = live.rows("event", 0)
-    whole = first == 0 and not live.block.ends("event").dropped
+    is_whole = first == 0 and not live.block.ends("event").dropped
     rows = rows[rows[:, OfEvent.CODE] == Event.TUNING]
-    names, own = list(live.variables), set(live.block.description.get("blocks", ()))
-    given = live.block.description.get("initial", {}) if whole else {}
+    names, blocks = list(live.variables), set(live.block.description.get("blocks", ()))
+    given = live.block.description.get("initial", {}) if is_whole else {}
     state: State = {
         name: given[name] for at in rows[:, OfEvent.ARGUMENT] if (name := names[at]) in given
     }
-    found = [state]
+    history = [state]
     for _, group in groupby(rows, key=lambda row: row[OfEvent.CYCLE]):
         state = dict(state)
         for row in group:
             name = names[row[OfEvent.ARGUMENT]]
-            if name.partition(".")[0] in own:  # faults, resets and stops are no tunings
+            if name.partition(".")[0] in blocks:  # faults, resets and stops are no tunings
                 state[name] = float(row[OfEvent.BITS :].view(np.float64)[0])
-        if state in found:
-            del found[found.index(state) + 1 :]
+        if state in history:
+            del history[history.index(state) + 1 :]
         else:
-            found.append(state)
-    return found
+            history.append(state)
+    return history
 
 
 def undo_changes(live: Live, count: int = 1) -> State:
@@ -100,9 +100,11 @@ def undo_changes(live: Live, count: int = 1) -> State:
 def _save(request: SaveRequest) -> None:
     live = Nodes().chosen(request.node)
     values, settings = live.read(), _settings(live.block.description)
-    given = live.block.description.get("initial", {})
+    initial = live.block.description.get("initial", {})
     chosen = [
-        name for name in given if values[name] != given[name] or (request.all and name in settings)
+        name
+        for name in initial
+        if values[name] != initial[name] or (request.all and name in settings)
     ]
     rig, file = live.block.description, str(request.file)
     lines = [
@@ -114,28 +116,28 @@ def _save(request: SaveRequest) -> None:
     for name in chosen:
         one = live.variables[name]
         low, high = one.range or (-math.inf, math.inf)
-        about = f"{' '.join(one.help.split())}; {low:.9g}..{high:.9g} {one.unit}".rstrip()
-        about += f"; rig {given[name]:.9g}" if values[name] != given[name] else ""
-        about += "" if name in settings else "; computed by its law: only `load` takes it"
-        lines += ["", *screen.wrapped_lines(about, "# "), f"{name}: {values[name]!r}"]
+        comment = f"{' '.join(one.help.split())}; {low:.9g}..{high:.9g} {one.unit}".rstrip()
+        comment += f"; rig {initial[name]:.9g}" if values[name] != initial[name] else ""
+        comment += "" if name in settings else "; computed by its law: only `load` takes it"
+        lines += ["", *screen.wrapped_lines(comment, "# "), f"{name}: {values[name]!r}"]
     with new_file(request.file, request.force) as path:
         path.write_text("\n".join([*lines, *([] if chosen else ["{}"])]) + "\n", "utf-8")
-    changed = sum(values[name] != given[name] for name in chosen)
+    changed = sum(values[name] != initial[name] for name in chosen)
     many = "parameter" if len(chosen) == 1 else "parameters"
     print(f"{request.file}: {len(chosen)} {many} of {live.name}, {changed} changed")
 
 
-def _settings(about: Mapping[str, Any]) -> set[str]:
+def _settings(description: Mapping[str, Any]) -> set[str]:
     """Return the parameters of blocks that a rig gives, others are computed; UserError."""
     try:
-        data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
+        data = yamlfile.load("rig.yaml", description["attachments"]["rig-resolved.yaml"]).data
         laws = data["controllers"]
-        blocks = data[about["node"]]["blocks"] | {"controller": laws[data["controller"]]}
+        blocks = data[description["node"]]["blocks"] | {"controller": laws[data["controller"]]}
         blocks |= {name: laws[name] for name in data["standby"]}
         names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
         return names | {f"handover.{name}" for name in data["handover"]}
     except (KeyError, TypeError, AttributeError):
-        what = f"{about['name']}: sent no valid description of its rig; what answers there?"
+        what = f"{description['name']}: sent no valid description of its rig; what answers there?"
         raise UserError(what, Exit.ENVIRONMENT) from None
 
 

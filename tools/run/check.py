@@ -99,25 +99,25 @@ def _try_laws(rig: Rig) -> list[str]:
     Return a line for each thing in them that has other bits, or does other things, elsewhere.
     """
     config = rig.config
-    found: list[str] = []
+    warnings: list[str] = []
     blocks = [block for role in config.sections for block in rig.nodes()[role].blocks]
-    for block, (at, law) in zip(blocks, rig.laws(), strict=True):
+    for block, (keys, law) in zip(blocks, rig.laws(), strict=True):
         module = law.partition(":")[0]
-        file = rig.document.file(at, module) if module.endswith(".py") else Path()
+        file = rig.document.file(keys, module) if module.endswith(".py") else Path()
         use = Use(block.settings, config.rate_hz, config.seed)
         case = users_case(law, file, use)
         if case is None:
             continue
         if problem := trial.trial_problem(case):
-            raise rig.document.error(at, problem)
-        found += filter(None, [lane_words.lanes_problem(block.block)])
+            raise rig.document.error(keys, problem)
+        warnings += filter(None, [lane_words.lanes_problem(block.block)])
         text = Path(case.file).read_text("utf-8")
-        found += [law_errors.located_message((case.file, line), what)
+        warnings += [law_errors.located_message((case.file, line), what)
                   for line, what in lane_words.decisions(text)]  # fmt: skip
         for line, name in purity.warnings(text):
             where = law_errors.located_message((case.file, line), f"{name} in a step")
-            found += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
-    return list(dict.fromkeys(found))
+            warnings += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
+    return list(dict.fromkeys(warnings))
 
 
 def _try_drawing(rig: Rig) -> list[str]:
@@ -183,14 +183,14 @@ def _wiring(made: Plan) -> list[Wire]:
 
 
 def _frame(frame: dbc.Frame, rate_hz: float) -> CheckedFrame:
-    every = frame.every_n(rate_hz)
+    every_cycles = frame.every_n(rate_hz)
     return CheckedFrame(
         id=frame.can_id,
         extended=frame.extended,
         name=frame.name,
         bytes=frame.dlc,
-        every_cycles=every,
-        period_ms=1000.0 * every / rate_hz,
+        every_cycles=every_cycles,
+        period_ms=1000.0 * every_cycles / rate_hz,
         protected=frame.protected,
         crc_bits=8 * frame.crc[0],
         signals=[signal.name for signal in frame.signals],
@@ -202,17 +202,17 @@ def _bus(rig: Rig) -> CheckedBus:
     """Return the worst-case load at several rates, and the rate that fills the bus."""
     config = rig.config
     bits = config.bus.bits_per_s
-    found = CheckedBus(config.bus.interface, config.bus.channel, bits)
+    checked = CheckedBus(config.bus.interface, config.bus.channel, bits)
     if bits is None:
-        return found
+        return checked
     database = dbc.load(rig.dbc)
     rates = sorted({*_RATES_HZ, config.rate_hz})
     load = {rate: bus_load(rig, database, rate, bits) for rate in rates}
     slow = bus_load(rig, database, 0.0, bits)  # frames with a time of their own
     per_hz = (load[config.rate_hz] - slow) / config.rate_hz
-    found.load = [Load(rate, round(share, 6)) for rate, share in load.items()]
-    found.highest_rate_hz = int((1.0 - slow) / per_hz) if per_hz > 0.0 else None
-    return found
+    checked.load = [Load(rate, round(share, 6)) for rate, share in load.items()]
+    checked.highest_rate_hz = int((1.0 - slow) / per_hz) if per_hz > 0.0 else None
+    return checked
 
 
 def _unwired_lines(made: Plan) -> Iterator[str]:
@@ -234,11 +234,11 @@ def _narrow(made: Plan) -> Iterator[str]:
         frame, signal = signals[variables[target].name]
         name, port, (low, high) = f"{frame.name}.{signal.name}", variables[source], signal.range
         limit = made.spec.limits.get(name, Limit())
-        asked = max(port.low, limit.low), min(port.high, limit.high)
-        beyond = low - asked[0], asked[1] - high
+        port_range = max(port.low, limit.low), min(port.high, limit.high)
+        beyond = low - port_range[0], port_range[1] - high
         if port.kind == "output" and any(abs(signal.factor) < by < math.inf for by in beyond):
             place = dbc.place(made.rig.dbc, frame.name, signal.name)
-            has = f"{port.name} goes from {asked[0]:g} to {asked[1]:g} {signal.unit}"
+            has = f"{port.name} goes from {port_range[0]:g} to {port_range[1]:g} {signal.unit}"
             yield f"{place}: {name} holds {low:g} to {high:g} {signal.unit}, {has}: it will be cut"
 
 

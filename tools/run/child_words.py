@@ -38,11 +38,11 @@ def chosen_nodes(request: RunRequest, rig: Rig) -> tuple[Role, ...]:
 
 def chosen_plants(request: RunRequest, rig: Rig) -> tuple[Role, ...]:
     """Return the plants to start: all, or that of --node; RigError."""
-    every = tuple(rig.config.plants)
+    plants = tuple(rig.config.plants)
     if request.node is None:
-        return every
-    if request.node not in every:
-        what = f"--node {request.node}: no such plant{did_you_mean(request.node, every)}"
+        return plants
+    if request.node not in plants:
+        what = f"--node {request.node}: no such plant{did_you_mean(request.node, plants)}"
         raise RigError(f"{request.rig}: {what}")
     return (request.node,)
 

@@ -34,11 +34,11 @@ def folder_of_drive(request: RunRequest, rig: Rig, roles: Sequence[Role]) -> Ite
         return
     texts = {}
     for role in roles:
-        drive, own = rig.config.drives[role], "" if role == "plant" else f"{role}-"
+        drive, prefix = rig.config.drives[role], "" if role == "plant" else f"{role}-"
         if drive.profile == CIA402:
-            texts[own + EDS] = eds.text(dictionary_of(rig, role))
+            texts[prefix + EDS] = eds.text(dictionary_of(rig, role))
         else:
-            texts[own + SETTINGS] = settings_text(rig, drive)
+            texts[prefix + SETTINGS] = settings_text(rig, drive)
     with run_folder(request.kept.output, rig) as folder:
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="ascii")
@@ -62,16 +62,16 @@ def _check_asked(request: RunRequest, rig: Rig, keeps_log: bool) -> None:
 
 def settings_text(rig: Rig, drive: Drive) -> str:
     """Return the settings of a robot's drive by the numbers of endpoints or registers, as JSON."""
-    found = {
-        one.name: {
-            "id": one.number if one.number >= 0 else None,
-            "type": "uint32" if one.whole else "float",
-            "access": "rw" if one.writable else "r",
-            "value": one.start if one.start == one.start else None,
+    settings = {
+        setting.name: {
+            "id": setting.number if setting.number >= 0 else None,
+            "type": "uint32" if setting.whole else "float",
+            "access": "rw" if setting.writable else "r",
+            "value": setting.start if setting.start == setting.start else None,
         }
-        for one in settings_of(rig, drive)
+        for setting in settings_of(rig, drive)
     }
-    return json.dumps({"endpoints": found}, indent=1) + "\n"
+    return json.dumps({"endpoints": settings}, indent=1) + "\n"
 
 
 def of_the_master(node: Live | None) -> list[str]:

@@ -252,7 +252,7 @@ class PlaySession:
         spent_ns = player.count("last_sent") - player.count("first_sent")
         planned_ns = player.count("last_due") - player.count("first_due")
         timed = bool(player.n.timed) and sent > 0
-        whole = timed and not self.request.step and planned_ns > 0
+        is_scheduled = timed and not self.request.step and planned_ns > 0
         late = (
             TimingError(player.error_us(0.5), player.error_us(0.99), 1e-3 * player.count("max_ns"))
             if timed
@@ -265,7 +265,9 @@ class PlaySession:
             frames=sent,
             frames_planned=self._total() or None,
             duration_s=1e-9 * spent_ns,
-            total_error_percent=100.0 * (spent_ns - planned_ns) / planned_ns if whole else None,
+            total_error_percent=100.0 * (spent_ns - planned_ns) / planned_ns
+            if is_scheduled
+            else None,
             timing_error_us=late,
             within_200us_percent=100.0 * player.count("within") / sent if timed else None,
             send_errors=player.count("errors"),

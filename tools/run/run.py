@@ -203,12 +203,12 @@ class Host:
     def _hear_watchdog(self) -> None:
         """Tell at once what the watchdog has done; it belongs to what ended the run."""
         if "watchdog" in self.children:
-            said = self.children["watchdog"].complaint()
-            for line in said[self.heard :]:
+            complaints = self.children["watchdog"].complaint()
+            for line in complaints[self.heard :]:
                 self.progress.close()
                 print(line, file=sys.stderr, flush=True)
                 self.outcome.faults.append(line)
-            self.heard = len(said)
+            self.heard = len(complaints)
 
     def _has_ended(self, name: str) -> bool:
         return name in self.children and self.children[name].ended
@@ -338,10 +338,10 @@ class Host:
 
 def on_bus(request: RunRequest, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
-    pacing, said = pace.settle(request.pacing, rig, alone=len(roles) < len(rig.roles))
+    pacing, note = pace.settle(request.pacing, rig, alone=len(roles) < len(rig.roles))
     request = request.changed(pacing=pacing)
-    if said:
-        print(said, file=sys.stderr)
+    if note:
+        print(note, file=sys.stderr)
     if "executive" not in roles:
         return without_executive(request, rig, roles)
     with run_folder(request.kept.output, rig) as folder:

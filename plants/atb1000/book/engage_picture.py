@@ -38,13 +38,13 @@ def draw(run: Run, barrel: list[Shape], theme: str, path: Path) -> None:
     back, ink, grid, before, behind = PAPER[theme]
     page = Figure(figsize=(8.0, 7.6), facecolor=back, layout="constrained")
     top, *plots = page.subplots(3, 1, height_ratios=(1.0, 1.4, 1.3))
-    for one in barrel:
-        colour, wide = (before, 5.0) if one.role == "magnified" else (ink, 2.0)
-        look = {"facecolor": (ink, FILLED[one.role]), "edgecolor": colour, "linewidth": wide}
-        if one.kind == "disc":
-            top.add_patch(Circle((one.xy[0], one.xy[1]), one.xy[2], **look))
+    for shape in barrel:
+        colour, wide = (before, 5.0) if shape.role == "magnified" else (ink, 2.0)
+        look = {"facecolor": (ink, FILLED[shape.role]), "edgecolor": colour, "linewidth": wide}
+        if shape.kind == "disc":
+            top.add_patch(Circle((shape.xy[0], shape.xy[1]), shape.xy[2], **look))
         else:
-            top.add_patch(Polygon(one.points, closed=one.kind == "area", **look))
+            top.add_patch(Polygon(shape.points, closed=shape.kind == "area", **look))
     top.set(xlim=(-0.9, 2.7), ylim=(-0.52, 0.36), aspect="equal")
     top.set_axis_off()
     top.text(1.35, 0.03, "barrel,\nbending x 40", color=before, fontsize=22, va="center")

@@ -51,11 +51,13 @@ def cases(plants: int = PLANTS) -> Iterator[Case]:
                 yield _case("nominal", scenario, law, str(seed), f"seed={seed}")
     rng = np.random.default_rng(PLANT_SEED)
     for i in range(plants):
-        own = (f"seed={NOISE_SEED + i}", *random_plant(rng))
+        plant_settings = (f"seed={NOISE_SEED + i}", *random_plant(rng))
         for law in ON_PLANTS:
             for scenario in CORE:
                 first, window_s = SHORTER.get(scenario, ((), None))
-                yield _case("plants", scenario, law, str(i), *first, *own, window_s=window_s)
+                yield _case(
+                    "plants", scenario, law, str(i), *first, *plant_settings, window_s=window_s
+                )
 
 
 def figures(results: Sequence[CaseResult], group: str, metric: str) -> Figures:
@@ -140,11 +142,13 @@ def _on_plants(rms: Figures, count: int) -> str:
     rows = []
     for s in CORE:
         for law in ON_PLANTS:
-            own = rms[s, law]
-            row = [s, law, f"{np.median(own):.3g}, {own.max():.3g}"]
+            law_rms = rms[s, law]
+            row = [s, law, f"{np.median(law_rms):.3g}, {law_rms.max():.3g}"]
             for other in (REFERENCE, NETWORK):
-                wins = int((own < rms[s, other]).sum())
-                row += ["", ""] if law == other else [mean_ratio(own / rms[s, other]), str(wins)]
+                wins = int((law_rms < rms[s, other]).sum())
+                row += (
+                    ["", ""] if law == other else [mean_ratio(law_rms / rms[s, other]), str(wins)]
+                )
             rows.append(row)
     head = ("", "law", "rms", f"to {REFERENCE}", f"better of {count}", f"to {NETWORK}", "better")
     return markdown(head, rows)
@@ -152,14 +156,14 @@ def _on_plants(rms: Figures, count: int) -> str:
 
 def frictions(results: Sequence[CaseResult]) -> Array:
     """Return the friction of each random plant relative to nominal, (plants,)."""
-    found = {
+    ratios = {
         r.case.label: float(text.partition("=")[2]) / NOMINAL["coulomb_Nm"]
         for r in results
         if r.case.group == "plants"
         for text in r.case.settings
         if text.startswith("barrel.coulomb_Nm=")
     }
-    return np.array(list(found.values()))
+    return np.array(list(ratios.values()))
 
 
 def _by_friction(rms: Figures, friction: Array) -> str:
@@ -186,11 +190,11 @@ def draw(results: Sequence[CaseResult], path: Path) -> None:
     edges = np.geomspace(0.5, 2.0, 7)
     for ax, scenario in zip(axes, CORE, strict=True):
         for law, colour in DRAWN.items():
-            own = rms[scenario, law]
-            ax.plot(friction, own, ".", color=colour, markersize=3, alpha=0.35)
+            law_rms = rms[scenario, law]
+            ax.plot(friction, law_rms, ".", color=colour, markersize=3, alpha=0.35)
             bins = [(friction >= a) & (friction < b) for a, b in pairwise(edges)]
             middle = np.sqrt(edges[1:] * edges[:-1])
-            medians = [np.median(own[one]) if one.any() else np.nan for one in bins]
+            medians = [np.median(law_rms[one]) if one.any() else np.nan for one in bins]
             ax.plot(middle, medians, "o-", color=colour, linewidth=1.6, markersize=4, label=law)
         ax.set_xscale("log")
         ax.set_yscale("log")

@@ -40,10 +40,10 @@ def draw_monte_carlo(results: Sequence[CaseResult], path: Path) -> None:
 
     scenarios = grouped(results, rig_name)
     figure, axes = sheet((12, 4.6), 110, 1, len(scenarios), sharey=True)
-    for ax, ((scenario,), own) in zip(axes, scenarios.items(), strict=True):
-        base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
+    for ax, ((scenario,), of_scenario) in zip(axes, scenarios.items(), strict=True):
+        base = {r.case.label: _rms(r) for r in of_scenario if r.case.controller == "pd"}
         for name in (n for n in COLOURS if n != "pd"):
-            mine = [r for r in own if r.case.controller == name]
+            mine = [r for r in of_scenario if r.case.controller == name]
             better = np.sort([base[r.case.label] / _rms(r) for r in mine])
             left = np.arange(len(better), 0, -1)  # of so many plants it is at least this
             look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.0, "markersize": 5}

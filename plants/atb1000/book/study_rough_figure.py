@@ -33,11 +33,11 @@ def draw_costs(
     left.set_yticks(range(len(kinds)), kinds, fontsize=9)
     left.axhline(len(kinds) - 1.5, color="k", linewidth=1.5)
     left.set_title("muzzle error over that without: 95 % of the barrels stay below", fontsize=10)
-    for side, (own, colour, label) in enumerate(
+    for side, (of_laws, colour, label) in enumerate(
         zip(errors, ("#0072b2", "#d55e00"), ("without", "with all of it"), strict=True)
     ):
         y = np.arange(len(laws)) + 0.2 * (2 * side - 1)
-        low, middle, high = np.array([np.percentile(one, (5, 50, 95)) for one in own]).T
+        low, middle, high = np.array([np.percentile(one, (5, 50, 95)) for one in of_laws]).T
         right.hlines(y, low, high, color=colour, linewidth=2.0)
         right.plot(middle, y, "o", color=colour, label=label)
     right.set_yticks(range(len(laws)), laws, fontsize=9)

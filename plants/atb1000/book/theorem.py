@@ -110,7 +110,7 @@ def prove(run: Cycles) -> Proof:
     cancelled = inner(w.lacks, flat) + inner(w.w[:, 1 : 1 + NODES], turned)
     rest = f - y - cancelled  # (3)
     inside = 0.5 * m * (run.after(r) ** 2 - r**2) / run.period_s - r * m_r_rate
-    found = hidden.constants(w.norm, float(np.abs(f - hidden.known @ w.ideal)[:-1].max()))
+    layer_constants = hidden.constants(w.norm, float(np.abs(f - hidden.known @ w.ideal)[:-1].max()))
     return layered(
         run,
         ("Theorem 3.2.2, for a rigid hub", "|r| [rad/s]"),
@@ -128,7 +128,7 @@ def prove(run: Cycles) -> Proof:
         },
         error=np.abs(r),
         rest=np.abs(rest),
-        constants=Constants(kv + kz * z_bound, kappa, *found, low=m, high=m),
+        constants=Constants(kv + kz * z_bound, kappa, *layer_constants, low=m, high=m),
         asked=asked(run),
     )
 

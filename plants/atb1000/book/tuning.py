@@ -89,13 +89,13 @@ def candidates(law: str) -> list[dict[str, float]]:
     ranges = RANGES[law]
     engine = qmc.Sobol(len(ranges), scramble=False)
     engine.fast_forward(1)  # the first point is a corner
-    found = [{name: one[0] for name, one in ranges.items()}]
+    gains_of_all = [{name: one[0] for name, one in ranges.items()}]
     for point in engine.random(CANDIDATES):
         pairs = zip(ranges.items(), point, strict=True)
-        found.append(
+        gains_of_all.append(
             {name: float(f"{low * (high / low) ** u:.3g}") for (name, (_, low, high)), u in pairs}
         )
-    return found
+    return gains_of_all
 
 
 def settings(gains: Mapping[str, float]) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ def rows(
     """Return what became of the candidates; those of pd have to be among them."""
     runs = grouped(results, controller_of, label_of, rig_name)
     base = np.array([[_rms(r) for r in runs["pd", "0", s]] for s in SCENARIOS])
-    found = []
+    candidate_rows = []
     for law, label in dict.fromkeys(names[:2] for names in runs):
         own, number = [runs[law, label, s] for s in SCENARIOS], int(label)
         rms = np.array([[_rms(r) for r in some] for some in own])
@@ -127,8 +127,8 @@ def rows(
         score = float(np.exp(np.mean(np.log(rms / base))))
         seen = tuple(rms.mean(axis=1).tolist())
         gains, margin = candidates(law)[number], margins[law, number]
-        found.append(Candidate(law, number, gains, seen, score, max(steps), margin))
-    return marked_rows(found)
+        candidate_rows.append(Candidate(law, number, gains, seen, score, max(steps), margin))
+    return marked_rows(candidate_rows)
 
 
 def _rms(result: CaseResult) -> float:
@@ -141,23 +141,23 @@ def choice(found: Sequence[Candidate], law: str) -> Candidate | None:
     return min(allowed, key=lambda row: row.score, default=None)
 
 
-def marked_rows(found: Sequence[Candidate]) -> list[Candidate]:
+def marked_rows(candidate_rows: Sequence[Candidate]) -> list[Candidate]:
     """Return rows of which those that are chosen say so."""
-    best = [choice(found, law) for law in RANGES]
+    best = [choice(candidate_rows, law) for law in RANGES]
     keys = {(row.law, row.number) for row in best if row is not None}
-    return [replace(row, chosen=(row.law, row.number) in keys) for row in found]
+    return [replace(row, chosen=(row.law, row.number) in keys) for row in candidate_rows]
 
 
 _HEAD = ("law", "candidate", "gains", *(f"{s}_mrad" for s in SCENARIOS), "score", "step_Nm",
          "disk_margin", "chosen")  # fmt: skip
 
 
-def write(found: Sequence[Candidate], path: Path) -> None:
+def write(candidate_rows: Sequence[Candidate], path: Path) -> None:
     """Write a line a candidate."""
     with path.open("w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(_HEAD)
-        for row in found:
+        for row in candidate_rows:
             gains = " ".join(f"{name}={value:g}" for name, value in row.gains.items())
             numbers = (*row.rms, row.score, row.step_Nm, row.margin)
             texts = [f"{value:.4g}" for value in numbers]
@@ -166,7 +166,7 @@ def write(found: Sequence[Candidate], path: Path) -> None:
 
 def read(path: Path = TABLE) -> list[Candidate]:
     """Return the candidates of a table, with the choice that stands in it."""
-    found = []
+    candidate_rows = []
     with path.open(encoding="utf-8", newline="") as file:
         for line in csv.DictReader(file):
             pairs = (pair.split("=") for pair in line["gains"].split())
@@ -174,8 +174,8 @@ def read(path: Path = TABLE) -> list[Candidate]:
             rms = tuple(float(line[f"{s}_mrad"]) for s in SCENARIOS)
             score, step, margin = (float(line[n]) for n in ("score", "step_Nm", "disk_margin"))
             about = line["law"], int(line["candidate"]), gains, rms
-            found.append(Candidate(*about, score, step, margin, line["chosen"] == "x"))
-    return found
+            candidate_rows.append(Candidate(*about, score, step, margin, line["chosen"] == "x"))
+    return candidate_rows
 
 
 def controller(law: str) -> str:

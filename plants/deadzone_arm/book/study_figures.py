@@ -75,17 +75,17 @@ def draw_beside(pair: Sequence[CaseResult], path: Path) -> None:
 
 
 def draw_seeds(
-    found: Mapping[Words, np.ndarray], base: Mapping[str, np.ndarray], path: Path
+    errors: Mapping[Words, np.ndarray], base: Mapping[str, np.ndarray], path: Path
 ) -> None:
     """Draw the worse joint's error over 8-10 s of each draw against PD's.
 
-    `found`: errors (runs, 4) by draw and scenario; `base`: PD's (4,).
+    `errors`: errors (runs, 4) by draw and scenario; `base`: PD's (4,).
     """
     figure, axes = sheet((11.0, 5.2), 120, 1, 2, sharey=True)
     rng = np.random.default_rng(1)
     for ax, scenario in zip(axes, base, strict=True):
         for i, label in enumerate(reversed(SHOWN)):
-            worse = found[label, scenario][:, 2:].max(axis=1)
+            worse = errors[label, scenario][:, 2:].max(axis=1)
             beats = worse < base[scenario][2:].max()
             place = i + rng.uniform(-0.22, 0.22, len(worse))
             for mine, colour in ((beats, BLUE), (~beats, VERMILION)):

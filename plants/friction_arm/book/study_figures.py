@@ -126,10 +126,10 @@ def _weights(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the own-joint weights of phi_0 in cases A and C beside twice the friction."""
     figure, axes = sheet((11, 6), 100, 2, 2, sharex="row")
     for row, rig in zip(axes, ("friction-a", "friction-c"), strict=True):
-        own = [r for r in results if rig_name(r) == rig]
+        of_rig = [r for r in results if rig_name(r) == rig]
         for j, (ax, ideal_Nm) in enumerate(zip(row, IDEAL_Nm, strict=True), 1):
             weight = f"executive:controller.step_weight_{j}_Nm"
-            overlay(ax, own, weight, _of("nn_step", "nn_ramp"), 0.9)
+            overlay(ax, of_rig, weight, _of("nn_step", "nn_ramp"), 0.9)
             ax.axhline(ideal_Nm, linewidth=0.9, label="2 x friction", **REFERENCE)
             ax.axhline(0.0, color=BLACK, linewidth=0.6)
             ax.set_title(f"{TITLES[rig]}: joint {j}", fontsize=9)

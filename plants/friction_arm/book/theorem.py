@@ -112,28 +112,30 @@ def layers(
 
 
 def bound(
-    run: Cycles, links: TwoLinks, one: Motion, hidden: Hidden, w: tuple[Layer, Layer]
+    run: Cycles, links: TwoLinks, states: Motion, hidden: Hidden, w: tuple[Layer, Layer]
 ) -> Constants:
     """Return the constants; `w`: W1, W2."""
-    far, both = drawn_states(one), np.concatenate([one.ideal for one in w])
+    far, both = drawn_states(states), np.concatenate([one.ideal for one in w])
     nodes = with_threshold(logistic(far.inputs @ hidden.ideal))
     known = np.concatenate((nodes, jump_nodes(run, far.v)), axis=1)
     eps = size(frictionless(links, far) + friction_torque(run, far.v) - known @ both).max()
-    found = replace(hidden, x=far.inputs).constants(float(np.linalg.norm(both)), float(eps))
+    layer_constants = replace(hidden, x=far.inputs).constants(
+        float(np.linalg.norm(both)), float(eps)
+    )
     kv = min(run.laws("kv_1_Nms_rad", "kv_2_Nms_rad"))
     low, high = links.inertia_range()
     k = kv + run.law("kz") * run.law("z_bound")
-    return Constants(k, run.law("kappa"), *found, low=low, high=high)
+    return Constants(k, run.law("kappa"), *layer_constants, low=low, high=high)
 
 
-def friction_without_memory(run: Cycles, one: Motion) -> Assumption:
+def friction_without_memory(run: Cycles, states: Motion) -> Assumption:
     """Return whether friction is a function of x: without a state of its own, nothing at rest."""
-    what, model = "friction is a function of x", run.setting("plant:arm.friction_model")
+    claim, model = "friction is a function of x", run.setting("plant:arm.friction_model")
     if model == NO_FRICTION:
-        return Assumption(what, True, "the joints have none")
+        return Assumption(claim, True, "the joints have none")
     if model == LUGRE:
-        return Assumption(what, False, "LuGre's bristles are a state of their own")
-    return never(what, (one.v == 0.0).any(axis=1), "a joint sticks in {}")
+        return Assumption(claim, False, "LuGre's bristles are a state of their own")
+    return never(claim, (states.v == 0.0).any(axis=1), "a joint sticks in {}")
 
 
 def prove(run: Cycles) -> Proof:
@@ -142,36 +144,36 @@ def prove(run: Cycles) -> Proof:
     kv = np.array(run.laws("kv_1_Nms_rad", "kv_2_Nms_rad"))
     kappa, kz, z_bound = run.laws("kappa", "kz", "z_bound")
     links = TwoLinks(*run.settings("plant:arm.", (*LINKS, "gravity_m_s2")))
-    one = motion(run, np.array(run.laws("lam_1_per_s", "lam_2_per_s")))
-    r, error = one.r, size(one.r)
-    f = frictionless(links, one) + run.after(run.columns("plant:arm.friction_{}_Nm"))  # (1)
-    hidden = Hidden.of(run.state(f"{STATE}v", INPUTS, ROOM)[:, :, :nodes], one.inputs)
+    states = motion(run, np.array(run.laws("lam_1_per_s", "lam_2_per_s")))
+    r, error = states.r, size(states.r)
+    f = frictionless(links, states) + run.after(run.columns("plant:arm.friction_{}_Nm"))  # (1)
+    hidden = Hidden.of(run.state(f"{STATE}v", INPUTS, ROOM)[:, :, :nodes], states.inputs)
     phi = run.array(f"{STATE}phi", JUMPS)
     w1, v, w2 = layers(run, r, f, hidden, phi)
-    held = projection(run, w2)
-    all_layers = w1, v, replace(w2, driven=w2.driven + held)
+    projected = projection(run, w2)
+    all_layers = w1, v, replace(w2, driven=w2.driven + projected)
     flat, _, turned = hidden.linear
     learned = read_out(w1.w, hidden.nodes) + read_out(w2.w, phi)
     cancelled = read_out(w1.lacks, flat) + read_out(w1.w[:, 1:], turned) + read_out(w2.lacks, phi)
     rest = f - learned - cancelled  # (3)
-    asked = run.columns(f"{STATE}torque_{{}}_Nm")
+    commanded = run.columns(f"{STATE}torque_{{}}_Nm")
     acts = acting_torque(run)
-    constants = bound(run, links, one, hidden, (w1, w2))
+    constants = bound(run, links, states, hidden, (w1, w2))
     return layered(
         run,
         ("Theorem 3.2.2", "|r| [rad/s]"),
         all_layers,
         rates=all_layers[: 2 if run.law("jump_nodes") == STANDARD else 3],
-        v=0.5 * np.einsum("ni,nij,nj->n", r, links.inertia(one.q), r),  # (4)
+        v=0.5 * np.einsum("ni,nij,nj->n", r, links.inertia(states.q), r),  # (4)
         damping=np.sum(r * kv * r, axis=1) + kz * (norm(w1.w, v.w, w2.w) + z_bound) * error**2,
         terms={
             "r'w, what no network cancels": inner(r, rest),
             "leak of the weights": kappa * error * (w1.leaked + v.leaked + w2.leaked),
-            **({"projection": -inner(w2.lacks, held)} if held.any() else {}),
+            **({"projection": -inner(w2.lacks, projected)} if projected.any() else {}),
         },
-        beyond={"limits, quanta, delay": inner(r, asked - acts)},
+        beyond={"limits, quanta, delay": inner(r, commanded - acts)},
         error=error,
-        rest=size(rest + asked - acts),
+        rest=size(rest + commanded - acts),
         constants=constants,
         asked=(
             positive("leak kappa", kappa),
@@ -180,8 +182,8 @@ def prove(run: Cycles) -> Proof:
                 z_bound >= constants.ideal,
                 f"Z_B {z_bound:g}, |Z*| {constants.ideal:.3g}",
             ),
-            acting(asked, acts, "N m"),
-            friction_without_memory(run, one),
+            acting(commanded, acts, "N m"),
+            friction_without_memory(run, states),
         ),
     )
 

@@ -109,14 +109,14 @@ def draw_parts(shown: Mapping[str, CaseResult], seeds: Sequence[CaseResult], pat
         ("error_rms", "8 to 10 s, after it"),
     )
     labels = list(shown)[::-1]
-    whole = labels.index(next(label for label in labels if label.startswith("all:")))
+    all_parts = labels.index(next(label for label in labels if label.startswith("all:")))
     for ax, (metric, title) in zip(axes, windows, strict=True):
         for joint, colour in JOINTS:
             place = np.arange(len(labels)) - (0.12 if joint == 2 else -0.12)
             values = [shown[label].metric(f"{metric}_{joint}_rad") for label in labels]
             ax.plot(values, place, "o", color=colour, markersize=7, label=f"joint {joint}")
             drawn = [result.metric(f"{metric}_{joint}_rad") for result in seeds]
-            at = np.full(len(drawn), place[whole])
+            at = np.full(len(drawn), place[all_parts])
             name = "other first layers" if joint == 2 else None
             ax.plot(drawn, at, "|", color=GREY, markersize=9, label=name, zorder=0)
         ax.set_xscale("log")

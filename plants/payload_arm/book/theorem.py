@@ -59,10 +59,10 @@ def action_nodes(run: Cycles, one: Motion) -> Vector:
     return logistic(one.inputs @ run.used(f"{STATE}v2", INPUTS, NODES)[0])
 
 
-def unknown_part(run: Cycles, links: TwoLinks, one: Motion) -> Vector:
+def unknown_part(run: Cycles, links: TwoLinks, states: Motion) -> Vector:
     """Return q_d'' + Lam e' + M^-1 (Vm q' + G + Fr) (n, 2), rad/s2: f for Mhat = M."""
-    slowed = acceleration(run, links, one.q, one.v, run.setting(WIDTH))
-    return one.forward[0] - slowed
+    slowed = acceleration(run, links, states.q, states.v, run.setting(WIDTH))
+    return states.forward[0] - slowed
 
 
 def damping(run: Cycles, s1: Vector) -> tuple[float, float]:
@@ -84,27 +84,27 @@ def critic(run: Cycles, r: Vector, sc: Vector) -> tuple[Vector, Vector]:
     """Return V (2) without W2, and D of (3)."""
     kv, beta, kap1, kz, delta = run.laws("kv_per_s", "beta", "kap1", "kz", "delta_rad_s")
     w1, s1 = run.used(f"{STATE}w1", NODES, 2), run.array(f"{STATE}s1", NODES)
-    told, error, judged = run.columns(f"{STATE}critic_{{}}"), size(r), size(sc)
+    critic_signal, error, judged = run.columns(f"{STATE}critic_{{}}"), size(r), size(sc)
     dissipated = (
         kv * error**2
-        - beta * inner(told, r)
-        + size(s1) ** 2 * size(told) ** 2
-        + inner(told, read_out(w1, s1))
+        - beta * inner(critic_signal, r)
+        + size(s1) ** 2 * size(critic_signal) ** 2
+        + inner(critic_signal, read_out(w1, s1))
         + kap1 * size(w1) ** 2
         + kz * judged**2 / (judged + delta)
     )
-    return 0.5 * (error**2 + size(told) ** 2 + size(w1) ** 2), dissipated
+    return 0.5 * (error**2 + size(critic_signal) ** 2 + size(w1) ** 2), dissipated
 
 
 def bound(
-    run: Cycles, plain: TwoLinks, one: Motion, f: Vector, w2: Layer, sway: float
+    run: Cycles, plain: TwoLinks, states: Motion, f: Vector, w2: Layer, sway: float
 ) -> Constants:
     """Return the constants, of the arm without payload beside f; `sway`: the largest |sc - r|."""
     kz, delta, kap2 = run.laws("kz", "delta_rad_s", "kap2")
     k, mu = damping(run, size(run.array(f"{STATE}s1", NODES)))
-    at = drawn_states(one)
+    at = drawn_states(states)
     eps = size(unknown_part(run, plain, at) - action_nodes(run, at) @ w2.ideal).max()
-    payload = size(f - unknown_part(run, plain, one)).max()
+    payload = size(f - unknown_part(run, plain, states)).max()
     c0 = max(float(eps + payload) - kz, 0.0)
     extra = kz * delta + sway * c0
     return Constants(k, kap2, w2.norm, c0, leak="constant", extra=extra, other_rate=mu)
@@ -126,17 +126,17 @@ def prove(run: Cycles) -> Proof:
     kv, lam, kz, delta, kap2 = run.laws("kv_per_s", "lam_per_s", "kz", "delta_rad_s", "kap2")
     plain = TwoLinks(*run.settings("plant:arm.", (*LINKS, "gravity_m_s2")))
     links = replace(plain, m2=run.after(run.column("plant:arm.outer_mass_kg")))
-    one, acts = motion(run, np.array([lam, lam])), acting_torque(run)
-    r, sc = one.r, run.array(f"{STATE}sc", 2)
-    moved = acceleration(run, links, one.q, one.v, run.setting(WIDTH), acts)
+    states, acts = motion(run, np.array([lam, lam])), acting_torque(run)
+    r, sc = states.r, run.array(f"{STATE}sc", 2)
+    moved = acceleration(run, links, states.q, states.v, run.setting(WIDTH), acts)
     robust = run.columns(f"{STATE}robust_{{}}_rad_s2")
     learned = run.columns(f"{STATE}learned_{{}}_rad_s2")
-    f = one.forward[0] - moved + kv * r + learned + robust  # (1)
-    s2, state = action_nodes(run, one), run.state(f"{STATE}w2", NODES, 2)
+    f = states.forward[0] - moved + kv * r + learned + robust  # (1)
+    s2, state = action_nodes(run, states), run.state(f"{STATE}w2", NODES, 2)
     w2 = state.layer("Gam", run.rate("gam"), fitted_weights(s2, f), dyads(s2, sc), kap2)
     rest, sway = f - s2 @ w2.ideal, size(sc - r)
     unhelped = np.maximum(size(rest) - kz, 0.0)  # w_k of (4)
-    constants = bound(run, plain, one, f, w2, float(sway.max()))
+    constants = bound(run, plain, states, f, w2, float(sway.max()))
     v, dissipated = critic(run, r, sc)
     return layered(
         run,
@@ -161,7 +161,7 @@ def prove(run: Cycles) -> Proof:
                 bool((unhelped == 0.0).all()),
                 f"kz {kz:g}, |w| up to {size(rest).max():.3g}",
             ),
-            inertia_known(TwoLinks(*run.laws(*LINKS)).inertia(one.q), links.inertia(one.q)),
+            inertia_known(TwoLinks(*run.laws(*LINKS)).inertia(states.q), links.inertia(states.q)),
             acting(run.columns(f"{STATE}torque_{{}}_Nm"), acts, "N m"),
         ),
     )

@@ -95,12 +95,12 @@ class Device:
             self.done |= self.met and stopped  # of this run: one that ended before says so, too
             self.met |= not stopped
         elif name == "FB" and crc8(message.arbitration_id, message.data[:-1]) == message.data[-1]:
-            told = self.db.decode_message(name, message.data)
-            counter = int(told["counter"])
+            values = self.db.decode_message(name, message.data)
+            counter = int(values["counter"])
             delta = (counter - self.counter) % 16 if self.counter >= 0 else 1
             self.counter = counter
             if 1 <= delta <= MAX_DELTA:
-                self.position, self.fresh = float(told["position"]), True
+                self.position, self.fresh = float(values["position"]), True
 
     # A run
 

@@ -167,7 +167,7 @@ def _kicked(result: CaseResult) -> str:
 
 def _kick(results: Sequence[CaseResult], path: Path) -> None:
     """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
-    own = by_label(results, "kick")
+    kicks = by_label(results, "kick")
     panels = [
         Panel(label, [Line(times(scale, source), "", "", 0.9)])
         for label, scale, source in (
@@ -177,7 +177,7 @@ def _kick(results: Sequence[CaseResult], path: Path) -> None:
         )
     ]
     figure, axes = columns(
-        [own["pid"], own["fl"]], panels, (None,) * 3, (11.0, 7.0), _kicked, COLOURS, left=10.0,
+        [kicks["pid"], kicks["fl"]], panels, (None,) * 3, (11.0, 7.0), _kicked, COLOURS, left=10.0,
         dpi=110, sharey="row",
     )  # fmt: skip
     _finish(figure, axes, "Flat road, the body kicked with 0.05 m/s", path)
@@ -195,11 +195,11 @@ def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path)
         gain = bode.response_db(law, w, car, gains)
         ax.semilogx(w, gain, color=colour, linestyle=style, linewidth=1.4, label=label)
     w0 = float(np.sqrt(car["kt_N_m"] / car["mu_kg"]))
-    at = float(bode.response_db("passive", np.array([w0]), car, gains)[0])
-    ax.plot([w0], [at], "o", color=GREEN, zorder=5)
-    text = f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does"
+    gain_db = float(bode.response_db("passive", np.array([w0]), car, gains)[0])
+    ax.plot([w0], [gain_db], "o", color=GREEN, zorder=5)
+    text = f"{gain_db:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does"
     arrow = {"arrowstyle": "-", "color": GREY}
-    ax.annotate(text, (w0, at), (9.0, 54.0), fontsize=9, arrowprops=arrow)
+    ax.annotate(text, (w0, gain_db), (9.0, 54.0), fontsize=9, arrowprops=arrow)
     for road in ROADS:
         ax.axvline(road, color=GREY, linewidth=0.7, linestyle="-.")
         ax.text(road * 1.03, 63.5, f"{road}", color=GREY, fontsize=8)

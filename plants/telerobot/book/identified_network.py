@@ -61,17 +61,17 @@ class IdentifiedNetwork:
             "constant leak (4), as in the rig": lambda w, st: KAP * w,
             "no leak": lambda w, st: np.zeros_like(w),
         }
-        found = []
+        identified = []
         for name, leak in laws.items():
             w, followed, error = tuned(q, v, known, ph, period_s, leak)
-            held = w[cut]
-            found.append(Identified(
+            fixed = w[cut]
+            identified.append(Identified(
                 name, 1e3 * _rms(error[cut:]), _share(followed[cut:], f[cut:]),
-                _share(ph[begin:cut] @ held, f[begin:cut]), _share(ph[cut:] @ held, f[cut:]),
-                float(np.linalg.norm(held)),
+                _share(ph[begin:cut] @ fixed, f[begin:cut]), _share(ph[cut:] @ fixed, f[cut:]),
+                float(np.linalg.norm(fixed)),
             ))  # fmt: skip
         best = _least_squares(ph[begin:cut], f[begin:cut])
-        found.append(
+        identified.append(
             Identified(
                 "least squares, same nodes",
                 np.nan,
@@ -81,7 +81,7 @@ class IdentifiedNetwork:
                 float(np.linalg.norm(best)),
             )
         )
-        return found
+        return identified
 
 
 def recorded(*settings: str) -> tuple[Array, Array, Array, Array, float, Any]:
@@ -151,14 +151,14 @@ says 0 has. Last row: the W that fits f best from {settled:g} to {split:g} s.
 """
 
 
-def table(found: Sequence[Identified]) -> str:
+def table(identified: Sequence[Identified]) -> str:
     """Return the section with its table."""
     head = ("tuning", "q - qh, mrad rms", "follows, %", "held, before, %", "held, after, %",
             "norm of W")  # fmt: skip
     rows = [
         (one.name, *("-" if np.isnan(x) else f"{x:.3g}" for x in (
             one.state_mrad, one.follows, one.again, one.elsewhere, one.norm)))
-        for one in found
+        for one in identified
     ]  # fmt: skip
     text = TEXT.format(rig=RIG, split=SPLIT_S, settled=SETTLED_S)
     return f"{text}\n{markdown(head, rows)}"

@@ -60,15 +60,15 @@ def _margins(
     figure, axes = sheet((12, 4), 100, 1, 3)
     delays, wrong, losses = axes
     for name in ("smith", "nornn", "rnn"):
-        own = [r for r in of_group(results, "delays") if r.case.controller == name]
-        _lines(delays, [float(r.case.label) for r in own], own, COLOURS[name], LABELS[name])
+        drawn = [r for r in of_group(results, "delays") if r.case.controller == name]
+        _lines(delays, [float(r.case.label) for r in drawn], drawn, COLOURS[name], LABELS[name])
     delays.set(yscale="log", xlabel="delay T each way [s]", ylabel="rms error, 15 to 20 s [rad]")
-    own = of_group(results, "offsets")
-    _lines(wrong, [0.5 * float(r.case.label) for r in own], own, COLOURS["rnn"], "rnn")
+    drawn = of_group(results, "offsets")
+    _lines(wrong, [0.5 * float(r.case.label) for r in drawn], drawn, COLOURS["rnn"], "rnn")
     wrong.set(xlabel="one-way delay of the predictor wrong by [ms]", ylim=(0.0, None))
     for echo, colour, label in ((1, VERMILION, "z by echo"), (0, BLUE, "z by delay")):
-        own = [runs[f"U 0.1 {burst} {echo}"] for burst in bursts]
-        _lines(losses, [float(b) for b in bursts], own, colour, label)
+        drawn = [runs[f"U 0.1 {burst} {echo}"] for burst in bursts]
+        _lines(losses, [float(b) for b in bursts], drawn, colour, label)
     losses.set(xlabel="mean burst of 10 % losses of u [cycles]", ylim=(0.0, None))
     for ax in axes:
         ax.grid(alpha=0.3, which="both")

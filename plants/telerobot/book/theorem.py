@@ -90,7 +90,7 @@ def prove(run: Cycles) -> Proof:
     plain = TwoLinks(*run.settings("plant:arm.", ARM))
     links = replace(plain, m2=run.after(run.column("plant:arm.mass_kg")))
     q, rate = run.columns("plant:arm.q_{}_rad"), run.columns("plant:arm.rate_{}_rad_s")
-    acts, asked = acting_torque(run), run.columns(f"{SERVO}torque_{{}}_Nm")
+    acts, commanded = acting_torque(run), run.columns(f"{SERVO}torque_{{}}_Nm")
     far = q - run.columns(f"{SERVO}model_{{}}_rad")
     far_rate = rate - run.columns(f"{SERVO}model_rate_{{}}_rad_s")
     spread = np.stack((far, far_rate), axis=2)  # x~
@@ -100,7 +100,7 @@ def prove(run: Cycles) -> Proof:
     ph, state = hidden_nodes(v, q, rate), run.state(f"{SERVO}w", NODES, 2)
     gain = kr + kw * size(state.w)
     learned, robust = read_out(state.w, ph), gain[:, None] * st
-    drive = np.linalg.solve(known.inertia(q), asked[:, :, None])[:, :, 0] + learned + robust
+    drive = np.linalg.solve(known.inertia(q), commanded[:, :, None])[:, :, 0] + learned + robust
     f = acceleration(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust  # (1)
     w = state.layer("Gam", run.rate("gam"), fitted_weights(ph, f), dyads(ph, st), kap)
     rest = f - ph @ w.ideal
@@ -128,7 +128,7 @@ def prove(run: Cycles) -> Proof:
             ),
             inertia_known(known.inertia(q), links.inertia(q)),
             Assumption("every u is there in time", missed == 0.0, f"{missed:g} are not"),
-            acting(asked, acts, "N m"),
+            acting(commanded, acts, "N m"),
         ),
     )
 

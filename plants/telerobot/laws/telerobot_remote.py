@@ -315,7 +315,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         raise ValueError(
             f"delay_s {settings['delay_s']:g}: {ticks:.0f} cycles; at most {LONGEST:.0f}"
         )
-    own = {one.name: settings[one.name] for one in Gains.ports}
+    gains = {one.name: settings[one.name] for one in Gains.ports}
     start = [settings["start_1_rad"], settings["start_2_rad"]]
     resting = 0.0 if settings["local_law"] == CANCEL else -A21
     states: dict[str, float | list[float]] = {
@@ -328,7 +328,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         "used_age": ticks,
         "played_age": ticks,
     }
-    return Prepared({**own, "delay_ticks": ticks, **sampled(1.0 / rate_hz)}, states)
+    return Prepared({**gains, "delay_ticks": ticks, **sampled(1.0 / rate_hz)}, states)
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

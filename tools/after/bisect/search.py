@@ -14,13 +14,13 @@ from pcpc.tools.after.compare.repository import Repository
 
 def ends(repository: Repository, good: str, bad: str) -> tuple[str, str]:
     """Return the hashes of two revisions; UserError unless the first is an ancestor."""
-    one, other = (repository.commit(ref, option="") for ref in (good, bad))
-    if one == other:
-        raise UserError(f"GOOD and BAD are one commit, {one[:10]}; name two")
-    if not repository.git("rev-list", "-1", one, "--not", other):
-        return one, other
+    good_commit, bad_commit = (repository.commit(ref, option="") for ref in (good, bad))
+    if good_commit == bad_commit:
+        raise UserError(f"GOOD and BAD are one commit, {good_commit[:10]}; name two")
+    if not repository.git("rev-list", "-1", good_commit, "--not", bad_commit):
+        return good_commit, bad_commit
     cure = "name a commit before it"
-    if not repository.git("rev-list", "-1", other, "--not", one):
+    if not repository.git("rev-list", "-1", bad_commit, "--not", good_commit):
         cure = "exchange the two"
     elif repository.git("rev-parse", "--is-shallow-repository").strip() == "true":
         cure = "this clone is shallow: `git fetch --unshallow` gets the rest"

@@ -73,11 +73,11 @@ class Branch(VirtualRun):
         if absent:
             raise UserError(f"{head.path}: no record of the {absent[0]}; a branch needs all nodes")
         if head.metadata.get("run", {}).get("discarded", "0") != "0":
-            what = "record.keep: it holds a part of its run, which cannot be recomputed"
-            raise UserError(f"{head.path}: {what}")
+            problem = "record.keep: it holds a part of its run, which cannot be recomputed"
+            raise UserError(f"{head.path}: {problem}")
         if rig.config.bus.emulate is not None:
-            what = "bus.emulate: the log lacks the frames that wait on the emulated line"
-            raise UserError(f"{head.path}: {what}; simulate its rig with the change instead")
+            problem = "bus.emulate: the log lacks the frames that wait on the emulated line"
+            raise UserError(f"{head.path}: {problem}; simulate its rig with the change instead")
         lasts = _last_cycles(head, rig.roles, cycle - 2)
         self._nodes = [
             NodeComparison(
@@ -87,8 +87,8 @@ class Branch(VirtualRun):
         ]
         for node in self._nodes:
             if node.external:
-                what = f"{node.external[0]} of the {node.role}: its state is not in the log"
-                raise UserError(f"{head.path}: {what}; an FMU goes on with --fmu FILE")
+                problem = f"{node.external[0]} of the {node.role}: its state is not in the log"
+                raise UserError(f"{head.path}: {problem}; an FMU goes on with --fmu FILE")
         self._later: dict[str, list[tuple[int, int, float]]] = {role: [] for role in rig.roles}
         replays = [node.replay for node in self._nodes]
         plans = [replay.plan for replay in replays]
@@ -144,7 +144,7 @@ class Branch(VirtualRun):
 
         By the place of the sender. A drive sends behind its sample, which ends a cycle.
         """
-        found = {}
+        taken_frames = {}
         for i in range(1, 1 + int(self.blocks[0].loop.meeting.peers)):
             end, sends = self.blocks[i].loop.wire, self._sends[self._nodes[i].role]
             last = [_text(frame) for frame in end.outbox[: end.outbox_put]]
@@ -152,8 +152,8 @@ class Branch(VirtualRun):
             texts = [_text(frame) for frame in heard]
             both = range(min(len(texts), len(last)), 0, -1)
             count = next((n for n in both if texts[-n:] == last[:n]), len(texts))
-            found[i] = heard[: len(heard) - count]
-        return found
+            taken_frames[i] = heard[: len(heard) - count]
+        return taken_frames
 
     def _note_tunings(self, node: NodeComparison, piece: logs.Log) -> None:
         """Keep the tunings of the log that come later."""
@@ -170,12 +170,12 @@ class Branch(VirtualRun):
             return
         cycle = np.append(self._newest.get(node.role, -1), piece.node[node.role].cycle)
         self._newest[node.role] = int(cycle[-1])
-        at = np.flatnonzero((np.diff(cycle) > 1) & (cycle[:-1] > node.last))
-        if len(at) and node.role not in self._skipped:
+        gaps = np.flatnonzero((np.diff(cycle) > 1) & (cycle[:-1] > node.last))
+        if len(gaps) and node.role not in self._skipped:
             self._skipped.add(node.role)
-            count = cycle[at[0] + 1] - cycle[at[0]] - 1
+            count = cycle[gaps[0] + 1] - cycle[gaps[0]] - 1
             what = f"the {node.role} of the log skipped {count} periods behind cycle"
-            self.notes.append(f"{what} {cycle[at[0]]}; the branch skips none")
+            self.notes.append(f"{what} {cycle[gaps[0]]}; the branch skips none")
 
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Return by node the parameters that can be set, as variables of its table."""
@@ -201,12 +201,12 @@ class Branch(VirtualRun):
 
         Call it before `before`. UserError: what the node would refuse.
         """
-        for one in changes:
-            node = next(node for node in self._nodes if node.role == one.role)
-            place = node.replay.plan.table.index[one.name]
+        for change in changes:
+            node = next(node for node in self._nodes if node.role == change.role)
+            place = node.replay.plan.table.index[change.name]
             shared = node is self._nodes[0] or node.last < 0  # the executive's cycles
             at = self.cycle if shared else node.last + 2
-            self._later[one.role].append((max(at - one.early, 0), place, one.value))
+            self._later[change.role].append((max(at - change.early, 0), place, change.value))
 
 
 def _id(frame: NDArray[np.uint8]) -> int:
@@ -304,21 +304,23 @@ def _meeting_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[st
             frames[role] = np.concatenate((kept, new))
         if (frames[roles[0]]["cycle"][-1:] > cycle + 2).any():
             break
-    found: dict[str, int] = {}
+    cycle_by_role: dict[str, int] = {}
     chain = pairwise(roles) if "local" in roles else ((roles[0], role) for role in roles[1:])
     for above, role in chain:
-        here = found.get(above, cycle)
-        taken = frames[above][(frames[above]["direction"] == 1) & (frames[above]["cycle"] == here)]
+        above_cycle = cycle_by_role.get(above, cycle)
+        taken = frames[above][
+            (frames[above]["direction"] == 1) & (frames[above]["cycle"] == above_cycle)
+        ]
         sent = frames[role][frames[role]["direction"] == 0]
         ours, theirs = (head.metadata[one].get("branch_ahead") for one in (above, role))
-        near = here + int(theirs) - int(ours) if ours and theirs else None
+        near = above_cycle + int(theirs) - int(ours) if ours and theirs else None
         cycles = [sender_cycle(one, sent, near) for one in taken]
         known = [one for one in cycles if one >= 0]
-        if not known and (frames[above]["cycle"] >= here).any():  # else `before` tells it
-            what = f"in cycle {here} the {above} took no frame of the {role}"
+        if not known and (frames[above]["cycle"] >= above_cycle).any():  # else `before` tells it
+            what = f"in cycle {above_cycle} the {above} took no frame of the {role}"
             raise UserError(f"{head.path}: {what}; choose another --cycle")
-        found[role] = max(known, default=here)
-    return found
+        cycle_by_role[role] = max(known, default=above_cycle)
+    return cycle_by_role
 
 
 def sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:

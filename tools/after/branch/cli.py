@@ -69,13 +69,13 @@ def _run_branch(head: logs.Log, rig: Rig, cycle: int, request: BranchRequest) ->
     bus = None if request.bus is None else take_bus(wanted_bus(rig, rig.roles, request.bus))
     where = ("virtual", "memory") if bus is None else ("lockstep", str(bus.bus))
     outcome = Outcome(*where, strict=request.kept.judge)
-    asked = _requested_changes(request)
-    settled = {one.partition("=")[0] for one in asked}
+    requested = _requested_changes(request)
+    settled = {one.partition("=")[0] for one in requested}
     parent, doubt = summary_file.beside(head.path)
     outcome.doubt = f"{head.path}: {doubt}" if doubt else ""
     before = _settings(head, parent)
     outcome.changed = [one for one in before if one.partition("=")[0] not in settled]
-    outcome.changed += asked
+    outcome.changed += requested
     progress = Progress(request.kept.quiet)
     about = _facts(head, rig, cycle, *where)
     with run_folder(request.kept.output, rig) as folder:
@@ -116,29 +116,29 @@ def _stop(run: Branch, outcome: Outcome) -> None:
 
 def _of_the_rig(head: logs.Log, request: BranchRequest) -> list[str]:
     """Return what is asked for as settings of the rig: a longer run, one more law on standby."""
-    about = head.node[_LEADER].description
-    found = [] if request.duration_s is None else [f"duration_s={request.duration_s!r}"]
+    description = head.node[_LEADER].description
+    settings = [] if request.duration_s is None else [f"duration_s={request.duration_s!r}"]
     if request.controller is not None and not request.controller.strip():
         raise UserError("--controller: expected a name")
-    name, there = request.controller, [str(law) for law in about.get("laws", ())]
+    name, there = request.controller, [str(law) for law in description.get("laws", ())]
     own = head.metadata[_LEADER].get("controller", "")
     if name is not None and name not in (own, *there):
-        found.append(f"standby=[{','.join([*there[1:], name])}]")
-    return found
+        settings.append(f"standby=[{','.join([*there[1:], name])}]")
+    return settings
 
 
 def _requested_changes(request: BranchRequest) -> list[str]:
     """Return in words what is different."""
-    found = [f"fault {text}" for text in request.fault]
-    found += [] if request.controller is None else [f"controller={request.controller}"]
-    found += [] if request.duration_s is None else [f"duration_s={request.duration_s:g}"]
-    return found
+    described = [f"fault {text}" for text in request.fault]
+    described += [] if request.controller is None else [f"controller={request.controller}"]
+    described += [] if request.duration_s is None else [f"duration_s={request.duration_s:g}"]
+    return described
 
 
-def _settings(head: logs.Log, own: Summary | None) -> list[str]:
+def _settings(head: logs.Log, parent: Summary | None) -> list[str]:
     """Return what the command of a run had changed; its tunings are in its log."""
     tunable = {name for node in head.node.values() for name in node.description.get("ranges", ())}
-    return [one for one in own.changed if one.partition("=")[0] not in tunable] if own else []
+    return [one for one in parent.changed if one.partition("=")[0] not in tunable] if parent else []
 
 
 def _facts(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[str, str]:
@@ -156,16 +156,16 @@ def _facts(head: logs.Log, rig: Rig, cycle: int, pacing: str, bus: str) -> dict[
 def changes(run: Branch, rig: Rig, request: BranchRequest) -> list[Change]:
     """Return what is to be set in which node; UserError for what no node takes."""
     known = run.parameters()
-    found = [_setting(known, text) for text in request.set]
+    wanted = [_setting(known, text) for text in request.set]
     for text in request.fault:
-        found += _fault_changes(run, rig, text)
+        wanted += _fault_changes(run, rig, text)
     if request.controller is not None:
-        found.append(_handover_change(rig, request.controller))
-    names = [(one.role, one.name) for one in found]
+        wanted.append(_handover_change(rig, request.controller))
+    names = [(one.role, one.name) for one in wanted]
     for name in names:
         if names.count(name) > 1:
             raise UserError(f"{name[1]}: given twice")
-    return found
+    return wanted
 
 
 def _setting(known: Mapping[str, Mapping[str, Any]], text: str) -> Change:
@@ -202,17 +202,17 @@ def _fault_changes(run: Branch, rig: Rig, text: str) -> list[Change]:
         raise UserError(f"--fault {text}: no such fault{cure or '; its rig has no faults'}")
     if rig.config.faults[name].kind == WrongNode.STALL.word:
         raise UserError(f"--fault {text}: a stall on demand has no effect without a clock")
-    left = FOR_EVER
+    cycles_left = FOR_EVER
     if length:
         try:
-            left = float(round(duration_ns(length) * 1e-9 * rig.config.rate_hz))
+            cycles_left = float(round(duration_ns(length) * 1e-9 * rig.config.rate_hz))
         except ValueError as error:
             raise UserError(f"--fault {text}: {error}") from None
     return [
-        Change(made.role, f"fault.{name}.left", left, int(one.acts_later))
+        Change(made.role, f"fault.{name}.left", cycles_left, int(acting.acts_later))
         for made in run.plans
-        for one in made.faults
-        if one.name == name
+        for acting in made.faults
+        if acting.name == name
     ]
 
 

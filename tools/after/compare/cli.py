@@ -33,20 +33,20 @@ def command(request: CompareRequest) -> int:
     is_new = request.output is not None and not Path(request.output).exists()
     how = Criteria(request.tolerance, _folder(request.output))
     try:
-        found = _comparison(request, how, Progress(request.quiet))
-        _allow(found, request.allow)
+        comparison = _comparison(request, how, Progress(request.quiet))
+        _allow(comparison, request.allow)
     except UserError:
         if is_new and how.figures is not None:
             with suppress(OSError):  # it holds figures already
                 how.figures.rmdir()
         raise
-    files = {request.markdown: found.markdown(), request.json: found.json()}
+    files = {request.markdown: comparison.markdown(), request.json: comparison.json()}
     for name in (name for name in files if name not in (None, "-")):
         write_text(Path(name), files[name] + "\n")
     if how.figures is not None:
-        write_text(how.figures / "report.md", found.markdown(pictures=True) + "\n")
-    sys.stdout.write(files.get("-", found.text()) + "\n")
-    return _code(found, request.fail_on)
+        write_text(how.figures / "report.md", comparison.markdown(pictures=True) + "\n")
+    sys.stdout.write(files.get("-", comparison.text()) + "\n")
+    return _code(comparison, request.fail_on)
 
 
 def _comparison(request: CompareRequest, how: Criteria, progress: Progress) -> Comparison:
@@ -66,22 +66,22 @@ def _comparison(request: CompareRequest, how: Criteria, progress: Progress) -> C
     return recorded_comparison(old, new, how, progress)
 
 
-def _code(found: Comparison, on: str) -> Exit:
+def _code(comparison: Comparison, on: str) -> Exit:
     """Return the exit code: LOSS if all that fails is that logs are cut."""
-    if not found.fails(on):
+    if not comparison.fails(on):
         return Exit.OK
-    whole = [pair for pair in found.pairs if not pair.is_cut]
-    rest = Comparison(found.old, found.new, whole)
-    only_cut = len(whole) < len(found.pairs) and not (whole and rest.fails(on))
+    whole = [pair for pair in comparison.pairs if not pair.is_cut]
+    rest = Comparison(comparison.old, comparison.new, whole)
+    only_cut = len(whole) < len(comparison.pairs) and not (whole and rest.fails(on))
     return Exit.LOSS if only_cut else Exit.NOT_MET
 
 
-def _allow(found: Comparison, names: Sequence[str]) -> None:
+def _allow(comparison: Comparison, names: Sequence[str]) -> None:
     """Let what is called so be on one side only, but no new run that is not ok; UserError."""
     for name in names:
-        mine = [pair for pair in found.pairs if pair.is_called(name)]
+        mine = [pair for pair in comparison.pairs if pair.is_called(name)]
         if not mine:
-            known = dict.fromkeys(pair.rig for pair in found.pairs)
+            known = dict.fromkeys(pair.rig for pair in comparison.pairs)
             raise UserError(f"--allow {name}: no such rig here{did_you_mean(name, known)}")
         for pair in mine:
             pair.allowed = pair.state == ALONE and not (pair.side == "new" and pair.faulty)

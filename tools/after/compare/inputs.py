@@ -68,13 +68,13 @@ class Tree:
 
     def rig_files(self) -> dict[str, str]:
         """Return the rig files by path, with the rigs' names."""
-        found = {}
+        names = {}
         for path in self.files:
             if path.endswith((".yaml", ".yml")):
                 text = (self.root / path).read_text(encoding="utf-8", errors="replace")
                 if name := _RIG.search(text):
-                    found[path] = name[1]
-        return found
+                    names[path] = name[1]
+        return names
 
     def rig(self, path: str) -> Rig | None:
         """Return a rig; None for a YAML file of something else. RigError."""
@@ -93,10 +93,10 @@ class Tree:
             files |= set(loose)
         if self.holds_pcpc:
             files |= self._with_imports({_ENTRY})
-        found = hashlib.sha256(json.dumps(data, sort_keys=True).encode())
+        digest = hashlib.sha256(json.dumps(data, sort_keys=True).encode())
         for path in sorted(files):
-            found.update(f"{path} {self._sha256(path)}\n".encode())
-        return found.hexdigest()
+            digest.update(f"{path} {self._sha256(path)}\n".encode())
+        return digest.hexdigest()
 
     def used(self, rig: Rig) -> set[str]:
         """Return all files that a rig is made of, whichever controller runs."""
@@ -116,15 +116,15 @@ class Tree:
 
     def _named_files(self, document: Document, data: Any) -> set[str]:
         """Return the files that the texts of a rig name, by path or as a module."""
-        found: set[str] = set()
+        files: set[str] = set()
         for keys, text in texts(data, ()):
             name = text.partition(":")[0]
-            found.update(self._modules(name))
+            files.update(self._modules(name))
             file = os.path.normpath(document.place(keys).folder / name)
             if self._path(file) not in self._known_files and os.path.isfile(file):
                 file = os.path.realpath(file)  # by way of a linked folder
-            found.add(self._path(file))
-        return found & self._known_files
+            files.add(self._path(file))
+        return files & self._known_files
 
     def _path(self, file: str | Path) -> str:
         """Return the path of a file from the root, without looking whether there is one."""
@@ -137,26 +137,26 @@ class Tree:
     @cached_property
     def _by_name(self) -> dict[str, list[str]]:
         """The Python files by the ends of their dotted names: `a.b.c`, `b.c`, `c`."""
-        found: dict[str, list[str]] = {}
+        paths: dict[str, list[str]] = {}
         for path in (path for path in self.files if path.endswith(".py")):
             parts = path.removesuffix(".py").removesuffix("/__init__").split("/")
             for number in range(len(parts)):
-                found.setdefault(".".join(parts[number:]), []).append(path)
-        return found
+                paths.setdefault(".".join(parts[number:]), []).append(path)
+        return paths
 
     def _modules(self, name: str) -> list[str]:
         return self._by_name.get(name.removeprefix("pcpc."), [])
 
     def _with_imports(self, paths: set[str]) -> set[str]:
         """Return files with all that their Python imports, directly and by way of others."""
-        found, todo = set(paths), list(paths)
+        reached, todo = set(paths), list(paths)
         while todo:
             path = todo.pop()
             if path not in self._imports:
                 self._imports[path] = self._imported_files(path) if path.endswith(".py") else []
-            todo += [new for new in self._imports[path] if new not in found]
-            found.update(self._imports[path])
-        return found
+            todo += [new for new in self._imports[path] if new not in reached]
+            reached.update(self._imports[path])
+        return reached
 
     def _imported_files(self, path: str) -> list[str]:
         try:
@@ -203,11 +203,11 @@ def _chosen_values(data: dict[str, Any], controller: str) -> dict[str, Any]:
     names = {controller, overrun.get("fallback") if isinstance(overrun, dict) else None}
     standby = data.get("standby")
     names |= {str(name) for name in standby} if isinstance(standby, list) else set()
-    found = {**data, "controller": controller}
+    chosen = {**data, "controller": controller}
     for key in ("controllers", "expect"):
         if isinstance(data.get(key), dict):
-            found[key] = {name: one for name, one in data[key].items() if name in names}
-    return found
+            chosen[key] = {name: one for name, one in data[key].items() if name in names}
+    return chosen
 
 
 def texts(data: Any, above: Keys) -> Iterator[tuple[Keys, str]]:

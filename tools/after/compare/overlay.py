@@ -53,10 +53,10 @@ def _draw(old: Run, new: Run, pair: Pair, path: Path) -> bool:
     """Write a picture, old in grey below new; return False if there is nothing to draw."""
     try:
         judge = Judge.of(new.rig)
-        panels, given = judge.evaluation.panels, judge.given
+        panels, section = judge.evaluation.panels, judge.given
         if panels:
             runs = [
-                judge.evaluation.judged(run.log, given.window_s, given.numbers, run.period_s)
+                judge.evaluation.judged(run.log, section.window_s, section.numbers, run.period_s)
                 for run in (old, new)
             ]
             guarded(lambda: _panels(runs, panels, pair.name, path))

@@ -69,29 +69,29 @@ def recorded_runs(text: str, unreadable: Callable[[Path, str], None]) -> list[Re
 
     `unreadable` is called for each log that cannot be read, with the reason.
     """
-    whole = holds_runs(Path(text))
-    paths = sorted(logs_below(Path(text))) if whole else [log_of(text)]
-    found = []
+    is_folder = holds_runs(Path(text))
+    paths = sorted(logs_below(Path(text))) if is_folder else [log_of(text)]
+    runs = []
     for path in paths:
         try:
-            place = path.relative_to(text).as_posix() if whole else path.name
-            found.append(Recorded(path, place, Opened(path).head))
+            place = path.relative_to(text).as_posix() if is_folder else path.name
+            runs.append(Recorded(path, place, Opened(path).head))
         except (UserError, OSError) as error:
             words = error.strerror if isinstance(error, OSError) else str(error)
             unreadable(path, f"{words}".removeprefix(f"{path}: "))
     if not paths:
         raise RigError(f"{text}: no log in this folder; name a run, or a folder that holds some")
-    return found
+    return runs
 
 
 def partners(old: Sequence[Recorded], new: Sequence[Recorded]) -> Iterator[Partners]:
     """Yield every run of both sides once, with its partner or None, by rig and controller."""
     for key in sorted({one.key for one in (*old, *new)}):
-        ours, theirs = ([one for one in side if one.key == key] for side in (old, new))
+        old_runs, new_runs = ([one for one in side if one.key == key] for side in (old, new))
         for same in (_place, _settings, _nothing):
-            yield from _taken_pairs(ours, theirs, same)
-        yield from ((one, None) for one in ours)
-        yield from ((None, one) for one in theirs)
+            yield from _taken_pairs(old_runs, new_runs, same)
+        yield from ((one, None) for one in old_runs)
+        yield from ((None, one) for one in new_runs)
 
 
 def _taken_pairs(
@@ -100,12 +100,12 @@ def _taken_pairs(
     """Yield the runs that are the same in something, the first to begin first, and take them."""
     for side in (old, new):
         side.sort(key=lambda one: (one.begin_ns, one.place))
-    for one in list(old):
-        partner = next((two for two in new if same(two) == same(one)), None)
+    for run in list(old):
+        partner = next((two for two in new if same(two) == same(run)), None)
         if partner is not None:
-            old.remove(one)
+            old.remove(run)
             new.remove(partner)
-            yield one, partner
+            yield run, partner
 
 
 def _place(one: Recorded) -> str:

@@ -16,29 +16,29 @@ from pcpc.tools.terminal.progress import Progress
 
 def recorded_comparison(old: str, new: str, how: Criteria, progress: Progress) -> Comparison:
     """Compare two runs, or all runs of two folders."""
-    found = Comparison(old, new)
+    comparison = Comparison(old, new)
     if not any(holds_runs(Path(text)) for text in (old, new)):
         logs_of = log_of(old), log_of(new)
         if sum(log.stat().st_size for log in logs_of if log.is_file()) > LARGE_BYTES:
             progress.show(f"reading {old} and {new}")
-        found.pairs.append(compared_pair(*logs_of, how))
+        comparison.pairs.append(compared_pair(*logs_of, how))
         progress.close()
-        return found
+        return comparison
 
     def unreadable(path: Path, why: str) -> None:
-        found.pairs.append(Pair(str(path), "", FAILED, [why]))
+        comparison.pairs.append(Pair(str(path), "", FAILED, [why]))
 
     together = list(partners(*(recorded_runs(text, unreadable) for text in (old, new))))
-    for number, (ours, theirs) in enumerate(together, 1):
-        one = ours or theirs
-        assert one is not None, "a pair has a run"
-        progress.show(f"comparing {number}/{len(together)}: {', '.join(filter(None, one.key))}")
-        if ours is not None and theirs is not None:
-            found.pairs.append(_pair(ours, theirs, how))
+    for number, (old_run, new_run) in enumerate(together, 1):
+        run = old_run or new_run
+        assert run is not None, "a pair has a run"
+        progress.show(f"comparing {number}/{len(together)}: {', '.join(filter(None, run.key))}")
+        if old_run is not None and new_run is not None:
+            comparison.pairs.append(_pair(old_run, new_run, how))
         else:
-            found.pairs.append(_alone(one, "new" if ours is None else "old"))
+            comparison.pairs.append(_alone(run, "new" if old_run is None else "old"))
     progress.close()
-    return found
+    return comparison
 
 
 def _pair(old: Recorded, new: Recorded, how: Criteria) -> Pair:
@@ -48,15 +48,15 @@ def _pair(old: Recorded, new: Recorded, how: Criteria) -> Pair:
         return Pair(*old.key[:2], FAILED, [str(error)], str(old.path), str(new.path))
 
 
-def _alone(one: Recorded, side: Side) -> Pair:
+def _alone(run: Recorded, side: Side) -> Pair:
     """Return what is known of a run without a partner, its verdict too."""
-    told = [f"only in {side}: {one.path}", *[one.key[2]] * bool(one.key[2])]
-    found = Pair(*one.key[:2], ALONE, told, side=side)
+    told = [f"only in {side}: {run.path}", *[run.key[2]] * bool(run.key[2])]
+    pair = Pair(*run.key[:2], ALONE, told, side=side)
     try:
-        result = Run(one.path).result
+        result = Run(run.path).result
         verdict, reasons = result.verdict, result.problems()
     except (OSError, UserError, ValueError) as error:
         verdict, reasons = "not judged", [str(error)]
-    found.verdict = Change("verdict", *((verdict, "") if side == "old" else ("", verdict)))
-    found.said += [f"verdict {verdict}", *reasons]
-    return found
+    pair.verdict = Change("verdict", *((verdict, "") if side == "old" else ("", verdict)))
+    pair.said += [f"verdict {verdict}", *reasons]
+    return pair

@@ -93,10 +93,10 @@ class Repository:
         with _claimed_folder(f"{commit[:12]}-{self.mark}") as folder:
             (tree := folder / "tree").mkdir()
             own = _git(self.root, "rev-parse", "--absolute-git-dir").rstrip("\n")
-            here = {"GIT_DIR": own, "GIT_WORK_TREE": str(tree)}
-            here |= {"GIT_INDEX_FILE": str(folder / "index")}
-            _git(tree, "read-tree", commit, environment=here)
-            _git(tree, "checkout-index", "--all", "--quiet", environment=here)
+            git_paths = {"GIT_DIR": own, "GIT_WORK_TREE": str(tree)}
+            git_paths |= {"GIT_INDEX_FILE": str(folder / "index")}
+            _git(tree, "read-tree", commit, environment=git_paths)
+            _git(tree, "checkout-index", "--all", "--quiet", environment=git_paths)
             yield folder
 
 
@@ -111,14 +111,14 @@ def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -
             env=_surroundings() | (environment or {}),
         )
     except FileNotFoundError:
-        what = "git: no such program; install it, as with `sudo apt-get install git`"
-        raise GitError(what, Exit.ENVIRONMENT) from None
+        problem = "git: no such program; install it, as with `sudo apt-get install git`"
+        raise GitError(problem, Exit.ENVIRONMENT) from None
     except subprocess.CalledProcessError as error:
-        said = os.fsdecode(error.stderr).strip().splitlines() or [f"exit code {error.returncode}"]
-        code = Exit.LOSS if "No space left on device" in said[0] else None
+        lines = os.fsdecode(error.stderr).strip().splitlines() or [f"exit code {error.returncode}"]
+        code = Exit.LOSS if "No space left on device" in lines[0] else None
         cure = "; `git config --global --add safe.directory FOLDER` trusts it"
-        what = said[0].removeprefix("fatal: ") + cure * ("dubious ownership" in said[0])
-        raise GitError(one_line(f"git: {what}"), code) from None
+        problem = lines[0].removeprefix("fatal: ") + cure * ("dubious ownership" in lines[0])
+        raise GitError(one_line(f"git: {problem}"), code) from None
     return os.fsdecode(done.stdout)
 
 
@@ -133,10 +133,10 @@ def _claimed_folder(name: str) -> Iterator[Path]:
     """Give an empty folder of this name that nobody else uses; OSError."""
     base = Path(tempfile.gettempdir()).resolve() / f"pcpc-{os.geteuid()}" / "compare"
     compile_cache.make(base)
-    for left in base.glob("*.lock"):
-        with _locked_file(left) as lock:
+    for leftover in base.glob("*.lock"):
+        with _locked_file(leftover) as lock:
             if lock is not None:
-                _remove(left)
+                _remove(leftover)
     for number in itertools.count(1):
         path = base / (f"{name}.lock" if number == 1 else f"{name}-{number}.lock")
         with _locked_file(path) as lock:

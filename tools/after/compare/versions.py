@@ -77,13 +77,13 @@ def version_comparison(
         if trees[1].holds_pcpc and not trees[0].holds_pcpc:
             what = "that version of pcpc cannot run its rigs; name a later version"
             raise UserError(f"--against {against}: {what}")
-        found = Comparison(f"{against} ({commit[:10]})", "working tree")
+        comparison = Comparison(f"{against} ({commit[:10]})", "working tree")
         plan = _Plan(trees, request, how, folder, repository.changed(commit))
-        found.pairs = list(plan.pairs())
+        comparison.pairs = list(plan.pairs())
         progress.close()
-        found.pairs += each(_run, plan.jobs, progress, request.jobs) if plan.jobs else []
-    found.pairs.sort(key=lambda pair: pair.name)
-    return found
+        comparison.pairs += each(_run, plan.jobs, progress, request.jobs) if plan.jobs else []
+    comparison.pairs.sort(key=lambda pair: pair.name)
+    return comparison
 
 
 def _repository(words: Sequence[str]) -> Repository:
@@ -165,7 +165,7 @@ class _Plan:
     def _chosen(self) -> list[str]:
         """Return the paths of the rigs that the command line names, or of all."""
         words, known = self._request.words, sorted(self._names)
-        found = dict[str, None]()
+        chosen = dict[str, None]()
         for word in words:
             ends = ("", "/rig.yaml") if word else ()
             forms = {path_from(self._root, f"{word}{end}") for end in ends}
@@ -177,10 +177,10 @@ class _Plan:
                     f"{word or repr(word)}: no rig of either version"
                     f"{did_you_mean(word, self._names.values())}"
                 )
-            found |= dict.fromkeys(mine)
+            chosen |= dict.fromkeys(mine)
         if not known:
             raise RigError(f"{self._root}: no rig, a YAML file with `rig: NAME`, in either version")
-        return list(found) if words else known
+        return list(chosen) if words else known
 
     def _controllers(self, path: str, old: Rig, new: Rig) -> Iterator[Pair]:
         """Deal with a rig's controllers: its own, others that changed, or those asked for."""

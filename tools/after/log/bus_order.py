@@ -77,17 +77,17 @@ def _without_steps(stamp_ns: Ints) -> tuple[Ints, list[ClockStep]]:
     highest, seen = int(stamp_ns[0]), 0  # of the stamps as recorded since the last step
     for place in (np.flatnonzero(gaps < 0) + 1).tolist():
         highest, seen = max(highest, int(stamp_ns[seen:place].max())), place
-        at = int(stamp_ns[place])
-        if at >= highest or (stamp_ns[place : place + _FEW + 1] >= highest).any():
+        at_ns = int(stamp_ns[place])
+        if at_ns >= highest or (stamp_ns[place : place + _FEW + 1] >= highest).any():
             continue
-        early = stamp_ns[max(0, place - _FEW - 1) : place] <= at
+        early = stamp_ns[max(0, place - _FEW - 1) : place] <= at_ns
         if early.any():  # the few frames since then are ahead of their time
-            highest = at
+            highest = at_ns
             continue
         before = steps[-1].shift_ns if steps else 0
-        shift_ns[place] = highest + usual_ns - at
+        shift_ns[place] = highest + usual_ns - at_ns
         steps.append(ClockStep(place + 1, int(-gaps[place - 1]), before + int(shift_ns[place])))
-        highest = at
+        highest = at_ns
         if steps[-1].shift_ns + highest > _LATEST_NS:  # stamps that make no sense
             return stamp_ns, []
     return stamp_ns + np.cumsum(shift_ns), steps

@@ -47,7 +47,7 @@ Rows = NDArray[Any]  # messages, or frames: (n,) records
 
 def command(request: ExportRequest) -> int:
     """Print; raises LogError, LogCommandError, BrokenPipeError."""
-    path, found = request.log, Scan()
+    path, scanned = request.log, Scan()
     # on a terminal the text itself shows how far it is
     progress = Progress(request.quiet or sys.stdout.isatty())
     start_s, end_s = window_s(request.window)
@@ -59,13 +59,13 @@ def command(request: ExportRequest) -> int:
     form = request.format or _usual_format(topics)
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
     _check(form, topics)
-    printer = Printer(log, found, form, zero_ns)
-    told = some = False
-    for channel, piece in source.stream(path, found, progress):
-        topic = found.topic(channel)
-        if found.statistics is not None and not told:
-            _check_known(path, found, topics)
-            told = True
+    printer = Printer(log, scanned, form, zero_ns)
+    is_checked = some = False
+    for channel, piece in source.stream(path, scanned, progress):
+        topic = scanned.topic(channel)
+        if scanned.statistics is not None and not is_checked:
+            _check_known(path, scanned, topics)
+            is_checked = True
         rows = source.messages(piece)
         time_s = (rows["log_time"].astype(np.int64) - zero_ns) / 1e9
         if time_s[0] - _LATEST_NS / 1e9 > end_s:
@@ -75,12 +75,12 @@ def command(request: ExportRequest) -> int:
             some = some or len(rows) > 0
             if len(rows):
                 sys.stdout.writelines(printer.lines(channel, rows))
-    _check_known(path, found, topics)
+    _check_known(path, scanned, topics)
     sys.stdout.flush()
     progress.close()
     if not some and (start_s, end_s) != EVER_S:
         raise LogCommandError(f"{path}: nothing was recorded there; see --topics, --start, --end")
-    missing = found.missing + printer.left_out()
+    missing = scanned.missing + printer.left_out()
     for line in missing:
         print(f"{path}: {line}", file=sys.stderr)
     return Exit.LOSS if missing else Exit.OK
@@ -88,10 +88,10 @@ def command(request: ExportRequest) -> int:
 
 def first_cycle_ns(path: Path) -> int:
     """Return the wall time of the executive's first cycle, else of the first message; 0 if none."""
-    found, first_ns = Scan(), 0
-    for channel, piece in walk(path, found):
+    scanned, first_ns = Scan(), 0
+    for channel, piece in walk(path, scanned):
         at_ns = int(source.messages(piece)["log_time"][0])
-        if found.topic(channel) == "/state":
+        if scanned.topic(channel) == "/state":
             return at_ns
         first_ns = first_ns or at_ns
     return first_ns

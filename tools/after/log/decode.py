@@ -106,8 +106,8 @@ def by_id(database: Database, frames: NDArray[Any], progress: Progress) -> Decod
     places = np.split(order, np.cumsum(counts)[:-1])
     meant = {word: _message_of(word, database) for word in ids.tolist()}
     times = Counter(id(message) for message in meant.values())
-    found, unknown, left_out = [], {}, list[str]()
-    for word, count, own in zip(ids.tolist(), counts.tolist(), places, strict=True):
+    decoded, unknown, left_out = [], {}, list[str]()
+    for word, count, rows in zip(ids.tolist(), counts.tolist(), places, strict=True):
         message = meant[word]
         if message is None:
             unknown[word] = count
@@ -118,9 +118,9 @@ def by_id(database: Database, frames: NDArray[Any], progress: Progress) -> Decod
         progress.show(f"{name}: {count} frames")
         odd = [one for one in message.signals if not _is_possible(one, message)]
         left_out += [f"{name}.{one.name} ({one.start}|{one.length})" for one in odd]
-        found.append(_decoded(message, word, name, frames[own], own))
-    by_pgn = [one for one in found if one.word != _word(one.message)]
-    return Decoded(found, unknown, by_pgn, left_out)
+        decoded.append(_decoded(message, word, name, frames[rows], rows))
+    by_pgn = [one for one in decoded if one.word != _word(one.message)]
+    return Decoded(decoded, unknown, by_pgn, left_out)
 
 
 def _word(message: Message) -> int:
@@ -220,17 +220,17 @@ def _columns(
 
 def column_names(signals: Sequence[DbcSignal]) -> list[str]:
     """Return the column of each signal: its name, unless another one has it in the same frame."""
-    found: list[str] = []
+    names: list[str] = []
     every = Counter(one.name for one in signals)
     for signal in signals:
         same = [one for one in signals if every[one.name] > 1 and one.name == signal.name]
         alike = all(one is other or _are_one(one, other) for one in same for other in same)
-        found.append(signal.name if alike else f"{signal.name}_{signal.start}")
-    counts = Counter(found)
-    for i, name in enumerate(found):
+        names.append(signal.name if alike else f"{signal.name}_{signal.start}")
+    counts = Counter(names)
+    for i, name in enumerate(names):
         if counts[name] > 1 and name != signals[i].name:  # begin with the same bit
-            found[i] = f"{name}_{i}"
-    return found
+            names[i] = f"{name}_{i}"
+    return names
 
 
 def _are_one(one: DbcSignal, other: DbcSignal) -> bool:

@@ -26,7 +26,7 @@ from pcpc.tools.after.log.contents import Foreign
 
 def survey(path: Path) -> Foreign | None:
     """Return library and messages by topic; None for what is no MCAP file."""
-    found = Foreign(str(path))
+    foreign = Foreign(str(path))
     names: dict[int, str] = {}
     try:
         with (
@@ -38,20 +38,20 @@ def survey(path: Path) -> Foreign | None:
             for opcode, body in _records(data, len(MAGIC), Scan(size=len(data))):
                 if opcode == Opcode.HEADER:
                     library = Header.read(ReadDataStream(BytesIO(body))).library
-                    found.library = printable(library)
+                    foreign.library = printable(library)
                 elif opcode == Opcode.CHANNEL:
                     channel = read_channel(body)
                     names[channel.id] = channel.topic
-                    found.topics.setdefault(channel.topic, 0)
+                    foreign.topics.setdefault(channel.topic, 0)
                 elif opcode == Opcode.MESSAGE:
                     topic = names.get(int.from_bytes(body[:2], "little"))
                     if topic is not None:
-                        found.topics[topic] += 1
+                        foreign.topics[topic] += 1
     except (*UNREADABLE, OSError, TooMuchError) as error:
         if isinstance(error, ValueError) and path.stat().st_size == 0:  # no mapping of nothing
             return None
-        found.damaged = printable(str(error)) or "it is cut"
-    return found
+        foreign.damaged = printable(str(error)) or "it is cut"
+    return foreign
 
 
 def _records(

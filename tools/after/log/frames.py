@@ -158,13 +158,13 @@ def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> Ints:
     for i, key in enumerate(_keys(sent)):
         waiting[key].append(i)
     stamps = sent["stamp_ns"].tolist()
-    found = np.full(len(received), -1, np.int64)
+    sources = np.full(len(received), -1, np.int64)
     latest = (received["stamp_ns"] + SLACK_NS).tolist()
     for k, (key, until) in enumerate(zip(_keys(received), latest, strict=True)):
         queue = waiting.get(key)
         if queue and stamps[queue[0]] <= until:
-            found[k] = queue.popleft()
-    return found
+            sources[k] = queue.popleft()
+    return sources
 
 
 def _keys(rows: NDArray[np.void]) -> list[bytes]:

@@ -51,11 +51,11 @@ def command(request: InfoRequest) -> int:
 
 def describe(path: Path, progress: Progress) -> Contents:
     """Return what `--json` prints; LogError if the file is no log of this project."""
-    found = Scan()
-    tally = Tally(found)
-    for channel, piece in source.stream(path, found, progress):
+    scanned = Scan()
+    tally = Tally(scanned)
+    for channel, piece in source.stream(path, scanned, progress):
         tally.add(channel, source.messages(piece))
-    log = logs.assemble(path, found)
+    log = logs.assemble(path, scanned)
     facts = log.metadata[next(iter(log.node))]
     lead = logs.topic(next(iter(log.node)), "state")
     if lead not in tally.first_ns:  # frames only
@@ -64,8 +64,8 @@ def describe(path: Path, progress: Progress) -> Contents:
     events = tally.entries("events", zero_ns)
     return Contents(
         file=str(path),
-        bytes=found.size,
-        bytes_per_hour=round(found.size / duration_s * 3600) if duration_s else None,
+        bytes=scanned.size,
+        bytes_per_hour=round(scanned.size / duration_s * 3600) if duration_s else None,
         **{name: facts.get(name, "") for name in _FACTS},
         rig_git=rig_commits(log.metadata, log.node),
         start=start_of(facts, zero_ns),
@@ -190,12 +190,12 @@ def _size(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-def _show_foreign(found: Foreign, as_json: bool) -> None:
+def _show_foreign(foreign: Foreign, as_json: bool) -> None:
     if as_json:
-        print(screen.json_text(found))
+        print(screen.json_text(foreign))
         return
-    if not found.library and not found.topics:
+    if not foreign.library and not foreign.topics:
         return  # nothing tells whose it is
-    print(f"{found.file}: an MCAP file written by {found.library or 'others'}")
-    for topic, count in found.topics.items():
+    print(f"{foreign.file}: an MCAP file written by {foreign.library or 'others'}")
+    for topic, count in foreign.topics.items():
         print(f"{topic}  {count} messages")

@@ -31,11 +31,11 @@ _KINDS = "state_columns", "timing_columns"
 class NodePart:
     """What of one node is written; made by `LogPart.node`."""
 
-    def __init__(self, about: NodeDescription, writer: BulkWriter) -> None:
-        self.names = [*about["state_columns"], *about["timing_columns"]]
-        self.channels = Channels(about, writer)
+    def __init__(self, description: NodeDescription, writer: BulkWriter) -> None:
+        self.names = [*description["state_columns"], *description["timing_columns"]]
+        self.channels = Channels(description, writer)
         self.written = dict.fromkeys((*sh.RINGS, "alarm"), 0)
-        self._writer, self._states = writer, len(about["state_columns"])
+        self._writer, self._states = writer, len(description["state_columns"])
 
     def rows(self, seen: Rows) -> NDArray[np.int64]:
         """Return cycles as rows of a ring with the columns of this log only.
@@ -43,13 +43,13 @@ class NodePart:
         Shape (n, columns of the ring).
         """
         head, states = RECORD_HEAD, self._states
-        found = np.full((len(seen), head + len(self.names) + 1), sh.CDR_HEADER, np.int64)
-        found[:, 0], found[:, 1] = seen.cycle, seen.stamp_ns
+        rows = np.full((len(seen), head + len(self.names) + 1), sh.CDR_HEADER, np.int64)
+        rows[:, 0], rows[:, 1] = seen.cycle, seen.stamp_ns
         places = [seen.places[name] for name in self.names]
         values = np.ascontiguousarray(seen.values[:, places]).view(np.int64)
-        found[:, head : head + states] = values[:, :states]
-        found[:, head + states + 1 :] = values[:, states:]
-        return found
+        rows[:, head : head + states] = values[:, :states]
+        rows[:, head + states + 1 :] = values[:, states:]
+        return rows
 
     def add(self, ring: str, rows: NDArray[np.int64]) -> None:
         """Write rows as they are in a ring, in pieces that a chunk takes; OSError.
@@ -77,16 +77,18 @@ class LogPart:
         self._files: dict[str, str] = {}
         self._wall_ns = ""  # of the first node: without a clock the stamps of all count from there
 
-    def node(self, about: Mapping[str, Any], names: Sequence[str] | None = None) -> NodePart:
+    def node(self, description: Mapping[str, Any], names: Sequence[str] | None = None) -> NodePart:
         """Take up the node of a description, with all that it records or what `names` has."""
-        facts = dict(about["metadata"])
+        facts = dict(description["metadata"])
         self._wall_ns = self._wall_ns or facts["clock_wall_ns"]
         if facts.get("pacing") in WITHOUT_CLOCK:
             facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": self._wall_ns}
-        own = {} if names is None else {k: [n for n in about[k] if n in names] for k in _KINDS}
-        about = node_description({**about, **own, "metadata": facts})
-        write_description(self.writer, about, self._files)
-        found = self.nodes[str(about["node"])] = NodePart(about, self.writer)
+        own = (
+            {} if names is None else {k: [n for n in description[k] if n in names] for k in _KINDS}
+        )
+        description = node_description({**description, **own, "metadata": facts})
+        write_description(self.writer, description, self._files)
+        found = self.nodes[str(description["node"])] = NodePart(description, self.writer)
         return found
 
     @property

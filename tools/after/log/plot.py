@@ -50,8 +50,8 @@ def draw(request: PlotRequest) -> int:
     read = [series.read_log(path, progress) for path in paths]
     loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
     window = series.window_s(request.window)
-    whole = window == series.EVER_S
-    if len(read) == 1 and not patterns and whole and _has_own(read[0], request, progress):
+    is_whole = window == series.EVER_S
+    if len(read) == 1 and not patterns and is_whole and _has_own(read[0], request, progress):
         return loss
     names = names_of(paths)
     sources = [
@@ -59,18 +59,18 @@ def draw(request: PlotRequest) -> int:
         for name, log in zip(names, read, strict=True)
     ]
     groups = groups_of(sources, patterns)
-    for one in sources:
-        absent = [name for group in groups for name in group if name not in one.series]
+    for source in sources:
+        absent = [name for group in groups for name in group if name not in source.series]
         if absent:
-            progress.say(f"{one.log.path}: no {', '.join(absent)}")
+            progress.say(f"{source.log.path}: no {', '.join(absent)}")
     drawn = (
-        one.inside(name, window).any()
-        for one in sources
+        source.inside(name, window).any()
+        for source in sources
         for group in groups
         for name in group
-        if name in one.series
+        if name in source.series
     )
-    if not whole and not any(drawn):
+    if not is_whole and not any(drawn):
         raise LogCommandError(f"{paths[0]}: nothing was recorded there; see --start, --end")
     progress.show(f"drawing {sum(map(len, groups))} variables")
     page = page_of(sources, groups, window)

@@ -81,9 +81,9 @@ def reader(path: Path, channel: str | None, limits: ReaderLimits) -> Iterator[IO
     Whatever happens, it is gone at the end, and its files are; EndedError if it died.
     """
     with tempfile.TemporaryDirectory(prefix="pcpc-import-") as folder:
-        said = Path(folder) / "stderr"
+        stderr_file = Path(folder) / "stderr"
         with (
-            said.open("wb") as stderr,
+            stderr_file.open("wb") as stderr,
             subprocess.Popen(
                 [sys.executable, "-P", "-m", child.__name__, child.word(path, channel, limits)],
                 stdin=subprocess.DEVNULL,
@@ -97,7 +97,7 @@ def reader(path: Path, channel: str | None, limits: ReaderLimits) -> Iterator[IO
             try:
                 yield process.stdout
             except EOFError:
-                code, lines = process.wait(), said.read_text(errors="replace").splitlines()
+                code, lines = process.wait(), stderr_file.read_text(errors="replace").splitlines()
                 raise EndedError(code, lines[-1] if lines else "") from None
             finally:
                 process.kill()
@@ -163,13 +163,13 @@ def _ended(path: Path, number: int, error: EndedError) -> LogCommandError:
     if error.code == -signal.SIGXCPU:
         return LogCommandError(f"{path}: its reader hangs {after}: {there}")
     if error.code == -signal.SIGKILL:
-        what = f"its reader was killed {after}; free memory, and import it again"
-        return LogCommandError(f"{path}: {what}", Exit.ENVIRONMENT)
+        problem = f"its reader was killed {after}; free memory, and import it again"
+        return LogCommandError(f"{path}: {problem}", Exit.ENVIRONMENT)
     if error.code < 0:
         name = signal.Signals(-error.code).name
         return LogCommandError(f"{path}: its reader crashed by {name} {after}: {there}")
-    what = f"its reader ended {after} with exit code {error.code} ({error})"
-    return LogCommandError(f"{path}: {what}; try `pcpc doctor`", Exit.ENVIRONMENT)
+    problem = f"its reader ended {after} with exit code {error.code} ({error})"
+    return LogCommandError(f"{path}: {problem}; try `pcpc doctor`", Exit.ENVIRONMENT)
 
 
 def _recording(
@@ -209,13 +209,13 @@ def _recording(
 
 def _nothing(account: Account, channel: str | None, channels: Counter[str]) -> str:
     """Return what there is instead of a data frame."""
-    what = "no CAN frame"
+    absence = "no CAN frame"
     if channel:
         known = ", ".join(sorted(channels)) or "none"
-        what += f" of channel {channel}; it has: {known}"
+        absence += f" of channel {channel}; it has: {known}"
     elif account.left_out:
-        what += f" with data; it has {left_out_text(account)} frames"
-    return what + (f"; {account.damage[0]}" if account.damage else "")
+        absence += f" with data; it has {left_out_text(account)} frames"
+    return absence + (f"; {account.damage[0]}" if account.damage else "")
 
 
 def left_out_text(account: Account) -> str:

@@ -22,25 +22,25 @@ def tell_requirements(path: Path, beside: Offers, trust: Trust, quiet: bool) -> 
     from pcpc.tools.after.verdict import summary_file  # numba
     from pcpc.tools.after.verdict.judge import Judge
 
-    asked, progress = beside.of(Requirements), Progress(quiet)
-    settings = [f"require=[{', '.join(f'{{{one}}}' for one in asked.require)}]"]
+    request, progress = beside.of(Requirements), Progress(quiet)
+    settings = [f"require=[{', '.join(f'{{{one}}}' for one in request.require)}]"]
     with opened(path, trust) as run:
         try:
-            rig, note = run.judged(settings if asked.require else ())
+            rig, note = run.judged(settings if request.require else ())
             if note:
                 progress.say(f"{path}: {note}")
             judge = Judge.of(rig)
             log = run.part(lambda log: judge.needed_columns(log, False))
-            found = judge.requirements(log)
+            results = judge.requirements(log)
         except RigError as error:
             what = words_of(error).replace(f"--set {settings[0]}", "--require")
             raise LogCommandError(what) from None
-    if not found:
+    if not results:
         name = rig.config.controller
         raise LogCommandError(f"{path}: its rig requires nothing of {name}; try --require")
-    screen.answer(asked.json, [one.json() for one in found], map(str, found), 2)
+    screen.answer(request.json, [one.json() for one in results], map(str, results), 2)
     if doubt := summary_file.beside(path)[1]:
         print(f"{path}: {doubt}", file=sys.stderr)
-    if doubt or any(one.held is False for one in found) or not any(one.held for one in found):
+    if doubt or any(one.held is False for one in results) or not any(one.held for one in results):
         return Exit.NOT_MET  # one that nothing could be judged of is not met either
     return Exit.LOSS if log.missing else Exit.OK

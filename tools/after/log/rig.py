@@ -125,7 +125,7 @@ def _resolved_rig(head: logs.Log, folder: Path, whole: bool = False) -> dict[str
     return data
 
 
-def fmu_file(entry: Mapping[str, Any], folder: Path, given: Sequence[str]) -> Path | None:
+def fmu_file(entry: Mapping[str, Any], folder: Path, fmus: Sequence[str]) -> Path | None:
     """Return the file of an FMU that the log's block `entry` was, if it was given; LogError."""
     name = PurePosixPath(str(entry.get("file"))).name
     try:
@@ -133,13 +133,13 @@ def fmu_file(entry: Mapping[str, Any], folder: Path, given: Sequence[str]) -> Pa
         wanted, model = str(about["sha256"]), str(about["name"])
     except (OSError, ValueError, KeyError, TypeError):
         return None  # whoever reads it says so
-    for text in given:
+    for text in fmus:
         path = Path(text).resolve()
         if not carried_files.is_ordinary(path):
             raise logs.LogError(f"--fmu {text}: no such file")
         if (found := carried_files.sha256(path)) == wanted:
             return path
-        if len(given) == 1:
+        if len(fmus) == 1:
             what = f"the run's {model} has sha256 {wanted[:16]}, this one {found[:16]}"
             raise logs.LogError(f"--fmu {text}: another FMU: {what}")
     return None
@@ -177,18 +177,21 @@ def judged_rig(
 
 def _evaluation(head: logs.Log, name: str, folder: Path, trust: Trust) -> tuple[Path, str]:
     """Return the file of a log's evaluation, and a word if it is another one; LogError."""
-    files, own = carried_by(head, "judges"), project_file(name)
-    same = own is not None and (not files or files[0].sha256 == carried_files.sha256(own))
-    if own is not None and (same or not trust.trust):
-        return own, "" if same else f"{name} differs from the log's own; --trust uses the log's"
+    files, own_file = carried_by(head, "judges"), project_file(name)
+    same = own_file is not None and (not files or files[0].sha256 == carried_files.sha256(own_file))
+    if own_file is not None and (same or not trust.trust):
+        return (
+            own_file,
+            "" if same else f"{name} differs from the log's own; --trust uses the log's",
+        )
     if not files:  # logs of earlier versions
         names = {facts.get("rig", "") for facts in head.metadata.values()}
         shipped = [path for path in PROJECT.glob("plants/*/rigs/*.yaml") if path.stem in names]
         place = trust.rig or next(iter(shipped), None)
-        found = load_rig(place, resolve=False).evaluation if place else None
-        if found is None:
+        evaluation = load_rig(place, resolve=False).evaluation if place else None
+        if evaluation is None:
             raise logs.LogError(f"{head.path}: does not carry its evaluation {name}; try --rig RIG")
-        return Path(found.file), ""
+        return Path(evaluation.file), ""
     return _places(head, files, folder, trust)[files[0]], ""
 
 
@@ -217,32 +220,32 @@ def carried_by(head: logs.Log, kind: str = "") -> list[RunFile]:
     Those of its drawing, if it is draws. LogError if it names them wrongly.
     """
     contents = {hashlib.sha256(data).hexdigest(): data for data in head.files.values()}
-    found: dict[str, RunFile] = {}
+    files_by_name: dict[str, RunFile] = {}
     for node in head.node.values():
         for entry in node.description.get("files", ()):
             if kind != next((one for one in ("judges", "draws") if entry.get(one)), ""):
                 continue
             try:
-                one = msgspec.convert(entry, RunFile)
+                run_file = msgspec.convert(entry, RunFile)
             except msgspec.ValidationError as error:
                 what = f"an entry of the files it carries is damaged ({error})"
                 raise logs.LogError(f"{head.path}: {what}") from None
-            known = found.get(one.name, one)
-            if known.sha256 != one.sha256:
-                raise logs.LogError(f"{head.path}: {one.name} changed while the run started")
-            laws, given = (known.laws, known.given) if known is not one else ((), ())
-            found[one.name] = replace(
-                one,
-                laws=(*laws, *one.laws),
-                given=(*given, *one.given),
-                content=contents.get(one.sha256),
+            known = files_by_name.get(run_file.name, run_file)
+            if known.sha256 != run_file.sha256:
+                raise logs.LogError(f"{head.path}: {run_file.name} changed while the run started")
+            laws, given = (known.laws, known.given) if known is not run_file else ((), ())
+            files_by_name[run_file.name] = replace(
+                run_file,
+                laws=(*laws, *run_file.laws),
+                given=(*given, *run_file.given),
+                content=contents.get(run_file.sha256),
             )
     for name, text in () if kind else head.attachments.items():  # of older logs
-        if name.endswith(".py") and not any(name in one.laws for one in found.values()):
+        if name.endswith(".py") and not any(name in one.laws for one in files_by_name.values()):
             data = text.encode()
             digest = hashlib.sha256(data).hexdigest()
-            found.setdefault(name, RunFile(name, "", digest, (name,), (), data))
-    return list(found.values())
+            files_by_name.setdefault(name, RunFile(name, "", digest, (name,), (), data))
+    return list(files_by_name.values())
 
 
 def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | None:
@@ -269,8 +272,8 @@ def _places(
     """Return where each file is taken from; LogError if that needs the user's word."""
     beside = Path(trust.rig).resolve().parent if trust.rig else None
     named = _named_files(head, files, trust.law)
-    found = {file: named.get(file) or _in_place(file, beside) for file in files}
-    absent = [file for file, path in found.items() if path is None]
+    places = {file: named.get(file) or _in_place(file, beside) for file in files}
+    absent = [file for file, path in places.items() if path is None]
     if absent and trust.trust:
         lacking = [file.shown() for file in absent if file.content is None]
         if lacking:
@@ -278,9 +281,9 @@ def _places(
             raise logs.LogError(f"{head.path}: {what}; name it with --law FILE")
     elif absent:
         raise logs.LogError(_refusal(head, absent))
-    if all(path is not None and str(path) == file.path for file, path in found.items()):
-        return {file: path for file, path in found.items() if path is not None}
-    return {file: _placed_file(head, file, found[file], folder, files) for file in files}
+    if all(path is not None and str(path) == file.path for file, path in places.items()):
+        return {file: path for file, path in places.items() if path is not None}
+    return {file: _placed_file(head, file, places[file], folder, files) for file in files}
 
 
 def _refusal(head: logs.Log, absent: list[RunFile]) -> str:
@@ -298,7 +301,7 @@ def _refusal(head: logs.Log, absent: list[RunFile]) -> str:
 
 def _named_files(head: logs.Log, files: list[RunFile], law: Sequence[str]) -> dict[RunFile, Path]:
     """Return the files that --law names, by content, else by their names."""
-    found: dict[RunFile, Path] = {}
+    named: dict[RunFile, Path] = {}
     for text in law:
         path = Path(text).resolve()
         if not carried_files.is_ordinary(path):
@@ -310,8 +313,8 @@ def _named_files(head: logs.Log, files: list[RunFile], law: Sequence[str]) -> di
             known = ", ".join(file.name for file in files) or "none"
             which = "several files" if alike else "no file"
             raise logs.LogError(f"--law {text}: {head.path} has {which} of this name: {known}")
-        found |= dict.fromkeys(alike, path)
-    return found
+        named |= dict.fromkeys(alike, path)
+    return named
 
 
 def _in_place(file: RunFile, beside: Path | None) -> Path | None:
@@ -357,11 +360,11 @@ def _placed_file(
 
 def _redirections(files: list[RunFile], where: Mapping[RunFile, Path]) -> dict[str, str]:
     """Return what a law gets for the texts by which the run's laws opened files."""
-    found: dict[str, str] = {}
+    redirected: dict[str, str] = {}
     for file in files:
-        found |= dict.fromkeys((file.path, *file.given), str(where[file]))
-    found.pop("", None)
-    return found
+        redirected |= dict.fromkeys((file.path, *file.given), str(where[file]))
+    redirected.pop("", None)
+    return redirected
 
 
 @contextmanager

@@ -73,9 +73,9 @@ def start_ns(log: logs.Log) -> int:
 
 def all_series(log: logs.Log, only: Collection[str] | None = None) -> dict[str, Series]:
     """Return all variables by name, in the order of recording; `only`: these, the others unread."""
-    found: dict[str, Series] = {}
+    by_name: dict[str, Series] = {}
     for name, node in log.node.items():
-        about = {row[0]: row for row in node.description.get("variables", [])}
+        described = {row[0]: row for row in node.description.get("variables", [])}
         time_ns = node.stamp_ns + wall_offset_ns(log, name)
         prefix = "" if name == "executive" else f"{name}."
         for kind, columns in (("state", node.columns), ("timing", node.timing)):
@@ -83,11 +83,11 @@ def all_series(log: logs.Log, only: Collection[str] | None = None) -> dict[str, 
             for column in columns:
                 if only is not None and prefix + column not in only:
                     continue
-                unit, text = (about[column][i] if column in about else "" for i in (1, 4))
+                unit, text = (described[column][i] if column in described else "" for i in (1, 4))
                 values = columns[column]
                 one = Series(prefix + column, unit, text, topic, time_ns, node.cycle, values)
-                found[one.name] = one
-    return found
+                by_name[one.name] = one
+    return by_name
 
 
 def choose(
@@ -99,19 +99,19 @@ def choose(
     (`plant.`, `local.`) where nothing else matches. Raises LogCommandError for a pattern that
     matches none; `of`: the logs that `known` are from.
     """
-    names, told = list(known), list(of)
+    names, sources = list(known), list(of)
     chosen: dict[str, None] = {}
-    for given in patterns:
-        pattern = given.replace(":", ".", 1).removeprefix("executive.")
-        found = [name for name in names if fnmatchcase(name, pattern)]
+    for word in patterns:
+        pattern = word.replace(":", ".", 1).removeprefix("executive.")
+        matching = [name for name in names if fnmatchcase(name, pattern)]
         further = [prefix + pattern for prefix in _PREFIXES]
-        found = found or [n for n in names if any(fnmatchcase(n, other) for other in further)]
-        if not found:
-            if why := next(filter(None, (why_unrecorded(log, given) for log in told)), ""):
-                raise LogCommandError(f"{where}: {given}: {why}")
+        matching = matching or [n for n in names if any(fnmatchcase(n, other) for other in further)]
+        if not matching:
+            if why := next(filter(None, (why_unrecorded(log, word) for log in sources)), ""):
+                raise LogCommandError(f"{where}: {word}: {why}")
             bare = [_bare(name) for name in names]
-            raise LogCommandError(f"{where}: no variable {given}{did_you_mean(pattern, bare)}")
-        chosen |= dict.fromkeys(found)
+            raise LogCommandError(f"{where}: no variable {word}{did_you_mean(pattern, bare)}")
+        chosen |= dict.fromkeys(matching)
     return list(chosen)
 
 
@@ -157,12 +157,12 @@ def rows_of(base: Series, other: Series, by_cycle: bool) -> NDArray[np.int64]:
     """
     if other.topic == base.topic:
         return np.arange(len(base.cycle))
-    ours, theirs = (base.cycle, other.cycle) if by_cycle else (base.time_ns, other.time_ns)
-    if not len(theirs):
-        return np.full(len(ours), -1, np.int64)
-    rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
+    base_keys, other_keys = (base.cycle, other.cycle) if by_cycle else (base.time_ns, other.time_ns)
+    if not len(other_keys):
+        return np.full(len(base_keys), -1, np.int64)
+    rows = np.searchsorted(other_keys, base_keys, side="right").astype(np.int64) - 1
     if by_cycle:
-        rows[(rows >= 0) & (theirs[rows] != ours)] = -1
+        rows[(rows >= 0) & (other_keys[rows] != base_keys)] = -1
     return rows
 
 

@@ -15,11 +15,11 @@ from pcpc.tools.terminal.progress import Progress
 _PATIENCE_S = 1.0
 
 
-def stream(path: Path, found: Scan, progress: Progress) -> Iterator[Piece]:
+def stream(path: Path, scanned: Scan, progress: Progress) -> Iterator[Piece]:
     """Yield the messages of a log as they come, and show how far it is; LogError."""
     watch = Watch(path, progress)
-    for piece in walk(path, found):
-        watch(found)
+    for piece in walk(path, scanned):
+        watch(scanned)
         yield piece
 
 
@@ -42,10 +42,10 @@ class Watch:
 
 def read(path: Path, progress: Progress) -> logs.Log:
     """Return a whole log as `executive.log.reader` reads it, and show how far it is; LogError."""
-    found = Scan()
-    found.pieces.extend(stream(path, found, progress))
+    scanned = Scan()
+    scanned.pieces.extend(stream(path, scanned, progress))
     with progress.going_on(f"{path}: sorting its messages"):
-        log = logs.assemble(path, found)
+        log = logs.assemble(path, scanned)
     progress.close()
     return log
 

@@ -157,7 +157,7 @@ class Tally:
 
         What others may have added to them is left out.
         """
-        found: list[tuple[int, Any]] = [
+        timed_entries: list[tuple[int, Any]] = [
             (
                 at_ns,
                 {"time_s": (at_ns - zero_ns) / 1e9, "node": node}
@@ -166,7 +166,7 @@ class Tally:
             for node in logs.NODES
             for at_ns, entry in self._entries.get(logs.topic(node, kind), [])
         ]
-        return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
+        return [entry for _, entry in sorted(timed_entries, key=lambda pair: pair[0])]
 
     def topics(self) -> list[TopicRow]:
         """Return messages and bytes, as they were before compression, of all topics."""

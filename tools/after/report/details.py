@@ -89,23 +89,25 @@ def _frames(record: ReportedRun, node: str) -> list[Part]:
     """Return what a node sent and received, and which share of its bus that takes."""
     duration_s = record.tally.duration_s(logs.topic(node, "can/frames"))
     config = record.judge.rig.config if record.judge else None
-    own = config and (config.local.bus if config.local and node == "plant" else None)
-    bus = own or (config and config.bus)
+    own_bus = config and (config.local.bus if config.local and node == "plant" else None)
+    bus = own_bus or (config and config.bus)
     data_bit = bus.data_bit if bus else 1.0
-    found = record.tally.frames(logs.frame_names(record.log), duration_s, node, data_bit)
-    if not found:
+    counted = record.tally.frames(logs.frame_names(record.log), duration_s, node, data_bit)
+    if not counted:
         return []
-    given = (own and own.bits_per_s) or (config and config.bus.bits_per_s)
-    room = duration_s * (given or MOST_CLASSIC)
+    bits_per_s = (own_bus and own_bus.bits_per_s) or (config and config.bus.bits_per_s)
+    room = duration_s * (bits_per_s or MOST_CLASSIC)
     rows = [
         (row["name"], row["id"], row["direction"], f"{row['count']:,}",
          "" if row["rate_hz"] is None else f"{row['rate_hz']:,.1f}",
          f"{row['bits'] / room:.2%}" if room else "")
-        for row in found
+        for row in counted
     ]  # fmt: skip
     head = ("frame", "id", f"by the {node}", "count", "per second", "of the bus")
-    share = sum(row["bits"] for row in found) / room if room else 0.0
-    rate = rate_of(given or MOST_CLASSIC) + ("" if given else ", assumed: no bit rate is known")
+    share = sum(row["bits"] for row in counted) / room if room else 0.0
+    rate = rate_of(bits_per_s or MOST_CLASSIC) + (
+        "" if bits_per_s else ", assumed: no bit rate is known"
+    )
     load = ("Load: ", Strong(f"{share:.1%}"), f" of {rate}; each frame with the most stuff bits.")
     return [load, Table(head, rows, (3, 4, 5))]
 
@@ -159,13 +161,15 @@ def replay(record: ReportedRun) -> list[Part]:
     """Return how to compute the run again from its log, and what identifies the log."""
     log = record.log
     size = f", {record.tally.found.size:,} bytes"
-    about = Table(("", ""), [("file", (Code(record.path), size)), ("sha256", Code(record.sha256))])
+    log_table = Table(
+        ("", ""), [("file", (Code(record.path), size)), ("sha256", Code(record.sha256))]
+    )
     if not any(name.endswith(RESOLVED) for name in log.attachments):
-        return ["The log holds no rig, so it cannot be replayed.", about]
+        return ["The log holds no rig, so it cannot be replayed.", log_table]
     try:
         foreign = bool(carried_by(log))
     except logs.LogError as error:
-        return [str(error), about]
+        return [str(error), log_table]
     cycles = sum(len(node.cycle) for node in log.node.values())
     takes_s = REPLAY_S + REPLAY_CYCLE_S * cycles
     takes = f"{takes_s:.0f} s" if takes_s < 120 else f"{takes_s / 60:.0f} min"
@@ -175,4 +179,4 @@ def replay(record: ReportedRun) -> list[Part]:
     )  # fmt: skip
     command = Code(f"pcpc replay {shlex.quote(str(record.path))}")
     does = f" computes every node again and compares each bit: about {takes}."
-    return [(command, does, *(where if foreign else ())), about]
+    return [(command, does, *(where if foreign else ())), log_table]

@@ -50,10 +50,10 @@ def on_purpose_spans(
 ) -> Iterator[tuple[str, str, float, float, Mapping[str, Any]]]:
     """Yield node, fault on purpose, begin and end in s, and what is known of the fault."""
     for node, one in record.log.node.items():
-        for fault, *span, about in on_purpose.fault_spans(one):
-            later = bool(about.get("next_cycle"))
+        for fault, *span, known in on_purpose.fault_spans(one):
+            later = bool(known.get("next_cycle"))
             begin_s, end_s = (record.period_s(node) * (cycle + later) for cycle in span)
-            yield node, fault, begin_s, min(end_s, max(record.end_s, begin_s)), about
+            yield node, fault, begin_s, min(end_s, max(record.end_s, begin_s)), known
 
 
 def course(record: ReportedRun) -> "Figure | None":
@@ -89,20 +89,22 @@ def course(record: ReportedRun) -> "Figure | None":
 
 def tunings(record: ReportedRun) -> list[tuple[float, str, Mapping[str, Any]]]:
     """Return time in s, node and entry of all tunings, but for those of faults on purpose."""
-    found = [
+    entries = [
         (record.period_s(name) * int(entry["cycle"]), name, entry)
         for name, node in record.log.node.items()
         for entry in node.tunings
         if not (entry["name"].startswith("fault.") and entry["name"].endswith(".left"))
     ]
-    return sorted(found, key=lambda entry: entry[0])
+    return sorted(entries, key=lambda entry: entry[0])
 
 
-def _draw_states(ax: "Axes", row: int, own: list[tuple[str, float, float]], whole_s: float) -> None:
-    for state in dict.fromkeys(state for state, *_ in own):
+def _draw_states(
+    ax: "Axes", row: int, spans: list[tuple[str, float, float]], whole_s: float
+) -> None:
+    for state in dict.fromkeys(state for state, *_ in spans):
         pieces = [
             (begin_s, max(end_s - begin_s, NARROWEST * whole_s))
-            for name, begin_s, end_s in own
+            for name, begin_s, end_s in spans
             if name == state and end_s > begin_s
         ]
         colour, above = STATES.get(state, pages.PURPLE), 2 if state in ("RUN", "READY") else 3
@@ -121,18 +123,18 @@ def _keys(seen: set[str]) -> list[Any]:
 def lateness(record: ReportedRun) -> "Figure | None":
     """Return how often the executive was how late, and worked how long; None without a clock."""
     counts = _counts(record)
-    told = [name for name, found in counts.items() if found.sum()]
-    if not told:
+    measured = [name for name, found in counts.items() if found.sum()]
+    if not measured:
         return None
     page, ax = pages.sheet((_WIDTH_IN, 3.4), _DPI)
-    for name in told:
+    for name in measured:
         label, colour, style = _STAGES[name]
         ax.stairs(
             counts[name], _EDGES_US, label=label, color=colour, linestyle=style, linewidth=1.3
         )
     period_us = 1e6 * record.period_s("executive")
     ax.axvline(period_us, color=pages.BLACK, linewidth=0.9, linestyle=":", label="one period")
-    seen = np.flatnonzero(np.sum([counts[name] for name in told], axis=0))
+    seen = np.flatnonzero(np.sum([counts[name] for name in measured], axis=0))
     ax.set(xscale="log", yscale="log", xlabel="time [us]", ylabel="cycles")
     ax.set_xlim(_EDGES_US[seen[0]], max(_EDGES_US[seen[-1] + 1], 1.2 * period_us))
     ax.set_ylim(bottom=0.7)
@@ -146,15 +148,15 @@ def lateness(record: ReportedRun) -> "Figure | None":
 def _counts(record: ReportedRun) -> dict[str, Any]:
     """Return how many cycles fell into each class of `_EDGES_US`, by what was measured."""
     names = [f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send")]
-    found = {name: np.zeros(len(_EDGES_US) - 1, np.int64) for name in _STAGES}
+    counts = {name: np.zeros(len(_EDGES_US) - 1, np.int64) for name in _STAGES}
     node = record.log.node.get("executive")
     if node is None or record.facts.get("pacing") in WITHOUT_CLOCK:
-        return found
+        return counts
     if not all(name in node.timing for name in names):
-        return found
+        return counts
     for part in parts(record.log):
         late, *work = (part.timing[name] for name in names)
         for name, values in (("wake_late", late), ("work", np.sum(work, axis=0))):
             kept = np.clip(values[np.isfinite(values)], _EDGES_US[0], _EDGES_US[-1])
-            found[name] += np.histogram(kept, _EDGES_US)[0]
-    return found
+            counts[name] += np.histogram(kept, _EDGES_US)[0]
+    return counts

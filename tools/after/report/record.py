@@ -95,13 +95,13 @@ class ReportedRun:
 
     def entries(self, *kinds: str) -> list[tuple[float, str, Mapping[str, Any]]]:
         """Return time in s, node and event of all events of these kinds, by time."""
-        found = [
+        entries = [
             (self.period_s(name) * int(event["cycle"]), name, event)
             for name, node in self.log.node.items()
             for event in node.events
             if event.get("event") in kinds
         ]
-        return sorted(found, key=lambda entry: entry[0])
+        return sorted(entries, key=lambda entry: entry[0])
 
     def source(self) -> DrawnLog:
         """Return the variables of `groups` as they are drawn."""
@@ -126,28 +126,28 @@ def gather(run: Opened, progress: Progress, summary: Summary | None = None) -> R
 
     def wanted_columns(first: logs.Log) -> long_logs.Wanted:
         """Return what will be asked of a long log."""
-        asked = {} if judge is None else judge.needed_columns(first, True)
+        columns = {} if judge is None else judge.needed_columns(first, True)
         if not _draws(judge):
             groups.extend(_groups(first))
         names = [name for group in groups for name in group]
         for name, one in _series(first, names).items():
             node, _ = TOPICS[one.topic]
-            asked.setdefault(node, []).append(name.removeprefix(f"{node}."))
-        return asked
+            columns.setdefault(node, []).append(name.removeprefix(f"{node}."))
+        return columns
 
     tally, ends = _totals(path, progress)
     log = run.part(wanted_columns)
     if not _draws(judge) and not groups:
         groups = _groups(log)
-    found = ReportedRun(log, tally, carried_files.sha256(path), judge, why, groups=groups)
-    own, found.doubt = (summary, "") if summary else summary_file.beside(path)
-    found.summary = own
-    found.at_end = found.summary is not None
-    if found.summary is None and judge is not None:
-        outcome = summaries.outcome_of(log, found.doubt)
+    reported = ReportedRun(log, tally, carried_files.sha256(path), judge, why, groups=groups)
+    own, reported.doubt = (summary, "") if summary else summary_file.beside(path)
+    reported.summary = own
+    reported.at_end = reported.summary is not None
+    if reported.summary is None and judge is not None:
+        outcome = summaries.outcome_of(log, reported.doubt)
         outcome.health = {name: summaries.counters(ends.get(name, {})) for name in log.node}
-        found.summary = summaries.summarise(judge.rig, log, outcome, judge)
-    return found
+        reported.summary = summaries.summarise(judge.rig, log, outcome, judge)
+    return reported
 
 
 def _judge(run: Opened) -> tuple[Judge | None, str]:
@@ -195,12 +195,14 @@ def _groups(log: logs.Log) -> list[list[str]]:
 
 def _series(log: logs.Log, names: Sequence[str]) -> dict[str, series.Series]:
     """Return variables as lines, of a long log with as many points as can be seen."""
-    found = series.all_series(log, names)
+    drawn = series.all_series(log, names)
     if isinstance(log, long_logs.LongLog):
-        for name, one in found.items():
+        for name, variable in drawn.items():
             rows, values = thinned_line(
-                np.arange(len(one.values), dtype=float), one.values, _POINTS
+                np.arange(len(variable.values), dtype=float), variable.values, _POINTS
             )
-            found[name] = replace(one, time_ns=one.time_ns[rows.astype(int)], values=values)
+            drawn[name] = replace(
+                variable, time_ns=variable.time_ns[rows.astype(int)], values=values
+            )
         log.forget()
-    return found
+    return drawn

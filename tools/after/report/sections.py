@@ -189,10 +189,10 @@ def _of_rig(rig: Rig, node: str, name: str) -> float | None:
     config = rig.config
     sections = {str(role): section for role, section in config.sections.items()}
     own = getattr(sections.get(node), "blocks", {}).get(block)
-    found = dict(own.parameters) if own is not None else {}
+    parameters = dict(own.parameters) if own is not None else {}
     if block == "controller" and config.controller in config.controllers:
-        found |= config.controllers[config.controller].parameters
-    return found.get(parameter)
+        parameters |= config.controllers[config.controller].parameters
+    return parameters.get(parameter)
 
 
 def _alarms(record: ReportedRun) -> Section:

@@ -158,11 +158,11 @@ def _paths(name: str) -> list[Path]:
     """Return the logs below a folder, also where they should be; or the one that is named."""
     if not name.strip() or not Path(name).is_dir() or (Path(name) / LOG).exists():
         return [log_of(name)]
-    found = sorted(_logs_below(Path(name)))
-    if not found:
+    paths = sorted(_logs_below(Path(name)))
+    if not paths:
         cure = "name a folder that holds run folders, or the logs themselves"
         raise UserError(f"{name}: no run below this folder; {cure}")
-    return found
+    return paths
 
 
 def _logs_below(top: Path) -> Iterator[Path]:
@@ -176,24 +176,24 @@ def _logs_below(top: Path) -> Iterator[Path]:
 
 
 def _judged_run(path: Path, trust: Trust) -> OneRun:
-    found, run = OneRun(path), Opened(path, trust)
+    judged, run = OneRun(path), Opened(path, trust)
     try:
         if carried_files.is_ordinary(path):  # a pipe would never end
-            found.sha256 = carried_files.sha256(path)
+            judged.sha256 = carried_files.sha256(path)
         head = run.head
     except (OSError, UserError) as error:
-        found.problems.append(_reason(error, path))
-        return found
+        judged.problems.append(_reason(error, path))
+        return judged
     told = ChainMap(*(head.metadata[name] for name in head.node))
-    found.facts = {key: told[key] for key in _KEYS if key in told}
+    judged.facts = {key: told[key] for key in _KEYS if key in told}
     with closing(run):
         try:
-            _judge(found, run)
+            _judge(judged, run)
         except (OSError, UserError) as error:
-            found.verdict, why = "not judged", _reason(error, path)
-            found.problems += filter(None, [why, summary_file.beside(path)[1], *head.missing])
-            found.tested = [*_unjudged_results(run, why)]
-    return found
+            judged.verdict, why = "not judged", _reason(error, path)
+            judged.problems += filter(None, [why, summary_file.beside(path)[1], *head.missing])
+            judged.tested = [*_unjudged_results(run, why)]
+    return judged
 
 
 def _reason(error: Exception, path: Path) -> str:
@@ -201,61 +201,64 @@ def _reason(error: Exception, path: Path) -> str:
     return text.removeprefix(f"{path}: ")
 
 
-def _judge(found: OneRun, run: Opened) -> None:
+def _judge(judged: OneRun, run: Opened) -> None:
     rig, note = run.judged()
     judge = Judge.of(rig)
     log = run.part(lambda log: judge.needed_columns(log, False))
-    own, doubt = summary_file.beside(found.path)
+    own_summary, doubt = summary_file.beside(judged.path)
     outcome = summaries.outcome_of(log, doubt)
-    outcome.changed = list(own.changed) if own else []
+    outcome.changed = list(own_summary.changed) if own_summary else []
     summary = summaries.summarise(rig, log, outcome, judge)
-    found.verdict, found.notes = summary.verdict, [note] if note else []
-    found.problems += summary.problems()
-    found.problems += [f"no run: a {what}" for what in summaries.branch_lines(log)]
-    if own is not None:
-        _hold_against(found, summary, own)
+    judged.verdict, judged.notes = summary.verdict, [note] if note else []
+    judged.problems += summary.problems()
+    judged.problems += [f"no run: a {what}" for what in summaries.branch_lines(log)]
+    if own_summary is not None:
+        _hold_against(judged, summary, own_summary)
     elif not doubt:
-        found.notes.append(_ALONE)
-        if found.path.name == LOG:  # of a run folder, which has one
-            found.problems.append("no summary.json: how the run ended is not known")
-            found.verdict = "loss" if found.verdict in summaries.UNFAILED else found.verdict
-    found.tested = [*_results(judge, summary, own or summary)]
-    if not found.tested:
-        found.problems.append("nothing to judge: the rig states no requirement and no limit")
+        judged.notes.append(_ALONE)
+        if judged.path.name == LOG:  # of a run folder, which has one
+            judged.problems.append("no summary.json: how the run ended is not known")
+            judged.verdict = "loss" if judged.verdict in summaries.UNFAILED else judged.verdict
+    judged.tested = [*_results(judge, summary, own_summary or summary)]
+    if not judged.tested:
+        judged.problems.append("nothing to judge: the rig states no requirement and no limit")
 
 
-def _hold_against(found: OneRun, summary: Summary, own: Summary) -> None:
+def _hold_against(judged: OneRun, summary: Summary, own_summary: Summary) -> None:
     """Enter what the run's own summary says besides; the worse verdict counts."""
-    found.notes += [f"changed: {', '.join(own.changed)}"] if own.changed else []
-    found.problems += [line for line in own.problems() if line not in found.problems]
-    if own.verdict != "ok" and summary.verdict in summaries.UNFAILED:
-        found.verdict = own.verdict
-    elif own.verdict == "ok" and summary.verdict != "ok":
-        found.problems.append("summary.json says ok, the log does not")
+    judged.notes += [f"changed: {', '.join(own_summary.changed)}"] if own_summary.changed else []
+    judged.problems += [line for line in own_summary.problems() if line not in judged.problems]
+    if own_summary.verdict != "ok" and summary.verdict in summaries.UNFAILED:
+        judged.verdict = own_summary.verdict
+    elif own_summary.verdict == "ok" and summary.verdict != "ok":
+        judged.problems.append("summary.json says ok, the log does not")
 
 
-def _results(judge: Judge, summary: Summary, own: Summary) -> Iterator[RequirementResult]:
-    """Yield what became of requirements in time, then of limits, as the log and `own` say."""
-    found = {
-        (one.kind, one.key): one for one in summary_file.findings_beside(own, summary.findings)
+def _results(judge: Judge, summary: Summary, own_summary: Summary) -> Iterator[RequirementResult]:
+    """Yield what became of requirements in time, then of limits, by the log and `own_summary`."""
+    findings = {
+        (one.kind, one.key): one
+        for one in summary_file.findings_beside(own_summary, summary.findings)
     }
     known = {one.name: one for one in summary.requirements}
     for entry in judge.required().values():
         name = text_of(entry)
-        lost = own.not_judged.get(name) or "the log was not judged by it"
-        one = found.get(
+        lost = own_summary.not_judged.get(name) or "the log was not judged by it"
+        finding = findings.get(
             (FindingKind.REQUIREMENT, name), Finding(FindingKind.REQUIREMENT, lost, None)
         )
-        told, words = known.get(name), name.removeprefix(f"{entry.id} ")
-        margin, why = "", one.why
-        if told and one.held is told.held is not None:
-            margin, why = told.smallest, told.first
-        yield _result(entry.id or "", words, words, one.held, margin, why)
-    for (kind, _), one in found.items():
+        requirement, words = known.get(name), name.removeprefix(f"{entry.id} ")
+        margin, why = "", finding.why
+        if requirement and finding.held is requirement.held is not None:
+            margin, why = requirement.smallest, requirement.first
+        yield _result(entry.id or "", words, words, finding.held, margin, why)
+    for (kind, _), finding in findings.items():
         if kind is FindingKind.LIMIT:
-            margin = "" if one.margin is None else f"{one.margin:.4g}"
-            why = one.why if one.held is None else str(one)
-            yield _result(one.id, one.name, _limit_words(one), one.held, margin, why)
+            margin = "" if finding.margin is None else f"{finding.margin:.4g}"
+            why = finding.why if finding.held is None else str(finding)
+            yield _result(
+                finding.id, finding.name, _limit_words(finding), finding.held, margin, why
+            )
 
 
 def _limit_words(one: Finding) -> str:
@@ -287,18 +290,18 @@ def _unjudged_results(run: Opened, why: str) -> Iterator[RequirementResult]:
 
 def _cells(runs: Iterable[OneRun]) -> list[Cell]:
     """Return each requirement with each rig and controller that tests it, or did before."""
-    found: dict[tuple[str, str], Cell] = {}
+    cells: dict[tuple[str, str], Cell] = {}
     for run in runs:
         for one in run.tested:
-            found.setdefault((one.key, run.of), Cell(one.key, run.of)).runs.append((run, one))
-    for (_, of), cell in found.items():
+            cells.setdefault((one.key, run.of), Cell(one.key, run.of)).runs.append((run, one))
+    for (_, of), cell in cells.items():
         last = max(run.begin_ns for run, _ in cell.runs)
         for run in runs:
             if run.of == of and run.begin_ns > last and run.tested != []:
                 why = "a later run of this rig does not test it any more"
                 untested = replace(cell.runs[0][1], verdict=UNJUDGED, margin="", why=why)
                 cell.runs.append((run, untested))
-    return sorted(found.values(), key=lambda cell: (cell.key, cell.of))
+    return sorted(cells.values(), key=lambda cell: (cell.key, cell.of))
 
 
 def link(path: Path, page: Path) -> str:

@@ -30,27 +30,27 @@ def command(request: ReportRequest) -> int:
     needed = [one.strip() for text in request.need for one in text.split(",")]
     if not all(needed):
         raise UserError("--need: an empty name; expected ids with a comma between")
-    found = suites.gather(request.suite, needed, Trust.of(request.code), Progress(request.quiet))
-    write_text(output, as_html(found, output))
+    suite = suites.gather(request.suite, needed, Trust.of(request.code), Progress(request.quiet))
+    write_text(output, as_html(suite, output))
     if junit is not None:
-        write_text(junit, as_junit(found) + "\n")
-    for line in () if request.quiet else [*_failures(found), *_remarks(found)]:
+        write_text(junit, as_junit(suite) + "\n")
+    for line in () if request.quiet else [*_failures(suite), *_remarks(suite)]:
         print(line)
     print(output)
-    return found.code
+    return suite.code
 
 
-def _failures(found: Suite) -> list[str]:
+def _failures(suite: Suite) -> list[str]:
     """Return what keeps a suite from being ok, a line each."""
-    lines = [f"{one}: not judged: no run tests it" for one in found.absent]
-    for cell in found.cells:
+    lines = [f"{one}: not judged: no run tests it" for one in suite.absent]
+    for cell in suite.cells:
         run, one = cell.worst
         if one.verdict != OK:
             lines.append(f"{cell.key}: {one.verdict}: {cell.of}: {one.why} ({run.path})")
-    for run in found.runs:
+    for run in suite.runs:
         if not run.ok:
             lines.append(f"{run.path}: {run.verdict}: {_reasons(run)}".removesuffix(": "))
-    if not found.cells:
+    if not suite.cells:
         lines.append("nothing was judged")
     return [printable(line) for line in lines]
 
@@ -64,20 +64,22 @@ def _reasons(run: suites.OneRun) -> str:
     return "; ".join(run.lines)
 
 
-def as_html(found: Suite, output: Path) -> str:
+def as_html(suite: Suite, output: Path) -> str:
     """Return the page."""
     rows: list[tuple[object, ...]] = []
-    for cell in found.cells:
-        run, one = cell.worst
-        word = one.verdict if one.verdict == OK else Strong(one.verdict)
+    for cell in suite.cells:
+        run, result = cell.worst
+        word = result.verdict if result.verdict == OK else Strong(result.verdict)
         of = (
             Link(run.path.parent.name or run.path.name, link(run.path, output)),
             " ",
             Code(run.sha256[:16]),
         )
-        rows.append((cell.key, one.words, cell.of, word, one.margin, one.why, len(cell.runs), of))
+        rows.append(
+            (cell.key, result.words, cell.of, word, result.margin, result.why, len(cell.runs), of)
+        )
     rows += [
-        (one, "", "", Strong("not judged"), "", "no run tests it", 0, "") for one in found.absent
+        (one, "", "", Strong("not judged"), "", "no run tests it", 0, "") for one in suite.absent
     ]
     head = ("requirement", "what it says", "rig, controller", "verdict", "margin", "why",
             "runs", "log, sha256")  # fmt: skip
@@ -85,36 +87,36 @@ def as_html(found: Suite, output: Path) -> str:
         (Link(str(run.path), link(run.path, output)), run.of, run.facts.get("seed", ""),
          run.revision, run.verdict if run.ok else Strong(run.verdict), run.code,
          "; ".join([*run.problems, *run.notes]), Code(run.sha256))
-        for run in found.runs
+        for run in suite.runs
     ]  # fmt: skip
-    about = ("log", "rig, controller", "seed", "versions", "verdict", "exit code", "", "sha256")
-    word = "ok" if found.ok else "not ok"
+    columns = ("log", "rig, controller", "seed", "versions", "verdict", "exit code", "", "sha256")
+    word = "ok" if suite.ok else "not ok"
     parts: list[Part] = [
-        Verdict(word, _failures(found), found.ok),
+        Verdict(word, _failures(suite), suite.ok),
         Section("Requirements", [Table(head, rows, (6,))]),
-        Section("Runs", [Table(about, runs, (5,))]),
+        Section("Runs", [Table(columns, runs, (5,))]),
     ]
-    title = html(Section("All runs of a suite", [_counts(found)]), 1)
+    title = html(Section("All runs of a suite", [_counts(suite)]), 1)
     return page(f"suite: {word}", [title, *map(html, parts)])
 
 
-def _counts(found: Suite) -> str:
-    words = [cell.worst[1].verdict for cell in found.cells]
+def _counts(suite: Suite) -> str:
+    words = [cell.worst[1].verdict for cell in suite.cells]
     told = [f"{words.count(word)} {word}" for word in suites.WORDS if word in words]
-    return f"{len(found.runs)} runs; requirements by rig: {', '.join(told) or 'none'}"
+    return f"{len(suite.runs)} runs; requirements by rig: {', '.join(told) or 'none'}"
 
 
 # JUnit
 
 
-def as_junit(found: Suite) -> str:
+def as_junit(suite: Suite) -> str:
     """Return a testcase for each requirement of each rig, and one for each run."""
     cases = []
-    for cell in found.cells:
+    for cell in suite.cells:
         run, one = cell.worst
         kind = "" if one.verdict == OK else "failure"
         cases.append(Case(cell.of, one.title, kind, one.verdict, _words(one, run)))
-    cases += [Case("", one, "failure", "not judged", "no run tests it") for one in found.absent]
+    cases += [Case("", one, "failure", "not judged", "no run tests it") for one in suite.absent]
     runs = [
         Case(
             run.of,
@@ -123,7 +125,7 @@ def as_junit(found: Suite) -> str:
             "not ok" if run.verdict == OK and not run.ok else run.verdict,
             _reasons(run),
         )
-        for run in found.runs
+        for run in suite.runs
     ]
     return junit_text({"requirements": cases, "runs": runs})
 

@@ -22,14 +22,14 @@ def conclude(
     judge: Judge,
     folder: Path,
     outcome: Outcome,
-    kept: RunFolder,
+    run_folder: RunFolder,
     judged: long_logs.Wanted,
 ) -> int:
     """Read the log back, write summary and figure, print; return the exit code of the verdict.
 
     `judged`: the columns that lie whole beside a log that keeps a part of the run.
     """
-    path, drawn = folder / LOG, not kept.no_figure
+    path, drawn = folder / LOG, not run_folder.no_figure
     run = Opened(path)
     full: OSError | None = None
     try:
@@ -57,7 +57,7 @@ def conclude(
                     unfinished.unlink()
         except OSError as error:
             summary.note_missing(figure, error)
-    return publish(summary, folder, kept)
+    return publish(summary, folder, run_folder)
 
 
 def unreadable(outcome: Outcome, error: logs.LogError) -> int:
@@ -70,13 +70,13 @@ def unreadable(outcome: Outcome, error: logs.LogError) -> int:
     return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
 
 
-def publish(summary: summaries.Summary, folder: Path, kept: RunFolder) -> int:
+def publish(summary: summaries.Summary, folder: Path, run_folder: RunFolder) -> int:
     """Write the summary, print it; return the exit code of its verdict."""
     text = summary_file.write_json(summary, folder / summary_file.NAME)
-    if kept.json:
+    if run_folder.json:
         print(text)
     else:
-        report.show(summary, folder, quiet=kept.quiet)
+        report.show(summary, folder, quiet=run_folder.quiet)
     return summaries.CODES[summary.verdict]
 
 

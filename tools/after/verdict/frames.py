@@ -71,15 +71,15 @@ def absence_lines(rig: Rig, log: Log) -> list[str]:
 
     Of cycles that the node ran. [] of a log that does not tell.
     """
-    told, ran = log.metadata.get("away"), log.metadata.get("run", {})
-    if told is None:
+    away, ran = log.metadata.get("away"), log.metadata.get("run", {})
+    if away is None:
         return []
     rate_hz, lines = rig.config.rate_hz, dict[str, None]()
     for role, frames in _listens(rig).items():
         if role in log.node:
             whole = ran.get(f"written.{role}.record", "0")
             for frame in (frame for frame in frames if frame.cycle_ms):
-                cycles = int(told.get(f"{role}.{frame.word:X}", whole))
+                cycles = int(away.get(f"{role}.{frame.word:X}", whole))
                 if cycles > AWAY * (every := frame.every_n(rate_hz)):
                     what = f"{frame.name} stayed away for {cycles / rate_hz:.4g} s"
                     lines[f"{what}; every {every / rate_hz:g} s was expected"] = None
@@ -102,17 +102,17 @@ def frames_to(
     """
     counts = log.metadata.get("frames", {})
     sections = rig.config.sections.values()
-    ours = {frame.word for one in sections for frame in _frames(rig, one.node, "tx")}
+    sent_words = {frame.word for one in sections for frame in _frames(rig, one.node, "tx")}
     sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
     came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
     for key, text in counts.items():
-        found = _COUNTED.fullmatch(key)
-        if found is None or found["role"] not in sent:
+        match = _COUNTED.fullmatch(key)
+        if match is None or match["role"] not in sent:
             continue
-        role, number, state = found["role"], int(found["id"], 16), int(found["state"] or -1)
+        role, number, state = match["role"], int(match["id"], 16), int(match["state"] or -1)
         if state < 0:
             sent[role][number] += int(text)
-        elif number in ours and state < INJECTED:  # others were on no wire
+        elif number in sent_words and state < INJECTED:  # others were on no wire
             came[role][STATES.get(state, "unread")] += int(text)
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}

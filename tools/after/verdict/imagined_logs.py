@@ -47,21 +47,24 @@ def imagined_log(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
     nodes, metadata = {}, {}
     for role in rig.roles:
         facts = {"pacing": pacing, "rate_hz": repr(rig.config.rate_hz)}
-        about = describe(plan(rig, role, pacing), facts, kept=False)
+        description = describe(plan(rig, role, pacing), facts, kept=False)
 
         def column(name: str) -> Vector:
             return fill(name, len(cycle))
 
         nodes[str(role)] = logs.NodeLog(
             cycle,
-            cycle * about["period_ns"],
-            Columns(about["state_columns"], column),
-            Columns(about["timing_columns"], column),
+            cycle * description["period_ns"],
+            Columns(description["state_columns"], column),
+            Columns(description["timing_columns"], column),
             np.empty(0, logs.FRAME),
             [],
             [],
-            about,
+            description,
         )
-        metadata[str(role)] = facts | {"rig": rig.config.rig, "period_ns": str(about["period_ns"])}
-        attachments |= about["attachments"]
+        metadata[str(role)] = facts | {
+            "rig": rig.config.rig,
+            "period_ns": str(description["period_ns"]),
+        }
+        attachments |= description["attachments"]
     return logs.Log(Path(), nodes, attachments, metadata, [], rig=rig.effective())

@@ -147,12 +147,12 @@ class Judge:
         `requirements` that were violated are marked, what was `changed` stands in the title, and
         `who` in the controller's place. EvaluationError; OSError if `path` cannot be written.
         """
-        config, given = self.rig.config, self.given
+        config, section = self.rig.config, self.given
         if not self.evaluation.panels:
             return "the rig names no evaluation file with panels"
         title = f"{config.rig}: {config.title}, {who or f'controller {config.controller}'}"
         marks = [(one.first_s or 0.0, one.name) for one in requirements if one.held is False]
-        about = title + changes(changed), metrics, given.window_s, given.numbers, marks
+        about = title + changes(changed), metrics, section.window_s, section.numbers, marks
         try:
             guarded(lambda: self.evaluation.draw(log, path, *about), path or Path(os.devnull))
         except ImportError as error:
@@ -185,11 +185,11 @@ class Judge:
                 guarded(lambda: self.evaluation.touch(self.judged(probe).run()))
         except RigError:
             pass  # it will fail again, and be told, on the whole log
-        found = {}
+        wanted = {}
         for name, one in nodes.items():
             asked = [key for of in (one.columns, one.timing) for key in getattr(of, "asked", ())]
-            found[name] = [*asked, *counters(one.columns), *TIMING_COLUMNS]
-        return found
+            wanted[name] = [*asked, *counters(one.columns), *TIMING_COLUMNS]
+        return wanted
 
     def judge(
         self, log: Log, changed: list[str], early: str = "", those: Bound | None = None
@@ -199,18 +199,18 @@ class Judge:
         `those`: what `check_requirements` returned for a log with the same variables.
         """
         judged = self.judged(log)
-        found = Judgement(*self._judged_limits(judged, changed, early))
+        judgement = Judgement(*self._judged_limits(judged, changed, early))
         if why := _outside(log):
-            found.findings += self.left_requirements(why)
-            return found
+            judgement.findings += self.left_requirements(why)
+            return judgement
         try:
             those = self.check_requirements(log) if those is None else those
-            found.requirements = self._results(judged, True if early else None, those)
-            found.findings += [one.finding for one in found.requirements]
+            judgement.requirements = self._results(judged, True if early else None, those)
+            judgement.findings += [one.finding for one in judgement.requirements]
         except RigError as error:
-            told = [one.why for one in found.findings if one.kind is FindingKind.EVALUATION]
-            found.findings += lines(FindingKind.EVALUATION, {words_of(error)} - {*told})
-        return found
+            told = [one.why for one in judgement.findings if one.kind is FindingKind.EVALUATION]
+            judgement.findings += lines(FindingKind.EVALUATION, {words_of(error)} - {*told})
+        return judgement
 
     def _judged_limits(
         self, judged: Judged, changed: list[str], early: str
@@ -246,12 +246,12 @@ class Judge:
         if not low <= value <= high:
             known = "" if name in metrics else did_you_mean(name, metrics)
             said = "is not known in this run" if math.isnan(value) else f"= {value:.4g}"
-            what = f"{said}, expected {low:g} to {high:g}{known}"
+            problem = f"{said}, expected {low:g} to {high:g}{known}"
         elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
-            what = f"= {value:.4g} ignores that {odd}"
+            problem = f"= {value:.4g} ignores that {odd}"
         else:
             return self.limit(name, True, "", value)
-        return self.limit(name, False, what, metrics.get(name))
+        return self.limit(name, False, problem, metrics.get(name))
 
     def limit(self, name: str, held: bool | None, why: str, value: float | None = None) -> Finding:
         """Return what became of a metric that the rig limits."""
@@ -307,12 +307,12 @@ def _loaded_evaluation(file: Path) -> Evaluation:
     if file.suffix != ".py":
         raise EvaluationError(f"{file}: no Python file; its name has to end in .py")
     with own_streams():
-        found = getattr(module_of("", file), "EVALUATION", None)
-    if not isinstance(found, Evaluation):
-        kind = "no EVALUATION" if found is None else f"EVALUATION is a {type(found).__name__}"
+        declared = getattr(module_of("", file), "EVALUATION", None)
+    if not isinstance(declared, Evaluation):
+        kind = "no EVALUATION" if declared is None else f"EVALUATION is a {type(declared).__name__}"
         what = "expected EVALUATION = Evaluation(...) of pcpc.plants.evaluation"
         raise EvaluationError(f"{file}: {kind}; {what}")
-    return found
+    return declared
 
 
 def guarded(action: Callable[[], Made], output: Path | None = None) -> Made:
@@ -376,10 +376,10 @@ def check(judge: Judge, changed: Sequence[str]) -> list[str]:
         if any(config.expect.values()):
             raise rig.error("expect", "the rig has no evaluation with metrics; add one")
         return []
-    told: dict[str, None] = {}
+    known_metrics: dict[str, None] = {}
     for fill in (nothing, noise, large):
         log = imagined_log(rig, config.pacing, fill)
-        told |= dict.fromkeys(judge.metrics(log))
+        known_metrics |= dict.fromkeys(judge.metrics(log))
     judge.draw(log, judge.metrics(log), None)
     _check_names(judge, log)
     expected = config.expected
@@ -394,5 +394,5 @@ def check(judge: Judge, changed: Sequence[str]) -> list[str]:
     return warnings + [
         f"{evaluation.file}: {name} is not known after a trial run; it may depend on the run"
         for name in expected
-        if name not in told
+        if name not in known_metrics
     ]

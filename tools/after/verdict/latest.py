@@ -14,7 +14,7 @@ LEVEL_PERCENTILE = 99.9
 
 def latest_cycles(block: sh.NodeMemory) -> list[dict[str, Any]]:
     """Return the cycles that woke latest, the latest first, with stages in us and a cause."""
-    found = []
+    latest = []
     for row in np.array(block["latest"]):
         if row.stage_ns[Stage.WAKE_LATE] == 0:
             continue
@@ -23,8 +23,8 @@ def latest_cycles(block: sh.NodeMemory) -> list[dict[str, Any]]:
         cycle |= {f"{stage}_us": round(ns / 1e3, 1) for stage, ns in times}
         cycle |= dict(zip(USAGE, row.usage.tolist(), strict=True))
         cycle["cause"] = cause(cycle, block.description["period_ns"] / 1e3)
-        found.append(cycle)
-    return sorted(found, key=lambda c: -c["wake_late_us"])
+        latest.append(cycle)
+    return sorted(latest, key=lambda c: -c["wake_late_us"])
 
 
 def cause(cycle: Mapping[str, Any], period_us: float) -> str:

@@ -35,13 +35,13 @@ def extremes(values: Vector, first: Indices, past: Indices, pick: Any) -> Vector
     `values`: (n,); the others: (pairs,).
     """
     size = past - first
-    found = values[first]
+    chosen = values[first]
     level, width = values, 1
     while (size >= 2 * width).any():
         level, width = pick(level[:-width], level[width:]), 2 * width  # over `width` from each on
         own = size >= width
-        found[own] = pick(level[first[own]], level[past[own] - width])
-    return found
+        chosen[own] = pick(level[first[own]], level[past[own] - width])
+    return chosen
 
 
 @dataclass
@@ -109,14 +109,14 @@ class Monitor:
         first, past = self.window
         event, cycle = self.timed.event, rows.cycle
         if event is not None and event.becomes is not None:
-            found = _rising(event.becomes.margin(rows) >= 0.0)
+            begins = _rising(event.becomes.margin(rows) >= 0.0)
         elif event is not None and event.changes is not None:
             x = np.broadcast_to(event.changes.at(rows), len(rows))
-            found = np.concatenate(([False], _differ(x[1:], x[:-1])))
+            begins = np.concatenate(([False], _differ(x[1:], x[:-1])))
         else:
-            found = _rising(cycle >= self.begin)
-        found[:new] = False
-        return found & (cycle >= first) & (cycle < past)
+            begins = _rising(cycle >= self.begin)
+        begins[:new] = False
+        return begins & (cycle >= first) & (cycle < past)
 
     def _overshoot_rows(self, rows: Rows, event: Mask, shot: Overshoot) -> Rows:
         """Return the rows with how far the value is past its reference, and how far it may be."""
@@ -130,15 +130,15 @@ class Monitor:
         more = {PAST: np.sign(step) * (x - over), LIMIT: limit}
         return replace(rows, columns={**rows.columns, **more})
 
-    def _note(self, cycle: int, margin: float, said: ComparedValue) -> None:
+    def _note(self, cycle: int, margin: float, compared: ComparedValue) -> None:
         """Keep the smallest margin."""
         if margin < self.margin or self.least is None:
-            self.margin, self.least = margin, (cycle, said)
+            self.margin, self.least = margin, (cycle, compared)
 
-    def _note_violation(self, cycle: int, said: ComparedValue) -> None:
+    def _note_violation(self, cycle: int, compared: ComparedValue) -> None:
         """Keep the first violation."""
         if self.first is None or cycle < self.first[0]:
-            self.first = cycle, said
+            self.first = cycle, compared
 
 
 def _time_of(event: Condition, first: int, period_s: float) -> int:
@@ -154,10 +154,10 @@ def _time_of(event: Condition, first: int, period_s: float) -> int:
         return np.asarray(event.margin(Rows(cycle, times, period_s)) >= 0.0)
 
     cycle = max(first - 1, 0) + np.unique(np.geomspace(1, _LONGEST, 1 << 15).astype(np.int64)) - 1
-    found = np.flatnonzero(_rising(holds(cycle)) & (cycle >= first))
-    if not len(found):
+    rising = np.flatnonzero(_rising(holds(cycle)) & (cycle >= first))
+    if not len(rising):
         return NEVER
-    low, high = int(cycle[max(found[0] - 1, 0)]), int(cycle[found[0]])
+    low, high = int(cycle[max(rising[0] - 1, 0)]), int(cycle[rising[0]])
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(np.array([middle]))[0] else (middle, high)
@@ -237,22 +237,25 @@ class Respond(Monitor):
         """Judge the first `count` pending events by the rows that are there."""
         if not count or self._kept is None:
             return
-        at, self._pending = np.array(self._pending[:count]), self._pending[count:]
+        begins, self._pending = np.array(self._pending[:count]), self._pending[count:]
         cycle, margin = self._kept.cycle, self._margin
-        begin, end = np.searchsorted(cycle, at), np.searchsorted(cycle, at + self.within, "right")
+        begin, end = (
+            np.searchsorted(cycle, begins),
+            np.searchsorted(cycle, begins + self.within, "right"),
+        )
         ends = np.searchsorted(cycle, cycle + self.lasts, "right")
         all_over = extremes(margin, np.arange(len(cycle)), ends, np.minimum)
         whole = cycle + self.lasts <= self.last
         hoped = extremes(all_over, begin, end, np.maximum)
         sure = extremes(np.where(whole, all_over, -math.inf), begin, end, np.maximum)
         held = sure >= 0.0
-        broken = ~held & (hoped < 0.0) & (at + self.within <= self.last)
+        broken = ~held & (hoped < 0.0) & (begins + self.within <= self.last)
         self.judged += int((held | broken).sum())
-        found = np.where(held, sure, np.where(broken, hoped, math.inf))
-        i = int(np.argmin(found))
+        margins = np.where(held, sure, np.where(broken, hoped, math.inf))
+        i = int(np.argmin(margins))
         if held[i] or broken[i]:
-            row = int(begin[i] + np.argmax(margin[begin[i] : ends[end[i] - 1]] == found[i]))
-            self._tell(row, float(found[i]))
+            row = int(begin[i] + np.argmax(margin[begin[i] : ends[end[i] - 1]] == margins[i]))
+            self._tell(row, float(margins[i]))
         if broken.any():
             bad = np.flatnonzero(margin < 0.0)
             row = int(bad[np.searchsorted(bad, end[broken] - 1)].min())
@@ -281,14 +284,14 @@ class Until(Monitor):
         if self._begin < 0 or self._over:
             return
         due = NEVER if self.timed.within_s is None else self._begin + self.within
-        own = (cycle >= self._begin) & (cycle <= due)
-        own[:new] = False
-        kept, ends = holds.margin(rows), until.margin(rows)
-        before = np.minimum.accumulate(np.concatenate(([self._before], kept[own])))
+        watched = (cycle >= self._begin) & (cycle <= due)
+        watched[:new] = False
+        hold_margins, ends = holds.margin(rows), until.margin(rows)
+        before = np.minimum.accumulate(np.concatenate(([self._before], hold_margins[watched])))
         self._before = float(before[-1])
-        found = np.full(len(rows), -math.inf)
-        found[own] = np.minimum(ends[own], before[:-1])
-        self._conclude(rows, own, kept, found, until)
+        end_margins = np.full(len(rows), -math.inf)
+        end_margins[watched] = np.minimum(ends[watched], before[:-1])
+        self._conclude(rows, watched, hold_margins, end_margins, until)
         if self.last >= due:
             self._over = True
             if not self._done and self.first is None:
@@ -296,16 +299,19 @@ class Until(Monitor):
                 self._note_violation(int(cycle[row]), until.said(rows, row))
 
     def _conclude(
-        self, rows: Rows, own: Mask, kept: Vector, found: Vector, until: Condition
+        self, rows: Rows, watched: Mask, hold_margins: Vector, end_margins: Vector, until: Condition
     ) -> None:
         """Keep the best end so far, and which came first: an end, or a violation."""
         cycle, holds = rows.cycle, self.timed.holds
-        i = int(np.argmax(found))
-        if own.any() and (found[i] > self._best or self.least is None):
-            self._best = self.margin = float(found[i])
-            deciding = until if until.margin(rows)[i] == found[i] else holds
+        i = int(np.argmax(end_margins))
+        if watched.any() and (end_margins[i] > self._best or self.least is None):
+            self._best = self.margin = float(end_margins[i])
+            deciding = until if until.margin(rows)[i] == end_margins[i] else holds
             self.least = int(cycle[i]), deciding.said(rows, i)
-        done, bad = np.flatnonzero(found >= 0.0), np.flatnonzero(own & (kept < 0.0))
+        done, bad = (
+            np.flatnonzero(end_margins >= 0.0),
+            np.flatnonzero(watched & (hold_margins < 0.0)),
+        )
         first_end = int(cycle[done[0]]) if len(done) else NEVER
         if len(bad) and not self._done and cycle[bad[0]] < first_end:
             self._note_violation(int(cycle[bad[0]]), holds.said(rows, int(bad[0])))

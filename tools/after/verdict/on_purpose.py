@@ -23,12 +23,12 @@ def started_faults(log: logs.Log) -> list[str]:
     """Return what faults on purpose began, by time, and how often."""
     times: dict[str, list[float]] = {}
     for node in log.node.values():
-        own: dict[str, list[float]] = {}
+        of_node: dict[str, list[float]] = {}
         for fault, cycle, left, about in fault_settings(node):
             if left > 0.0:
                 later = bool(about.get("next_cycle"))
-                own.setdefault(fault, []).append((cycle + later) * 1e-9 * _period_ns(node))
-        times |= {name: min(found, times.get(name, found)) for name, found in own.items()}
+                of_node.setdefault(fault, []).append((cycle + later) * 1e-9 * _period_ns(node))
+        times |= {name: min(found, times.get(name, found)) for name, found in of_node.items()}
     return [
         f"{name} at {min(found):.4g} s" + (f", {len(found)} times" if len(found) > 1 else "")
         for name, found in sorted(times.items(), key=lambda pair: min(pair[1]))
@@ -50,20 +50,20 @@ def missing_input(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> lis
         without = counters.get(cycles, 0)
         if cycles == "starved" and not _starved(log, role, without):
             without = 0
-        told = [f"{gone:,} frames lost"] * (gone > 0)
-        told += [f"{without:,} cycles with stale input"] * (without > 0)
-        if told:
-            lines.append(f"{role}: {', '.join(told)}{_first(node, frames, cycles)}")
+        counts = [f"{gone:,} frames lost"] * (gone > 0)
+        counts += [f"{without:,} cycles with stale input"] * (without > 0)
+        if counts:
+            lines.append(f"{role}: {', '.join(counts)}{_first(node, frames, cycles)}")
     return lines
 
 
 def _first(node: logs.NodeLog | None, *counts: str) -> str:
     """Return when a node counted the first of these; "" where no record tells."""
     columns = [node.timing.get(f"health.{HEALTH[key][1]}") for key in counts] if node else []
-    found = [int(np.argmax(one > 0.0)) for one in columns if one is not None and one.any()]
-    if not node or not found:
+    rows = [int(np.argmax(one > 0.0)) for one in columns if one is not None and one.any()]
+    if not node or not rows:
         return ""
-    at = int(node.cycle[min(found)])
+    at = int(node.cycle[min(rows)])
     return f", first at {at * 1e-9 * _period_ns(node):.4g} s"
 
 
@@ -117,12 +117,12 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
 def fault_spans(node: logs.NodeLog) -> Iterator[tuple[str, float, float, Mapping[str, Any]]]:
     """Yield each fault, the cycles from which on it was set and was over, what is known of it."""
     on: dict[str, tuple[float, float, Mapping[str, Any]]] = {}
-    for fault, cycle, left, about in fault_settings(node):
+    for fault, cycle, left, known in fault_settings(node):
         if fault in on:
             begin, end, _ = on.pop(fault)
-            yield fault, begin, min(end, cycle), about
+            yield fault, begin, min(end, cycle), known
         if left > 0.0:
-            on[fault] = cycle, cycle + left, about
+            on[fault] = cycle, cycle + left, known
     for fault, span in on.items():
         yield fault, *span
 

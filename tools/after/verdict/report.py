@@ -109,33 +109,33 @@ def _lines(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, width, subsequent_indent="  ", break_on_hyphens=False)
 
 
-def _device(told: Mapping[str, Any]) -> str:
+def _device(device: Mapping[str, Any]) -> str:
     """Return what a device sent and how, in a line."""
-    frames = [f"{name} {counts['received']:,}" for name, counts in told["frames"].items()]
-    late = [f"late in {told['late_cycles']:,} cycles"] if told["late_cycles"] else []
-    timing = [f"{name} {value:g}" for name, value in told["timing"].items()]
+    frames = [f"{name} {counts['received']:,}" for name, counts in device["frames"].items()]
+    late = [f"late in {device['late_cycles']:,} cycles"] if device["late_cycles"] else []
+    timing = [f"{name} {value:g}" for name, value in device["timing"].items()]
     return ", ".join([*frames, *late, *timing])
 
 
 def verdict_text(summary: Summary) -> str:
     """Return the verdict, its first reason, and what was not judged."""
-    judged, left, why = len(summary.judged), summary.not_judged, summary.reasons()
-    said = ": ".join([summary.verdict, *why[:1]])
+    judged, unjudged, why = len(summary.judged), summary.not_judged, summary.reasons()
+    text = ": ".join([summary.verdict, *why[:1]])
     if more := len([line for line in summary.problems() if line not in why[:1]]):
-        said += f", and {more} more above"
+        text += f", and {more} more above"
     if warned := len(summary.warned):
-        said += f", with {warned} warning{'s' * (warned > 1)} above"
+        text += f", with {warned} warning{'s' * (warned > 1)} above"
     if summary.verdict not in (*UNFAILED, "loss", "expectation not met"):
-        return said
-    if left:
-        limits = f"{len(left)} limit{'s' * (len(left) > 1)} not judged"
+        return text
+    if unjudged:
+        limits = f"{len(unjudged)} limit{'s' * (len(unjudged) > 1)} not judged"
         if summary.verdict != NOT_JUDGED:
-            limits += f": {', '.join(dict.fromkeys(left.values()))}"
+            limits += f": {', '.join(dict.fromkeys(unjudged.values()))}"
     elif judged:
         limits = f"{judged} limit{'s' * (judged > 1)} judged"
     else:
         limits = f"nothing judged: the rig states no limits for {summary.controller}"
-    return f"{said} ({limits})"
+    return f"{text} ({limits})"
 
 
 def timing_text(summary: Summary) -> str:
@@ -167,18 +167,18 @@ def _frames(summary: Summary) -> list[str]:
     total = {name: count for name, count in summary.frames.items() if count}
     if not summary.frames_to:
         return ["  ".join(f"{name} {count:,}" for name, count in total.items()) or "none"]
-    found = []
+    lines = []
     for role, row in summary.frames_to.items():
         if role != "nobody":
             parts = [f"{name} {n:,}" for name, n in row.items() if n and name != "sent"]
             if not row["used"]:
                 parts.insert(0, "used 0")
-            found.append(f"to {role}: sent {row['sent']:,} = {' + '.join(parts)}")
+            lines.append(f"to {role}: sent {row['sent']:,} = {' + '.join(parts)}")
         elif row["sent"]:
-            found.append(f"received by no node: {row['sent']:,}")
+            lines.append(f"received by no node: {row['sent']:,}")
     known = _ACCOUNTED | ({"missed", "starved"} if "lost_on_purpose" not in total else set())
     others = [f"{name} {count:,}" for name, count in total.items() if name not in known]
-    return [text for text in (*found, "  ".join(others), summary.most_cut) if text]
+    return [text for text in (*lines, "  ".join(others), summary.most_cut) if text]
 
 
 def _metrics(summary: Summary, width: int) -> list[str]:

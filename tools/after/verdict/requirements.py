@@ -73,10 +73,10 @@ class JudgedRequirement:
     @property
     def first(self) -> str:
         """Where it was first violated, and by what."""
-        own = f" {self.unit}" if self.unit else ""
+        unit_text = f" {self.unit}" if self.unit else ""
         return (
             f"cycle {self.first_cycle}, {self.first_s} s: {self.what} = "
-            f"{_number(self.value)}{own}, limit {_number(self.limit)}{own}"
+            f"{_number(self.value)}{unit_text}, limit {_number(self.limit)}{unit_text}"
         )
 
     @property
@@ -88,13 +88,13 @@ class JudgedRequirement:
     @property
     def finding(self) -> Finding:
         """What speaks for or against the run."""
-        own = self.id or ""
+        own_id = self.id or ""
         return Finding(
             FindingKind.REQUIREMENT,
             self.reason if self.held is None else self._words(),
             self.held,
-            self.name.removeprefix(f"{own} ") if own else self.name,
-            own,
+            self.name.removeprefix(f"{own_id} ") if own_id else self.name,
+            own_id,
             self.value,
             unit=self.unit,
             margin=self.margin,
@@ -175,24 +175,24 @@ class SignalNames:
 
     def absent(self, entry: schema.Requirement) -> str:
         """Return a node that a requirement asks for and the log does not have; "" for none."""
-        asked = [LEADER]
+        asked_nodes = [LEADER]
         for name in timed_requirement(entry, lambda name: None).names:
             node, colon, _ = name.partition(":")
             own = names.find_variable(self.log, name) or names.why_unrecorded(self.log, name)
-            asked.append(node if colon else LEADER if own else "plant")
-        return next((node for node in asked if node not in self.log.node), "")
+            asked_nodes.append(node if colon else LEADER if own else "plant")
+        return next((node for node in asked_nodes if node not in self.log.node), "")
 
-    def rows(self, asked: frozenset[str], run: Run, own: slice) -> Rows:
+    def rows(self, asked: frozenset[str], run: Run, own_rows: slice) -> Rows:
         """Return the own cycles of a stretch that have a record of all that is asked."""
         places = {name: self.place(name) for name in asked}
         nodes = {node for node, _ in places.values()}
         nodes = set(self.log.node) if "" in nodes else nodes
-        told = np.logical_and.reduce([run.told(node) for node in nodes])[own]
+        recorded = np.logical_and.reduce([run.told(node) for node in nodes])[own_rows]
         columns = {
-            name: run.values(f"{node}:{variable}" if node else name)[own][told]
+            name: run.values(f"{node}:{variable}" if node else name)[own_rows][recorded]
             for name, (node, variable) in places.items()
         }
-        return Rows(run.cycle[own][told], columns, run.period_s)
+        return Rows(run.cycle[own_rows][recorded], columns, run.period_s)
 
 
 def bound_requirements(entries: Sequence[schema.Requirement], known: SignalNames) -> Bound:
@@ -200,14 +200,14 @@ def bound_requirements(entries: Sequence[schema.Requirement], known: SignalNames
 
     RequirementError, with the number of the entry, for names and units that are wrong.
     """
-    found: Bound = []
+    bound: Bound = []
     for number, entry in enumerate(entries):
         try:
-            found.append(known.absent(entry) or timed_requirement(entry, known.unit))
+            bound.append(known.absent(entry) or timed_requirement(entry, known.unit))
         except RequirementError as error:
             error.number = number
             raise
-    return found
+    return bound
 
 
 def results(
@@ -228,18 +228,18 @@ def results(
     ]
     watched = [one for one in able if not isinstance(one, str)]
     for run, own in judged.stretches(LEADER) if watched else ():
-        for one in watched:
-            one.take(known.rows(one.timed.names, run, own))
-    for one in watched:
-        one.end(ends_early(judged.log, one.last, judged.period_s) if cut is None else cut)
-    found = [
+        for watch in watched:
+            watch.take(known.rows(watch.timed.names, run, own))
+    for watch in watched:
+        watch.end(ends_early(judged.log, watch.last, judged.period_s) if cut is None else cut)
+    judged_results = [
         JudgedRequirement(text_of(entry), None, f"the log has no {one}")
         if isinstance(one, str)
         else _result(one, judged)
         for entry, one in zip(entries, able, strict=True)
     ]
     ids = (entry.id for entry in entries)
-    return [replace(one, id=i) if i else one for one, i in zip(found, ids, strict=True)]
+    return [replace(one, id=i) if i else one for one, i in zip(judged_results, ids, strict=True)]
 
 
 def ends_early(log: Log, last: int, period_s: float) -> bool:
@@ -249,43 +249,43 @@ def ends_early(log: Log, last: int, period_s: float) -> bool:
     return (cycles - 1 - last) * period_s > END_S * clocked
 
 
-def _result(one: Monitor, judged: Judged) -> JudgedRequirement:
+def _result(watch: Monitor, judged: Judged) -> JudgedRequirement:
     """Return what a monitor found."""
     record, period_s = judged.log.node[LEADER].cycle, judged.period_s
-    unrecorded = int(record[-1] - record[0]) + 1 - one.rows if len(record) else 0
-    found = JudgedRequirement(
-        one.timed.text,
+    unrecorded = int(record[-1] - record[0]) + 1 - watch.rows if len(record) else 0
+    result = JudgedRequirement(
+        watch.timed.text,
         None,
-        _why_not(one),
-        events=one.events,
-        judged=one.judged,
-        open=one.open,
+        _why_not(watch),
+        events=watch.events,
+        judged=watch.judged,
+        open=watch.open,
         unrecorded=unrecorded,
     )
-    if one.least is None or not (one.judged or one.first):
-        return found
-    cycle, said = one.least
-    margin = 0.0 if abs(one.margin) <= -BARELY else one.margin / float(said.unit.factor)
-    found = replace(
-        found,
-        held=one.first is None,
+    if watch.least is None or not (watch.judged or watch.first):
+        return result
+    cycle, compared = watch.least
+    margin = 0.0 if abs(watch.margin) <= -BARELY else watch.margin / float(compared.unit.factor)
+    result = replace(
+        result,
+        held=watch.first is None,
         reason="",
         margin=margin,
-        margin_unit=said.unit.text,
+        margin_unit=compared.unit.text,
         margin_cycle=cycle,
         margin_s=_seconds(cycle, period_s),
     )
-    if one.first is None:
-        return found
-    cycle, said = one.first
+    if watch.first is None:
+        return result
+    cycle, compared = watch.first
     return replace(
-        found,
+        result,
         first_cycle=cycle,
         first_s=_seconds(cycle, period_s),
-        what=said.what,
-        value=said.value,
-        limit=said.limit,
-        unit=said.unit.text,
+        what=compared.what,
+        value=compared.value,
+        limit=compared.limit,
+        unit=compared.unit.text,
     )
 
 
@@ -293,17 +293,19 @@ def _seconds(cycle: int, period_s: float) -> float:
     return float(f"{cycle * period_s:.12g}")
 
 
-def _why_not(one: Monitor) -> str:
+def _why_not(watch: Monitor) -> str:
     """Return why nothing of a requirement was judged."""
-    if not one.rows:
+    if not watch.rows:
         return "its variables were not recorded"
-    begin, past = one.begin, one.window[1]
-    if not one.events and (begin == NEVER or (one.timed.overshoot and one.last >= begin)):
+    begin, past = watch.begin, watch.window[1]
+    if not watch.events and (begin == NEVER or (watch.timed.overshoot and watch.last >= begin)):
         return NEVER_HAPPENED
-    if past <= begin < NEVER or (isinstance(one, Hold) and one.events and one.last >= past - 1):
+    if past <= begin < NEVER or (
+        isinstance(watch, Hold) and watch.events and watch.last >= past - 1
+    ):
         return "no cycle lies in its time"
-    if one.events:
+    if watch.events:
         return "the run ended before its time was over"
-    if one.last >= begin:
+    if watch.last >= begin:
         return "no cycle of its time was recorded"
-    return f"the run ended before its time began, at {_seconds(begin, one.period_s)} s"
+    return f"the run ended before its time began, at {_seconds(begin, watch.period_s)} s"

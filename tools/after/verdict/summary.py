@@ -169,13 +169,13 @@ class Summary(msgspec.Struct, kw_only=True, dict=True):
     def enter(self, *findings: Finding) -> None:
         """Enter what speaks for or against the run; the gravest of it is the verdict."""
         self.findings += findings
-        for one in findings:
-            if one.held is None:
-                self.not_judged[one.key] = one.why
-            elif one.kind in JUDGED:
-                self.judged.append(one.key)
-            if one.held is False and (key := LINES[one.kind][0]):
-                getattr(self, key).append(str(one))
+        for finding in findings:
+            if finding.held is None:
+                self.not_judged[finding.key] = finding.why
+            elif finding.kind in JUDGED:
+                self.judged.append(finding.key)
+            if finding.held is False and (key := LINES[finding.kind][0]):
+                getattr(self, key).append(str(finding))
         self.verdict = verdict_of(findings, self.verdict)
         limits = [one for one in self.judged if one != FindingKind.TIMING or one in self.metrics]
         limits += [one.name for one in self.requirements if one.held is not None]
@@ -196,20 +196,20 @@ def outcome_of(log: logs.Log, doubt: str = "") -> Outcome:
     `doubt`: of what lies beside it.
     """
     facts = log.metadata.get(LEADER, {})
-    found = Outcome(facts.get("pacing", ""), facts.get("bus", ""), doubt=doubt)
+    outcome = Outcome(facts.get("pacing", ""), facts.get("bus", ""), doubt=doubt)
     for name, node in log.node.items():
         for event in node.events:
             if event.get("event") == "fault":
                 what = event.get("name") or event.get("argument", "")
-                found.faults.append(f"{name}: {what}, cycle {event.get('cycle')}")
+                outcome.faults.append(f"{name}: {what}, cycle {event.get('cycle')}")
     leader = log.node.get(LEADER)
     if leader is None or log.metadata.get("run", {}).get("discarded", "0") != "0":
-        return found
+        return outcome
     done = int(leader.cycle[-1]) + 1 if len(leader.cycle) else 0
     about = leader.description
     if ends_early(log, done - 1, 1e-9 * about.get("period_ns", 0)):
-        found.short = f"{done:,} of {about['cycles']:,} cycles: the log ends before"
-    return found
+        outcome.short = f"{done:,} of {about['cycles']:,} cycles: the log ends before"
+    return outcome
 
 
 def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:
@@ -222,7 +222,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     changed = [*dict.fromkeys((*branch_lines(log), *outcome.changed, *_live_tunings(rig, log)))]
     judge = judge or Judge.of(rig)
     early = outcome.interrupted or outcome.faults or outcome.short
-    found = judge.judge(log, changed, "the run did not finish" if early else "")
+    judgement = judge.judge(log, changed, "the run did not finish" if early else "")
     missed = on_purpose.missed_by_the_machine(rig, log, health)
     timing = stage_percentiles(executive, log, outcome, missed[0])
     worst_us = timing.pop("together", {})
@@ -240,7 +240,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         late_cycles=health.pop("late_cycles"),
         skipped_cycles=health.pop("skipped_cycles"),
         held_cycles=health.pop("held_cycles"),
-        metrics=found.metrics,
+        metrics=judgement.metrics,
         timing_us=timing,
         timing_level=timing_level,
         timing_share=round(share, 4),
@@ -252,7 +252,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         records=records(rig, log, outcome),
         injected=on_purpose.started_faults(log),
         changed=changed,
-        requirements=found.requirements,
+        requirements=judgement.requirements,
         realtime=outcome.realtime,
         start_to_first_cycle_s=_start_s(executive, outcome),
         verdict="ok",
@@ -262,7 +262,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     limited = bool(timing) and rig.config.timing.error is not None
     timed = [_timing_finding(rig, share, missed[0], timing_level)] if limited else []
     summary.enter(
-        *_unmet_findings(log, outcome, found.findings, timed),
+        *_unmet_findings(log, outcome, judgement.findings, timed),
         *lines(FindingKind.INPUT, _lost_lines(log, outcome, each)),
         *lines(
             FindingKind.FRAMES, [*too_many(rig, health), *absence_lines(rig, log), *unlike(log)]
@@ -290,14 +290,16 @@ def _unmet_findings(
 ) -> list[Finding]:
     """Return what was `judged` and `timed`, and what was not met besides."""
     masters = [line for node in log.node.values() for line in mistakes(node)]
-    found = [*judged, *lines(FindingKind.MASTER, masters), *timed]
+    findings = [*judged, *lines(FindingKind.MASTER, masters), *timed]
     if outcome.short and not (outcome.interrupted or outcome.faults):
-        found += lines(FindingKind.END, [outcome.short])
+        findings += lines(FindingKind.END, [outcome.short])
     if outcome.strict:
-        left = dict.fromkeys(str(one) for one in found if one.held is None)
-        left |= dict.fromkeys(["nothing was judged"] * all(one.kind not in JUDGED for one in found))
-        found += lines(FindingKind.STRICT, left)
-    return found
+        left = dict.fromkeys(str(one) for one in findings if one.held is None)
+        left |= dict.fromkeys(
+            ["nothing was judged"] * all(one.kind not in JUDGED for one in findings)
+        )
+        findings += lines(FindingKind.STRICT, left)
+    return findings
 
 
 def _lost_lines(log: logs.Log, outcome: Outcome, each: Mapping[str, Counts]) -> list[str]:
@@ -310,11 +312,11 @@ def _lost_lines(log: logs.Log, outcome: Outcome, each: Mapping[str, Counts]) -> 
 
 def branch_lines(log: logs.Log) -> list[str]:
     """Return of which log a run is a branch, and where it begins; [] if it is none."""
-    about = log.metadata.get(LEADER, {})
-    if "branch_of" not in about:
+    facts = log.metadata.get(LEADER, {})
+    if "branch_of" not in facts:
         return []
-    parent = Path(about["branch_of"])
-    return [f"branch at cycle {about.get('branch_cycle')} of {parent.parent.name}/{parent.name}"]
+    parent = Path(facts["branch_of"])
+    return [f"branch at cycle {facts.get('branch_cycle')} of {parent.parent.name}/{parent.name}"]
 
 
 def _live_tunings(rig: Rig, log: logs.Log) -> list[str]:
@@ -346,20 +348,20 @@ def _start_s(executive: logs.NodeLog | None, outcome: Outcome) -> float | None:
 
 def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
     """Return the counters of each node: its own ones if it ran here, else the last in the log."""
-    found = dict(outcome.health)
+    health = dict(outcome.health)
     for role, node in log.node.items():
-        if role not in found:
+        if role not in health:
             wanted = [f"health.{name}" for _, name in HEALTH.values()]
             wanted += [name for name in node.columns if name.startswith(COUNT)]
-            found[role] = counters(
+            health[role] = counters(
                 {
-                    name: own[name][-1]
-                    for own in (node.timing, node.columns)
+                    name: columns[name][-1]
+                    for columns in (node.timing, node.columns)
                     for name in wanted
-                    if name in own and len(own[name])
+                    if name in columns and len(columns[name])
                 }
             )
-    return found
+    return health
 
 
 def counters(last: Mapping[str, float]) -> Counts:

@@ -53,22 +53,22 @@ def summary_beside(log: Path) -> Summary | None:
         path = log.with_name(NAME)
         if not path.is_file() or path.stat().st_size > _MOST_BYTES:
             return None
-        found = dict(json.loads(path.read_text("utf-8"), object_pairs_hook=_unique_keys))
-        bound = {str(key): str(value) for key, value in dict(found["bound"]).items()}
-        if bound.pop(NAME) != _seal(found, bound) or bound[LOG] != _digest(log):
+        data = dict(json.loads(path.read_text("utf-8"), object_pairs_hook=_unique_keys))
+        bound = {str(key): str(value) for key, value in dict(data["bound"]).items()}
+        if bound.pop(NAME) != _seal(data, bound) or bound[LOG] != _digest(log):
             return None
-        return from_json(found)
+        return from_json(data)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
 
 
-def from_json(found: Mapping[str, Any]) -> Summary:
+def from_json(data: Mapping[str, Any]) -> Summary:
     """Return a summary as summary.json has it: with "nan" and "inf", of older files None.
 
     Older ones call a run ok of which no limit was judged. No verdict is better than its own lines.
     """
-    metrics = {k: "nan" if v is None else v for k, v in found["metrics"].items()}
-    summary = msgspec.convert({**found, "metrics": metrics}, Summary, strict=False)
+    metrics = {k: "nan" if v is None else v for k, v in data["metrics"].items()}
+    summary = msgspec.convert({**data, "metrics": metrics}, Summary, strict=False)
     told = [kind for kind, (key, _) in LINES.items() if key and getattr(summary, key)]
     told += [FindingKind.REQUIREMENT for one in summary.requirements if one.held is False]
     summary.verdict = verdict_of(map(Finding, told), summary.verdict)
@@ -82,38 +82,44 @@ def figure_beside(log: Path, summary: Summary) -> bytes:
     return path.read_bytes() if known and _digest(path) == known else b""
 
 
-def findings_beside(own: Summary, findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield a log's findings of limits and requirements; a worse word of `own` counts."""
-    denied = {(FindingKind.REQUIREMENT, one.name) for one in own.requirements if one.held is False}
-    for one in findings:
-        left, value = own.not_judged.get(one.key), own.metrics.get(one.key)
-        if one.kind is FindingKind.LIMIT and value is not None and not one.low <= value <= one.high:
-            denied.add((one.kind, one.key))
-        if one.kind not in OF_THE_RIG:
+def findings_beside(summary: Summary, findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield a log's findings of limits and requirements; a worse word of `summary` counts."""
+    denied = {
+        (FindingKind.REQUIREMENT, one.name) for one in summary.requirements if one.held is False
+    }
+    for finding in findings:
+        why, value = summary.not_judged.get(finding.key), summary.metrics.get(finding.key)
+        if (
+            finding.kind is FindingKind.LIMIT
+            and value is not None
+            and not finding.low <= value <= finding.high
+        ):
+            denied.add((finding.kind, finding.key))
+        if finding.kind not in OF_THE_RIG:
             continue
-        if left and (one.kind is FindingKind.LIMIT or one.held is not False):
-            yield msgspec.structs.replace(one, held=None, why=left)
-        elif one.held and (one.kind, one.key) in denied:
-            yield msgspec.structs.replace(one, held=False, why="summary.json says so")
+        if why and (finding.kind is FindingKind.LIMIT or finding.held is not False):
+            yield msgspec.structs.replace(finding, held=None, why=why)
+        elif finding.held and (finding.kind, finding.key) in denied:
+            yield msgspec.structs.replace(finding, held=False, why="summary.json says so")
         else:
-            yield one
+            yield finding
 
 
-def findings_of(own: Summary, judge: Judge, log: logs.Log) -> list[Finding]:
+def findings_of(summary: Summary, judge: Judge, log: logs.Log) -> list[Finding]:
     """Return what became of limits and requirements in a run with this summary.
 
     One that was read tells it of limits where nothing failed; else the log is judged again.
     """
-    if own.findings:
-        return [one for one in own.findings if one.kind in OF_THE_RIG]
-    if own.expectations_failed:
-        return [*findings_beside(own, judge.judge(log, list(own.changed)).findings)]
+    if summary.findings:
+        return [one for one in summary.findings if one.kind in OF_THE_RIG]
+    if summary.expectations_failed:
+        return [*findings_beside(summary, judge.judge(log, list(summary.changed)).findings)]
     told = {True: (True, ""), False: (None, _UNTOLD)}
-    found = [
-        judge.limit(name, *told[name in own.judged], own.metrics.get(name))
+    limits = [
+        judge.limit(name, *told[name in summary.judged], summary.metrics.get(name))
         for name in judge.rig.config.expected
     ]
-    return [*findings_beside(own, [*found, *(one.finding for one in own.requirements)])]
+    return [*findings_beside(summary, [*limits, *(one.finding for one in summary.requirements)])]
 
 
 def plain(summary: Summary) -> dict[str, Any]:

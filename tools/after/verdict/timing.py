@@ -33,7 +33,7 @@ def stage_percentiles(
     """
     if executive is None or outcome.pacing == "virtual":
         return {}
-    found: dict[str, Any] = {}
+    percentiles: dict[str, Any] = {}
     if not all(f"timing.{stage}_us" in executive.timing for stage in _STAGES):
         return {}
     for part in parts(log):
@@ -45,17 +45,19 @@ def stage_percentiles(
         skipped -= lost
         for stage, values in timing.items():
             if not isinstance(log, LongLog):
-                found[stage] = np.percentile(values, _PERCENTILES).tolist()
+                percentiles[stage] = np.percentile(values, _PERCENTILES).tolist()
                 continue
-            found.setdefault(stage, Distribution()).add(values)
+            percentiles.setdefault(stage, Distribution()).add(values)
     if isinstance(log, LongLog):
-        found = {k: [d.quantile(p / 100.0) for p in _PERCENTILES] for k, d in found.items()}
+        percentiles = {
+            k: [d.quantile(p / 100.0) for p in _PERCENTILES] for k, d in percentiles.items()
+        }
     return {
         stage: {
             f"p{p:g}" if p < 100 else "max": value if stage == "together" else round(value, 2)
             for p, value in zip(_PERCENTILES, points, strict=True)
         }
-        for stage, points in found.items()
+        for stage, points in percentiles.items()
     }
 
 

@@ -38,33 +38,33 @@ _OF_FRAME = MESSAGE_HEAD + logs.CDR_BYTES + 8  # behind its stamp
 
 def digest(path: Path) -> str:
     """Return the digest of a log, read in one pass; LogError."""
-    found = logs.Scan()
+    scanned = logs.Scan()
     hashes = {(node, kind): hashlib.sha256() for node in logs.NODES for kind in _KINDS}
     counts = dict.fromkeys(hashes, 0)
-    for channel, rows in logs.walk(path, found):
-        about = TOPICS.get(found.topic(channel), ("", ""))
-        if about in hashes:
-            hashes[about].update(_hashed_bytes(about[1], rows))
-            counts[about] += len(rows)
+    for channel, rows in logs.walk(path, scanned):
+        key = TOPICS.get(scanned.topic(channel), ("", ""))
+        if key in hashes:
+            hashes[key].update(_hashed_bytes(key[1], rows))
+            counts[key] += len(rows)
     lines = ["pcpc log digest 1"]
-    for (node, kind), one in hashes.items():
+    for (node, kind), hashed in hashes.items():
         if kind == "state":
-            columns = logs.variables(found, topic(node, kind))
-            one.update(json.dumps([(each.name, each.unit) for each in columns]).encode())
-        lines.append(f"{node} {kind} {counts[node, kind]} {one.hexdigest()}")
+            columns = logs.variables(scanned, topic(node, kind))
+            hashed.update(json.dumps([(each.name, each.unit) for each in columns]).encode())
+        lines.append(f"{node} {kind} {counts[node, kind]} {hashed.hexdigest()}")
     for node in logs.NODES:
         known = {
-            key: one.metadata[key]
-            for one in found.metadata
-            if one.name == node
-            for key in one.metadata
+            key: record.metadata[key]
+            for record in scanned.metadata
+            if record.name == node
+            for key in record.metadata
             if key in FACTS or key.startswith("version_")
         }
         lines += [f"{node} {key} {json.dumps(known[key])}" for key in sorted(known)]
     described = {f"{node}.json" for node in logs.NODES}
     lines += sorted(
         f"file {json.dumps(one.name)} {hashlib.sha256(one.data).hexdigest()}"
-        for one in found.attachments
+        for one in scanned.attachments
         if one.name not in described
     )
     return hashlib.sha256("".join(f"{line}\n" for line in lines).encode()).hexdigest()

@@ -98,21 +98,21 @@ class Actions:
         values = {full(role, name): value for name, value in changes.items()}
         return {"cycle": live.tune(changes), "values": values}
 
-    def _act(self, source: RunSource, what: str) -> int:
+    def _act(self, source: RunSource, action: str) -> int:
         """Carry out one of the actions that have nothing but a name."""
-        if what in _WORDS:
+        if action in _WORDS:
             first: Live = next(iter(source.nodes.values())).live
-            return first.tune(_WORDS[what])
-        if what in _LEVELS:
+            return first.tune(_WORDS[action])
+        if action in _LEVELS:
             for node in source.nodes.values():
-                node.live.lock(_LEVELS[what])
+                node.live.lock(_LEVELS[action])
             return source.span()[1]
-        if what == "reset":
+        if action == "reset":
             return self._reset(source)
-        if what in _OPERATIONS:
-            return _OPERATIONS[what](self._executive(source))
+        if action in _OPERATIONS:
+            return _OPERATIONS[action](self._executive(source))
         known = ", ".join((*_WORDS, *_OPERATIONS, "reset", *_LEVELS))
-        raise UserError(f"{what}: no such action; known: {known}")
+        raise UserError(f"{action}: no such action; known: {known}")
 
     def _executive(self, source: RunSource) -> Live:
         if "executive" not in source.nodes:

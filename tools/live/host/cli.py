@@ -127,17 +127,17 @@ def _summary(request: HostRequest, shown: RunSource | FollowedRun) -> str:
     return f"showing {request.node or request.what or 'any rig that runs'}; {what}; Ctrl-C ends it"
 
 
-def _source(what: str | None, node: str) -> RunSource | FollowedRun:
+def _source(shown: str | None, node: str) -> RunSource | FollowedRun:
     """Return what is to be shown: a log or run folder, a rig by name, or whatever runs."""
-    if what is None:
+    if shown is None:
         return FollowedRun(node=node)
-    path = Path(what)
+    path = Path(shown)
     is_run = path.is_dir() and not (path / "rig.yaml").is_file()
-    if path.suffix == ".mcap" or what == LATEST or is_run:
-        return of_log(source.read(log_of(what), Progress()))
-    going_on = bool(what and live.running(what))
+    if path.suffix == ".mcap" or shown == LATEST or is_run:
+        return of_log(source.read(log_of(shown), Progress()))
+    going_on = bool(shown and live.running(shown))
     return FollowedRun(
-        what if going_on else str(rigs.data_of(rigs.find(what, known_logs(what)))["rig"]), node
+        shown if going_on else str(rigs.data_of(rigs.find(shown, known_logs(shown)))["rig"]), node
     )
 
 
@@ -164,11 +164,11 @@ def _listener(address: str, port: int | None) -> socket.socket:
     """Return a socket at the port, or without one at the first free from guard.PORT on."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     wanted = range(guard.PORT, guard.PORT + _TRIES) if port is None else [port]
-    for one in wanted:
+    for number in wanted:
         line = socket.socket(family, socket.SOCK_STREAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            line.bind((address, one))
+            line.bind((address, number))
             line.listen(128)
             return line
         except OSError as error:

@@ -212,11 +212,11 @@ class Client:
             await asyncio.shield(self._show.tick)
 
     async def _tell_status(self) -> None:
-        told, values = self.display.status()
+        facts, values = self.display.status()
         changed = {k: v for k, v in values.items() if self._values_sent.get(k, math.inf) != v}
         self._values_sent = values
         recording = self.display.actions.recordings.state()
-        await self._tell({"status": told | {"values": changed, "recording": recording}})
+        await self._tell({"status": facts | {"values": changed, "recording": recording}})
 
     async def _offer(self) -> None:
         """Tell which runs go on, and which of them is shown, where that has changed."""

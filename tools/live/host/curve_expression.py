@@ -37,17 +37,17 @@ class CurveExpression:
 
     def part(self, source: RunSource, first: int, last: int) -> tuple[Cycles, Values]:
         """Return the cycles `first` to `last` that have it, and its values (n, 1)."""
-        found = {  # a rate is of two rows
+        parts = {  # a rate is of two rows
             name: source.nodes[role].part([variable], first - 1, last)
             for name, (role, variable) in self._places.items()
         }
         cycle = None
-        for cycles, _ in found.values():
+        for cycles, _ in parts.values():
             cycle = cycles if cycle is None else np.intersect1d(cycle, cycles, True)
         assert cycle is not None
         columns = {
             name: values[np.searchsorted(cycles, cycle), 0]
-            for name, (cycles, values) in found.items()
+            for name, (cycles, values) in parts.items()
         }
         rows = expressions.Rows(cycle, columns, source.period_s)
         with np.errstate(all="ignore"):

@@ -62,10 +62,10 @@ class DoorGuard:
 
     def refusal(self, headers: Iterable[tuple[bytes, bytes]]) -> str:
         """Return why a request is refused, "" for one that is let through."""
-        found: dict[bytes, list[str]] = {}
+        by_name: dict[bytes, list[str]] = {}
         for name, value in headers:
-            found.setdefault(name.lower(), []).append(value.decode("latin-1"))
-        host, origin = found.get(b"host", []), found.get(b"origin", [])
+            by_name.setdefault(name.lower(), []).append(value.decode("latin-1"))
+        host, origin = by_name.get(b"host", []), by_name.get(b"origin", [])
         if len(host) != 1 or host[0] not in self._names:
             return "this server has another name"
         if len(origin) > 1 or (origin and origin[0] not in self._origins):

@@ -22,11 +22,11 @@ class PlantDrawing:
     """A drawing with the settings of the run, and the newest scene of it."""
 
     def __init__(
-        self, found: drawing.Drawing, settings: Mapping[str, float], source: RunSource
+        self, declared: drawing.Drawing, settings: Mapping[str, float], source: RunSource
     ) -> None:
-        self._drawing, self._settings = found, settings
+        self._drawing, self._settings = declared, settings
         self._places: dict[str, tuple[str, str]] = {}
-        for name, wanted in found.needs.items():
+        for name, wanted in declared.needs.items():
             with suppress(UserError):  # this rig has no such variable: it is drawn as not known
                 self._places[name] = source.curve(wanted)
         self._scene: tuple[int, dict[str, Any]] = (-1, {})

@@ -63,7 +63,7 @@ class RunRecording:
         try:
             flushed_s = time.monotonic()
             while not self._asked.wait(POLL_S):
-                over = not any(node.live.running for node in self._source.nodes.values())
+                is_over = not any(node.live.running for node in self._source.nodes.values())
                 self._look()
                 full = False
                 if time.monotonic() - flushed_s >= FLUSH_S:
@@ -71,8 +71,8 @@ class RunRecording:
                     self._part.flush()
                     full = self._left() <= 0.0
                 self.size = self._part.size
-                if over or full:
-                    self.why = "the run has ended" if over else "all recordings have their size"
+                if is_over or full:
+                    self.why = "the run has ended" if is_over else "all recordings have their size"
                     break
             else:
                 self._look()
@@ -123,12 +123,12 @@ class Recordings:
     def stop(self) -> dict[str, Any]:
         """End the recording; UserError if there is none."""
         with self._turn:
-            if (one := self.running) is None:
+            if (recording := self.running) is None:
                 raise UserError("nothing is being recorded")
-            one.end()
-            if one.why:
-                raise UserError(f"{one.path}: {one.why}")
-            return {"file": str(one.path), "cycles": one.cycles}
+            recording.end()
+            if recording.why:
+                raise UserError(f"{recording.path}: {recording.why}")
+            return {"file": str(recording.path), "cycles": recording.cycles}
 
     @property
     def running(self) -> RunRecording | None:
@@ -141,14 +141,16 @@ class Recordings:
             raise UserError("a snapshot is being written; ask again")
         try:
             self._check_room()
-            found = [node.newest(last_s) for node in source.nodes.values()]
-            cycles = [int(k) for part in found if len(part.rows) for k in part.rows.cycle[[0, -1]]]
+            stretches = [node.newest(last_s) for node in source.nodes.values()]
+            cycles = [
+                int(k) for part in stretches if len(part.rows) for k in part.rows.cycle[[0, -1]]
+            ]
             if not cycles:
                 raise UserError("the host has seen no cycle yet")
             with self._turn:
                 path = self._new(source.rig, "-last")
             try:
-                _write(path, found)
+                _write(path, stretches)
             except OSError as error:
                 raise self._failed(path, error) from None
             return {"file": str(path), "first": min(cycles), "last": max(cycles)}
@@ -157,10 +159,10 @@ class Recordings:
 
     def state(self) -> dict[str, Any] | None:
         """Return what is told of the recording, None as long as there was none."""
-        one = self._recording
-        return None if one is None else {
-            "file": str(one.path), "going": one.going, "cycles": one.cycles,
-            "mb": one.size / _MB, "lost": one.lost, "why": one.why,
+        recording = self._recording
+        return None if recording is None else {
+            "file": str(recording.path), "going": recording.going, "cycles": recording.cycles,
+            "mb": recording.size / _MB, "lost": recording.lost, "why": recording.why,
         }  # fmt: skip
 
     def close(self) -> None:
@@ -214,15 +216,15 @@ def recordings_of(page: PageRequest, files: list[Path]) -> Recordings:
     return Recordings(page.recordings or FOLDER, page.recordings_mb or MOST_MB, files)
 
 
-def _write(path: Path, found: Sequence[Stretch]) -> None:
+def _write(path: Path, stretches: Sequence[Stretch]) -> None:
     """Write stretches of nodes as a log; OSError."""
     part = LogPart(path)
     try:
-        for one in found:
-            node = part.node(one.about)
-            node.add("record", node.rows(one.rows))
-            node.add("frame", one.frames)
-            node.add("event", one.events)
+        for stretch in stretches:
+            node = part.node(stretch.about)
+            node.add("record", node.rows(stretch.rows))
+            node.add("frame", stretch.frames)
+            node.add("event", stretch.events)
         part.close({name: dict.fromkeys(sh.RINGS, 0) for name in part.nodes})
     except OSError:
         part.give_up()

@@ -29,16 +29,16 @@ class Page(NoPage):
     ENDED = "the page has ended: {why}; the run goes on, `pcpc host` shows it again"
 
     def __init__(self, beside: Offers, nodes: Mapping[Role, str], *_: object) -> None:
-        asked = beside.of(BesideRun)
-        self._wanted, self._node = asked.host, next(iter(nodes.values()))
+        request = beside.of(BesideRun)
+        self._wanted, self._node = request.host, next(iter(nodes.values()))
         self._door: Door | None = None
-        self._page = asked.page
+        self._page = request.page
         if self._wanted:
             from pcpc.tools.live.host import cli  # time
 
             cli.check_packages()
             self._door = cli.open_door(HostRequest(page=self._page))
-        elif alone := [key for key in _GIVEN if vars(asked.page)[key] not in (None, False)]:
+        elif alone := [key for key in _GIVEN if vars(request.page)[key] not in (None, False)]:
             words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
             raise UserError(f"{words}: options of the page; give --host, too")
 

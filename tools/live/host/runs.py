@@ -28,26 +28,26 @@ class LiveRuns:
         """Return the nodes that run, by name; from any thread."""
         with self._turn:
             if time.monotonic() >= self._next_s:
-                found = nodes.running(self._rig)
+                lives = nodes.running(self._rig)
                 if self._run:
-                    found = {name: one for name, one in found.items() if run_of(name) == self._run}
+                    lives = {name: one for name, one in lives.items() if run_of(name) == self._run}
                 known = {(name, one.pid): one for name, one in self._nodes.items()}
-                self._nodes = {name: known.get((name, one.pid), one) for name, one in found.items()}
+                self._nodes = {name: known.get((name, one.pid), one) for name, one in lives.items()}
                 keep_off(one.pid for one in self._nodes.values())
                 self._next_s = time.monotonic() + AGAIN_S
             return {name: one for name, one in self._nodes.items() if one.running}
 
 
-def run_list(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
+def run_list(lives: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
     """Return the runs that nodes belong to: name, rig, when it began (s of Unix), states."""
     runs: dict[str, dict[str, Any]] = {}
-    for name, live in sorted(found.items()):
-        run, about = run_of(name), live.block.description
+    for name, live in sorted(lives.items()):
+        run, description = run_of(name), live.block.description
         with suppress(KeyError, TypeError, ValueError, IndexError):  # it says nothing sensible
-            state = str(about["state_names"][int(live.block.control.state)])
-            since_s = 1e-9 * int(about["metadata"]["clock_wall_ns"])
-            new = {"run": run, "rig": str(about["rig"]), "since_s": since_s, "nodes": {}}
-            runs.setdefault(run, new)["nodes"][str(about["node"])] = state
+            state = str(description["state_names"][int(live.block.control.state)])
+            since_s = 1e-9 * int(description["metadata"]["clock_wall_ns"])
+            new = {"run": run, "rig": str(description["rig"]), "since_s": since_s, "nodes": {}}
+            runs.setdefault(run, new)["nodes"][str(description["node"])] = state
     return [*runs.values()]
 
 

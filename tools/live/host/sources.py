@@ -191,7 +191,7 @@ def _executive_first(roles: Iterable[str]) -> list[str]:
 
 def of_log(log: logs.Log) -> RunSource:
     """Return what a finished log shows."""
-    found: dict[str, Any] = {}
+    by_role: dict[str, Any] = {}
     for role in _executive_first(log.node):
         node = log.node[role]
         known = {row[0]: row for row in node.description.get("variables", [])}
@@ -199,9 +199,9 @@ def of_log(log: logs.Log) -> RunSource:
             name: nodes.LiveVariable(*known.get(name, (name, "", "", "", "")))
             for name in (*node.columns, *node.timing)
         }
-        found[role] = LoggedNode(role, node, units)
+        by_role[role] = LoggedNode(role, node, units)
     rig = next(iter(log.node.values())).description.get("rig", log.path.stem)
-    return RunSource(str(rig), False, found, 1, log)
+    return RunSource(str(rig), False, by_role, 1, log)
 
 
 class FollowedRun:
@@ -222,13 +222,13 @@ class FollowedRun:
         shown = self.source.nodes
         if shown and any(node.live.running for node in shown.values()):
             return self._joined()
-        found = self.runs.nodes()
-        runs = {run_of(name) for name, live in found.items() if live.under_way}
+        lives = self.runs.nodes()
+        runs = {run_of(name) for name, live in lives.items() if live.under_way}
         runs = runs & {self._run} if self._run else runs
         if not runs or (self.asks and len(runs) > 1):
             return False
         run = min(runs)
-        live = [one for name, one in found.items() if run_of(name) == run]
+        live = [one for name, one in lives.items() if run_of(name) == run]
         rig = str(live[0].block.description["rig"])
         self.source = RunSource(rig, True, {}, self.source.number + 1)
         self._take(live)

@@ -40,14 +40,14 @@ def _variables(node: Any, role: str) -> list[dict[str, Any]]:
     return [
         {
             "name": full(role, name),
-            "unit": one.unit,
-            "help": one.help,
-            "kind": one.kind,
-            "range": one.range and [_number(x) for x in one.range],
+            "unit": variable.unit,
+            "help": variable.help,
+            "kind": variable.kind,
+            "range": variable.range and [_number(x) for x in variable.range],
             "plot": name in recorded,
         }
-        for name, one in node.variables.items()
-        if name in recorded or one.range is not None
+        for name, variable in node.variables.items()
+        if name in recorded or variable.range is not None
     ]
 
 
@@ -69,10 +69,10 @@ class Status:
             now = node.live.read()
             nodes[role] = self._node((source.number, role), node.live, now)
             nodes[role]["frames"] = [
-                {"id": one.number, "name": one.name, "way": one.way}
-                | {"signals": {signal: _number(now[name]) for signal, name in one.signals.items()}}
-                | node.traffic.timed(one.number, one.way)
-                for one in node.traffic.kinds
+                {"id": kind.number, "name": kind.name, "way": kind.way}
+                | {"signals": {signal: _number(now[name]) for signal, name in kind.signals.items()}}
+                | node.traffic.timed(kind.number, kind.way)
+                for kind in node.traffic.kinds
             ]
             values |= {
                 full(role, name): _number(now[name])
@@ -82,15 +82,15 @@ class Status:
         return {"nodes": nodes, "load": load(source.nodes)}, values
 
     def _node(self, key: tuple[int, str], live: Live, now: CycleValues) -> dict[str, Any]:
-        block, about = live.block, live.block.description
+        block, description = live.block, live.block.description
         control = block.control
-        state = str(about["state_names"][int(control.state)])
+        state = str(description["state_names"][int(control.state)])
         return {
             "state": state if live.running else "ended",
-            "fault": reason(about, control) if control.fault else "",
+            "fault": reason(description, control) if control.fault else "",
             "cycle": now.cycle, "t_s": now.cycle * 1e-9 * live.period_ns,
             "rate_hz": self._rate(key, int(control.passes)),
-            "pacing": about["metadata"].get("pacing", ""),
+            "pacing": description["metadata"].get("pacing", ""),
             "counters": {name: int(control[word]) for name, word in _COUNTERS.items()},
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
             "late": _octaves(block["histogram"][Stage.WAKE_LATE]),

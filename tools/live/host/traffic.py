@@ -32,14 +32,14 @@ class FrameKind:
 
 def _frame_kinds(live: Live) -> list[FrameKind]:
     """Return the kinds of frames that a node sends or receives."""
-    found = []
+    kinds = []
     for word, name in live.block.description["frames"].items():
         for way in ("rx", "tx"):
             start = f"{way}.{name}."
             own = {n.removeprefix(start): n for n in live.variables if n.startswith(start)}
             if own:
-                found.append(FrameKind(int(word) & can_id.ID, name, way, own))
-    return found
+                kinds.append(FrameKind(int(word) & can_id.ID, name, way, own))
+    return kinds
 
 
 class Traffic:

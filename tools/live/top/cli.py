@@ -100,14 +100,14 @@ def _show(
 
 def _nodes(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     """Return the nodes of the one run that is meant, {} for none; LiveError if it is not one."""
-    found = there.running(rig)
+    lives = there.running(rig)
     if node is not None:
-        found = {name: live for name, live in found.items() if node in (name, live.run)}
-    runs = {live.run for live in found.values()}
+        lives = {name: live for name, live in lives.items() if node in (name, live.run)}
+    runs = {live.run for live in lives.values()}
     if len(runs) > 1:
         raise LiveError(f"{len(runs)} runs; choose one with --node: {', '.join(sorted(runs))}")
     (run,) = runs or {""}
-    every = there.running(rig) if found else {}
+    every = there.running(rig) if lives else {}
     return {name: live for name, live in every.items() if live.run == run}
 
 

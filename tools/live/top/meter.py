@@ -45,11 +45,11 @@ class NodeMeter:
     """One node between looks."""
 
     def __init__(self, live: Live) -> None:
-        about = live.block.description
-        self.live, self.role = live, str(about["node"])
-        self.alarms, recorded = Alarms(live.block), columns_of(about)
-        self.names = {int(word): str(name) for word, name in about["frames"].items()}
-        watched = [about["watch"]] if about["watch"] in recorded else []
+        description = live.block.description
+        self.live, self.role = live, str(description["node"])
+        self.alarms, recorded = Alarms(live.block), columns_of(description)
+        self.names = {int(word): str(name) for word, name in description["frames"].items()}
+        watched = [description["watch"]] if description["watch"] in recorded else []
         outputs = (name for name in recorded if live.variables[name].kind == "output")
         self.errors = [*dict.fromkeys([*watched, *(n for n in outputs if _ERROR.search(n))])]
         self.tap = Tap(live, names=self.errors)
@@ -116,14 +116,14 @@ class Meter:
 
     def frames(self) -> list[FrameRow]:
         """Return the frames that arrivals, those with something wrong first."""
-        found = [
+        rows = [
             FrameRow(
-                one.names.get(number & can_id.ID, f"{number & can_id.ID:X}"),
-                one.role,
-                one.arrivals[number] / self.over_s,
+                node.names.get(number & can_id.ID, f"{number & can_id.ID:X}"),
+                node.role,
+                node.arrivals[number] / self.over_s,
                 counts,
             )
-            for one in self.nodes
-            for number, counts in one.received.items()
+            for node in self.nodes
+            for number, counts in node.received.items()
         ]
-        return sorted(found, key=lambda row: (-row.wrong, row.name))
+        return sorted(rows, key=lambda row: (-row.wrong, row.name))

@@ -36,42 +36,44 @@ def lines(meter: Meter, columns: int, rows: int) -> list[str]:
     return [line[:columns].rstrip() for line in shown[:rows]]
 
 
-def _shortened_list(found: Sequence[str], count: int) -> list[str]:
-    if len(found) <= count:
-        return list(found)
-    return [*found[: count - 1], f"... {len(found) - count + 1} more"]
+def _shortened_list(texts: Sequence[str], count: int) -> list[str]:
+    if len(texts) <= count:
+        return list(texts)
+    return [*texts[: count - 1], f"... {len(texts) - count + 1} more"]
 
 
 def _head(meter: Meter) -> list[str]:
     live = meter.leader.live
-    about, cycle = live.block.description, meter.leader.now.cycle
-    facts, period_s = about["metadata"], 1e-9 * live.period_ns
-    end = f" of {about['cycles'] * period_s:g} s" if meter.leader.role == "executive" else " s"
+    description, cycle = live.block.description, meter.leader.now.cycle
+    facts, period_s = description["metadata"], 1e-9 * live.period_ns
+    end = (
+        f" of {description['cycles'] * period_s:g} s" if meter.leader.role == "executive" else " s"
+    )
     law, standby = facts.get("controller", ""), ""
     if now := in_charge(live, meter.leader.now):
         law = f"{now} in charge"
         standby = f"  on standby: {', '.join(one for one in laws(live) if one != now)}"
-    head = f"{about['rig']}  {law}  {facts.get('pacing', '')}"
+    head = f"{description['rig']}  {law}  {facts.get('pacing', '')}"
     return [f"{head}  {cycle * period_s:.2f}{end}, cycle {cycle}", facts.get("bus", "") + standby]
 
 
 def _nodes(meter: Meter) -> list[str]:
-    found = [
+    table_lines = [
         f"{'node':10}{'state':6}{'drive':15}{'rate Hz':>8}{'late us p50':>13}{'p99':>8}{'worst':>8}"
         f"{'skip':>6}{'held':>6}"
     ]
-    for one in meter.nodes:
-        control, about = one.live.block.control, one.live.block.description
-        state = about["state_names"][int(control.state)]
-        word = int(one.now["supervisor.status_word"]) & _OF_THE_DRIVE
-        clocked = about["metadata"].get("pacing") != "lockstep"
-        times = [one.now[f"timing.wake_late_{what}_us"] for what in ("p50", "p99", "max")]
+    for node in meter.nodes:
+        control, description = node.live.block.control, node.live.block.description
+        state = description["state_names"][int(control.state)]
+        word = int(node.now["supervisor.status_word"]) & _OF_THE_DRIVE
+        clocked = description["metadata"].get("pacing") != "lockstep"
+        times = [node.now[f"timing.wake_late_{what}_us"] for what in ("p50", "p99", "max")]
         shown = [f"{time:.1f}" if clocked else "-" for time in times]
-        found.append(
-            f"{one.role:10}{state:6}{_DRIVE.get(word, f'0x{word:02X}'):15}{one.rate_hz:8.1f}"
+        table_lines.append(
+            f"{node.role:10}{state:6}{_DRIVE.get(word, f'0x{word:02X}'):15}{node.rate_hz:8.1f}"
             f"{shown[0]:>13}{shown[1]:>8}{shown[2]:>8}{control.skipped:6}{control.held:6}"
         )
-    return found
+    return table_lines
 
 
 def _trouble(meter: Meter) -> list[str]:
@@ -89,33 +91,33 @@ def _load(meter: Meter) -> str:
 
 def _frames(meter: Meter) -> list[str]:
     head = "".join(f"{name:>9}" for name in _STATES)
-    found = [f"{'frame':22}{'to':10}{'a second':>9}{head}"]
+    table_lines = [f"{'frame':22}{'to':10}{'a second':>9}{head}"]
     for row in meter.frames():
         counts = (sum(row.counts.get(state, 0) for state in states) for states in _STATES.values())
         told = "".join(f"{count:9}" for count in counts)
-        found.append(f"{row.name[:21]:22}{row.node:10}{row.rate_hz:9.1f}{told}")
-    return found
+        table_lines.append(f"{row.name[:21]:22}{row.node:10}{row.rate_hz:9.1f}{told}")
+    return table_lines
 
 
 def _errors(meter: Meter) -> list[str]:
-    found = [f"{'error':40}{'now':>13}{'lately':>13}{'worst':>13}"]
-    for one in meter.nodes:
-        for name in one.errors[:2]:
-            numbers = (one.now[name], one.interval_worst[name], one.worst[name])
+    table_lines = [f"{'error':40}{'now':>13}{'lately':>13}{'worst':>13}"]
+    for node in meter.nodes:
+        for name in node.errors[:2]:
+            numbers = (node.now[name], node.interval_worst[name], node.worst[name])
             told = "".join(f"{number:13.4g}" for number in numbers)
-            named = f"{name} [{one.live.variables[name].unit}]"
-            found.append(f"{named[:39]:40}{told}")
-    return found if len(found) > 1 else []
+            named = f"{name} [{node.live.variables[name].unit}]"
+            table_lines.append(f"{named[:39]:40}{told}")
+    return table_lines if len(table_lines) > 1 else []
 
 
-def _parameters(one: NodeMeter) -> list[str]:
+def _parameters(node: NodeMeter) -> list[str]:
     """Return the leading node's parameters, those that were tuned first, with a mark."""
-    given = one.live.block.description.get("initial", {})
+    initial = node.live.block.description.get("initial", {})
     law = "controller."  # what is tuned most
-    names = sorted(given, key=lambda n: (one.now[n] == given[n], not n.startswith(law)))
-    found = [f"{'parameter':42}{'value':>13}{'rig':>13}"]
+    names = sorted(initial, key=lambda n: (node.now[n] == initial[n], not n.startswith(law)))
+    table_lines = [f"{'parameter':42}{'value':>13}{'rig':>13}"]
     for name in names:
-        tuned = "*" if one.now[name] != given[name] else " "
-        named = f"{name} [{one.live.variables[name].unit}]"
-        found.append(f"{tuned}{named[:40]:41}{one.now[name]:13.6g}{given[name]:13.6g}")
-    return found
+        tuned = "*" if node.now[name] != initial[name] else " "
+        named = f"{name} [{node.live.variables[name].unit}]"
+        table_lines.append(f"{tuned}{named[:40]:41}{node.now[name]:13.6g}{initial[name]:13.6g}")
+    return table_lines

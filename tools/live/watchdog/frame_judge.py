@@ -61,12 +61,12 @@ class FrameJudge:
         config = rig.config
         self.settings, self.clocked = config.watchdog or Watchdog(), clocked
         database = messages.database_of(rig)
-        here = messages.frames_by_bus(rig, database)[0]
+        on_bus = messages.frames_by_bus(rig, database)[0]
         self.rows = [
             _Frame(frame, role, frame.every_n(config.rate_hz), {})
             for role, node in config.sections.items()
             for frame in dbc.frames(database, node.node, "tx")
-            if frame.name in here
+            if frame.name in on_bus
         ]
         frames = [row.frame for row in self.rows]
         names = [f"{f.name}.{s.name}" for f in frames for s in f.signals]
@@ -92,10 +92,10 @@ class FrameJudge:
             ][:1]
             for role in config.sections
         }
-        told = {place for ends in self.ends.values() for place, _ in ends}
+        end_places = {place for ends in self.ends.values() for place, _ in ends}
         own = [[self.places[f"{f.name}.{s.name}"] for s in f.signals] for f in frames]
         self.read = {  # rows of frames whose values matter
-            i for i, row in enumerate(self.rows) if row.limits or told.intersection(own[i])
+            i for i, row in enumerate(self.rows) if row.limits or end_places.intersection(own[i])
         }
         self.stated: dict[Role, float] = {}  # in which state each node says it is
         self.armed, self.begun, self.cycle = False, 0.0, 0.0  # in cycles of the rig
@@ -104,15 +104,15 @@ class FrameJudge:
     def _take_limits(self, rig: Rig) -> None:
         """Note what may be wrong with values: limits, rates a cycle, and floats that are none."""
         for row in self.rows:
-            given = rig.nodes()[row.role].limits
-            for one in row.frame.signals:
-                name = f"{row.frame.name}.{one.name}"
-                if name not in given and not one.is_float:
+            limits = rig.nodes()[row.role].limits
+            for signal in row.frame.signals:
+                name = f"{row.frame.name}.{signal.name}"
+                if name not in limits and not signal.is_float:
                     continue
-                limit = given.get(name, Limit())
+                limit = limits.get(name, Limit())
                 rate = limit.rate_per_s
                 step = math.inf if rate is None else rate / rig.config.rate_hz
-                slack = 0.0 if one.is_float else abs(one.factor)
+                slack = 0.0 if signal.is_float else abs(signal.factor)
                 bounds = limit.low - slack, limit.high + slack
                 row.limits[self.places[name]] = _Limits(*bounds, step, slack)
 
@@ -125,33 +125,35 @@ class FrameJudge:
                 self._judge(row, data)
 
     def _judge(self, row: int, data: NDArray[np.uint8]) -> None:
-        one = self.rows[row]
+        watched = self.rows[row]
         frames = self.table.frames
         length = int(codec.length_of(data, row, frames))
         state, missing = e2e.check(data[8:], length, row, frames, self.state)
-        one.last, why = self.cycle, ""
+        watched.last, why = self.cycle, ""
         if state in (FrameState.OK, FrameState.OK_SOME_LOST) and row in self.read:
             codec.unpack(data[8:], row, *self.tables, self.values)
-            why = self._value_trouble(one, int(missing) + 1)
-            self._note_state(one.role)
+            why = self._value_trouble(watched, int(missing) + 1)
+            self._note_state(watched.role)
         elif state not in (FrameState.OK, FrameState.OK_SOME_LOST) and (
             self.clocked or state == FrameState.ERROR
         ):
-            one.values.clear()
+            watched.values.clear()
             why = f"is {name_of(state)}"
-        one.wrong.append(why)
+        watched.wrong.append(why)
 
-    def _value_trouble(self, one: _Frame, turns: int) -> str:
+    def _value_trouble(self, watched: _Frame, turns: int) -> str:
         """Return what is wrong with the values of a frame, the first of them."""
-        said = ""
-        for place, (low, high, step, slack) in one.limits.items():
-            value, before = float(self.values[place]), one.values.get(place, math.nan)
-            one.values[place] = value
+        trouble = ""
+        for place, (low, high, step, slack) in watched.limits.items():
+            value, before = float(self.values[place]), watched.values.get(place, math.nan)
+            watched.values[place] = value
             if not low <= value <= high:
-                said = said or f"holds {self._name(place)} = {value:g}, outside its limits"
-            elif self.clocked and abs(value - before) > step * one.every_n * turns + slack:
-                said = said or f"holds {self._name(place)}, which changes faster than its rate"
-        return said
+                trouble = trouble or f"holds {self._name(place)} = {value:g}, outside its limits"
+            elif self.clocked and abs(value - before) > step * watched.every_n * turns + slack:
+                trouble = (
+                    trouble or f"holds {self._name(place)}, which changes faster than its rate"
+                )
+        return trouble
 
     def _name(self, place: int) -> str:
         return list(self.places)[place].partition(".")[2]
@@ -165,10 +167,10 @@ class FrameJudge:
             if runs and not self.armed:
                 self.state[:] = e2e.new_state(len(self.rows))
                 self.begun = self.cycle
-                for one in self.rows:
-                    one.last = self.cycle
-                    one.wrong.clear()
-                    one.values.clear()
+                for watched in self.rows:
+                    watched.last = self.cycle
+                    watched.wrong.clear()
+                    watched.values.clear()
             self.armed = runs
 
     def troubles(self) -> Iterator[tuple[str, str]]:
@@ -182,13 +184,16 @@ class FrameJudge:
                 more = f" and {len(away) - 1} more" if len(away) > 1 else ""
                 cycles = f"for {self.cycle - away[0].last:.0f} cycles"
                 yield role, f"{role}: {away[0].frame.name}{more} did not come {cycles}"
-        for one in self.rows:
-            wrong = [why for why in one.wrong if why]
+        for watched in self.rows:
+            wrong = [why for why in watched.wrong if why]
             if len(wrong) >= self.settings.wrong_frames:
-                many = f"{len(wrong)} of the last {len(one.wrong)} are wrong"
-                yield one.frame.name, f"{one.role}: {one.frame.name} {wrong[-1]}; {many}"
+                many = f"{len(wrong)} of the last {len(watched.wrong)} are wrong"
+                yield (
+                    watched.frame.name,
+                    f"{watched.role}: {watched.frame.name} {wrong[-1]}; {many}",
+                )
 
-    def _is_away(self, one: _Frame) -> bool:
-        slow = _SLOW * one.every_n if one.every_n > 1 else 0
-        allowed = max(self.settings.silent_cycles + one.every_n - 1, slow)
-        return self.clocked and self.cycle - one.last > allowed and not one.frame.on_event
+    def _is_away(self, watched: _Frame) -> bool:
+        slow = _SLOW * watched.every_n if watched.every_n > 1 else 0
+        allowed = max(self.settings.silent_cycles + watched.every_n - 1, slow)
+        return self.clocked and self.cycle - watched.last > allowed and not watched.frame.on_event

@@ -44,12 +44,12 @@ def _receive(end: Any, frames: Any) -> Any:
     """Take the frames that are there into `frames` (k, 72); return how many, -1: the bus failed."""
     count = np.int64(0)
     for _ in range(frames.shape[0]):
-        what = wire.get_frame(end, False)
-        if what == Arrival.FAILED:
+        arrival = wire.get_frame(end, False)
+        if arrival == Arrival.FAILED:
             return np.int64(-1)
-        if what == Arrival.NOTHING:
+        if arrival == Arrival.NOTHING:
             break
-        if what == Arrival.FRAME:
+        if arrival == Arrival.FRAME:
             copy(frames[count], end.rx)
             count += 1
     return count
@@ -110,7 +110,7 @@ def serve(rig: Rig, bus: buses.BusAddress, pacing: str, feed: str | None, ready:
     on_bus, device = _Bus(bus, watch), _Feed(feed or watch.settings.feed)
     signals = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    asked = kernel.signal_file(signals)
+    stop_signals = kernel.signal_file(signals)
     realtime.prepare_thread(PRIORITY, None)
     if ready >= 0:
         os.close(ready)
@@ -121,7 +121,7 @@ def serve(rig: Rig, bus: buses.BusAddress, pacing: str, feed: str | None, ready:
     looked_s = time.monotonic()
     acted = False
     known: set[str] = set()
-    while not select.select([asked], [], [], tick_s)[0]:
+    while not select.select([stop_signals], [], [], tick_s)[0]:
         now_s = time.monotonic()
         watch.cycle += min(now_s - looked_s, 2.0 * tick_s) / period_s
         looked_s = now_s

@@ -87,23 +87,25 @@ class A2lVariable(NamedTuple):
     has_event: bool
 
 
-def variables_of(about: Mapping[str, Any]) -> list[A2lVariable]:
+def variables_of(description: Mapping[str, Any]) -> list[A2lVariable]:
     """Return those of a node, by its description.
 
     No row has a parameter. It changes by tunings alone, but for those of the loop and of a drive,
     which they write themselves, and where a fault may act.
     """
-    recorded = {*about["state_columns"], *about["timing_columns"]}
-    injected = {one["of"].rpartition(":")[2] for one in about["faults"].values()}
-    tuned_alone = {*about["blocks"], "rig"}  # writers
+    recorded = {*description["state_columns"], *description["timing_columns"]}
+    injected = {one["of"].rpartition(":")[2] for one in description["faults"].values()}
+    tuned_alone = {*description["blocks"], "rig"}  # writers
 
     def has_event(name: str, kind: str, writer: str) -> bool:
         is_held = kind == "parameter" and writer in tuned_alone and name not in injected
         return name in recorded or is_held
 
     return [
-        A2lVariable(name, unit, text, about["ranges"].get(name), has_event(name, kind, writer))
-        for name, unit, kind, writer, text in about["variables"]
+        A2lVariable(
+            name, unit, text, description["ranges"].get(name), has_event(name, kind, writer)
+        )
+        for name, unit, kind, writer, text in description["variables"]
     ]
 
 
@@ -154,24 +156,26 @@ def _lines(
     entries = list(_entries(variables))
     polled = "      /begin IF_DATA XCP\n        /begin DAQ_EVENT FIXED_EVENT_LIST"
     polled += "\n        /end DAQ_EVENT\n      /end IF_DATA\n"
-    for number, size, one in entries:
-        unit, at = units[one.unit], f"0x{8 * number:X}"
+    for number, size, variable in entries:
+        unit, address = units[variable.unit], f"0x{8 * number:X}"
         kind, dimension = ("VAL_BLK", f" MATRIX_DIM {size} 1 1") if size > 1 else ("VALUE", "")
         text, events = (
-            (one.help, "") if one.has_event else (f"{one.help[:240]} (polled only)", polled)
+            (variable.help, "")
+            if variable.has_event
+            else (f"{variable.help[:240]} (polled only)", polled)
         )
-        if one.range:
-            low, high = (min(max(bound, -_FAR), _FAR) for bound in one.range)
-            yield f"    /begin CHARACTERISTIC {_word(one.name)} {_text(text)}"
-            yield f"      {kind} {at} F64 0 {unit} {low} {high}{dimension}"
+        if variable.range:
+            low, high = (min(max(bound, -_FAR), _FAR) for bound in variable.range)
+            yield f"    /begin CHARACTERISTIC {_word(variable.name)} {_text(text)}"
+            yield f"      {kind} {address} F64 0 {unit} {low} {high}{dimension}"
             yield f"{events}    /end CHARACTERISTIC"
         else:
-            yield f"    /begin MEASUREMENT {_word(one.name)} {_text(text)}"
+            yield f"    /begin MEASUREMENT {_word(variable.name)} {_text(text)}"
             yield f"      FLOAT64_IEEE {unit} 0 0 {-_FAR:g} {_FAR:g}"
-            yield f"      ECU_ADDRESS {at}{dimension}\n{events}    /end MEASUREMENT"
+            yield f"      ECU_ADDRESS {address}{dimension}\n{events}    /end MEASUREMENT"
     blocks: dict[str, list[A2lVariable]] = {}
-    for _, _, one in entries:
-        blocks.setdefault(one.name.partition(".")[0], []).append(one)
+    for _, _, variable in entries:
+        blocks.setdefault(variable.name.partition(".")[0], []).append(variable)
     for block, members in blocks.items():
         yield from _group(block, members)
     yield "  /end MODULE\n/end PROJECT"
@@ -180,15 +184,15 @@ def _lines(
 def _entries(variables: Sequence[A2lVariable]) -> Iterator[tuple[int, int, A2lVariable]]:
     """Yield number, size and description of each variable, and of an array before its elements."""
     names = {one.name for one in variables}
-    for number, one in enumerate(variables):
-        array = one.name.removesuffix("_0")
+    for number, variable in enumerate(variables):
+        array = variable.name.removesuffix("_0")
         if array not in names:
-            alike = (one._replace(name=f"{array}_{i}") for i in count())
+            alike = (variable._replace(name=f"{array}_{i}") for i in count())
             pairs = zip(variables[number:], alike, strict=False)
             size = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
             if size > 1:
-                yield number, size, one._replace(name=array)
-        yield number, 1, one
+                yield number, size, variable._replace(name=array)
+        yield number, 1, variable
 
 
 def _group(block: str, members: list[A2lVariable]) -> Iterator[str]:

@@ -46,8 +46,8 @@ class DaqRows:
                 self._changes.append((int(cycle), self._places[number], bits.view(np.float64)))
         if self._tap.missed["event"] > before:
             self._values = self._live.read().array[self._numbers]
-        held = np.repeat(self._values[np.newaxis], len(rows), axis=0)
+        tuned = np.repeat(self._values[np.newaxis], len(rows), axis=0)
         while self._changes and len(rows) and self._changes[0][0] <= rows.cycle[-1]:
             cycle, place, value = self._changes.popleft()
-            held[rows.cycle >= cycle, place] = self._values[place] = value
-        return rows.cycle, np.hstack([rows.values, held])
+            tuned[rows.cycle >= cycle, place] = self._values[place] = value
+        return rows.cycle, np.hstack([rows.values, tuned])

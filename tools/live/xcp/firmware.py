@@ -32,13 +32,15 @@ def with_xcp(
     """
     if taken := [name for name in ("xcp.c", "xcp.h", "xcp_rig.h") if name in files]:
         raise UserError(f"--xcp: {taken[0]} is of a block of this rig; rename the block")
-    found = dict(files)
+    device_files = dict(files)
     first = '#include "rig.h"\n'
-    found["rig.c"] = found["rig.c"].replace(first, first + '#include "xcp_rig.h"\n', 1)
-    found |= {name: (_OURS / name).read_text() for name in ("xcp.c", "xcp.h")}
-    found["xcp_rig.h"] = "\n".join(_header(rig, len(places), _ids(rig, ids)))
-    found["rig.c"] += "\n".join([*_table(places), *_events(rig.config.period_ns)])
-    return found
+    device_files["rig.c"] = device_files["rig.c"].replace(
+        first, first + '#include "xcp_rig.h"\n', 1
+    )
+    device_files |= {name: (_OURS / name).read_text() for name in ("xcp.c", "xcp.h")}
+    device_files["xcp_rig.h"] = "\n".join(_header(rig, len(places), _ids(rig, ids)))
+    device_files["rig.c"] += "\n".join([*_table(places), *_events(rig.config.period_ns)])
+    return device_files
 
 
 def absent(files: Mapping[str, str]) -> list[str]:
@@ -50,11 +52,13 @@ def _ids(rig: Rig, text: str) -> list[int]:
     """Return the two ids, with the bit of 29 bits as a frame's id has it; UserError."""
     if not re.fullmatch(r"(?i)0x[0-9a-f]{1,8},0x[0-9a-f]{1,8}", text):
         raise UserError(f"--xcp {text}: expected two ids, as 0x7E0,0x7E1")
-    taken = {message.frame_id: message.name for message in database_of(rig).messages}
+    names_by_id = {message.frame_id: message.name for message in database_of(rig).messages}
     ids = [int(word, 16) for word in text.split(",")]
     for one in ids:
-        if one in taken:
-            raise UserError(f"--xcp: 0x{one:X} is {taken[one]} of the DBC file; give two others")
+        if one in names_by_id:
+            raise UserError(
+                f"--xcp: 0x{one:X} is {names_by_id[one]} of the DBC file; give two others"
+            )
     if ids[0] == ids[1] or max(ids) >= 1 << 29:
         raise UserError(f"--xcp {text}: expected two different ids of at most 29 bits")
     return [one | _EXTENDED * (one > 0x7FF) for one in ids]
@@ -75,10 +79,10 @@ def _header(rig: Rig, count: int, ids: Sequence[int]) -> Iterator[str]:
 
 def _table(places: Sequence[tuple[Variable, str]]) -> Iterator[str]:
     yield from ("", "const xcp_variable xcp_table[XCP_VARIABLES] = {")
-    for one, place in places:
-        low, high = (one.low, one.high) if one.kind == "parameter" else (1.0, 0.0)
+    for variable, place in places:
+        low, high = (variable.low, variable.high) if variable.kind == "parameter" else (1.0, 0.0)
         bounds = ", ".join(repr(min(max(bound, -_MOST), _MOST)) for bound in (low, high))
-        yield f"    {{{f'&{place}' if place else 0}, {bounds}}}, /* {one.name} */"
+        yield f"    {{{f'&{place}' if place else 0}, {bounds}}}, /* {variable.name} */"
     yield "};"
 
 

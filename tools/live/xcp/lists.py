@@ -72,21 +72,21 @@ class DaqLists:
     def alloc_odts(self, number: int, count: int) -> None:
         """Make the tables of a list; Refused."""
         self._follows("daq", "odt")
-        one = self.of(number)
-        if sum(len(each.odts) for each in self.lists) - len(one.odts) + count > MOST_ODTS:
+        daq_list = self.of(number)
+        if sum(len(each.odts) for each in self.lists) - len(daq_list.odts) + count > MOST_ODTS:
             raise CommandRefused(Err.MEMORY_OVERFLOW)
-        one.odts, self._stage = [[] for _ in range(count)], "odt"
+        daq_list.odts, self._stage = [[] for _ in range(count)], "odt"
 
     def alloc_entries(self, number: int, odt: int, count: int) -> None:
         """Make the entries of a table; Refused."""
         self._follows("odt", "entry")
-        one = self.of(number)
-        if odt >= len(one.odts):
+        daq_list = self.of(number)
+        if odt >= len(daq_list.odts):
             raise CommandRefused(Err.OUT_OF_RANGE)
         kept = sum(len(entries) for each in self.lists for entries in each.odts)
-        if kept - len(one.odts[odt]) + count > MOST_ENTRIES:
+        if kept - len(daq_list.odts[odt]) + count > MOST_ENTRIES:
             raise CommandRefused(Err.MEMORY_OVERFLOW)
-        one.odts[odt], self._stage = [None] * count, "entry"
+        daq_list.odts[odt], self._stage = [None] * count, "entry"
 
     def _follows(self, *stages: str) -> None:
         if self.running:
@@ -110,8 +110,8 @@ class DaqLists:
     def write(self, bit: int, size: int, extension: int, address: int) -> None:
         """Fill the chosen entry; the next one of its table is chosen then. Refused."""
         number, odt, entry = self._choice()
-        one = self.lists[number]
-        if one.places is not None:
+        daq_list = self.lists[number]
+        if daq_list.places is not None:
             raise CommandRefused(Err.DAQ_ACTIVE)
         most = min(8 - address % 8, self._link.dto - 1)
         if bit != 0xFF or extension or not 0 < size <= most:
@@ -120,7 +120,7 @@ class DaqLists:
             raise CommandRefused(Err.OUT_OF_RANGE)
         if self._columns[address // 8] < 0:
             raise CommandRefused(Err.DAQ_CONFIG)  # a variable that is not recorded
-        one.odts[odt][entry] = address, size
+        daq_list.odts[odt][entry] = address, size
         self._pointer = number, odt, entry + 1
 
     def read(self) -> Entry:
@@ -141,14 +141,14 @@ class DaqLists:
 
     def set_mode(self, mode: int, number: int, event: int, prescaler: int, _: int) -> None:
         """Say when a list is sent; Refused. The last one would be its priority."""
-        one = self.of(number)
-        if one.places is not None:
+        daq_list = self.of(number)
+        if daq_list.places is not None:
             raise CommandRefused(Err.DAQ_ACTIVE)
         if mode & NOT_OURS:
             raise CommandRefused(Err.MODE_NOT_VALID)
         if event >= len(DIVISIONS) or not prescaler:
             raise CommandRefused(Err.OUT_OF_RANGE)
-        one.mode, one.event, one.prescaler = mode & TIMESTAMP, event, prescaler
+        daq_list.mode, daq_list.event, daq_list.prescaler = mode & TIMESTAMP, event, prescaler
 
     def first(self, number: int) -> int:
         """Return the number of a list's first packet."""
@@ -157,20 +157,20 @@ class DaqLists:
     def start(self, *numbers: int) -> None:
         """Send lists from the next cycle on, all or none; Refused."""
         started = {number: self._places(self.of(number)) for number in numbers}
-        asked = sum(
+        frames_asked = sum(
             len(one.odts) / (DIVISIONS[one.event] * one.prescaler)
             for number, one in enumerate(self.lists)
             if number in started or one.places is not None
         )
-        if asked > self._link.frames:
+        if frames_asked > self._link.frames:
             raise CommandRefused(Err.DAQ_CONFIG)
         for number, places in started.items():
             self.lists[number].places = places
 
-    def _places(self, one: _List) -> list[NDArray[np.intp]]:
-        found = []
-        for i, entries in enumerate(one.odts):
-            stamp = STAMP.size * (one.stamped and not i)  # which may stand alone
+    def _places(self, daq_list: _List) -> list[NDArray[np.intp]]:
+        tables = []
+        for i, entries in enumerate(daq_list.odts):
+            stamp = STAMP.size * (daq_list.stamped and not i)  # which may stand alone
             if None in entries or not (entries or stamp):
                 raise CommandRefused(Err.DAQ_CONFIG)
             bytes_of_entries = [
@@ -179,10 +179,10 @@ class DaqLists:
             places = [8 * self._columns[at // 8] + at % 8 for at in bytes_of_entries]
             if 1 + stamp + len(places) > self._link.dto:
                 raise CommandRefused(Err.DAQ_CONFIG)
-            found.append(np.array(places, np.intp))
-        if not found:
+            tables.append(np.array(places, np.intp))
+        if not tables:
             raise CommandRefused(Err.DAQ_CONFIG)
-        return found
+        return tables
 
     def stop(self, number: int) -> None:
         """Send a list no more; Refused."""
@@ -194,10 +194,12 @@ class DaqLists:
         """Yield what is sent of cycles (n,) with values (n, columns): each cycle's in its order."""
         raw = np.ascontiguousarray(values).view(np.uint8).reshape(len(cycle), -1)
         for row, number in enumerate(cycle.tolist()):
-            for i, one in enumerate(self.lists):
-                if one.places is None or number % (DIVISIONS[one.event] * one.prescaler):
+            for i, daq_list in enumerate(self.lists):
+                if daq_list.places is None or number % (
+                    DIVISIONS[daq_list.event] * daq_list.prescaler
+                ):
                     continue
-                for odt, places in enumerate(one.places):
-                    stamp = one.stamped and not odt
+                for odt, places in enumerate(daq_list.places):
+                    stamp = daq_list.stamped and not odt
                     told = STAMP.pack(round(number * period_us) & 0xFFFFFFFF) if stamp else b""
                     yield bytes([self.first(i) + odt]) + told + raw[row, places].tobytes()

@@ -54,11 +54,11 @@ class Page(NoPage):
 
     def _serve(self, role: Role, words: object) -> int:
         compile_cache.watch.listener = None
-        own = self._servers.pop(role)
+        own_server = self._servers.pop(role)
         self._close()
         while (found := live.running().get(self._nodes[role])) is None:
             time.sleep(_LOOK_S)
-        with own as server:
+        with own_server as server:
             server.serve(found)
         return 0
 

@@ -75,17 +75,17 @@ def _until_its_end(live: Live, server: "XcpServer") -> int:
 
 def on_bus(live: Live) -> "XcpServer":
     """Return the slave of a running node on its bus; RigError, BusError."""
-    about = live.block.description
-    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
+    description = live.block.description
+    data = yamlfile.load("rig.yaml", description["attachments"]["rig-resolved.yaml"]).data
     data |= {"evaluation": None} | ({} if isinstance(data.get("xcp"), dict) else {"xcp": "can"})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "rig.yaml"
         database = path.with_name(Path(data["dbc"]).name)
         data["dbc"] = database.name
-        database.write_text(about["attachments"][database.name], "utf-8")
+        database.write_text(description["attachments"][database.name], "utf-8")
         rig = load_rig(path, text=yamlfile.dump(data), resolve=False)
-        bus = bus_named(*parse(about["metadata"]["bus"]))
-        return XcpServer.of_rig(rig, bus, about["node"])
+        bus = bus_named(*parse(description["metadata"]["bus"]))
+        return XcpServer.of_rig(rig, bus, description["node"])
 
 
 def table_of(live: Live, columns: list[int], a2l: bytes) -> NodeTable:
@@ -190,11 +190,11 @@ class XcpServer:
         self._can = can
         if can is not None and bus is not None:
             self._sockets = [plain_bus.open_bus(bus, [can.ids[0]])]
-            held = claim.hold(f"xcp/{bus}/{can.ids}")
-            if held is None:
+            ids_lock = claim.hold(f"xcp/{bus}/{can.ids}")
+            if ids_lock is None:
                 self.close()
                 raise UserError(f"{can}: another slave has these ids on {bus}; end it")
-            self._sockets.append(held)
+            self._sockets.append(ids_lock)
         try:
             for kind, address, port in wanted:
                 self._open(kind, address, port)
@@ -224,11 +224,11 @@ class XcpServer:
             made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind((address, port))
         made.setblocking(False)
-        heard = self._datagrams
+        on_data = self._datagrams
         if kind == "TCP":
             made.listen()
-            heard = self._accept
-        self._select.register(made, selectors.EVENT_READ, heard)
+            on_data = self._accept
+        self._select.register(made, selectors.EVENT_READ, on_data)
         self._ports.append((kind, address, made.getsockname()[1]))
 
     def __enter__(self) -> "XcpServer":
@@ -250,10 +250,10 @@ class XcpServer:
     def serve(self, live: Live) -> None:
         """Answer for a node until it ends."""
         os.nice(5)  # the loop and its bus go first
-        about = live.block.description
-        described = variables_of(about)
+        description = live.block.description
+        described = variables_of(description)
         rows = DaqRows(live, described)
-        rig, role = str(about.get("rig")), live.name.rpartition(".")[2]
+        rig, role = str(description.get("rig")), live.name.rpartition(".")[2]
         can, link = self._can, ETHERNET if self._can is None else self._can.link
         lines = ethernet(self._ports) if can is None else can.a2l()
         text = a2l_text(rig, role, version(), live.period_ns, described, lines, link)
@@ -272,15 +272,15 @@ class XcpServer:
     def _send_measured(self, rows: DaqRows) -> None:
         before = rows.missed
         cycle, values = rows.take()
-        for key, one in [*self._masters.items()]:
-            one.lost |= rows.missed > before
-            if one.session.daq.running and len(cycle):
-                self._do_guarded(key, one.send, one.session.packets(cycle, values))
+        for key, master in [*self._masters.items()]:
+            master.lost |= rows.missed > before
+            if master.session.daq.running and len(cycle):
+                self._do_guarded(key, master.send, master.session.packets(cycle, values))
 
-    def _do_guarded(self, key: Any, work: Callable[..., None], *given: Any) -> None:
+    def _do_guarded(self, key: Any, work: Callable[..., None], *arguments: Any) -> None:
         """Do what may end with a master's end; on CAN OSError goes on."""
         try:
-            work(*given)
+            work(*arguments)
         except (ValueError, OSError):
             if key == self._can:
                 raise

@@ -268,13 +268,13 @@ class XcpSession:
         return Struct("<BBBI").pack(0xFF, size, VARIABLES, address)
 
     def _start_stop_daq_list(self, mode: int, number: int) -> bytes:
-        one = self.daq.of(number)
+        daq_list = self.daq.of(number)
         if mode == 0:
             self.daq.stop(number)
         elif mode == 1:
             self.daq.start(number)
         elif mode == 2:
-            one.selected = True
+            daq_list.selected = True
         else:
             raise CommandRefused(Err.MODE_NOT_VALID)
         return bytes([self.daq.first(number)])

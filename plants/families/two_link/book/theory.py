@@ -118,10 +118,10 @@ def motion(run: Cycles, lam: Vector) -> Motion:
     )
 
 
-def forward_torque(links: TwoLinks, one: Motion) -> Vector:
+def forward_torque(links: TwoLinks, states: Motion) -> Vector:
     """Return M (q_d'' + Lam e') + Vm (q_d' + Lam e), (n, 2), N m."""
-    ahead, along = one.forward
-    return times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
+    ahead, along = states.forward
+    return times(links.inertia(states.q), ahead) + times(links.coriolis(states.q, states.v), along)
 
 
 def acting_torque(run: Cycles) -> Vector:
@@ -135,17 +135,17 @@ def inertia_known(known: Vector, true: Vector) -> Assumption:
     return Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2")
 
 
-def drawn_states(one: Motion) -> Motion:
+def drawn_states(states: Motion) -> Motion:
     """Return states of the compact set: references of the run, |r| up to 1.25 times its largest."""
     draw = np.random.default_rng(0)
-    rows = draw.integers(0, len(one.q), DRAWN)
-    reach = MARGIN * float(np.linalg.norm(one.r, axis=1).max())
+    rows = draw.integers(0, len(states.q), DRAWN)
+    reach = MARGIN * float(np.linalg.norm(states.r, axis=1).max())
     r = draw.normal(size=(DRAWN, 2))
     r *= reach * np.sqrt(draw.random((DRAWN, 1))) / np.linalg.norm(r, axis=1, keepdims=True)
-    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(one.lam, 1e-9)
-    e_rate = r - one.lam * e
-    q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
-    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
+    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(states.lam, 1e-9)
+    e_rate = r - states.lam * e
+    q_d, rate_d, acc_d = states.q_d[rows], states.rate_d[rows], states.acc_d[rows]
+    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, states.lam)
 
 
 def acceleration(

@@ -67,14 +67,14 @@ class _Asc:
             self._sum_ns += ns_of(words[0])
             time_ns = self._start_ns + self._sum_ns
         self._begun = True
-        found = self._of_words(time_ns, words, line if has_end else None)
-        if found is None and not has_end:
+        frame = self._of_words(time_ns, words, line if has_end else None)
+        if frame is None and not has_end:
             raise ValueError(NO_END)
-        if found is None and words[1:2] != ["J1939TP"] and _LIKE_CLASSIC.search(line):
+        if frame is None and words[1:2] != ["J1939TP"] and _LIKE_CLASSIC.search(line):
             raise foreign_line(line, "ASC with a channel and an id")
-        if found is None and "Start of measurement" not in line:
+        if frame is None and "Start of measurement" not in line:
             self._account.others += 1
-        return found
+        return frame
 
     def finish(self) -> None:
         """Note a block that has no end, and a date that nothing else replaces."""

@@ -96,44 +96,44 @@ class _Blf:
         `offset` is of `data` in the file, of inner data that of their container. Ends before an
         object that goes on behind inner data; in the file itself that is damage.
         """
-        at, size = 0, len(data)
+        position, size = 0, len(data)
         while True:
-            self._done = at
-            place = offset if is_inner else offset + at
-            if data[at : at + len(_MARK)] != _MARK:
-                at = self._next_object(data, at, place)
-                if at < size:
+            self._done = position
+            place = offset if is_inner else offset + position
+            if data[position : position + len(_MARK)] != _MARK:
+                position = self._next_object(data, position, place)
+                if position < size:
                     continue
                 return
-            if at + _HEAD.size > size:
+            if position + _HEAD.size > size:
                 if not is_inner:
                     self._account.lose(f"byte {place}", "an object is cut")
                 return
-            _, _, version, length, kind = _HEAD.unpack_from(data, at)
+            _, _, version, length, kind = _HEAD.unpack_from(data, position)
             if not _HEAD.size <= length <= _LARGEST:
                 what = "without a size" if length < _HEAD.size else f"of {length} bytes"
                 self._account.lose(f"byte {place}", f"an object {what}")
-                at += 4
+                position += 4
                 continue
-            if at + length > size and is_inner:
+            if position + length > size and is_inner:
                 return
-            if at + length > size:
+            if position + length > size:
                 self._account.lose(f"byte {place}", "an object ends behind the file")
                 if kind != _CONTAINERS:
                     return
             self._objects += 1
-            yield place, version, kind, data[at + _HEAD.size : at + length]
-            at += length
+            yield place, version, kind, data[position + _HEAD.size : position + length]
+            position += length
 
-    def _next_object(self, data: bytes, at: int, place: int) -> int:
+    def _next_object(self, data: bytes, position: int, place: int) -> int:
         """Return where the next object begins, the end of `data` for none."""
-        end, is_near = len(data), at + _LONGEST_PADDING + len(_MARK) > len(data)
-        if is_near and _MARK.startswith(data[at:].lstrip(b"\0")):
+        end, is_near = len(data), position + _LONGEST_PADDING + len(_MARK) > len(data)
+        if is_near and _MARK.startswith(data[position:].lstrip(b"\0")):
             return end  # padding, and perhaps the begin of what goes on behind it
-        found = data.find(_MARK, at)
-        self._done = end if found < 0 else found
-        is_padding = found < 0 or found <= at + _LONGEST_PADDING
-        if not is_padding or data[at : self._done].strip(b"\0"):
+        mark_at = data.find(_MARK, position)
+        self._done = end if mark_at < 0 else mark_at
+        is_padding = mark_at < 0 or mark_at <= position + _LONGEST_PADDING
+        if not is_padding or data[position : self._done].strip(b"\0"):
             self._account.lose(f"byte {place}", "no object begins there")
         return self._done
 
@@ -227,7 +227,7 @@ def _date_ns(date: list[int]) -> int:
     """Return the wall time of a date in words of 16 bits; 0 for none."""
     year, month, _, day, hour, minute, second, ms = date
     try:
-        at = datetime(year, month, day, hour, minute, second, ms * 1000, tzinfo=UTC)
+        moment = datetime(year, month, day, hour, minute, second, ms * 1000, tzinfo=UTC)
     except ValueError:
         return 0
-    return max(0, round(at.timestamp() * 1000)) * 10**6
+    return max(0, round(moment.timestamp() * 1000)) * 10**6

@@ -71,12 +71,12 @@ class _Candump:
         if log is None and (screen := _SCREEN.fullmatch(line)) is None:
             raise foreign_line(line, "candump") if has_end else ValueError(NO_END)
         time_ns = self._time_ns((log or screen)["stamp"])  # type: ignore[index]
-        found = self._of_log(log, time_ns) if log else self._of_screen(screen, time_ns)
+        frame = self._of_log(log, time_ns) if log else self._of_screen(screen, time_ns)
         self._count += 1
-        if not has_end and log and not found.kind:
-            self._check_whole(found)
-        self._lengths[found.number, found.extended] = len(found.data)
-        return found
+        if not has_end and log and not frame.kind:
+            self._check_whole(frame)
+        self._lengths[frame.number, frame.extended] = len(frame.data)
+        return frame
 
     def _time_ns(self, stamp: str | None) -> int:
         if stamp is None:
@@ -84,11 +84,11 @@ class _Candump:
                 "its lines have no stamps: the frames stand 1 ms apart, from 1970 on"
             )
             return self._count * _STEP_NS
-        whole = stamp.partition(".")[0]
-        if "-" in whole[1:]:
+        seconds = stamp.partition(".")[0]
+        if "-" in seconds[1:]:
             self._account.may_be_distances = False
             return _date_ns(stamp)
-        if len(whole) != 3 or (not self._count and ns_of(stamp)):
+        if len(seconds) != 3 or (not self._count and ns_of(stamp)):
             self._account.may_be_distances = False
         return ns_of(stamp)
 
@@ -114,11 +114,11 @@ class _Candump:
         number = word & _ID if extended else word
         return data_frame(time_ns, number, extended, data, flags, received, channel)
 
-    def _of_screen(self, found: "re.Match[str] | None", time_ns: int) -> RecordedFrame:
-        assert found is not None
-        rest, channel, length = found["rest"], found["channel"], found["length"]
-        extended = len(found["id"]) > _STANDARD_DIGITS
-        number = int(found["id"], 16)
+    def _of_screen(self, match: "re.Match[str] | None", time_ns: int) -> RecordedFrame:
+        assert match is not None
+        rest, channel, length = match["rest"], match["channel"], match["length"]
+        extended = len(match["id"]) > _STANDARD_DIGITS
+        number = int(match["id"], 16)
         if len(length) == 4:
             return RecordedFrame(time_ns, channel=channel, kind="CAN XL")
         if extended and number & _ERROR:
@@ -127,11 +127,11 @@ class _Candump:
             return RecordedFrame(time_ns, channel=channel, kind="remote")
         flags: int = Flag.NONE
         if len(length) == 2:  # [08], of classic frames it is [8]
-            set_ = found["set"] or ""
+            set_ = match["set"] or ""
             flags = Flag.FD | (Flag.BRS if "B" in set_ else 0) | (Flag.ESI if "E" in set_ else 0)
         size = int(length) if flags else classic_bytes(int(length, 16))
         data = _bytes_shown(rest, size)
-        received = (found["way"] or "RX") == "RX"
+        received = (match["way"] or "RX") == "RX"
         return data_frame(time_ns, number, extended, data, flags, received, channel)
 
     def _check_whole(self, frame: RecordedFrame) -> None:

@@ -23,23 +23,23 @@ _ISO = re.compile(rf"(?P<year>\d{{4}})-(?P<month>\d\d)-(?P<day>\d\d)[T ]{_CLOCK}
 
 def date_ns(text: str) -> int | None:
     """Return the wall time of a date since 1970, ns; None if it is not understood."""
-    found = _WORDS.fullmatch(text.strip()) or _ISO.fullmatch(text.strip())
-    if found is None:
+    match = _WORDS.fullmatch(text.strip()) or _ISO.fullmatch(text.strip())
+    if match is None:
         return None
-    month, half, hour = found["month"].lower(), (found["half"] or "").lower(), int(found["h"])
+    month, half, hour = match["month"].lower(), (match["half"] or "").lower(), int(match["h"])
     if half:
         if not 1 <= hour <= 12:
             return None
         hour = hour % 12 + (12 if half == "pm" else 0)
     try:
         number = int(month) if month.isdigit() else _MONTHS[month]
-        parts = (int(found[key]) for key in ("day", "m", "s"))
+        parts = (int(match[key]) for key in ("day", "m", "s"))
         day, minute, second = parts
-        at = datetime(int(found["year"]), number, day, hour, minute, second)
+        at = datetime(int(match["year"]), number, day, hour, minute, second)
         whole_s = round(at.timestamp())
     except (KeyError, ValueError, OverflowError):
         return None
-    return whole_s * 10**9 + ns_of(f"0.{found['part'] or 0}") if whole_s >= 0 else None
+    return whole_s * 10**9 + ns_of(f"0.{match['part'] or 0}") if whole_s >= 0 else None
 
 
 def unknown_date(text: str) -> str:

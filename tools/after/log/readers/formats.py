@@ -61,10 +61,10 @@ def frames_of(path: Path, account: Account) -> Iterator[Iterator[RecordedFrame]]
             yield _frames(path.name, raw, account)
             return
         raw.seek(0)
-        with tempfile.NamedTemporaryFile() as whole:
-            _unpack(raw, whole, account)
-            whole.seek(0)
-            with open(whole.name, "rb") as file:
+        with tempfile.NamedTemporaryFile() as unpacked:
+            _unpack(raw, unpacked, account)
+            unpacked.seek(0)
+            with open(unpacked.name, "rb") as file:
                 yield _frames(path.name, file, account)
 
 
@@ -88,14 +88,14 @@ def _frames(name: str, file: IO[bytes], account: Account) -> Iterator[RecordedFr
     return form.frames(file, account)
 
 
-def _unpack(packed: IO[bytes], whole: IO[bytes], account: Account) -> None:
+def _unpack(packed: IO[bytes], unpacked: IO[bytes], account: Account) -> None:
     """Write what a gzip file holds, as far as it can be unpacked."""
     stream, is_done = zlib.decompressobj(_GZIP_WINDOW), False
     for piece in _pieces(packed):
         data = piece.lstrip(b"\0") if is_done else piece
         while data:
             try:
-                whole.write(stream.decompress(data, 1 << 20))
+                unpacked.write(stream.decompress(data, 1 << 20))
             except zlib.error as error:
                 account.lose("the .gz around it", error)
                 return

@@ -63,41 +63,41 @@ class _Trc:
         words = line.split(None, len(self._columns) - 1)
         if len(words) < 3 or not words[0].rstrip(")").isdigit():
             raise foreign_line(line, "TRC") if has_end else ValueError(NO_END)
-        found = dict(zip(self._columns, words, strict=False))
-        type_ = found.get("T", "").upper()
-        if type_ in _EVENTS or (not type_ and found.get("I") == "FFFFFFFF"):
+        fields = dict(zip(self._columns, words, strict=False))
+        type_ = fields.get("T", "").upper()
+        if type_ in _EVENTS or (not type_ and fields.get("I") == "FFFFFFFF"):
             self._account.others += 1
             return None
-        time_ns = self._start_ns + ns_of(found["O"]) // 1000
-        channel = found.get("B", "1")
-        kind = _KINDS.get(type_) or _KINDS.get(found.get("D", "").split(" ")[0].upper())
+        time_ns = self._start_ns + ns_of(fields["O"]) // 1000
+        channel = fields.get("B", "1")
+        kind = _KINDS.get(type_) or _KINDS.get(fields.get("D", "").split(" ")[0].upper())
         if kind:
             return RecordedFrame(time_ns, channel=channel, kind=kind)
         if type_ and type_ not in (*_CLASSIC, *_FLAGS):
             raise ValueError(f"no type of TRC: {type_[:20]!r}")
-        return self._data_frame(time_ns, channel, found, has_end)
+        return self._data_frame(time_ns, channel, fields, has_end)
 
     def _data_frame(
-        self, time_ns: int, channel: str, found: Mapping[str, str], has_end: bool
+        self, time_ns: int, channel: str, fields: Mapping[str, str], has_end: bool
     ) -> RecordedFrame | None:
-        type_ = found.get("T", "").upper()
+        type_ = fields.get("T", "").upper()
         flags = _FLAGS.get(type_, Flag.NONE)
-        length = number_of(found.get("L", found.get("l", "")), 10, "a length")
-        if "R" in found and not flags and length >= len(LENGTHS) and length > CLASSIC_BYTES:
+        length = number_of(fields.get("L", fields.get("l", "")), 10, "a length")
+        if "R" in fields and not flags and length >= len(LENGTHS) and length > CLASSIC_BYTES:
             return RecordedFrame(time_ns, channel=channel, kind=LONG_J1939)
         size = length
-        if "L" in found:
+        if "L" in fields:
             size = classic_bytes(length)
             size = LENGTHS[length] if flags else size  # the DLC is one of 0 to 15
         elif not flags:
             size = min(size, CLASSIC_BYTES)
-        words = found.get("D", "").split()[:size]
+        words = fields.get("D", "").split()[:size]
         if len(words) < size or not all(len(word) == 2 for word in words):
             raise ValueError(f"{len(words)} of {size} bytes") if has_end else ValueError(NO_END)
         data = bytes(number_of(word, 16, "a byte") for word in words)
-        text = found["I"].rstrip("hH")
+        text = fields["I"].rstrip("hH")
         number = number_of(text, 16, "an id")
-        way = found.get("d", type_ or "RX").upper()
+        way = fields.get("d", type_ or "RX").upper()
         extended = len(text) > _STANDARD_DIGITS
         return data_frame(time_ns, number, extended, data, flags, way != "TX", channel)
 

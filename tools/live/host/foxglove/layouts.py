@@ -34,18 +34,20 @@ def of_rig(name: str) -> tuple[dict[str, Any], list[str]]:
     places = _places(rig)
     window_s, panels = _panels(rig, places)
     wanted = dict.fromkeys(one for panel in panels for one in panel["names"])
-    kept = [
+    recorded_panels = [
         panel | {"names": names}
         for panel in panels
         if (names := [one for one in panel["names"] if one in places])
         and (panel["kind"] != "phase" or len(names) == 2)
     ]
-    return of_panels(kept, places, window_s), [one for one in wanted if one not in places]
+    return of_panels(recorded_panels, places, window_s), [
+        one for one in wanted if one not in places
+    ]
 
 
 def _places(rig: Rig) -> dict[str, tuple[str, str]]:
     """Return the message path and unit of what a rig records, by the names of the page."""
-    found = {}
+    places = {}
     for role in sorted(rig.roles, key=lambda role: role != "executive"):
         made = plan(rig, role, "virtual")
         for kind in ("state", "timing"):
@@ -54,8 +56,8 @@ def _places(rig: Rig) -> dict[str, tuple[str, str]]:
             units = [made.table.variables[place].unit for place in columns]
             topic = logs.topic(role, kind)
             for name, field, unit in zip(names, field_names(names), units, strict=True):
-                found[full(role, name)] = f"{topic}.{field}", unit
-    return found
+                places[full(role, name)] = f"{topic}.{field}", unit
+    return places
 
 
 def _panels(rig: Rig, places: Iterable[str]) -> tuple[float, list[dict[str, Any]]]:

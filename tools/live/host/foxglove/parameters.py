@@ -101,10 +101,10 @@ class Parameters(ServerListener):
         return values
 
     def _answer(self, names: Sequence[str]) -> list[Parameter]:
-        found = [_parameter(k, v) for k, v in self._values().items() if not names or k in names]
+        answer = [_parameter(k, v) for k, v in self._values().items() if not names or k in names]
         if self._actions.write and (not names or TOKEN in names):
-            found.append(Parameter(TOKEN, value=""))
-        return found
+            answer.append(Parameter(TOKEN, value=""))
+        return answer
 
     def _values(self) -> dict[str, float]:
         """Return all parameters that JSON can hold, empty where nothing runs."""

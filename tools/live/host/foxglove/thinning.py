@@ -42,10 +42,10 @@ class Thinning:
         """Return those of the frames that go, of the slots that are over."""
         rows = np.concatenate((self._open, rows))
         slots = rows[:, OfFrame.STAMP_NS] // _SLOT_NS
-        over = int(np.searchsorted(slots, slots[-1])) if len(slots) else 0
-        self._open = rows[over:]
-        begins = np.flatnonzero(np.diff(slots[:over], prepend=-1)).tolist()
-        chosen = [self._next(rows, *part) for part in pairwise([*begins, over])]
+        open_from = int(np.searchsorted(slots, slots[-1])) if len(slots) else 0
+        self._open = rows[open_from:]
+        begins = np.flatnonzero(np.diff(slots[:open_from], prepend=-1)).tolist()
+        chosen = [self._next(rows, *part) for part in pairwise([*begins, open_from])]
         return rows[chosen if self._clocked else chosen[-1:]]
 
     def _next(self, rows: Rows, begin: int, end: int) -> int:

@@ -38,13 +38,13 @@ class NodeTopics:
     ) -> None:
         self._context, self._log = context, log
         self._open: dict[int, foxglove.Channel] = {}
-        about = node_description(live.block.description)
-        facts = about["metadata"]
+        description = node_description(live.block.description)
+        facts = description["metadata"]
         if facts.get("pacing") in WITHOUT_CLOCK:  # its stamps count from 0, as its log's do
             facts = facts | {"clock_monotonic_ns": "0", "clock_wall_ns": wall_ns}
-            about = {**about, "metadata": facts}
-        self._about, self._live, self._tap = about, live, Tap(live)
-        self._channels = Channels(about, self)
+            description = {**description, "metadata": facts}
+        self._about, self._live, self._tap = description, live, Tap(live)
+        self._channels = Channels(description, self)
         self._thinning = Thinning(self._channels.period_ns, self._channels.clocked)
 
     def register(self, name: str, schema: str, text: str, encoding: str) -> int:
