@@ -126,3 +126,36 @@ def test_a_wheel_takes_the_code_of_other_machines_if_it_is_of_the_same_sources(
         with pytest.raises(SystemExit, match=why):
             release.add_code(wheel(*places), own, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_a_release_does_in_its_workflow_what_is_tried_here(tmp_path: Path) -> None:
+    text = (ROOT / ".github/workflows/release.yaml").read_text("utf-8")
+    jobs = yaml.safe_load(text)["jobs"]
+    order = [(name, job.get("needs")) for name, job in jobs.items()]
+    assert order == [("arm64", None), ("x86-64", "arm64"), ("publish", "x86-64")]
+    steps = {name: job["steps"] for name, job in jobs.items()}
+    for step in [step for job in steps.values() for step in job]:
+        assert re.fullmatch(r"[\w/.-]+@[0-9a-f]{40}", step.get("uses", f"a@{40 * '0'}")), step
+    commands = {name: [step["run"] for step in job if "run" in step] for name, job in steps.items()}
+    assert commands["arm64"] == ["make release"]
+    tag, made, notes, sums = commands["x86-64"]
+    check, packed, _ = commands["publish"]
+    assert made == 'make release WHEELS="$(echo build/arm64/*.whl)"'
+    for file in ("pyproject.toml", "CHANGELOG.md"):
+        (tmp_path / file).write_text((ROOT / file).read_text("utf-8"))
+    (tmp_path / "dist").mkdir()
+    names = [f"pcpc-{PROJECT['version']}{end}" for end in (".tar.gz", "-py3-none-any.whl")]
+    for name in names:
+        (tmp_path / "dist" / name).write_text(name)
+    for version, code in ((PROJECT["version"], 0), ("9.9.9", 1)):
+        done = subprocess.run(
+            ["bash", "-c", tag], cwd=tmp_path, env={"GITHUB_REF_NAME": f"v{version}"}, check=False
+        )
+        assert done.returncode == code
+    for words in (notes, sums, check, packed):
+        subprocess.run(["bash", "-ec", words], cwd=tmp_path, check=True)
+    told = (tmp_path / "dist/notes.md").read_text("utf-8")
+    assert told.startswith(f"## {PROJECT['version']}, ") and told.count("\n## ") == 0
+    assert sorted(file.name for file in (tmp_path / "packages").iterdir()) == sorted(names)
+    (tmp_path / "dist" / names[0]).write_text("changed")
+    assert subprocess.run(["bash", "-c", check], cwd=tmp_path, check=False).returncode == 1
