@@ -16,6 +16,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import PATIENCE_S
 
 from pcpc.drivers.can import bus, choice, python_can_port, wire, wire_layout
 from pcpc.drivers.can.bus import BusAddress
@@ -25,7 +26,6 @@ from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"
 GROUPS = (bus.UDP_GROUP, OTHER_GROUP)
-PYTHON_CAN_WAIT_S = 2.0  # only waited for when a frame is lost
 
 Open = Callable[[str], Any]
 
@@ -68,7 +68,7 @@ def test_who_only_sends_keeps_the_group_open_for_listeners_that_joined_elsewhere
     os.close(end.fd_rx)  # as a player does
     end.fd_rx = os.dup(end.fd_tx)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.settimeout(PYTHON_CAN_WAIT_S)
+        listener.settimeout(PATIENCE_S)
         listener.bind(bus.udp_address(channel))
         with socket.socket(fileno=os.dup(end.fd_tx)) as sender:
             sender.send(b"frame")
@@ -177,7 +177,7 @@ def test_python_can_on_the_group_and_we_hear_each_other(
     port = own_port(group)
     ours, theirs = open_udp(f"{group}:{port}"), open_python_can(channel=group, port=port)
     send(ours, 0x1ABCDEF0, b"12345678", extended=True)
-    message = theirs.recv(PYTHON_CAN_WAIT_S)
+    message = theirs.recv(PATIENCE_S)
     assert message is not None, "python-can received nothing"
     got = (message.arbitration_id, message.is_extended_id, bytes(message.data))
     assert got == (0x1ABCDEF0, True, b"12345678"), f"python-can received {message}"
@@ -195,7 +195,7 @@ def test_python_can_without_a_channel_hears_each_of_our_frames_once(
     for k in range(3):
         send(ours, 0x100 + k, b"")
     for name, theirs in (("no channel", viewer), ("named group", named)):
-        got = [theirs.recv(PYTHON_CAN_WAIT_S) for _ in range(3)] + [theirs.recv(0.0)]
+        got = [theirs.recv(PATIENCE_S) for _ in range(3)] + [theirs.recv(0.0)]
         ids = [message and message.arbitration_id for message in got]
         assert ids == [0x100, 0x101, 0x102, None], f"{name}: {ids}"
 
@@ -306,7 +306,7 @@ def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
     bus.open_bus(wanted, [], end)
     with can.Bus(interface="virtual", channel="test") as theirs:
         send(end, 0x1ABCDEF0, b"123", extended=True)
-        message = theirs.recv(PYTHON_CAN_WAIT_S)
+        message = theirs.recv(PATIENCE_S)
         assert message is not None and message.arbitration_id == 0x1ABCDEF0, f"{message}"
         assert bytes(message.data) == b"123" and message.is_extended_id, f"{message}"
         for sent in (

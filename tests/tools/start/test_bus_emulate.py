@@ -52,10 +52,10 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
         with port(sides[0]) as a, port(sides[1]) as b:
             for k in range(50):
                 a.send(can.Message(arbitration_id=0x100 + k, data=[k] * 8, is_extended_id=False))
-                heard = b.recv(20.0)
+                heard = b.recv(DEADLINE_S)
                 assert heard is not None and heard.arbitration_id == 0x100 + k
         gateway.send_signal(signal.SIGINT)
-        out, _ = gateway.communicate(timeout=60.0)
+        out, _ = gateway.communicate(timeout=DEADLINE_S)
     assert gateway.returncode == 130
     found: dict[str, Any] = holds("bus emulate", out)
     assert [side["sent"] for side in found["sides"]] == [50, 0]
