@@ -10,15 +10,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import can
-import numpy as np
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import PATIENCE_S
+from wires import new_wire, receive, send
 
-from pcpc.drivers.can import bus, choice, python_can_port, wire, wire_layout
+from pcpc.drivers.can import bus, choice, python_can_port, wire
 from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
@@ -33,13 +33,6 @@ Open = Callable[[str], Any]
 def own_channel(group: str = bus.UDP_GROUP) -> str:
     """Return a group and a port on which nobody else is."""
     return f"{group}:{own_port(group)}"
-
-
-def new_wire() -> Any:
-    """Return a zeroed Wire record."""
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    return records[0]
 
 
 @pytest.fixture
@@ -87,21 +80,6 @@ def open_python_can() -> Iterator[Callable[..., can.BusABC]]:
     yield opener
     for python_can in buses:
         python_can.shutdown()
-
-
-def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
-    word = can_id | int(extended) << 31
-    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-    end.tx[:16] = np.frombuffer(packed, np.uint8)
-    assert wire.put_frame(end), f"errno {end.errno}"
-
-
-def receive(end: Any) -> tuple[int, bytes] | int:
-    """Return word and data of the next frame, or what else `get_frame` returned."""
-    outcome = wire.get_frame(end, True)
-    if outcome != Arrival.FRAME:
-        return int(outcome)
-    return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
 
 @pytest.mark.parametrize("group", GROUPS)
