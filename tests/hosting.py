@@ -15,9 +15,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from copies import Heard, end_with_the_tests
+from places import PATIENCE_S
 from websockets.sync.client import connect
 
-ANSWER_S = 30.0
+ANSWER_S = PATIENCE_S
 LONG = {
     "duration_s": 3600.0, "rate_hz": 200.0, "supervisor.hold_cycles": 10**6,
     "supervisor.fault_after_cycles": 10**6,

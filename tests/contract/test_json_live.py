@@ -13,14 +13,13 @@ import pytest
 from json_schemas import holds, validator, without_a_key_or_with_another
 from live_run import pcpc as started
 from logcommand import run_here
-from processes import ROOT, own_bus, until
+from processes import DEADLINE_S, ROOT, own_bus, until
 
 import pcpc
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.live import Live
 
 NAME = f"schemas-{os.getpid()}"
-WITHIN_S = 30.0
 GAIN, COMMAND = "controller.gain", "controller.command"
 PROBE = ROOT / "plants/probe"
 RIG = f"""\
@@ -68,7 +67,7 @@ def refused(code: int, command: str, *words: str) -> None:
 
 def test_the_loop_is_closed_opened_and_handed_over(live: pcpc.Live) -> None:
     executive = node(live).name
-    live.wait_until(lambda now: now["supervisor.state"] == State.READY, within_s=WITHIN_S)
+    live.wait_until(lambda now: now["supervisor.state"] == State.READY, within_s=DEADLINE_S)
     assert told("operate arm", at=executive)["armed"] is True
     assert told("operate hold", at=executive)["armed"] is False
     assert told("operate resume", at=executive)["armed"] is True
@@ -86,12 +85,12 @@ def test_variables_are_shown_and_tuned(live: pcpc.Live, tmp_path: Path) -> None:
     assert [*several] == [f"executive:{GAIN}", "plant:lag.position"]
     assert told("set", f"{GAIN}=5", at=executive)["values"] == {GAIN: 5.0}
     assert told("undo", at=executive)["before"] == {GAIN: 5.0}
-    until(lambda: live[GAIN] == 4.0, "undone", WITHIN_S)
+    until(lambda: live[GAIN] == 4.0, "undone")
     file = tmp_path / "tuned.yaml"
     for text, changes in (("6", 1), ("6", 0)):
         file.write_text(f"{GAIN}: {text}\n")
         assert len(told("load", str(file), at=executive)["values"]) == changes
-        until(lambda: live[GAIN] == 6.0, "loaded", WITHIN_S)
+        until(lambda: live[GAIN] == 6.0, "loaded")
     for level in ("all", "tune", "none"):
         assert told("operate lock", level, at=executive) == {"lock": level}
     refused(2, "set", f"{GAIN}=-1", "--node", executive)
@@ -103,7 +102,7 @@ def test_each_line_of_a_watch_is_json(live: pcpc.Live) -> None:
         assert watcher.stdout is not None
         lines = [watcher.stdout.readline() for _ in range(3)]
         watcher.terminate()
-        watcher.communicate(timeout=WITHIN_S)
+        watcher.communicate(timeout=DEADLINE_S)
     cycles = [holds("watch", line)["cycle"] for line in lines]
     assert cycles == sorted({*cycles}), "each is another one"
 
@@ -113,7 +112,7 @@ def test_a_fault_on_purpose_is_listed_begun_and_ended(live: pcpc.Live) -> None:
     (drift,) = told("fault", at=bus)
     assert (drift["name"], drift["left"]) == ("drift", 0.0)
     assert told("fault", "drift", at=bus)["on"] is True
-    until(lambda: told("fault", at=bus)[0]["left"] > 0.0, "begun", WITHIN_S)
+    until(lambda: told("fault", at=bus)[0]["left"] > 0.0, "begun")
     assert told("fault", "drift", "--end", at=bus)["on"] is False
     refused(2, "fault", "draft", "--node", bus)
 
@@ -140,16 +139,16 @@ def test_what_is_not_finite_is_null_and_a_fault_is_reset(live: pcpc.Live) -> Non
     refused(1, "operate reset", NAME)
     live.set({GAIN: 10.0, "controller.target": 10.0})
     told("fault", "endless", at=executive)
-    live.wait_until(lambda now: now["supervisor.state"] == State.FAULT, within_s=WITHIN_S)
-    until(lambda: told("get", COMMAND, at=executive)[COMMAND] is None, "infinite", WITHIN_S)
+    live.wait_until(lambda now: now["supervisor.state"] == State.FAULT, within_s=DEADLINE_S)
+    until(lambda: told("get", COMMAND, at=executive)[COMMAND] is None, "infinite")
     assert None in {one["value"] for one in told("get --long", at=executive)}
     with started("watch", COMMAND, "--json", "--node", executive) as watcher:
         assert watcher.stdout is not None
         assert holds("watch", watcher.stdout.readline())[COMMAND] is None
         watcher.terminate()
-        watcher.communicate(timeout=WITHIN_S)
+        watcher.communicate(timeout=DEADLINE_S)
     told("fault", "endless", "--end", at=executive)
-    live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=WITHIN_S)
+    live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=DEADLINE_S)
     assert [*told("operate reset", NAME)] == [executive]
     assert [*told("stop", NAME, "--quick")] == [executive]
-    live.wait(WITHIN_S)
+    live.wait(DEADLINE_S)

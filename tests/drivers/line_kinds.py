@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from test_fd_stuffing import Stream, fd_frame, stream
-from test_frame_bits import FD_LENGTHS, classic_stream
+from second_encoder import FD_LENGTHS, Bytes, fd_frame, frame, stream
 
 from pcpc.drivers.compiled.rows import CLASSIC_BYTES, FRAME_BYTES, Flag
 from pcpc.drivers.line import line as lines
@@ -19,27 +17,7 @@ from pcpc.drivers.line.line import Outcome
 A, B, C = range(3)
 BIT, FAST = 5, 1  # ticks of CAN FD
 RATES = {"bitrate": 1_000_000, "data_bitrate": 5_000_000}
-Bytes = NDArray[np.uint8]
 Arrival = tuple[int, int, Bytes]  # tick, sender, frame
-
-
-def frame(can_id: int, data: bytes = b"", extended: bool = False) -> Bytes:
-    """Return a classic frame."""
-    word = can_id | int(extended) << 31
-    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-    return np.frombuffer(packed, np.uint8)
-
-
-def parts(one: Bytes) -> tuple[int, bool, bytes]:
-    """Return id, whether it is extended, and data of a frame."""
-    word = int.from_bytes(one[:4].tobytes(), "little")
-    return word & 0x1FFFFFFF, word >> 31 == 1, one[8 : 8 + one[4]].tobytes()
-
-
-def of_frame(one: Bytes) -> Stream:
-    """Return the bits of a frame of CAN FD."""
-    can_id, extended, data = parts(one)
-    return stream(can_id, data, extended, int(one[5]))
 
 
 def sent_by(one: Bytes, passive: bool) -> Bytes:
@@ -93,10 +71,8 @@ class Kind:
         return new(senders, room, **self.rates, **options)
 
     def lasting(self, one: Bytes) -> list[int]:
-        """Return the ticks of each bit of a frame, of the encoders of lists and strings."""
-        if one[5] & Flag.FD:
-            return of_frame(one).ticks(BIT, FAST)
-        return [self.bit] * len(classic_stream(*parts(one)))
+        """Return the ticks of each bit of a frame, of the second encoder."""
+        return stream(one).ticks(self.bit, FAST)
 
     def ticks(self, one: Bytes) -> int:
         """Return how long a frame and its intermission take."""

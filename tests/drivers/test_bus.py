@@ -10,14 +10,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import can
-import numpy as np
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import PATIENCE_S
+from wires import new_wire, receive, send
 
-from pcpc.drivers.can import bus, choice, python_can_port, wire, wire_layout
+from pcpc.drivers.can import bus, choice, python_can_port, wire
 from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
@@ -25,7 +26,6 @@ from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"
 GROUPS = (bus.UDP_GROUP, OTHER_GROUP)
-PYTHON_CAN_WAIT_S = 2.0  # only waited for when a frame is lost
 
 Open = Callable[[str], Any]
 
@@ -33,13 +33,6 @@ Open = Callable[[str], Any]
 def own_channel(group: str = bus.UDP_GROUP) -> str:
     """Return a group and a port on which nobody else is."""
     return f"{group}:{own_port(group)}"
-
-
-def new_wire() -> Any:
-    """Return a zeroed Wire record."""
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    return records[0]
 
 
 @pytest.fixture
@@ -68,7 +61,7 @@ def test_who_only_sends_keeps_the_group_open_for_listeners_that_joined_elsewhere
     os.close(end.fd_rx)  # as a player does
     end.fd_rx = os.dup(end.fd_tx)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.settimeout(PYTHON_CAN_WAIT_S)
+        listener.settimeout(PATIENCE_S)
         listener.bind(bus.udp_address(channel))
         with socket.socket(fileno=os.dup(end.fd_tx)) as sender:
             sender.send(b"frame")
@@ -87,21 +80,6 @@ def open_python_can() -> Iterator[Callable[..., can.BusABC]]:
     yield opener
     for python_can in buses:
         python_can.shutdown()
-
-
-def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
-    word = can_id | int(extended) << 31
-    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-    end.tx[:16] = np.frombuffer(packed, np.uint8)
-    assert wire.put_frame(end), f"errno {end.errno}"
-
-
-def receive(end: Any) -> tuple[int, bytes] | int:
-    """Return word and data of the next frame, or what else `get_frame` returned."""
-    outcome = wire.get_frame(end, True)
-    if outcome != Arrival.FRAME:
-        return int(outcome)
-    return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -177,7 +155,7 @@ def test_python_can_on_the_group_and_we_hear_each_other(
     port = own_port(group)
     ours, theirs = open_udp(f"{group}:{port}"), open_python_can(channel=group, port=port)
     send(ours, 0x1ABCDEF0, b"12345678", extended=True)
-    message = theirs.recv(PYTHON_CAN_WAIT_S)
+    message = theirs.recv(PATIENCE_S)
     assert message is not None, "python-can received nothing"
     got = (message.arbitration_id, message.is_extended_id, bytes(message.data))
     assert got == (0x1ABCDEF0, True, b"12345678"), f"python-can received {message}"
@@ -195,7 +173,7 @@ def test_python_can_without_a_channel_hears_each_of_our_frames_once(
     for k in range(3):
         send(ours, 0x100 + k, b"")
     for name, theirs in (("no channel", viewer), ("named group", named)):
-        got = [theirs.recv(PYTHON_CAN_WAIT_S) for _ in range(3)] + [theirs.recv(0.0)]
+        got = [theirs.recv(PATIENCE_S) for _ in range(3)] + [theirs.recv(0.0)]
         ids = [message and message.arbitration_id for message in got]
         assert ids == [0x100, 0x101, 0x102, None], f"{name}: {ids}"
 
@@ -306,7 +284,7 @@ def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
     bus.open_bus(wanted, [], end)
     with can.Bus(interface="virtual", channel="test") as theirs:
         send(end, 0x1ABCDEF0, b"123", extended=True)
-        message = theirs.recv(PYTHON_CAN_WAIT_S)
+        message = theirs.recv(PATIENCE_S)
         assert message is not None and message.arbitration_id == 0x1ABCDEF0, f"{message}"
         assert bytes(message.data) == b"123" and message.is_extended_id, f"{message}"
         for sent in (

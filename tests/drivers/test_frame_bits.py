@@ -1,21 +1,16 @@
-"""The longest frames: published lengths, real frames bit by bit, and the search for the longest."""
+"""The longest frames: published lengths, and the search for the longest."""
 
-import random
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
+from second_encoder import FD_LENGTHS, fd_frame, frame, stream
 
 from pcpc.drivers.can.frame_bits import UNSTUFFED, classic_bits, fd_bits, transmission_ns
-from pcpc.drivers.line.stuffing import RAW_BITS, WIRE_BITS, encode
 
 CRC15 = 0x4599
-FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 FREE = None  # a bit that may be either
-Bits = list[int]
 Pattern = Sequence[int | None]
 
 
@@ -41,110 +36,17 @@ def test_the_time_of_a_frame_is_that_of_its_phases() -> None:
     assert transmission_ns(0, False, 3e6, None) == 18_334, "55 bits are 18333.3 ns: rounded up"
 
 
-# -------------------------------------------------------------------------- real frames, bit by bit
-
-
-def number(value: int, bits: int) -> Bits:
-    return [value >> i & 1 for i in reversed(range(bits))]
-
-
-def of_bytes(data: bytes) -> Bits:
-    return [bit for byte in data for bit in number(byte, 8)]
-
-
-def crc15(bits: Bits) -> int:
-    register = 0
-    for bit in bits:
-        feedback = bit ^ register >> 14
-        register = register << 1 & 0x7FFF ^ (CRC15 if feedback else 0)
-    return register
-
-
-def stuffed(bits: Bits) -> Bits:
-    """Return the bits with one of the other kind behind five equal ones."""
-    wire: Bits = []
-    run = 0
-    for bit in bits:
-        run = run + 1 if wire and wire[-1] == bit else 1
-        wire.append(bit)
-        if run == 5:
-            wire.append(1 - bit)
-            run = 1
-    return wire
-
-
-def arbitration(can_id: int, extended: bool) -> Bits:
-    """Return SOF to IDE, or with a 29-bit id to RTR."""
-    if extended:
-        return [0, *number(can_id >> 18, 11), 1, 1, *number(can_id & 0x3FFFF, 18), 0]
-    return [0, *number(can_id, 11), 0, 0]
-
-
-def classic_stream(can_id: int, extended: bool, data: bytes) -> Bits:
-    """Return the bits of a classic frame, SOF to EOF."""
-    head = [*arbitration(can_id, extended), 0, *([0] if extended else [])]
-    body = [*head, *number(len(data), 4), *of_bytes(data)]
-    return [*stuffed([*body, *number(crc15(body), 15)]), 1, 0, 1, *[1] * 7]
-
-
 def classic_frame(can_id: int, extended: bool, data: bytes) -> int:
     """Return the bits of a classic frame on the wire, interframe space included."""
-    return len(classic_stream(can_id, extended, data)) + 3
-
-
-def fd_frame(can_id: int, extended: bool, data: bytes) -> tuple[int, int]:
-    """Return the bits of an FD frame with BRS in its two phases; its CRC need not be known."""
-    head = [*arbitration(can_id, extended), 1, 0]  # FDF, res; then BRS, ESI
-    body = [*head, 1, 0, *number(FD_LENGTHS.index(len(data)), 4), *of_bytes(data)]
-    checked = 4 + (17 if len(data) <= 16 else 21)  # stuff count and CRC
-    fixed = len(range(0, checked, 4))  # a stuff bit before each four of them
-    nominal = len(stuffed(head)) + 1
-    return nominal + UNSTUFFED, len(stuffed(body)) - nominal + checked + fixed
+    return len(stream(frame(can_id, data, extended)).bits) + 3
 
 
 def test_real_frames_are_built_as_the_standard_says() -> None:
-    assert crc15([1]) == CRC15
     data = bytes.fromhex("55" * 8)  # bits that change each time: only the classic CRC is stuffed
     assert classic_frame(0x555, False, data) == 47 + 64 + 1
     assert classic_frame(0, False, b"") == 47 + 6, "34 zeros, CRC included"
-    assert fd_frame(0x555, False, data) == (17 + 13, 5 + 64 + 27)
-
-
-RUNS = st.sampled_from([0x00, 0xFF, 0x78, 0x87, 0x0F, 0xC3])  # bytes that are stuffed often
-
-
-@given(st.booleans(), st.integers(0, 2**29 - 1), st.lists(RUNS | st.integers(0, 255), max_size=8))
-@settings(max_examples=400, deadline=None)
-def test_the_bits_on_the_line_are_those_of_an_encoder_of_lists(
-    extended: bool, can_id: int, data: list[int]
-) -> None:
-    can_id &= 0x1FFFFFFF if extended else 0x7FF
-    word = can_id | extended << 31
-    frame = np.frombuffer(
-        word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0, *data]).ljust(12, b"\0"), np.uint8
-    )
-    wire = np.zeros(WIRE_BITS, np.uint8)
-    n = encode(frame, np.zeros(RAW_BITS, np.uint8), wire)
-    assert wire[:n].tolist() == classic_stream(can_id, extended, bytes(data))
-    assert n + 3 <= classic_bits(len(data), extended)
-
-
-@pytest.mark.parametrize("extended", [False, True], ids=["11 bit", "29 bit"])
-def test_no_real_frame_is_longer_than_the_longest(extended: bool) -> None:
-    draw = random.Random(1)
-    for _ in range(3000):
-        can_id = draw.choice([0, draw.getrandbits(29 if extended else 11)])
-        n = draw.randrange(9)
-        mask = draw.choice([0x00, 0x78, 0x87, 0xFF])
-        data = bytes(draw.choice([mask, 0x0F, 0xC3, draw.getrandbits(8)]) for _ in range(n))
-        bits = classic_frame(can_id, extended, data)
-        assert bits <= classic_bits(n, extended), f"{can_id:x} {data.hex()}: {bits} bits"
-        data = data.ljust(draw.choice([n, 16, 64]), bytes([mask]))
-        both, longest = fd_frame(can_id, extended, data), fd_bits(len(data), extended)
-        assert both[0] <= longest[0], f"FD {can_id:x}: {both[0]} nominal bits"
-        assert sum(both) <= sum(longest), f"FD {can_id:x} {data.hex()}: {sum(both)} bits"
-        time, most = (a + b / 8 for a, b in (both, longest))
-        assert time <= most, f"FD {can_id:x} {data.hex()}: {time} nominal bit times"
+    fd = stream(fd_frame(0x555, data))
+    assert (len(fd.head), len(fd.body + fd.check) - len(fd.head)) == (17, 5 + 64 + 27)
 
 
 # ------------------------------------------------------------------ the longest of all ids and data
@@ -212,7 +114,7 @@ def _stuff_bits_after(last: int, run: int, bits: list[NDArray[np.int64]]) -> NDA
 
 def classic_pattern(n: int, extended: bool) -> Pattern:
     begin = [0, *[FREE] * 11, *([1, 1, *[FREE] * 18, 0] if extended else [0, 0])]
-    return [*begin, *([0, 0] if extended else [0]), *number(n, 4), *[FREE] * (8 * n)]
+    return [*begin, *([0, 0] if extended else [0]), *map(int, f"{n:04b}"), *[FREE] * (8 * n)]
 
 
 @pytest.mark.parametrize(
@@ -240,7 +142,7 @@ def test_the_search_finds_what_trying_all_short_frames_finds() -> None:
 def test_the_longest_fd_frame_of_all_is_little_shorter(
     n: int, extended: bool, less: int, nominal_less: int
 ) -> None:
-    code = number(FD_LENGTHS.index(n), 4)
+    code = map(int, f"{FD_LENGTHS.index(n):04b}")
     head = [0, *[FREE] * 11, *([1, 1, *[FREE] * 18, 0] if extended else [0, 0]), 1, 0]
     stuff = most_stuff_bits([*head, 1, 0, *code, *[FREE] * (8 * n)])
     unstuffed = len(head) + 2 + 4 + 8 * n + (27 if n <= 16 else 32) + UNSTUFFED

@@ -16,18 +16,14 @@ from line_kinds import (
     A,
     Arrival,
     B,
-    Bytes,
     C,
     Kind,
     both,
     events,
-    frame,
     new,
-    of_frame,
     sent,
 )  # fmt: skip
-from test_fd_stuffing import fd_frame, stream
-from test_frame_bits import FD_LENGTHS, arbitration
+from second_encoder import FD_LENGTHS, Bytes, arbitration, fd_frame, frame, stream
 
 from pcpc.drivers.can.frame_bits import fd_bits
 from pcpc.drivers.compiled.rows import Flag
@@ -175,7 +171,7 @@ def test_the_bound_is_reached_within_a_tick_when_all_come_as_a_lower_frame_has_b
 
 def with_most_stuff_bits(n: int) -> Bytes:
     """Return a frame whose data bits are like the bit before: a stuff bit behind each fourth."""
-    empty = stream(0x078, bytes(n), False, BRS)
+    empty = stream(fd_frame(0x078, bytes(n)))
     wire, data = empty.body[: len(empty.head) + 5], ""  # to the DLC, where nothing is stuffed
     for _ in range(8 * n):
         data += wire[-1]
@@ -204,7 +200,7 @@ def test_a_frame_takes_the_time_of_its_bits(n: int, flags: int) -> None:
     one = fd_frame(0x123, bytes(range(n)), flags=flags)
     (through,) = sent(FD.new(), [(7, A, one)], 20_000)
     assert through == (one.tobytes(), FD.ticks(one) - 3 * BIT)
-    bits = len(of_frame(one).bits)
+    bits = len(stream(one).bits)
     assert flags or through[1] == BIT * bits, "without a switch all bits are nominal"
 
 
@@ -212,7 +208,7 @@ def test_with_one_bit_rate_a_switch_changes_no_time() -> None:
     for flags in (0, BRS):
         one = fd_frame(0x123, bytes(64), flags=flags)
         ((_, waited),) = sent(new(), [(0, A, one)], 2000)
-        assert waited == len(of_frame(one).bits)
+        assert waited == len(stream(one).bits)
 
 
 @pytest.mark.parametrize(

@@ -16,19 +16,14 @@ from line_kinds import (
     FD,
     A,
     B,
-    Bytes,
     C,
     Kind,
     both,
     events,
-    frame,
-    of_frame,
-    parts,
     sent,
     sent_by,
 )  # fmt: skip
-from test_fd_stuffing import fd_frame
-from test_frame_bits import FD_LENGTHS, classic_stream
+from second_encoder import FD_LENGTHS, Bytes, fd_frame, frame, parts, stream
 
 from pcpc.drivers.line import line as lines
 from pcpc.drivers.line.line import Outcome, SenderState
@@ -43,15 +38,15 @@ def classic_idle(one: Bytes, hit: int, passive: bool, lengths: int = 10) -> int:
     after the sixth equal bit, or at once where the form is fixed; then all wait for the first
     recessive bit, and ten more are delimiter and intermission.
     """
-    stream, read = classic_stream(*parts(one)), list[int]()
+    bits, read = [*map(int, stream(one).bits)], list[int]()
     flags = {"sender": -1, "receiver": -1}  # the bit at which each begins
     while True:
         at = len(read)
         levels = [1 if passive else 0] * sum(at in range(f, f + 6) for f in flags.values() if f > 0)
-        read.append(stream[at] ^ (at == hit) if at <= hit else min(levels, default=1))
+        read.append(bits[at] ^ (at == hit) if at <= hit else min(levels, default=1))
         if at == hit:
             flags["sender"] = at + 1
-            if at >= len(stream) - lengths:
+            if at >= len(bits) - lengths:
                 flags["receiver"] = at + 1
         if flags["receiver"] < 0 and len(read) >= 6 and len(set(read[-6:])) == 1:
             flags["receiver"] = at + 1
@@ -66,7 +61,7 @@ def fd_idle(frame: Bytes, hit: int, passive: bool) -> int:
     The receiver reads what the sender's flag leaves on the line at the bit rate that it believes
     in, and judges all that it has read anew with each bit.
     """
-    one = of_frame(frame)
+    one = stream(frame)
     flipped = str(1 - int(one.bits[hit]))
     read, brs = one.bits[:hit] + flipped, len(one.head) - 1
     begin = now = sum(one.ticks(BIT, FAST)[: hit + 1])

@@ -11,13 +11,13 @@ import subprocess
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
+from wires import new_wire
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import wire
 from pcpc.drivers.can.bus import BusAddress
-from pcpc.drivers.can.wire_layout import Arrival, Flag, Medium, Wire
+from pcpc.drivers.can.wire_layout import Arrival, Flag, Medium
 from pcpc.drivers.errors import BusError
 
 UP, DOWN = "0x41\n", "0x40\n"
@@ -82,14 +82,6 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     monkeypatch.setattr(buses.os, "geteuid", lambda: 0 if made.root else 1000)
     monkeypatch.setattr(buses.subprocess, "run", made.run)
     return made
-
-
-def new_wire(fd: int = 0) -> Any:
-    """Return a zeroed Wire record."""
-    records = np.recarray(1, Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    records[0].fd = fd
-    return records[0]
 
 
 def test_a_node_hears_its_frames_the_controller_and_no_others(machine: Machine) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
+import wires
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -56,10 +57,9 @@ PACKET[: wire.TEMPLATE_BYTES] = np.frombuffer(wire.TEMPLATE, np.uint8)
 
 def new_wire(kind: int = Medium.MEMORY) -> Any:
     """Return a zeroed Wire record, prepared for `kind`."""
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    wire.prepare(records[0], kind, -1, -1)
-    return records[0]
+    end = wires.new_wire()
+    wire.prepare(end, kind, -1, -1)
+    return end
 
 
 def frame(can_id: int, data: bytes, extended: bool = False, flags: int = Flag.NONE) -> Bytes:

@@ -1,16 +1,15 @@
 """The map behind backlash: whose step a command is for, a second derivation, what is reached."""
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import judged
 from stepped import Stepped, parameters
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import check_pacing
-from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_map import evaluation
 from pcpc.plants.backlash_map.laws import backlash_nn_discrete
@@ -20,21 +19,12 @@ from pcpc.plants.families.maps.laws import map_pd
 PLANT = Path(evaluation.__file__).parent
 NOMINAL = parameters(PLANT)
 T_S = 1e-3
+run = cache(partial(judged, evaluation))
 
 
 def plant(**settings: float) -> Stepped:
     assert set(settings) <= set(NOMINAL), settings
     return Stepped(BLOCK, NOMINAL | settings, T_S)
-
-
-@cache
-def run(rig: str, controller: str, *settings: str) -> tuple[logs.Log, dict[str, float]]:
-    loaded = load_rig(PLANT / "rigs" / f"{rig}.yaml", controller, settings)
-    log, of = in_memory(loaded), loaded.evaluation
-    assert of is not None
-    return log, evaluation.EVALUATION.judge(
-        log, of.window_s, of.numbers, 1.0 / loaded.config.rate_hz
-    )
 
 
 def x_d(k: int) -> float:

@@ -1,14 +1,14 @@
 """The pendulum behind backlash: energy, timing, a second derivation, what each case must reach."""
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import judged
 from stepped import Stepped, parameters
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_pendulum import evaluation
 from pcpc.plants.backlash_pendulum.laws import backlash_nn
@@ -17,22 +17,13 @@ from pcpc.plants.backlash_pendulum.model import BLOCK
 PLANT = Path(evaluation.__file__).parent
 NOMINAL = parameters(PLANT)
 T_S = 1e-3
+run = cache(partial(judged, evaluation))
 CASES = {"pd": (0.0, 0.0), "robust": (1.0, 0.0), "nn": (1.0, 1.0)}
 
 
 def plant(dt: float = T_S, **settings: float) -> Stepped:
     assert set(settings) <= set(NOMINAL), settings
     return Stepped(BLOCK, NOMINAL | settings, dt)
-
-
-@cache
-def run(rig: str, controller: str, *settings: str) -> tuple[logs.Log, dict[str, float]]:
-    loaded = load_rig(PLANT / "rigs" / f"{rig}.yaml", controller, settings)
-    log, of = in_memory(loaded), loaded.evaluation
-    assert of is not None
-    return log, evaluation.EVALUATION.judge(
-        log, of.window_s, of.numbers, 1.0 / loaded.config.rate_hz
-    )
 
 
 def test_an_undamped_pendulum_keeps_its_energy() -> None:

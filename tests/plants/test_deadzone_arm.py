@@ -6,10 +6,10 @@ from pathlib import Path
 import deadzone_arm_reference as plain
 import numpy as np
 import pytest
+from judged import judged
 from numpy.typing import NDArray
 from stepped import Stepped
 
-from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.deadzone_arm import evaluation, model
 from pcpc.plants.deadzone_arm.laws import deadzone_nn
@@ -53,11 +53,7 @@ class Loop:
 
 @lru_cache
 def measured(kind: str, controller: str, *settings: str) -> dict[str, float]:
-    rig = load_rig(RIGS / f"deadzone-{kind}.yaml", controller, settings)
-    assert rig.evaluation is not None
-    log = in_memory(rig)
-    window, numbers = rig.evaluation.window_s, rig.evaluation.numbers
-    return evaluation.EVALUATION.judge(log, window, numbers, 1.0 / rig.config.rate_hz)
+    return judged(evaluation, f"deadzone-{kind}", controller, *settings)[1]
 
 
 def four(found: dict[str, float]) -> Array:

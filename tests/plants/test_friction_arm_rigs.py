@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 from friction_loop import FOLDER
+from judged import judged
 
 from pcpc.executive.log.reader import Log
-from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.friction_arm import evaluation
 from pcpc.plants.friction_arm.book import study
@@ -18,11 +18,7 @@ CONTROLLERS = ("pd", *study.NETWORKS)
 
 def run(case: str, controller: str, *settings: str) -> tuple[Log, dict[str, float]]:
     """Return log and metrics of a rig in virtual time."""
-    rig = load_rig(FOLDER / f"rigs/friction-{case}.yaml", controller, [*settings])
-    log, judge = in_memory(rig), rig.evaluation
-    assert judge is not None
-    period_s = 1.0 / rig.config.rate_hz
-    return log, evaluation.EVALUATION.judge(log, judge.window_s, judge.numbers, period_s)
+    return judged(evaluation, f"friction-{case}", controller, *settings)
 
 
 @cache

@@ -1,17 +1,16 @@
 """Two chains behind deadzones or gaps: the second-order maps within them, order, coupling."""
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import judged
 from stepped import Stepped
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.laws.block import Block
-from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.plan import check_pacing
-from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_map import model as gap_model
 from pcpc.plants.backlash_map.laws import backlash_nn_discrete
@@ -24,16 +23,7 @@ RIGS = Path(model.__file__).parent / "rigs"
 SINGLE = {"order": 2.0, "coupling": 0.0, "c": 0.1875}
 GAINS = {"lam": 0.2, "kv": 0.3, "model_c": 0.15, "r_max": 15.0}
 TUNING = {"alpha": 0.1, "gam": 0.001}
-
-
-@cache
-def run(rig: str, controller: str | None, *settings: str) -> tuple[Log, dict[str, float]]:
-    loaded = load_rig(RIGS / f"{rig}.yaml", controller, settings)
-    log, of = in_memory(loaded), loaded.evaluation
-    assert of is not None
-    return log, evaluation.EVALUATION.judge(
-        log, of.window_s, of.numbers, 1.0 / loaded.config.rate_hz
-    )
+run = cache(partial(judged, evaluation))
 
 
 def wanted(k: int) -> tuple[float, float, float, float]:

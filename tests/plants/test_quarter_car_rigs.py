@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from judged import judged
 from quarter_car_reference import FOLDER
 
 from pcpc.executive.nodes.virtual import in_memory
@@ -25,13 +26,7 @@ IRREGULAR = {("pid", 58): 0.005, ("passive", 150): 0.005}  # hammering: the digi
 @cache
 def metrics(rig: str, controller: str, *settings: str) -> dict[str, float]:
     """Return the metrics of a rig in virtual time."""
-    loaded = load_rig(FOLDER / f"rigs/suspension-{rig}.yaml", controller, [*settings])
-    judge = loaded.evaluation
-    assert judge is not None
-    log = in_memory(loaded)
-    return evaluation.EVALUATION.judge(
-        log, judge.window_s, judge.numbers, 1.0 / loaded.config.rate_hz
-    )
+    return judged(evaluation, f"suspension-{rig}", controller, *settings)[1]
 
 
 @pytest.mark.parametrize("road", study.ROADS)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from copies import program
-from processes import RIGS, ROOT, own_bus, until
+from processes import DEADLINE_S, RIGS, ROOT, own_bus, until
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
@@ -21,7 +21,6 @@ from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
 
 KV, LAM, ERROR = "controller.kv_Nms_rad", "controller.lam_per_s", "controller.e_rad"
-ANSWER_S = 10.0
 Screen = pytest.CaptureFixture[str]
 
 
@@ -65,7 +64,7 @@ def going_on(folder: Path) -> Iterator[Run]:
         yield Run(host, folder, node, watcher)
     finally:
         host.send_signal(signal.SIGINT)
-        host.communicate(timeout=30)
+        host.communicate(timeout=DEADLINE_S)
 
 
 def alone(run: Run, monkeypatch: pytest.MonkeyPatch, beside: str = "") -> None:

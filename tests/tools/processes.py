@@ -15,6 +15,7 @@ from typing import IO, Any
 
 from copies import PROGRAMS, Copy, copies, end_with_the_tests
 from free_bus import GROUP, own_port
+from places import PATIENCE_S
 
 from pcpc.drivers.machine import claim
 from pcpc.executive.loop import shared as sh
@@ -24,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
 RIGS = ATB1000 / "rigs"
 PCPC = PROGRAMS["pcpc"]
-DEADLINE_S = 240.0  # the first start on a machine compiles
+DEADLINE_S = PATIENCE_S
 PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
     "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
 )  # fmt: skip
@@ -138,7 +139,7 @@ class Running:
         for pid in (self.process.pid, *self.children.values()):
             if alive(pid):
                 os.kill(pid, signal.SIGKILL)
-        self.process.wait(10.0)
+        self.process.wait(DEADLINE_S)
 
     def look(self) -> dict[str, int]:
         """Return role -> pid of the processes that the command has started so far."""

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import can
-import numpy as np
 import pytest
 from fd_rig import fd_rig
 from live import CHANNEL, PCPC, candump_into, until
+from wires import new_wire, send
 
-from pcpc.drivers.can import bus, wire, wire_layout
+from pcpc.drivers.can import bus, wire
 from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.wire_layout import LENGTHS, Arrival, Flag
 from pcpc.executive.log import reader as logs
@@ -23,18 +23,13 @@ LONG = LENGTHS[9:]
 
 def opened(receive_ids: list[int], fd: int = 1) -> Any:
     """Return a wire on vcan0."""
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    end = records[0]
-    end.fd = fd
+    end = new_wire(fd)
     bus.open_bus(BusAddress("socketcan", CHANNEL), receive_ids, end)
     return end
 
 
 def put(end: Any, can_id: int, data: bytes, flags: int) -> None:
-    head = can_id.to_bytes(4, "little") + bytes([len(data), flags, 0, 0])
-    end.tx[:] = np.frombuffer(head + data.ljust(64, b"\0"), np.uint8)
-    assert wire.put_frame(end), f"errno {end.errno}"
+    send(end, can_id, data, flags=flags)
     assert end.tx[5] == flags, "the frame that was sent goes into the log as it is"
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import can
-import numpy as np
 import pytest
+from wires import new_wire, receive, send
 
-from pcpc.drivers.can import bus, wire, wire_layout
+from pcpc.drivers.can import bus, wire
 from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival
@@ -21,13 +21,6 @@ CHANNEL = "vcan0"
 WAIT_S = 5.0  # only waited for when a frame is lost
 
 Open = Callable[[list[int]], Any]
-
-
-def new_wire() -> Any:
-    """Return a zeroed Wire record."""
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    return records[0]
 
 
 @pytest.fixture
@@ -51,21 +44,6 @@ def python_can() -> Iterator[can.BusABC]:
     """python-can's own SocketCAN bus, with CAN FD off."""
     with can.Bus(interface="socketcan", channel=CHANNEL) as opened:
         yield opened
-
-
-def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
-    word = can_id | int(extended) << 31
-    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-    end.tx[:16] = np.frombuffer(packed, np.uint8)
-    assert wire.put_frame(end), f"errno {end.errno}"
-
-
-def receive(end: Any) -> tuple[int, bytes] | int:
-    """Return word and data of the next frame, or what else `get_frame` returned."""
-    outcome = wire.get_frame(end, True)
-    if outcome != Arrival.FRAME:
-        return int(outcome)
-    return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
 
 def test_two_wires_exchange_frames_and_hear_only_each_other(open_can: Open) -> None:

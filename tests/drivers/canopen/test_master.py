@@ -74,7 +74,7 @@ def moves(node: BaseNode402) -> None:
     node.op_mode = "PROFILED VELOCITY"
     node.sdo[0x60FF].raw = 2000
     node.state = "OPERATION ENABLED"
-    until(lambda: abs(node.sdo[0x606C].raw - 2000) < 50, "its velocity", 10.0)
+    until(lambda: abs(node.sdo[0x606C].raw - 2000) < 50, "its velocity")
     node.state = "SWITCH ON DISABLED"
     assert node.homing(timeout=10.0)
     tpdo = node.tpdo[2]
@@ -89,9 +89,9 @@ def moves(node: BaseNode402) -> None:
     for _ in range(2):
         node.check_statusword()  # a cycle has passed
     node.controlword = 0x1F
-    until(lambda: node.statusword & 1 << 12, "the setpoint is taken", 10.0)
+    until(lambda: node.statusword & 1 << 12, "the setpoint is taken")
     node.controlword = 0x0F
-    until(lambda: node.statusword & 1 << 10, "the target is reached", 10.0)
+    until(lambda: node.statusword & 1 << 10, "the target is reached")
     node.network.sync.transmit()
     assert tpdo.wait_for_reception(2.0) is not None
     assert abs(tpdo[0x6064].raw - 3000) <= 10

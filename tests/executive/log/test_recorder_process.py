@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import standing
-from places import ROOT
+from places import PATIENCE_S, ROOT
 from rings import MONOTONIC_NS, TESTS, WIDE, block_of, put_cycle
 
 from pcpc.drivers.errors import Exit
@@ -36,7 +36,7 @@ def start(path: Path, *names: str) -> subprocess.Popen[str]:
 
 def end(process: subprocess.Popen[str]) -> tuple[int, str]:
     """Wait for a recorder; return its exit code and what it said on stderr."""
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=PATIENCE_S)
     return process.returncode, errors
 
 
@@ -83,7 +83,7 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
         plant.serve()
     for served in (executive, plant):
         served.block.control.done = 1
-    assert process.wait(20.0) == 0
+    assert process.wait(PATIENCE_S) == 0
 
 
 def test_process_ends_in_order_on_sigterm(
@@ -207,7 +207,7 @@ def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
 
     command = [sys.executable, "-B", "-m", "pcpc.executive.log.recorder", str(path), *names]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=20, preexec_fn=limit, cwd=ROOT
+        command, capture_output=True, text=True, timeout=PATIENCE_S, preexec_fn=limit, cwd=ROOT
     )
     return done.returncode, done.stderr
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from free_bus import GROUP, own_port
-from places import ROOT
+from places import PATIENCE_S, ROOT
 
 from pcpc.drivers.can import bus as buses
 from pcpc.executive.loop import faults
@@ -24,7 +24,6 @@ from pcpc.executive.rig.reading import Rig, load_rig
 
 TEMPLATE = ROOT / "tools/make/template/rig.yaml"
 RATE_HZ, CYCLES = 50, 15
-PATIENCE_S = 120.0
 
 
 class Node:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import standing
+from places import PATIENCE_S
 
 from pcpc.drivers.machine import claim
 from pcpc.executive.loop import shared as sh
@@ -77,7 +78,7 @@ def test_a_client_says_what_it_is(served: sharing.ServedMemory) -> None:
 def test_who_attaches_says_its_word_at_once() -> None:
     block = standing.stand(NAME, HEAD)
     other = sharing.attach(NAME, sharing.RECORDER)
-    until_s = time.monotonic() + 10.0
+    until_s = time.monotonic() + PATIENCE_S
     while not block.control.recorded and time.monotonic() < until_s:
         os.sched_yield()
     assert other.alive() and block.control.recorded

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engine import ROOT, SLEW10, Bench, both
+from places import PATIENCE_S
 
 from pcpc.executive.loop import keyframe_layout, sharing
 from pcpc.executive.loop import shared as sh
@@ -23,7 +24,6 @@ from pcpc.executive.loop.ring_layout import EventRow, OfEvent
 from pcpc.executive.nodes.plan import Plan, describe
 from pcpc.executive.rig.reading import load_rig
 
-PATIENCE_S = 60.0  # until a test gives up on a thread or process that should have ended
 ROWS = 8
 
 WRITER = """

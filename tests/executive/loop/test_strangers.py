@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from engine import ATB1000, Bench, Node, both
 from free_bus import own_bus
+from wires import new_wire
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import e2e, wire, wire_layout
+from pcpc.drivers.can import e2e, wire
 from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire_layout import Arrival
@@ -24,12 +25,6 @@ from pcpc.executive.rig.reading import load_rig
 RIG = load_rig(ATB1000 / "rigs" / "slew10.yaml")
 CMD, SYNC, FB_A = 0x0A0, 0x080, 0x120
 TRUE, FORGED = 7, 9  # addresses
-
-
-def new_wire() -> Any:
-    records = np.recarray(1, wire_layout.Wire.dtype)
-    records.view(np.uint8)[:] = 0
-    return records[0]
 
 
 @pytest.fixture

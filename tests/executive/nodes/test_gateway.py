@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 from free_bus import own_bus
 from hypothesis import given
 from hypothesis import strategies as st
+from wires import new_wire
 
 from pcpc.drivers.can import bus as buses
-from pcpc.drivers.can import wire, wire_layout
+from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire_layout import Arrival, Flag
 from pcpc.drivers.line import line
 from pcpc.drivers.line.line import SenderState
@@ -25,7 +25,7 @@ Make = Callable[..., tuple[Gateway, Any, Any]]
 
 
 def an_end(bus: buses.BusAddress) -> Any:
-    end: Any = np.zeros(1, wire_layout.Wire.dtype).view(np.recarray)[0]
+    end = new_wire()
     buses.open_bus(bus, None, end)
     buses.set_own_address(end)
     return end

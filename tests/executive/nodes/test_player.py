@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import PATIENCE_S
 
 from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire_layout import Medium
@@ -24,7 +25,7 @@ def line() -> Iterator[tuple[Any, socket.socket]]:
     rows[:, 4] = 8
     made = Player(rows, 1_000_000 * numbers, 10_000_000, timed=True)
     wire.prepare(made.n.wire, Medium.SOCKETCAN, mine.fileno(), mine.fileno())
-    other.settimeout(10.0)
+    other.settimeout(PATIENCE_S)
     with mine, other:
         yield made, other
 
@@ -88,7 +89,7 @@ def test_an_endless_player_stops_when_it_is_asked(line: tuple[Player, socket.soc
     for _ in range(25):
         other.recv(16)
     made.stop()
-    thread.join(10.0)
+    thread.join(PATIENCE_S)
     assert not thread.is_alive(), f"still playing after {made.count('sent')} frames"
 
 

@@ -63,7 +63,7 @@ def test_what_killed_tests_had_started_ends(tmp_path: Path) -> None:
     )
     pids = [*map(int, tests.stdout.split())]
     assert tests.returncode == -signal.SIGKILL and len(pids) >= 5, tests
-    until(lambda: not any(map(alive, pids)), f"{pids} end", within_s=30.0)
+    until(lambda: not any(map(alive, pids)), f"{pids} end")
 
 
 def test_what_is_read_at_a_start_comes_from_a_new_process(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from places import ROOT
+from places import PATIENCE_S, ROOT
 
 SCRIPT = str(ROOT / "tools" / "dev" / "installing.py")
 PIP = """
@@ -30,7 +30,6 @@ case $1 in
 install) echo "$@" >> "$(dirname "$0")/installed";;
 esac
 """
-WAIT_S = 20.0
 WORDS = [sys.executable, "-P", SCRIPT, sys.executable, "-c", PIP]
 
 
@@ -59,7 +58,7 @@ def test_on_a_terminal_the_line_says_what_is_done_now() -> None:
         shown(ours, b"installing: 2 packages, unpacking 3 packages, the last step, ")
         process.stdin.close()
         shown(ours, b"installed in ")
-        assert process.wait(WAIT_S) == 0
+        assert process.wait(PATIENCE_S) == 0
     os.close(ours)
 
 
@@ -67,7 +66,7 @@ def shown(terminal: int, words: bytes) -> None:
     """Read until a terminal has shown these words."""
     seen = b""
     while words not in seen:
-        assert select.select([terminal], [], [], WAIT_S)[0], (words, seen)
+        assert select.select([terminal], [], [], PATIENCE_S)[0], (words, seen)
         seen += os.read(terminal, 4096)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import ROOT, Running, own_bus, pcpc
+from processes import DEADLINE_S, ROOT, Running, own_bus, pcpc
 
 import pcpc as package
 from pcpc.executive.log import reader
@@ -103,19 +103,19 @@ def test_a_fault_is_begun_and_ended_while_the_rig_runs(calm: Path) -> None:
         calm, pacing="real", set={"duration_s": 60.0, "supervisor.fault_after_cycles": 10000}
     ) as live:
         before = live.inject("spare")
-        live.wait_until("plant:fault.spare.left", above=0.5, within_s=20)
+        live.wait_until("plant:fault.spare.left", above=0.5, within_s=DEADLINE_S)
         after = live.clear("spare")
-        live.wait_until("plant:fault.spare.left", below=0.5, within_s=20)
+        live.wait_until("plant:fault.spare.left", below=0.5, within_s=DEADLINE_S)
         assert after > before
         live.inject("spare", for_s=0.05)
-        live.wait_until("plant:fault.spare.left", below=0.5, within_s=20)
+        live.wait_until("plant:fault.spare.left", below=0.5, within_s=DEADLINE_S)
         with pytest.raises(package.Error, match="spar: no such fault; did you mean spare"):
             live.inject("spar")
         with pytest.raises(package.Error, match="outside"):
             live.inject("spare", share=2.0)
         skipped = live["plant:health.skipped_cycles"]
         live.inject("break", for_s=0.01)
-        live.wait_until("plant:health.skipped_cycles", above=skipped + 9.5, within_s=20)
+        live.wait_until("plant:health.skipped_cycles", above=skipped + 9.5, within_s=DEADLINE_S)
     run = live.run
     assert all(node.identical for node in run.replay())
 

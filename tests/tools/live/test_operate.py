@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_run import Screen
-from processes import own_bus, until
+from processes import DEADLINE_S, own_bus, until
 
 import pcpc
 from pcpc.executive.nodes.live import Live
@@ -73,7 +73,7 @@ def test_a_terminal_hands_over_and_undo_hands_back(run: pcpc.Live, capsys: Scree
     assert code == 2 and err.endswith("pid is already in charge\n"), err
     code, out, err = said(capsys, run, "undo")
     assert code == 0 and out.startswith("handover.to = 0 (was 1) from cycle "), out + err
-    until(lambda: run["handover.in_charge"] == 0.0, "handed back", 10.0)
+    until(lambda: run["handover.in_charge"] == 0.0, "handed back")
 
 
 def test_the_screen_names_who_is_in_charge_and_who_is_on_standby(
@@ -89,15 +89,15 @@ def test_the_screen_names_who_is_in_charge_and_who_is_on_standby(
 
 
 def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) -> None:
-    until(lambda: run.state in ("RUN", "HOLD"), "closed", 10.0)
+    until(lambda: run.state in ("RUN", "HOLD"), "closed")
     run.hold()
-    run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
+    run.wait_until("supervisor.gain", below=1e-12, within_s=DEADLINE_S)
     assert run.state == "READY" and abs(run["tx.CMD.motor_torque"]) < 1e-12
     for word, why in (("hold", "already open"), ("resume", ""), ("arm", "already closed")):
         code, out, err = said(capsys, run, "operate", word)
         assert (code == 0) == (why == "") and why in err, out + err
         assert why or out.startswith("the loop is closed from cycle "), out
-    run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=20.0)
+    run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=DEADLINE_S)
     assert run.state in ("RUN", "HOLD") and run["supervisor.fault"] == 0.0
 
 

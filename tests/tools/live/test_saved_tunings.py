@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import standing
-from live_run import ANSWER_S, KV, LAM, Run, Screen, said
+from live_run import KV, LAM, Run, Screen, said
 from processes import until
 
 from pcpc.executive.loop import shared as sh
@@ -32,14 +32,14 @@ def as_the_rig_has_it(run: Run) -> Iterator[None]:
     yield
     node = live.find(run.node)
     node.tune(GIVEN)
-    until(lambda: all(node[name] == value for name, value in GIVEN.items()), "back", ANSWER_S)
+    until(lambda: all(node[name] == value for name, value in GIVEN.items()), "back")
 
 
 def tuned(run: Run, **changes: float) -> None:
     node = live.find(run.node)
     named = {f"controller.{name}": value for name, value in changes.items()}
     node.tune(named)
-    until(lambda: all(node[name] == value for name, value in named.items()), "tuned", ANSWER_S)
+    until(lambda: all(node[name] == value for name, value in named.items()), "tuned")
 
 
 # History
@@ -53,7 +53,7 @@ def test_undo_goes_back_tuning_by_tuning_whoever_made_it(run: Run, capsys: Scree
     for after in (first, before):
         code, out, err = said(capsys, run, "undo", "--json")
         assert code == 0, err
-        until(lambda after=after: parameters(run) == after, f"undone: {out}", ANSWER_S)
+        until(lambda after=after: parameters(run) == after, f"undone: {out}")
     assert json.loads(out)["before"] == {KV: 121.5, LAM: 15.0}, out
 
 
@@ -65,7 +65,7 @@ def test_undo_of_several_is_one_tuning(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "undo", "3")
     assert code == 0 and out.startswith(f"{KV} = 110 N m s/rad (was 113) from cycle "), out + err
     assert int(live.find(run.node).block.mail.request) == requests + 1
-    until(lambda: parameters(run) == before, "undone", ANSWER_S)
+    until(lambda: parameters(run) == before, "undone")
 
 
 def test_more_than_there_was_is_not_undone(run: Run, capsys: Screen) -> None:
@@ -167,7 +167,7 @@ def test_what_was_tuned_is_saved_and_loaded_with_every_bit(
     tuned(run, kv_Nms_rad=110.0, lam_per_s=16.0)
     code, out, err = said(capsys, run, "load", str(file), "--json")
     assert code == 0 and json.loads(out)["values"] == {KV: 0.1 + 0.2, LAM: 15.0}, out + err
-    until(lambda: parameters(run) == after, "loaded", ANSWER_S)
+    until(lambda: parameters(run) == after, "loaded")
     code, out, _ = said(capsys, run, "load", str(file))
     assert (code, out) == (0, f"{run.node}: already has these values\n"), out
 

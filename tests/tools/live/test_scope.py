@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import standing
 from live_run import Run, Screen, said
-from processes import RIGS, Running, own_bus, until
+from processes import DEADLINE_S, RIGS, Running, own_bus, until
 from scoped import CAPTURED, ROWS, WORDS, stepping
 
 from pcpc.executive.laws.units import unit
@@ -272,7 +272,7 @@ def test_what_is_captured_of_a_paced_run_is_what_its_log_holds(
     assert (code, answer["lost"]) == (0, 0), out + err
     assert picture.stat().st_size > 10_000
     run.host.send_signal(signal.SIGINT)
-    run.host.communicate(timeout=30)
+    run.host.communicate(timeout=DEADLINE_S)
     log, captured = logs.read(run.folder / "log.mcap"), logs.read(file)
     assert captured.missing == [] and set(captured.node) == {"executive"}
     own(log, "executive", captured)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import ROOT, own_bus
+from processes import DEADLINE_S, ROOT, own_bus
 
 import pcpc
 from pcpc.drivers.compiled.structures import words_of
@@ -20,7 +20,6 @@ from pcpc.tools.cli import main
 from pcpc.tools.start import rigs
 
 PATIENT = "hold_cycles: 100000, fault_after_cycles: 100000"
-ANSWER_S = 30.0
 NAME = f"stopped-{os.getpid()}"
 LAW = "controllers: {proportional: {law: 'law.py:BLOCK'}}"
 
@@ -58,19 +57,19 @@ def test_a_run_goes_on_after_a_reset_and_ends_with_a_stop_also_when_locked(
     code, text = said(capsys, "operate", "reset", str(rig))
     assert code == Exit.NOT_MET and "no fault" in text, text
     live.set({"controller.gain": 1e308, "controller.target": 10.0})
-    live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=ANSWER_S)
+    live.wait_until(lambda now: now["supervisor.gain"] == 0.0, within_s=DEADLINE_S)
     assert live.state == "FAULT"
     code, text = said(capsys, "operate", "reset", str(rig))
     assert code == Exit.NOT_MET and "still there: a command was not" in text, text
     live.set({"controller.gain": 4.0, "controller.target": 1.0})
     code, text = said(capsys, "operate", "reset", str(rig), "--json")
     assert code == Exit.OK and next(iter(json.loads(text))).endswith(".executive"), text
-    live.wait_until(lambda now: now["supervisor.gain"] == 1.0, within_s=ANSWER_S)
+    live.wait_until(lambda now: now["supervisor.gain"] == 1.0, within_s=DEADLINE_S)
     assert live.state in ("RUN", "HOLD")
     assert main(["operate", "lock", "all", "--node", find("executive", NAME).name]) == Exit.OK
     code, text = said(capsys, "stop", NAME, "--quick")
     assert code == Exit.OK and "in cycle" in text, text
-    live.wait(ANSWER_S)
+    live.wait(DEADLINE_S)
     assert live.run.verdict.startswith("safety stop"), "it had a fault"
 
 
@@ -110,7 +109,7 @@ def test_of_two_runs_of_a_rig_each_has_its_name(
         mine = next(run for run in runs if other._nodes["plant"].run == run)
         code, text = said(capsys, "stop", mine, "--quick")
         assert code == Exit.OK, text
-        other.wait(ANSWER_S)
+        other.wait(DEADLINE_S)
     assert {one.run for one in running(NAME).values()} == {*runs} - {mine}, "the other goes on"
 
 
@@ -141,7 +140,7 @@ def test_a_stop_ends_a_run_whatever_stands_in_any_word_of_the_mailbox(
     assert (code, "locked (all)" in text) == (Exit.WRONG_INPUT, True), text
     code, text = said(capsys, "stop", str(rig))
     assert code == Exit.OK and "in cycle" in text, text
-    live.wait(ANSWER_S)
+    live.wait(DEADLINE_S)
 
 
 def test_a_stop_ends_a_run_while_another_client_holds_the_mailbox_and_writes(
@@ -163,7 +162,7 @@ def test_a_stop_ends_a_run_while_another_client_holds_the_mailbox_and_writes(
     try:
         code, text = said(capsys, "stop", str(rig))
         assert code == Exit.OK and "in cycle" in text, text
-        live.wait(ANSWER_S)
+        live.wait(DEADLINE_S)
         fcntl.flock(holder, fcntl.LOCK_UN)
     finally:
         over.set()
@@ -185,7 +184,7 @@ def test_a_request_that_another_client_empties_is_no_stop(
     try:
         code, text = said(capsys, "stop", str(rig))
         assert code == Exit.OK and "in cycle" in text, text
-        live.wait(ANSWER_S)
+        live.wait(DEADLINE_S)
     finally:
         over.set()
         writer.join()

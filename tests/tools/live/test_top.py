@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import standing
 from copies import program
-from live_run import ANSWER_S, ERROR, KV, Run, Screen, pcpc
-from processes import ROOT, until
+from live_run import ERROR, KV, Run, Screen, pcpc
+from processes import DEADLINE_S, ROOT, until
 
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.canopen.layout import WARNING, Power
@@ -41,7 +41,7 @@ def test_one_screen_tells_states_rates_frames_errors_and_tunings(
     monkeypatch.setenv("LINES", "24")
     node = live.find(run.node)
     node.tune({KV: 120.0})
-    until(lambda: node[KV] == 120.0, "tuned", ANSWER_S)
+    until(lambda: node[KV] == 120.0, "tuned")
     for _ in range(50):  # on a busy machine a node is in HOLD now and then
         assert main(["top", "--once", "--node", run.node]) == 0
         out = capsys.readouterr().out.splitlines()
@@ -109,7 +109,7 @@ def test_a_terminal_is_given_back_as_it_was(run: Run) -> None:
     until_seen(b"executive")
     os.write(ours, b"q")
     until_seen(b"\x1b[?1049l")
-    assert top.wait(ANSWER_S) == 0, top.communicate()
+    assert top.wait(DEADLINE_S) == 0, top.communicate()
     assert termios.tcgetattr(theirs) == before
     os.close(ours)
     os.close(theirs)
@@ -122,7 +122,7 @@ def test_without_a_terminal_it_prints_a_screen_an_interval_until_ctrl_c(run: Run
     while heads < 3:
         heads += top.stdout.readline().startswith("hull  pd  real")
     top.send_signal(signal.SIGINT)
-    _, err = top.communicate(timeout=ANSWER_S)
+    _, err = top.communicate(timeout=DEADLINE_S)
     assert (top.returncode, err) == (130, "interrupted\n"), f"{top.returncode}: {err}"
 
 
@@ -224,5 +224,5 @@ def test_it_goes_on_with_the_next_run(stand: str) -> None:
     begin(stand)
     until_line("stand  pd  real")
     top.send_signal(signal.SIGINT)
-    top.communicate(timeout=ANSWER_S)
+    top.communicate(timeout=DEADLINE_S)
     assert top.returncode == 130

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import IO
 
 import pytest
-from live_run import ANSWER_S, ERROR, KV, LAM, Run, Screen, said, value
-from processes import until
+from live_run import ERROR, KV, LAM, Run, Screen, said, value
+from processes import DEADLINE_S, until
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
@@ -33,9 +33,9 @@ def bytes_ready(pipe: IO[str] | None) -> int:
 @pytest.fixture(scope="module")
 def finished(run: Run) -> logs.Log:
     """End the run with Ctrl-C, once its watcher has seen some of it, and return its log."""
-    until(lambda: bytes_ready(run.watcher.stdout) > 400, "lines of the watcher", ANSWER_S)
+    until(lambda: bytes_ready(run.watcher.stdout) > 400, "lines of the watcher")
     run.host.send_signal(signal.SIGINT)
-    output = run.host.communicate(timeout=30)
+    output = run.host.communicate(timeout=DEADLINE_S)
     assert run.host.returncode == 130, f"exit code {run.host.returncode}: {output}"
     return logs.read(run.folder / "log.mcap")
 
@@ -53,7 +53,7 @@ def test_a_tuning_is_acknowledged_with_its_cycle(run: Run, capsys: Screen) -> No
     assert 0 < answer["cycle"] <= int(block.control.cycle) + 1, out
     assert answer["values"] == {KV: 121.5}
     assert answer["before"] == {KV: before}
-    until(lambda: value(capsys, run, KV) == 121.5, "the value is in the table", ANSWER_S)
+    until(lambda: value(capsys, run, KV) == 121.5, "the value is in the table")
 
 
 def test_set_says_old_value_new_value_and_cycle(run: Run, capsys: Screen) -> None:
@@ -119,7 +119,7 @@ def ask(block: sh.NodeMemory, places: list[int], values: list[float]) -> int:
     block.mail.count = len(places)
     request = int(block.mail.request) + 1
     block.mail.request = request
-    until(lambda: int(block.answer.request) == request, "an answer", ANSWER_S)
+    until(lambda: int(block.answer.request) == request, "an answer")
     return int(block.answer.refusal)
 
 
@@ -192,7 +192,7 @@ def test_two_hosts_at_once_both_get_their_tunings_through(run: Run) -> None:
 def test_all_values_that_are_read_are_of_one_cycle(run: Run) -> None:
     node = live.find(run.node)
     first = node.read()
-    later = node.wait_until(lambda now: now.cycle > first.cycle + 3, within_s=ANSWER_S)
+    later = node.wait_until(lambda now: now.cycle > first.cycle + 3, within_s=DEADLINE_S)
     for now in (first, later):
         assert now.cycle == round(200 * now["time.t_s"]), (now.cycle, now["time.t_s"])
         assert set(now) == set(node.variables) and len(now) == len(node.variables)
@@ -203,7 +203,7 @@ def test_all_values_that_are_read_are_of_one_cycle(run: Run) -> None:
 def test_a_wait_ends_with_the_values_for_which_its_condition_holds(run: Run) -> None:
     node = live.find(run.node)
     cycle = node.tune({KV: 123.0})
-    now = node.wait_until(lambda now: now[KV] == 123.0, within_s=ANSWER_S)
+    now = node.wait_until(lambda now: now[KV] == 123.0, within_s=DEADLINE_S)
     assert now[KV] == 123.0 and now.cycle >= cycle, (now.cycle, cycle)
 
 
@@ -222,7 +222,7 @@ def test_a_wait_looks_once_a_period(run: Run, monkeypatch: pytest.MonkeyPatch) -
         return len(asked) == 10
 
     monkeypatch.setattr(node, "read", looking)
-    node.wait_until(tenth, within_s=ANSWER_S)
+    node.wait_until(tenth, within_s=DEADLINE_S)
     assert len(set(asked)) == 10, f"a cycle was judged twice: {asked}"
     assert len(looks) < 40, f"{len(looks)} looks at ten cycles"
 
@@ -265,7 +265,7 @@ def test_a_wait_ends_with_its_node(run: Run) -> None:
 
 
 def test_watch_ends_with_the_node(run: Run, finished: logs.Log) -> None:
-    out, err = run.watcher.communicate(timeout=ANSWER_S)
+    out, err = run.watcher.communicate(timeout=DEADLINE_S)
     said = [text for text in err.splitlines() if ": alarm: " not in text]  # the machine was late
     assert (run.watcher.returncode, said) == (0, []), f"{run.watcher.returncode}: {err}"
     lines = [json.loads(line) for line in out.splitlines()]

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 import pytest
 import standing
 from copies import program
-from live_run import ANSWER_S, ERROR, KV, Run, Screen, alone, pcpc, said
-from processes import ROOT
+from live_run import ERROR, KV, Run, Screen, alone, pcpc, said
+from processes import DEADLINE_S, ROOT
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
@@ -89,7 +89,7 @@ def test_snapshots_never_mix_two_cycles(run: Run) -> None:
     node = live.find(run.node)
     encoder, copied = "rx.FB_A.encoder", "controller.encoder_rad"
     times: set[float] = set()
-    deadline_s = time.monotonic() + ANSWER_S
+    deadline_s = time.monotonic() + DEADLINE_S
     while len(times) < 60 and time.monotonic() < deadline_s:
         table = node.read()
         assert table[encoder] == table[copied], f"{table[encoder]} became {table[copied]}"
@@ -154,7 +154,7 @@ def test_a_watch_of_two_nodes_has_a_column_of_each(run: Run) -> None:
         assert watching.stdout is not None
         lines = [watching.stdout.readline() for _ in range(6)]
         watching.send_signal(signal.SIGINT)
-        _, err = watching.communicate(timeout=ANSWER_S)
+        _, err = watching.communicate(timeout=DEADLINE_S)
         assert watching.returncode == 130, err
         if form:
             rows = [json.loads(line) for line in lines]
@@ -184,7 +184,7 @@ def test_watch_prints_a_line_an_interval_and_ends_on_ctrl_c_with_130(run: Run) -
     head = [watching.stdout.readline() for _ in range(2)]
     lines = [watching.stdout.readline() for _ in range(5)]
     watching.send_signal(signal.SIGINT)
-    _, err = watching.communicate(timeout=ANSWER_S)
+    _, err = watching.communicate(timeout=DEADLINE_S)
     assert (watching.returncode, err) == (130, "interrupted\n"), f"{watching.returncode}: {err}"
     cycles = [int(line.split()[0]) for line in lines]
     assert cycles == sorted(set(cycles)), f"cycles {cycles}"
@@ -198,7 +198,7 @@ def test_a_watch_that_is_too_wide_for_columns_has_a_line_for_each(run: Run) -> N
     assert watching.stdout is not None
     lines = [watching.stdout.readline() for _ in range(40)]
     watching.send_signal(signal.SIGINT)
-    watching.communicate(timeout=ANSWER_S)
+    watching.communicate(timeout=DEADLINE_S)
     assert lines[0].startswith("cycle ") and max(map(len, lines)) <= 80, lines
     assert any(line.startswith(f"  {ERROR} ") and line.endswith(" rad\n") for line in lines), lines
 
@@ -214,7 +214,7 @@ def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
     while seen.count(b"\x1b[2A") < 3:
         seen += os.read(ours, 4096)
     watching.send_signal(signal.SIGINT)
-    assert watching.wait(ANSWER_S) == 130
+    assert watching.wait(DEADLINE_S) == 130
     os.close(ours)
     assert seen.count(f"{ERROR} = ".encode()) >= 3, seen
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fd_rig import fd_rig
 from numpy.typing import NDArray
-from processes import ATB1000, own_bus, until
+from processes import ATB1000, DEADLINE_S, own_bus, until
 
 import pcpc
 from pcpc.drivers.can import can_id, codec, e2e
@@ -318,8 +318,8 @@ def test_an_executive_that_stands_still_is_stopped_by_its_frame_alone(
         plant, executive = (find(role, f"watched-{os.getpid()}") for role in ("plant", "executive"))
         until(lambda: all_of(fed), "the first food")
         os.kill(executive.pid, signal.SIGSTOP)
-        plant.wait_until(lambda now: now["supervisor.fault"] == Fault.STOP_FRAME, 60.0)
-        plant.wait_until(lambda now: now["supervisor.gain"] == 0.0, 60.0)
+        plant.wait_until(lambda now: now["supervisor.fault"] == Fault.STOP_FRAME, DEADLINE_S)
+        plant.wait_until(lambda now: now["supervisor.gain"] == 0.0, DEADLINE_S)
         all_of(fed)
         os.kill(executive.pid, signal.SIGCONT)
         live.wait(60.0)

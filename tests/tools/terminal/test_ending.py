@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from copies import as_of_a_terminal
 from logcommand import barrel_log
-from processes import PCPC, ROOT, pcpc
+from processes import DEADLINE_S, PCPC, ROOT, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools.cli import main
@@ -104,7 +104,7 @@ def test_a_command_in_the_background_ends_when_asked(number: signal.Signals) -> 
         assert one.stdout.readline() == b"waiting\n"
         one.send_signal(signal.SIGHUP)  # ignored from birth: it survives the terminal
         one.send_signal(number)
-        assert one.wait(20.0) == 130
+        assert one.wait(DEADLINE_S) == 130
         assert one.stderr.read() == b"interrupted\n"
 
 
@@ -144,7 +144,7 @@ def test_a_command_ends_with_its_terminal() -> None:
         assert one.stdout is not None and one.stdout.readline() == b"waiting\n"
         one.send_signal(signal.SIGHUP)
         try:
-            assert one.wait(20.0) == 130
+            assert one.wait(DEADLINE_S) == 130
         finally:
             one.kill()
 

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from live_run import Screen
 from logcommand import barrel_log
+from places import PATIENCE_S
 
 from pcpc.drivers.compiled.compile_cache import source_hash
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import source
 from pcpc.tools.terminal import progress
 from pcpc.tools.terminal.progress import Compiling, Progress
-
-WITHIN_S = 10.0
 
 
 def test_what_cannot_tell_how_far_it_is_is_told_while_it_goes_on(
@@ -31,7 +30,7 @@ def test_what_cannot_tell_how_far_it_is_is_told_while_it_goes_on(
     monkeypatch.setattr(progress, "_PATIENCE_S", 1e-3)
     monkeypatch.setattr(progress, "_LINES_S", 0.0)
     with Progress().going_on("it sorts"):
-        lines = [said.get(timeout=WITHIN_S) for _ in range(3)]
+        lines = [said.get(timeout=PATIENCE_S) for _ in range(3)]
     assert lines == ["it sorts, 0 s\n"] * 3
     while not said.empty():
         said.get()

@@ -90,7 +90,8 @@ def test_the_death_of_the_emulator_is_in_the_log_with_what_led_to_it(tmp_path: P
     assert node.columns["supervisor.state"][-1] == 4.0, "FAULT"
     fault = next(e["stamp_ns"] for e in node.events if e["event"] == "fault")
     before_s = 1e-9 * (fault - int(node.stamp_ns[0]))
-    assert 0.1 < before_s < 0.45, f"{before_s:.3f} s before the fault are in the log, asked for 0.2"
+    rows = int((node.stamp_ns < fault).sum())  # not seconds: a stalled machine makes fewer of them
+    assert before_s > 0.1 and rows < 450, f"{before_s:.3f} s, {rows} rows before; asked for 0.2 s"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from foreign import START_S, blf_container, blf_file
+from places import PATIENCE_S
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.log import recording
@@ -165,7 +166,7 @@ def test_a_reader_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
         while b"child" not in (command := Path(f"/proc/{own[0]}/cmdline")).read_bytes():
             assert program.poll() is None
         program.kill()
-    is_there_until_s = time.monotonic() + 10.0
+    is_there_until_s = time.monotonic() + PATIENCE_S
     while command.exists() and command.read_bytes():
         assert time.monotonic() < is_there_until_s, "it computes on"
 

@@ -107,7 +107,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
     ids = {"can_id_master": MASTER_ID, "can_id_slave": SLAVE_ID}
     app = create_application_from_config({"Transport": {"CAN": place | ids}}, log_level=50)
     app.transport.layer, app.transport.can.udp_multicast.port = "CAN", port
-    app.transport.timeout = 5.0
+    app.transport.timeout = 60.0
     set_application(app)
     app.general.disable_error_handling = True  # it would leave the program
     entries = [(f"{at + part}", at + part, 0, "U32") for at in addresses for part in (0, 4)]

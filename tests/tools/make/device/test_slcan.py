@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 import pytest
-from processes import PCPC, own_bus, pcpc, until
+from processes import DEADLINE_S, PCPC, own_bus, pcpc, until
 
 from pcpc.drivers.can import plain_bus
 from pcpc.drivers.can.wire_layout import LENGTHS, Flag
@@ -143,7 +143,7 @@ def test_frames_of_can_fd_are_the_same_text_in_python_can_too(
             assert slcan.frame_of(said[:-1]) == (word, data, flags)
             assert heard(in_long_c, line, said, LongFrame) == ([(word, data, flags)], b"")
             os.write(device, said)
-            message = theirs.recv(10.0)
+            message = theirs.recv(DEADLINE_S)
             assert message is not None and bytes(message.data) == data
             its = message.arbitration_id, message.is_extended_id, message.is_fd
             assert its == (word & 0x1FFFFFFF, bool(word >> 31), bool(flags & Flag.FD))
@@ -191,7 +191,7 @@ def test_a_serial_line_is_carried_to_the_bus_and_back(tmp_path: Path) -> None:
     try:
         carry_both_ways(device, host, bus)
         os.close(device)
-        assert bridge.wait(20) == 0
+        assert bridge.wait(DEADLINE_S) == 0
     finally:
         bridge.kill()
         bridge.wait()

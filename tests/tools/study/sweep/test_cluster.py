@@ -16,7 +16,7 @@ from pathlib import Path
 import distributed
 import pytest
 from copies import end_with_the_tests
-from places import ROOT
+from places import PATIENCE_S, ROOT
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
@@ -34,7 +34,6 @@ SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_fr
 VARY = ("motor.coulomb_Nm=x0.5:2",)
 MANY = Campaign(RIG, ("pid", "pd"), VARY, 160, "random", 5, SHORT)
 GENERIC = os.environ | {"PCPC_CPU": "generic"}
-GIVE_UP_S = 240.0
 TASK = 4
 
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -133,7 +132,7 @@ def written(folder: Path) -> int:
 
 def wait_for(rows: int, folder: Path, process: "subprocess.Popen[str]") -> None:
     """Wait until this many rows are on disk; `process` has to go on meanwhile."""
-    for _ in range(int(GIVE_UP_S / 0.02)):
+    for _ in range(int(PATIENCE_S / 0.02)):
         try:
             process.wait(0.02)
         except subprocess.TimeoutExpired:
@@ -181,7 +180,7 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
     sweep = client(start, address, tmp_path)
     wait_for(before + 8, tmp_path, sweep)
     dask.kill()
-    _, error = sweep.communicate(timeout=GIVE_UP_S)
+    _, error = sweep.communicate(timeout=PATIENCE_S)
     assert sweep.returncode == Exit.ENVIRONMENT
     assert error.count("\n") == 1, error
     assert f"the same command goes on with -o {tmp_path}" in error
@@ -200,11 +199,11 @@ def test_a_worker_that_is_lost_leaves_its_tasks_to_the_other(
     _, address = scheduler(start)
     both = [worker(start, address) for _ in range(2)]
     with distributed.Client(address) as waiting:
-        waiting.wait_for_workers(2, timeout=GIVE_UP_S)
+        waiting.wait_for_workers(2, timeout=PATIENCE_S)
     sweep = client(start, address, tmp_path)
     wait_for(24, tmp_path, sweep)
     both[0].kill()
-    _, error = sweep.communicate(timeout=GIVE_UP_S)
+    _, error = sweep.communicate(timeout=PATIENCE_S)
     assert (sweep.returncode, error) == (Exit.NOT_MET, "")
     assert table(tmp_path) == table(whole)
 
@@ -213,7 +212,7 @@ def test_ctrl_c_ends_a_local_cluster_without_a_traceback(tmp_path: Path, start: 
     sweep = client(start, "local:1", tmp_path)
     wait_for(8, tmp_path, sweep)
     os.killpg(sweep.pid, signal.SIGINT)  # as a terminal sends it: to the workers, too
-    _, error = sweep.communicate(timeout=GIVE_UP_S)
+    _, error = sweep.communicate(timeout=PATIENCE_S)
     assert (sweep.returncode, error) == (Exit.INTERRUPTED, "")
     assert 8 <= written(tmp_path) < 320
 
