@@ -1,6 +1,7 @@
 """`pcpc fault`: the faults on purpose of a running rig, listed, begun and ended."""
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.injection import FOR_EVER
@@ -9,6 +10,9 @@ from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.commands import FaultRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
+
+if TYPE_CHECKING:
+    from pcpc.tools.live.answers import FaultChange
 
 
 def command(request: FaultRequest) -> int:
@@ -39,7 +43,7 @@ def command(request: FaultRequest) -> int:
         "ended" if request.end else "on" if request.for_s is None else f"on for {request.for_s:g}s"
     )
     where = ", ".join(f"{node} from cycle {cycle}" for node, cycle in cycles.items())
-    told = {"fault": request.name, "on": not request.end, "cycles": cycles}
+    told: FaultChange = {"fault": request.name, "on": not request.end, "cycles": cycles}
     screen.answer(request.json, told, [f"{request.name} {span}: {where}"])
     return Exit.OK
 
