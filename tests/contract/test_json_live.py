@@ -127,9 +127,8 @@ def test_a_capture_says_what_it_holds_and_what_it_lacks(live: pcpc.Live, tmp_pat
     bursts = strictly_holds("scope", captured(0, "time.t_s < 0 s", *auto))["bursts"]
     assert [one["trigger"] for one in bursts] == [False, False]
     soon = f"time.t_s > {live['time.t_s'] + 0.7} s"
-    (burst,) = strictly_holds("scope", captured(0, soon, "--pre", "590s", "--within", "30s"))[
-        "bursts"
-    ]
+    late = captured(0, soon, "--pre", "590s", "--within", "30s")
+    (burst,) = strictly_holds("scope", late)["bursts"]
     assert burst["missing_before"] > 0, burst
     assert captured(1, "time.t_s < 0 s", "--within", "10ms") == ""
 

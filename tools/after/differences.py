@@ -101,8 +101,9 @@ class Change(Generic[Told]):
     @property
     def relative(self) -> float:
         """How much larger the new value is, as a share of the old one; NaN if that says nothing."""
-        old, new = self.old, self.new
-        if not (isinstance(old, int | float) and isinstance(new, int | float) and old):
+        old: Any = self.old
+        new: Any = self.new
+        if not all(isinstance(v, int | float) for v in (old, new)) or not old:
             return math.nan
         return float((new - old) / abs(old))
 

@@ -179,8 +179,8 @@ def _lines(told: Bisected) -> Iterator[str]:
         what = f"equal bits up to cycle {told['cycles'] - 1}, nothing to find"
         yield f"{told['good'][:10]} and {told['bad'][:10]}: {what}"
         return
-    for one in told["skipped"][:_SHOWN]:
-        yield f"skipped  {one['commit'][:10]} cannot be run: {one['why']}"
+    for skipped in told["skipped"][:_SHOWN]:
+        yield f"skipped  {skipped['commit'][:10]} cannot be run: {skipped['why']}"
     if len(left) > 1:
         yield f"one of {len(left)} commits; those between cannot be run"
     for one in left:

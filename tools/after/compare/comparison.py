@@ -207,7 +207,7 @@ def _metrics(pair: Pair) -> list[str]:
 
 def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
     """Yield the rows of a changed pair: its verdict, then its metrics."""
-    changes = pair.changed_metrics[: _METRICS - 1]
+    changes: list[Change[Any]] = [*pair.changed_metrics[: _METRICS - 1]]
     if pair.verdict.differs or not changes:
         changes = [pair.verdict, *changes]
     for number, one in enumerate(changes):

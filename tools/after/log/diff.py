@@ -246,8 +246,9 @@ def _by_id(frames: Rows) -> Mapping[tuple[int, int], Rows]:
 
 def plain(one: Difference) -> DifferentBits:
     """Return a difference for JSON."""
+    a, b = one.texts
     sizes = one.count, one.ulp, one.largest, one.largest_time_s
-    return DifferentBits(one.label, one.time_s, one.cycle, *one.texts, *sizes)
+    return DifferentBits(one.label, one.time_s, one.cycle, a, b, *sizes)
 
 
 def show(report: Report) -> None:

@@ -71,7 +71,7 @@ def command(path: Path, request: ReplayRequest) -> int:
     return Exit.OK
 
 
-class ShownFrame(Struct):
+class FrameOut(Struct):
     """A frame."""
 
     name: str
@@ -79,7 +79,7 @@ class ShownFrame(Struct):
     "as candump writes it"
 
 
-class CheckedFrame(ShownFrame):
+class FrameIn(FrameOut):
     """A frame that was received."""
 
     check: str
@@ -94,8 +94,8 @@ class CycleFacts(Struct):
     "the node's own"
     t_s: float
     "its time, k T, s"
-    received: list[CheckedFrame]
-    sent: list[ShownFrame]
+    received: list[FrameIn]
+    sent: list[FrameOut]
     values: dict[VariableName, Number]
     "at the end of the cycle, by name"
 
@@ -162,7 +162,7 @@ class CycleState:
             node=self.role,
             cycle=cycle,
             t_s=cycle * self.period_s,
-            received=[CheckedFrame(*one) for one in self.taken(1)],
-            sent=[ShownFrame(*one[:2]) for one in self.taken(0)],
+            received=[FrameIn(*one) for one in self.taken(1)],
+            sent=[FrameOut(*one[:2]) for one in self.taken(0)],
             values={name: self.values[name] for name in self.values if name in chosen},
         )
