@@ -2,16 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated
-
-from msgspec import Meta
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop.fault_kinds import WrongNode
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.live import Live
-from pcpc.executive.rig.roles import ROLES
 
 
 @dataclass(frozen=True)
@@ -19,18 +15,12 @@ class InjectedFault:
     """A fault as it stands in a running node."""
 
     name: str
-    "under faults: in the rig"
-    node: Annotated[str, Meta(extra_json_schema={"enum": [*ROLES]})]
+    node: str
     about: str
-    "kind and place"
-    left: Annotated[float, Meta(ge=0)]
-    "cycles that it still acts; 0: off; 1e15: until it is ended"
+    left: float  # cycles, 0 while it is off
     value: float
-    "magnitude, in unit"
     unit: str
-    "empty: none"
-    share: Annotated[float, Meta(ge=0, le=1)]
-    "probability that it acts in a cycle"
+    share: float
 
 
 def faults_of(nodes: Sequence[Live]) -> list[InjectedFault]:
@@ -59,7 +49,7 @@ def inject(
     value: float | None = None,
     share: float | None = None,
     end: bool = False,
-) -> dict[str, int]:
+) -> Mapping[str, int]:
     """Begin a fault in every node that has it, or `end` it; return the cycle in each.
 
     `for_s` None: until it is ended. UserError for a fault that the rig does not name, a stall where

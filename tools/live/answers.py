@@ -7,7 +7,6 @@ from typing import Annotated, NotRequired, TypedDict
 
 from msgspec import Meta
 
-from pcpc.executive.nodes.injecting import InjectedFault
 from pcpc.executive.nodes.mailbox import LEVELS
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal.answer import Count, NodeName, Positive, VariableName, one_of
@@ -38,7 +37,6 @@ CycleOfStop = Annotated[
     dict[Annotated[str, _FULL_NAME], Annotated[int, Meta(ge=0, description="in which it took it")]],
     Meta(min_length=1, max_length=1, description="By node, as RIG.BUS.executive."),
 ]
-Faults = Annotated[list[InjectedFault], Meta(description="without a name: all of the rig")]
 
 
 class VariableNow(TypedDict):
@@ -102,6 +100,27 @@ class Locked(TypedDict):
 
     lock: Annotated[str, one_of(*LEVELS)]
     "none: it takes tunings; tune: no tuning of clients; all: nothing but a stop"
+
+
+class FaultNow(TypedDict):
+    """A fault as it stands in a running node."""
+
+    name: str
+    "under faults: in the rig"
+    node: NodeName
+    about: str
+    "kind and place"
+    left: Annotated[float, Meta(ge=0)]
+    "cycles that it still acts; 0: off; 1e15: until it is ended"
+    value: float
+    "magnitude, in unit"
+    unit: str
+    "empty: none"
+    share: Annotated[float, Meta(ge=0, le=1)]
+    "probability that it acts in a cycle"
+
+
+Faults = Annotated[list[FaultNow], Meta(description="without a name: all of the rig")]
 
 
 class FaultChange(TypedDict):
