@@ -19,6 +19,8 @@ def test_the_written_pages_are_what_the_sources_say() -> None:
     for name, written in reference.PAGES.items():
         kept = (DOCS / "reference" / name).read_text("utf-8")
         assert kept == written(), f"docs/reference/{name} is not up to date; run `make reference`"
+    by_hand = {f"schemas/{one.name}" for one in (DOCS / "reference/schemas").iterdir()}
+    assert by_hand <= {*reference.PAGES}, by_hand - {*reference.PAGES}
 
 
 def test_every_option_and_every_function_has_its_line() -> None:

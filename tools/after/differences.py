@@ -13,7 +13,7 @@ import math
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log.frames import frame_text
 
+Told = TypeVar("Told")  # of a run as a whole
 Value = float | int | str  # a str: a frame, or what is there in words
 Times = NDArray[np.float64]  # (n,), s
 Rows = NDArray[Any]  # frames: (n,) records
@@ -85,12 +86,12 @@ class Difference(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class Change:
-    """A value of two runs as a whole, old and new; None for one that only the other side has."""
+class Change(Generic[Told]):
+    """A value of two runs as a whole, old and new; null for one that only the other side has."""
 
     name: str
-    old: Any
-    new: Any
+    old: Told
+    new: Told
 
     @property
     def differs(self) -> bool:
@@ -100,9 +101,11 @@ class Change:
     @property
     def relative(self) -> float:
         """How much larger the new value is, as a share of the old one; NaN if that says nothing."""
-        if not all(isinstance(v, int | float) for v in (self.old, self.new)) or not self.old:
+        old: Any = self.old
+        new: Any = self.new
+        if not all(isinstance(v, int | float) for v in (old, new)) or not old:
             return math.nan
-        return float((self.new - self.old) / abs(self.old))
+        return float((new - old) / abs(old))
 
 
 def loop_order(one: Difference) -> tuple[float, int, int, tuple[int, int]]:

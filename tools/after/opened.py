@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from pcpc.executive.log import reader as logs
@@ -50,27 +51,27 @@ class Opened:
 
         return long_logs.read(self.path, wanted)
 
+    @property
+    def _rigs(self) -> ModuleType:
+        from pcpc.tools.after.log import rig  # time
+
+        return rig
+
     @cached_property
     def _files(self) -> "tempfile.TemporaryDirectory[str]":
         return tempfile.TemporaryDirectory(prefix=FOLDER)
 
     def judged(self, settings: Sequence[str] = ()) -> "tuple[Rig, str]":
         """Return its rig with its evaluation, and a word if that is another one."""
-        from pcpc.tools.after.log import rig as log_rig  # time
-
-        return log_rig.judged_rig(self.head, Path(self._files.name), self.trust, settings)
+        return self._rigs.judged_rig(self.head, Path(self._files.name), self.trust, settings)
 
     def stated(self) -> "Rig":
         """Return its rig with limits and requirements, but no evaluation to judge them by."""
-        from pcpc.tools.after.log import rig as log_rig  # time
-
-        return log_rig.judged_rig(self.head, Path(self._files.name), None)[0]
+        return self._rigs.judged_rig(self.head, Path(self._files.name), None)[0]
 
     def drawing(self) -> tuple[Path | None, str]:
         """Return the file of its drawing, None without one, and a word if it is another one."""
-        from pcpc.tools.after.log import rig as log_rig  # time
-
-        return log_rig.drawing_of_log(self.head, Path(self._files.name), self.trust)
+        return self._rigs.drawing_of_log(self.head, Path(self._files.name), self.trust)
 
     def rig(
         self, controller: str | None = None, settings: Sequence[str] = (), whole: bool = False
@@ -79,9 +80,7 @@ class Opened:
 
         `whole`: with its evaluation and its schedule.
         """
-        from pcpc.tools.after.log import rig as log_rig  # time
-
-        return log_rig.rig_of(self.head, self.trust, controller, settings, whole)
+        return self._rigs.rig_of(self.head, self.trust, controller, settings, whole)
 
     def close(self) -> None:
         """Remove what was laid out of it."""

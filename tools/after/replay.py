@@ -30,7 +30,7 @@ from pcpc.tools.after.commands import ReplayRequest
 from pcpc.tools.after.keyframe_check import KeyframeCheck
 from pcpc.tools.after.log.recorded import holds_several, log_of
 from pcpc.tools.after.opened import Opened, opened
-from pcpc.tools.after.replayed import Verdict, compare_frames, plain, report
+from pcpc.tools.after.replayed import ReplayedNodes, Verdict, compare_frames, plain, report
 from pcpc.tools.after.span import ValuePrinter, cycles_of
 from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal import screen
@@ -81,7 +81,8 @@ def command(request: ReplayRequest) -> int:
     if request.show and codes == {Exit.OK}:
         return Exit.OK
     if request.json:
-        print(screen.json_text([plain(v) for v in verdicts]))
+        told: ReplayedNodes = [plain(one) for one in verdicts]
+        print(screen.json_text(told))
     else:
         lines = screen.fitted(line for verdict in verdicts for line in report(verdict, changed))
         print(*lines, sep="\n", file=sys.stderr if request.show else None)

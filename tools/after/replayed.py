@@ -3,11 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated
+
+from msgspec import Meta, Struct
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.differences import SENT, Difference, Differences, Rows
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import AnyNode, Count, Number, Positive
 
 _ROWS_SHOWN = 20
 
@@ -89,28 +92,75 @@ def compare_frames(verdict: Verdict, recorded: Rows, computed: Rows) -> None:
     verdict.differences.add_frames(SENT, recorded, computed, fields, times_s)
 
 
-def plain(verdict: Verdict) -> dict[str, Any]:
+class ReplayedDifference(Struct):
+    """Of a variable, or of the frames of a node."""
+
+    name: str
+    "a variable, or: frames sent, end of the node"
+    cycle: int
+    "of the first one"
+    recorded: str
+    "there, as Python writes it; of frames the first one"
+    recomputed: str
+    "there"
+    ulp: int | None
+    "of the first one, in units of the last place; null: of frames, or NaN"
+    count: Positive
+    "cycles, or frames, that differ"
+    largest: Number
+    "absolute, in the unit of the variable; of frames 0"
+
+
+class ReplayedNode(Struct):
+    """What was recomputed of a node."""
+
+    node: AnyNode
+    identical: bool
+    "all of a whole log, bit for bit"
+    cycles: Count
+    "that were recomputed"
+    planned: Count
+    "cycles of the whole run"
+    variables: Count
+    "that were compared"
+    frames: Count
+    "that were compared"
+    keyframes: Count
+    "that were compared with the state that was recomputed"
+    speed: float
+    "recomputed time over time spent"
+    incomplete: str
+    "why not all could be recomputed; empty: all was"
+    missing: list[str]
+    "damage of the log, in words"
+    from_record: list[str]
+    "what was taken from the log, in words"
+    first: ReplayedDifference | None
+    "null: nothing differs"
+    differences: list[ReplayedDifference]
+    "the earliest first"
+
+
+ReplayedNodes = Annotated[list[ReplayedNode], Meta(min_length=1)]
+
+
+def plain(verdict: Verdict) -> ReplayedNode:
     """Return a verdict for JSON."""
-    first = verdict.first()
-    return {
-        "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
-        "planned": max(verdict.planned, verdict.cycles),
-        "variables": verdict.variables, "frames": verdict.frames,
-        "keyframes": verdict.keyframes, "speed": verdict.speed,
-        "incomplete": verdict.incomplete, "missing": verdict.missing,
-        "from_record": verdict.from_record,
-        "first": None if first is None else _plain(first),
-        "differences": [_plain(d) for d in verdict.differences.ordered()],
-    }  # fmt: skip
+    differences = [_plain(one) for one in verdict.differences.ordered()]
+    return ReplayedNode(
+        node=verdict.role, identical=verdict.identical, cycles=verdict.cycles,
+        planned=max(verdict.planned, verdict.cycles), variables=verdict.variables,
+        frames=verdict.frames, keyframes=verdict.keyframes, speed=verdict.speed,
+        incomplete=verdict.incomplete, missing=verdict.missing,
+        from_record=verdict.from_record, first=next(iter(differences), None),
+        differences=differences,
+    )  # fmt: skip
 
 
-def _plain(one: Difference) -> dict[str, Any]:
-    """Return a difference for JSON."""
-    recorded, recomputed = one.texts
-    return {
-        "name": one.name, "cycle": one.cycle, "recorded": recorded, "recomputed": recomputed,
-        "ulp": one.ulp, "count": one.count, "largest": _largest(one),
-    }  # fmt: skip
+def _plain(one: Difference) -> ReplayedDifference:
+    here, there = one.texts
+    sizes = one.ulp, one.count, _largest(one)
+    return ReplayedDifference(one.name, one.cycle, here, there, *sizes)
 
 
 def _largest(one: Difference) -> float:

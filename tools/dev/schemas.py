@@ -8,53 +8,95 @@ import ast
 import inspect
 import json
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
-from typing import Any
+from typing import Any, get_origin
 
 import msgspec
+from msgspec.inspect import multi_type_info as inspected
 
-from pcpc.tools.after.log import contents
-from pcpc.tools.after.verdict.summary import Summary
-from pcpc.tools.machine.jitter import figures as jitter
-from pcpc.tools.run import checked, played
-from pcpc.tools.start.bus import report as bus
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.terminal.answer import COMMON
 from pcpc.tools.terminal.rooms import is_installed, part_of
 
-_ALIKE = ("branch", "simulate")  # commands that print what `run` prints
 _STANDARD = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-_NUMBERS = {
+_COMMON = {
     "Number": {
         "description": "a number, or the text of one that JSON lacks",
         "anyOf": [{"type": "number"}, {"enum": ["inf", "-inf", "nan"]}],
     },
     "OrNull": {"description": "null: not finite", "type": ["number", "null"]},
+    "Node": {"enum": [*ROLES]},
+    "AnyNode": {"anyOf": [{"$ref": "#/$defs/Node"}, {"const": "device"}]},
 }
 _DROPPED = {"default", "optional", "title"}  # told otherwise
-_ANSWERS: dict[str, tuple[Any, ...]] = {  # title, and structs of which it is one
-    "bus": ("Times of a rig's frames", bus.Times),
-    "check": ("A rig as its nodes would run it", checked.Report),
-    "jitter": ("Lateness of the loop and of others in turn", jitter.Figures),
-    "log-info": ("What a log holds", contents.Contents, contents.Foreign),
-    "play": ("What was played", played.Played),
-    "run": ("What a run came to, as summary.json", Summary),
-}
-_STUDIES = {  # whose numbers are null where they are not finite: title, a room's part, its structs
-    "bounds": ("A run compared with the theorem of its law", "text", "Figures", "Unknown"),
-    "fit": ("Parameters of a plant from a log", "result", "FactsInFolder"),
-}
+_ALIKE = {  # commands that print what another one prints
+    "branch": "run", "simulate": "run", "load": "set", "undo": "set",
+    "operate-resume": "operate-arm",
+}  # fmt: skip
+_ANSWERS = {  # title, module of a room, names in it of what is printed, which is one of these
+    "bench": ("Ratios to yardsticks", "dev/bench/ratio", "Ratios"),
+    "bisect": ("The commit that changed the bits of a run first", "after/bisect/cli", "Bisected"),
+    "bounds": ("A run compared with the theorem of its law", "study/bounds/text",
+               "Figures", "Unknown"),
+    "bus": ("Times of a rig's frames", "start/bus/report", "Times"),
+    "bus-emulate": ("What an emulated line carried", "start/bus/emulate", "EmulatedLine"),
+    "check": ("A rig as its nodes would run it", "run/checked", "Report"),
+    "compare": ("What runs differ in", "after/compare/comparison", "ComparisonFacts"),
+    "compare-bits": ("What two logs differ in", "after/log/diff", "BitReport"),
+    "doctor": ("What this machine offers", "machine/doctor/machine", "MachineFacts", "TuningFacts"),
+    "fault": ("The faults on purpose of a rig, or one that was begun or ended",
+              "live/answers", "Faults", "FaultChange"),
+    "fit": ("Parameters of a plant from a log", "study/fit/result", "FactsInFolder"),
+    "get": ("Values of variables, by name", "live/answers", "Values"),
+    "get-long": ("The variables of a node", "live/answers", "Variables"),
+    "jitter": ("Lateness of the loop and of others in turn", "machine/jitter/figures", "Figures"),
+    "log-export": ("What was exported of a log", "after/log/export",
+                   "ExportedFrames", "ExportedRows", "ExportedLog"),
+    "log-import": ("The log that was made of a recording", "after/log/imported", "Imported"),
+    "log-info": ("What a log holds", "after/log/contents", "Contents", "Foreign"),
+    "log-recover": ("What was recovered of a log", "after/log/recover", "RecoveredLog"),
+    "margin": ("The margins of a rig's loop, or where its limit cycles begin",
+               "study/margin/facts", "LoopFacts", "LimitCycleFacts"),
+    "operate-arm": ("The loop was closed", "live/answers", "LoopClosed"),
+    "operate-handover": ("Another controller took over", "live/answers", "HandedOver"),
+    "operate-hold": ("The loop was opened without a fault", "live/answers", "LoopOpened"),
+    "operate-lock": ("Which tunings a node refuses", "live/answers", "Locked"),
+    "operate-reset": ("Nodes left FAULT", "live/answers", "CyclesOfReset"),
+    "play": ("What was played", "run/played", "Played"),
+    "replay": ("What was recomputed of each node", "after/replayed", "ReplayedNodes"),
+    "replay-brief": ("What became of many logs, and how they stand to a table",
+                     "after/verify/cli", "VerifiedLogs"),
+    "replay-cycle": ("One cycle of each node of a log", "after/step/cli", "CyclesOfNodes"),
+    "report": ("What became of each requirement", "after/verdict/requirements",
+               "JudgedRequirements"),
+    "rigs": ("The rigs that come with pcpc", "start/rigs", "Listed"),
+    "run": ("What a run came to, as summary.json", "after/verdict/summary", "Summary"),
+    "scope": ("What was captured around a trigger", "live/answers", "Capture"),
+    "set": ("Parameters that were set", "live/answers", "Tuned"),
+    "soak": ("A run of the soak", "dev/evidence/soak", "SoakRow"),
+    "stop": ("The executive was asked to stop", "live/answers", "CycleOfStop"),
+    "watch": ("Values of variables in one cycle", "live/answers", "WatchedValues"),
+}  # fmt: skip
 
 
 def schema(title: str, *kinds: Any) -> dict[str, Any]:
     """Return the schema of a type, or of what is of one of several."""
     tops, parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
-    structs = {one.cls.__name__: one for one in _structs(msgspec.inspect.multi_type_info(kinds))}
-    defs = {name: _closed(one, structs[name]) for name, one in parts.items()}
+    structs = {_class_of(one).__name__: one for one in _structs(inspected(kinds))}
+    defs = {}
+    for name, one in parts.items():
+        defs[name] = _closed(one, structs[one["title"].partition("[")[0]])
     own = _plain({"anyOf": [*tops]} if kinds[1:] else tops[0])
     if "$ref" in own:
         own = defs.pop(own["$ref"].rpartition("/")[2])
-    return {**_STANDARD, "title": title, **own, **({"$defs": defs} if defs else {})}
+    generic = {f"#/$defs/{name}": defs.pop(name) for name in parts if "_" in name}
+
+    def inlined(one: dict[str, Any]) -> dict[str, Any]:
+        return generic[one.pop("$ref")] | one if one.get("$ref") in generic else one
+
+    about = {**own, **({"$defs": defs} if defs else {})}
+    return {**_STANDARD, "title": title, **_changed(about, inlined)}
 
 
 def _structs(one: Any) -> Iterator[Any]:
@@ -69,6 +111,11 @@ def _structs(one: Any) -> Iterator[Any]:
             yield one
         for key in one.__struct_fields__:
             yield from _structs(getattr(one, key))
+
+
+def _class_of(struct: Any) -> type:
+    """Return the class of a struct, of a generic one without what it is of."""
+    return get_origin(struct.cls) or struct.cls
 
 
 def _words(kind: type) -> dict[str, str]:
@@ -86,7 +133,7 @@ def _words(kind: type) -> dict[str, str]:
 
 def _closed(one: Mapping[str, Any], struct: Any) -> dict[str, Any]:
     """Return the schema of a struct that has all its keys, and no others."""
-    words, keys, required = _words(struct.cls), {}, []
+    words, keys, required = _words(_class_of(struct)), {}, []
     config = getattr(struct.cls, "__struct_config__", None)
     omits = bool(config and config.omit_defaults)
     for field in struct.fields:
@@ -102,48 +149,46 @@ def _closed(one: Mapping[str, Any], struct: Any) -> dict[str, Any]:
     return {**about, "properties": keys, "required": required, "additionalProperties": False}
 
 
+def _changed(one: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
+    """Return a schema in which each object is changed, the inner ones first."""
+    if isinstance(one, list):
+        return [_changed(own, change) for own in one]
+    if not isinstance(one, dict):
+        return one
+    return change({key: _changed(own, change) for key, own in one.items()})
+
+
 def _plain(one: Any) -> Any:
     """Return a schema without what is told otherwise."""
-    if isinstance(one, list):
-        return [_plain(own) for own in one]
-    if not isinstance(one, dict):
-        return one
-    found = {key: _plain(own) for key, own in one.items() if key not in _DROPPED}
-    if found.get("$ref", "").startswith(COMMON):
-        del found["type"]
-    return found
+
+    def plain(one: dict[str, Any]) -> dict[str, Any]:
+        dropped = {*_DROPPED, *(["type"] if one.get("$ref", "").startswith(COMMON) else [])}
+        return {key: own for key, own in one.items() if key not in dropped}
+
+    return _changed(one, plain)
 
 
-def _nullable(one: Any) -> Any:
-    """Return a schema whose numbers may be null, but for those that are finite."""
-    if isinstance(one, list):
-        return [_nullable(own) for own in one]
-    if not isinstance(one, dict):
-        return one
-    found = {key: _nullable(own) for key, own in one.items()}
-    if found.get("type") == "number" and not found.pop("finite", False):
-        found["$ref"] = f"{COMMON}OrNull"
-        del found["type"]
-    return found
+def _nullable(one: dict[str, Any]) -> dict[str, Any]:
+    """Return a number as one that may be null, if it need not be finite."""
+    if one.get("type") == "number" and not one.pop("finite", False):
+        one["$ref"] = f"{COMMON}OrNull"
+        del one["type"]
+    return one
 
 
-def _study(room: str, title: str, part: str, *names: str) -> dict[str, Any]:
-    """Return the schema of what a study that is here prints."""
-    module = part_of(room, part)
-    return _nullable(schema(title, *(getattr(module, name) for name in names)))
+def _answer(title: str, place: str, *names: str) -> dict[str, Any]:
+    """Return the schema of what a command prints; a study's numbers are null if not finite."""
+    module = part_of(*place.rsplit("/", 1))
+    found = schema(title, *(getattr(module, name) for name in names))
+    return dict(_changed(found, _nullable)) if place.startswith("study/") else found
 
 
 def files() -> dict[str, str]:
     """Return the files by name."""
-    one = {"$ref": "run.json#/$defs/JudgedRequirement"}
-    results = {"type": "array", "minItems": 1, "items": one}
     told = {
         "common": {**_STANDARD, "title": "What the schemas of several commands use",
-                   "$defs": _NUMBERS},
-        "report": {**_STANDARD, "title": "What became of each requirement", **results},
-        **{name: schema(*about) for name, about in _ANSWERS.items()},
-        **{name: _study(f"study/{name}", *about) for name, about in _STUDIES.items()
-           if is_installed(f"study/{name}")},
-        **{name: {**_STANDARD, "$ref": "run.json"} for name in _ALIKE},
+                   "$defs": _COMMON},
+        **{name: _answer(*about) for name, about in _ANSWERS.items() if is_installed(about[1])},
+        **{name: {**_STANDARD, "$ref": f"{other}.json"} for name, other in _ALIKE.items()},
     }  # fmt: skip
     return {f"{name}.json": json.dumps(one, indent=2) + "\n" for name, one in told.items()}

@@ -1,6 +1,6 @@
 """`pcpc fault`: the faults on purpose of a running rig, listed, begun and ended."""
 
-from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.injection import FOR_EVER
@@ -9,6 +9,9 @@ from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.commands import FaultRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
+
+if TYPE_CHECKING:
+    from pcpc.tools.live.answers import FaultChange, Faults
 
 
 def command(request: FaultRequest) -> int:
@@ -32,14 +35,19 @@ def command(request: FaultRequest) -> int:
         raise UserError(f"several rigs run here; choose a node with --node: {names}")
     if request.name is None:
         faults = faults_of(nodes)
-        screen.answer(request.json, [asdict(one) for one in faults], _lines(faults))
+        now: Faults = [
+            {"name": one.name, "node": one.node, "about": one.about, "left": one.left,
+             "value": one.value, "unit": one.unit, "share": one.share}
+            for one in faults
+        ]  # fmt: skip
+        screen.answer(request.json, now, _lines(faults))
         return Exit.OK
     cycles = inject(nodes, request.name, request.for_s, request.value, request.share, request.end)
     span = (
         "ended" if request.end else "on" if request.for_s is None else f"on for {request.for_s:g}s"
     )
     where = ", ".join(f"{node} from cycle {cycle}" for node, cycle in cycles.items())
-    told = {"fault": request.name, "on": not request.end, "cycles": cycles}
+    told: FaultChange = {"fault": request.name, "on": not request.end, "cycles": {**cycles}}
     screen.answer(request.json, told, [f"{request.name} {span}: {where}"])
     return Exit.OK
 

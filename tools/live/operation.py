@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable
-from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.faults import reason
@@ -11,6 +10,7 @@ from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.roles import ROLES
+from pcpc.tools.live import answers
 from pcpc.tools.live.commands import (
     ArmRequest,
     HandoverRequest,
@@ -22,26 +22,24 @@ from pcpc.tools.live.commands import (
 from pcpc.tools.live.local_nodes import Nodes
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
-
-
+_Asked = answers.LoopClosed | answers.LoopOpened | answers.HandedOver
 _Operation = ArmRequest | HoldRequest | ResumeRequest | HandoverRequest
 
 
 def command(request: ResetRequest | StopRequest | _Operation) -> int:
     """Carry one out, and tell in which cycle it was taken."""
+    found: dict[str, int] | _Asked
     if isinstance(request, ResetRequest):
-        found: dict[str, Any] = (
-            _stop(request) if isinstance(request, StopRequest) else _reset(request)
-        )
-        cycles = ", ".join(f"{name} in cycle {cycle}" for name, cycle in found.items())
-        text = f"{request.verb}: {cycles}"
+        taken = _stop(request) if isinstance(request, StopRequest) else _reset(request)
+        cycles = ", ".join(f"{name} in cycle {cycle}" for name, cycle in taken.items())
+        found, text = taken, f"{request.verb}: {cycles}"
     else:
         found, text = _ask_executive(request)
     print(json.dumps(found) if request.json else text)
     return Exit.OK
 
 
-def _ask_executive(request: _Operation) -> tuple[dict[str, Any], str]:
+def _ask_executive(request: _Operation) -> tuple[_Asked, str]:
     live = Nodes().find(request.node or "executive")
     if (role := live.block.description["node"]) != "executive":
         what = f"`pcpc operate {request.verb}` needs an executive"
@@ -49,23 +47,23 @@ def _ask_executive(request: _Operation) -> tuple[dict[str, Any], str]:
     if isinstance(request, HandoverRequest):
         cycle = operating.hand_over(live, request.controller)
         text = f"{request.controller} is in charge from cycle {cycle}"
-        return {"cycle": cycle, "in_charge": request.controller}, text
+        return answers.HandedOver(cycle=cycle, in_charge=request.controller), text
     if isinstance(request, HoldRequest):
         cycle = operating.hold(live)
         text = f"the commands ramp to their safe values from cycle {cycle}"
-        return {"cycle": cycle, "armed": False}, text
+        return answers.LoopOpened(cycle=cycle, armed=False), text
     cycle = operating.arm(live)
-    return {"cycle": cycle, "armed": True}, f"the loop is closed from cycle {cycle}"
+    return answers.LoopClosed(cycle=cycle, armed=True), f"the loop is closed from cycle {cycle}"
 
 
-def _stop(request: StopRequest) -> dict[str, int]:
+def _stop(request: StopRequest) -> answers.CycleOfStop:
     """Ask the executive, whose frames tell the others."""
     there = Nodes()
     node = there.leader(there.rig_of(request.run))
     return {node.name: node.tune({"supervisor.stop": 2.0 if request.quick else 1.0})}
 
 
-def _reset(request: ResetRequest) -> dict[str, int]:
+def _reset(request: ResetRequest) -> answers.CyclesOfReset:
     """Reset every node in FAULT, the lowest first; LiveError with the fault that is still there."""
     there = Nodes()
     rig = there.rig_of(request.run)

@@ -16,7 +16,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
 from pcpc.tools.after.log.part import LogPart, NodePart
+from pcpc.tools.live.answers import Capture, CapturedBurst
 from pcpc.tools.live.commands import ScopeRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal.outfile import new_file
@@ -149,7 +149,7 @@ class Scope:
         armed = 0 if request.past else int(self.live.block.control.cycle) + 1
         auto = request.mode == "auto"
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
-        self.bursts: list[dict[str, Any]] = []
+        self.bursts: list[CapturedBurst] = []
         self.is_cut_short = False  # the node ended within a burst
         self.short = ""  # what to say where the first burst begins late
 
@@ -241,7 +241,8 @@ def command(request: ScopeRequest) -> int:
         plot.draw(PlotRequest(words=words, output=request.plot, quiet=True))
     rows = sum(one["rows"] for one in scope.bursts)
     if request.json:
-        print(json.dumps({"file": str(request.output), "lost": missed, "bursts": scope.bursts}))
+        told: Capture = {"file": str(request.output), "lost": missed, "bursts": scope.bursts}
+        print(json.dumps(told))
     else:
         ended = ", the last one cut short" if scope.is_cut_short else ""
         bursts = f"{len(scope.bursts)} burst{'s' * (len(scope.bursts) > 1)}"

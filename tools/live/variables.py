@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.alarms import Alarms
@@ -14,6 +15,9 @@ from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.commands import GetRequest, LockRequest, SetRequest, WatchRequest
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.terminal import screen
+
+if TYPE_CHECKING:
+    from pcpc.tools.live.answers import Locked, Tuned, Values, VariableNow, WatchedValues
 
 _CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
 
@@ -35,7 +39,8 @@ def command(request: GetRequest | SetRequest | WatchRequest | LockRequest) -> in
     """Run one of the four. UserError: wrong input."""
     if isinstance(request, LockRequest):
         Nodes().chosen(request.node).lock(request.level)
-        screen.answer(request.json, {"lock": request.level}, [f"lock {request.level}"])
+        locked: Locked = {"lock": request.level}
+        screen.answer(request.json, locked, [f"lock {request.level}"])
         return Exit.OK
     chosen = _nodes_and_words(request)
     if isinstance(request, WatchRequest):
@@ -114,10 +119,13 @@ def _list(live: Live, words: Sequence[str], is_long: bool, as_json: bool) -> Non
     screen.answer(as_json, told, screen.table(cells, right=(1,)))
 
 
-def _description(one: LiveVariable, value: float) -> dict[str, object]:
+def _description(one: LiveVariable, value: float) -> "VariableNow":
     """Return one variable for `get --long --json`."""
-    span = None if one.range is None else [_json(bound) for bound in one.range]
-    return {"name": one.name, "value": _json(value)} | vars(one) | {"range": span}
+    return {
+        "name": one.name, "value": _json(value), "unit": one.unit, "kind": one.kind,
+        "writer": one.writer, "help": one.help,
+        "range": None if one.range is None else [_json(bound) for bound in one.range],
+    }  # fmt: skip
 
 
 def _read(columns: Sequence[_Column]) -> dict[str, float]:
@@ -128,7 +136,7 @@ def _read(columns: Sequence[_Column]) -> dict[str, float]:
 
 def _get(columns: Sequence[_Column], as_json: bool) -> None:
     values = _read(columns)
-    told = {name: _json(value) for name, value in values.items()}
+    told: Values = {name: _json(value) for name, value in values.items()}
     lines = (f"{one.label} = {one.shown(values[one.label])}" for one in columns)
     screen.answer(as_json, told, lines)
 
@@ -153,11 +161,12 @@ def tune(live: Live, changes: Mapping[str, float], as_json: bool) -> None:
     before = live.read()
     cycle = live.tune(changes)
     old = {name: _json(before[name]) for name in changes}
+    told: Tuned = {"cycle": cycle, "values": {**changes}, "before": old}
     lines = (
         f"{name} = {live.variables[name].shown(value)} (was {before[name]:.9g}) from cycle {cycle}"
         for name, value in changes.items()
     )
-    screen.answer(as_json, {"cycle": cycle, "values": changes, "before": old}, lines)
+    screen.answer(as_json, told, lines)
 
 
 def _watch(columns: Sequence[_Column], every_s: float, as_json: bool) -> None:
@@ -201,7 +210,8 @@ class _Screen:
         """Show the values of all columns, by label."""
         if self._json:
             found = {one.label: _json(values[one.label]) for one in self._columns}
-            print(json.dumps({"cycle": cycle} | found), flush=True)
+            told: WatchedValues = {"cycle": cycle, **found}
+            print(json.dumps(told), flush=True)
         elif self._in_place:
             self._rewrite(
                 [f"{self._columns[0].live.name}, cycle {cycle}", *self._named_lines(values)]

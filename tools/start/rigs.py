@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean, near_file
@@ -38,6 +38,26 @@ class ShippedRig:
         """All names of this rig."""
         own = {self.name, self.plant if self.path.stem == "rig" else self.path.stem}
         return own | {f"{self.plant}/{name}" for name in own}
+
+
+class RigFacts(TypedDict):
+    """A rig that comes with pcpc."""
+
+    plant: str
+    name: str
+    title: str
+    "empty: none"
+    file: str
+    rate_hz: float
+    "Hz"
+    duration_s: float
+    "s"
+    controller: str
+    "that is run if none is named"
+    controllers: list[str]
+
+
+Listed = list[RigFacts]
 
 
 def shipped_rigs() -> Iterator[ShippedRig]:
@@ -107,7 +127,7 @@ def command(request: RigsRequest) -> int:
         text = " ".join(words)
         names = [name for rig in known for name in (rig.plant, rig.name)]
         raise RigError(f"{text}: no such rig{did_you_mean(text, names)}")
-    listed = [_rig_facts(rig) for rig in chosen]
+    listed: Listed = [_rig_facts(rig) for rig in chosen]
     screen.answer(request.json, listed, _lines(listed), 2)
     return Exit.OK
 
@@ -117,7 +137,7 @@ def data_of(file: str | Path) -> dict[str, Any]:
     return dict(yamlfile.load(Path(file)).data)
 
 
-def _rig_facts(rig: ShippedRig) -> dict[str, Any]:
+def _rig_facts(rig: ShippedRig) -> RigFacts:
     data = data_of(rig.path)
     return {
         "plant": rig.plant, "name": rig.name, "title": data.get("title", ""),
@@ -126,7 +146,7 @@ def _rig_facts(rig: ShippedRig) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _lines(listed: list[dict[str, Any]]) -> Iterator[str]:
+def _lines(listed: Listed) -> Iterator[str]:
     """Yield plant by plant what all its rigs share, then a line for each rig."""
     for plant in dict.fromkeys(rig["plant"] for rig in listed):
         own = [rig for rig in listed if rig["plant"] == plant]

@@ -7,8 +7,6 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from pcpc.executive.rig.roles import ROLES
-
 
 def one_of(*values: str | int) -> Meta:
     """Return what says that a text, or a number, is one of these."""
@@ -18,7 +16,9 @@ def one_of(*values: str | int) -> Meta:
 COMMON = "common.json#/$defs/"
 Count = Annotated[int, Meta(ge=0)]
 Positive = Annotated[int, Meta(ge=1)]
-NodeName = Annotated[str, one_of(*ROLES)]
+NodeName = Annotated[str, Meta(extra_json_schema={"$ref": f"{COMMON}Node"})]
+AnyNode = Annotated[str, Meta(extra_json_schema={"$ref": f"{COMMON}AnyNode"})]
+VariableName = Annotated[str, Meta(pattern=r"^.+\..+$")]
 Pacing = Literal["real", "sync", "lockstep"]
 Number = Annotated[float, Meta(extra_json_schema={"$ref": f"{COMMON}Number"})]  # JSON may lack it
 Finite = Annotated[float, Meta(extra_json_schema={"finite": True})]  # in a study

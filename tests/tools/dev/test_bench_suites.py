@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from free_bus import own_bus
-from json_schemas import holds
+from json_schemas import strictly_holds
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.wire import get_frame, put_frame
@@ -221,7 +221,7 @@ def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
     table = tmp_path / "ratios.json"
     words = ["codec", "frame", "--rounds", "1", "--quiet", "--json", str(table)]
     assert main(COMMAND, words) == 0
-    suites = [row["suite"] for row in holds("bench", table.read_text())]
+    suites = [row["suite"] for row in strictly_holds("bench", table.read_text())]
     assert suites[0] == "codec" and suites[-1] == "frame", f"{suites}"
     assert capfd.readouterr().out.count("ratio") == len(suites)
 

@@ -7,8 +7,10 @@ are. Bits are compared as `pcpc compare --bits` does: NaN equals NaN, 0.0 differ
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+
+from msgspec import Struct
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
@@ -21,6 +23,7 @@ from pcpc.tools.after.differences import Difference
 from pcpc.tools.after.log import diff
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.start.folder import LOG
+from pcpc.tools.terminal.answer import Count, NodeName
 
 _OWN = str(Path(__file__).resolve().parents[3])  # the folder of this pcpc
 _ENDED = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
@@ -31,19 +34,25 @@ class CannotRun(Exception):
     """A commit whose rig cannot be run, and why."""
 
 
-@dataclass(frozen=True)
-class First:
-    """What differs first in a node; `others` do so in the same cycle."""
+class First(Struct):
+    """What differs first in a node."""
 
-    node: str
-    cycle: int
+    node: NodeName
+    cycle: Count
     time_s: float
+    "s"
     stage: str
+    "frames in; supervisor, time; block NAME; limits, sent; frames out"
     name: str
+    "the first of the cycle's order"
     old: str
+    "of the parent, as Python writes it"
     new: str
+    "of the last suspect"
     ulp: int | None
-    others: int
+    "distance in float64 numbers; null: of frames, or NaN"
+    others: Count
+    "further variables and frames of the node that differ in this cycle"
 
 
 class CommitRuns:

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
+
+from msgspec import Struct, to_builtins
 
 from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Pair
 from pcpc.tools.after.differences import Change
-from pcpc.tools.after.log.diff import plain
+from pcpc.tools.after.log.diff import DifferentBits, plain
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.document import (
     Bullets,
@@ -29,6 +31,27 @@ _HEAD = "rig", "first difference", "metric", "old", "new", "change"
 _APART = {ALONE: "on one side only", FAILED: "not compared"}
 
 _MOST_PERCENT = 1e6  # that is printed in full; more is a run that diverged
+
+
+@dataclass
+class PairFacts(Pair):
+    """A rig in two runs."""
+
+    first: DifferentBits | None = None  # type: ignore[assignment]
+
+
+class ComparisonFacts(Struct):
+    """What runs differ in."""
+
+    changed: bool
+    "something differs, is on one side only or could not be compared"
+    counts: str
+    "of pairs in each state, in words"
+    old: str
+    "side A, as given"
+    new: str
+    "side B, as given"
+    pairs: list[PairFacts]
 
 
 @dataclass
@@ -121,10 +144,9 @@ class Comparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
-        found = {"changed": self.changed, "counts": self.counts, **asdict(self)}
-        for told, first in zip(found["pairs"], (pair.first for pair in self.pairs), strict=True):
-            told["first"] = None if first is None else plain(first)
-        return found
+        pairs = [PairFacts(**vars(one) | {"first": _first(one)}) for one in self.pairs]
+        told = ComparisonFacts(self.changed, self.counts, self.old, self.new, pairs)
+        return dict(to_builtins(told))
 
     def json(self) -> str:
         """Return everything as JSON; NaN and infinity are text."""
@@ -137,6 +159,10 @@ def _names(pairs: list[Pair]) -> str:
     for pair in pairs:
         found.setdefault(pair.rig, []).append(pair.controller)
     return ", ".join(f"{rig} ({', '.join(dict.fromkeys(laws))})" for rig, laws in found.items())
+
+
+def _first(pair: Pair) -> DifferentBits | None:
+    return None if pair.first is None else plain(pair.first)
 
 
 def _divergence_text(pair: Pair) -> str:
@@ -181,7 +207,7 @@ def _metrics(pair: Pair) -> list[str]:
 
 def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
     """Yield the rows of a changed pair: its verdict, then its metrics."""
-    changes = pair.changed_metrics[: _METRICS - 1]
+    changes: list[Change[Any]] = [*pair.changed_metrics[: _METRICS - 1]]
     if pair.verdict.differs or not changes:
         changes = [pair.verdict, *changes]
     for number, one in enumerate(changes):
@@ -215,11 +241,11 @@ def _signals(pair: Pair) -> list[str]:
     return most + [f"and {left} more signals, {pair.frames} kinds of frames"] * (left > 0)
 
 
-def _change_text(one: Change) -> str:
+def _change_text(one: Change[Any]) -> str:
     return f"{one.name} {' -> '.join(_values(one))}"
 
 
-def _values(one: Change) -> tuple[str, str]:
+def _values(one: Change[Any]) -> tuple[str, str]:
     """Return old and new, with as many digits as it takes to tell them apart."""
     for digits in range(4, 18):
         told = _value(one.old, digits), _value(one.new, digits)
@@ -233,7 +259,7 @@ def _value(value: Any, digits: int) -> str:
     return "none" if value is None else text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def _percent(one: Change) -> str:
+def _percent(one: Change[Any]) -> str:
     percent = 100 * one.relative
     if math.isnan(percent):
         return ""

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import PurePath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -29,8 +29,12 @@ from pcpc.tools.after.record import Run
 from pcpc.tools.after.trust import words_of
 from pcpc.tools.after.verdict.findings import NOT_JUDGED
 from pcpc.tools.after.verdict.summary import Summary
+from pcpc.tools.terminal.answer import Count, NodeName, Number, one_of
 
-EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
+STATES = EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = (
+    "equal", "changed", "unchanged", "alone", "failed"
+)  # fmt: skip
+Setting = float | str | bool | list[Any] | None
 Side = Literal["", "old", "new"]
 _APART = ("title", "note", "watch")  # keys of a rig that no bit depends on
 _NONE = Summary(metrics={}, verdict="")  # of a run that cannot be judged here
@@ -39,39 +43,63 @@ _UNTOLD = (logs.LogError, UserError, OSError, ValueError)
 
 @dataclass(frozen=True)
 class SignalDifference:
-    """The biggest difference of a signal, and its share of the range that the signal has in A."""
+    """The biggest difference of a signal."""
 
     name: str
     largest: float
+    "absolute, in the unit of the variable"
     at_s: float
-    share: float
+    "its time, s"
+    share: Number
+    "of the range that the signal has on side A"
 
 
 @dataclass
 class Pair:
-    """What came of comparing two runs; `old` and `new` are their logs."""
+    """What came of comparing two runs."""
 
     rig: str
+    "two names with an arrow where they differ"
     controller: str
-    state: str = EQUAL
-    said: list[str] = field(default_factory=list)  # in words: what only one has, what failed
+    "empty: of a rig as a whole"
+    state: Annotated[str, one_of(*STATES)] = EQUAL
+    "unchanged: nothing that goes into it differs; alone: on one side only; failed: not compared"
+    said: list[str] = field(default_factory=list)
+    "what only one side has, what failed, in words"
     old: str = ""
+    "its log; empty: none"
     new: str = ""
+    "its log; empty: none"
     first: Difference | None = None
-    signals: list[SignalDifference] = field(default_factory=list)  # that differ; by share
-    frames: int = 0  # kinds of frames that differ
-    metrics: list[Change] = field(default_factory=list)  # all of both
-    judged: list[str] = field(default_factory=list)  # metrics that the rig limits
-    verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
-    settings: list[Change] = field(default_factory=list)  # of the rig
-    commit: Change = field(default_factory=lambda: Change("commit", "", ""))  # "": not known
-    unknown: list[str] = field(default_factory=list)  # metrics, verdict: cannot be compared
+    "null: none, or not compared"
+    signals: list[SignalDifference] = field(default_factory=list)
+    "that differ, by share"
+    frames: Count = 0
+    "kinds of frames that differ"
+    metrics: list[Change[Number | None]] = field(default_factory=list)
+    "all of both sides, each in the unit of its name"
+    judged: list[str] = field(default_factory=list)
+    "the metrics that the rig limits"
+    verdict: Change[str] = field(default_factory=lambda: Change("verdict", "", ""))
+    "empty: not known"
+    settings: list[Change[Setting]] = field(default_factory=list)
+    "of the rig, that differ, by dotted names"
+    commit: Change[str] = field(default_factory=lambda: Change("commit", "", ""))
+    "of the rig; empty: not known"
+    unknown: list[Annotated[str, one_of("metrics", "verdict")]] = field(default_factory=list)
+    "what cannot be compared"
     figure: str = ""
-    missing: list[str] = field(default_factory=list)  # damage of the logs; also in `said`
-    doubts: list[str] = field(default_factory=list)  # why no gate may trust it; also in `said`
-    cycles: dict[str, tuple[int, int]] = field(default_factory=dict)  # node -> compared, of
-    side: Side = ""  # that alone has it
-    allowed: bool = False  # on one side only, by name
+    "its file; empty: none"
+    missing: list[str] = field(default_factory=list)
+    "damage of the logs; also in said"
+    doubts: list[str] = field(default_factory=list)
+    "why no gate may trust it: an edited summary, two rigs, a branch and a run; also in said"
+    cycles: dict[NodeName, tuple[Count, Count]] = field(default_factory=dict)
+    "of each node: how many were compared, of how many"
+    side: Side = ""
+    "that alone has it"
+    allowed: bool = False
+    "on one side only, by --allow"
 
     @property
     def name(self) -> str:
@@ -105,10 +133,10 @@ class Pair:
         return [signal for signal in self.signals if ".x_" not in signal.name]
 
     @property
-    def changed_metrics(self) -> list[Change]:
+    def changed_metrics(self) -> list[Change[Number | None]]:
         """The metrics that differ: those that the rig limits first, then by relative change."""
 
-        def order(one: Change) -> tuple[bool, float]:
+        def order(one: Change[Any]) -> tuple[bool, float]:
             relative = abs(one.relative)
             return one.name not in self.judged, -math.inf if math.isnan(relative) else -relative
 
@@ -236,7 +264,7 @@ def _margins(summary: Summary) -> dict[str, float | None]:
     return {f"margin of {one.name}": one.margin for one in summary.requirements}
 
 
-def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change[Any]]:
     """Return what two mappings say by name, equal or not."""
     return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys((*old, *new))]
 

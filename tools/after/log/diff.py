@@ -8,16 +8,16 @@ counts. The timing of a run is measured, and compared only where a pattern names
 Events and tunings are not compared.
 """
 
-import json
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
@@ -40,6 +40,7 @@ from pcpc.tools.after.log.contents import DIRECTIONS
 from pcpc.tools.after.log.frames import payload
 from pcpc.tools.after.log.recorded import log_of
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import Count, NodeName, Positive
 from pcpc.tools.terminal.document import Table, terminal
 from pcpc.tools.terminal.outfile import LogCommandError, write_text
 from pcpc.tools.terminal.progress import Progress
@@ -48,20 +49,70 @@ from pcpc.tools.terminal.request import Offers
 _SHOWN = 40  # rows of the table; all of them with --json
 
 
+class DifferentBits(Struct):
+    """Of a variable, or of frames."""
+
+    name: str
+    "a variable, or frame and direction behind the word frame"
+    time_s: float
+    "of the first one, s from the start of the first log"
+    cycle: int
+    "of the first one"
+    a: str
+    "there, as Python writes it; of a frame its bytes"
+    b: str
+    "there, in the second log"
+    count: Positive
+    "cycles, or frames, that differ"
+    ulp: int | None
+    "of the first one, in units of the last place; null: of a frame, or NaN"
+    largest: Annotated[float, Meta(ge=0)] | None
+    "absolute, in the unit of the variable; null: of a frame, or not finite"
+    largest_time_s: float | None
+    "its time, s"
+
+
+class BitReport(Struct):
+    """What two logs differ in."""
+
+    equal: bool
+    "nothing differs"
+    a: str
+    "the first log"
+    b: str
+    "the second log"
+    cycles: dict[NodeName, Count]
+    "that were compared, by node"
+    recorded: dict[NodeName, Count]
+    "cycles that one of the logs has, or both, by node"
+    variables: Count
+    "that were compared"
+    frames: Count
+    "that were compared"
+    differences: list[DifferentBits]
+    "by time, cause before effect; within the tolerances none"
+    only: list[str]
+    "what one log has and the other has not, in words"
+    missing: list[str]
+    "what a log lacks, in words"
+    patterns: list[str]
+    "variables that were asked for; empty: all but timing, and the frames"
+
+
 @dataclass
 class Report:
-    """What `--json` prints. `only`: what one of the logs has and the other has not, in words."""
+    """What was found; fields as of `BitReport`."""
 
     a: str
     b: str
-    cycles: dict[str, int] = field(default_factory=dict)  # compared, by node
-    recorded: dict[str, int] = field(default_factory=dict)  # in one log or both, by node
+    cycles: dict[str, int] = field(default_factory=dict)
+    recorded: dict[str, int] = field(default_factory=dict)
     variables: int = 0
     frames: int = 0
     differences: list[Difference] = field(default_factory=list)
     only: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    patterns: list[str] = field(default_factory=list)  # compared; empty: all but timing
+    patterns: list[str] = field(default_factory=list)
 
     @property
     def equal(self) -> bool:
@@ -90,7 +141,7 @@ def compare_bits(
     progress.close()
     if file is not None:
         told = vars(report) | {"differences": [plain(one) for one in report.differences]}
-        text = json.dumps({"equal": report.equal, **told}, indent=2) + "\n"
+        text = screen.json_text(BitReport(report.equal, **told)) + "\n"
         if file == "-":
             sys.stdout.write(text)
         else:
@@ -193,14 +244,11 @@ def _by_id(frames: Rows) -> Mapping[tuple[int, int], Rows]:
     return {(int(k) >> 32, int(k) & 0xFFFFFFFF): frames[keys == k] for k in np.unique(keys)}
 
 
-def plain(one: Difference) -> dict[str, Any]:
+def plain(one: Difference) -> DifferentBits:
     """Return a difference for JSON."""
     a, b = one.texts
-    return {
-        "name": one.label, "time_s": one.time_s, "cycle": one.cycle, "a": a, "b": b,
-        "count": one.count, "ulp": one.ulp,
-        "largest": one.largest, "largest_time_s": one.largest_time_s,
-    }  # fmt: skip
+    sizes = one.count, one.ulp, one.largest, one.largest_time_s
+    return DifferentBits(one.label, one.time_s, one.cycle, a, b, *sizes)
 
 
 def show(report: Report) -> None:

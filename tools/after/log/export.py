@@ -17,14 +17,14 @@ record.
 """
 
 import csv
-import json
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
@@ -35,6 +35,8 @@ from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import cat, mdf, series
 from pcpc.tools.after.log.commands import ExportRequest
 from pcpc.tools.after.log.mdf import Column
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import Count, one_of
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -45,8 +47,8 @@ if TYPE_CHECKING:
 CHANNEL = "vcan0"
 FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".parquet": "parquet",
            ".mf4": "mf4"}  # fmt: skip
-_OF_FRAMES = ("candump", "blf", "asc")
-_NEEDS = {"parquet": ("Parquet needs", "pyarrow"), "mf4": ("MDF needs", "asammdf")}
+_OF_FRAMES, _OF_ROWS, _MDF = ("candump", "blf", "asc"), ("csv", "parquet"), "mf4"
+_NEEDS = {"parquet": ("Parquet needs", "pyarrow"), _MDF: ("MDF needs", "asammdf")}
 _STEP = 20_000  # frames or rows from one look at the progress to the next
 
 
@@ -73,13 +75,50 @@ def command(request: ExportRequest) -> int:
     with new_file(request.output, request.force) as path:
         job = _Job(log, path, form, request.topics, window, progress)
         write = _write_frames if form in _OF_FRAMES else _write_table
-        counts = (_write_mf4 if form == "mf4" else write)(job)
+        counts = (_write_mf4 if form == _MDF else write)(job)
     progress.close()
     if request.json:
-        print(json.dumps({"file": str(request.output), "format": form, **counts}))
+        told = _TOLD[form](file=str(request.output), format=form, **counts)
+        print(screen.json_text(told, None))
     else:
         print(f"{request.output}: {', '.join(f'{n} {what}' for what, n in counts.items())}")
     return Exit.LOSS if log.missing else Exit.OK
+
+
+class ExportedFrames(Struct):
+    """Frames."""
+
+    file: str
+    "that was written"
+    format: Annotated[str, one_of(*_OF_FRAMES)]
+    frames: Count
+
+
+class ExportedRows(Struct):
+    """Variables."""
+
+    file: str
+    "that was written"
+    format: Annotated[str, one_of(*_OF_ROWS)]
+    rows: Count
+
+
+class ExportedLog(Struct):
+    """All of it."""
+
+    file: str
+    "that was written"
+    format: Annotated[str, one_of(_MDF)]
+    rows: Count
+    frames: Count
+    events: Count
+
+
+_TOLD: Mapping[str, Callable[..., Struct]] = {
+    **dict.fromkeys(_OF_FRAMES, ExportedFrames),
+    **dict.fromkeys(_OF_ROWS, ExportedRows),
+    _MDF: ExportedLog,
+}
 
 
 @dataclass(frozen=True)

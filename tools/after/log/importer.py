@@ -31,6 +31,7 @@ from pcpc.executive.log.channels import register_columns, register_entries
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.provenance import facts
 from pcpc.tools.after.log.commands import ImportRequest
+from pcpc.tools.after.log.imported import Imported
 from pcpc.tools.after.log.readers.account import DATA_LOST
 from pcpc.tools.after.log.recording import ForeignRecording, read
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
@@ -50,17 +51,18 @@ def command(request: ImportRequest) -> int:
     progress = Progress(request.quiet)
     with new_file(request.output, request.force) as path:
         found, unknown = list["DecodedFrames"](), dict[int, int]()
-        about: dict[str, Any] = {"not_in_dbc": [], "no_signal": [], "by_pgn": {}}
+        odd, no_signal, by_pgn = list[str](), list[str](), dict[str, str]()
         if request.dbc is None:
             if request.node is not None:
                 raise LogCommandError(f"--node {request.node}: needs --dbc, which names its frames")
             recording = read(request.recording, request.channel, progress)
         else:
-            recording, decoded, about["not_in_dbc"] = _decoded(request.dbc, request, progress)
-            found, unknown, about["no_signal"] = decoded.frames, decoded.unknown, decoded.left_out
-            about["by_pgn"] = {one.name: f"0x{can_id.text_of(one.word)}" for one in decoded.by_pgn}
+            recording, decoded, odd = _decoded(request.dbc, request, progress)
+            found, unknown, no_signal = decoded.frames, decoded.unknown, decoded.left_out
+            by_pgn = {one.name: f"0x{can_id.text_of(one.word)}" for one in decoded.by_pgn}
         log = _ImportedLog(request, recording, found)
-        log.counts |= about
+        log.counts["not_in_dbc"], log.counts["no_signal"] = odd, no_signal
+        log.counts["by_pgn"] = by_pgn
         log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
@@ -133,7 +135,7 @@ class _ImportedLog:
         ]  # fmt: skip
         account = recording.account
         duration_s = 1e-9 * int(frames["stamp_ns"][-1] - frames["stamp_ns"][0])
-        self.counts: dict[str, Any] = {
+        self.counts: Imported = {
             "file": str(request.output), "frames": len(frames),
             "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
             "signals": len(self.variables), "duration_s": round(duration_s, 6),
@@ -151,6 +153,7 @@ class _ImportedLog:
             "lost": sum(one.lost for one in found if one.checked),
             "not_decoded": sum(len(one.state) - len(one.place) for one in found),
             "foreign_crc": [one.name for one in found if one.foreign_crc],
+            "not_in_dbc": [], "no_signal": [], "by_pgn": {}, "unknown": {},
         }  # fmt: skip
 
     def write(self, path: Path, progress: Progress) -> None:
@@ -268,7 +271,7 @@ def _ids(counts: dict[int, int]) -> str:
     return shown + (f" and {len(most) - _TOLD_IDS} more ids" if len(most) > _TOLD_IDS else "")
 
 
-def _report(request: ImportRequest, counts: dict[str, Any], unknown: dict[int, int]) -> str:
+def _report(request: ImportRequest, counts: Imported, unknown: dict[int, int]) -> str:
     """Return what was done, and everything that is not as it was in the recording."""
     head = f"{request.output}: {counts['frames']} frames of {counts['ids']} ids in "
     lines = [f"{head}{counts['duration_s']:g} s"]
@@ -280,7 +283,7 @@ def _report(request: ImportRequest, counts: dict[str, Any], unknown: dict[int, i
     return "\n".join([*lines, *_account_lines(counts), *_decoding_lines(request, counts, unknown)])
 
 
-def _account_lines(counts: dict[str, Any]) -> list[str]:
+def _account_lines(counts: Imported) -> list[str]:
     """Return what of the recording is not in the log, or not as it was."""
     lines = [f"damaged, not imported: {place}" for place in counts["damage"]]
     if counts["damaged"] > len(lines):
@@ -306,9 +309,7 @@ def _account_lines(counts: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _decoding_lines(
-    request: ImportRequest, counts: dict[str, Any], unknown: dict[int, int]
-) -> list[str]:
+def _decoding_lines(request: ImportRequest, counts: Imported, unknown: dict[int, int]) -> list[str]:
     """Return what the DBC file did not decode, and which channels stand together."""
     lines = []
     dbc = request.dbc.name if request.dbc else ""  # without one there are no such lines
@@ -317,8 +318,11 @@ def _decoding_lines(
     if counts["by_pgn"]:
         found = ", ".join(f"{name} ({word})" for name, word in counts["by_pgn"].items())
         lines.append(f"by their PGN, whatever the priority and source: {found}")
-    for kind, what in (("not_in_dbc", "left out of"), ("no_signal", "no signals in their frames,")):
-        if odd := counts[kind]:
+    for odd, what in (
+        (counts["not_in_dbc"], "left out of"),
+        (counts["no_signal"], "no signals in their frames,"),
+    ):
+        if odd:
             more = f" and {len(odd) - _TOLD_IDS} more" if len(odd) > _TOLD_IDS else ""
             lines.append(f"{what} {dbc}: {'; '.join(odd[:_TOLD_IDS])}{more}")
     if counts["lost"]:

@@ -12,7 +12,9 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct
 
 from pcpc.drivers.can.e2e_states import name_of
 from pcpc.drivers.errors import BusError, Exit, UserError
@@ -26,6 +28,7 @@ from pcpc.tools.after.span import chosen_variables, cycle_of, variables_of
 from pcpc.tools.after.step.commands import OneCycle
 from pcpc.tools.after.trust import Trust
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import Count, NodeName, Number, VariableName
 from pcpc.tools.terminal.progress import Progress
 
 _ORDER = "piso"  # initials of parameter, input, state, output
@@ -63,8 +66,41 @@ def command(path: Path, request: ReplayRequest) -> int:
     names = chosen_variables(known, request.show)
     parts = [one.lines(cycle, names, not request.show) for one in cycles]
     lines = [line for part in parts if len(part) > 1 for line in ("", *part)][1:]
-    screen.answer(request.json, [one.as_dict(cycle, names) for one in cycles], lines, 1)
+    told: CyclesOfNodes = [one.facts(cycle, names) for one in cycles]
+    screen.answer(request.json, told, lines, 1)
     return Exit.OK
+
+
+class FrameOut(Struct):
+    """A frame."""
+
+    name: str
+    frame: str
+    "as candump writes it"
+
+
+class FrameIn(FrameOut):
+    """A frame that was received."""
+
+    check: str
+    "result of its check"
+
+
+class CycleFacts(Struct):
+    """One cycle of a node."""
+
+    node: NodeName
+    cycle: Count
+    "the node's own"
+    t_s: float
+    "its time, k T, s"
+    received: list[FrameIn]
+    sent: list[FrameOut]
+    values: dict[VariableName, Number]
+    "at the end of the cycle, by name"
+
+
+CyclesOfNodes = Annotated[list[CycleFacts], Meta(min_length=1)]
 
 
 class CycleState:
@@ -120,12 +156,13 @@ class CycleState:
         limited = "" if wanted == value or math.isnan(wanted) else f" limited, {wanted:.6g} wanted"
         return f"  {_KINDS.get(one.kind, '')}", one.name, f"{value:.9g}", f"{one.unit}{limited}"
 
-    def as_dict(self, cycle: int, chosen: set[str]) -> dict[str, Any]:
-        """Return everything for JSON; what is not finite is text."""
-        values = {name: self.values[name] for name in self.values if name in chosen}
-        return {
-            "node": self.role, "cycle": cycle, "t_s": cycle * self.period_s,
-            "received": [{"name": a, "frame": b, "check": c} for a, b, c in self.taken(1)],
-            "sent": [{"name": a, "frame": b} for a, b, _ in self.taken(0)],
-            "values": {k: x if math.isfinite(x) else repr(x) for k, x in values.items()},
-        }  # fmt: skip
+    def facts(self, cycle: int, chosen: set[str]) -> CycleFacts:
+        """Return everything for JSON."""
+        return CycleFacts(
+            node=self.role,
+            cycle=cycle,
+            t_s=cycle * self.period_s,
+            received=[FrameIn(*one) for one in self.taken(1)],
+            sent=[FrameOut(*one[:2]) for one in self.taken(0)],
+            values={name: self.values[name] for name in self.values if name in chosen},
+        )

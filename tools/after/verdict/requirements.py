@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -114,6 +114,9 @@ class JudgedRequirement:
         if self.held:
             return f"met, margin {self.smallest}{of}"
         return f"violated first at {self.first}, smallest margin {self.smallest}{of}"
+
+
+JudgedRequirements = Annotated[list[JudgedRequirement], msgspec.Meta(min_length=1)]
 
 
 def _number(value: float | None) -> str:

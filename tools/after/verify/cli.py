@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta, Struct
 
 from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.tools.after.commands import ReplayRequest
@@ -26,6 +29,16 @@ _WORST = (Exit.NOT_MET, Exit.WRONG_INPUT, Exit.LOSS, Exit.OK)
 _OF_TABLE = {"missing": Exit.LOSS}  # others: NOT_MET
 
 
+class VerifiedLogs(Struct):
+    """What became of many logs, and how they stand to a table."""
+
+    logs: Annotated[list[VerifiedLog], Meta(min_length=1)]
+    "in the order of their names"
+    signature: str | None
+    "who signed the table, or that it was not checked; null: no signature"
+    table: list[tables.TableProblem]
+
+
 def command(request: ReplayRequest) -> int:
     """Verify the logs, print a row for each, write and check what is asked for."""
     asked = request.beside.of(ManyLogs)
@@ -39,10 +52,7 @@ def command(request: ReplayRequest) -> int:
             tables.relative(name, asked.table)
     rows = _rows(names, request, asked.jobs)
     problems = tables.table_differences(rows, known, asked.check) if asked.check else []
-    told = {
-        "logs": [vars(row) for row in rows], "signature": note or None,
-        "table": [{"what": what, "line": line} for what, line in problems],
-    }  # fmt: skip
+    told = VerifiedLogs(rows, note or None, problems)
     screen.answer(request.json, told, _lines(rows, problems, note), 1)
     if asked.junit is not None:
         with new_file(asked.junit, force=True) as unfinished:
@@ -50,7 +60,7 @@ def command(request: ReplayRequest) -> int:
     if asked.table:
         tables.write(asked.table, tables.text_of(rows, asked.table), asked.sign)
     codes = {CODES[row.verdict] for row in rows}
-    codes |= {_OF_TABLE.get(what, Exit.NOT_MET) for what, _ in problems}
+    codes |= {_OF_TABLE.get(one.what, Exit.NOT_MET) for one in problems}
     return next(code for code in _WORST if code in codes)
 
 
@@ -138,7 +148,7 @@ def _logs(word: str) -> list[Path]:
 
 
 def _lines(
-    rows: Sequence[VerifiedLog], problems: Sequence[tuple[str, str]], note: str
+    rows: Sequence[VerifiedLog], problems: Sequence[tables.TableProblem], note: str
 ) -> Iterator[str]:
     """Yield what is printed."""
     heads = [
@@ -153,7 +163,7 @@ def _lines(
         if row.checked:
             yield f"  {_checked(row)}"
         yield from (f"  {printable(line)}" for line in _reasons(row))
-    yield from (f"{what:10}  {printable(line)}" for what, line in problems)
+    yield from (f"{one.what:10}  {printable(one.line)}" for one in problems)
     counts = Counter(row.verdict for row in rows)
     told = ", ".join(f"{counts[word]} {word}" for word in CODES if counts[word])
     left = sorted({role for row in rows for role in row.left_out})
@@ -178,10 +188,10 @@ def _reasons(row: VerifiedLog) -> list[str]:
     found = []
     if row.first:
         one = row.first
-        ulp = "" if one["ulp"] is None else f", {one['ulp']} ULP"
+        ulp = "" if one.ulp is None else f", {one.ulp} ULP"
         found.append(
-            f"{one['node']}: first {one['name']} in cycle {one['cycle']}{ulp}: "
-            f"recorded {one['recorded']}, recomputed {one['recomputed']}"
+            f"{one.node}: first {one.name} in cycle {one.cycle}{ulp}: "
+            f"recorded {one.recorded}, recomputed {one.recomputed}"
         )
     found += row.why
     if row.changed:
@@ -192,7 +202,7 @@ def _reasons(row: VerifiedLog) -> list[str]:
     return found
 
 
-def _junit(rows: Sequence[VerifiedLog], problems: Sequence[tuple[str, str]]) -> str:
+def _junit(rows: Sequence[VerifiedLog], problems: Sequence[tables.TableProblem]) -> str:
     """Return JUnit: a testcase for each log, and for each line that is not as in the table."""
     cases = [
         Case(
@@ -204,5 +214,5 @@ def _junit(rows: Sequence[VerifiedLog], problems: Sequence[tuple[str, str]]) -> 
         )
         for row in rows
     ]
-    table = [Case("", line, "failure", what, line) for what, line in problems]
+    table = [Case("", one.line, "failure", one.what, one.line) for one in problems]
     return junit_text({"logs": cases} | ({"table": table} if table else {})) + "\n"

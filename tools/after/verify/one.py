@@ -11,10 +11,11 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct, convert, to_builtins
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.log import reader as logs
@@ -28,27 +29,49 @@ from pcpc.tools.after.replay import comparisons, recomputed_pieces
 from pcpc.tools.after.trust import Trust, words_of
 from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.start.children import end_with
+from pcpc.tools.terminal.answer import AnyNode, Count, NodeName, one_of
 
 IDENTICAL, DIFFERS, INCOMPLETE, UNREADABLE = "identical", "differs", "incomplete", "unreadable"
 CODES = {IDENTICAL: Exit.OK, DIFFERS: Exit.NOT_MET, INCOMPLETE: Exit.LOSS,
          UNREADABLE: Exit.WRONG_INPUT}  # fmt: skip
 
 
-@dataclass
-class VerifiedLog:
-    """What a log is. `why`: in words; `changed`: what is not as it was when the log was made."""
+class FirstDifference(Struct):
+    """Where a log differs first."""
+
+    node: AnyNode
+    name: str
+    "a variable, or: frames sent, end of the node"
+    cycle: int
+    ulp: int | None
+    "in units of the last place; null: of frames, or NaN"
+    recorded: str
+    recomputed: str
+
+
+class VerifiedLog(Struct):
+    """What a log is."""
 
     log: str
-    verdict: str = UNREADABLE
-    cycles: int = 0  # of the node with the fewest
-    digest: str | None = None
-    nodes: list[str] = field(default_factory=list)
-    checked: str = ""  # which nodes, how many cycles of how many, in words
-    left_out: list[str] = field(default_factory=list)  # nodes that were not asked for
-    versions: dict[str, str] = field(default_factory=dict)
-    first: dict[str, Any] | None = None
-    why: list[str] = field(default_factory=list)
-    changed: list[str] = field(default_factory=list)
+    verdict: Annotated[str, one_of(*CODES)] = UNREADABLE
+    cycles: Count = 0
+    "that were recomputed, of the node with the fewest"
+    digest: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None
+    "SHA-256 of what the log says; null: unreadable"
+    nodes: list[AnyNode] = []
+    "that were recomputed"
+    checked: str = ""
+    "which nodes, how many cycles of how many, in words; empty: nothing"
+    left_out: list[NodeName] = []
+    "nodes that were not asked for"
+    versions: dict[str, str] = {}
+    "by which it was made"
+    first: FirstDifference | None = None
+    "null: nothing differs"
+    why: list[str] = []
+    "why it is not identical, besides a difference"
+    changed: list[str] = []
+    "versions and laws that are not as when it was made"
 
 
 def verified_row(log: str, node: str, trust: Trust) -> VerifiedLog:
@@ -120,9 +143,7 @@ def _recompute(row: VerifiedLog, run: Opened, which: str) -> None:
     firsts = [one for node in nodes if (one := node.verdict.first())]
     if firsts:
         one = min(firsts, key=loop_order)
-        recorded, recomputed = one.texts
-        row.first = {"node": one.node, "name": one.name, "cycle": one.cycle, "ulp": one.ulp,
-                     "recorded": recorded, "recomputed": recomputed}  # fmt: skip
+        row.first = FirstDifference(one.node, one.name, one.cycle, one.ulp, *one.texts)
     row.verdict = DIFFERS if firsts else INCOMPLETE if row.why else IDENTICAL
 
 
@@ -185,7 +206,7 @@ def _row_from_child(row: VerifiedLog, run: Opened, node: str) -> VerifiedLog:
     child.start()
     there.close()
     try:
-        answer = json.loads(here.recv_bytes())
+        return convert(json.loads(here.recv_bytes()), VerifiedLog)
     except EOFError:
         child.join()
         raise UserError(f"its process ended with {child.exitcode}, before it was judged") from None
@@ -193,7 +214,6 @@ def _row_from_child(row: VerifiedLog, run: Opened, node: str) -> VerifiedLog:
         child.kill()
         child.join()
         here.close()
-    return VerifiedLog(**answer)
 
 
 def _in_the_child(there: Connection, host: int, row: VerifiedLog, run: Opened, node: str) -> None:
@@ -203,4 +223,4 @@ def _in_the_child(there: Connection, host: int, row: VerifiedLog, run: Opened, n
         _recompute(row, run, node)
     except (OSError, StepError, UserError) as error:
         row.why = [_words(error, row.log)]
-    there.send_bytes(json.dumps(vars(row)).encode())
+    there.send_bytes(json.dumps(to_builtins(row)).encode())

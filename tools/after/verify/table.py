@@ -17,6 +17,9 @@ import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+
+from msgspec import Struct
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.after.verify.one import CODES, VerifiedLog
@@ -33,6 +36,14 @@ class TableLine:
 
     digest: str | None
     verdict: str
+
+
+class TableProblem(Struct):
+    """How a log is not as in the table of --check."""
+
+    what: Literal["missing", "additional", "changed", "judged"]
+    line: str
+    "the log, and what it is"
 
 
 def signature_of(table: Path) -> Path:
@@ -103,21 +114,21 @@ def _path(text: str) -> str:
 
 def table_differences(
     rows: Sequence[VerifiedLog], known: Mapping[str, TableLine], table: Path
-) -> list[tuple[str, str]]:
-    """Return how logs are not as in a table: what it is (missing, ...), and the line."""
-    found: list[tuple[str, str]] = []
+) -> list[TableProblem]:
+    """Return how logs are not as in a table, by line."""
+    found = list[TableProblem]()
     here = {path_below(row.log, table): row for row in rows}
     for path in known.keys() - here.keys():
-        found.append(("missing", f"{path}: in the table, but not here"))
+        found.append(TableProblem("missing", f"{path}: in the table, but not here"))
     for path, row in here.items():
         if path not in known:
-            found.append(("additional", f"{path}: here, but not in the table"))
+            found.append(TableProblem("additional", f"{path}: here, but not in the table"))
         elif known[path].digest != row.digest:
-            found.append(("changed", f"{path}: its digest is not that of the table"))
+            found.append(TableProblem("changed", f"{path}: its digest is not that of the table"))
         elif known[path].verdict != row.verdict:
             was = known[path].verdict
-            found.append(("judged", f"{path}: {was} in the table, {row.verdict} now"))
-    return sorted(found, key=lambda one: one[1])
+            found.append(TableProblem("judged", f"{path}: {was} in the table, {row.verdict} now"))
+    return sorted(found, key=lambda one: one.line)
 
 
 def path_below(log: str, table: Path) -> str:

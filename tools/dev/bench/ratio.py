@@ -7,10 +7,13 @@ the quartiles over rounds: on a machine that others use too, times mean little a
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
+from pcpc.tools.terminal.answer import Number
 from pcpc.tools.terminal.progress import Progress
 
 Measurement = Callable[[], float]
@@ -18,15 +21,20 @@ Measurement = Callable[[], float]
 
 @dataclass(frozen=True)
 class Ratio:
-    """`own` and `base` are medians in `unit`; `ratio` = own/base: quartile, median, quartile."""
+    """A ratio to a yardstick."""
 
     suite: str
     what: str
+    "was measured"
     against: str
-    own: float
-    base: float
+    "the yardstick"
+    own: Number
+    "median, in unit"
+    base: Number
+    "median of the yardstick, in unit"
     unit: str
-    ratio: tuple[float, float, float]
+    ratio: tuple[Number, Number, Number]
+    "own over base: quartile, median, quartile"
 
     @classmethod
     def from_rounds(
@@ -44,6 +52,12 @@ class Ratio:
             f"{own} {self.against:32} {self.base:.4g} {self.unit}\n"
             f"{'':16} ratio {median:.3f} ({low:.3f} to {high:.3f})"
         )
+
+
+Ratios = Annotated[
+    list[Ratio],
+    Meta(description="Written to the file of --json; empty where a yardstick is missing."),
+]
 
 
 def interleave(

@@ -23,7 +23,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import Count, Positive
 from pcpc.tools.terminal.progress import Progress
 
 _FACTORS = 0.8, 1.25  # of a tuning, within the parameter's range
@@ -54,10 +55,30 @@ _FEW = 30  # samples after that: fewer tell nothing
 _STALL_S = 1.0  # of the machine, in which the last cycles are skipped
 
 
+class SoakRow(TypedDict):
+    """A line of JSON for each run."""
+
+    run: Count
+    "number"
+    paced: bool
+    "on a clock; false: in virtual time"
+    faults: Count
+    "on purpose"
+    resets: Count
+    tuned: Count
+    "parameters"
+    wrong: list[str]
+    "in words; empty: nothing"
+    cycles: Count
+    "of all nodes"
+    settled: dict[str, tuple[Positive, Positive]]
+    "memory of each process once it had settled and at the end, kB; empty: it did not last"
+
+
 def command(request: SoakRequest) -> int:
     """Run for the time asked for; print what was wrong; NOT_MET if anything was."""
     rig, progress = rigs.find(request.rig), Progress(request.quiet)
-    rows: list[dict[str, Any]] = []
+    rows: list[SoakRow] = []
     begin_s, spent_s, wanted_s = time.monotonic(), 0.0, 3600.0 * request.hours
     while not rows or spent_s < wanted_s:
         each_s = min(request.each_s, wanted_s - spent_s)
@@ -94,12 +115,15 @@ def summary_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines + [f"run {row['run']}: {line}" for row in rows for line in row["wrong"]]
 
 
-def judged_run(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
+def judged_run(rig: str, seed: int, number: int, each_s: float) -> SoakRow:
     """Do a run and judge its log; return its row."""
     draw, loaded, paced = random.Random(f"{seed}/{number}"), load_rig(rig), number % 2 == 1
-    row: dict[str, Any] = {"run": number, "paced": paced, "faults": 0, "resets": 0}
     settings: dict[str, Any] = tunings(loaded, draw)
-    row["tuned"], memory = len(settings), dict[str, list[int]]()
+    row: SoakRow = {
+        "run": number, "paced": paced, "faults": 0, "resets": 0, "tuned": len(settings),
+        "wrong": [], "cycles": 0, "settled": {},
+    }  # fmt: skip
+    memory = dict[str, list[int]]()
     settings["seed"] = draw.randint(1, 10**6)
     if paced:
         settings |= {"duration_s": max(each_s, loaded.config.duration_s)}
@@ -159,7 +183,7 @@ def tunings(rig: Rig, draw: random.Random) -> dict[str, float]:
     return {name: min(max(x, known[name].low), known[name].high) for name, x in drawn.items()}
 
 
-def faults(rig: Rig, draw: random.Random, row: dict[str, Any]) -> dict[str, str]:
+def faults(rig: Rig, draw: random.Random, row: SoakRow) -> dict[str, str]:
     """Return moments for some of the rig's faults."""
     known, cycles = [*rig.config.faults], int(rig.config.duration_s * rig.config.rate_hz)
     chosen = draw.sample(known, min(_MOST, len(known)))
@@ -175,7 +199,7 @@ def _disturb(
     child: Child,
     name: str,
     draw: random.Random,
-    row: dict[str, Any],
+    row: SoakRow,
     memory: dict[str, list[int]],
     for_s: float,
 ) -> bool:
@@ -210,7 +234,7 @@ def _nodes(child: Child, name: str) -> list[Live]:
     return sorted(found, key=lambda node: -ROLES.index(node.name.rpartition(".")[2]))
 
 
-def _change(nodes: Sequence[Live], draw: random.Random, row: dict[str, Any]) -> None:
+def _change(nodes: Sequence[Live], draw: random.Random, row: SoakRow) -> None:
     for node in nodes:
         if node["supervisor.state"] == State.FAULT:
             with suppress(LiveError):  # its ramp is not over, its cause is still there

@@ -37,13 +37,11 @@ def bus_rows() -> Iterator[MachineFact]:
             "udp_multicast", "ok", f"a datagram came back on {bus.UDP_GROUP}, loopback"
         )
     else:
-        state = "warn" if usable else "missing"
         cost = "no bus without CAN" + (
             "" if usable else ", and there is no CAN interface up either"
         )
-        yield MachineFact(
-            "udp_multicast", state, heard, cost, "sudo ip link set lo up multicast on"
-        )
+        cure = "sudo ip link set lo up multicast on"
+        yield MachineFact("udp_multicast", "warn" if usable else "missing", heard, cost, cure)
     yield _vm()
     yield _kvm()
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.machine.doctor.commands import DoctorRequest
-from pcpc.tools.machine.doctor.machine import MachineFact, machine_rows
+from pcpc.tools.machine.doctor.machine import MachineFact, MachineFacts, TuningFacts, machine_rows
 from pcpc.tools.terminal import screen
 
 _PROJECT = Path(__file__).resolve().parents[3]
@@ -41,9 +41,7 @@ def command(request: DoctorRequest) -> int:
     found = list(rows())
     missing = [row for row in found if row.state == "missing"]
     if request.json:
-        print(
-            json.dumps({"can_run": not missing, "rows": [asdict(row) for row in found]}, indent=2)
-        )
+        print(json.dumps(asdict(MachineFacts(not missing, found)), indent=2))
     else:
         show(found)
     if missing:
@@ -59,7 +57,7 @@ def tune(as_json: bool) -> int:
 
     found = list(tune_rows(_PROJECT, Progress(as_json)))
     if as_json:
-        print(json.dumps({"rows": [asdict(row) for row in found]}, indent=2))
+        print(json.dumps(asdict(TuningFacts(found)), indent=2))
     else:
         show(found, "worth")
     return Exit.OK

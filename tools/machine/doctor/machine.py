@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 CPUS = Path("/sys/devices/system/cpu")
 _CLOCKS = Path("/sys/devices/system/clocksource/clocksource0")
@@ -41,13 +42,31 @@ _DMA_RULE = (
 
 @dataclass(frozen=True)
 class MachineFact:
-    """One thing looked at; `state` is ok, warn or missing; `cost` and `cure` where it is not ok."""
+    """One thing looked at; `cost` and `cure` where it is not ok."""
 
     name: str
-    state: str
+    state: Literal["ok", "warn", "missing"]
     found: str
     cost: str = ""
+    "without the cure; with --tune what the setting is worth; empty: none"
     cure: str = ""
+    "a command; empty: none"
+
+
+@dataclass(frozen=True)
+class MachineFacts:
+    """The exit code is 4 where no rig can run."""
+
+    can_run: bool
+    "nothing is missing"
+    rows: list[MachineFact]
+
+
+@dataclass(frozen=True)
+class TuningFacts:
+    """With --tune."""
+
+    rows: list[MachineFact]
 
 
 def machine_rows(project: Path) -> Iterator[MachineFact]:

@@ -13,7 +13,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct, to_builtins
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import choice
@@ -32,10 +34,12 @@ from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
 from pcpc.tools.start.interface import named_bus
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.answer import Count, Positive, one_of
 from pcpc.tools.terminal.progress import Progress
 
 PRIORITY = 85  # above the executive's 80: a wire waits for nobody
 _POLL_S = 0.1
+_Late = Annotated[str, one_of("p50", "p99", "max")]
 
 
 @dataclass(frozen=True)
@@ -99,10 +103,10 @@ def command(request: EmulateRequest) -> int:
     interrupted = _run(gateway, names, request.quiet, request.for_s)
     found = result(gateway, names)
     screen.answer(request.json, found, lines_of(found), 2)
-    lost = any(side["refused"] or side["lost_off"] for side in found["sides"])
+    lost = any(side.refused or side.lost_off for side in found.sides)
     if interrupted:
         return Exit.INTERRUPTED
-    return Exit.LOSS if lost or found["not_taken"] else Exit.OK
+    return Exit.LOSS if lost or found.not_taken else Exit.OK
 
 
 def _sides(words: list[str]) -> list[tuple[str, str | None]]:
@@ -138,7 +142,8 @@ def _run(gateway: Gateway, names: list[str], quiet: bool, for_s: float | None) -
     end_s = time.monotonic() + (for_s or float("inf"))
     try:
         thread.start()
-        rates = line_report.rates_of(line_report.numbers(gateway.n.line, names))
+        begun = line_report.numbers(gateway.n.line, names)
+        rates = line_report.rates_of(begun["bitrate"], begun["data_bitrate"])
         progress.say(f"{' and '.join(names)} are one line of {rates}")
         before = 0, 0.0
         while thread.is_alive() and (left_s := end_s - time.monotonic()) > 0.0:
@@ -180,7 +185,7 @@ def serve(rig: Rig, bus: buses.BusAddress, report: Path, ready: int) -> int:
     except BusError as error:
         print(f"line: {error}", file=sys.stderr)
         return error.code
-    line_report.write(result(gateway, names), report)
+    line_report.write(to_builtins(result(gateway, names)), report)
     return Exit.OK
 
 
@@ -197,42 +202,89 @@ def _state(gateway: Gateway, busy: int, passed_s: float) -> str:
     )
 
 
-def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
+class LineSide(Struct):
+    """What was sent on a channel."""
+
+    bus: str
+    sent: Count
+    "frames"
+    waiting: Count
+    "frames"
+    errors: Count
+    refused: Count
+    "frames: the queue was full"
+    lost_off: Count
+    "frames: bus-off"
+    times_off: Count
+    "bus-off"
+    most_waiting: Count
+    "frames at once"
+    state: Annotated[str, one_of(*line_report.STATES)]
+    tec: Count
+    "transmit error counter"
+    rec: Count
+    "receive error counter"
+    worst_tec: Count
+    longest_us: float
+    "from queue to end of frame, us"
+    not_carried: Count
+    "FD and remote frames"
+
+
+class EmulatedLine(Struct):
+    """What `--json` prints: pcpc bus emulate."""
+
+    bitrate: Positive
+    "bit/s"
+    data_bitrate: int | None
+    "bit/s; null: all at the one bit rate"
+    load: float
+    "share of the time from the first frame to the last"
+    sides: Annotated[list[LineSide], Meta(min_length=2, max_length=2)]
+    duration_s: float
+    "s"
+    not_taken: Count
+    "frames that the other side's bus did not take"
+    handed_over_late_us: Annotated[dict[_Late, float], Meta(min_length=3)]
+    "us"
+
+
+def result(gateway: Gateway, names: list[str]) -> EmulatedLine:
     """Return what `--json` prints."""
     found = line_report.numbers(gateway.n.line, names)
-    for side, count in zip(found["sides"], gateway.n.foreign, strict=False):
-        side["not_carried"] = int(count)
-    return found | {
-        "duration_s": gateway.passed_s, "not_taken": gateway.not_taken,
-        "handed_over_late_us": gateway.late_us(),
-    }  # fmt: skip
-
-
-def lines_of(found: dict[str, Any]) -> Iterator[str]:
-    """Yield the result in lines to read."""
-    yield (
-        f"line     {line_report.rates_of(found)}, {found['duration_s']:.3f} s, "
-        f"load {found['load']:.1%}"
+    counts = zip(found.pop("sides"), gateway.n.foreign, strict=False)
+    return EmulatedLine(
+        **found,
+        sides=[LineSide(**side, not_carried=int(count)) for side, count in counts],
+        duration_s=gateway.passed_s,
+        not_taken=gateway.not_taken,
+        handed_over_late_us=gateway.late_us(),
     )
-    for side in found["sides"]:
-        yield side["bus"]
+
+
+def lines_of(found: EmulatedLine) -> Iterator[str]:
+    """Yield the result in lines to read."""
+    rates = line_report.rates_of(found.bitrate, found.data_bitrate)
+    yield f"line     {rates}, {found.duration_s:.3f} s, load {found.load:.1%}"
+    for side in found.sides:
+        yield side.bus
         yield (
-            f"  sent     {side['sent']} frames, at most {side['longest_us']:.0f} us "
-            f"from queue to end, {side['most_waiting']} waiting"
+            f"  sent     {side.sent} frames, at most {side.longest_us:.0f} us "
+            f"from queue to end, {side.most_waiting} waiting"
         )
         yield (
-            f"  errors   {side['errors']}; {side['state']}, TEC {side['tec']} (worst "
-            f"{side['worst_tec']}), REC {side['rec']}, {side['times_off']} times bus-off"
+            f"  errors   {side.errors}; {side.state}, TEC {side.tec} (worst "
+            f"{side.worst_tec}), REC {side.rec}, {side.times_off} times bus-off"
         )
-        lost = {"queue full": side["refused"], "bus-off": side["lost_off"]}
+        lost = {"queue full": side.refused, "bus-off": side.lost_off}
         told = ", ".join(f"{count} {why}" for why, count in lost.items() if count)
         yield f"  lost     {told or 'none'}"
-        if side["not_carried"]:
-            yield f"  left out {side['not_carried']} FD or remote frames"
-    late = found["handed_over_late_us"]
+        if side.not_carried:
+            yield f"  left out {side.not_carried} FD or remote frames"
+    late = found.handed_over_late_us
     yield (
         f"gateway  late p50 {late['p50']:.0f} us, p99 {late['p99']:.0f} us, max "
         f"{late['max']:.0f} us"
     )
-    if found["not_taken"]:
-        yield f"         {found['not_taken']} frames not taken by the other side's bus"
+    if found.not_taken:
+        yield f"         {found.not_taken} frames not taken by the other side's bus"

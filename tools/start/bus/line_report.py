@@ -33,10 +33,9 @@ def numbers(line: Any, names: Sequence[str]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def rates_of(found: dict[str, Any]) -> str:
-    """Return the bit rates of a line's numbers as people say them."""
-    data = found["data_bitrate"]
-    return rate_of(found["bitrate"]) + (f", data at {rate_of(data)}" if data else "")
+def rates_of(bitrate: int, data_bitrate: int | None) -> str:
+    """Return the bit rates of a line as people say them."""
+    return rate_of(bitrate) + (f", data at {rate_of(data_bitrate)}" if data_bitrate else "")
 
 
 def write(found: dict[str, Any], path: Path) -> None:
@@ -49,8 +48,9 @@ def summary(found: dict[str, Any]) -> str:
     """Return the numbers in a line."""
     sides, late = found["sides"], found.get("handed_over_late_us")
     total = {key: sum(side[key] for side in sides) for key in _COUNTS}
+    rates = rates_of(found["bitrate"], found["data_bitrate"])
     return (
-        f"line: {rates_of(found)}, {total['sent']} frames, load {found['load']:.1%}, "
+        f"line: {rates}, {total['sent']} frames, load {found['load']:.1%}, "
         f"{total['errors']} errors, {total['refused'] + total['lost_off']} lost, "
         f"{total['times_off']} times bus-off" + (f", late p99 {late['p99']:.0f} us" if late else "")
     )

@@ -20,7 +20,8 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin import balance, linear, loops, operating
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, StepAtFactor, onset_index
+from pcpc.tools.study.margin.facts import Point, StepAtFactor
+from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, onset_index
 from pcpc.tools.study.margin.loops import CutLoop
 from pcpc.tools.study.margin.measured import commands
 

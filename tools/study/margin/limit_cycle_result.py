@@ -3,36 +3,13 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from pcpc.tools.study.margin.facts import LimitCycleFacts, Point, StepAtFactor
 from pcpc.tools.study.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True)
-class Point:
-    """A limit cycle: factor of the gain, frequency, the command's amplitude and its step, rms."""
-
-    factor: float
-    f_hz: float
-    amplitude: float
-    step_rms: float
-
-
-@dataclass(frozen=True)
-class StepAtFactor:
-    """The command's step at a factor, rms: `predicted` (None: no cycle), of the map, of the rig.
-
-    `alone`: the map of the balance, begun in the cycle and left alone for 2 s; `run`: the rig as it
-    is, with its reference, nan where it ended in a fault.
-    """
-
-    factor: float
-    predicted: Point | None
-    alone: float
-    run: float
 
 
 @dataclass(frozen=True)
@@ -57,9 +34,9 @@ class LimitCycle(Result):
         """The cycle of the least gain."""
         return self.branch[onset_index(self.branch)]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> LimitCycleFacts:
         """Return all."""
-        return vars(self) | {"onset": self.onset}
+        return LimitCycleFacts(**vars(self), onset=self.onset)
 
     def pictures(self) -> Mapping[str, "Figure"]:
         """Return the branch's."""

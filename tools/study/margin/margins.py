@@ -29,21 +29,46 @@ _NOTHING = 1e-12  # of the largest |L|: a zero, whose logarithm bends the cubics
 
 
 @dataclass(frozen=True)
-class Margins:
-    """Numbers of (1) to (6); inf or nan where there is no crossing."""
+class MarginNumbers:
+    """Numbers of (1) to (5)."""
 
     gain_margin: float
+    "factor; null: any"
     gain_margin_hz: float
     gain_reduction: float
+    "factor"
     gain_reduction_hz: float
     phase_margin_deg: float
+    "null: any"
     crossover_hz: float
     delay_margin_s: float
+    "null: any"
     delay_margin_samples: float
+    "null: any"
     sensitivity_peak: float
+    "max |1/(1 + L)|"
     sensitivity_peak_hz: float
     disk_margin: float
+    "alpha"
     disk_margin_hz: float
+
+
+@dataclass(frozen=True)
+class MarginFacts(MarginNumbers):
+    """With those of (6); null: no crossing, or not measured."""
+
+    gain_margin_db: float
+    "null: any"
+    disk_gain_low: float
+    "factor"
+    disk_gain_high: float
+    "factor; null: any"
+    disk_phase_deg: float
+
+
+@dataclass(frozen=True)
+class Margins(MarginNumbers):
+    """Numbers of (1) to (6); inf or nan where there is no crossing."""
 
     @property
     def gain_margin_db(self) -> float:
@@ -64,11 +89,19 @@ class Margins:
 
     def json(self) -> dict[str, Any]:
         """Return all numbers; None where not finite."""
-        low, high = self.disk_gain
-        return plain(vars(self) | {
-            "gain_margin_db": self.gain_margin_db, "disk_gain_low": low, "disk_gain_high": high,
-            "disk_phase_deg": self.disk_phase_deg,
-        })  # fmt: skip
+        return plain(facts_of(self))
+
+
+def facts_of(own: Margins) -> MarginFacts:
+    """Return all numbers."""
+    low, high = own.disk_gain
+    return MarginFacts(
+        **vars(own),
+        gain_margin_db=own.gain_margin_db,
+        disk_gain_low=low,
+        disk_gain_high=high,
+        disk_phase_deg=own.disk_phase_deg,
+    )
 
 
 def margins(f_hz: Vector, response: Complex, rate_hz: float) -> Margins:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pcpc.tools.study.arrays import Complex, Vector
-from pcpc.tools.study.margin.margins import Margins
+from pcpc.tools.study.margin.facts import LoopFacts, ResponseFacts
+from pcpc.tools.study.margin.margins import Margins, facts_of
 from pcpc.tools.study.result import Result, plain
 
 if TYPE_CHECKING:
@@ -40,12 +41,17 @@ class Response:
     spread: Vector | None = None
     coherence: Vector | None = None
 
+    def _facts(self) -> ResponseFacts:
+        """Return the response and its margins."""
+        parts = self.f_hz, self.response.real, self.response.imag
+        found = ResponseFacts(facts_of(self.margins), *(part.tolist() for part in parts))
+        if self.spread is not None and self.coherence is not None:
+            found.spread, found.coherence = self.spread.tolist(), self.coherence.tolist()
+        return found
+
     def json(self) -> dict[str, Any]:
         """Return the response as plain values."""
-        parts = {"f_hz": self.f_hz, "real": self.response.real, "imaginary": self.response.imag}
-        if self.spread is not None and self.coherence is not None:
-            parts |= {"spread": self.spread, "coherence": self.coherence}
-        return plain({"margins": self.margins.json(), **parts})
+        return plain(self._facts())
 
 
 @dataclass(frozen=True)
@@ -105,11 +111,11 @@ class Margin(Result):
         i = np.searchsorted(f, lines * (1.0 - 1e-12))
         return np.abs(self.measured.response / self.linearised.response[i] - 1.0)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> LoopFacts:
         """Return all; of the poles the largest."""
         found = {name: value for name, value in vars(self).items() if name != "poles"}
-        found |= {method: one.json() for method, one in self.responses.items()}
-        return found | {"largest_pole": max(np.abs(self.poles).tolist(), default=None)}
+        found |= {method: one._facts() for method, one in self.responses.items()}
+        return LoopFacts(**found, largest_pole=max(np.abs(self.poles).tolist(), default=None))
 
     def pictures(self) -> Mapping[str, "Figure"]:
         """Return Bode's and Nyquist's."""

@@ -19,7 +19,7 @@ from bisected import (
     note,
     state,
 )
-from json_schemas import holds
+from json_schemas import holds, strictly_holds
 from logcommand import run_here
 
 from pcpc.drivers.errors import Exit
@@ -58,7 +58,7 @@ def repo(tmp_path: Path, sides: list[Side]) -> Path:
 
 
 def told(*words: str | Path, code: int = 0) -> dict[str, Any]:
-    return dict(holds("bisect", bisected(*words, *QUIET, "--json", code=code).out))
+    return dict(strictly_holds("bisect", bisected(*words, *QUIET, "--json", code=code).out))
 
 
 def refused(*words: str | Path, code: int = 2) -> str:

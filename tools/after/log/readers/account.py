@@ -21,7 +21,7 @@ CLASSIC_BYTES, MOST_BYTES = 8, LENGTHS[-1]
 STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
 LONG_J1939 = "J1939 of more than 8 bytes"
 DATA_LOST = ("CAN XL", "symbolic", LONG_J1939)  # kinds that carry data which a log then lacks
-_PLACES = 8  # as many places of damage are kept as text
+PLACES = 8  # as many places of damage are kept as text
 _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apart
 
 
@@ -59,7 +59,7 @@ class Account:
         if self.damage and self.damage[-1].startswith(f"{place}: "):
             return
         self.damaged += 1
-        if len(self.damage) < _PLACES:
+        if len(self.damage) < PLACES:
             text = printable(" ".join(str(reason).split())[:160])
             self.damage.append(f"{place}: {text}")
 
