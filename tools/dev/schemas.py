@@ -43,6 +43,7 @@ _ANSWERS: dict[str, tuple[Any, ...]] = {  # title, and structs of which it is on
 _STUDIES = {  # whose numbers are null where they are not finite: title, a room's part, its structs
     "bounds": ("A run compared with the theorem of its law", "text", "Figures", "Unknown"),
     "fit": ("Parameters of a plant from a log", "result", "FactsInFolder"),
+    "swarm": ("What a swarm of drawn rigs came to", "cli", "Told"),
 }
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.start import pool, rigs
@@ -117,13 +118,15 @@ def same(one: Row, other: Row) -> bool:
 
 def checked(world: World, names: Sequence[str] | dict[str, Any] = PROMISES) -> Row:
     """Run a world in a folder of its own; return what came."""
+    laws = compile_cache.folders()[0] / "swarm"
+    laws.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="pcpc-swarm-") as folder:
-        write(world, Path(folder))
-        return _checked(world, Path(folder), names)
+        write(world, Path(folder), laws)
+        return _checked(world, Path(folder), names, laws)
 
 
-def _checked(world: World, folder: Path, names: Any) -> Row:
-    case = Case(world, folder)
+def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -> Row:
+    case = Case(world, folder, laws)
     row = Row(world["seed"], 0, world["features"], {}, "", 0.0)
     try:
         row.found = broken(case, names)

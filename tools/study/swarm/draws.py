@@ -5,14 +5,19 @@ rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
 import random
+from collections.abc import Sequence
 from typing import Any
 
 from pcpc.executive.loop.fault_kinds import WrongFrame, WrongNode, WrongValue
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig import messages
+from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
 RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
-MOST_CYCLES, WRONG_SHARE = 1600, 0.05
+MOST_CYCLES, WRONG_SHARE, MANY_SHARE = 1600, 0.05, 0.01
+PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
     "rate": (("rate_hz",), -5),
@@ -52,29 +57,62 @@ class Drawing:
         return float(f"{self.random.uniform(low, high):.4g}")
 
 
-def world_of(seed: int, base: str | None = None, changes: World | None = None) -> World:
-    """Return the world of a seed; `base`: a rig around which it is drawn, `changes` allowed there.
-
-    Of a base only what every rig has is drawn: its loss of frames, supervisor, length, seed.
-    """
+def world_of(seed: int, base: str | None = None) -> World:
+    """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
-    world: World = {"seed": seed, "base": base, "rate_hz": d.one(*RATES_HZ), "wrong": []}
-    world["cycles"] = d.random.randint(150, MOST_CYCLES)
-    count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
-    count = d.one(5, 16) if d.has(0.02, "many plants") else count
-    world["cycles"] //= 4 if count > 4 else 1
-    world["plants"] = [_plant(d) for _ in range(count)]
+    world: World = {"seed": seed, "base": base, "wrong": []}
     world["keys"] = keys = {"seed": d.random.randint(1, 10**6), "record": {"keyframe": "100ms"}}
+    if base is None:
+        _drawn(d, world, keys)
+    else:
+        _around(d, world, keys, load_rig(base))
+    world["at"] = {name: d.random.random() for name in PLACES}
+    world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
+    return world
+
+
+def _drawn(d: Drawing, world: World, keys: World) -> None:
+    """Draw a rig of lags, each behind its own frames."""
+    world |= {"rate_hz": d.one(*RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
+    count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
+    count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
+    world["cycles"] //= 4 if count > 3 else 1
+    world["plants"] = [_plant(d) for _ in range(count)]
     _supervision(d, world, keys)
     _values(d, world, keys)
     _bus(d, world, keys)
-    _faults(d, world, keys)
-    _schedule(d, world, keys)
+    protected, places = {}, ["controller.position"]
+    for role, i in nodes(world).items():
+        one = world["plants"][i - 1]
+        protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
+        places += [f"tx.CMD_{i}.command", f"{role}:tx.FB_{i}.position", f"{role}:lag.command"]
+    _faults(d, world, keys, protected, places, ("executive", *nodes(world)))
+    _schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
     if d.has(WRONG_SHARE, "wrong rig"):
         world["wrong"] = [[list(path), value] for path, value in [d.one(*WRONG.values())]]
-    world["at"] = {name: d.random.random() for name in ("branch", "keyframe", "cut", "flip")}
-    world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']} Hz"])]
-    return world
+
+
+def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
+    """Draw what happens to a rig that is there: faults, losses, tunings, an early end."""
+    cycles = round(rig.config.duration_s * rig.config.rate_hz)
+    world |= {"rate_hz": rig.config.rate_hz, "plants": []}
+    world["cycles"] = min(cycles, d.random.randint(150, MOST_CYCLES))
+    plans = [plan(rig, role, "virtual") for role in rig.roles]
+    awaited = [one for made in plans for one in made.rx_frames if messages.is_awaited(one)]
+    top = plans[0]
+    places = [one.name for one in top.table.variables if one.kind == "input"]
+    known = {
+        one.name: (top.values[place] * 0.8, top.values[place] * 1.25)
+        for one in top.table.variables
+        if one.kind == "parameter" and one.name.startswith("controller.")
+        for place in [top.table.index[one.name]]
+        if one.low <= 0.8 * top.values.get(place, 0.0)
+        and 1.25 * top.values.get(place, 0.0) <= one.high
+    }
+    protected = {one.name: one.protected for one in awaited}
+    _faults(d, world, keys, protected, places, rig.roles)
+    if not rig.config.schedule:
+        _schedule(d, world, keys, known)
 
 
 # Plants and their frames
@@ -235,32 +273,29 @@ def _bus(d: Drawing, world: World, keys: World) -> None:
         keys["losses"] = {frame: {"share": d.near(0.01, 0.3), "burst": d.one(1, 2, 4)}}
 
 
-def _faults(d: Drawing, world: World, keys: World) -> None:
+def _faults(
+    d: Drawing, world: World, keys: World, protected: dict[str, bool], places: list[str],
+    roles: Sequence[str],
+) -> None:  # fmt: skip
+    """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
     if not d.has(0.65, "faults"):
         return
-    two = [WrongNode.STALL] * (len(world["plants"]) == 1)  # nodes
-    kinds = (*WrongValue, *WrongFrame, *WrongFrame, WrongNode.FLOOD, *two)
+    kinds = (*WrongValue, *WrongFrame, *WrongFrame, *WrongNode)
     found: World = {}
     for i in range(d.random.randint(1, 4)):
-        kind = d.one(*kinds)
-        plant = d.random.randint(1, len(world["plants"]))
-        name = d.one(f"CMD_{plant}", f"FB_{plant}")
-        frame = world["plants"][plant - 1]["command" if name.startswith("CMD") else "back"]
-        if kind.row.protected and not frame["crc"]:
+        kind, name = d.one(*kinds), d.one(*protected)
+        if kind.row.protected and not protected[name]:
+            continue
+        if kind == WrongNode.STALL and len(roles) > 2:
             continue
         entry: World = {"kind": kind.word}
         if isinstance(kind, WrongValue):
-            role = list(nodes(world))[plant - 1]
-            entry["at"] = d.one(
-                f"tx.CMD_{plant}.command", f"{role}:tx.FB_{plant}.position",
-                f"{role}:lag.tau_s" if kind == WrongValue.VALUE else "controller.position",
-            )  # fmt: skip
-            entry["value"] = d.near(0.01, 5.0)
+            entry |= {"at": d.one(*places), "value": d.near(0.01, 5.0)}
         elif isinstance(kind, WrongFrame):
             entry["frame"] = name
             entry["value"] = d.random.randint(1, 8)
         else:
-            entry["node"] = d.one("executive", *nodes(world))
+            entry["node"] = d.one(*roles)
             entry["value"] = d.random.randint(1, 40)
         if not kind.row.sized:
             entry.pop("value", None)
@@ -293,17 +328,19 @@ def _ms(world: World, cycles: int) -> str:
     return f"{1e3 * cycles / world['rate_hz']:.9g}ms"
 
 
-def _schedule(d: Drawing, world: World, keys: World) -> None:
+def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[float, float]]) -> None:
+    """Draw what an operator does; `known`: what may be tuned, and between which values."""
     period_s, rows = 1.0 / world["rate_hz"], []
-    if keys.get("overrun", {}).get("fallback") is None and d.has(0.25, "standby"):
+    free = world["plants"] and "fallback" not in keys.get("overrun", {})
+    if free and d.has(0.25, "standby"):
         keys["standby"] = ["second"]
         keys["handover"] = {"over_s": d.near(0.0, 0.1)}
         for name in ("second", "first")[: d.random.randint(1, 2)]:
             rows.append({"handover": name})
     for _ in range(d.random.randint(0, 3)):
-        if d.has(0.6, "tuning"):
-            gain = f"controller.{d.one('first', 'second')}"
-            rows.append({"set": {gain: d.near(0.1, 5.0)}})
+        if known and d.has(0.6, "tuning"):
+            name = d.one(*known)
+            rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})
     for share, name, value in (
         (0.15, "reset", 1.0), (0.12, "stop", 1.0), (0.06, "stop", 2.0), (0.1, "disarmed", 1.0),
         (0.15, "disarmed", 0.0),
@@ -315,4 +352,3 @@ def _schedule(d: Drawing, world: World, keys: World) -> None:
     found = [{"at_s": at * period_s, **row} for at, row in zip(times, rows, strict=True)]
     if found:
         keys["schedule"] = found
-

@@ -4,13 +4,13 @@ A frame of the world: its length, whether it is FD, the bits of its CRC (0: none
 each with its first bit, length, byte order, kind ("signed", "unsigned", "float"), and layout.
 """
 
-import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.study.swarm.expressions import law_text
+from pcpc.tools.terminal.outfile import whole_file
 
 World = dict[str, Any]
 RIG, HISTORY = "rig.yaml", "history.yaml"
@@ -33,25 +33,31 @@ BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
 _FORMATS = ["StandardCAN", "ExtendedCAN", *["reserved"] * 12, "StandardCAN_FD", "ExtendedCAN_FD"]
 
 
-def write(world: World, folder: Path) -> Path:
-    """Write the files of a world into a folder; return the rig's."""
+def write(world: World, folder: Path, laws: Path | None = None) -> Path:
+    """Write the files of a world into a folder; return the rig's.
+
+    `laws`: where those of all seeds lie, so that each is tried and compiled once; none: there.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    rig = rig_of(world, "" if laws is None else f"{laws}/")
     if world["base"] is None:
         (folder / "swarm.dbc").write_text(dbc_text(world))
-        shutil.copyfile(Path(__file__).with_name("laws.py"), folder / "laws.py")
         for shape in {one["shape"] for one in world["plants"]}:
-            (folder / f"law_{shape}.py").write_text(law_text(shape))
-    (folder / RIG).write_text(yamlfile.dump(rig_of(world)))
+            law = (laws or folder) / f"law_{shape}.py"
+            if not law.exists():
+                with whole_file(law) as unfinished:
+                    unfinished.write_text(law_text(shape))
+    (folder / RIG).write_text(yamlfile.dump(rig))
     (folder / HISTORY).write_text(yamlfile.dump(world))
     return folder / RIG
 
 
-def rig_of(world: World) -> World:
-    """Return what rig.yaml says."""
+def rig_of(world: World, laws: str) -> World:
+    """Return what rig.yaml says; `laws`: what stands before the name of a law's file."""
     keys = {"rig": "swarm", "duration_s": world["cycles"] / world["rate_hz"], **world["keys"]}
     if world["base"] is not None:
         return {"base": world["base"], **keys}
-    found = _drawn_rig(world)
+    found = _drawn_rig(world, laws)
     for role in ("executive", *nodes(world)):
         found[role] |= keys.pop(role, {})
     found |= keys
@@ -68,7 +74,7 @@ def nodes(world: World) -> dict[str, int]:
     return {"plant" if i == 1 else f"plant_{i}": i for i in range(1, len(world["plants"]) + 1)}
 
 
-def _drawn_rig(world: World) -> World:
+def _drawn_rig(world: World, laws: str) -> World:
     blocks: World = {}
     sent = {"HB_EXEC.nmt_state": "supervisor.nmt"}
     found: World = {"dbc": "swarm.dbc", "rate_hz": world["rate_hz"], "controller": "first"}
@@ -77,7 +83,7 @@ def _drawn_rig(world: World) -> World:
         one = world["plants"][i - 1]
         name = "controller" if i == 1 else f"controller_{i}"
         blocks[f"reference_{i}"] = one["reference"]
-        law = {"law": f"law_{one['shape']}.py:BLOCK", "parameters": one["gains"]}
+        law = {"law": f"{laws}law_{one['shape']}.py:BLOCK", "parameters": one["gains"]}
         inputs = {"position": f"rx.FB_{i}.position", "target": f"reference_{i}.value"}
         if i == 1:
             found["controllers"] = {"first": law, "second": law | {"parameters": one["others"]}}
@@ -89,7 +95,8 @@ def _drawn_rig(world: World) -> World:
                 back[f"FB_{i}.{signal}"] = "lag.which" if signal == "which" else "lag.twice"
         plants[role] = {
             "node": f"PLANT_{i}",
-            "blocks": {"lag": {"law": "laws.py:BLOCK", "inputs": {"command": f"rx.CMD_{i}.command"},
+            "blocks": {"lag": {"law": "pcpc.tools.study.swarm.laws:BLOCK",
+                               "inputs": {"command": f"rx.CMD_{i}.command"},
                                "parameters": {"tau_s": one["tau_s"]}}},
             "transmit": back, "safe": {f"CMD_{i}.command": one["safe"]},
         }  # fmt: skip

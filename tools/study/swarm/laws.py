@@ -1,6 +1,6 @@
 """The plant of a drawn rig: a lag that is sampled, doubled, and says which layout is in turn.
 
-    x' = (command - x) / tau                                             one Euler step a cycle
+x' = (command - x) / tau                                             one Euler step a cycle
 """
 
 from pcpc.executive.laws.block import Block, Ports, port, stage

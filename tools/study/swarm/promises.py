@@ -4,7 +4,11 @@ A case is a world's folder, its rig and the log of its run. What a promise is no
 """
 
 import contextlib
+import copy
+import os
 import random
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +28,6 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.branch.branching import Branch, Change
-from pcpc.tools.after.differences import unequal_frames, unequal_texts
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import replay
 from pcpc.tools.after.span import ALL
@@ -34,11 +37,13 @@ from pcpc.tools.after.verdict.summary import Summary, summarise
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.study.swarm import oracle
-from pcpc.tools.study.swarm.files import RIG, World
+from pcpc.tools.study.swarm.files import RIG, World, write
 from pcpc.tools.terminal.progress import Progress
 
 PART_CYCLES = 400
-_FRAME = "cycle", "id", "dlc", "direction", "e2e", "data"
+SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
+_FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
+_GAIN = "controller.first"
 QUIET = Progress(quiet=True)
 
 
@@ -48,6 +53,7 @@ class Case:
 
     world: World
     folder: Path
+    laws: Path | None = None  # see `files.write`
     cycles: int = 0  # done for it, by all ways
 
     @cached_property
@@ -110,10 +116,9 @@ def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
     """Yield in what two records differ: variables, frames."""
     yield from columns(one, other)
     for role, mine in one.node.items():
-        here, there = (node.frames for node in (mine, other.node[role]))
-        count, at = unequal_frames(here, there, _FRAME)
-        if count:
-            yield f"{role}: {count} frames, {' / '.join(unequal_texts(here, there, at))}"
+        more, less = ({*map(bytes, n.frames[_FRAME])} for n in (mine, other.node[role]))
+        if more != less:
+            yield f"{role}: {len(more - less)} frames that the other has not, {len(less - more)}"
 
 
 def columns(one: logs.Log, other: logs.Log, past: int | None = None) -> Iterator[str]:
@@ -153,6 +158,19 @@ def branched(case: Case) -> Iterator[str]:
         return
     cycle = case.at("branch", 1, case.length - 2)
     yield from differing(case.log, logs.read(_branch(case, cycle, [])))
+    if case.world["base"] is not None or len(case.rig.config.schedule) > 8:
+        return
+    value = 0.1 + 4.0 * case.world["at"]["branch"]
+    branch = logs.read(_branch(case, cycle, [Change("executive", _GAIN, value)]))
+    yield from (f"changed: {line}" for line in columns(case.log, branch, cycle))
+    world = copy.deepcopy(case.world)
+    tuning = {"at_s": cycle / case.rig.config.rate_hz, "set": {_GAIN: value}}
+    rows = [tuning, *world["keys"].get("schedule", [])]  # a later one of the cycle wins
+    world["keys"]["schedule"] = sorted(rows, key=lambda row: row["at_s"])
+    other = Case(world, case.folder / "changed")
+    write(world, other.folder, case.laws)
+    yield from (f"changed: {line}" for line in columns(branch, other.log))
+    case.cycles += other.cycles
 
 
 def _branch(case: Case, cycle: int, changes: list[Change]) -> Path:
@@ -202,6 +220,38 @@ def in_parts(case: Case) -> Iterator[str]:
                 yield f"{role}: {name} in parts"
 
 
+def interpreted(case: Case) -> Iterator[str]:
+    """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
+    if case.world["at"]["sample"] < SAMPLE:
+        words = ["simulate", f"--set=duration_s={INTERPRETED / case.rig.config.rate_hz!r}"]
+        yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
+
+
+def lockstep(case: Case) -> Iterator[str]:
+    """Yield, of a sample, what differs in processes of their own on a bus."""
+    emulated = case.rig.config.bus.emulate is not None
+    if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
+        bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
+        yield from _elsewhere(case, ["run", "--pacing=lockstep", "--bus", bus], {}, None)
+
+
+def _elsewhere(
+    case: Case, words: list[str], more: dict[str, str], past: int | None
+) -> Iterator[str]:
+    """Yield in what the run of another command differs, up to the end of the shorter one."""
+    out = case.folder / words[0]
+    line = [sys.executable, "-m", "pcpc.tools.cli", *words, str(case.folder / RIG), "-o", str(out),
+            "--no-figure", "--quiet"]  # fmt: skip
+    done = subprocess.run(line, env=os.environ | more, capture_output=True, text=True)
+    if done.returncode in (2, 4):
+        yield f"{words[0]}: exit code {done.returncode}: {done.stderr.strip()}"
+        return
+    log = logs.read(out / "log.mcap")
+    case.cycles += sum(len(node.cycle) for node in log.node.values())
+    least = min(len(node.cycle) for one in (log, case.log) for node in one.node.values())
+    yield from (f"{words[0]}: {line}" for line in columns(case.log, log, past or least))
+
+
 def verdict(case: Case) -> Iterator[str]:
     """Yield where the verdict is not what the oracle says of the frames and the rig."""
     yield from oracle.verdict(case)
@@ -215,20 +265,25 @@ def frames(case: Case) -> Iterator[str]:
 def limits(case: Case) -> Iterator[str]:
     """Yield where a command left its bounds or its rate, or was not safe."""
     for role, node in case.log.node.items():
-        state = node.columns["supervisor.state"]
-        for name, limit in plan(case.rig, role, "virtual").limits.items():
-            sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
-            if not ((sent >= limit.low) & (sent <= limit.high)).all():
-                yield f"{role}: {name} was beyond its bounds"
-            if limit.rate_per_s is not None:
-                most = limit.rate_per_s / case.rig.config.rate_hz * (1.0 + 1e-9)
-                if (np.abs(np.diff(sent)) > most * np.diff(node.cycle)).any():
-                    yield f"{role}: {name} was faster than its rate"
-            if (sent[state == State.INIT] != safe).any():
-                yield f"{role}: {name} was not safe in INIT"
-            ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
-            if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
-                yield f"{role}: {name} rose in FAULT"
+        yield from (f"{role}: {line}" for line in broken_limits(case.rig, role, node))
+
+
+def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
+    """Yield where a command of a node left its bounds or its rate, or was not safe."""
+    state = node.columns["supervisor.state"]
+    for name, limit in plan(rig, role, "virtual").limits.items():
+        sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
+        if not ((sent >= limit.low) & (sent <= limit.high)).all():
+            yield f"{name} was beyond its bounds"
+        if limit.rate_per_s is not None:
+            most = limit.rate_per_s / rig.config.rate_hz * (1.0 + 1e-9)
+            if (np.abs(np.diff(sent)) > most * np.diff(node.cycle)).any():
+                yield f"{name} was faster than its rate"
+        if (sent[state == State.INIT] != safe).any():
+            yield f"{name} was not safe in INIT"
+        ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
+        if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
+            yield f"{name} rose in FAULT"
 
 
 def damage(case: Case) -> Iterator[str]:
@@ -275,6 +330,7 @@ PROMISES: dict[str, Promise] = {
     one.__name__: one
     for one in (
         bits, replayed, keyframe, branched, in_lanes, in_parts, verdict, frames, limits, damage,
+        interpreted, lockstep,
     )
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A world made as small as it can be, with the same promise broken: fewer features, nodes, cycles."""
+"""A world made as small as it can be: fewer features, nodes, cycles, the same promise broken."""
 
 import copy
 from collections.abc import Callable, Iterator
