@@ -20,8 +20,8 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.start import pool, rigs
 from pcpc.tools.study.swarm.commands import SwarmRequest
-from pcpc.tools.study.swarm.draws import world_of
-from pcpc.tools.study.swarm.files import HISTORY, World, write
+from pcpc.tools.study.swarm.draws import ODD, world_of
+from pcpc.tools.study.swarm.files import HISTORY, World, write, write_laws
 from pcpc.tools.study.swarm.promises import PROMISES, Case, broken
 from pcpc.tools.study.swarm.shrink import smallest
 from pcpc.tools.terminal import screen
@@ -134,7 +134,8 @@ def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -
             row.found = {"refusal": [f"not refused: {world['wrong']}"]}
     except UserError as error:
         row.refused = str(error)
-        if not world["wrong"] or "\n" in row.refused:
+        allowed = world["wrong"] or ODD in world["features"]
+        if not allowed or "\n" in row.refused:
             row.found = {"refusal": [row.refused]}
     row.cycles = case.cycles
     return row
@@ -145,6 +146,7 @@ def _replayed(request: SwarmRequest, folder: Path) -> int:
     world = dict(yamlfile.load(folder / HISTORY).data)
     with tempfile.TemporaryDirectory(prefix="pcpc-swarm-") as name:
         shutil.copytree(folder, name, dirs_exist_ok=True)
+        write_laws(world, Path(name))
         row = _checked(world, Path(name), PROMISES)
     if request.json:
         print(screen.json_text(msgspec.to_builtins(row)))

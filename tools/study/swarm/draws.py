@@ -19,6 +19,12 @@ RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE = 1600, 0.05, 0.01
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
+ODD = "odd fault"  # which may be refused, or run
+_FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
+               "burst", "from", "for", "every", "times", "x")  # fmt: skip
+_ODD_VALUES = (None, True, [], {}, "", "x", "loss", "FB_1", "plant", "freeze", "0s", "-1ms",
+               "999999999min", 0, -1, 1, 3.5, 2**64, -(2**63), 5e-324, 1e300, float("nan"),
+               float("inf"))  # fmt: skip
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
     "rate": (("rate_hz",), -5),
     "word": (("supervizor",), {}),
@@ -60,7 +66,7 @@ class Drawing:
 def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
-    world: World = {"seed": seed, "base": base, "wrong": []}
+    world: World = {"seed": seed, "around": base, "wrong": []}
     world["keys"] = keys = {"seed": d.random.randint(1, 10**6), "record": {"keyframe": "100ms"}}
     if base is None:
         _drawn(d, world, keys)
@@ -309,6 +315,8 @@ def _faults(
             entry["share"] = d.near(0.05, 0.9)
             entry["burst"] = d.one(1, 2, 5)
         entry |= _moments(d, world)
+        if world["plants"] and d.has(0.05, ODD):
+            entry[d.one(*_FAULT_KEYS)] = d.one(*_ODD_VALUES)
         d.features.append(kind.word)
         found[f"f{i}"] = entry
     keys["faults"] = found

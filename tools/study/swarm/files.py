@@ -40,23 +40,28 @@ def write(world: World, folder: Path, laws: Path | None = None) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     rig = rig_of(world, "" if laws is None else f"{laws}/")
-    if world["base"] is None:
+    if world["around"] is None:
         (folder / "swarm.dbc").write_text(dbc_text(world))
-        for shape in {one["shape"] for one in world["plants"]}:
-            law = (laws or folder) / f"law_{shape}.py"
-            if not law.exists():
-                with whole_file(law) as unfinished:
-                    unfinished.write_text(law_text(shape))
+        write_laws(world, laws or folder)
     (folder / RIG).write_text(yamlfile.dump(rig))
     (folder / HISTORY).write_text(yamlfile.dump(world))
     return folder / RIG
 
 
+def write_laws(world: World, folder: Path) -> None:
+    """Write the laws of a world that are not there."""
+    for shape in {one["shape"] for one in world["plants"]}:
+        law = folder / f"law_{shape}.py"
+        if not law.exists():
+            with whole_file(law) as unfinished:
+                unfinished.write_text(law_text(shape))
+
+
 def rig_of(world: World, laws: str) -> World:
     """Return what rig.yaml says; `laws`: what stands before the name of a law's file."""
     keys = {"rig": "swarm", "duration_s": world["cycles"] / world["rate_hz"], **world["keys"]}
-    if world["base"] is not None:
-        return {"base": world["base"], **keys}
+    if world["around"] is not None:
+        return {"base": world["around"], **keys}
     found = _drawn_rig(world, laws)
     for role in ("executive", *nodes(world)):
         found[role] |= keys.pop(role, {})

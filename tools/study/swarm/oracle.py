@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pcpc.tools.study.swarm.promises import Case
 
 _OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _INJECTED = 0, 1, 2, 3, 4, 6, 16
-_MOST_DELTA = 4
+_MOST_DELTA, _ON_THE_WAY = 4, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
 _SILENT = 1
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
@@ -41,7 +41,7 @@ def received(world: World, role: str) -> Iterator[tuple[str, int, World]]:
 
 def frames(case: "Case") -> Iterator[str]:
     """Yield frames that were taken for what they are not, or decoded to what they do not say."""
-    if case.world["base"] is not None:
+    if case.world["around"] is not None:
         return
     for role, node in case.log.node.items():
         for name, word, frame in received(case.world, role):
@@ -53,11 +53,35 @@ def frames(case: "Case") -> Iterator[str]:
                 at = differ[0]
                 yield f"{role}: {name} in cycle {rows['cycle'][at]}: {told[at]}, not {states[at]}"
             yield from _misread(case, role, name, rows, frame)
+            yield from _astray(case, role, name, word)
         yield from _unlike_sent(case, role, node)
     for role, account in case.summary.frames_to.items():
         spent = sum(count for key, count in account.items() if key not in ("sent", "away"))
         if account.get("unread", 0) < 0 or account["sent"] != spent:
             yield f"{role}: of {account['sent']} frames {account}"
+
+
+def _astray(case: "Case", role: str, name: str, word: int) -> Iterator[str]:
+    """Yield frames that were sent on an ideal bus, did not come, and were not on the way."""
+    config = case.rig.config
+    stalls = any(one.kind == "stall" for one in config.faults.values())
+    if config.bus.emulate is not None or stalls:
+        return
+    heard = case.log.node[role]
+    sender = case.log.node[senders(case.world)[name]]
+    rows = heard.frames[(heard.frames["id"] == word) & (heard.frames["direction"] == 1)]
+    came = int((rows["e2e"] < _INJECTED).sum())
+    its = sender.frames[(sender.frames["id"] == word) & (sender.frames["direction"] == 0)]
+    past = int(heard.cycle[-1]) if len(heard.cycle) else 0
+    sent = int((its["cycle"] < past).sum())
+    if not -_ON_THE_WAY <= sent - came <= _ON_THE_WAY:
+        yield f"{role}: {name} was sent {sent} times and came {came} times"
+
+
+def senders(world: World) -> dict[str, str]:
+    """Return who sends each frame of every cycle."""
+    found = {f"FB_{i}": role for role, i in nodes(world).items()}
+    return found | {f"CMD_{i}": "executive" for i in nodes(world).values()}
 
 
 def accepted(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
@@ -139,7 +163,8 @@ def _misread(case: "Case", role: str, name: str, rows: NDArray[Any], frame: Worl
         wrong &= node.columns["supervisor.gain"][at] == 1.0  # else commands ramp to safe ones
         if wrong.any():
             k = int(np.argmax(wrong))
-            yield f"{role}: {name}.{signal} in cycle {node.cycle[at[k]]}: {column[at[k]]}, not {there[k]}"
+            where = f"{role}: {name}.{signal} in cycle {node.cycle[at[k]]}"
+            yield f"{where}: {column[at[k]]}, not {there[k]}"
 
 
 def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
@@ -167,10 +192,11 @@ def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
                     np.round((meant - offset) / factor), low, low + 2 ** about["bits"] - 1
                 )
                 wrong = np.abs(sent - (codes * factor + offset)) > 1.0001 * factor * (codes != low)
-            wrong &= ~np.isnan(meant)
+            wrong |= ~np.isfinite(meant)
             if wrong.any():
                 k = int(np.argmax(wrong))
-                yield f"{role}: {name}_{i}.{signal} in cycle {rows['cycle'][k]}: {sent[k]}, not {meant[k]}"
+                where = f"{role}: {name}_{i}.{signal} in cycle {rows['cycle'][k]}"
+                yield f"{where}: {sent[k]}, not {meant[k]}"
 
 
 # Faults and the verdict
@@ -179,7 +205,7 @@ def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
 def verdict(case: "Case") -> Iterator[str]:
     """Yield where a node faulted, or did not, or the run came to what it did not deserve."""
     for role, node in case.log.node.items():
-        if case.world["base"] is None:
+        if case.world["around"] is None:
             yield from _silence(case, role, node)
         yield from _groundless(case, role, node)
     wanted, why = deserved(case)
@@ -250,7 +276,7 @@ def deserved(case: "Case") -> tuple[set[str], str]:
     if case.outcome.short:
         return sure | {"expectation not met", "not judged", "ok"}, "it ended early"
     for one in config.require:
-        if case.world["base"] is not None:
+        if case.world["around"] is not None:
             return sure | {*_MILDER}, "its requirements are not judged here"
         at_most = float(one.always.rpartition("<")[2])
         if not (np.abs(top.columns["rx.FB_1.position"]) < at_most).all():
@@ -262,8 +288,18 @@ _MILDER = "loss", "expectation not met", "not judged", "ok"
 
 
 def _lost(case: "Case") -> str:
-    """Return which frames were sent and came to nobody; "" for none, where the bus is ideal."""
+    """Return what was lost or wrong on the wire, by no fault on purpose; "" for nothing."""
+    errors = case.rig.config.errors
     implausible = sum(one.get("implausible", 0) for one in case.outcome.health.values())
-    if implausible > case.rig.config.errors.implausible:
+    if implausible > errors.implausible:
         return f"{implausible} values were not plausible"
-    return ""
+    counts = dict.fromkeys((_SOME_LOST, _REPEATED, _WRONG, _ERROR), 0)
+    for role, node in case.log.node.items():
+        for _, word, frame in received(case.world, role):
+            rows = node.frames[(node.frames["id"] == word) & (node.frames["direction"] == 1)]
+            states = accepted(rows[rows["e2e"] < _INJECTED], frame, word)
+            for state in counts:
+                counts[state] += int((states == state).sum())
+    allowed = {_REPEATED: errors.repeated, _WRONG: errors.wrong_sequence, _ERROR: errors.crc}
+    told = [f"{n} of state {state}" for state, n in counts.items() if n > allowed.get(state, 0)]
+    return ", ".join(told)

@@ -158,7 +158,7 @@ def branched(case: Case) -> Iterator[str]:
         return
     cycle = case.at("branch", 1, case.length - 2)
     yield from differing(case.log, logs.read(_branch(case, cycle, [])))
-    if case.world["base"] is not None or len(case.rig.config.schedule) > 8:
+    if case.world["around"] is not None or len(case.rig.config.schedule) > 8:
         return
     value = 0.1 + 4.0 * case.world["at"]["branch"]
     branch = logs.read(_branch(case, cycle, [Change("executive", _GAIN, value)]))
@@ -339,7 +339,7 @@ def broken(case: Case, names: Any = PROMISES) -> dict[str, list[str]]:
     """Return what is broken, by the name of its promise; RigError of a rig that is refused."""
     found = {}
     case.path  # noqa: B018
-    for name in names:
+    for name in [one for one in names if one in PROMISES]:
         try:
             lines = list(PROMISES[name](case))
         except UserError as error:

@@ -1,6 +1,8 @@
 """A world made as small as it can be: fewer features, nodes, cycles, the same promise broken."""
 
 import copy
+import json
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -26,8 +28,8 @@ def smallest(world: World, still_broken: Callable[[World], bool]) -> World:
 
 def _smaller(world: World) -> Iterator[World]:
     """Yield worlds that lack one thing, the largest first."""
-    for count in range(1, len(world["plants"])):
-        yield _without_plants(world, count)
+    for i in range(1, len(world["plants"]) + 1 if world["plants"][1:] else 0):
+        yield _without_plant(world, i)
     for key in ("faults", "losses", "schedule", "bus", "plausible", "limits", "require", "errors",
                 "overrun", "standby", "handover", "supervisor"):  # fmt: skip
         place = world["keys"]
@@ -45,13 +47,24 @@ def _smaller(world: World) -> Iterator[World]:
                 yield smaller
 
 
-def _without_plants(world: World, count: int) -> World:
+def _without_plant(world: World, i: int) -> World:
+    """Return the world without plant `i`, and what names it; later ones count one less."""
     smaller = copy.deepcopy(world)
-    smaller["plants"] = smaller["plants"][:count]
-    limits = smaller["keys"].get("executive", {})
-    for of in limits.values():
-        for name in [one for one in of if int(one.partition(".")[0].split("_")[1]) > count]:
-            del of[name]
+    del smaller["plants"][i - 1]
+    own = re.compile(rf"\b(CMD|FB)_{i}\b|\bplant{f'_{i}' if i > 1 else ''}\b")
+    keys = smaller["keys"]
+    for of in (keys, keys.get("executive", {})):
+        for name in ("faults", "losses", "limits", "plausible"):
+            named = of.get(name, {})
+            kept = {k: v for k, v in named.items() if not own.search(json.dumps({k: v}))}
+            of |= {name: kept} if kept else {}
+            if not kept:
+                of.pop(name, None)
+    text = json.dumps(keys)
+    for j in range(i + 1, len(world["plants"]) + 1):
+        text = re.sub(rf"\b(CMD|FB)_{j}\b", rf"\g<1>_{j - 1}", text)
+        text = re.sub(rf"\bplant_{j}\b", "plant" if j == 2 else f"plant_{j - 1}", text)
+    smaller["keys"] = json.loads(text)
     return smaller
 
 
