@@ -151,20 +151,28 @@ def _misread(case: "Case", role: str, name: str, rows: NDArray[Any], frame: Worl
     used = rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
     last = np.flatnonzero(np.append(np.diff(used["cycle"]) != 0, True)) if len(used) else []
     node, used = case.log.node[role], used[last]
-    at = np.searchsorted(node.cycle, used["cycle"])
-    at = at[at < len(node.cycle)]
+    used, at = _recorded(node, used)
     for signal, about in frame["signals"].items():
         column = node.columns.get(f"rx.{name}.{signal}")
         own = about["layout"] in (None, -1) and f"{name}.{signal}" not in judged
         if column is None or not own or signal in ("counter", "crc"):
             continue
-        there = value(used["data"][: len(at)], about)
+        there = value(used["data"], about)
         wrong = (there != column[at]) & ~(np.isnan(there) & np.isnan(column[at]))
-        wrong &= node.columns["supervisor.gain"][at] == 1.0  # else commands ramp to safe ones
+        gain, state = (node.columns[f"supervisor.{one}"][at] for one in ("gain", "state"))
+        ramps = (gain < 1.0) | (state > _HOLD)
+        wrong &= ~ramps  # of what a plant hears to what is safe
         if wrong.any():
             k = int(np.argmax(wrong))
             where = f"{role}: {name}.{signal} in cycle {node.cycle[at[k]]}"
             yield f"{where}: {column[at[k]]}, not {there[k]}"
+
+
+def _recorded(node: NodeLog, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the frames of cycles that the node recorded, and where these are in its columns."""
+    at = np.searchsorted(node.cycle, rows["cycle"])
+    there = np.isin(rows["cycle"], node.cycle)
+    return rows[there], at[there]
 
 
 def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
@@ -174,8 +182,7 @@ def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
         name, word, key = ("CMD", 160, "command") if role == "executive" else ("FB", 288, "back")
         frame = case.world["plants"][i - 1][key]
         rows = node.frames[(node.frames["id"] == word + i) & (node.frames["direction"] == 0)]
-        at = np.searchsorted(node.cycle, rows["cycle"])
-        rows, at = rows[at < len(node.cycle)], at[at < len(node.cycle)]
+        rows, at = _recorded(node, rows)
         if (rows["dlc"] != frame["length"]).any():
             yield f"{role}: {name}_{i} was sent with another length"
         for signal, about in frame["signals"].items():

@@ -124,14 +124,18 @@ def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
 def columns(one: logs.Log, other: logs.Log, past: int | None = None) -> Iterator[str]:
     """Yield the variables that differ in the cycles before `past`."""
     for role, mine in one.node.items():
-        theirs, end = other.node[role], past
-        if past is None and len(mine.cycle) != len(theirs.cycle):
-            yield f"{role}: {len(mine.cycle)} cycles, {len(theirs.cycle)}"
-            end = min(len(mine.cycle), len(theirs.cycle))
+        theirs = other.node[role]
+        ends = [
+            len(node.cycle) if past is None else int(np.searchsorted(node.cycle, past))
+            for node in (mine, theirs)
+        ]
+        end = min(ends)
+        if ends[0] != ends[1]:
+            yield f"{role}: {ends[0]} cycles, {ends[1]}"
         for name, values in mine.columns.items():
             if values[:end].tobytes() != theirs.columns[name][:end].tobytes():
                 words = (x[:end].view(np.int64) for x in (values, theirs.columns[name]))
-                yield f"{role}: {name} from cycle {np.argmax(np.not_equal(*words))}"
+                yield f"{role}: {name} from cycle {mine.cycle[np.argmax(np.not_equal(*words))]}"
 
 
 def replayed(case: Case) -> Iterator[str]:
@@ -169,7 +173,7 @@ def branched(case: Case) -> Iterator[str]:
     world["keys"]["schedule"] = sorted(rows, key=lambda row: row["at_s"])
     other = Case(world, case.folder / "changed")
     write(world, other.folder, case.laws)
-    yield from (f"changed: {line}" for line in columns(branch, other.log))
+    yield from (f"changed: {line}" for line in columns(branch, other.log, case.length))
     case.cycles += other.cycles
 
 
@@ -248,7 +252,7 @@ def _elsewhere(
         return
     log = logs.read(out / "log.mcap")
     case.cycles += sum(len(node.cycle) for node in log.node.values())
-    least = min(len(node.cycle) for one in (log, case.log) for node in one.node.values())
+    least = min(int(node.cycle[-1]) for one in (log, case.log) for node in one.node.values())
     yield from (f"{words[0]}: {line}" for line in columns(case.log, log, past or least))
 
 
