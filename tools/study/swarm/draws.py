@@ -16,7 +16,7 @@ from pcpc.tools.study.swarm.expressions import SHAPES
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
 RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
-MOST_CYCLES, WRONG_SHARE, MANY_SHARE = 1600, 0.05, 0.01
+MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 ODD = "odd fault"  # which may be refused, or run
@@ -47,10 +47,11 @@ class Drawing:
     def __init__(self, seed: int) -> None:
         self.random = random.Random(f"swarm {seed}")
         self.features: list[str] = []
+        self.often = 1.0  # how much of what is drawn is there
 
     def has(self, share: float, *features: str) -> bool:
         """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share
+        found = self.random.random() < share * self.often
         self.features += features * found
         return found
 
@@ -83,6 +84,8 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
     world["cycles"] //= 4 if count > 3 else 1
+    if d.has(PLAIN_SHARE, "plain"):  # most of what follows keeps a rig from lanes
+        d.often = 0.15
     world["plants"] = [_plant(d) for _ in range(count)]
     _supervision(d, world, keys)
     _values(d, world, keys)

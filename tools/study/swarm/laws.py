@@ -4,6 +4,7 @@ x' = (command - x) / tau                                             one Euler s
 """
 
 from pcpc.executive.laws.block import Block, Ports, port, stage
+from pcpc.executive.laws.emath import clip, where
 
 
 class Parameters(Ports):
@@ -37,10 +38,10 @@ class Outputs(Ports):
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance the lag from t - dt to t and sample it; at t = 0 only sample."""
     if t > 0.0:
-        x.x += min(dt / p.tau_s, 1.0) * (u.command - x.x)
+        x.x += clip(dt / p.tau_s, 0.0, 1.0) * (u.command - x.x)
     y.position = x.x
     y.twice = 2.0 * x.x
-    y.which = y.which + 1.0 if y.which + 1.0 < p.layouts else 0.0
+    y.which = where(y.which + 1.0 < p.layouts, y.which + 1.0, 0.0)
 
 
 BLOCK = Block(step)

@@ -40,7 +40,7 @@ from pcpc.tools.study.swarm import oracle
 from pcpc.tools.study.swarm.files import RIG, World, write
 from pcpc.tools.terminal.progress import Progress
 
-PART_CYCLES = 400
+PART_CYCLES = 100
 SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
 _FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
 _GAIN = "controller.first"
