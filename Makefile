@@ -4,6 +4,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
+# of `make swarm`: today's
+SEED ?= $(shell date +%Y%m%d)0000
 # processes of `make test`, 1 GB each; two leave a fifth of two processors idle
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
@@ -111,6 +113,10 @@ size: install ## tokens and lines of each room; SINCE=main: and what was added
 
 release: tools ## sdist and wheel in dist/, tried; WHEELS: of other machines
 	@$(BIN)/python tools/dev/release.py $(WHEELS)
+
+swarm: install ## five minutes of drawn rigs, with a new SEED each day
+	@echo "pcpc swarm --seed $(SEED)"
+	@$(BIN)/pcpc swarm --seed $(SEED) --for 5m
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .

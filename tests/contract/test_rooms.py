@@ -64,6 +64,7 @@ ROOMS = (
     Room("study/margin", ("margin", "probe"), "no such command",
          goes_with=("study/book/rivals.py",), names=("Margin", "Margins", "Response", "margin")),
     Room("study/fit", ("fit", "probe", "latest"), "no such command", names=("Fit", "fit")),
+    Room("study/swarm", ("swarm", "--seeds", "1"), "no such command", goes_with=("dev/evidence",)),
     Room("study/bounds", ("bounds", "probe"), "no such command", names=("Bounds", "bounds")),
     Room("make/generate", ("generate", "c", "probe"), "no such command",
          goes_with=("dev/bench", "make/fmu/cli.py", "make/web")),

@@ -76,6 +76,7 @@ _ANSWERS = {  # title, module of a room, names in it of what is printed, which i
     "set": ("Parameters that were set", "live/answers", "Tuned"),
     "soak": ("A run of the soak", "dev/evidence/soak", "SoakRow"),
     "stop": ("The executive was asked to stop", "live/answers", "CycleOfStop"),
+    "swarm": ("What a swarm of drawn rigs came to", "study/swarm/cli", "Told"),
     "watch": ("Values of variables in one cycle", "live/answers", "WatchedValues"),
 }  # fmt: skip
 

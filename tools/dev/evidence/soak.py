@@ -1,14 +1,13 @@
-"""Run after run with other seeds, tunings and faults, for hours; each log is judged.
+"""Run after run on a clock with other seeds, tunings and faults, for hours; each log is judged.
 
     python -m pcpc.tools.dev.evidence.soak RIG [--hours H]
 
-Every second run is in virtual time, with faults of the rig's own `faults:` at drawn moments. The
-others are on a clock for `each_s`: every few seconds a parameter of each node is tuned, a fault
-begun, a node in FAULT reset; one of three is stopped or interrupted at a drawn moment, and the next
-one starts. One that nobody asked to end comes to its last cycle, also in FAULT. What else has to
-hold in each log: `evidence.invariants`.
+A run lasts `each_s`: every few seconds a parameter of each node is tuned, a fault begun, a node in
+FAULT reset; one of three is stopped or interrupted at a drawn moment, and the next one starts. One
+that nobody asked to end comes to its last cycle, also in FAULT. What else has to hold in each log:
+`evidence.invariants`. Runs in virtual time are those of `pcpc swarm --rig`.
 
-On a clock the memory of host, nodes and recorder (RSS) is looked at every second. A run that lasts
+The memory of host, nodes and recorder (RSS) is looked at every second. A run that lasts
 has to end with what it held when it had settled, within 2 %.
 """
 
@@ -60,8 +59,6 @@ class SoakRow(TypedDict):
 
     run: Count
     "number"
-    paced: bool
-    "on a clock; false: in virtual time"
     faults: Count
     "on purpose"
     resets: Count
@@ -99,10 +96,9 @@ def command(request: SoakRequest) -> int:
 
 def summary_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return how much was done, the memory of each process at its worst, and what was wrong."""
-    paced = sum(row["paced"] for row in rows)
     sums = {key: sum(row[key] for row in rows) for key in ("cycles", "tuned", "faults", "resets")}
     lines = [
-        f"{len(rows)} runs, {paced} of them on a clock, {sums['cycles']:,} cycles",
+        f"{len(rows)} runs, {sums['cycles']:,} cycles",
         f"{sums['tuned']} tunings, {sums['faults']} faults on purpose, {sums['resets']} resets",
     ]
     settled = [row["settled"] for row in rows if row["settled"]]
@@ -117,31 +113,25 @@ def summary_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def judged_run(rig: str, seed: int, number: int, each_s: float) -> SoakRow:
     """Do a run and judge its log; return its row."""
-    draw, loaded, paced = random.Random(f"{seed}/{number}"), load_rig(rig), number % 2 == 1
+    draw, loaded = random.Random(f"{seed}/{number}"), load_rig(rig)
     settings: dict[str, Any] = tunings(loaded, draw)
     row: SoakRow = {
-        "run": number, "paced": paced, "faults": 0, "resets": 0, "tuned": len(settings),
+        "run": number, "faults": 0, "resets": 0, "tuned": len(settings),
         "wrong": [], "cycles": 0, "settled": {},
     }  # fmt: skip
     memory = dict[str, list[int]]()
     settings["seed"] = draw.randint(1, 10**6)
-    if paced:
-        settings |= {"duration_s": max(each_s, loaded.config.duration_s)}
-        settings |= {"supervisor.on_fault": "wait"}
-    else:
-        settings |= faults(loaded, draw, row)
+    settings |= {"duration_s": max(each_s, loaded.config.duration_s)}
+    settings |= {"supervisor.on_fault": "wait"}
     with tempfile.TemporaryDirectory(prefix="pcpc-soak-") as folder:
-        words = ["run" if paced else "simulate", rig, "-o", f"{folder}/run", "--quiet"]
-        words += ["--pacing", "real"] * paced
-        words += ["--no-figure", *(f"--set={name}={x}" for name, x in settings.items())]
+        words = ["run", rig, "-o", f"{folder}/run", "--quiet", "--pacing", "real", "--no-figure"]
+        words += [f"--set={name}={x}" for name, x in settings.items()]
         child = Child.started("run", "pcpc.tools.cli", words)
-        asked = False
-        if paced:
-            asked = _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
+        asked = _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
         child.end(_JUDGE_S)
         row["wrong"] = [] if child.code in _ENDS else [f"exit {child.code}", *child.complaint()]
         row["cycles"], wrong = broken_promises(Path(folder) / "run" / LOG, loaded)
-        if paced and not asked:
+        if not asked:
             wrong += early_end(Path(folder) / "run", settings["duration_s"])
         row["settled"] = settled_memory(memory)
         row["wrong"] += wrong + growing_memory(row["settled"])
@@ -181,18 +171,6 @@ def tunings(rig: Rig, draw: random.Random) -> dict[str, float]:
     chosen = draw.sample(sorted(known), min(_MOST, len(known)))
     drawn = {name: made.values[made.table.index[name]] * draw.uniform(*_FACTORS) for name in chosen}
     return {name: min(max(x, known[name].low), known[name].high) for name, x in drawn.items()}
-
-
-def faults(rig: Rig, draw: random.Random, row: SoakRow) -> dict[str, str]:
-    """Return moments for some of the rig's faults."""
-    known, cycles = [*rig.config.faults], int(rig.config.duration_s * rig.config.rate_hz)
-    chosen = draw.sample(known, min(_MOST, len(known)))
-    row["faults"], period_ms = len(chosen), 1e3 / rig.config.rate_hz
-    return {
-        f"faults.{name}.{key}": f"{period_ms * draw.randint(1, most):.9g}ms"
-        for name in chosen
-        for key, most in (("from", max(cycles - 100, 1)), ("for", 100))
-    }
 
 
 def _disturb(

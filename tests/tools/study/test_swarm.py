@@ -1,0 +1,205 @@
+"""`pcpc swarm`: drawn worlds keep their promises; each is seen to fail; a find is a folder."""
+
+import itertools
+import json
+import pkgutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from json_schemas import holds
+from logcommand import run_here
+from places import ROOT
+
+from pcpc.tools.study.swarm import cli, draws, shrink
+from pcpc.tools.study.swarm.files import World, write
+from pcpc.tools.study.swarm.promises import PROMISES
+
+Spoil = Callable[[Any], Any]  # what is true: what stands in its place
+CASES = sorted(path.parent for path in ROOT.glob("tests/swarm/*/rig.yaml"))
+PLAIN, SEEDS = 3, 12  # a seed of one plant with tunings and limits; how many are tried here
+
+
+def world(**changes: Any) -> World:
+    """Return a world of one plant whose rig is valid, with a requirement that is violated."""
+    found = draws.world_of(PLAIN)
+    keys = found["keys"]
+    for name in ("faults", "losses", "bus", "overrun", "standby", "handover"):
+        keys.pop(name, None)
+    keys["executive"] = {"limits": {"CMD_1.command": {"low": -2.5, "high": 2.5}}}
+    keys["supervisor"] = {}
+    keys["schedule"] = [{"at_s": 0.02, "set": {"controller.first": 1.5}}]
+    keys["require"] = [{"always": "abs(rx.FB_1.position) < 0.0001"}]
+    found["plants"][0]["reference"] = draws._reference(draws.Drawing(1), "sine")
+    found["plants"][0]["shape"], found["wrong"] = 2, []
+    found |= {key: one for key, one in changes.items() if key != "sample"}
+    found["at"]["sample"] = changes.get("sample", 0.5)
+    return found
+
+
+def _a_bit_off(since: int) -> Spoil:
+    """Install a gain that is off by a unit in the last place, from one of the nodes on."""
+
+    def spoil(true: Any) -> Any:
+        count = itertools.count()
+
+        def installed(made: Any, loop: Any) -> None:
+            true(made, loop)
+            place = made.table.index.get("controller.first")
+            if next(count) >= since and place is not None:
+                loop.v[place] = np.nextafter(loop.v[place], np.inf)
+
+        return installed
+
+    return spoil
+
+
+def _keyframe_off(true: Any) -> Any:
+    def restored(loop: Any, held: Any, state: bytes) -> None:
+        true(loop, held, state)
+        values = loop.v[: held[0][3] // 8]
+        places = values != np.trunc(values)
+        values[places] = np.nextafter(values[places], np.inf)
+
+    return restored
+
+
+def _a_lane_off(true: Any) -> Any:
+    def begun(group: Any) -> None:
+        true(group)
+        values = group.seats["plant"].values[:, -1]
+        place = np.flatnonzero(values != np.trunc(values))[0]
+        values[place] = np.nextafter(values[place], np.inf)
+
+    return begun
+
+
+def _wider(true: Any) -> Any:
+    def installed(part: Any, made: Any, loop: Any) -> None:
+        true(part, made, loop)
+        loop.limits.table[0].high *= 1.5
+        loop.limits.table[0].low *= 1.5
+
+    return installed
+
+
+INSTALL = "pcpc.executive.nodes.virtual.install_in_memory"
+PLANTED: list[tuple[str, World, str, Spoil]] = [
+    ("bits", {}, INSTALL, _a_bit_off(2)),
+    ("replayed", {}, "pcpc.executive.nodes.slices.tuning_of",
+     lambda true: lambda entry: (true(entry)[0] + 1, *true(entry)[1:])),
+    ("keyframe", {}, "pcpc.executive.loop.keyframe_layout.restore", _keyframe_off),
+    ("branched", {}, "pcpc.tools.after.branch.branching._tune_later",
+     lambda true: lambda node, later: None),
+    ("in_lanes", {}, "pcpc.executive.batch.group.LaneGroup.begin", _a_lane_off),
+    ("in_parts", {}, "pcpc.executive.log.long_logs._column_slice",
+     lambda true: lambda columns, begin, end: true(columns, max(begin - 1, 0), end - 1)),
+    ("verdict", {}, "pcpc.tools.after.verdict.summary.verdict_of", lambda true: lambda *_: "ok"),
+    ("frames", {}, "pcpc.drivers.can.dbc._signal_row",
+     lambda true: lambda one, place, dlc: (*true(one, place, dlc)[:-4], one.factor * 1.25,
+                                           *true(one, place, dlc)[-3:])),
+    ("limits", {}, "pcpc.executive.nodes.planned_commands.Commands.install", _wider),
+    ("interpreted", {"sample": 0.0}, INSTALL, _a_bit_off(0)),
+    ("lockstep", {"sample": 1.0}, INSTALL, _a_bit_off(0)),
+    ("refusal", {"wrong": [[["title"], "nothing is wrong with it"]]}, "math.tau", float),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "place", "spoil"), PLANTED, ids=lambda one: str(one)[:12]
+)
+def test_each_promise_is_seen_to_fail(
+    name: str, changes: World, place: str, spoil: Spoil, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = changes.get("wrong", [])
+    assert cli.checked(world(**changes | {"wrong": []})).found == {}
+    monkeypatch.setattr(place, spoil(pkgutil.resolve_name(place)))
+    assert name in cli.checked(world(**changes | {"wrong": wrong})).found
+
+
+def test_a_wrong_value_of_a_damaged_log_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader that makes one up for what is missing."""
+    true = pkgutil.resolve_name("pcpc.executive.log.reader.read")
+
+    def read(path: Path) -> Any:
+        found = true(path)
+        if path.name == "damaged.mcap":
+            found.missing.clear()
+        return found
+
+    def found() -> list[bool]:
+        worlds = [world() for _ in range(5)]
+        for i, one in enumerate(worlds):
+            one["at"]["cut"] = 0.5 + 0.1 * i
+        return [bool(cli.checked(one, ["damage"]).found) for one in worlds]
+
+    assert not any(found())
+    monkeypatch.setattr("pcpc.executive.log.reader.read", read)
+    assert any(found())
+
+
+def test_every_promise_has_a_planted_fault() -> None:
+    assert {*PROMISES, "refusal"} == {"damage", *(name for name, *_ in PLANTED)}
+
+
+def test_seeds_keep_every_promise_and_are_summed_up(tmp_path: Path) -> None:
+    done = run_here("swarm", "--seeds", SEEDS, "-j", 1, "--json", "-q", "-o", tmp_path / "found")
+    told = holds("swarm", done.out)
+    assert (done.code, told["broken"], told["seeds"]) == (0, [], SEEDS), done
+    assert told["cycles"] > 10_000 and len(told["pairs"]) > 100
+
+
+def test_the_same_seed_is_the_same_world_and_others_are_others() -> None:
+    texts = [json.dumps(draws.world_of(seed)) for seed in (*range(20), *range(20))]
+    assert texts[:20] == texts[20:] and len({*texts}) == 20
+
+
+@pytest.mark.parametrize("name", draws.WRONG)
+def test_a_wrong_rig_is_refused_in_a_line(name: str) -> None:
+    path, value = draws.WRONG[name]
+    row = cli.checked(world(wrong=[[list(path), value]]))
+    assert row.found == {} and row.refused and "\n" not in row.refused
+
+
+def test_what_is_found_is_made_small_and_its_folder_repeats_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, spoil = "pcpc.tools.after.verdict.summary.verdict_of", lambda *_: "ok"
+    monkeypatch.setattr(place, spoil)
+    monkeypatch.setattr(cli, "world_of", lambda seed, base: world())
+    row = cli.row_of(PLAIN, None, str(tmp_path))
+    assert [*row.found] == ["verdict"]
+    done = run_here("swarm", "--replay", row.folder)
+    assert done.code == 1 and "verdict ok, not expectation not met" in done.out, done
+    text = Path(row.folder, "rig.yaml").read_text()
+    assert "schedule" not in text and "require" in text and "limits" not in text, text
+    monkeypatch.undo()
+    assert run_here("swarm", "--replay", row.folder).code == 0
+
+
+def test_nothing_is_left_out_that_is_needed() -> None:
+    def needs(one: World) -> bool:
+        return "require" in one["keys"] and one["cycles"] >= 100
+
+    small = shrink.smallest(world(), needs)
+    assert needs(small) and small["cycles"] < 200 and len(small["plants"]) == 1, small
+
+
+def test_worlds_are_drawn_around_a_rig_of_mine(tmp_path: Path) -> None:
+    words = ("swarm", "--rig", "probe", "--seeds", 3, "-j", 1, "-q", "-o", tmp_path / "found")
+    done = run_here(*words)
+    assert (done.code, "3 seeds from 1 on" in done.out) == (0, True), done
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda one: one.name)
+def test_what_was_found_once_stays_mended(case: Path) -> None:
+    done = run_here("swarm", "--replay", case)
+    assert done.code == 0, done.out
+
+
+def test_a_folder_without_a_world_is_refused(tmp_path: Path) -> None:
+    assert run_here("swarm", "--replay", tmp_path).code == 2
+    write(world(), tmp_path)
+    assert run_here("swarm", "--replay", tmp_path).code == 0

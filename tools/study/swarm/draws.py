@@ -1,0 +1,365 @@
+"""A world is drawn from a seed: rig, history, and at which places of it promises are checked.
+
+`world["features"]` names what was drawn, for the table of pairs. What is drawn is allowed by the
+rig file; a share of worlds is made wrong in one place, see WRONG.
+"""
+
+import random
+from collections.abc import Sequence
+from typing import Any
+
+from pcpc.executive.loop.fault_kinds import WrongFrame, WrongNode, WrongValue
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig import messages
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.study.swarm.expressions import SHAPES
+from pcpc.tools.study.swarm.files import SPAN, World, nodes
+
+RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
+MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
+PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
+_LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
+ODD = "odd fault"  # which may be refused, or run
+_FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
+               "burst", "from", "for", "every", "times", "x")  # fmt: skip
+_ODD_VALUES = (None, True, [], {}, "", "x", "loss", "FB_1", "plant", "freeze", "0s", "-1ms",
+               "999999999min", 0, -1, 1, 3.5, 2**64, -(2**63), 5e-324, 1e300, float("nan"),
+               float("inf"))  # fmt: skip
+WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
+    "rate": (("rate_hz",), -5),
+    "word": (("supervizor",), {}),
+    "controller": (("controller",), "third"),
+    "variable": (("executive", "transmit", "CMD_1.command"), "controller.comand"),
+    "signal": (("executive", "transmit", "CMD_1.kommand"), "controller.command"),
+    "file": (("dbc",), "none.dbc"),
+    "gain": (("controllers", "first", "parameters", "first"), 1e9),
+    "law": (("controllers", "first", "law"), "law_none.py:BLOCK"),
+    "hold": (("supervisor",), {"hold_cycles": 0}),
+    "fault": (("faults",), {"x": {"kind": "los", "frame": "FB_1"}}),
+    "safe": (("plant", "safe"), {"CMD_1.none": 0.0}),
+    "limit": (("executive", "limits"), {"CMD_1.command": {"low": 1.0, "high": -1.0}}),
+}
+
+
+class Drawing:
+    """Draws; notes which features there are."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = random.Random(f"swarm {seed}")
+        self.features: list[str] = []
+        self.often = 1.0  # how much of what is drawn is there
+
+    def has(self, share: float, *features: str) -> bool:
+        """Return whether a feature is there, in this share of worlds, and note it."""
+        found = self.random.random() < share * self.often
+        self.features += features * found
+        return found
+
+    def one(self, *values: Any) -> Any:
+        """Return one of these."""
+        return self.random.choice(values)
+
+    def near(self, low: float, high: float) -> float:
+        """Return a number of few digits between two."""
+        return float(f"{self.random.uniform(low, high):.4g}")
+
+
+def world_of(seed: int, base: str | None = None) -> World:
+    """Return the world of a seed; around a rig, if one is its `base`. RigError."""
+    d = Drawing(seed)
+    world: World = {"seed": seed, "around": base, "wrong": []}
+    world["keys"] = keys = {"seed": d.random.randint(1, 10**6), "record": {"keyframe": "100ms"}}
+    if base is None:
+        _drawn(d, world, keys)
+    else:
+        _around(d, world, keys, load_rig(base))
+    world["at"] = {name: d.random.random() for name in PLACES}
+    world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
+    return world
+
+
+def _drawn(d: Drawing, world: World, keys: World) -> None:
+    """Draw a rig of lags, each behind its own frames."""
+    world |= {"rate_hz": d.one(*RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
+    count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
+    count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
+    world["cycles"] //= 4 if count > 3 else 1
+    if d.has(PLAIN_SHARE, "plain"):  # most of what follows keeps a rig from lanes
+        d.often = 0.15
+    world["plants"] = [_plant(d) for _ in range(count)]
+    _supervision(d, world, keys)
+    _values(d, world, keys)
+    _bus(d, world, keys)
+    protected, places = {}, ["controller.position"]
+    for role, i in nodes(world).items():
+        one = world["plants"][i - 1]
+        protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
+        places += [f"tx.CMD_{i}.command", f"{role}:tx.FB_{i}.position", f"{role}:lag.command"]
+    _faults(d, world, keys, protected, places, ("executive", *nodes(world)))
+    _schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
+    if d.has(WRONG_SHARE, "wrong rig"):
+        world["wrong"] = [[list(path), value] for path, value in [d.one(*WRONG.values())]]
+
+
+def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
+    """Draw what happens to a rig that is there: faults, losses, tunings, an early end."""
+    cycles = round(rig.config.duration_s * rig.config.rate_hz)
+    world |= {"rate_hz": rig.config.rate_hz, "plants": []}
+    world["cycles"] = min(cycles, d.random.randint(150, MOST_CYCLES))
+    plans = [plan(rig, role, "virtual") for role in rig.roles]
+    awaited = [one for made in plans for one in made.rx_frames if messages.is_awaited(one)]
+    top = plans[0]
+    places = [one.name for one in top.table.variables if one.kind == "input"]
+    known = {
+        one.name: (top.values[place] * 0.8, top.values[place] * 1.25)
+        for one in top.table.variables
+        if one.kind == "parameter" and one.name.startswith("controller.")
+        for place in [top.table.index[one.name]]
+        if one.low <= 0.8 * top.values.get(place, 0.0)
+        and 1.25 * top.values.get(place, 0.0) <= one.high
+    }
+    protected = {one.name: one.protected for one in awaited}
+    _faults(d, world, keys, protected, places, rig.roles)
+    if not rig.config.schedule:
+        _schedule(d, world, keys, known)
+
+
+# Plants and their frames
+
+
+def _plant(d: Drawing) -> World:
+    reference = d.one("step", "sine", "chirp", "ramp", "quintic", "sequence")
+    d.features.append(reference)
+    layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
+    gains = [{"first": d.near(0.1, 5.0), "second": d.near(-5.0, 5.0)} for _ in range(2)]
+    return {
+        "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
+        "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
+        "reference": _reference(d, reference),
+        "command": _frame(d, ["command"], True, 0),
+        "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts),
+    }  # fmt: skip
+
+
+def _reference(d: Drawing, name: str) -> World:
+    large = d.near(-20.0, 20.0)
+    given: dict[str, dict[str, float]] = {
+        "step": {"amplitude": large, "start_s": d.near(0.0, 0.2)},
+        "ramp": {"slope": large, "end_s": d.near(0.1, 2.0)},
+        "sine": {"amplitude": large, "frequency_hz": d.near(0.5, 20.0)},
+        "chirp": {"amplitude": large, "from_hz": 0.5, "to_hz": d.near(1.0, 30.0), "sweep_s": 1.0},
+        "quintic": {"amplitude": large, "move_s": d.near(0.05, 0.5)},
+    }
+    if name != "sequence":
+        return {"law": f"profiles:{name}", "parameters": given[name]}
+    ways = [{"to": d.near(-9, 9), "by": d.one("step", "line", "quintic"), "over_s": 0.05}]
+    segments = [*ways, {"over_s": d.near(0.01, 0.1)}, {"to": large, "by": "line", "over_s": 0.1}]
+    return {"law": "profiles:sequence", "parameters": {"repeat": 1}, "segments": segments}
+
+
+def _frame(d: Drawing, names: list[str], downwards: bool, layouts: int) -> World:
+    """Return a frame whose signals lie where they may, drawn until all have found a place."""
+    crc = d.one(0, 8, 8, 8, 16)
+    d.features.append(f"CRC {crc}" if crc else "no E2E")
+    fd = d.has(0.25, "FD")
+    while True:
+        length = d.one(*_LENGTHS) if fd else 8
+        signals: World = {}
+        used: set[int] = set()
+        if crc == 8:
+            signals["counter"] = _signal(8 * length - 16 + d.one(0, 4), 4, whole=True)
+            signals["crc"] = _signal(8 * length - 8, 8, whole=True)
+        elif crc:
+            first = 8 * d.random.randint(0, length - 3)
+            signals["crc"] = _signal(first, 16, whole=True)
+            signals["counter"] = _signal(first + 16, 8, whole=True)
+        for one in signals.values():
+            used |= _bits(one)
+        if crc:  # the whole byte of a counter is its own
+            used |= {8 * (signals["counter"]["start"] // 8) + bit for bit in range(8)}
+        if downwards:
+            signals["mode"] = _placed(d, used, length, 4, "unsigned", whole=True)
+        if layouts:
+            signals["which"] = _placed(d, used, length, 4, "unsigned", whole=True, layout=-1)
+        signals |= {name: _placed(d, used, length, d.random.randint(10, 32)) for name in names}
+        for i in range(layouts):
+            own = set(used)
+            signals[f"part_{i}"] = _placed(d, own, length, d.random.randint(8, 16), layout=i)
+        if all(signals.values()):
+            break
+    d.features += ["big endian"] * any(one["big"] for one in signals.values())
+    d.features += ["float"] * any(one["kind"] == "float" for one in signals.values())
+    return {"length": length, "fd": fd, "signals": signals, "crc": crc}
+
+
+def _signal(start: int, bits: int, kind: str = "unsigned", **more: Any) -> World:
+    about = {"start": start, "bits": bits, "kind": kind, "big": False, "whole": False}
+    return about | {"layout": None} | more
+
+
+def _placed(
+    d: Drawing, used: set[int], length: int, bits: int, kind: str | None = None, **more: Any
+) -> World:
+    """Return a signal of free bits, which are then used; {} if none were found."""
+    kind = kind or d.one("signed", "signed", "unsigned", "float")
+    bits = 32 if kind == "float" else bits
+    for _ in range(40):
+        one = _signal(d.random.randrange(8 * length), bits, kind, big=d.has(0.3), **more)
+        its = _bits(one)
+        whole = max(its) < 8 * length and max(its) // 8 - min(its) // 8 < 8
+        if whole and not its & used:
+            used |= its
+            return one
+    return {}
+
+
+def _bits(one: World) -> set[int]:
+    """Return the bits of a frame in which a signal lies, by their numbers in a DBC file."""
+    at, found = one["start"], set()
+    for _ in range(one["bits"]):
+        found.add(at)
+        if one["big"]:
+            at = at - 1 if at % 8 else at + 15
+        else:
+            at += 1
+    return found
+
+
+# What the rig makes of frames and values
+
+
+def _supervision(d: Drawing, world: World, keys: World) -> None:
+    hold = d.random.randint(2, 8)
+    found: World = {"hold_cycles": hold, "fault_after_cycles": hold + d.random.randint(0, 12)}
+    found["ramp_s"] = d.near(0.002, 0.08)
+    if d.has(0.3, "waits in FAULT"):
+        found["on_fault"] = "wait"
+    if d.has(0.3, "intrusion limits"):
+        found["intrusion"] = d.one("hold", "fault")
+    if d.has(0.2, "quick stop"):
+        found["quick_stop_s"] = d.near(0.002, 0.02)
+    if d.has(0.08, "armed by hand"):
+        found["arm"] = "manual"
+    keys["supervisor"] = found
+    if d.has(0.2, "overrun policy"):
+        keys["overrun"] = d.one({"fault_after": 2}, {"fallback": "second"})
+
+
+def _values(d: Drawing, world: World, keys: World) -> None:
+    limits, plausible = {}, {}
+    for i in range(1, len(world["plants"]) + 1):
+        if d.has(0.6, "limits"):
+            full = d.near(2.5, 30.0)
+            limits[f"CMD_{i}.command"] = {"low": -full, "high": full}
+            if d.has(0.5, "rate limit"):
+                limits[f"CMD_{i}.command"]["rate_per_s"] = d.near(20.0, 5000.0)
+        if d.has(0.25, "plausibility"):
+            full = d.near(5.0, SPAN)
+            plausible[f"FB_{i}.position"] = {"low": -full, "high": full}
+            if d.has(0.4):
+                plausible[f"FB_{i}.position"]["rate_per_s"] = d.near(100.0, 1e5)
+            if d.has(0.4):
+                plausible[f"FB_{i}.position"]["fault_after"] = d.random.randint(2, 30)
+    keys["executive"] = {"limits": limits, "plausible": plausible}
+    if d.has(0.4, "requirement"):
+        at_most = d.near(0.5, 60.0)
+        keys["require"] = [{"always": f"abs(rx.FB_1.position) < {at_most!r}"}]
+    if d.has(0.2, "errors allowed"):
+        keys["errors"] = {"crc": 10**6, "repeated": 10**6, "wrong_sequence": 10**6}
+
+
+def _bus(d: Drawing, world: World, keys: World) -> None:
+    with_fd = any(one[way]["fd"] for one in world["plants"] for way in ("command", "back"))
+    if len(world["plants"]) == 1 and world["rate_hz"] <= 1000 and d.has(0.2, "line"):
+        keys["bus"] = {"bitrate": 1000000, "emulate": "1M", "queue": d.random.randint(4, 64)}
+        if with_fd:
+            keys["bus"]["data_bitrate"] = 5000000
+        if d.has(0.6, "bit errors"):
+            keys["bus"]["bit_error_rate"] = d.one(1e-5, 1e-4, 1e-3)
+            keys["bus"]["error_burst"] = d.one(1, 3)
+    if d.has(0.2, "losses"):
+        frame = d.one("CMD_1", "FB_1")
+        keys["losses"] = {frame: {"share": d.near(0.01, 0.3), "burst": d.one(1, 2, 4)}}
+
+
+def _faults(
+    d: Drawing, world: World, keys: World, protected: dict[str, bool], places: list[str],
+    roles: Sequence[str],
+) -> None:  # fmt: skip
+    """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
+    if not d.has(0.65, "faults"):
+        return
+    kinds = (*WrongValue, *WrongFrame, *WrongFrame, *WrongNode)
+    found: World = {}
+    for i in range(d.random.randint(1, 4)):
+        kind, name = d.one(*kinds), d.one(*protected)
+        if kind.row.protected and not protected[name]:
+            continue
+        if kind == WrongNode.STALL and len(roles) > 2:
+            continue
+        entry: World = {"kind": kind.word}
+        if isinstance(kind, WrongValue):
+            entry |= {"at": d.one(*places), "value": d.near(0.01, 5.0)}
+        elif isinstance(kind, WrongFrame):
+            entry["frame"] = name
+            entry["value"] = d.random.randint(1, 8)
+        else:
+            entry["node"] = d.one(*roles)
+            entry["value"] = d.random.randint(1, 40)
+        if not kind.row.sized:
+            entry.pop("value", None)
+        if kind.row.hows:
+            entry["how"] = d.one(*kind.row.hows)
+            if entry["how"] in ("freeze", "random"):
+                entry.pop("value", None)
+        if kind.row.copies:
+            entry["data_of"] = name
+        if d.has(0.4, "share of a fault") and not isinstance(kind, WrongNode):
+            entry["share"] = d.near(0.05, 0.9)
+            entry["burst"] = d.one(1, 2, 5)
+        entry |= _moments(d, world)
+        if world["plants"] and d.has(0.05, ODD):
+            entry[d.one(*_FAULT_KEYS)] = d.one(*_ODD_VALUES)
+        d.features.append(kind.word)
+        found[f"f{i}"] = entry
+    keys["faults"] = found
+
+
+def _moments(d: Drawing, world: World) -> World:
+    """Return when a fault acts, in whole cycles."""
+    cycles = world["cycles"]
+    begin, most = d.random.randint(1, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
+    found = {"from": _ms(world, begin), "for": _ms(world, d.random.randint(1, most))}
+    if d.has(0.15, "fault again"):
+        found["every"] = _ms(world, d.random.randint(most + 2, 200 + most))
+    return found
+
+
+def _ms(world: World, cycles: int) -> str:
+    return f"{1e3 * cycles / world['rate_hz']:.9g}ms"
+
+
+def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[float, float]]) -> None:
+    """Draw what an operator does; `known`: what may be tuned, and between which values."""
+    period_s, rows = 1.0 / world["rate_hz"], []
+    free = world["plants"] and "fallback" not in keys.get("overrun", {})
+    if free and d.has(0.25, "standby"):
+        keys["standby"] = ["second"]
+        keys["handover"] = {"over_s": d.near(0.0, 0.1)}
+        for name in ("second", "first")[: d.random.randint(1, 2)]:
+            rows.append({"handover": name})
+    for _ in range(d.random.randint(0, 3)):
+        if known and d.has(0.6, "tuning"):
+            name = d.one(*known)
+            rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})
+    for share, name, value in (
+        (0.15, "reset", 1.0), (0.12, "stop", 1.0), (0.06, "stop", 2.0), (0.1, "disarmed", 1.0),
+        (0.15, "disarmed", 0.0),
+    ):  # fmt: skip
+        if d.has(share, f"{name} {value:g}"):
+            rows.append({"set": {f"supervisor.{name}": value}})
+    times = sorted(d.random.randint(1, world["cycles"] - 1) for _ in rows)
+    rows = d.random.sample(rows, len(rows))
+    found = [{"at_s": at * period_s, **row} for at, row in zip(times, rows, strict=True)]
+    if found:
+        keys["schedule"] = found

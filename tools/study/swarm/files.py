@@ -1,0 +1,160 @@
+"""A drawn world as files: rig.yaml, its DBC file, its laws, and history.yaml.
+
+A frame of the world: its length, whether it is FD, the bits of its CRC (0: none), and its signals,
+each with its first bit, length, byte order, kind ("signed", "unsigned", "float"), and layout.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pcpc.executive.rig import yamlfile
+from pcpc.tools.study.swarm.expressions import law_text
+from pcpc.tools.terminal.outfile import whole_file
+
+World = dict[str, Any]
+RIG, HISTORY = "rig.yaml", "history.yaml"
+SPAN = 128.0  # what a signal carries at least, either side of 0
+_HEAD = """VERSION ""
+BU_: EXEC {nodes}
+BO_ 128 SYNC: 2 EXEC
+ SG_ sequence : 0|8@1+ (1,0) [0|255] "" {all}
+ SG_ crc : 8|8@1+ (1,0) [0|255] "" {all}
+BO_ 1793 HB_EXEC: 1 EXEC
+ SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" {all}
+"""
+_KEYS = """BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "GenMsgSendType" ENUM "EveryCycle","Cyclic";
+BA_DEF_ BO_ "VFrameFormat" ENUM {formats};
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+"""
+_FORMATS = ["StandardCAN", "ExtendedCAN", *["reserved"] * 12, "StandardCAN_FD", "ExtendedCAN_FD"]
+
+
+def write(world: World, folder: Path, laws: Path | None = None) -> Path:
+    """Write the files of a world into a folder; return the rig's.
+
+    `laws`: where those of all seeds lie, so that each is tried and compiled once; none: there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rig = rig_of(world, "" if laws is None else f"{laws}/")
+    if world["around"] is None:
+        (folder / "swarm.dbc").write_text(dbc_text(world))
+        write_laws(world, laws or folder)
+    (folder / RIG).write_text(yamlfile.dump(rig))
+    (folder / HISTORY).write_text(yamlfile.dump(world))
+    return folder / RIG
+
+
+def write_laws(world: World, folder: Path) -> None:
+    """Write the laws of a world that are not there."""
+    for shape in {one["shape"] for one in world["plants"]}:
+        law = folder / f"law_{shape}.py"
+        if not law.exists():
+            with whole_file(law) as unfinished:
+                unfinished.write_text(law_text(shape))
+
+
+def rig_of(world: World, laws: str) -> World:
+    """Return what rig.yaml says; `laws`: what stands before the name of a law's file."""
+    keys = {"rig": "swarm", "duration_s": world["cycles"] / world["rate_hz"], **world["keys"]}
+    if world["around"] is not None:
+        return {"base": world["around"], **keys}
+    found = _drawn_rig(world, laws)
+    for role in ("executive", *nodes(world)):
+        found[role] |= keys.pop(role, {})
+    found |= keys
+    for path, value in world["wrong"]:
+        place = found
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = value
+    return found
+
+
+def nodes(world: World) -> dict[str, int]:
+    """Return the plants' roles, each with its number."""
+    return {"plant" if i == 1 else f"plant_{i}": i for i in range(1, len(world["plants"]) + 1)}
+
+
+def _drawn_rig(world: World, laws: str) -> World:
+    blocks: World = {}
+    sent = {"HB_EXEC.nmt_state": "supervisor.nmt"}
+    found: World = {"dbc": "swarm.dbc", "rate_hz": world["rate_hz"], "controller": "first"}
+    plants = {}
+    for role, i in nodes(world).items():
+        one = world["plants"][i - 1]
+        name = "controller" if i == 1 else f"controller_{i}"
+        blocks[f"reference_{i}"] = one["reference"]
+        law = {"law": f"{laws}law_{one['shape']}.py:BLOCK", "parameters": one["gains"]}
+        inputs = {"position": f"rx.FB_{i}.position", "target": f"reference_{i}.value"}
+        if i == 1:
+            found["controllers"] = {"first": law, "second": law | {"parameters": one["others"]}}
+        blocks[name] = {"inputs": inputs} | ({} if i == 1 else law)
+        sent |= {f"CMD_{i}.command": f"{name}.command", f"CMD_{i}.mode": "supervisor.state"}
+        back = {f"FB_{i}.position": "lag.position", f"HB_{i}.nmt_state": "supervisor.nmt"}
+        for signal in one["back"]["signals"]:
+            if signal not in ("position", "counter", "crc"):
+                back[f"FB_{i}.{signal}"] = "lag.which" if signal == "which" else "lag.twice"
+        plants[role] = {
+            "node": f"PLANT_{i}",
+            "blocks": {"lag": {"law": "pcpc.tools.study.swarm.laws:BLOCK",
+                               "inputs": {"command": f"rx.CMD_{i}.command"},
+                               "parameters": {"tau_s": one["tau_s"]}}},
+            "transmit": back, "safe": {f"CMD_{i}.command": one["safe"]},
+        }  # fmt: skip
+    return found | {"executive": {"node": "EXEC", "blocks": blocks, "transmit": sent}} | plants
+
+
+def dbc_text(world: World) -> str:
+    """Return the DBC file: SYNC, heartbeats, and a command and a feedback of each plant."""
+    plants = nodes(world).values()
+    names = [f"PLANT_{i}" for i in plants]
+    text = _HEAD.format(nodes=" ".join(names), all=",".join(names))
+    keys = [(128, 1, 0), (1793, 100, 1)]
+    formats: list[int] = []
+    floats: list[str] = []
+    for i in plants:
+        one = world["plants"][i - 1]
+        text += f"BO_ {1793 + i} HB_{i}: 1 PLANT_{i}\n"
+        text += ' SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" EXEC\n'
+        for name, key, word, ends in (
+            ("CMD", "command", 160 + i, (f"PLANT_{i}", "EXEC")),
+            ("FB", "back", 288 + i, ("EXEC", f"PLANT_{i}")),
+        ):
+            text += f"BO_ {word} {name}_{i}: {one[key]['length']} {ends[1]}\n"
+            text += "".join(_signal_lines(one[key]["signals"], ends[0]))
+            keys.append((word, 1, 0))
+            formats += [word] * one[key]["fd"]
+            floats += [
+                f"SIG_VALTYPE_ {word} {signal} : {about['bits'] // 32};\n"
+                for signal, about in one[key]["signals"].items()
+                if about["kind"] == "float"
+            ]
+        keys.append((1793 + i, 100, 1))
+    text += _KEYS.format(formats=",".join(f'"{one}"' for one in _FORMATS))
+    for word, time_ms, kind in keys:
+        text += f'BA_ "GenMsgCycleTime" BO_ {word} {time_ms};\n'
+        text += f'BA_ "GenMsgSendType" BO_ {word} {kind};\n'
+    text += "".join(f'BA_ "VFrameFormat" BO_ {word} 14;\n' for word in formats)
+    return text + "".join(floats)
+
+
+def _signal_lines(signals: Mapping[str, Any], receiver: str) -> Iterator[str]:
+    for name, one in signals.items():
+        layout = {None: "", -1: "M "}.get(one["layout"], f"m{one['layout']} ")
+        sign = "+" if one["kind"] == "unsigned" else "-"
+        factor, offset = scale(one)
+        yield (
+            f" SG_ {name} {layout}: {one['start']}|{one['bits']}@{int(not one['big'])}{sign} "
+            f'({factor!r},{offset!r}) [0|0] "" {receiver}\n'
+        )
+
+
+def scale(one: Mapping[str, Any]) -> tuple[float, float]:
+    """Return factor and offset of a signal, so that it carries +-SPAN."""
+    if one["kind"] == "float" or one["whole"]:
+        return 1.0, 0.0
+    return 2.0 * SPAN / (1 << one["bits"]), -SPAN if one["kind"] == "unsigned" else 0.0

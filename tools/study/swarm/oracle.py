@@ -1,0 +1,312 @@
+"""What a run must come to, by the frames of its nodes and the world: no code of the loop.
+
+    accepted    each frame's state by counter and CRC                           as `drivers.can.e2e`
+    decoded     its signals, bit by bit; what was sent lies within half a step of what was meant
+    silent      a node faults in the cycle that ends `fault_after_cycles` of them without its input
+    verdict     safety stop > loss > expectation not met > ok
+
+Where something else decides, such as a value that is not plausible, the oracle does not.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log.reader import NodeLog
+from pcpc.tools.study.swarm.files import World, nodes, scale
+
+if TYPE_CHECKING:
+    from pcpc.tools.study.swarm.promises import Case
+
+_OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _INJECTED = 0, 1, 2, 3, 4, 6, 16
+_MOST_DELTA, _ON_THE_WAY = 4, 3
+_INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
+_SILENT = 1
+_LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
+    2: ("nan",), 8: ("nan",), 9: ("nan",), 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
+    5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",), 15: ("intrusion",),
+}  # fmt: skip
+
+
+def received(world: World, role: str) -> Iterator[tuple[str, int, World]]:
+    """Yield the frames of every cycle that a node hears: name, id, what the world says of it."""
+    for other, i in nodes(world).items():
+        if role == "executive":
+            yield f"FB_{i}", 288 + i, world["plants"][i - 1]["back"]
+        elif role == other:
+            yield f"CMD_{i}", 160 + i, world["plants"][i - 1]["command"]
+
+
+def frames(case: "Case") -> Iterator[str]:
+    """Yield frames that were taken for what they are not, or decoded to what they do not say."""
+    if case.world["around"] is not None:
+        return
+    for role, node in case.log.node.items():
+        for name, word, frame in received(case.world, role):
+            rows = node.frames[(node.frames["id"] == word) & (node.frames["direction"] == 1)]
+            states = accepted(rows[rows["e2e"] != _TAKEN], frame, word)
+            told = rows["e2e"][rows["e2e"] != _TAKEN] % _INJECTED
+            differ = np.flatnonzero(states != told)
+            if len(differ):
+                at = differ[0]
+                yield f"{role}: {name} in cycle {rows['cycle'][at]}: {told[at]}, not {states[at]}"
+            yield from _misread(case, role, name, rows, frame)
+            yield from _astray(case, role, name, word)
+        yield from _unlike_sent(case, role, node)
+    for role, account in case.summary.frames_to.items():
+        spent = sum(count for key, count in account.items() if key not in ("sent", "away"))
+        if account.get("unread", 0) < 0 or account["sent"] != spent:
+            yield f"{role}: of {account['sent']} frames {account}"
+
+
+def _astray(case: "Case", role: str, name: str, word: int) -> Iterator[str]:
+    """Yield frames that were sent on an ideal bus, did not come, and were not on the way."""
+    config = case.rig.config
+    stalls = any(one.kind == "stall" for one in config.faults.values())
+    if config.bus.emulate is not None or stalls:
+        return
+    heard = case.log.node[role]
+    sender = case.log.node[senders(case.world)[name]]
+    rows = heard.frames[(heard.frames["id"] == word) & (heard.frames["direction"] == 1)]
+    came = int((rows["e2e"] < _INJECTED).sum())
+    its = sender.frames[(sender.frames["id"] == word) & (sender.frames["direction"] == 0)]
+    past = int(heard.cycle[-1]) if len(heard.cycle) else 0
+    sent = int((its["cycle"] < past).sum())
+    if not -_ON_THE_WAY <= sent - came <= _ON_THE_WAY:
+        yield f"{role}: {name} was sent {sent} times and came {came} times"
+
+
+def senders(world: World) -> dict[str, str]:
+    """Return who sends each frame of every cycle."""
+    found = {f"FB_{i}": role for role, i in nodes(world).items()}
+    return found | {f"CMD_{i}": "executive" for i in nodes(world).values()}
+
+
+def accepted(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
+    """Return the state of each frame in turn, of its length, CRC and counter."""
+    right = rows["dlc"] == frame["length"]
+    if not frame["crc"]:
+        return np.where(right, _OK, _ERROR)
+    right &= crc_of(rows, frame, word) == number(rows["data"], frame["signals"]["crc"])
+    counters = number(rows["data"], frame["signals"]["counter"]).tolist()
+    turn, last, found = 1 << frame["signals"]["counter"]["bits"], None, []
+    for counter, is_right in zip(counters, right.tolist(), strict=True):
+        if not is_right:
+            found.append(_ERROR)
+            continue
+        delta = 1 if last is None else (counter - last) % turn
+        last = counter if delta else last
+        found.append(
+            _REPEATED if delta == 0 else _OK if delta == 1
+            else _SOME_LOST if delta <= _MOST_DELTA else _WRONG
+        )  # fmt: skip
+    return np.array(found, np.int64)
+
+
+def crc_of(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
+    """Return the CRC that belongs to each frame, a bit at a time."""
+    bits, polynomial = (8, 0x1D) if frame["crc"] == 8 else (16, 0x1021)
+    data = rows["data"].astype(np.int64)
+    place = frame["signals"]["crc"]["start"] // 8
+    ids = [np.full(len(rows), word & 0xFF), np.full(len(rows), word >> 8)]
+    own = range(place, place + bits // 8)
+    columns = [data[:, i] for i in range(frame["length"]) if i not in own]
+    columns = [*ids, *columns] if bits == 8 else [*columns, *ids]
+    crc = np.full(len(rows), (1 << bits) - 1)
+    for column in columns:
+        crc = crc ^ (column << bits - 8)
+        for _ in range(8):
+            crc = ((crc << 1) ^ np.where(crc >> bits - 1 & 1, polynomial, 0)) & (1 << bits) - 1
+    return crc ^ 0xFF if bits == 8 else crc
+
+
+def number(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[Any]:
+    """Return the raw value of a signal in each row of data, bit by bit; (n,)."""
+    found, at = np.zeros(len(data), np.int64), signal["start"]
+    for i in range(signal["bits"]):
+        bit = data[:, at // 8].astype(np.int64) >> at % 8 & 1
+        found |= bit << (signal["bits"] - 1 - i if signal["big"] else i)
+        at = at + 1 if not signal["big"] else at - 1 if at % 8 else at + 15
+    if signal["kind"] == "float":
+        return found.astype(np.uint32).view(np.float32).astype(np.float64)
+    if signal["kind"] == "signed":
+        found -= (found >> signal["bits"] - 1) << signal["bits"]
+    return found
+
+
+def value(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the value of a signal in each row."""
+    factor, offset = scale(signal)
+    return np.asarray(number(data, signal) * factor + offset, float)
+
+
+def _misread(case: "Case", role: str, name: str, rows: NDArray[Any], frame: World) -> Iterator[str]:
+    """Yield signals whose value is not that of the last frame that was used in the cycle."""
+    keys = case.rig.config
+    judged = {**keys.executive.plausible} if role == "executive" else {}
+    if keys.supervisor.intrusion != "count":
+        return
+    used = rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
+    last = np.flatnonzero(np.append(np.diff(used["cycle"]) != 0, True)) if len(used) else []
+    node, used = case.log.node[role], used[last]
+    used, at = _recorded(node, used)
+    for signal, about in frame["signals"].items():
+        column = node.columns.get(f"rx.{name}.{signal}")
+        own = about["layout"] in (None, -1) and f"{name}.{signal}" not in judged
+        if column is None or not own or signal in ("counter", "crc"):
+            continue
+        there = value(used["data"], about)
+        wrong = (there != column[at]) & ~(np.isnan(there) & np.isnan(column[at]))
+        gain, state = (node.columns[f"supervisor.{one}"][at] for one in ("gain", "state"))
+        ramps = (gain < 1.0) | (state > _HOLD)
+        wrong &= ~ramps  # of what a plant hears to what is safe
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            where = f"{role}: {name}.{signal} in cycle {node.cycle[at[k]]}"
+            yield f"{where}: {column[at[k]]}, not {there[k]}"
+
+
+def _recorded(node: NodeLog, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the frames of cycles that the node recorded, and where these are in its columns."""
+    at = np.searchsorted(node.cycle, rows["cycle"])
+    there = np.isin(rows["cycle"], node.cycle)
+    return rows[there], at[there]
+
+
+def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+    """Yield signals of sent frames that are farther than half a step from what was meant."""
+    others = nodes(case.world)
+    for i in others.values() if role == "executive" else [others[role]]:
+        name, word, key = ("CMD", 160, "command") if role == "executive" else ("FB", 288, "back")
+        frame = case.world["plants"][i - 1][key]
+        rows = node.frames[(node.frames["id"] == word + i) & (node.frames["direction"] == 0)]
+        rows, at = _recorded(node, rows)
+        if (rows["dlc"] != frame["length"]).any():
+            yield f"{role}: {name}_{i} was sent with another length"
+        for signal, about in frame["signals"].items():
+            column = node.columns.get(f"tx.{name}_{i}.{signal}")
+            if column is None or about["layout"] not in (None, -1):
+                continue
+            sent, meant = value(rows["data"], about), column[at]
+            if about["kind"] == "float":
+                wrong = sent != meant.astype(np.float32)
+            else:
+                factor, offset = scale(about)
+                low = -(1 << about["bits"] - 1) if about["kind"] == "signed" else 0
+                codes = np.clip(
+                    np.round((meant - offset) / factor), low, low + 2 ** about["bits"] - 1
+                )
+                wrong = np.abs(sent - (codes * factor + offset)) > 1.0001 * factor * (codes != low)
+            wrong |= ~np.isfinite(meant)
+            if wrong.any():
+                k = int(np.argmax(wrong))
+                where = f"{role}: {name}_{i}.{signal} in cycle {rows['cycle'][k]}"
+                yield f"{where}: {sent[k]}, not {meant[k]}"
+
+
+# Faults and the verdict
+
+
+def verdict(case: "Case") -> Iterator[str]:
+    """Yield where a node faulted, or did not, or the run came to what it did not deserve."""
+    for role, node in case.log.node.items():
+        if case.world["around"] is None:
+            yield from _silence(case, role, node)
+        yield from _groundless(case, role, node)
+    wanted, why = deserved(case)
+    if case.summary.verdict not in wanted:
+        yield f"verdict {case.summary.verdict}, not {' or '.join(sorted(wanted))}: {why}"
+
+
+def _silence(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+    """Yield a cycle whose state is not that of the input that came."""
+    config, rows = case.rig.config, node.frames
+    doubts = config.supervisor.intrusion == "hold" or (
+        role == "executive" and config.executive.plausible
+    )
+    if doubts or not len(node.cycle) or config.supervisor.intrusion == "fault":
+        return
+    state, k = node.columns["supervisor.state"], node.cycle
+    fault = node.columns["supervisor.fault"]
+    fresh = np.ones(len(k), bool)
+    for _, word, _ in received(case.world, role):
+        used = (rows["id"] == word) & (rows["direction"] == 1)
+        used &= np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))
+        fresh &= np.isin(k, rows["cycle"][used])
+    missing, most = 0, config.supervisor.fault_after_cycles
+    for i in range(1, len(k)):
+        missing = 0 if fresh[i] else missing + 1
+        before, now = int(state[i - 1]), int(state[i])
+        if int(node.columns["supervisor.missing_cycles"][i]) != missing:
+            told = int(node.columns["supervisor.missing_cycles"][i])
+            yield f"{role}: cycle {k[i]}: {told} cycles without input, not {missing}"
+            return
+        allowed = {_STOP, _FAULT} if fault[i] else {_STOP, _READY}
+        if before in (_READY, _RUN, _HOLD) and missing >= most:
+            allowed = {_FAULT, _STOP}
+        elif before in (_RUN, _HOLD) and not fault[i]:
+            allowed |= {_HOLD if missing else _RUN}
+        else:
+            continue
+        if now not in allowed:
+            yield f"{role}: cycle {k[i]}: state {now} behind {before}, {missing} without input"
+            return
+
+
+def _groundless(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+    """Yield a fault for which nothing in the rig is a reason."""
+    text = str(case.rig.effective())
+    for fault in {int(one) for one in node.columns["supervisor.fault"]} - {0, _SILENT}:
+        if not any(word in text for word in _LIKELY.get(fault, ())):
+            yield f"{role}: fault {fault} without a reason in the rig"
+
+
+def deserved(case: "Case") -> tuple[set[str], str]:
+    """Return the verdicts that the run may have, and why."""
+    log, config = case.log, case.rig.config
+    if any(block.columns["supervisor.fault"].any() for block in log.node.values()):
+        waits = config.supervisor.on_fault == "wait"
+        told = {"safety stop"} if not waits else {"safety stop", *_MILDER}
+        return told, "a node faulted"
+    lost = _lost(case)
+    if lost:
+        return {"loss", "safety stop"}, lost
+    if config.bus.emulate is not None or config.losses or config.faults:
+        sure = {"loss", "safety stop"}  # by frames that came late, at the end
+    else:
+        sure = set()
+    if config.expect:
+        return sure | {*_MILDER}, "its metrics are not judged here"
+    top = log.node["executive"]
+    if case.outcome.short:
+        return sure | {"expectation not met", "not judged", "ok"}, "it ended early"
+    for one in config.require:
+        if case.world["around"] is not None:
+            return sure | {*_MILDER}, "its requirements are not judged here"
+        at_most = float(one.always.rpartition("<")[2])
+        if not (np.abs(top.columns["rx.FB_1.position"]) < at_most).all():
+            return sure | {"expectation not met"}, f"{one.always} is violated"
+    return sure | {"ok"}, "nothing speaks against it"
+
+
+_MILDER = "loss", "expectation not met", "not judged", "ok"
+
+
+def _lost(case: "Case") -> str:
+    """Return what was lost or wrong on the wire, by no fault on purpose; "" for nothing."""
+    errors = case.rig.config.errors
+    implausible = sum(one.get("implausible", 0) for one in case.outcome.health.values())
+    if implausible > errors.implausible:
+        return f"{implausible} values were not plausible"
+    counts = dict.fromkeys((_SOME_LOST, _REPEATED, _WRONG, _ERROR), 0)
+    for role, node in case.log.node.items():
+        for _, word, frame in received(case.world, role):
+            rows = node.frames[(node.frames["id"] == word) & (node.frames["direction"] == 1)]
+            states = accepted(rows[rows["e2e"] < _INJECTED], frame, word)
+            for state in counts:
+                counts[state] += int((states == state).sum())
+    allowed = {_REPEATED: errors.repeated, _WRONG: errors.wrong_sequence, _ERROR: errors.crc}
+    told = [f"{n} of state {state}" for state, n in counts.items() if n > allowed.get(state, 0)]
+    return ", ".join(told)

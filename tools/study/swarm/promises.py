@@ -1,0 +1,355 @@
+"""What is promised of every run, each by its name: a function of a case that says what is broken.
+
+A case is a world's folder, its rig and the log of its run. What a promise is not about, it leaves.
+"""
+
+import contextlib
+import copy
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
+from pcpc.drivers.errors import UserError
+from pcpc.executive.batch.group import LaneGroup, NotInLanes
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.provenance import facts
+from pcpc.executive.loop.states import State
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.branch.branching import Branch, Change
+from pcpc.tools.after.opened import Opened
+from pcpc.tools.after.replay import replay
+from pcpc.tools.after.span import ALL
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import Summary, summarise
+from pcpc.tools.after.verdict.virtual_end import to_end
+from pcpc.tools.after.verify.digest import digest
+from pcpc.tools.study.swarm import oracle
+from pcpc.tools.study.swarm.files import RIG, World, write
+from pcpc.tools.terminal.progress import Progress
+
+PART_CYCLES = 100
+SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
+_FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
+_GAIN = "controller.first"
+QUIET = Progress(quiet=True)
+
+
+@dataclass
+class Case:
+    """A world that is run in its folder."""
+
+    world: World
+    folder: Path
+    laws: Path | None = None  # see `files.write`
+    cycles: int = 0  # done for it, by all ways
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig; RigError, BusError."""
+        return load_rig(self.folder / RIG)
+
+    @cached_property
+    def path(self) -> Path:
+        """The log of its run."""
+        return self.recorded(self.folder / "log.mcap")
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """What became of its nodes."""
+        self.path  # noqa: B018
+        return self._outcome
+
+    @cached_property
+    def log(self) -> logs.Log:
+        """The records of its run."""
+        return logs.read(self.path)
+
+    @cached_property
+    def summary(self) -> Summary:
+        """What its run came to."""
+        return summarise(self.rig, self.log, self.outcome, Judge.of(self.rig))
+
+    @property
+    def length(self) -> int:
+        """How many cycles the executive did."""
+        return len(self.log.node["executive"].cycle)
+
+    def at(self, what: str, least: int, past: int) -> int:
+        """Return the drawn cycle for a promise."""
+        return least + int(self.world["at"][what] * max(past - least, 1))
+
+    def recorded(self, path: Path) -> Path:
+        """Run it into a log."""
+        self._outcome = Outcome("virtual", "memory", changed=[])
+        run = VirtualRun(self.rig, path)
+        to_end(run, self._outcome, QUIET)
+        self.count(run)
+        return path
+
+    def count(self, run: VirtualRun) -> None:
+        """Count the cycles of the nodes."""
+        self.cycles += sum(int(block.loop.passes) for block in run.blocks)
+
+
+def bits(case: Case) -> Iterator[str]:
+    """Yield in what a second run has other bits; the log's digest is the same."""
+    again = case.recorded(case.folder / "again.mcap")
+    if digest(case.path) != digest(again):
+        yield "its log has another digest"
+        yield from differing(case.log, logs.read(again))
+
+
+def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
+    """Yield in what two records differ: variables, frames."""
+    yield from columns(one, other)
+    for role, mine in one.node.items():
+        more, less = ({*map(bytes, n.frames[_FRAME])} for n in (mine, other.node[role]))
+        if more != less:
+            yield f"{role}: {len(more - less)} frames that the other has not, {len(less - more)}"
+
+
+def columns(one: logs.Log, other: logs.Log, past: int | None = None) -> Iterator[str]:
+    """Yield the variables that differ in the cycles before `past`."""
+    for role, mine in one.node.items():
+        theirs = other.node[role]
+        ends = [
+            len(node.cycle) if past is None else int(np.searchsorted(node.cycle, past))
+            for node in (mine, theirs)
+        ]
+        end = min(ends)
+        if ends[0] != ends[1]:
+            yield f"{role}: {ends[0]} cycles, {ends[1]}"
+        for name, values in mine.columns.items():
+            if values[:end].tobytes() != theirs.columns[name][:end].tobytes():
+                words = (x[:end].view(np.int64) for x in (values, theirs.columns[name]))
+                yield f"{role}: {name} from cycle {mine.cycle[np.argmax(np.not_equal(*words))]}"
+
+
+def replayed(case: Case) -> Iterator[str]:
+    """Yield what a replay does not recompute bit for bit."""
+    yield from _replay(case, (0, ALL))
+
+
+def keyframe(case: Case) -> Iterator[str]:
+    """Yield what a replay from a drawn cycle, begun at a keyframe, does not recompute."""
+    yield from _replay(case, (case.at("keyframe", 0, case.length), ALL))
+
+
+def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
+    for one in replay(Opened(case.path), QUIET, span=span):
+        case.cycles += one.cycles
+        if not one.identical:
+            why = one.first() or one.incomplete or one.missing
+            yield f"{one.role}: {one.state}, {one.extent}: {why}"
+
+
+def branched(case: Case) -> Iterator[str]:
+    """Yield what differs in a run that goes on from a drawn cycle, without and with a change."""
+    if case.rig.config.bus.emulate is not None or case.length < 8:
+        return
+    cycle = case.at("branch", 1, case.length - 2)
+    yield from differing(case.log, logs.read(_branch(case, cycle, [])))
+    if case.world["around"] is not None or len(case.rig.config.schedule) > 8:
+        return
+    value = 0.1 + 4.0 * case.world["at"]["branch"]
+    branch = logs.read(_branch(case, cycle, [Change("executive", _GAIN, value)]))
+    yield from (f"changed: {line}" for line in columns(case.log, branch, cycle))
+    world = copy.deepcopy(case.world)
+    tuning = {"at_s": cycle / case.rig.config.rate_hz, "set": {_GAIN: value}}
+    rows = [tuning, *world["keys"].get("schedule", [])]  # a later one of the cycle wins
+    world["keys"]["schedule"] = sorted(rows, key=lambda row: row["at_s"])
+    other = Case(world, case.folder / "changed")
+    write(world, other.folder, case.laws)
+    yield from (f"changed: {line}" for line in columns(branch, other.log, case.length))
+    case.cycles += other.cycles
+
+
+def _branch(case: Case, cycle: int, changes: list[Change]) -> Path:
+    path = case.folder / f"branch-{len(changes)}.mcap"
+    with Opened(case.path).rig(whole=True) as rig:
+        about = facts() | {"pacing": "virtual", "bus": "memory", "seed": str(rig.config.seed)}
+        about |= {"controller": rig.config.controller, "rate_hz": repr(rig.config.rate_hz)}
+        run = Branch(Opened(case.path).head, rig, cycle, about, path, None)
+        run.change(changes)
+        for _ in run.before():
+            pass
+        to_end(run, Outcome("virtual", "memory"), QUIET)
+    case.count(run)
+    return path
+
+
+def in_lanes(case: Case) -> Iterator[str]:
+    """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
+    names = {role: list(node.description["state_columns"]) for role, node in case.log.node.items()}
+    try:
+        group = LaneGroup(case.rig, names)
+        group.begin()
+        if group.run().any():
+            return
+    except (NotInLanes, LanesDiffer):
+        return
+    case.cycles += WIDTH * sum(len(node.cycle) for node in case.log.node.values())
+    for role, node in case.log.node.items():
+        trace = group.seats[role].trace.reshape(-1, len(names[role]), WIDTH)
+        for place, name in enumerate(names[role]):
+            values = node.columns[name]
+            for lane in (0, WIDTH - 1):
+                if not np.array_equal(trace[: len(values), place, lane], values, equal_nan=True):
+                    yield f"{role}: {name} in lane {lane}"
+
+
+def in_parts(case: Case) -> Iterator[str]:
+    """Yield what differs in the log that is read in parts."""
+    long = long_logs.read(case.path, short=PART_CYCLES, part=PART_CYCLES)
+    if not isinstance(long, long_logs.LongLog):
+        return
+    for role, node in case.log.node.items():
+        pieces = [(p.node[role], a, b) for p, a, b in long.parts(role)]
+        for name, values in node.columns.items():
+            whole = np.concatenate([np.array(p.columns[name])[a:b] for p, a, b in pieces])
+            if whole.tobytes() != values.tobytes():
+                yield f"{role}: {name} in parts"
+
+
+def interpreted(case: Case) -> Iterator[str]:
+    """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
+    if case.world["at"]["sample"] < SAMPLE:
+        words = ["simulate", f"--set=duration_s={INTERPRETED / case.rig.config.rate_hz!r}"]
+        yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
+
+
+def lockstep(case: Case) -> Iterator[str]:
+    """Yield, of a sample, what differs in processes of their own on a bus."""
+    emulated = case.rig.config.bus.emulate is not None
+    if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
+        bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
+        yield from _elsewhere(case, ["run", "--pacing=lockstep", "--bus", bus], {}, None)
+
+
+def _elsewhere(
+    case: Case, words: list[str], more: dict[str, str], past: int | None
+) -> Iterator[str]:
+    """Yield in what the run of another command differs, up to the end of the shorter one."""
+    out = case.folder / words[0]
+    line = [sys.executable, "-m", "pcpc.tools.cli", *words, str(case.folder / RIG), "-o", str(out),
+            "--no-figure", "--quiet"]  # fmt: skip
+    done = subprocess.run(line, env=os.environ | more, capture_output=True, text=True)
+    if done.returncode in (2, 4):
+        yield f"{words[0]}: exit code {done.returncode}: {done.stderr.strip()}"
+        return
+    log = logs.read(out / "log.mcap")
+    case.cycles += sum(len(node.cycle) for node in log.node.values())
+    least = min(int(node.cycle[-1]) for one in (log, case.log) for node in one.node.values())
+    yield from (f"{words[0]}: {line}" for line in columns(case.log, log, past or least))
+
+
+def verdict(case: Case) -> Iterator[str]:
+    """Yield where the verdict is not what the oracle says of the frames and the rig."""
+    yield from oracle.verdict(case)
+
+
+def frames(case: Case) -> Iterator[str]:
+    """Yield frames of which nobody knows what became of them, and wrong ones that were used."""
+    yield from oracle.frames(case)
+
+
+def limits(case: Case) -> Iterator[str]:
+    """Yield where a command left its bounds or its rate, or was not safe."""
+    for role, node in case.log.node.items():
+        yield from (f"{role}: {line}" for line in broken_limits(case.rig, role, node))
+
+
+def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
+    """Yield where a command of a node left its bounds or its rate, or was not safe."""
+    state = node.columns["supervisor.state"]
+    for name, limit in plan(rig, role, "virtual").limits.items():
+        sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
+        if not ((sent >= limit.low) & (sent <= limit.high)).all():
+            yield f"{name} was beyond its bounds"
+        if limit.rate_per_s is not None:
+            most = limit.rate_per_s / rig.config.rate_hz * (1.0 + 1e-9)
+            if (np.abs(np.diff(sent)) > most * np.diff(node.cycle)).any():
+                yield f"{name} was faster than its rate"
+        if (sent[state == State.INIT] != safe).any():
+            yield f"{name} was not safe in INIT"
+        ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
+        if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
+            yield f"{name} rose in FAULT"
+
+
+def damage(case: Case) -> Iterator[str]:
+    """Yield a wrong value of a log that was cut or has flipped bits: told, or never wrong."""
+    whole = case.path.read_bytes()
+    cut = case.at("cut", 1, len(whole))
+    at = case.at("flip", 8, len(whole) - 8)
+    flipped = bytearray(whole)
+    flipped[at] ^= 1 << random.Random(at).randrange(8)
+    for how, data in ((f"cut at {cut}", whole[:cut]), (f"bit of byte {at} flipped", flipped)):
+        path = case.folder / "damaged.mcap"
+        path.write_bytes(data)
+        with contextlib.suppress(logs.LogError):
+            found = logs.read(path)
+            for line in wrong_values(case.log, found):
+                yield f"{how}: {line}"
+
+
+def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
+    """Yield values and frames of a damaged log that the true one does not have; loss is told."""
+    lacks = []
+    for role, node in true.node.items():
+        if role not in found.node:
+            lacks.append(role)
+            continue
+        other = found.node[role]
+        at = np.searchsorted(node.cycle, other.cycle)
+        if (at >= len(node.cycle)).any() or (node.cycle[at] != other.cycle).any():
+            yield f"{role}: cycles that were not"
+            continue
+        for name, values in other.columns.items():
+            if name not in node.columns or values.tobytes() != node.columns[name][at].tobytes():
+                yield f"{role}: {name} is wrong"
+        here, there = ({*map(bytes, one.frames)} for one in (node, other))
+        if there - here:
+            yield f"{role}: frames that were not"
+        lacks += [role] * (len(other.cycle) < len(node.cycle) or there != here)
+    if lacks and not found.missing:
+        yield f"parts of {lacks} are missing, and nothing tells it"
+
+
+Promise = Callable[[Case], Iterator[str]]
+PROMISES: dict[str, Promise] = {
+    one.__name__: one
+    for one in (
+        bits, replayed, keyframe, branched, in_lanes, in_parts, verdict, frames, limits, damage,
+        interpreted, lockstep,
+    )
+}  # fmt: skip
+
+
+def broken(case: Case, names: Any = PROMISES) -> dict[str, list[str]]:
+    """Return what is broken, by the name of its promise; RigError of a rig that is refused."""
+    found = {}
+    case.path  # noqa: B018
+    for name in [one for one in names if one in PROMISES]:
+        try:
+            lines = list(PROMISES[name](case))
+        except UserError as error:
+            lines = [f"refused: {error}"]
+        except Exception as error:
+            lines = [f"{type(error).__name__}: {error}"]
+        if lines:
+            found[name] = lines
+    return found
