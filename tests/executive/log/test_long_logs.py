@@ -1,5 +1,7 @@
 """Logs read in pieces have what they have as a whole, wherever the pieces end."""
 
+import tempfile
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -138,3 +140,79 @@ def test_events_of_a_long_log_are_bounded(
     for kind in ("events", "tunings"):
         own, of_all = getattr(log.node["executive"], kind), getattr(whole.node["executive"], kind)
         assert own == of_all[: max(most, len(getattr(begin, kind)))], kind
+
+
+def test_a_table_ends_with_its_last_whole_row(tmp_path: Path) -> None:
+    with (tmp_path / "table").open("w+b") as file:
+        table = long_logs.ColumnFile(file, ["a", "b", "a"])
+        rows = np.arange(12).reshape(3, 4)
+        table.append(rows)
+        file.write(b"cut")  # its recorder was killed
+        assert table.rows().tolist() == rows.tolist()
+        assert [bits(table.column(key)) for key in "ab"] == [[2, 6, 10], [3, 7, 11]]
+
+
+def test_a_table_has_no_number_for_what_a_piece_lacks(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = written(tmp_path / "log.mcap", name, "whole", monkeypatch).node["plant"]
+    with (tmp_path / "table").open("w+b") as file:
+        table = long_logs.ColumnFile(file, ["barrel.angle", "not.there"])
+        table.write(node)
+        assert bits(table.column("barrel.angle")) == bits(node.columns["barrel.angle"])
+        assert np.isnan(table.column("not.there")).all()
+
+
+@pytest.mark.parametrize("short", [CYCLES, CYCLES - 1])
+def test_tables_beside_a_log_are_its_whole_run_if_all_are_there(
+    short: int, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = written(tmp_path / "log.mcap", name, "whole", monkeypatch)
+    wanted = {role: list(node.columns)[:1] for role, node in log.node.items()}
+    bare = {role: replace(node, cycle=node.cycle[:0]) for role, node in log.node.items()}
+    kept = replace(log, node=bare)
+    for role, node in log.node.items():
+        assert long_logs.whole_run(kept, wanted, short) is kept, f"without that of the {role}"
+        table = long_logs.ColumnFile(long_logs.sidecar(log.path, role).open("wb"), wanted[role])
+        table.write(node)
+        table.close()
+    whole = long_logs.whole_run(kept, wanted, short)
+    assert isinstance(whole, long_logs.LongLog) == (short < CYCLES)
+    for role, node in log.node.items():
+        assert whole.node[role].cycle.tolist() == node.cycle.tolist(), role
+        (column,) = wanted[role]
+        assert bits(whole.node[role].columns[column]) == bits(node.columns[column]), role
+
+
+def test_a_log_in_a_folder_that_takes_no_file_is_read(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = written(tmp_path / "log.mcap", name, "whole", monkeypatch)
+    usual = tempfile.TemporaryFile
+
+    def elsewhere(**at: Any) -> Any:
+        if at:
+            raise PermissionError(13, "Permission denied")
+        return usual()
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", elsewhere)
+    log = long_logs.read(whole.path, foreseen, short=10)
+    assert contents(log.node["plant"]) == contents(whole.node["plant"])
+
+
+@pytest.mark.parametrize("part", [7, 100, CYCLES])
+def test_parts_of_a_long_log_have_a_cycle_more_at_both_ends(
+    part: int, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = written(tmp_path / "log.mcap", name, "whole", monkeypatch)
+    log = long_logs.read(whole.path, foreseen, short=10, part=part)
+    assert isinstance(log, long_logs.LongLog)
+    own = []
+    for stretch, first, past in log.parts("executive"):
+        cycle = stretch.node["executive"].cycle.tolist()
+        own += cycle[first:past]
+        assert first == (cycle[0] > 0) and len(cycle) - past == (cycle[-1] < CYCLES - 1), cycle
+        plant = stretch.node["plant"].cycle
+        near = range(max(cycle[0] - 2, LATE), cycle[-1] + 1)  # stamped up to two periods before
+        assert set(near) <= set(plant.tolist()) and len(plant) <= len(near) + 6, (cycle, plant)
+    assert own == list(range(CYCLES))

@@ -4,17 +4,19 @@ import random
 import tempfile
 import tracemalloc
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from pcpc.executive.log.mcap_records import CRC_KEY, MAGIC, metadata_crc
+from pcpc.executive.log.mcap_records import CRC_KEY, MAGIC, message_dtype, metadata_crc
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 
 CHANNELS, EACH = 8, 5
@@ -106,6 +108,28 @@ def a_large_schema(writer: Any) -> None:
     writer.add([some_messages(random.Random(3), 1)])
 
 
+def full_chunks(writer: Any, more: int = 0) -> None:
+    """Fill a chunk with messages, and one that ends with heads, to `more` bytes than it takes."""
+    heads = RecordBuilder()
+    for record in Schema(1, b"", "ros2msg", "s"), Channel(1, "/a", "cdr", {}, 1):
+        record.write(heads)
+    empty = message_dtype(0).itemsize
+    free = CHUNK_BYTES + more - heads.count - empty
+    channel = writer.register("/a", "s", "", "cdr")
+    add_zeros(writer, channel, free - empty)
+    add_zeros(writer, channel, 0)
+    writer.flush()  # the next chunk begins with the heads
+    add_zeros(writer, channel, free - heads.count)
+    writer.register("/b", "s", "", "cdr")
+    add_zeros(writer, channel, 0)
+
+
+def add_zeros(writer: Any, channel: int, count: int) -> None:
+    """Add a message of so many bytes."""
+    cycle, stamp_ns = np.zeros((2, 1), np.int64)
+    writer.add([message_records(channel, cycle, stamp_ns, np.zeros((1, count), np.uint8))])
+
+
 def anything(writer: Any, seed: int) -> None:
     """Write a random course of all that a log can have, past several chunks."""
     dice = random.Random(seed)
@@ -127,6 +151,9 @@ def anything(writer: Any, seed: int) -> None:
                 )
 
 
+FULL = [partial(full_chunks, more=more) for more in (-1, 0, 1)]
+
+
 def some_messages(dice: random.Random, channel: int) -> NDArray[Any]:
     """Return messages of one channel; their times rise, fall or stand."""
     count, size = dice.choice((0, 1, 7, 700)), dice.choice((0, 1, 60, 300))
@@ -145,7 +172,7 @@ def written(path: Path, kind: type[Any], course: Callable[[Any], Any]) -> bytes:
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("course", [nothing, only_heads, a_large_schema, *range(6)])
+@pytest.mark.parametrize("course", [nothing, only_heads, a_large_schema, *FULL, *range(6)])
 def test_the_file_is_as_mcap_writes_it(course: Any, tmp_path: Path) -> None:
     call = course if callable(course) else lambda writer: anything(writer, course)
     ours, usual = (written(tmp_path / of.__name__, of, call) for of in (BulkWriter, Usual))
