@@ -10,7 +10,7 @@ import os
 import pickle
 import sys
 import sysconfig
-import time
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import EnumMeta
@@ -28,7 +28,6 @@ _INSTALLED = [
 ]
 _CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
 _SEAL = hashlib.sha256().digest_size
-_POLL_S = 0.002  # a first start waits for its helper at many functions
 
 
 def write_sealed(path: Path, rest: bytes) -> None:
@@ -77,11 +76,8 @@ def claim(folder: Path, name: str) -> IO[bytes] | None:
         compile_cache.make(folder)
         lock = folder / f"{name}.lock"
         lock_file = open(lock, "a+b", 0)  # noqa: SIM115  closed by who asked
-        begin_s = time.monotonic()
-        while not _is_locked(lock_file):
-            if time.monotonic() - begin_s >= compile_cache.SHORT_S:
-                compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
-            time.sleep(_POLL_S)
+        if not _is_locked(lock_file):
+            _wait_for_lock(lock_file, lock)
         lock_file.truncate(0)
         lock_file.write(str(os.getpid()).encode())
     except OSError:
@@ -96,6 +92,22 @@ def _is_locked(lock_file: IO[bytes]) -> bool:
     except BlockingIOError:
         return False
     return True
+
+
+def _wait_for_lock(lock_file: IO[bytes], lock: Path) -> None:
+    """Lock a file that another process has locked; after SHORT_S its holder is told. OSError."""
+
+    def tell_holder() -> None:
+        compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
+
+    telling = threading.Timer(min(compile_cache.SHORT_S, threading.TIMEOUT_MAX), tell_holder)
+    telling.daemon = True
+    telling.start()
+    try:
+        fcntl.flock(lock_file, fcntl.LOCK_EX)
+    finally:
+        telling.cancel()
+        telling.join()
 
 
 State = tuple[int, int] | None

@@ -25,6 +25,7 @@ def _here(path: Path, channel: str | None, limits: child.ReaderLimits) -> Iterat
 
 @pytest.fixture(autouse=True)
 def _reads_here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read so, but in a file that says OWN_READERS."""
-    if not getattr(request.module, "OWN_READERS", False):
+    """Read so, but in tests that a file names in OWN_READERS, or in all of it."""
+    own = getattr(request.module, "OWN_READERS", ())
+    if own is not True and request.function.__name__ not in own:
         monkeypatch.setattr(recording, "reader", _here)
