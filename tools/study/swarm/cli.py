@@ -3,6 +3,7 @@
 A seed whose world breaks a promise leaves its folder, made as small as it can be: see `shrink`.
 """
 
+import os
 import shutil
 import tempfile
 import time
@@ -86,7 +87,7 @@ def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[R
         while True:
             late = request.for_s is not None and time.monotonic() - begin_s >= request.for_s
             enough = late or (request.cycles is not None and cycles >= request.cycles)
-            while not enough and len(pending) < _AHEAD * workers._max_workers:
+            while not enough and len(pending) < _AHEAD * (request.jobs or os.cpu_count() or 1):
                 if seeds is not None and done >= seeds:
                     break
                 pending.add(workers.submit(row_of, request.seed + done, base, request.output))

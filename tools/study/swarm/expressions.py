@@ -9,7 +9,8 @@ import random
 SHAPES, FULL = 12, 40.0
 _LEAVES = "e", "x.kept", "p.first", "p.second", "u.position", "u.target", "0.5", "t"
 _FORMS = (
-    "({} + {})", "({} - {})", "({} * {})", "({} / (1.0 + abs({})))", "clip({}, -1.0, 3.0 - sin({}))",
+    "({} + {})", "({} - {})", "({} * {})", "({} / (1.0 + abs({})))",
+    "clip({}, -1.0, 3.0 - sin({}))",
     "where({} > {}, 1.0, -1.0)", "(sin({}) + {})", "(tanh({}) * {})", "({} - floor({}))",
     "clip({}, -2.0, abs({}))",
 )  # fmt: skip

@@ -149,7 +149,7 @@ def _misread(case: "Case", role: str, name: str, rows: NDArray[Any], frame: Worl
     if keys.supervisor.intrusion != "count":
         return
     used = rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
-    last = np.flatnonzero(np.append(np.diff(used["cycle"]) != 0, True)) if len(used) else []
+    last = np.append(np.diff(used["cycle"]) != 0, True)[: len(used)]
     node, used = case.log.node[role], used[last]
     used, at = _recorded(node, used)
     for signal, about in frame["signals"].items():
@@ -285,7 +285,7 @@ def deserved(case: "Case") -> tuple[set[str], str]:
     for one in config.require:
         if case.world["around"] is not None:
             return sure | {*_MILDER}, "its requirements are not judged here"
-        at_most = float(one.always.rpartition("<")[2])
+        at_most = float((one.always or "").rpartition("<")[2])
         if not (np.abs(top.columns["rx.FB_1.position"]) < at_most).all():
             return sure | {"expectation not met"}, f"{one.always} is violated"
     return sure | {"ok"}, "nothing speaks against it"

@@ -22,6 +22,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import ALL
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import plan
@@ -30,7 +31,6 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.branch.branching import Branch, Change
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import replay
-from pcpc.tools.after.span import ALL
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.summary import Summary, summarise
@@ -193,7 +193,9 @@ def _branch(case: Case, cycle: int, changes: list[Change]) -> Path:
 
 def in_lanes(case: Case) -> Iterator[str]:
     """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
-    names = {role: list(node.description["state_columns"]) for role, node in case.log.node.items()}
+    names: dict[Any, list[str]] = {
+        role: list(node.description["state_columns"]) for role, node in case.log.node.items()
+    }
     try:
         group = LaneGroup(case.rig, names)
         group.begin()
@@ -202,7 +204,8 @@ def in_lanes(case: Case) -> Iterator[str]:
     except (NotInLanes, LanesDiffer):
         return
     case.cycles += WIDTH * sum(len(node.cycle) for node in case.log.node.values())
-    for role, node in case.log.node.items():
+    for role in names:
+        node = case.log.node[role]
         trace = group.seats[role].trace.reshape(-1, len(names[role]), WIDTH)
         for place, name in enumerate(names[role]):
             values = node.columns[name]
