@@ -20,10 +20,11 @@ from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.start import pool, rigs
+from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.commands import SwarmRequest
 from pcpc.tools.study.swarm.draws import ODD, world_of
 from pcpc.tools.study.swarm.files import HISTORY, World, write, write_laws
-from pcpc.tools.study.swarm.promises import PROMISES, Case, broken
+from pcpc.tools.study.swarm.promises import PROMISES, broken
 from pcpc.tools.study.swarm.shrink import smallest
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
