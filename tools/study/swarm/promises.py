@@ -152,7 +152,7 @@ def in_lanes(case: Case) -> Iterator[str]:
 
 def in_parts(case: Case) -> Iterator[str]:
     """Yield what differs in the log that is read in parts."""
-    long = long_logs.read(case.path, short=PART_CYCLES, part=PART_CYCLES)
+    long = Opened(case.path).part(short=PART_CYCLES, part=PART_CYCLES)
     if not isinstance(long, long_logs.LongLog):
         return
     for role, node in case.log.node.items():
