@@ -45,11 +45,16 @@ class Opened:
         """The whole log: nodes with their columns, events, tunings, attachments."""
         return logs.read(self.path)
 
-    def part(self, wanted: Callable[[logs.Log], "Wanted"]) -> logs.Log:
-        """Return the log; of a long one only the columns that are wanted."""
+    def part(
+        self, wanted: Callable[[logs.Log], "Wanted"] = lambda log: {}, **cycles: int
+    ) -> logs.Log:
+        """Return the log; of a long one only the columns that are wanted.
+
+        `cycles`: from how many on it is long (`short`), and of a `part`.
+        """
         from pcpc.executive.log import long_logs  # time
 
-        return long_logs.read(self.path, wanted)
+        return long_logs.read(self.path, wanted, **cycles)
 
     @property
     def _rigs(self) -> ModuleType:

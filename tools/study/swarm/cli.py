@@ -3,6 +3,7 @@
 A seed whose world breaks a promise leaves its folder, made as small as it can be: see `shrink`.
 """
 
+import os
 import shutil
 import tempfile
 import time
@@ -19,10 +20,11 @@ from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.start import pool, rigs
+from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.commands import SwarmRequest
 from pcpc.tools.study.swarm.draws import ODD, world_of
 from pcpc.tools.study.swarm.files import HISTORY, World, write, write_laws
-from pcpc.tools.study.swarm.promises import PROMISES, Case, broken
+from pcpc.tools.study.swarm.promises import PROMISES, broken
 from pcpc.tools.study.swarm.shrink import smallest
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
@@ -86,7 +88,7 @@ def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[R
         while True:
             late = request.for_s is not None and time.monotonic() - begin_s >= request.for_s
             enough = late or (request.cycles is not None and cycles >= request.cycles)
-            while not enough and len(pending) < _AHEAD * workers._max_workers:
+            while not enough and len(pending) < _AHEAD * (request.jobs or os.cpu_count() or 1):
                 if seeds is not None and done >= seeds:
                     break
                 pending.add(workers.submit(row_of, request.seed + done, base, request.output))

@@ -22,7 +22,8 @@ _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 ODD = "odd fault"  # which may be refused, or run
 _FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
                "burst", "from", "for", "every", "times", "x")  # fmt: skip
-_ODD_VALUES = (None, True, [], {}, "", "x", "loss", "FB_1", "plant", "freeze", "0s", "-1ms",
+_ODD_VALUES: tuple[Any, ...] = (
+               None, True, [], {}, "", "x", "loss", "FB_1", "plant", "freeze", "0s", "-1ms",
                "999999999min", 0, -1, 1, 3.5, 2**64, -(2**63), 5e-324, 1e300, float("nan"),
                float("inf"))  # fmt: skip
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
@@ -90,7 +91,8 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     _supervision(d, world, keys)
     _values(d, world, keys)
     _bus(d, world, keys)
-    protected, places = {}, ["controller.position"]
+    protected: dict[str, bool] = {}
+    places = ["controller.position"]
     for role, i in nodes(world).items():
         one = world["plants"][i - 1]
         protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
@@ -341,7 +343,8 @@ def _ms(world: World, cycles: int) -> str:
 
 def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[float, float]]) -> None:
     """Draw what an operator does; `known`: what may be tuned, and between which values."""
-    period_s, rows = 1.0 / world["rate_hz"], []
+    period_s = 1.0 / world["rate_hz"]
+    rows: list[World] = []
     free = world["plants"] and "fallback" not in keys.get("overrun", {})
     if free and d.has(0.25, "standby"):
         keys["standby"] = ["second"]

@@ -9,16 +9,14 @@ Where something else decides, such as a value that is not plausible, the oracle 
 """
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log.reader import NodeLog
+from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.files import World, nodes, scale
-
-if TYPE_CHECKING:
-    from pcpc.tools.study.swarm.promises import Case
 
 _OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _INJECTED = 0, 1, 2, 3, 4, 6, 16
 _MOST_DELTA, _ON_THE_WAY = 4, 3
@@ -39,7 +37,7 @@ def received(world: World, role: str) -> Iterator[tuple[str, int, World]]:
             yield f"CMD_{i}", 160 + i, world["plants"][i - 1]["command"]
 
 
-def frames(case: "Case") -> Iterator[str]:
+def frames(case: Case) -> Iterator[str]:
     """Yield frames that were taken for what they are not, or decoded to what they do not say."""
     if case.world["around"] is not None:
         return
@@ -61,7 +59,7 @@ def frames(case: "Case") -> Iterator[str]:
             yield f"{role}: of {account['sent']} frames {account}"
 
 
-def _astray(case: "Case", role: str, name: str, word: int) -> Iterator[str]:
+def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
     """Yield frames that were sent on an ideal bus, did not come, and were not on the way."""
     config = case.rig.config
     stalls = any(one.kind == "stall" for one in config.faults.values())
@@ -142,14 +140,14 @@ def value(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[np.floa
     return np.asarray(number(data, signal) * factor + offset, float)
 
 
-def _misread(case: "Case", role: str, name: str, rows: NDArray[Any], frame: World) -> Iterator[str]:
+def _misread(case: Case, role: str, name: str, rows: NDArray[Any], frame: World) -> Iterator[str]:
     """Yield signals whose value is not that of the last frame that was used in the cycle."""
     keys = case.rig.config
     judged = {**keys.executive.plausible} if role == "executive" else {}
     if keys.supervisor.intrusion != "count":
         return
     used = rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
-    last = np.flatnonzero(np.append(np.diff(used["cycle"]) != 0, True)) if len(used) else []
+    last = np.append(np.diff(used["cycle"]) != 0, True)[: len(used)]
     node, used = case.log.node[role], used[last]
     used, at = _recorded(node, used)
     for signal, about in frame["signals"].items():
@@ -175,7 +173,7 @@ def _recorded(node: NodeLog, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[
     return rows[there], at[there]
 
 
-def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield signals of sent frames that are farther than half a step from what was meant."""
     others = nodes(case.world)
     for i in others.values() if role == "executive" else [others[role]]:
@@ -209,7 +207,7 @@ def _unlike_sent(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
 # Faults and the verdict
 
 
-def verdict(case: "Case") -> Iterator[str]:
+def verdict(case: Case) -> Iterator[str]:
     """Yield where a node faulted, or did not, or the run came to what it did not deserve."""
     for role, node in case.log.node.items():
         if case.world["around"] is None:
@@ -220,7 +218,7 @@ def verdict(case: "Case") -> Iterator[str]:
         yield f"verdict {case.summary.verdict}, not {' or '.join(sorted(wanted))}: {why}"
 
 
-def _silence(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield a cycle whose state is not that of the input that came."""
     config, rows = case.rig.config, node.frames
     doubts = config.supervisor.intrusion == "hold" or (
@@ -255,7 +253,7 @@ def _silence(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
             return
 
 
-def _groundless(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
+def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield a fault for which nothing in the rig is a reason."""
     text = str(case.rig.effective())
     for fault in {int(one) for one in node.columns["supervisor.fault"]} - {0, _SILENT}:
@@ -263,7 +261,7 @@ def _groundless(case: "Case", role: str, node: NodeLog) -> Iterator[str]:
             yield f"{role}: fault {fault} without a reason in the rig"
 
 
-def deserved(case: "Case") -> tuple[set[str], str]:
+def deserved(case: Case) -> tuple[set[str], str]:
     """Return the verdicts that the run may have, and why."""
     log, config = case.log, case.rig.config
     if any(block.columns["supervisor.fault"].any() for block in log.node.values()):
@@ -285,7 +283,7 @@ def deserved(case: "Case") -> tuple[set[str], str]:
     for one in config.require:
         if case.world["around"] is not None:
             return sure | {*_MILDER}, "its requirements are not judged here"
-        at_most = float(one.always.rpartition("<")[2])
+        at_most = float((one.always or "").rpartition("<")[2])
         if not (np.abs(top.columns["rx.FB_1.position"]) < at_most).all():
             return sure | {"expectation not met"}, f"{one.always} is violated"
     return sure | {"ok"}, "nothing speaks against it"
@@ -294,7 +292,7 @@ def deserved(case: "Case") -> tuple[set[str], str]:
 _MILDER = "loss", "expectation not met", "not judged", "ok"
 
 
-def _lost(case: "Case") -> str:
+def _lost(case: Case) -> str:
     """Return what was lost or wrong on the wire, by no fault on purpose; "" for nothing."""
     errors = case.rig.config.errors
     implausible = sum(one.get("implausible", 0) for one in case.outcome.health.values())

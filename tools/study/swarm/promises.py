@@ -1,6 +1,6 @@
 """What is promised of every run, each by its name: a function of a case that says what is broken.
 
-A case is a world's folder, its rig and the log of its run. What a promise is not about, it leaves.
+What a promise is not about, it leaves.
 """
 
 import contextlib
@@ -10,9 +10,6 @@ import random
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,86 +19,25 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.batch.group import LaneGroup, NotInLanes
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import ALL
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.branch.branching import Branch, Change
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import replay
-from pcpc.tools.after.span import ALL
-from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.summary import Summary, summarise
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.study.swarm import oracle
-from pcpc.tools.study.swarm.files import RIG, World, write
-from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.study.swarm.case import QUIET, Case
+from pcpc.tools.study.swarm.files import RIG, write
 
 PART_CYCLES = 100
 SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
 _FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
 _GAIN = "controller.first"
-QUIET = Progress(quiet=True)
-
-
-@dataclass
-class Case:
-    """A world that is run in its folder."""
-
-    world: World
-    folder: Path
-    laws: Path | None = None  # see `files.write`
-    cycles: int = 0  # done for it, by all ways
-
-    @cached_property
-    def rig(self) -> Rig:
-        """The rig; RigError, BusError."""
-        return load_rig(self.folder / RIG)
-
-    @cached_property
-    def path(self) -> Path:
-        """The log of its run."""
-        return self.recorded(self.folder / "log.mcap")
-
-    @cached_property
-    def outcome(self) -> Outcome:
-        """What became of its nodes."""
-        self.path  # noqa: B018
-        return self._outcome
-
-    @cached_property
-    def log(self) -> logs.Log:
-        """The records of its run."""
-        return logs.read(self.path)
-
-    @cached_property
-    def summary(self) -> Summary:
-        """What its run came to."""
-        return summarise(self.rig, self.log, self.outcome, Judge.of(self.rig))
-
-    @property
-    def length(self) -> int:
-        """How many cycles the executive did."""
-        return len(self.log.node["executive"].cycle)
-
-    def at(self, what: str, least: int, past: int) -> int:
-        """Return the drawn cycle for a promise."""
-        return least + int(self.world["at"][what] * max(past - least, 1))
-
-    def recorded(self, path: Path) -> Path:
-        """Run it into a log."""
-        self._outcome = Outcome("virtual", "memory", changed=[])
-        run = VirtualRun(self.rig, path)
-        to_end(run, self._outcome, QUIET)
-        self.count(run)
-        return path
-
-    def count(self, run: VirtualRun) -> None:
-        """Count the cycles of the nodes."""
-        self.cycles += sum(int(block.loop.passes) for block in run.blocks)
 
 
 def bits(case: Case) -> Iterator[str]:
@@ -109,7 +45,7 @@ def bits(case: Case) -> Iterator[str]:
     again = case.recorded(case.folder / "again.mcap")
     if digest(case.path) != digest(again):
         yield "its log has another digest"
-        yield from differing(case.log, logs.read(again))
+        yield from differing(case.log, Opened(again).log)
 
 
 def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
@@ -161,11 +97,11 @@ def branched(case: Case) -> Iterator[str]:
     if case.rig.config.bus.emulate is not None or case.length < 8:
         return
     cycle = case.at("branch", 1, case.length - 2)
-    yield from differing(case.log, logs.read(_branch(case, cycle, [])))
+    yield from differing(case.log, _branch(case, cycle, []))
     if case.world["around"] is not None or len(case.rig.config.schedule) > 8:
         return
     value = 0.1 + 4.0 * case.world["at"]["branch"]
-    branch = logs.read(_branch(case, cycle, [Change("executive", _GAIN, value)]))
+    branch = _branch(case, cycle, [Change("executive", _GAIN, value)])
     yield from (f"changed: {line}" for line in columns(case.log, branch, cycle))
     world = copy.deepcopy(case.world)
     tuning = {"at_s": cycle / case.rig.config.rate_hz, "set": {_GAIN: value}}
@@ -177,7 +113,7 @@ def branched(case: Case) -> Iterator[str]:
     case.cycles += other.cycles
 
 
-def _branch(case: Case, cycle: int, changes: list[Change]) -> Path:
+def _branch(case: Case, cycle: int, changes: list[Change]) -> logs.Log:
     path = case.folder / f"branch-{len(changes)}.mcap"
     with Opened(case.path).rig(whole=True) as rig:
         about = facts() | {"pacing": "virtual", "bus": "memory", "seed": str(rig.config.seed)}
@@ -188,12 +124,14 @@ def _branch(case: Case, cycle: int, changes: list[Change]) -> Path:
             pass
         to_end(run, Outcome("virtual", "memory"), QUIET)
     case.count(run)
-    return path
+    return Opened(path).log
 
 
 def in_lanes(case: Case) -> Iterator[str]:
     """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
-    names = {role: list(node.description["state_columns"]) for role, node in case.log.node.items()}
+    names: dict[Any, list[str]] = {
+        role: list(node.description["state_columns"]) for role, node in case.log.node.items()
+    }
     try:
         group = LaneGroup(case.rig, names)
         group.begin()
@@ -202,7 +140,8 @@ def in_lanes(case: Case) -> Iterator[str]:
     except (NotInLanes, LanesDiffer):
         return
     case.cycles += WIDTH * sum(len(node.cycle) for node in case.log.node.values())
-    for role, node in case.log.node.items():
+    for role in names:
+        node = case.log.node[role]
         trace = group.seats[role].trace.reshape(-1, len(names[role]), WIDTH)
         for place, name in enumerate(names[role]):
             values = node.columns[name]
@@ -213,7 +152,7 @@ def in_lanes(case: Case) -> Iterator[str]:
 
 def in_parts(case: Case) -> Iterator[str]:
     """Yield what differs in the log that is read in parts."""
-    long = long_logs.read(case.path, short=PART_CYCLES, part=PART_CYCLES)
+    long = Opened(case.path).part(short=PART_CYCLES, part=PART_CYCLES)
     if not isinstance(long, long_logs.LongLog):
         return
     for role, node in case.log.node.items():
@@ -250,7 +189,7 @@ def _elsewhere(
     if done.returncode in (2, 4):
         yield f"{words[0]}: exit code {done.returncode}: {done.stderr.strip()}"
         return
-    log = logs.read(out / "log.mcap")
+    log = Opened(out / "log.mcap").log
     case.cycles += sum(len(node.cycle) for node in log.node.values())
     least = min(int(node.cycle[-1]) for one in (log, case.log) for node in one.node.values())
     yield from (f"{words[0]}: {line}" for line in columns(case.log, log, past or least))
@@ -301,7 +240,7 @@ def damage(case: Case) -> Iterator[str]:
         path = case.folder / "damaged.mcap"
         path.write_bytes(data)
         with contextlib.suppress(logs.LogError):
-            found = logs.read(path)
+            found = Opened(path).log
             for line in wrong_values(case.log, found):
                 yield f"{how}: {line}"
 
