@@ -4,6 +4,8 @@ A command with --json and without a case here fails, so does a schema of no comm
 signals: test_json_odd.py; running nodes: test_json_live.py.
 """
 
+import copy
+import re
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -100,6 +102,30 @@ def test_a_schema_is_one_and_strict(name: str) -> None:
             todo += one.values()
         elif isinstance(one, list):
             todo += one
+
+
+WEAKER = [  # key of the schema of `set`, what it says instead, the lie that is not seen then
+    (("required",), ["cycle", "values"], "(): no before"),
+    (("additionalProperties",), True, "(): a new key"),
+    (("properties", "cycle"), {}, "('cycle',): another type"),
+    (("properties", "cycle", "type"), ["integer", "string"], "('cycle',): another type"),
+    (("properties", "values", "additionalProperties"), {}, "('values', 'a.b'): another type"),
+]
+
+
+@pytest.mark.parametrize(("place", "weaker", "lie"), WEAKER)
+def test_a_schema_that_lets_a_lie_pass_is_found(
+    place: tuple[str, ...], weaker: Any, lie: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = '{"cycle": 1, "values": {"a.b": 2.0}, "before": {"a.b": null}}'
+    strictly_holds("set", text)
+    weak = changed = copy.deepcopy(SCHEMAS["set"])
+    for key in place[:-1]:
+        changed = changed[key]
+    changed[place[-1]] = weaker
+    monkeypatch.setitem(SCHEMAS, "set", weak)
+    with pytest.raises(AssertionError, match=re.escape(lie)):
+        strictly_holds("set", text)
 
 
 @pytest.mark.parametrize(("command", "words", "code"), HERE)

@@ -20,7 +20,8 @@ OPTIONAL = {  # keys that are not always there
     "doctor": {"can_run"}, "log info": {"name", "event", "argument"},
     "margin": {"spread", "coherence"}, "report": {"id"}, "scope": {"missing_before"},
 }  # fmt: skip
-FREE = {"compare": {"settings"}, "run": {"device"}}  # below them anything plain may stand
+PLAIN = {"compare": "settings"}  # below it any text, number, list
+ANY = {"run": "device"}  # below it anything: others wrote it
 _REGISTRY: Registry[Any] = Registry().with_resources(
     (f"{name}.json", Resource.from_contents(one)) for name, one in SCHEMAS.items()
 )
@@ -65,10 +66,11 @@ def unseen_lies(command: str, told: Any) -> Iterator[str]:
     told = _first_ones(told)
     judge.validate(told)
     for path, value, is_closed in _parts(file_of(command), SCHEMAS[file_of(command)], told, ()):
-        is_free = not FREE.get(command, set()).isdisjoint(path) and not is_closed
-        odd = {"odd": [{}]} if is_free and not isinstance(value, dict) else _another(value)
-        lies = {"another type": _put(told, path, odd)}
-        if isinstance(value, dict) and not is_free:
+        if command in ANY and ANY[command] in path[:-1]:
+            continue
+        plain = command in PLAIN and PLAIN[command] in path and not isinstance(value, dict | list)
+        lies = {"another type": _put(told, path, {"odd": [{}]} if plain else _another(value))}
+        if isinstance(value, dict) and (is_closed or ANY.get(command) not in path):
             lies["a new key"] = _put(told, path, value | {"new.key": [{}]})
         for key in value if is_closed else ():
             if key not in optional:
@@ -95,8 +97,6 @@ def _parts(file: str, schema: Any, told: Any, path: tuple[Any, ...]) -> Iterator
         if _judge(file, one).is_valid(told):
             yield from _parts(file, one, told, path)
             return
-    if not schema:
-        return  # of others
     yield path, told, "properties" in schema and "patternProperties" not in schema
     if isinstance(told, dict):
         known, others = schema.get("properties", {}), schema.get("additionalProperties", {})
