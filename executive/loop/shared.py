@@ -132,7 +132,9 @@ class NodeMemory:
 
     def tell(self, word: bytes) -> None:
         """Say a word of `executive.loop.sharing` to the node, if it is still there."""
-        for _ in range(_TELL_TRIES if self.client is not None else 0):
+        if self.client is None:
+            return
+        for _ in range(_TELL_TRIES):
             with contextlib.suppress(OSError):  # of a kernel that is short of memory
                 self.client.line.send(word)
                 break

@@ -42,6 +42,12 @@ def test_calls_of_the_compiled_loop_fail_too() -> None:
 
 
 @pytest.mark.deep
+def test_a_word_of_the_host_that_is_refused_once_holds_up_no_run() -> None:
+    rows = tried("lockstep", "--process", "host", "--call", "send", "--how", "ENOBUFS")
+    assert [row["code"] for row in rows] == [0] * 4, rows
+
+
+@pytest.mark.deep
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_of_which_a_call_fails_ends_as_it_promises(command: str) -> None:
     rows = tried(command, "--most", "6", "--cases", "30", "--seed", "1")
@@ -70,6 +76,12 @@ def ended(code: int | None = 0, err: str = "", left: tuple[str, ...] = ()) -> En
 ])  # fmt: skip
 def test_an_end_that_no_command_may_have_is_found(judge: Judge, end: Ended, finding: str) -> None:
     assert judge.wrong(end, judge.folder) == [finding]
+
+
+def test_other_words_than_those_of_a_whole_run_are_found(judge: Judge) -> None:
+    said = replace(judge, said="bit-identical\n")
+    assert said.wrong(ended(), said.folder) == ["false ok: "]
+    assert said.wrong(ended(3, "a loss"), said.folder) == []
 
 
 def test_a_false_ok_is_found(judge: Judge, tmp_path: Path) -> None:

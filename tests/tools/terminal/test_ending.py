@@ -320,6 +320,25 @@ class Placeless(io.BytesIO):
         return super().tell()
 
 
+UNREADABLE = """
+import sys
+class Disk:
+    def find_spec(name, *_):
+        if name == "pcpc.tools.cli.command_line":
+            raise OSError(5, "Input/output error", name)
+sys.meta_path.insert(0, Disk)
+from pcpc.tools.cli import main
+sys.exit(main(["rigs"]))
+"""
+
+
+def test_a_program_that_a_disk_cannot_read_says_so() -> None:
+    words = [sys.executable, "-c", UNREADABLE]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    said = "pcpc.tools.cli.command_line: Input/output error\n"
+    assert (done.returncode, done.stdout, done.stderr) == (4, "", said)
+
+
 def test_a_stream_that_cannot_tell_its_place_ends_no_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
