@@ -44,6 +44,7 @@ CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 
 
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 PAGE_BYTES = mmap.PAGESIZE
+_TELL_TRIES = 10  # without its host's word a node that has ended stays until it is killed
 
 RINGS = ("record", "frame", "event")
 GREETING = 0x1FFFFFE0  # 29 bits, the last in every arbitration; see `executive.nodes.greeting`
@@ -131,9 +132,12 @@ class NodeMemory:
 
     def tell(self, word: bytes) -> None:
         """Say a word of `executive.loop.sharing` to the node, if it is still there."""
-        if self.client is not None:
-            with contextlib.suppress(OSError):
+        if self.client is None:
+            return
+        for _ in range(_TELL_TRIES):
+            with contextlib.suppress(OSError):  # of a kernel that is short of memory
                 self.client.line.send(word)
+                break
 
 
 def rows_of(words: NDArray[Any], columns: int) -> NDArray[np.int64]:

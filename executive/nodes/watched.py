@@ -8,6 +8,7 @@ counted, not seconds: a process that was stopped and goes on has not hung.
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
@@ -42,7 +43,8 @@ class Work(threading.Thread):
         except BaseException as error:
             self._outcome.set_exception(error)
         finally:
-            self._after()
+            with suppress(OSError):  # a socket that says an error at its end is closed all the same
+                self._after()
 
     @property
     def error(self) -> BaseException | None:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from pcpc.tools.terminal.ending import exit_code, leave_at_once
+from pcpc.drivers.errors import UserError
+from pcpc.tools.terminal.ending import exit_code, leave_at_once, refusal
 
 _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 
@@ -19,8 +20,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if own:
         leave_at_once()
         gc.disable()  # to look for garbage in imports is a fifth of a start
-    from pcpc.tools.cli import command_line  # here, so that a signal meanwhile is heard
-
+    try:
+        from pcpc.tools.cli import command_line  # here, so that a signal meanwhile is heard
+    except (OSError, MemoryError) as error:
+        said = refusal(error) or UserError()
+        print(said, file=sys.stderr)
+        return said.code
     if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
         command_line.complete()
     words = list(sys.argv[1:] if argv is None else argv)

@@ -108,8 +108,9 @@ class Host:
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
-        if any(child.code < 0 for child in self.children.values() if not was_told_to_end(child)):
-            refused = []  # what others refuse for want of a node that was killed is no reason
+        died = [c for c in self.children.values() if c.code < 0 or c.code == Exit.NOT_MET]
+        if not all(map(was_told_to_end, died)):
+            refused = []  # what others refuse for want of a node that died is no reason
         spoken = refused[:1] or list(self.children.values())
         complain([child for child in spoken if child.name != "watchdog"])
         if self.outcome.interrupted and not self._under_way():

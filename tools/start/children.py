@@ -20,6 +20,8 @@ import traceback
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from pcpc.tools.terminal.ending import refusal
+
 _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 _LOOK_S = 0.005
 _libc = ctypes.CDLL(None)
@@ -172,8 +174,13 @@ def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoR
         code = call()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-    except BaseException:
-        traceback.print_exc()
+    except BaseException as error:
+        with contextlib.suppress(OSError, ValueError):
+            said = refusal(error)
+            if said is None:
+                traceback.print_exc()
+            else:
+                print(f"{name}: {said}", file=sys.stderr)
     finally:
         with contextlib.suppress(OSError, ValueError):
             sys.stderr.flush()

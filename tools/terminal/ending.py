@@ -30,6 +30,7 @@ from pcpc.tools.terminal import screen
 
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _INTERRUPTED = "interrupted"
+_NO_THREAD = "can't start new thread"  # in Python's words
 _asked = False  # to end, since the command began
 
 
@@ -93,7 +94,8 @@ def exit_code(command: Callable[[], int], *, goes_on: bool, last: bool = False) 
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper):  # a name of a file may be no text at all
-            stream.reconfigure(errors="backslashreplace")
+            with suppress(OSError):  # of where it stands in its file
+                stream.reconfigure(errors="backslashreplace")
     sys.stdout, sys.stderr = out, err
     try:
         with _asked_to_end(last):
@@ -109,6 +111,19 @@ def exit_code(command: Callable[[], int], *, goes_on: bool, last: bool = False) 
         )
         return code or Exit.LOSS
     return code
+
+
+def refusal(error: BaseException) -> UserError | None:
+    """Return what to say and how to end where the machine refused something, else None."""
+    if isinstance(error, OSError):
+        return UserError(refusal_text(error), code_of(error))
+    if isinstance(error, MemoryError):
+        what = "out of memory; end other programs, or give this one more"
+    elif isinstance(error, RuntimeError) and str(error) == _NO_THREAD:
+        what = "no thread more; end other programs, or raise the limit with `ulimit -u`"
+    else:
+        return None
+    return UserError(what, Exit.ENVIRONMENT)
 
 
 def refusal_text(error: OSError) -> str:
@@ -150,15 +165,12 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
         if str(error):  # else it was said already
             err.say(str(error))
         return error.code
-    except OSError as error:
+    except Exception as error:
         if error is out.error:
             return Exit.OK
-        err.say(refusal_text(error))
-        return code_of(error)
-    except MemoryError:
-        err.say("out of memory; end other programs, or give this one more")
-        return Exit.ENVIRONMENT
-    except Exception as error:
+        if (said := refusal(error)) is not None:
+            err.say(str(said))
+            return said.code
         if not _comes_of_an_interruption(error):
             raise
         err.say(_INTERRUPTED)

@@ -1,6 +1,7 @@
 """A node's memory in other hands: found by name, readable, not writable, not to be shortened."""
 
 import ctypes
+import errno
 import fcntl
 import json
 import mmap
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import standing
@@ -51,6 +53,30 @@ def files_of(name: str) -> tuple[socket.socket, int, int]:
 
 
 # ---------------------------------------------------------------------------------------- in hands
+
+
+class Refusing(socket.socket):
+    """A line of which the kernel refuses the first word."""
+
+    refused = False
+
+    def send(self, *words: Any) -> int:
+        """Send, but the first time."""
+        if not self.refused:
+            self.refused = True
+            raise OSError(errno.ENOBUFS, "No buffer space available")
+        return super().send(*words)
+
+
+def test_a_word_that_the_kernel_refuses_once_is_said_again(name: str) -> None:
+    standing.stand(name, HEAD)
+    block = sharing.attach(name)
+    assert block.client is not None
+    line = Refusing(fileno=os.dup(block.client.line.fileno()))
+    block.client = sh.Client(line, os.dup(block.client.mailbox))
+    block.tell(sharing.LEAVE)
+    line.settimeout(10.0)
+    assert line.recv(1) == b"", "the node has let go of who said it"
 
 
 def test_a_search_for_nodes_passes_over_what_is_none(block: sh.NodeMemory, name: str) -> None:

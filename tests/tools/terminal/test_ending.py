@@ -1,6 +1,7 @@
 """How commands end when nobody reads, nothing can be written, or somebody asks them to end."""
 
 import errno
+import io
 import os
 import re
 import signal
@@ -183,6 +184,8 @@ def raising(error: BaseException) -> Callable[[], int]:
     (OSError("odd"), 4, "odd"),
     (OSError(), 4, "OSError"),
     (MemoryError(), 4, "out of memory; end other programs, or give this one more"),
+    (RuntimeError("can't start new thread"), 4,
+     "no thread more; end other programs, or raise the limit with `ulimit -u`"),
     (KeyboardInterrupt(), 130, "interrupted"),
     (UserError("a.yaml:3:1: rate_hz: above 0, please"), 2, "a.yaml:3:1: rate_hz: above 0, please"),
     (BusError("vcan7: no such interface"), 4, "vcan7: no such interface"),
@@ -303,6 +306,46 @@ def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         ending.exit_code(lambda: 1 // 0, goes_on=True)
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+class Placeless(io.BytesIO):
+    """A file that cannot tell where it stands, once it is `damaged`."""
+
+    damaged = False
+
+    def tell(self) -> int:
+        """Raise what a disk may."""
+        if self.damaged:
+            raise OSError(errno.EIO, "Input/output error")
+        return super().tell()
+
+
+UNREADABLE = """
+import sys
+class Disk:
+    def find_spec(name, *_):
+        if name == "pcpc.tools.cli.command_line":
+            raise OSError(5, "Input/output error", name)
+sys.meta_path.insert(0, Disk)
+from pcpc.tools.cli import main
+sys.exit(main(["rigs"]))
+"""
+
+
+def test_a_program_that_a_disk_cannot_read_says_so() -> None:
+    words = [sys.executable, "-c", UNREADABLE]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    said = "pcpc.tools.cli.command_line: Input/output error\n"
+    assert (done.returncode, done.stdout, done.stderr) == (4, "", said)
+
+
+def test_a_stream_that_cannot_tell_its_place_ends_no_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = Placeless()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(file))
+    file.damaged = True
+    assert ending.exit_code(lambda: 3, goes_on=True) == 3
 
 
 def test_an_experiment_without_matplotlib_runs_nothing(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ class Outcome:
         elif code == Exit.SAFETY_STOP and name != "watchdog":
             self.faults.append(f"{name}: ended before its first cycle, see above")
         elif code == 1:
-            self.faults.append(f"{name}: failed, see its traceback above")
+            self.faults.append(f"{name}: failed, see above")
         if block is not None:
             self.nodes.append(name)
             rings = [block.ends(ring) for ring in ("record", "frame", "event")]
