@@ -25,7 +25,7 @@ define PIP
 @$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib >/dev/null 2>&1 || true
 endef
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet coverage install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet coverage install lint release swarm loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)

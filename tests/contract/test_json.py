@@ -50,6 +50,7 @@ WHERE_THEY_ARE = {  # what takes a repository, minutes, or a machine
     "bisect": "tests/tools/after/bisect/test_bisect.py",
     "bench": "tests/tools/dev/test_bench_suites.py",
     "soak": "tests/tools/dev/evidence/test_soak.py",
+    "swarm": "tests/tools/study/test_swarm.py",
 }
 
 

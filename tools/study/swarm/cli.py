@@ -65,17 +65,20 @@ def command(request: SwarmRequest) -> int:
         return _replayed(request, Path(request.replay))
     base = None if request.rig is None else str(Path(rigs.find(request.rig)).resolve())
     progress, rows = Progress(request.quiet), list[Row]()
-    begin_s = time.monotonic()
-    for row in _rows(request, base, begin_s):
-        rows.append(row)
-        for name, lines in row.found.items():
-            progress.say(f"seed {row.seed}: {name}: {lines[0]}; {row.folder}")
-        cycles, wrong = sum(one.cycles for one in rows), sum(bool(one.found) for one in rows)
-        progress.show(f"{len(rows)} seeds, {cycles:,} cycles, {wrong} with a broken promise")
+    begin_s, code = time.monotonic(), Exit.OK
+    try:
+        for row in _rows(request, base, begin_s):
+            rows.append(row)
+            for name, lines in row.found.items():
+                progress.say(f"seed {row.seed}: {name}: {lines[0]}; {row.folder}")
+            cycles, wrong = sum(one.cycles for one in rows), sum(bool(one.found) for one in rows)
+            progress.show(f"{len(rows)} seeds, {cycles:,} cycles, {wrong} with a broken promise")
+    except KeyboardInterrupt:
+        code = Exit.INTERRUPTED
     progress.close()
     told = _told(request.seed, rows, time.monotonic() - begin_s)
     print(screen.json_text(msgspec.to_builtins(told)) if request.json else "\n".join(_lines(told)))
-    return Exit.NOT_MET if told.broken else Exit.OK
+    return Exit.NOT_MET if told.broken else code
 
 
 def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[Row]:
@@ -177,7 +180,7 @@ def _lines(told: Told) -> list[str]:
         f"{told.seeds:,} seeds from {told.first} on, {told.refused:,} of them refused",
         f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second",
         f"{told.promises:,} promises checked, {len(told.broken)} seeds broke one",
-        f"{met:,} pairs of features met, the rarest: {', '.join(rare)}",
+        f"{met:,} pairs of features met, the rarest: {', '.join(rare) or 'none'}",
         *(f"seed {row.seed}: {name}: {lines[0]}\n  pcpc swarm --replay {row.folder}"
           for row in told.broken for name, lines in row.found.items()),
     ]  # fmt: skip
