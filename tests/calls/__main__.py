@@ -71,7 +71,8 @@ def try_command(name: str, base: Path, options: argparse.Namespace) -> list[dict
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the page of what became of all cases."""
-    lines = [_HEAD]
+    reached = sum(row["fired"] for row in rows)
+    lines = [_HEAD, f"{len(rows)} cases, {reached} of them reached.\n"]
     for name, of_command in groupby(rows, lambda row: row["command"]):
         lines += [f"## {name}\n", "| process | function | exit codes |", "|---|---|---|"]
         keyed = sorted(of_command, key=lambda row: (row["process"], row["call"], row["how"]))
