@@ -65,15 +65,15 @@ def unseen_lies(command: str, told: Any) -> Iterator[str]:
     judge, optional = validator(command), OPTIONAL.get(command, ())
     told = _first_ones(told)
     judge.validate(told)
-    for path, value, is_closed in _parts(file_of(command), SCHEMAS[file_of(command)], told, ()):
+    for path, value, fixed in _parts(file_of(command), SCHEMAS[file_of(command)], told, ()):
         if command in ANY and ANY[command] in path[:-1]:
             continue
         plain = command in PLAIN and PLAIN[command] in path and not isinstance(value, dict | list)
         lies = {"another type": _put(told, path, {"odd": [{}]} if plain else _another(value))}
-        if isinstance(value, dict) and (is_closed or ANY.get(command) not in path):
+        if isinstance(value, dict) and (fixed or ANY.get(command) not in path):
             lies["a new key"] = _put(told, path, value | {"new.key": [{}]})
-        for key in value if is_closed else ():
-            if key not in optional:
+        for key in fixed:
+            if key in value and key not in optional:
                 lies[f"no {key}"] = _put(told, path, {k: v for k, v in value.items() if k != key})
         yield from (f"{path}: {what}" for what, lie in lies.items() if judge.is_valid(lie))
 
@@ -86,7 +86,7 @@ def _first_ones(told: Any) -> Any:
 
 
 def _parts(file: str, schema: Any, told: Any, path: tuple[Any, ...]) -> Iterator[Any]:
-    """Yield path, value and whether its keys are fixed, of all that a schema says of."""
+    """Yield path, value and the keys that it must have, of all that a schema says of."""
     if "$ref" in schema:
         place, _, name = schema["$ref"].partition("#/$defs/")
         file = place.removesuffix(".json") or file
@@ -97,7 +97,8 @@ def _parts(file: str, schema: Any, told: Any, path: tuple[Any, ...]) -> Iterator
         if _judge(file, one).is_valid(told):
             yield from _parts(file, one, told, path)
             return
-    yield path, told, "properties" in schema and "patternProperties" not in schema
+    fixed = [] if "patternProperties" in schema else [*schema.get("properties", {})]
+    yield path, told, fixed
     if isinstance(told, dict):
         known, others = schema.get("properties", {}), schema.get("additionalProperties", {})
         for key, value in told.items():
