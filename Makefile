@@ -39,7 +39,7 @@ test: tools ## what each change needs; CHANGED=main: what that can reach
 	$(MAKE) --no-print-directory -j2 compiled lint
 	$(PYTEST) $(if $(CHANGED),--changed $(CHANGED))
 
-test-deep: tools ## the other tests, 40 minutes; MINUTES=20: what has to be run, and a part
+test-deep: tools ## the other tests, 40 minutes; MINUTES=20: a part
 	$(MAKE) --no-print-directory compiled
 	$(PYTEST) --deep only $(if $(MINUTES),--minutes $(MINUTES))
 

@@ -37,7 +37,19 @@ def test_a_disk_that_is_full_for_one_write_is_a_loss() -> None:
 
 
 def test_calls_of_the_compiled_loop_fail_too() -> None:
-    (row,) = tried("lockstep", "--call", "send", "--how", "ENOBUFS", "--cases", "1", "--seed", "2")
+    (row,) = tried(
+        "lockstep",
+        "--process",
+        "plant thread",
+        "--call",
+        "send",
+        "--how",
+        "ENOBUFS",
+        "--cases",
+        "1",
+        "--seed",
+        "2",
+    )
     assert (row["process"], row["fired"], row["code"]) == ("plant thread", True, 5), row
 
 

@@ -198,6 +198,12 @@ TABLES: dict[str, list[Row]] = {
         ("--jitter 1.1ms", "--jitter 1.1ms: longer than a cycle, 1 ms: frames would meet the"),
         ("--data-bitrate 500k", "500 kbit/s: slower than the nominal 1 Mbit/s"),
     ],
+    "swarm": [
+        ("--seeds 0", "--seeds: expected a whole number, 1 to 1e15, got '0'"),
+        ("--cycles 1.5", "--cycles: expected a whole number, 1 to 1e15, got '1.5'"),
+        ("--for 10", "--for: "), ("--jobs 0", "--jobs: "), ("--rig nosuch", "nosuch"),
+        ("--replay nosuch", "nosuch"),
+    ],
     "sweep merge": [(".", ".: no campaign; expected the folder of a `pcpc sweep`")],
     "sweep rerun": [(". 1", ".: no campaign"), (". x", "x: expected the number of a draw")],
     f"run hull --quiet --bus {own_bus()} --set": [

@@ -95,7 +95,7 @@ COMMANDS = (
     Command(
         "check",
         "check a rig file and print its wiring and bus load",
-        "pcpc check hull\npcpc check rig.yaml --schema > rig.schema.json",
+        "pcpc check hull\npcpc check hull --schema    # for an editor",
         CheckRequest,
         codes=codes(ENVIRONMENT="the bus cannot be used"),
         judges=True,

@@ -190,7 +190,7 @@ def test_nothing_compared_is_no_pass(cycles: int, variables: int, frames: int, c
     for changed in (False, True):
         line = " ".join(report(verdict, changed)[0].split())
         assert ("nothing to compare" in line) == (code == 3), line
-    assert plain(verdict)["identical"] == (code == 0)
+    assert plain(verdict).identical == (code == 0)
 
 
 def test_a_byte_behind_the_length_of_a_frame_is_seen_in_the_texts() -> None:

@@ -26,6 +26,7 @@ from pcpc.tools.make.new import (
     MOTOR,
     NEXT,
     NEXT_DEVICE,
+    SCHEMA,
     Template,
     write,
 )
@@ -89,7 +90,7 @@ def test_every_file_of_the_template_is_written_and_named(template: Template, new
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
     known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus")}
     files = named(template, *template.files, rig=new_rig.name)
-    assert known == set(template.files) and files == files_of(new_rig)
+    assert known == set(template.files) and files | {SCHEMA} == files_of(new_rig)
     assert {f"my_{template.rig}.dbc", f"test_my_{template.rig}.py"} <= files
     told = (new_rig / "README.md").read_text(encoding="utf-8")
     words = [word for word in (*files, *NEXT) if word != "README.md"]
@@ -122,7 +123,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_device_runs_at_once_and_has_the_bits_of_the_law(device: Path) -> None:
     folder = device
-    assert files_of(folder) == named(MOTOR, *FILES, *DEVICE_FILES)
+    assert files_of(folder) == named(MOTOR, *FILES, *DEVICE_FILES, SCHEMA)
     told = (folder / "README.md").read_text(encoding="utf-8")
     assert NEXT_DEVICE in told and all(f"`{file}`" in told for file in DEVICE_FILES)
     words = NEXT_DEVICE.replace("--device python", f"--quiet --bus {own_bus()} --device python")
@@ -157,7 +158,7 @@ def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
     done = pcpc("new", str(folder), "--drive", drive)
     assert done.code == 0 and "pcpc run drive.yaml --only plant" in done.out, str(done)
-    assert files_of(folder) == named(MOTOR, *FILES, *DRIVE_FILES)
+    assert files_of(folder) == named(MOTOR, *FILES, *DRIVE_FILES, SCHEMA)
     assert pcpc("check", str(folder / "drive.yaml")).code == 0
     assert f"profile: {drive}\n" in (folder / "drive.yaml").read_text(encoding="utf-8")
     done = pcpc("new", str(tmp_path / "pole"), "--cart", "--drive", "cia402")
