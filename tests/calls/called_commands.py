@@ -178,7 +178,8 @@ def _data_of(node: logs.NodeLog, word: int, direction: int) -> list[bytes]:
 def _other_rows(whole: logs.Log, log: logs.Log) -> list[str]:
     """Return the columns of a cut log that have other bits in a cycle before a fault."""
     found, nodes = [], [(role, node) for role, node in log.node.items() if len(node.cycle)]
-    faulted = [node.cycle[node.columns["supervisor.fault"] != 0.0] for _, node in nodes]
+    states = [(node, node.columns.get("supervisor.fault")) for _, node in nodes]
+    faulted = [node.cycle[state != 0.0] for node, state in states if state is not None]
     end = min((int(cycles[0]) for cycles in faulted if len(cycles)), default=1 << 62)
     for role, node in nodes:
         true, rows = whole.node[role], node.cycle < end - _LAST_WORDS

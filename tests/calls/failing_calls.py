@@ -30,9 +30,10 @@ _GROUPS = (  # functions, what a failing one returns, how they fail
     (_FILES, "RETURNS_MINUS_1", "EMFILE ENOMEM ENOSPC EIO EINTR"),
     ("opendir fdopendir fopen64", "RETURNS_NULL", "EMFILE ENOMEM EIO"),
     ("readdir64", "RETURNS_NULL", "EIO"),
-    ("read pread64 recv recvfrom", "RETURNS_MINUS_1", "EIO ENOMEM EINTR EAGAIN SHORT"),
+    ("read pread64", "RETURNS_MINUS_1", "EIO ENOMEM EINTR SHORT"),  # a file never says EAGAIN
+    ("recv recvfrom", "RETURNS_MINUS_1", "EIO ENOMEM EINTR EAGAIN SHORT"),
     ("recvmsg", "RETURNS_MINUS_1", "ENOMEM EINTR EAGAIN"),
-    ("write pwrite64", "RETURNS_MINUS_1", "ENOSPC EIO EINTR EAGAIN SHORT"),
+    ("write pwrite64", "RETURNS_MINUS_1", "ENOSPC EIO EINTR SHORT"),
     ("send sendto", "RETURNS_MINUS_1", "ENOBUFS ENOMEM EIO EINTR EAGAIN SHORT"),
     ("sendmsg", "RETURNS_MINUS_1", "ENOBUFS ENOMEM EINTR EAGAIN"),
     ("poll ppoll select epoll_wait epoll_ctl", "RETURNS_MINUS_1", "EINTR ENOMEM"),

@@ -188,10 +188,18 @@ class PlaySession:
             raise BusError(f"{self.bus}: receiving failed: {error.strerror}") from None
 
     def _play(self, player: "Player") -> None:
-        """Run the loop in a thread of its own, and show how far it is."""
+        """Run the loop in a thread of its own, and show how far it is; raise what it raises."""
         if self.request.rate > 0.0:  # one that never sleeps must not lock up a processor
             self.report = realtime.prepare_process()
-        thread = threading.Thread(target=self._thread, args=(player,), daemon=True)
+        errors: list[Exception] = []
+
+        def play() -> None:
+            try:
+                self._thread(player)
+            except Exception as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=play, daemon=True)
         thread.start()
         try:
             while thread.is_alive():
@@ -202,6 +210,8 @@ class PlaySession:
         finally:
             player.stop()
             thread.join()
+        for error in errors:
+            raise error
 
     def _thread(self, player: "Player") -> None:
         if self.request.rate > 0.0:
