@@ -24,28 +24,30 @@ from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.after.branch.branching import Branch, Change
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import replay
 from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.virtual_end import to_end
-from pcpc.tools.after.verify.digest import digest
 from pcpc.tools.study.swarm import oracle
 from pcpc.tools.study.swarm.case import QUIET, Case
 from pcpc.tools.study.swarm.files import RIG, write
+from pcpc.tools.terminal.rooms import is_installed, part_of
 
 PART_CYCLES = 100
 SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
 _FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
 _GAIN = "controller.first"
+_BRANCH, _VERIFY = "after/branch", "after/verify"  # rooms that may have been taken out
 
 
 def bits(case: Case) -> Iterator[str]:
     """Yield in what a second run has other bits; the log's digest is the same."""
     again = case.recorded(case.folder / "again.mcap")
-    if digest(case.path) != digest(again):
-        yield "its log has another digest"
-        yield from differing(case.log, Opened(again).log)
+    if is_installed(_VERIFY):
+        digest = part_of(_VERIFY, "digest").digest
+        if digest(case.path) != digest(again):
+            yield "its log has another digest"
+    yield from differing(case.log, Opened(again).log)
 
 
 def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
@@ -94,14 +96,14 @@ def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
 
 def branched(case: Case) -> Iterator[str]:
     """Yield what differs in a run that goes on from a drawn cycle, without and with a change."""
-    if case.rig.config.bus.emulate is not None or case.length < 8:
+    if case.rig.config.bus.emulate is not None or case.length < 8 or not is_installed(_BRANCH):
         return
     cycle = case.at("branch", 1, case.length - 2)
     yield from differing(case.log, _branch(case, cycle, []))
     if case.world["around"] is not None or len(case.rig.config.schedule) > 8:
         return
     value = 0.1 + 4.0 * case.world["at"]["branch"]
-    branch = _branch(case, cycle, [Change("executive", _GAIN, value)])
+    branch = _branch(case, cycle, [("executive", _GAIN, value)])
     yield from (f"changed: {line}" for line in columns(case.log, branch, cycle))
     world = copy.deepcopy(case.world)
     tuning = {"at_s": cycle / case.rig.config.rate_hz, "set": {_GAIN: value}}
@@ -113,13 +115,14 @@ def branched(case: Case) -> Iterator[str]:
     case.cycles += other.cycles
 
 
-def _branch(case: Case, cycle: int, changes: list[Change]) -> logs.Log:
+def _branch(case: Case, cycle: int, changes: list[tuple[str, str, float]]) -> logs.Log:
     path = case.folder / f"branch-{len(changes)}.mcap"
     with Opened(case.path).rig(whole=True) as rig:
         about = facts() | {"pacing": "virtual", "bus": "memory", "seed": str(rig.config.seed)}
         about |= {"controller": rig.config.controller, "rate_hz": repr(rig.config.rate_hz)}
-        run = Branch(Opened(case.path).head, rig, cycle, about, path, None)
-        run.change(changes)
+        branching = part_of(_BRANCH, "branching")
+        run = branching.Branch(Opened(case.path).head, rig, cycle, about, path, None)
+        run.change([branching.Change(*change) for change in changes])
         for _ in run.before():
             pass
         to_end(run, Outcome("virtual", "memory"), QUIET)
