@@ -25,6 +25,7 @@ from logcommand import run_here
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.bisect import cli, runs
 from pcpc.tools.after.bisect.commands import BisectRequest
+from pcpc.tools.after.bisect.runs import First
 from pcpc.tools.after.compare.repository import Repository
 from pcpc.tools.after.compare.versions import Side
 from pcpc.tools.terminal import screen
@@ -153,7 +154,8 @@ def test_commits_that_cannot_be_run_are_passed_over_and_named(repo: Path) -> Non
     assert {one["commit"] for one in found["skipped"]} == {broken, planted}
     assert all("law.py" in one["why"] and "/tmp" not in one["why"] for one in found["skipped"])
     assert found["nodes"][0]["name"] == "lag.x"
-    text = "\n".join(screen.fitted(cli._lines(found)))
+    read = {**found, "nodes": [First(**one) for one in found["nodes"]]}
+    text = "\n".join(screen.fitted(cli._lines(read)))
     assert "one of 3 commits" in text and text.count("skipped  ") == 2, text
     assert all(len(line) <= 80 for line in text.splitlines()), text
     said = refused(repo / "motor", "good", planted)
