@@ -15,6 +15,7 @@ import pytest
 from free_bus import GROUP, own_port
 from hosting import LONG, Host, hosting
 from paging import DRAWN, PATIENT_MS, PHONE, opened, shot, wait
+from places import PATIENCE_S
 from playwright.sync_api import Browser, Page, expect
 
 import pcpc
@@ -120,7 +121,8 @@ def test_a_gain_changes_the_plant_and_stands_in_the_log(
         """Return the rms of the error over some seconds."""
         values, end = [], run.cycle + 400
         run.wait_until(
-            lambda now: (values.append(now["controller.e_rad"]), run.cycle >= end)[1], within_s=60
+            lambda now: (values.append(now["controller.e_rad"]), run.cycle >= end)[1],
+            within_s=PATIENCE_S,
         )
         return float(np.sqrt(np.mean(np.square(values))))
 

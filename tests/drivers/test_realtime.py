@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 import pytest
-from places import ROOT
+from places import PATIENCE_S, ROOT
 
 from pcpc.drivers.machine.realtime import Report, Setting
 
@@ -64,7 +64,7 @@ def child(code: str) -> Any:
     """Run CHILD and `code` in a process of its own; return what it assigns to `result`."""
     source = f"{CHILD}\n{code}\nprint(json.dumps(result))"
     done = subprocess.run(
-        [sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -144,14 +144,14 @@ def test_metrics_alone(simulate):
     assert simulate("own.yaml").metrics is not None
 def test_unseen_on_a_bus(rig):
     with rig("own.yaml", pacing="lockstep") as live:
-        live.wait(60)
+        live.wait(240)
 def test_known(simulate):
     assert simulate("own.yaml").verdict == "safety stop"
 def test_known_by_its_summary(simulate):
     assert simulate("own.yaml").summary["faults"]
 def test_known_on_a_bus(rig):
     with rig("own.yaml", pacing="lockstep") as live:
-        live.wait(60)
+        live.wait(240)
     assert live.run.verdict == "safety stop"
 def test_ok(simulate):
     assert simulate("slew10", set={"duration_s": 0.2}).metrics is not None

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
-from places import ROOT
+from places import PATIENCE_S, ROOT
 from rings import PERIOD_NS, TESTS, TIMINGS, block_of, put_cycle
 
 from pcpc.executive.log import reader as logs
@@ -41,7 +41,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def killed_log(name: str, path: Path) -> None:
     """Record 3.7 s at 1 kHz on a virtual clock in a process that then kills itself."""
     code = KILLED.format(tests=TESTS, name=name, path=str(path))
-    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=60)
+    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=PATIENCE_S)
     assert process.returncode == -signal.SIGKILL
 
 

@@ -13,6 +13,7 @@ import pytest
 from copies import program
 from hypothesis import example, given
 from hypothesis import strategies as st
+from places import PATIENCE_S
 from processes import alive, own_bus, until
 
 import pcpc
@@ -216,7 +217,7 @@ def test_a_gain_set_live_stands_in_the_log_at_the_cycle_that_was_told() -> None:
         with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
             pids += family(live)
             assert live.running and live.state == "RUN"
-            assert live.wait_until("time.t_s", above=0.05, within_s=60) > 0.05
+            assert live.wait_until("time.t_s", above=0.05, within_s=PATIENCE_S) > 0.05
             cycle = live.set({"controller.kv_Nms_rad": 111.0, "controller.lam_per_s": 11.0})
             assert live["controller.kv_Nms_rad"] == 111.0
             assert live.read("controller.kv_Nms_rad", "plant:barrel.gap_rad").keys()
@@ -226,7 +227,7 @@ def test_a_gain_set_live_stands_in_the_log_at_the_cycle_that_was_told() -> None:
                 live["controller.e_radd"]
             with pytest.raises(pcpc.NotMet, match=r"controller\.e_rad above 1000: not within"):
                 live.wait_until("controller.e_rad", above=1000.0, within_s=0.05)
-            live.wait_until(lambda now: now["time.t_s"] > 1e-3 * cycle + 0.05, within_s=60)
+            live.wait_until(lambda now: now["time.t_s"] > 1e-3 * cycle + 0.05, within_s=PATIENCE_S)
         assert live.run.verdict == "interrupted"
         tunings = [e for e in live.run.events if e.get("name") == "controller.kv_Nms_rad"]
         assert [(e["cycle"], e["value"]) for e in tunings] == [(cycle, 111.0)]
@@ -280,7 +281,7 @@ def test_a_tap_sees_every_cycle_that_the_log_holds() -> None:
         tap = Tap(live._nodes["plant"])
         pieces = []
         while sum(map(len, pieces)) < 500:
-            live.wait_until(lambda now: True, within_s=60)
+            live.wait_until(lambda now: True, within_s=PATIENCE_S)
             pieces.append(tap.rows())
     cycles = np.concatenate([rows.cycle for rows in pieces])
     seen = np.concatenate([rows["barrel.theta_rad"] for rows in pieces])

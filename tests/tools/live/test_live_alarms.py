@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 from live_run import pcpc
+from places import PATIENCE_S
 from processes import ROOT, own_bus, until
 
 from pcpc.executive.log.reader import read
@@ -37,8 +38,8 @@ def test_losses_are_told_while_they_happen_and_stand_in_the_log(tmp_path: Path) 
         assert LOST in watcher.stderr.readline()
     finally:
         host.send_signal(signal.SIGINT)
-        _, said = host.communicate(timeout=60)
-        watcher.communicate(timeout=60)
+        _, said = host.communicate(timeout=PATIENCE_S)
+        watcher.communicate(timeout=PATIENCE_S)
     told = [line for line in said.splitlines() if LOST in line and "frame lost" in line]
     assert told and " s cycle " in told[0], said
     events = read(tmp_path / "run" / "log.mcap").node["executive"].events

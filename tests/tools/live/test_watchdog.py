@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fd_rig import fd_rig
 from numpy.typing import NDArray
+from places import PATIENCE_S
 from processes import ATB1000, DEADLINE_S, own_bus, until
 
 import pcpc
@@ -322,7 +323,7 @@ def test_an_executive_that_stands_still_is_stopped_by_its_frame_alone(
         plant.wait_until(lambda now: now["supervisor.gain"] == 0.0, DEADLINE_S)
         all_of(fed)
         os.kill(executive.pid, signal.SIGCONT)
-        live.wait(60.0)
+        live.wait(PATIENCE_S)
     assert all_of(fed) == b"", "no food behind the stop, and no V"
     said = [line for line in live.run.summary["faults"] if "watchdog: executive" in line]
     assert said and "did not come for" in said[0] and said[0].endswith("ESTOP sent"), live.run

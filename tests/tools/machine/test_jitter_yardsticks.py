@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from copies import program
 from logcommand import Done, run_here
+from places import PATIENCE_S
 from processes import ROOT, blocks_left, own_bus, until
 
 from pcpc.executive.loop import shared as sh
@@ -131,7 +132,7 @@ def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
         block = until(lambda: _block(bus) or process.poll(), "the executive's block")
         until(lambda: block.control.passes > 50 or process.poll(), "fifty cycles")
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
     found = re.search(r"^T: ?0 .* C: *(\d+) ", out, re.MULTILINE)
     assert process.returncode == 130 and "Traceback" not in err, f"{out}\n{err}"
     assert found and 50 <= int(found[1]) < 100_000, out

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from copies import program
 from logcommand import barrel_log, run
+from places import PATIENCE_S
 
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import cat
@@ -99,7 +100,7 @@ def test_closed_pipe_ends_quietly() -> None:
     assert process.stdout.readline().startswith(b"{")
     process.stdout.close()
     errors = process.stderr.read()
-    assert (process.wait(timeout=60), errors) == (0, b""), errors
+    assert (process.wait(timeout=PATIENCE_S), errors) == (0, b""), errors
 
 
 @pytest.mark.parametrize(

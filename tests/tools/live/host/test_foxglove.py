@@ -12,6 +12,7 @@ import pytest
 from foxglove_client import ANSWER_S, Client, serving
 from hosting import LONG
 from mcap.reader import make_reader
+from places import PATIENCE_S
 from processes import own_bus
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -41,7 +42,7 @@ def test_what_is_sent_is_what_the_log_holds(tmp_path: Path) -> None:
             )
             known = {one["topic"]: one for one in client.channels.values()}
         live.stop()
-        run = live.wait(within_s=60.0)
+        run = live.wait(within_s=PATIENCE_S)
     assert_same(run.path, sent, known)
     for topic in ("/state", "/plant/state", "/timing", "/can/frames", "/plant/can/frames"):
         times = [time_ns for time_ns, _ in sent[topic]]
@@ -67,7 +68,7 @@ def test_without_a_clock_messages_have_the_times_of_the_log(tmp_path: Path) -> N
             sent = client.gather(lambda found: len(found.get("/can/frames", ())) >= 5)
             known = {one["topic"]: one for one in client.channels.values()}
         live.stop()
-        run = live.wait(within_s=60.0)
+        run = live.wait(within_s=PATIENCE_S)
     assert_same(run.path, sent, known)
 
 
@@ -162,7 +163,7 @@ def test_a_parameter_is_set_with_the_token_and_stands_in_the_log(tmp_path: Path)
             other.until(lambda said: (GAIN, 113.0) in parameters(said))
             assert server.token not in "".join(client.heard + other.heard)
         live.stop()
-        run = live.wait(within_s=60.0)
+        run = live.wait(within_s=PATIENCE_S)
     found = re.fullmatch(
         rf"{re.escape(GAIN)} = 111 .*, controller.lam_per_s = 11 .* from cycle (\d+)", told
     )
@@ -203,7 +204,7 @@ def test_a_page_of_another_site_reads_but_sets_nothing_and_the_next_run_is_found
                 before = client.info["sessionId"]
                 first = {i for i, one in client.channels.items() if one["topic"] in ALL}
                 live.stop()
-                live.wait(within_s=60.0)
+                live.wait(within_s=PATIENCE_S)
                 with pcpc.running("slew10", pacing="real", set=LONG, bus=bus) as again:
                     assert again._nodes["plant"].name == node
                     told = client.until(lambda said: said["op"] == "serverInfo")

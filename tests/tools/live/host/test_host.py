@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hosting import LONG, Client, Host, hosting
+from places import PATIENCE_S
 from processes import own_bus
 
 import pcpc
@@ -140,7 +141,7 @@ def test_a_run_is_drawn_while_it_goes_on_and_tuned(tmp_path: Path) -> None:
             assert undone["undoes"] == 0 and live[GAIN] == 110.0
             stopped = other.ask(do="act", what="stop")
             assert stopped["cycle"] > undone["cycle"]
-        run = live.wait(within_s=60.0)
+        run = live.wait(within_s=PATIENCE_S)
     tuned = [(e["name"], e["value"], e["cycle"]) for e in run.events if e.get("name") == GAIN]
     assert tuned == [(GAIN, 111.0, told["cycle"]), (GAIN, 110.0, undone["cycle"])]
     assert pieces[0][0][0] == WHOLE and {head[0] for head, _ in pieces[1:]} == {BINS}

@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 from hosting import ANSWER_S, LONG, Client, Host
 from live_run import pcpc as started
+from places import PATIENCE_S
 from processes import alive, own_bus, until
 
 import pcpc
@@ -52,7 +53,7 @@ def test_a_page_that_dies_is_a_line_and_the_run_goes_on() -> None:
         os.kill(page_of(live), signal.SIGKILL)
         until(lambda: "the page has ended" in live._complaint(), "the line")
         cycle = live.cycle
-        live.wait_until(lambda now: live.cycle > cycle + 50, within_s=60.0)
+        live.wait_until(lambda now: live.cycle > cycle + 50, within_s=PATIENCE_S)
         run = live.stop()
     assert run.summary["faults"] == [], run.summary["faults"]
     assert live._complaint().count("the page has ended") == 1

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList
 from pyxcp.events import EventHandler
@@ -124,7 +125,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
         end = master.transport.can_interface.can_interface.fileno()
         with paced(device, end, ear.ended):
             print("ready", flush=True)
-            assert measured.full.wait(60)
+            assert measured.full.wait(PATIENCE_S)
             download(master, gain, GAIN)
             master.setMta(gain)
             told["read"] = struct.unpack("<d", master.fetch(8))[0]
@@ -132,7 +133,7 @@ def session(bus: str, device: int, addresses: list[int], gain: int, wrong: int) 
                 download(master, wrong, 0.0)
             except XcpResponseError as error:
                 told["refused"] = int(error.get_error_code())
-            assert ear.ended.wait(60)
+            assert ear.ended.wait(PATIENCE_S)
     return told | {"rows": measured.rows, "cycles": ear.cycles}
 
 

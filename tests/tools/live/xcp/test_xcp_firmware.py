@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from can_master import GAIN, ROWS
+from places import PATIENCE_S
 from processes import PCPC, Done, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
@@ -106,7 +107,7 @@ def session(made: Made, target: str, run: Path) -> dict[str, Any]:
             done = plant(bus, run)
             told = dict(json.loads(one.stdout.read()))
         assert done.ran, done
-        assert done.summary["device"]["problems"] == [] and device.wait(60) == 0
+        assert done.summary["device"]["problems"] == [] and device.wait(PATIENCE_S) == 0
     return told
 
 

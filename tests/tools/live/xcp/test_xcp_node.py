@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from live_run import KV, LAM, Run, going_on
 from live_run import pcpc as started
+from places import PATIENCE_S
 from processes import RIGS, own_bus, pcpc, until
 from test_xcp_slave import Node as SlaveTable
 
@@ -122,7 +123,7 @@ def test_a_session_of_pyxcp_is_in_the_log_and_replays(tmp_path: Path) -> None:
             assert event[:2] == b"\xfd\xfe"
             (cycles[float(value)],) = struct.unpack("<Q", event[2:])
         slave.run.host.send_signal(signal.SIGINT)
-        slave.run.host.communicate(timeout=60)
+        slave.run.host.communicate(timeout=PATIENCE_S)
         assert master.packet() == b"\xfd\x07", "EV_SESSION_TERMINATED"
         until(lambda: slave.process.poll() is not None, "the slave ends with its node")
         assert slave.process.returncode == 0
@@ -267,7 +268,7 @@ def test_a_run_serves_its_executive_from_its_beginning_to_its_end() -> None:
     assert master.ask(b"\xff\x00")[0] == 0xFF
     run.send_signal(signal.SIGINT)
     assert master.packet() == b"\xfd\x07", "EV_SESSION_TERMINATED"
-    assert run.wait(60) == 130, run.communicate()
+    assert run.wait(PATIENCE_S) == 130, run.communicate()
 
 
 @pytest.mark.parametrize("where", ["5555", "udp:", "udp:99999", "cam", "tcp:-1"])

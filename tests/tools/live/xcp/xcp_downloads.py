@@ -9,6 +9,7 @@ import struct
 import sys
 import threading
 
+from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.master import Master
 
@@ -41,7 +42,7 @@ def session(port: int, addresses: list[int], values: list[float]) -> list[int]:
             master.shortDownload(address, 0, struct.pack("<d", value))
             (read,) = struct.unpack("<d", master.shortUpload(8, address))
             assert read == value, f"download {number}: {read} instead of {value}"
-        assert told.all.wait(60), f"{len(told.cycles)} of {len(values)} events"
+        assert told.all.wait(PATIENCE_S), f"{len(told.cycles)} of {len(values)} events"
         master.disconnect()
     return told.cycles
 

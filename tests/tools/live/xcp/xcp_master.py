@@ -12,6 +12,7 @@ import sys
 import threading
 from typing import Any
 
+from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
@@ -91,7 +92,7 @@ def session(where: str, layer: str, rows: int, names: list[str], gain: str) -> d
                 master.shortDownload(places[gain][1], 0, data)
             master.setMta(places[gain][1])
             read.append(struct.unpack("<d", master.upload(8)[:8])[0])
-        assert measured.full.wait(60)
+        assert measured.full.wait(PATIENCE_S)
         measured.stop()
         master.disconnect()
     return {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from places import PATIENCE_S
 
 from pcpc.executive.log.reader import Log
 from pcpc.tools.make import web
@@ -67,7 +68,7 @@ def node_json(folder: Path, script: str, more: tuple[str, ...] = ()) -> Any:
         (folder / f"{file}.mjs").write_text(text)
     (folder / "ask.mjs").write_text(script)
     done = subprocess.run(
-        [node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=60, check=False
+        [node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
