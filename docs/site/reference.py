@@ -100,10 +100,14 @@ _PARTS_OF_PLANTS = """
 ## Parts of plants
 
 Each heading is a module: `from pcpc.plants.sensors import noisy`."""
-_PARTS = (
-    "sensors", "noise", "integrate", "transport", "actuators.stick_slip", "actuators.friction",
-    "actuators.lugre_implicit", "actuators.sliding", "actuators.backlash", "actuators.deadzone",
-    "actuators.gear", "actuators.drive",
+_PARTS = "sensors", "noise", "integrate", "transport"
+_ACTUATORS_OF_PLANTS = """
+### actuators
+
+[What each file is](../../plants/actuators/README.md); its head has equations and units.
+"""
+_ACTUATORS = (
+    "stick_slip", "friction", "lugre_implicit", "sliding", "backlash", "deadzone", "gear", "drive",
 )  # fmt: skip
 _EVALUATION = {
     "plants.judging": ("Run", "Judged", "Merit"),
@@ -242,6 +246,8 @@ def rig_python() -> str:
     for part in _PARTS:
         told = _told(f"plants.{part}", equations=part != "noise")
         lines += [f"\n### {part}\n", told, *_functions(f"plants.{part}")]
+    offered = [(f"{one}.py", _names(f"plants.actuators.{one}")) for one in _ACTUATORS]
+    lines += [_ACTUATORS_OF_PLANTS, "```text", *_columns(offered), "```"]
     lines += ["\n## References\n", _told("executive.laws.references"), *_references()]
     lines += ["\n## An evaluation\n", _told("plants.evaluation"), "\n### Figures of merit\n"]
     merits = f"A {_statistics()} takes the arguments of `Merit`, except the statistic."
@@ -300,6 +306,12 @@ def _functions(module: str) -> list[str]:
             text = ", ".join(one.arg for one in node.args.args)
             rows.append((f"{name}({text})", re.sub("^Return (the )?", "", said).replace("`", "")))
     return ["\n```text", *_columns(rows), "```"]
+
+
+def _names(module: str) -> str:
+    """Return the names of a module's public functions."""
+    named = _defined(module).items()
+    return ", ".join(n for n, one in named if n[0] != "_" and isinstance(one, ast.FunctionDef))
 
 
 _EQUATION = re.compile(r" \(\d\)$", re.MULTILINE)  # its number, at the end of a line
