@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,7 @@ def watch(
         picture_s = time.monotonic() - begin_s
         next(scenes)
         moved_s = time.monotonic() - begin_s
+        scenes.close()
         os.killpg(process.pid, signal.SIGINT)
         out, rest = process.communicate(timeout=PATIENCE_S)
         ended_s = time.monotonic() - begin_s - moved_s
@@ -88,12 +89,13 @@ def watch(
             process.communicate()
 
 
-def _scenes(url: str) -> Iterator[dict[str, Any]]:
+def _scenes(url: str) -> Generator[dict[str, Any], None, None]:
     """Yield what is told of the run, at its first scene and at the first other one."""
     from websockets.sync.client import connect
 
     parts = urlsplit(url)
-    with connect(f"ws://{parts.netloc}/ws", proxy=None, max_size=None) as socket:
+    place = f"ws://{parts.netloc}/ws"
+    with connect(place, proxy=None, max_size=None, ping_interval=None) as socket:
         socket.send(json.dumps({"do": "hello", "token": parts.fragment, "run": ""}))
         about: dict[str, Any] = {}
         first, t_s = None, 0.0
