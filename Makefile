@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+UV = $(BIN)/uv
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 # of `make swarm`: today's
@@ -25,7 +26,7 @@ define PIP
 @$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib >/dev/null 2>&1 || true
 endef
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet coverage install lint release swarm loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-lowest test-locked lock test-quiet coverage install lint release swarm loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -51,6 +52,21 @@ test-choice: tools ## types and a choice of the tests, for another PYTHON
 
 test-pythons: tools ## test-choice with every other Python that is here
 	$(BIN)/python .ci/pythons.py $(MAKE) --no-print-directory test-choice
+
+test-lowest: tools ## test-choice with the lowest versions that pyproject.toml allows
+	@$(UV) venv -q --clear --seed --python $(BIN)/python build/lowest
+	@VIRTUAL_ENV=build/lowest $(UV) pip install -q --resolution lowest-direct -e '.[plot,test]'
+	@touch build/lowest/installed build/lowest/tools
+	$(MAKE) --no-print-directory VENV=build/lowest test-choice
+
+test-locked: tools ## test-choice with the versions of uv.lock
+	@$(UV) venv -q --clear --seed --python $(BIN)/python build/locked
+	@UV_PROJECT_ENVIRONMENT=build/locked $(UV) sync -q --frozen --inexact --python $(BIN)/python --extra plot --extra test
+	@touch build/locked/installed build/locked/tools
+	$(MAKE) --no-print-directory VENV=build/locked test-choice
+
+lock: tools ## uv.lock anew, with the newest versions that pyproject.toml allows
+	$(UV) lock --upgrade
 
 test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
@@ -111,8 +127,8 @@ firmware-tools: ## compilers and QEMU for generated C; uses sudo
 size: install ## tokens and lines of each room; SINCE=main: and what was added
 	@$(BIN)/python tools/dev/size.py $(SINCE)
 
-release: tools ## sdist and wheel in dist/, tried; WHEELS: of other machines
-	@$(BIN)/python tools/dev/release.py $(WHEELS)
+release: tools ## sdist and wheel in dist/, tried; WHEELS, TRY: others
+	@$(BIN)/python tools/dev/release.py $(if $(TRY),--try $(TRY),$(WHEELS))
 
 swarm: install ## five minutes of drawn rigs, with a new SEED each day
 	@echo "pcpc swarm --seed $(SEED)"

@@ -1,7 +1,9 @@
 """The wheel: one package, with all that its commands read, at work in an empty folder."""
 
+import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -105,6 +107,21 @@ def test_nothing_of_an_earlier_build_is_in_it(installed: Path) -> None:
     own = {path.relative_to(installed / "pcpc") for path in (installed / "pcpc").rglob("*.py")}
     extra = sorted(str(path) for path in own if not (ROOT / "pcpc" / path).is_file())
     assert not extra, extra
+
+
+def test_a_bill_of_materials_is_in_it(installed: Path) -> None:
+    (info,) = installed.glob("pcpc-*.dist-info")
+    made = json.loads((info / "sboms/pcpc.cdx.json").read_text("utf-8"))
+    parts = {one["bom-ref"]: one for one in made["components"]}
+    for name, place in (("uplot", "live/host"), ("fzstd", "make/web")):
+        content = (installed / f"pcpc/tools/{place}/page/{name}.js").read_bytes()
+        assert parts[name]["hashes"][0]["content"] == hashlib.sha256(content).hexdigest()
+    lines = (info / "METADATA").read_text("utf-8").splitlines()
+    needed = [one.partition(": ")[2] for one in lines if one.startswith("Requires-Dist:")]
+    names = {re.split("[^A-Za-z0-9-]", one)[0].lower() for one in needed if "extra ==" not in one}
+    required = {ref for ref, one in parts.items() if one.get("scope") == "required"}
+    assert required == {f"pypi/{name}" for name in names}
+    assert made["metadata"]["component"]["version"] == info.name[5:].removesuffix(".dist-info")
 
 
 def test_shipped_rigs_are_found_and_a_plant_of_ones_own_is_tried_in_an_empty_folder(

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import re
+import secrets
 import signal
 import socket
 import ssl
@@ -78,7 +79,8 @@ def open_door(request: HostRequest) -> Door:
         raise UserError(f"--recordings {folder}: is not a folder")
     line = _listener(request.address, request.page.port)
     port = line.getsockname()[1]
-    token = guard.token_of(os.environ, request.new_token)
+    once = secrets.token_urlsafe(24) if request.once else ""
+    token = once or guard.token_of(os.environ, request.new_token)
     local = guard.is_loopback(request.address)
     names = guard.names_of(
         {request.address, *(guard.LOOPBACK if local else ()), *request.name}, port

@@ -23,7 +23,10 @@ class PageRequest(Request):
 
 
 class HostRequest(Request):
-    """What is shown, to whom, and whether they may tune."""
+    """What is shown, to whom, and whether they may tune.
+
+    `once`: the token is kept in no file and lasts as long as the page.
+    """
 
     what: Annotated[
         str | None,
@@ -43,6 +46,7 @@ class HostRequest(Request):
         False
     )
     new_token: Annotated[bool, "make a new token: pages opened before lose access"] = False
+    once: bool = False
     beside: Annotated[Offers, "BESIDE_HOST"] = Offers()
     code: take.CodeOfLaws = take.CodeOfLaws()
 

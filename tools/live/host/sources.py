@@ -126,6 +126,7 @@ class RunSource:
     """One run. `number` changes with every run that is shown.
 
     `parts`: what clients were sent of it since it was polled, as others may want the same.
+    `note`: what the page says of it; such a log plays by itself.
     """
 
     rig: str
@@ -134,6 +135,7 @@ class RunSource:
     number: int = 0
     log: logs.Log | None = None
     parts: dict[Any, Any] = field(default_factory=dict)
+    note: str = ""
 
     def place(self, name: str) -> tuple[str, str]:
         """Return role and variable of a name; UserError."""
@@ -208,19 +210,26 @@ class FollowedRun:
     """A run of this user's rigs, or of one: found, followed, and kept after its end.
 
     `node`: the full name of one of its nodes, where several run; `runs`: nodes that were found
-    already. `asks`: where several go on, it shows none until one is chosen.
+    already. `asks`: where several go on, it shows none until one is chosen. `before`: what is shown
+    until a run is found.
     """
 
     asks = False
 
-    def __init__(self, rig: str = "", node: str = "", runs: LiveRuns | None = None) -> None:
+    def __init__(
+        self,
+        rig: str = "",
+        node: str = "",
+        runs: LiveRuns | None = None,
+        before: RunSource | None = None,
+    ) -> None:
         self.runs, self._run = runs or LiveRuns(rig, run_of(node)), run_of(node)
-        self.source = RunSource(rig, True)
+        self.source = before or RunSource(rig, True)
 
     def find(self) -> bool:
         """Look for nodes that have come or gone; return whether another run is shown now."""
         shown = self.source.nodes
-        if shown and any(node.live.running for node in shown.values()):
+        if self.source.live and any(node.live.running for node in shown.values()):
             return self._joined()
         lives = self.runs.nodes()
         runs = {run_of(name) for name, live in lives.items() if live.under_way}
@@ -256,5 +265,5 @@ class FollowedRun:
 
     def poll(self) -> list[tuple[str, int, str, dict[str, Any]]]:
         """Take what the nodes have recorded since; return role, cycle, topic, entry of events."""
-        nodes = self.source.nodes.items()
+        nodes = self.source.nodes.items() if self.source.live else ()
         return [(role, *event) for role, node in nodes for event in node.poll()]

@@ -28,6 +28,7 @@ def run_facts(source: RunSource, write: bool) -> dict[str, Any]:
     faults = injecting.faults_of([*running.values()]) if running else []
     return {
         "rig": source.rig, "live": source.live, "run": source.number, "write": write,
+        "note": source.note,
         "period_s": source.period_s,
         "nodes": {role: _variables(node, role) for role, node in source.nodes.items()},
         "faults": [{"name": one.name, "about": one.about, "node": one.node} for one in faults],

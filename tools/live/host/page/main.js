@@ -59,12 +59,13 @@ class Page {
     this.span = this.whole; this.paused = false; by("pause").hidden = !about.live;
     by("pause").textContent = "pause";
     by("panels").hidden = !this.variables.size;
-    if (!this.variables.size) { this.side.shown(about, null); return; } // nothing runs yet
+    if (!this.variables.size) { this.side.shown(about, null); this.notice(about.note); return; } // nothing runs yet
     const before = this.panels.map((panel) => panel.layout());
     if (before.some((panel) => panel.names.length) && this.rig === about.rig) this.laid(before);
     else this.laid(this.stored() ?? this.own(about.layout) ?? firstPanels([...this.variables.values()]));
     this.rig = about.rig;
     this.side.shown(about, this.whole);
+    if (about.note) this.notice(about.note);
   }
 
   // The layout that the plant's folder has.

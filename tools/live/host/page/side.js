@@ -44,6 +44,7 @@ export class Side {
     this.scene = null; this.painted_ms = NaN; by("drawing-box").hidden = true;
     for (const id of ["tuning-box", "control-box", "recording-box", "timing-box", "frames-box", "events-box"]) by(id).hidden = !about.live;
     by("slider-box").hidden = !span;
+    this.playing = span && about.note ? performance.now() : null;
     if (span) { [by("slider").min, by("slider").max] = span; by("slider").value = span[0]; this.moved(); }
     else this.page.instant = null;
     if (!about.live) by("nodes").replaceChildren(el("span", "pill quiet", "finished log"));
@@ -227,8 +228,9 @@ export class Side {
   frame() {
     if (this.playing) {
       const now = performance.now(), slider = by("slider");
+      if (this.about.note && +slider.value >= +slider.max) slider.value = slider.min; // round and round
       slider.value = Math.min(+slider.max, +slider.value + 1e-3 * (now - this.playing));
-      this.playing = +slider.value < +slider.max ? now : null;
+      this.playing = +slider.value < +slider.max || this.about.note ? now : null;
       this.moved();
     }
     const now = performance.now(), often = STILL.matches ? 1000 : 0;
