@@ -15,8 +15,10 @@ import pcpc.executive.laws
 import pcpc.plants
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.robots.layout import Robot
 from pcpc.executive.batch.group import LaneGroup
 from pcpc.executive.loop import exchange, over_line, plant_drive, shared
+from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.terminal.progress import Compiling
 
@@ -33,9 +35,12 @@ def compile_loop() -> None:
     importlib.import_module("engine")
     over_line.run_over_line(2)
     exchange.run_of(3)
+    dialects = [one.dialect for one in planned_robot.KINDS.values()]
     for verb in ("hear", "work", "speak"):
         for whose in ("drive", "robot"):
             entry_of(getattr(plant_drive, f"{verb}_{whose}"), structure(shared.LOOP))
+        for dialect in dialects:
+            entry_of(getattr(dialect, verb), structure(Robot.dtype))
 
 
 def compile_laws() -> None:

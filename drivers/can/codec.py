@@ -85,7 +85,7 @@ def _add(data: Cells[Byte], offset: int, word: int) -> None:
 
 
 @inline
-def _swapped_word(word: int) -> int:
+def swapped_word(word: int) -> int:
     """Return the word with its bytes in the other order."""
     pairs = (word & _ODD_BYTES) << int64(8) | (word >> int64(8)) & _ODD_BYTES
     fours = (pairs & _ODD_PAIRS) << int64(16) | (pairs >> int64(16)) & _ODD_PAIRS
@@ -124,7 +124,7 @@ def _unscale(raw: int, signal: SignalRow) -> float:
 def _raw_word(data: Cells[Byte], signal: SignalRow) -> int:
     """Return the raw word of a signal in `data` (n,), sign-extended."""
     little = eight_bytes(data, signal.byte)
-    word = _swapped_word(little) if signal.big_endian != 0 else little
+    word = swapped_word(little) if signal.big_endian != 0 else little
     raw = (word >> signal.shift) & signal.mask
     return int64((raw ^ signal.sign) - signal.sign)
 
@@ -166,12 +166,12 @@ def unpack(
         return
     long = frames[frame].dlc > 8
     little = eight_bytes(data, 0)
-    big = _swapped_word(little)
+    big = swapped_word(little)
     for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
         if long:
             little = eight_bytes(data, signal.byte)
-            big = _swapped_word(little)
+            big = swapped_word(little)
         word = big if signal.big_endian != 0 else little
         raw = (word >> signal.shift) & signal.mask
         raw = (raw ^ signal.sign) - signal.sign
@@ -236,7 +236,7 @@ def _pack_layout(
             bits, outside = _encoded(values[np.uint64(signal.variable)], signal)
             saturated += outside
             placed = (bits & signal.mask) << signal.shift
-            _add(data, signal.byte, _swapped_word(placed) if signal.big_endian != 0 else placed)
+            _add(data, signal.byte, swapped_word(placed) if signal.big_endian != 0 else placed)
     return saturated
 
 
@@ -276,14 +276,14 @@ def pack(
             saturated += 1
         placed = (bits & signal.mask) << signal.shift
         if long:
-            _add(data, signal.byte, _swapped_word(placed) if signal.big_endian != 0 else placed)
+            _add(data, signal.byte, swapped_word(placed) if signal.big_endian != 0 else placed)
         elif signal.big_endian != 0:
             big |= placed
         else:
             little |= placed
     if long:
         return saturated
-    word = little | _swapped_word(big)
+    word = little | swapped_word(big)
     put_four_bytes(data, 0, word)
     put_four_bytes(data, 4, word >> int64(32))
     return saturated

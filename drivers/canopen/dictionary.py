@@ -19,7 +19,7 @@
 Source: CiA 301, 7.2.4.3.17.
 """
 
-from pcpc.drivers.canopen.layout import Drive, Od
+from pcpc.drivers.canopen.layout import Canopen, Od
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import int64
 
@@ -32,7 +32,7 @@ _LOW_32 = 0xFFFF_FFFF
 
 
 @loop_function
-def row_of_object(d: Drive, index: int, subindex: int) -> int:
+def row_of_object(d: Canopen, index: int, subindex: int) -> int:
     """Return the row of an object; -1 if there is no such index, -2 no such subindex."""
     missing = int64(-1)
     for i in range(d.n):
@@ -50,7 +50,7 @@ def why_none(row: int) -> int:
 
 
 @loop_inline
-def from_bits(d: Drive, row: int, word: int) -> int:
+def from_bits(d: Canopen, row: int, word: int) -> int:
     """Return the value of an object in the lowest bits of a word."""
     bits = d.objects[row].bits
     raw = word & ((1 << bits) - 1)
@@ -60,13 +60,13 @@ def from_bits(d: Drive, row: int, word: int) -> int:
 
 
 @loop_inline
-def to_bits(d: Drive, row: int) -> int:
+def to_bits(d: Canopen, row: int) -> int:
     """Return the value of an object as bits from 0 on."""
     return d.value[row] & ((1 << d.objects[row].bits) - 1)
 
 
 @loop_inline
-def is_possible(d: Drive, row: int, raw: int) -> bool:
+def is_possible(d: Canopen, row: int, raw: int) -> bool:
     """Return whether an object may have a value within its bounds, wherever it comes from."""
     if row == Od.MODE:
         if raw < 0 or raw > 10:

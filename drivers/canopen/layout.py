@@ -3,7 +3,6 @@
     objects    the dictionary as it was declared, a row an object, see `drivers.canopen.objects`
     value      the raw value of each row
     state      what the drive carries from one cycle to the next, beside the values
-    outbox     frames to be sent, as `drivers.can.wire` has them
 
 Rows of the PDOs come first, each PDO's on its own: communication, then mapping.
 """
@@ -13,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
-from pcpc.drivers.compiled.records import Byte, Cells, Element, Record, carried, cells
-from pcpc.drivers.compiled.rows import FrameBytes
+from pcpc.drivers.compiled.records import Byte, Cells, Element, carried, cells
+from pcpc.drivers.drive.layout import Drive
 
 MAX_OBJECTS = 1024
 PDOS = 4  # of each direction; numbers 0 to 3 are received, 4 to 7 sent
 MAX_ENTRIES = 8  # mapped in one PDO
-OUTBOX_FRAMES = 16
 TEXTS, TEXT_BYTES = 3, 32
 READ, WRITE, TO_DRIVE, FROM_DRIVE = 1, 2, 4, 8  # access; the last two: may be mapped
 RPDO_ROWS, TPDO_ROWS = 3 + 1 + MAX_ENTRIES, 5 + 1 + MAX_ENTRIES
@@ -274,7 +272,6 @@ class DriveState(Element):
     segment_loads: int
     position: float
     velocity: float
-    before: float
     offset: float
     demand_position: float
     demand_velocity: float
@@ -284,39 +281,12 @@ class DriveState(Element):
     step: float
 
 
-class DriveGains(Element):
-    """Of its loops."""
+class Canopen(Drive):
+    """The drive."""
 
-    position_per_s: float
-    velocity: float
-    integral_per_s: float
-
-
-class Drive(Record):
-    """The drive; of a robot's: what both have."""
-
-    on: int  # 1: there is one
-    hears: int  # of `compiled.stage.call_at`
-    works: int  # of `compiled.stage.call_at`
-    speaks: int  # of `compiled.stage.call_at`
-    node: int
     n: int  # objects
-    place_position: int  # of variables of the table; velocity -1: the differences
-    place_velocity: int
-    place_command: int
-    place_gains: int  # three
-    place_seen: int  # the first of what is seen, see `executive.loop.plant_drive`
-    rate_hz: float
-    rated: float  # the command at 100 %
-    position_scale: float  # increments to the unit of the position
-    velocity_scale: float
-    gains: DriveGains
     objects: Cells[ObjectRow] = cells(MAX_OBJECTS)
     text: Cells[Byte] = cells(TEXTS * TEXT_BYTES)
-    k: int  # the cycle
-    n_out: int
-    answers_last: int  # 1: in lockstep, behind what its node sends
-    outbox: Cells[FrameBytes] = cells(OUTBOX_FRAMES)
     value: Cells[int] = carried(shape=MAX_OBJECTS)
     state: DriveState = carried()
     map_id: Cells[int] = carried(shape=2 * PDOS)  # -1: not valid

@@ -18,7 +18,7 @@ from pcpc.drivers.canopen.dictionary import (
     WRONG_VALUE,
     row_of_object,
 )
-from pcpc.drivers.canopen.layout import Drive
+from pcpc.drivers.canopen.layout import Canopen
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 
 MAX_BITS = 64
@@ -52,13 +52,13 @@ def mapping_row(p: int) -> int:
 
 
 @loop_inline
-def is_valid(d: Drive, p: int) -> bool:
+def is_valid(d: Canopen, p: int) -> bool:
     """Return whether a PDO is in use."""
     return d.value[first_row(p) + COB_ID] & _NOT_VALID == 0
 
 
 @loop_function
-def why_not(d: Drive, row: int, raw: int) -> int:
+def why_not(d: Canopen, row: int, raw: int) -> int:
     """Return the abort code for a value of a PDO's row; 0 if it may be written."""
     p = pdo_of(row)
     offset, mapping = row - first_row(p), mapping_row(p)
@@ -85,7 +85,7 @@ def why_not(d: Drive, row: int, raw: int) -> int:
 
 
 @loop_inline
-def _why_no_id(d: Drive, p: int, row: int, raw: int) -> int:
+def _why_no_id(d: Canopen, p: int, row: int, raw: int) -> int:
     wanted = raw & _ID
     if raw & _FRAME_BIT != 0 or wanted < _LOWEST_ID or wanted > _HIGHEST_ID:
         return WRONG_VALUE
@@ -95,7 +95,7 @@ def _why_no_id(d: Drive, p: int, row: int, raw: int) -> int:
 
 
 @loop_function
-def _why_no_entry(d: Drive, p: int, entry: int) -> int:
+def _why_no_entry(d: Canopen, p: int, entry: int) -> int:
     """Return why an object cannot be mapped; 0 of an entry that is empty or right."""
     if entry == 0:
         return 0
@@ -109,7 +109,7 @@ def _why_no_entry(d: Drive, p: int, entry: int) -> int:
 
 
 @loop_function
-def arrange(d: Drive, p: int) -> None:
+def arrange(d: Canopen, p: int) -> None:
     """Take over what the objects of a PDO say; a sent one begins anew."""
     first, mapping = first_row(p), mapping_row(p)
     d.map_id[p] = d.value[first + COB_ID] & _ID if is_valid(d, p) else -1

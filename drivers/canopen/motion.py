@@ -24,7 +24,7 @@ u_rated its value at 100 %; q and w are in the plant's units. Source: CiA 402-2,
 import math
 
 from pcpc.drivers.canopen.layout import (
-    Drive,
+    Canopen,
     ErrorCode,
     ErrorRegister,
     Mistake,
@@ -42,6 +42,7 @@ from pcpc.drivers.canopen.power import (
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.drive.ways import toward
 
 NEW_SETPOINT, AT_ONCE, RELATIVE, HALT = 1 << 4, 1 << 5, 1 << 6, 1 << 8
 LARGEST, FINITE = 2147483647.0, 1e300  # beyond FINITE the last measured value stays
@@ -59,25 +60,19 @@ def raw_of(x: float, scale: float) -> int:
 
 
 @loop_inline
-def toward(x: float, goal: float, step: float) -> float:
-    """Return `goal`, or the nearest to it that is at most `step` from `x`."""
-    return min(max(goal, x - step), x + step)
-
-
-@loop_inline
-def position_of(d: Drive, row: int) -> float:
+def position_of(d: Canopen, row: int) -> float:
     """Return an object of a position or its acceleration in the plant's unit."""
     return d.value[row] / d.position_scale
 
 
 @loop_inline
-def velocity_of(d: Drive, row: int) -> float:
+def velocity_of(d: Canopen, row: int) -> float:
     """Return an object of a velocity in the plant's unit."""
     return d.value[row] / d.velocity_scale
 
 
 @loop_function
-def begin_mode(d: Drive) -> None:
+def begin_mode(d: Canopen) -> None:
     """Begin where the motor is."""
     x = d.state
     x.demand_position, x.demand_velocity, x.integral = x.position, x.velocity, 0.0
@@ -87,7 +82,7 @@ def begin_mode(d: Drive) -> None:
 
 
 @loop_inline
-def within_limits(d: Drive, q: float) -> float:
+def within_limits(d: Canopen, q: float) -> float:
     """Return a position within the limits of object 0x607D."""
     low, high = position_of(d, Od.LIMIT_LOW), position_of(d, Od.LIMIT_HIGH)
     value = min(max(q, low), high) if low < high else q
@@ -97,7 +92,7 @@ def within_limits(d: Drive, q: float) -> float:
 
 
 @loop_function
-def take_setpoint(d: Drive) -> None:
+def take_setpoint(d: Canopen) -> None:
     """Take a new target with the edge of bit 4; one more waits, unless it is wanted at once."""
     x, word = d.state, d.value[Od.CONTROLWORD]
     if word & NEW_SETPOINT != 0 and x.word_before & NEW_SETPOINT == 0 and x.pends == 0:
@@ -126,7 +121,7 @@ def fastest_that_stops(distance: float, slow: float, dt: float) -> float:
 
 
 @loop_function
-def profile_position(d: Drive, dt: float) -> float:
+def profile_position(d: Canopen, dt: float) -> float:
     """Advance the demand to the target (3); return the velocity that is wanted (1)."""
     x = d.state
     take_setpoint(d)
@@ -154,7 +149,7 @@ def profile_position(d: Drive, dt: float) -> float:
 
 
 @loop_function
-def judge_reached(d: Drive, near: bool, row: int) -> None:
+def judge_reached(d: Canopen, near: bool, row: int) -> None:
     """Let the target be reached once it has been near for the time of an object, ms."""
     x = d.state
     if not near:
@@ -166,7 +161,7 @@ def judge_reached(d: Drive, near: bool, row: int) -> None:
 
 
 @loop_function
-def profile_velocity(d: Drive, dt: float) -> float:
+def profile_velocity(d: Canopen, dt: float) -> float:
     """Return the velocity that is wanted: on its way to the target."""
     x, most = d.state, velocity_of(d, Od.MAX_PROFILE_VELOCITY)
     goal = min(max(velocity_of(d, Od.TARGET_VELOCITY), -most), most)
@@ -181,7 +176,7 @@ def profile_velocity(d: Drive, dt: float) -> float:
 
 
 @loop_function
-def interpolate(d: Drive) -> None:
+def interpolate(d: Canopen) -> None:
     """Bring the demand to a new target in equal steps over the period of object 0x60C2."""
     x = d.state
     goal = within_limits(d, position_of(d, Od.TARGET_POSITION))
@@ -203,7 +198,7 @@ def interpolate(d: Drive) -> None:
 
 
 @loop_function
-def go_home(d: Drive) -> None:
+def go_home(d: Canopen) -> None:
     """With the edge of bit 4, let where the motor stands be the home offset."""
     x, word = d.state, d.value[Od.CONTROLWORD]
     if word & NEW_SETPOINT != 0 and x.word_before & NEW_SETPOINT == 0:
@@ -215,7 +210,7 @@ def go_home(d: Drive) -> None:
 
 
 @loop_function
-def limited_command(d: Drive, u: float) -> float:
+def limited_command(d: Canopen, u: float) -> float:
     """Return a command within the largest torque; note if it was larger."""
     limit = d.rated * d.value[Od.MAX_TORQUE] * 1e-3
     if abs(u) > limit:
@@ -224,7 +219,7 @@ def limited_command(d: Drive, u: float) -> float:
 
 
 @loop_function
-def follow_velocity(d: Drive, wanted: float, dt: float) -> float:
+def follow_velocity(d: Canopen, wanted: float, dt: float) -> float:
     """Return the command of the velocity loop (2)."""
     x, g = d.state, d.gains
     e = wanted - x.velocity
@@ -237,7 +232,7 @@ def follow_velocity(d: Drive, wanted: float, dt: float) -> float:
 
 
 @loop_function
-def ramp_down(d: Drive, option: int, dt: float) -> float:
+def ramp_down(d: Canopen, option: int, dt: float) -> float:
     """Return the command on the way to rest; at its end the state is left."""
     x = d.state
     slow = option in FIRST_SLOW
@@ -251,7 +246,7 @@ def ramp_down(d: Drive, option: int, dt: float) -> float:
 
 
 @loop_function
-def in_operation(d: Drive, dt: float) -> float:
+def in_operation(d: Canopen, dt: float) -> float:
     """Return the command of the mode."""
     x = d.state
     offset = velocity_of(d, Od.VELOCITY_OFFSET)
@@ -282,7 +277,7 @@ def in_operation(d: Drive, dt: float) -> float:
 
 
 @loop_function
-def watch_following(d: Drive) -> None:
+def watch_following(d: Canopen) -> None:
     """Let a demand that is not followed for long be a fault (0x6065, 0x6066)."""
     x = d.state
     watched = x.mode == OperationMode.PROFILE_POSITION or x.mode == OperationMode.CYCLIC_POSITION
@@ -300,7 +295,7 @@ def watch_following(d: Drive) -> None:
 
 
 @loop_function
-def measure(d: Drive, position: float, velocity: float) -> None:
+def measure(d: Canopen, position: float, velocity: float) -> None:
     """Take what the sensors say, before homing; write it into its objects."""
     x = d.state
     if abs(position) < FINITE and abs(velocity) < FINITE:
@@ -310,7 +305,7 @@ def measure(d: Drive, position: float, velocity: float) -> None:
 
 
 @loop_function
-def advance(d: Drive) -> float:
+def advance(d: Canopen) -> float:
     """Do a cycle of the drive: the states, then the command for what was measured; return it."""
     x, dt = d.state, 1.0 / d.rate_hz
     x.limited = 0
@@ -341,7 +336,7 @@ def advance(d: Drive) -> float:
 
 
 @loop_function
-def tell_demand(d: Drive, u: float) -> None:
+def tell_demand(d: Canopen, u: float) -> None:
     """Write what is demanded into its objects."""
     x, torque = d.state, raw_of(u, 1000.0 / d.rated)
     d.value[Od.MODE_DISPLAY] = x.mode

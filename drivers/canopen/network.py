@@ -15,18 +15,19 @@ connection, see `drivers.canopen.power`. Source: CiA 301, 7.2.8 and 7.3.2.
 """
 
 from pcpc.drivers.canopen.dictionary import is_possible
-from pcpc.drivers.canopen.frames import HEARTBEAT, put, put_heartbeat
-from pcpc.drivers.canopen.layout import SELF_STARTING, Drive, Heartbeat, Od, OperationMode, Power
+from pcpc.drivers.canopen.frames import HEARTBEAT, put_heartbeat
+from pcpc.drivers.canopen.layout import SELF_STARTING, Canopen, Heartbeat, Od, OperationMode, Power
 from pcpc.drivers.canopen.mapping import PDOS, arrange
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.drive.outbox import put
 
 START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
 OF_COMMUNICATION = 0x1000, 0x1FFF
 
 
 @loop_function
-def boot(d: Drive) -> None:
+def boot(d: Canopen) -> None:
     """Say that the drive is there, and be in its first state."""
     x = d.state
     for p in range(2 * PDOS):
@@ -42,7 +43,7 @@ def boot(d: Drive) -> None:
 
 
 @loop_function
-def start_over(d: Drive, all_objects: bool) -> None:
+def start_over(d: Canopen, all_objects: bool) -> None:
     """Give the objects their first values: all, or those of the communication; boot."""
     for i in range(d.n):
         index = d.objects[i].index
@@ -57,7 +58,7 @@ def start_over(d: Drive, all_objects: bool) -> None:
 
 
 @loop_function
-def command(d: Drive, code: int) -> None:
+def command(d: Canopen, code: int) -> None:
     """Do what the NMT master wants."""
     x = d.state
     before = x.nmt
@@ -78,7 +79,7 @@ def command(d: Drive, code: int) -> None:
 
 
 @loop_function
-def beat(d: Drive) -> None:
+def beat(d: Canopen) -> None:
     """Send the heartbeat when it is due."""
     ms = d.value[Od.HEARTBEAT_MS]
     if ms > 0 and d.k - d.state.beat_at >= ms * 1e-3 * d.rate_hz:
@@ -86,7 +87,7 @@ def beat(d: Drive) -> None:
 
 
 @loop_function
-def answer_guard(d: Drive) -> None:
+def answer_guard(d: Canopen) -> None:
     """Answer a master that guards its nodes: the state, and a bit that toggles."""
     x = d.state
     put(d, HEARTBEAT + d.node, 1, x.nmt | x.guarded << int64(7), 0)
@@ -94,7 +95,7 @@ def answer_guard(d: Drive) -> None:
 
 
 @loop_function
-def note_heartbeat(d: Drive, node: int) -> bool:
+def note_heartbeat(d: Canopen, node: int) -> bool:
     """Note the heartbeat of another node; return whether it is the one that is awaited."""
     if d.value[Od.CONSUMER] >> 16 == node and node != 0:
         d.state.heard, d.state.heard_at = 1, d.k
@@ -103,7 +104,7 @@ def note_heartbeat(d: Drive, node: int) -> bool:
 
 
 @loop_function
-def master_is_silent(d: Drive) -> bool:
+def master_is_silent(d: Canopen) -> bool:
     """Return whether the heartbeat that is awaited came once and is missing now."""
     ms = d.value[Od.CONSUMER] & 0xFFFF
     if ms == 0 or d.state.heard == 0:
@@ -115,7 +116,7 @@ def master_is_silent(d: Drive) -> bool:
 
 
 @loop_function
-def mode_to_be(d: Drive) -> int:
+def mode_to_be(d: Canopen) -> int:
     """Return the mode that is asked for, or the one before if it does not exist."""
     wanted = d.value[Od.MODE]
     return wanted if is_possible(d, Od.MODE, wanted) else d.state.mode

@@ -12,7 +12,7 @@ Frames with the ids that the drive sends are another drive's with its number.
 from pcpc.drivers.can.codec import four_bytes
 from pcpc.drivers.canopen import pdo, sdo
 from pcpc.drivers.canopen.frames import EMERGENCY, HEARTBEAT, SDO_ANSWER
-from pcpc.drivers.canopen.layout import Drive, ErrorCode, Heartbeat
+from pcpc.drivers.canopen.layout import Canopen, ErrorCode, Heartbeat
 from pcpc.drivers.canopen.mapping import PDOS
 from pcpc.drivers.canopen.motion import advance
 from pcpc.drivers.canopen.network import (
@@ -25,10 +25,10 @@ from pcpc.drivers.canopen.network import (
 )
 from pcpc.drivers.canopen.power import has_power, lose_connection
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
+from pcpc.drivers.drive.layout import Whose
 
 SYNC, SDO_REQUEST, LAST_NODE = 0x080, 0x600, 127
 REMOTE = int64(1 << 30)
@@ -36,14 +36,8 @@ hear_sync, receive_pdo, serve = pdo.hear_sync, pdo.receive, sdo.serve
 send_due, give_up = pdo.send_due, sdo.give_up
 
 
-class Whose(NumberedEnum):
-    """Whose a frame is: another node's, the drive's, of all (SYNC), or of a second such drive."""
-
-    OTHER, OURS, ALL, TWIN = range(4)
-
-
 @loop_function
-def hear(d: Drive, frame: Cells[Byte]) -> int:
+def hear(d: Canopen, frame: Cells[Byte]) -> int:
     """Take a frame (16,) that came; return whose it is."""
     if d.state.boots == 0:
         boot(d)
@@ -74,7 +68,7 @@ def hear(d: Drive, frame: Cells[Byte]) -> int:
 
 
 @loop_function
-def is_own(d: Drive, can_id: int) -> bool:
+def is_own(d: Canopen, can_id: int) -> bool:
     """Return whether only this drive sends frames of this id."""
     if can_id == EMERGENCY + d.node or can_id == SDO_ANSWER + d.node:
         return True
@@ -87,7 +81,7 @@ def is_own(d: Drive, can_id: int) -> bool:
 
 
 @loop_function
-def work(d: Drive) -> float:
+def work(d: Canopen) -> float:
     """Do a cycle; return the command."""
     if d.state.boots == 0:
         boot(d)
@@ -102,7 +96,7 @@ def work(d: Drive) -> float:
 
 
 @loop_function
-def speak(d: Drive) -> None:
+def speak(d: Canopen) -> None:
     """Put into the outbox what is due at the end of a cycle."""
     beat(d)
     send_due(d)

@@ -140,7 +140,7 @@ def changed_dictionary(dictionary: list[Object], starts: Mapping[str, int]) -> l
 
 
 def install(d: object, node: int, dictionary: list[Object]) -> None:
-    """Write the dictionary into the zeroed Drive record `d`, which is as after power-on."""
+    """Write the dictionary into the zeroed Canopen record `d`, which is as after power-on."""
     into: Any = d
     into.node, into.n, into.on = node, len(dictionary), 1
     texts = 0

@@ -12,8 +12,8 @@ A value outside of its object's bounds is not taken. A frame that is too short i
 
 from pcpc.drivers.can.codec import eight_bytes, four_bytes
 from pcpc.drivers.canopen.dictionary import from_bits, is_possible, low_word, to_bits
-from pcpc.drivers.canopen.frames import put, tell_error
-from pcpc.drivers.canopen.layout import Drive, ErrorCode, Heartbeat, Mistake, Od
+from pcpc.drivers.canopen.frames import tell_error
+from pcpc.drivers.canopen.layout import Canopen, ErrorCode, Heartbeat, Mistake, Od
 from pcpc.drivers.canopen.mapping import (
     EVENT,
     INHIBIT,
@@ -24,12 +24,13 @@ from pcpc.drivers.canopen.mapping import (
 )
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import Byte, Cells, int64
+from pcpc.drivers.drive.outbox import put
 
 LAST_SYNC_KIND = 240
 
 
 @loop_function
-def bits_of(d: Drive, p: int) -> int:
+def bits_of(d: Canopen, p: int) -> int:
     """Return how many bits are mapped in a PDO."""
     bits = int64(0)
     for i in range(d.map_n[p]):
@@ -38,7 +39,7 @@ def bits_of(d: Drive, p: int) -> int:
 
 
 @loop_function
-def take(d: Drive, p: int, word: int) -> None:
+def take(d: Canopen, p: int, word: int) -> None:
     """Write the data of a received PDO into its objects."""
     shift = int64(0)
     for i in range(d.map_n[p]):
@@ -53,7 +54,7 @@ def take(d: Drive, p: int, word: int) -> None:
 
 
 @loop_function
-def receive(d: Drive, can_id: int, dlc: int, data: Cells[Byte]) -> bool:
+def receive(d: Canopen, can_id: int, dlc: int, data: Cells[Byte]) -> bool:
     """Take a frame if it is a PDO; return whether it is one."""
     for p in range(PDOS):
         if d.map_id[p] == can_id:
@@ -75,7 +76,7 @@ def receive(d: Drive, can_id: int, dlc: int, data: Cells[Byte]) -> bool:
 
 
 @loop_function
-def judge_rates(d: Drive) -> None:
+def judge_rates(d: Canopen) -> None:
     """Count what was wrong between the last two SYNCs: PDOs that come with them, and their time."""
     x, period = d.state, d.value[Od.SYNC_PERIOD] * 1e-6 * d.rate_hz
     off = abs(d.k - x.sync_at - period)
@@ -91,7 +92,7 @@ def judge_rates(d: Drive) -> None:
 
 
 @loop_inline
-def judge_count(d: Drive, p: int, more: int) -> None:
+def judge_count(d: Canopen, p: int, more: int) -> None:
     """Count a PDO that came `more` than once, or not, unless it only changed sides with a SYNC.
 
     On a line a SYNC overtakes a PDO that is sent just before it: then one more follows one less.
@@ -107,7 +108,7 @@ def judge_count(d: Drive, p: int, more: int) -> None:
 
 
 @loop_function
-def hear_sync(d: Drive) -> None:
+def hear_sync(d: Canopen) -> None:
     """Take what waited for a SYNC; let be due what is sent with it."""
     if d.state.nmt != Heartbeat.OPERATIONAL:
         return
@@ -120,7 +121,7 @@ def hear_sync(d: Drive) -> None:
 
 
 @loop_function
-def is_due(d: Drive, t: int, changed: bool) -> bool:
+def is_due(d: Canopen, t: int, changed: bool) -> bool:
     """Return whether the sent PDO `t` goes out in this cycle."""
     first = first_row(PDOS + t)
     kind, since = d.value[first + KIND], d.k - d.sent_at[t]
@@ -141,7 +142,7 @@ def is_due(d: Drive, t: int, changed: bool) -> bool:
 
 
 @loop_function
-def send_due(d: Drive) -> None:
+def send_due(d: Canopen) -> None:
     """Send the PDOs that are due in this cycle."""
     if d.state.nmt == Heartbeat.OPERATIONAL:
         for t in range(PDOS):

@@ -35,7 +35,7 @@ from pcpc.drivers.canopen.layout import (
     REACHED,
     REMOTE,
     VOLTAGE,
-    Drive,
+    Canopen,
     ErrorRegister,
     Mistake,
     Od,
@@ -135,7 +135,7 @@ def is_ignored(power: int, word: int, option: int) -> bool:
 
 
 @loop_function
-def obey(d: Drive) -> None:
+def obey(d: Canopen) -> None:
     """Go to the state that the controlword asks for, some after a ramp; a reset ends the fault."""
     x, word, option = d.state, d.value[Od.CONTROLWORD], d.value[Od.QUICK_STOP_OPTION]
     if (word ^ x.word_before) & COMMAND_BITS != 0 and is_ignored(x.power, word, option):
@@ -153,7 +153,7 @@ def obey(d: Drive) -> None:
 
 
 @loop_function
-def fail(d: Drive, code: int, register: int) -> None:
+def fail(d: Canopen, code: int, register: int) -> None:
     """Note a fault: an emergency, and the reaction that the rig or the master has chosen."""
     x = d.state
     if x.power == Power.FAULT or x.power == Power.FAULT_REACTION_ACTIVE:
@@ -164,7 +164,7 @@ def fail(d: Drive, code: int, register: int) -> None:
 
 
 @loop_function
-def lose_connection(d: Drive, code: int) -> None:
+def lose_connection(d: Canopen, code: int) -> None:
     """React to a master that is silent or has stopped the node, as object 0x6007 says."""
     x, option = d.state, d.value[Od.ABORT_OPTION]
     if option == ABORT_IS_FAULT:
@@ -176,7 +176,7 @@ def lose_connection(d: Drive, code: int) -> None:
 
 
 @loop_function
-def end_ramp(d: Drive) -> None:
+def end_ramp(d: Canopen) -> None:
     """Leave the state of a ramp that has come to its end."""
     x = d.state
     if x.leaves != 0:
@@ -188,7 +188,7 @@ def end_ramp(d: Drive) -> None:
 
 
 @loop_function
-def tell_status(d: Drive) -> None:
+def tell_status(d: Canopen) -> None:
     """Write the statusword.
 
     Bit 12: setpoint acknowledged; speed 0; homing attained; the target is followed. Bit 13:

@@ -25,13 +25,14 @@ from pcpc.drivers.canopen.dictionary import (
     to_bits,
     why_none,
 )
-from pcpc.drivers.canopen.frames import SDO_ANSWER, put
+from pcpc.drivers.canopen.frames import SDO_ANSWER
 from pcpc.drivers.canopen.layout import READ as MAY_READ
 from pcpc.drivers.canopen.layout import WRITE as MAY_WRITE
-from pcpc.drivers.canopen.layout import Drive, Mistake, Od
+from pcpc.drivers.canopen.layout import Canopen, Mistake, Od
 from pcpc.drivers.canopen.mapping import PDO_ROWS, arrange, pdo_of, why_not
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.records import Byte, Cells, int64
+from pcpc.drivers.drive.outbox import put
 
 DOWN_SEGMENT, DOWN, UP, UP_SEGMENT, ABORT = range(5)
 LOADS_UP, LOADS_DOWN = range(2)  # what `segment_loads` says is under way
@@ -46,7 +47,7 @@ READ_ONLY, WRITE_ONLY, TOO_HIGH, TOO_LOW, WRONG_VALUE = (
 
 
 @loop_function
-def write(d: Drive, row: int, raw: int) -> int:
+def write(d: Canopen, row: int, raw: int) -> int:
     """Write an object, with what follows from it; return the abort code, 0 for none."""
     od_object = d.objects[row]
     if od_object.access & MAY_WRITE == 0:
@@ -71,7 +72,7 @@ def write(d: Drive, row: int, raw: int) -> int:
 
 
 @loop_function
-def serve(d: Drive, data: Cells[Byte]) -> None:
+def serve(d: Canopen, data: Cells[Byte]) -> None:
     """Answer a client's frame of 8 bytes."""
     command = int64(data[0]) >> 5
     multiplexor = int64(data[1]) | int64(data[2]) << 8 | int64(data[3]) << 16
@@ -91,7 +92,7 @@ def serve(d: Drive, data: Cells[Byte]) -> None:
 
 
 @loop_function
-def abort(d: Drive, multiplexor: int, code: int) -> None:
+def abort(d: Canopen, multiplexor: int, code: int) -> None:
     """Refuse, and forget the transfer."""
     d.state.segment_row = 0
     d.mistakes[Mistake.SDO_ABORTED] += 1
@@ -99,7 +100,7 @@ def abort(d: Drive, multiplexor: int, code: int) -> None:
 
 
 @loop_function
-def about_of(d: Drive) -> int:
+def about_of(d: Canopen) -> int:
     """Return index and subindex of the object that is being transferred."""
     if d.state.segment_row == 0:
         return int64(0)
@@ -108,7 +109,7 @@ def about_of(d: Drive) -> int:
 
 
 @loop_function
-def begin_up(d: Drive, row: int, multiplexor: int) -> None:
+def begin_up(d: Canopen, row: int, multiplexor: int) -> None:
     """Send a value at once, or the length of a text that follows in segments."""
     if row < 0:
         abort(d, multiplexor, why_none(row))
@@ -128,7 +129,7 @@ def begin_up(d: Drive, row: int, multiplexor: int) -> None:
 
 
 @loop_function
-def next_up(d: Drive, data: Cells[Byte]) -> None:
+def next_up(d: Canopen, data: Cells[Byte]) -> None:
     """Send the next segment of a text."""
     x = d.state
     if x.segment_row == 0 or x.segment_loads != LOADS_UP:
@@ -153,7 +154,7 @@ def next_up(d: Drive, data: Cells[Byte]) -> None:
 
 
 @loop_function
-def begin_down(d: Drive, row: int, multiplexor: int, data: Cells[Byte]) -> None:
+def begin_down(d: Canopen, row: int, multiplexor: int, data: Cells[Byte]) -> None:
     """Write what the frame has, or wait for segments."""
     if row < 0:
         abort(d, multiplexor, why_none(row))
@@ -181,7 +182,7 @@ def begin_down(d: Drive, row: int, multiplexor: int, data: Cells[Byte]) -> None:
 
 
 @loop_function
-def next_down(d: Drive, data: Cells[Byte]) -> None:
+def next_down(d: Canopen, data: Cells[Byte]) -> None:
     """Take the next segment; with the last one write the object."""
     x, head = d.state, int64(data[0])
     if x.segment_row == 0 or x.segment_loads != LOADS_DOWN:
@@ -210,7 +211,7 @@ def next_down(d: Drive, data: Cells[Byte]) -> None:
 
 
 @loop_function
-def give_up(d: Drive) -> None:
+def give_up(d: Canopen) -> None:
     """Forget a transfer whose client is silent."""
     if d.state.segment_row != 0 and d.k - d.state.segment_since > PATIENCE_S * d.rate_hz:
         abort(d, about_of(d), TIMED_OUT)

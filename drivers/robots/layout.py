@@ -1,22 +1,20 @@
 """The memory of a robot's drive, as a structure that the compiled loop uses (no numba here).
 
-    value     its settings, in the order of the dialect's own table (`odrive`, `mit`, `moteus`)
+    value     its settings, in the order of the dialect's own table (`odrive`, `mit`, `moteus`, ...)
     state     what it carries from one cycle to the next, in the units of its protocol
+    rx        the frame that it hears
 
-Where it measures, its gains, its outbox: those of `drivers.canopen.layout.Drive`.
+Its dialect are three functions of it, whose addresses it has: `hears` returns whose `rx` is,
+`works` brings `state.torque` to that of the cycle, `speaks` sends what is due at its end.
 """
 
-from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
-from pcpc.drivers.compiled.records import Cells, Element, Record, carried, cells
+from pcpc.drivers.compiled.numbered import WordedEnum
+from pcpc.drivers.compiled.records import Cells, Element, carried, cells
+from pcpc.drivers.compiled.rows import FrameBytes
+from pcpc.drivers.drive.layout import Drive
 
 MAX_SETTINGS = 64
 CYCLIC = 8  # frames that are sent by themselves, at most
-
-
-class Dialect(NumberedEnum):
-    """Which one it speaks."""
-
-    NONE, ODRIVE, MIT, MOTEUS = range(4)
 
 
 class Mistake(WordedEnum):
@@ -82,13 +80,14 @@ class Cursor(Element):
     mode: int
 
 
-class Robot(Record):
-    """The drive, beside its `drivers.canopen.layout.Drive`."""
+class Robot(Drive):
+    """The drive."""
 
-    dialect: int
+    hears: int  # of `compiled.stage.call_at`, and the next two
+    works: int
+    speaks: int
+    rx: FrameBytes
     n: int  # settings
-    position_scale: float  # of the protocol's unit to that of the plant
-    velocity_scale: float
     settings: Cells[SettingRow] = cells(MAX_SETTINGS)
     cursor: Cursor  # in a frame and its answer
     value: Cells[float] = carried(shape=MAX_SETTINGS)

@@ -19,20 +19,14 @@ import math
 import numpy as np
 
 from pcpc.drivers.can.codec import four_bytes, put_four_bytes
-from pcpc.drivers.canopen.layout import OUTBOX_FRAMES, Drive
-from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import FLAGS, FRAME_BYTES, LENGTH, Flag
 from pcpc.drivers.compiled.structures import data_of
+from pcpc.drivers.drive.layout import OUTBOX_FRAMES, Whose
+from pcpc.drivers.robots.fields import FINITE, number_at, short_at, word_of
 from pcpc.drivers.robots.layout import Mistake, Robot
-from pcpc.drivers.robots.loops import (
-    FINITE,
-    number_at,
-    place_at,
-    short_at,
-    word_of,
-)
+from pcpc.drivers.robots.loops import place_at
 from pcpc.drivers.robots.moteus_motion import boot, damping, obey, stiffness, work
 from pcpc.drivers.robots.moteus_registers import (
     COMMANDS,
@@ -42,7 +36,7 @@ from pcpc.drivers.robots.moteus_registers import (
     ROW,
     SCALES,
     Coding,
-    MoteusKey,
+    Key,
     MoteusMode,
     Register,
 )
@@ -57,36 +51,36 @@ NO_REGISTER, NOT_WRITABLE, WRONG_VALUE = 1, 2, 3
 
 
 @loop_function
-def hear(r: Robot, d: Drive, frame: Cells[Byte]) -> int:
-    """Take a frame (72,) that came; return whose it is."""
+def hear(r: Robot) -> int:
+    """Take the frame in `rx`; return whose it is."""
     if r.state.boots == 0:
-        boot(r, d)
-    word, flags = four_bytes(frame, 0), int64(frame[FLAGS])
+        boot(r)
+    word, flags = four_bytes(r.rx, 0), int64(r.rx[FLAGS])
     can_id = word & ~EXTENDED
     if can_id > 0xFFFF or word & REMOTE != 0 or flags & Flag.FD == 0:
         return int64(Whose.OTHER)
     source, whom = can_id >> 8 & 0x7F, can_id & 0xFF
-    if whom != d.node and whom != NODES:
-        twin = source == d.node and can_id & ANSWER == 0
+    if whom != r.node and whom != NODES:
+        twin = source == r.node and can_id & ANSWER == 0
         return int64(Whose.TWIN if twin else Whose.OTHER)
     r.mistakes[Mistake.NOT_SWITCHED] += r.switches if flags & Flag.BRS == 0 else 0
     c = r.cursor
-    c.at, c.end, c.ok, c.out = 0, min(int64(frame[LENGTH]), LONGEST), 1, 0
-    c.answers = 1 if can_id & ANSWER != 0 and d.n_out < OUTBOX_FRAMES else 0
+    c.at, c.end, c.ok, c.out = 0, min(int64(r.rx[LENGTH]), LONGEST), 1, 0
+    c.answers = 1 if can_id & ANSWER != 0 and r.n_out < OUTBOX_FRAMES else 0
     c.mode = -1
     while c.ok != 0 and c.at < c.end:
-        take_subframe(r, d, data_of(frame))
+        take_subframe(r, data_of(r.rx))
     if c.mode >= 0:
-        obey(r, d, c.mode)
+        obey(r, c.mode)
     if c.answers != 0:
-        answer(r, d, d.node << int64(8) | source, flags & Flag.BRS | Flag.FD)
+        answer(r, r.node << int64(8) | source, flags & Flag.BRS | Flag.FD)
     return int64(Whose.OURS)
 
 
 @loop_function
-def answer(r: Robot, d: Drive, can_id: int, flags: int) -> None:
+def answer(r: Robot, can_id: int, flags: int) -> None:
     """Let the outbox have the answer that was written into it."""
-    c, frame, n = r.cursor, d.outbox[d.n_out], r.cursor.out
+    c, frame, n = r.cursor, r.outbox[r.n_out], r.cursor.out
     if n > 8:
         step = 4 if n <= 24 else (8 if n <= 32 else 16)
         n = (n + step - 1) // step * step
@@ -94,37 +88,37 @@ def answer(r: Robot, d: Drive, can_id: int, flags: int) -> None:
     put_four_bytes(frame, 4, n | flags << int64(8))
     for i in range(8 + c.out, FRAME_BYTES):
         frame[i] = NOTHING if i < 8 + n else 0
-    d.n_out += 1
+    r.n_out += 1
 
 
 @loop_function
-def say(r: Robot, d: Drive, byte: int) -> None:
+def say(r: Robot, byte: int) -> None:
     """Write a byte of the answer, if there is one and it has room."""
     c = r.cursor
     if c.answers != 0 and c.out < LONGEST:
-        data_of(d.outbox[d.n_out])[c.out] = byte & 255
+        data_of(r.outbox[r.n_out])[c.out] = byte & 255
         c.out += 1
 
 
 @loop_function
-def say_number(r: Robot, d: Drive, number: int) -> None:
+def say_number(r: Robot, number: int) -> None:
     """Write a number in 7 bits a byte."""
     while number > 127:
-        say(r, d, number & 127 | 128)
+        say(r, number & 127 | 128)
         number >>= 7
-    say(r, d, number)
+    say(r, number)
 
 
 @loop_function
-def say_failed(r: Robot, d: Drive, code: int, register: int, error: int) -> None:
+def say_failed(r: Robot, code: int, register: int, error: int) -> None:
     """Write that a register could not be read or written, and count it."""
     r.mistakes[Mistake.VALUE_REFUSED] += 1
     if r.cursor.out > LONGEST - 7:
         r.cursor.ok = 0
         return
-    say(r, d, int64(code))
-    say_number(r, d, register)
-    say(r, d, int64(error))
+    say(r, int64(code))
+    say_number(r, register)
+    say(r, int64(error))
 
 
 @loop_function
@@ -150,7 +144,7 @@ def is_cut(r: Robot) -> int:
 
 
 @loop_function
-def take_subframe(r: Robot, d: Drive, data: Cells[Byte]) -> None:
+def take_subframe(r: Robot, data: Cells[Byte]) -> None:
     """Take what follows in the frame."""
     c = r.cursor
     operation = int64(data[c.at])
@@ -167,9 +161,9 @@ def take_subframe(r: Robot, d: Drive, data: Cells[Byte]) -> None:
     if c.ok != 0 and count > 0:
         first = number_of(r, data)
         if c.ok != 0 and operation < 0x10:
-            take_values(r, d, data, kind, first, count)
+            take_values(r, data, kind, first, count)
         elif c.ok != 0 and c.answers != 0:
-            tell(r, d, kind, first, count)
+            tell(r, kind, first, count)
 
 
 @loop_inline
@@ -193,7 +187,7 @@ def value_at(data: Cells[Byte], offset: int, kind: int) -> float:
 
 
 @loop_function
-def take_values(r: Robot, d: Drive, data: Cells[Byte], kind: int, first: int, count: int) -> None:
+def take_values(r: Robot, data: Cells[Byte], kind: int, first: int, count: int) -> None:
     """Take the values of a write."""
     c, size, i = r.cursor, size_of(kind), 0
     while i < count and c.ok != 0:
@@ -202,9 +196,9 @@ def take_values(r: Robot, d: Drive, data: Cells[Byte], kind: int, first: int, co
             return
         raw = value_at(data, c.at, kind)
         c.at += size
-        error = write(r, d, first + i, kind, raw)
+        error = write(r, first + i, kind, raw)
         if error != 0:
-            say_failed(r, d, WRITE_FAILED, first + i, error)
+            say_failed(r, WRITE_FAILED, first + i, error)
         i += 1
 
 
@@ -219,7 +213,7 @@ def scaled_value(coding: int, kind: int, raw: float) -> float:
 
 
 @loop_function
-def write(r: Robot, d: Drive, register: int, kind: int, raw: float) -> int:
+def write(r: Robot, register: int, kind: int, raw: float) -> int:
     """Write a register; return the error."""
     if register >= REGISTERS:
         return NO_REGISTER
@@ -272,7 +266,7 @@ def can_be_read(register: int, kind: int) -> bool:
 
 
 @loop_function
-def tell(r: Robot, d: Drive, kind: int, first: int, count: int) -> None:
+def tell(r: Robot, kind: int, first: int, count: int) -> None:
     """Write the values of registers into the answer, as many as it has room for."""
     c, size, i = r.cursor, size_of(kind), 0
     while i < count and c.ok != 0:
@@ -281,24 +275,24 @@ def tell(r: Robot, d: Drive, kind: int, first: int, count: int) -> None:
         while run < room and i + run < count and can_be_read(register + run, kind):
             run += 1
         if run > 0:
-            say(r, d, int64(0x20 | kind << 2 | (run if run <= 3 else 0)))
+            say(r, int64(0x20 | kind << 2 | (run if run <= 3 else 0)))
             if run > 3:
-                say(r, d, int64(run))
-            say_number(r, d, register)
+                say(r, int64(run))
+            say_number(r, register)
             for k in range(run):
-                say_value(r, d, register + k, kind)
+                say_value(r, register + k, kind)
             i += run
         elif room <= 0:
             c.ok = 0
         else:
-            say_failed(r, d, READ_FAILED, register, NO_REGISTER)
+            say_failed(r, READ_FAILED, register, NO_REGISTER)
             i += 1
 
 
 @loop_function
-def say_value(r: Robot, d: Drive, register: int, kind: int) -> None:
+def say_value(r: Robot, register: int, kind: int) -> None:
     """Write a register's value: cut to the whole, and to what fits."""
-    value, coding = register_value(r, d, register), KIND[register]
+    value, coding = register_value(r, register), KIND[register]
     if kind == FLOAT:
         word = word_of(value) if value == value else int64(0x7FC00000)
     else:
@@ -308,11 +302,11 @@ def say_value(r: Robot, d: Drive, register: int, kind: int) -> None:
             whole = min(max(value / SCALES[3 * coding + kind], -largest), largest)
         word = int64(whole)
     for i in range(size_of(kind)):
-        say(r, d, word >> int64(8 * i))
+        say(r, word >> int64(8 * i))
 
 
 @loop_function
-def register_value(r: Robot, d: Drive, register: int) -> float:
+def register_value(r: Robot, register: int) -> float:
     """Return the value of a register."""
     x, row = r.state, ROW[register]
     if row >= 0:
@@ -326,18 +320,18 @@ def register_value(r: Robot, d: Drive, register: int) -> float:
     if register == Register.HOME or register == Register.VALID:
         return np.float64(1.0 if register == Register.HOME else 3.0)
     if register == Register.MILLISECONDS:
-        return np.float64(int64(d.k * 1000.0 / d.rate_hz) & 0x7FFFFFFF)
+        return np.float64(int64(r.k * 1000.0 / r.rate_hz) & 0x7FFFFFFF)
     if register == Register.MULTIPLEX_ID:
-        return np.float64(d.node)
+        return np.float64(r.node)
     if register == Register.Q_CURRENT:
-        return x.torque / r.value[MoteusKey.TORQUE_CONSTANT]
+        return x.torque / r.value[Key.TORQUE_CONSTANT]
     if register == Register.POWER:
         return x.torque * x.velocity * 2.0 * math.pi
-    return of_motion(r, d, register)
+    return of_motion(r, register)
 
 
 @loop_function
-def of_motion(r: Robot, d: Drive, register: int) -> float:
+def of_motion(r: Robot, register: int) -> float:
     """Return the value of a register of (1), or where the motor is."""
     x = r.state
     if register == Register.VELOCITY or register == Register.ENCODER_VELOCITY:
@@ -357,14 +351,15 @@ def of_motion(r: Robot, d: Drive, register: int) -> float:
     if register == Register.VELOCITY_ERROR:
         return x.way_velocity - x.velocity
     if register == Register.PROPORTIONAL:
-        return stiffness(r, d) * (x.way_position - x.position)
+        return stiffness(r) * (x.way_position - x.position)
     if register == Register.DERIVATIVE:
-        return damping(r, d) * (x.way_velocity - x.velocity)
+        return damping(r) * (x.way_velocity - x.velocity)
     if register <= Register.ABSOLUTE or register == Register.ENCODER_POSITION:
         return x.position if register != Register.D_CURRENT else 0.0
     return 0.0
 
 
 @loop_function
-def speak(r: Robot, d: Drive) -> None:
+def speak(r: Robot) -> int:
     """Send nothing: it only answers."""
+    return int64(0)

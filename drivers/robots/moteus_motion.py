@@ -16,23 +16,23 @@ has a command of 0: windings in short-circuit, where that is a voltage.
 
 import math
 
-from pcpc.drivers.canopen.layout import Drive
-from pcpc.drivers.canopen.motion import toward
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.drive.ways import braking_velocity, toward
+from pcpc.drivers.robots.fields import FINITE
 from pcpc.drivers.robots.layout import Mistake, Robot
-from pcpc.drivers.robots.loops import FINITE, braking_velocity, start_here
+from pcpc.drivers.robots.loops import start_here, velocity_gain
 from pcpc.drivers.robots.moteus_registers import (
     ACTIVE,
     COMMANDS,
+    Key,
     MoteusFault,
-    MoteusKey,
     MoteusMode,
 )
 
 
 @loop_function
-def boot(r: Robot, d: Drive) -> None:
+def boot(r: Robot) -> None:
     """Be as after power-on."""
     x = r.state
     x.boots += 1
@@ -47,7 +47,7 @@ def usual(value: float, default: float) -> float:
 
 
 @loop_function
-def obey(r: Robot, d: Drive, mode: int) -> None:
+def obey(r: Robot, mode: int) -> None:
     """Be in a mode, with the commands that came; out of a fault or time-out only by stopping."""
     x, v = r.state, r.value
     if mode == MoteusMode.STOPPED:
@@ -57,20 +57,20 @@ def obey(r: Robot, d: Drive, mode: int) -> None:
     if x.power == MoteusMode.FAULT or x.power == MoteusMode.TIMEOUT:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
         return
-    low, high = v[MoteusKey.POSITION_MIN], v[MoteusKey.POSITION_MAX]
-    bounded = mode == MoteusMode.POSITION and v[MoteusKey.UNBOUNDED] == 0.0
+    low, high = v[Key.POSITION_MIN], v[Key.POSITION_MAX]
+    bounded = mode == MoteusMode.POSITION and v[Key.IGNORE_POSITION_BOUNDS] == 0.0
     if bounded and x.power == MoteusMode.STOPPED and (x.position < low or x.position > high):
         fail(r, MoteusFault.OUTSIDE_LIMIT)
         return
-    limited = abs(v[MoteusKey.MOST_VELOCITY]) < FINITE or abs(v[MoteusKey.ACCELERATION]) < FINITE
-    if mode == MoteusMode.POSITION and limited and abs(v[MoteusKey.STOP]) < FINITE:
+    limited = abs(v[Key.VELOCITY_LIMIT]) < FINITE or abs(v[Key.ACCEL_LIMIT]) < FINITE
+    if mode == MoteusMode.POSITION and limited and abs(v[Key.STOP_POSITION]) < FINITE:
         fail(r, MoteusFault.STOP_POSITION)
         return
     if x.power != mode:
         velocity = x.velocity
         start_here(r)
         x.way_velocity = velocity
-    x.power, x.fed_at = mode, d.k
+    x.power, x.fed_at = mode, r.k
     for i in range(COMMANDS):
         v[ACTIVE + i] = v[i]
     take_target(r, bounded)
@@ -80,10 +80,10 @@ def obey(r: Robot, d: Drive, mode: int) -> None:
 def take_target(r: Robot, bounded: bool) -> None:
     """Take what the commands aim at."""
     x, v = r.state, r.value
-    position, stop = v[MoteusKey.POSITION], v[MoteusKey.STOP]
+    position, stop = v[Key.POSITION], v[Key.STOP_POSITION]
     x.target_velocity, x.target_torque = (
-        usual(v[MoteusKey.VELOCITY], 0.0),
-        usual(v[MoteusKey.FORWARD], 0.0),
+        usual(v[Key.VELOCITY], 0.0),
+        usual(v[Key.FEEDFORWARD_TORQUE], 0.0),
     )
     x.result = 0
     if abs(position) < FINITE:
@@ -92,7 +92,7 @@ def take_target(r: Robot, bounded: bool) -> None:
         speed = abs(x.target_velocity)
         x.target_velocity = speed if stop >= x.way_position else -speed
     x.arrived = 0
-    outside = position < v[MoteusKey.POSITION_MIN] or position > v[MoteusKey.POSITION_MAX]
+    outside = position < v[Key.POSITION_MIN] or position > v[Key.POSITION_MAX]
     r.mistakes[Mistake.TARGET_CLIPPED] += 1 if bounded and outside else 0
 
 
@@ -104,33 +104,32 @@ def fail(r: Robot, fault: int) -> None:
 
 
 @loop_function
-def damping(r: Robot, d: Drive) -> float:
+def damping(r: Robot) -> float:
     """Return Kd kd of (1)."""
-    gain = d.gains.velocity / (d.rated * r.velocity_scale)
-    return gain * usual(r.value[ACTIVE + MoteusKey.KD_SCALE], 1.0)
+    return velocity_gain(r) * usual(r.value[ACTIVE + Key.KD_SCALE], 1.0)
 
 
 @loop_function
-def stiffness(r: Robot, d: Drive) -> float:
+def stiffness(r: Robot) -> float:
     """Return Kp kp of (1)."""
-    gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
-    return gain * usual(r.value[ACTIVE + MoteusKey.KP_SCALE], 1.0)
+    gain = velocity_gain(r) * r.gains.position_per_s
+    return gain * usual(r.value[ACTIVE + Key.KP_SCALE], 1.0)
 
 
 @loop_function
-def torque_of(r: Robot, d: Drive, stiff: float) -> float:
+def torque_of(r: Robot, stiff: float) -> float:
     """Return T of (1) and do a step of (2); `stiff` 0: damping only."""
     x, v = r.state, r.value
-    torque_limit = v[MoteusKey.CURRENT_LIMIT] * v[MoteusKey.TORQUE_CONSTANT]
-    torque_limit = min(abs(usual(v[ACTIVE + MoteusKey.MOST_TORQUE], torque_limit)), torque_limit)
-    e, torque = x.way_position - x.position, damping(r, d) * (x.way_velocity - x.velocity)
+    torque_limit = v[Key.MAX_CURRENT_A] * v[Key.TORQUE_CONSTANT]
+    torque_limit = min(abs(usual(v[ACTIVE + Key.MAXIMUM_TORQUE], torque_limit)), torque_limit)
+    e, torque = x.way_position - x.position, damping(r) * (x.way_velocity - x.velocity)
     if stiff != 0:
-        gain = d.gains.velocity / (d.rated * r.velocity_scale) * d.gains.position_per_s
-        limit = v[MoteusKey.INTEGRAL_LIMIT] * abs(usual(v[ACTIVE + MoteusKey.INTEGRAL_SCALE], 1.0))
+        gain = velocity_gain(r) * r.gains.position_per_s
+        limit = v[Key.PID_POSITION_ILIMIT] * abs(usual(v[ACTIVE + Key.ILIMIT_SCALE], 1.0))
         limit = min(limit, torque_limit)
-        x.integral += gain * d.gains.integral_per_s * e / d.rate_hz
+        x.integral += gain * r.gains.integral_per_s * e / r.rate_hz
         x.integral = min(max(x.integral, -limit), limit)
-        torque += x.integral + stiffness(r, d) * e + x.target_torque
+        torque += x.integral + stiffness(r) * e + x.target_torque
     return min(max(torque, -torque_limit), torque_limit)
 
 
@@ -145,8 +144,8 @@ def limit_of(r: Robot, key: int, default: float) -> float:
 def advance_way(r: Robot, dt: float) -> None:
     """Advance q_d and w_d to the next cycle."""
     x, v = r.state, r.value
-    velocity_limit = limit_of(r, MoteusKey.MOST_VELOCITY, MoteusKey.USUAL_VELOCITY)
-    a = limit_of(r, MoteusKey.ACCELERATION, MoteusKey.USUAL_ACCELERATION)
+    velocity_limit = limit_of(r, Key.VELOCITY_LIMIT, Key.DEFAULT_VELOCITY_LIMIT)
+    a = limit_of(r, Key.ACCEL_LIMIT, Key.DEFAULT_ACCEL_LIMIT)
     limited, ramped = velocity_limit == velocity_limit, a == a
     w, velocity_limit = x.target_velocity, velocity_limit if limited else FINITE
     w = min(max(w, -velocity_limit), velocity_limit)
@@ -168,7 +167,7 @@ def advance_way(r: Robot, dt: float) -> None:
         x.way_velocity = velocity_limit if distance > 0.0 else -velocity_limit
     x.way_position += x.way_velocity * dt
     x.target_position += w * dt if x.result != 0 else 0.0
-    slip, stop = v[MoteusKey.SLIP], v[ACTIVE + MoteusKey.STOP]
+    slip, stop = v[Key.MAX_POSITION_SLIP], v[ACTIVE + Key.STOP_POSITION]
     if slip >= 0.0:
         x.way_position = min(max(x.way_position, x.position - slip), x.position + slip)
     beyond = x.way_position - stop
@@ -181,8 +180,8 @@ def advance_way(r: Robot, dt: float) -> None:
 @loop_function
 def keep_within(r: Robot) -> None:
     """Let q_d be within the bounds of the position."""
-    x, low, high = r.state, r.value[MoteusKey.POSITION_MIN], r.value[MoteusKey.POSITION_MAX]
-    if r.value[ACTIVE + MoteusKey.UNBOUNDED] != 0.0:
+    x, low, high = r.state, r.value[Key.POSITION_MIN], r.value[Key.POSITION_MAX]
+    if r.value[ACTIVE + Key.IGNORE_POSITION_BOUNDS] != 0.0:
         return
     if x.way_position < low:
         x.way_position, x.way_velocity = low, 0.0
@@ -191,53 +190,53 @@ def keep_within(r: Robot) -> None:
 
 
 @loop_function
-def watch(r: Robot, d: Drive) -> None:
+def watch(r: Robot) -> None:
     """Be in the time-out if the master was silent for too long."""
     x = r.state
-    patience = r.value[ACTIVE + MoteusKey.TIMEOUT]
+    patience = r.value[ACTIVE + Key.WATCHDOG_TIMEOUT]
     if patience == 0.0:
-        patience = r.value[MoteusKey.USUAL_TIMEOUT]
+        patience = r.value[Key.DEFAULT_TIMEOUT_S]
     waits = x.power == MoteusMode.POSITION or x.power == MoteusMode.ZERO_VELOCITY
     waits = waits or x.power == MoteusMode.STAY_WITHIN
-    if waits and d.k - x.fed_at > patience * d.rate_hz:
+    if waits and r.k - x.fed_at > patience * r.rate_hz:
         r.mistakes[Mistake.SILENT] += 1
         x.power, x.integral, x.target_velocity, x.target_torque = MoteusMode.TIMEOUT, 0.0, 0.0, 0.0
         x.way_position, x.result = x.position, 0
 
 
 @loop_function
-def stay_within(r: Robot, d: Drive) -> None:
+def stay_within(r: Robot) -> None:
     """Push back what is outside of the bounds; within them only what is fed forward acts."""
-    x, low, high = r.state, r.value[ACTIVE + MoteusKey.LOWER], r.value[ACTIVE + MoteusKey.UPPER]
+    x, low, high = r.state, r.value[ACTIVE + Key.LOWER_BOUND], r.value[ACTIVE + Key.UPPER_BOUND]
     x.way_position, x.way_velocity = x.position, x.velocity
     if x.position < low or x.position > high:
         x.way_position, x.way_velocity = low if x.position < low else high, 0.0
     else:
         x.integral = 0.0
-    x.torque = torque_of(r, d, 1)
+    x.torque = torque_of(r, 1)
 
 
 @loop_function
-def work(r: Robot, d: Drive) -> float:
-    """Do a cycle; return the torque."""
+def work(r: Robot) -> int:
+    """Do a cycle, to the torque."""
     x, v = r.state, r.value
     if x.boots == 0:
-        boot(r, d)
-    watch(r, d)
+        boot(r)
+    watch(r)
     mode = x.power
     if mode == MoteusMode.TIMEOUT:
-        mode = int64(v[MoteusKey.TIMEOUT_MODE])
+        mode = int64(v[Key.TIMEOUT_MODE])
     x.torque = 0.0
     if mode == MoteusMode.POSITION:
-        advance_way(r, 1.0 / d.rate_hz)
-        x.torque = torque_of(r, d, 1)
+        advance_way(r, 1.0 / r.rate_hz)
+        x.torque = torque_of(r, 1)
     elif mode == MoteusMode.ZERO_VELOCITY:
         x.way_position, x.way_velocity = x.position, 0.0
-        x.torque = torque_of(r, d, 0)
+        x.torque = torque_of(r, 0)
     elif mode == MoteusMode.STAY_WITHIN:
-        stay_within(r, d)
+        stay_within(r)
     elif mode == MoteusMode.CURRENT:
-        most = v[MoteusKey.CURRENT_LIMIT]
-        current = min(max(usual(v[ACTIVE + MoteusKey.Q_CURRENT], 0.0), -most), most)
-        x.torque = current * v[MoteusKey.TORQUE_CONSTANT]
-    return x.torque
+        most = v[Key.MAX_CURRENT_A]
+        current = min(max(usual(v[ACTIVE + Key.Q_CURRENT], 0.0), -most), most)
+        x.torque = current * v[Key.TORQUE_CONSTANT]
+    return int64(0)

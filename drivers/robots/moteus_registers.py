@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.robots.settings import LARGEST, Setting
+from pcpc.drivers.robots.settings import LARGEST, Setting, keys_of
 
 
 class MoteusMode(NumberedEnum):
@@ -56,20 +56,6 @@ class Register(NumberedEnum):
     POSITION_ERROR, VELOCITY_ERROR, TORQUE_ERROR = range(0x03B, 0x03E)
     ENCODER_POSITION, ENCODER_VELOCITY, VALID, MILLISECONDS = 0x050, 0x051, 0x058, 0x070
     MULTIPLEX_ID, NEAREST, EXACT, RECAPTURE = 0x110, 0x130, 0x131, 0x133
-
-
-class MoteusKey(NumberedEnum):
-    """Rows of the settings; behind the last the commands that are obeyed."""
-
-    (
-        POSITION, VELOCITY, FORWARD, KP_SCALE, KD_SCALE, MOST_TORQUE, STOP, TIMEOUT,
-        MOST_VELOCITY, ACCELERATION, FIXED_VOLTAGE, INTEGRAL_SCALE, FIXED_CURRENT, UNBOUNDED,
-        Q_CURRENT, D_CURRENT, LOWER, UPPER,
-        TORQUE_CONSTANT, CURRENT_LIMIT, USUAL_TIMEOUT, TIMEOUT_MODE, USUAL_VELOCITY,
-        USUAL_ACCELERATION, POSITION_MIN, POSITION_MAX, SLIP, INTEGRAL_LIMIT,
-        VOLTAGE, TEMPERATURE, MOTOR_TEMPERATURE,
-        MODEL, FIRMWARE, MAP_VERSION, SERIAL_1, SERIAL_2, SERIAL_3,
-    ) = range(37)  # fmt: skip
 
 
 COMMANDS = 18
@@ -120,11 +106,12 @@ _IDENTITY: tuple[_Row, ...] = tuple(
     )
 )  # fmt: skip
 _ROWS = (*_COMMANDS, *_CONFIGURATION, *_IDENTITY)
-_WHOLE = (MoteusKey.UNBOUNDED, MoteusKey.TIMEOUT_MODE)
+_WHOLE = ("command.ignore_position_bounds", "servo.timeout_mode")
 SETTINGS = tuple(
-    Setting(name, number, start, low, high, coding == Coding.WORD or i in _WHOLE, i < COMMANDS)
+    Setting(name, number, start, low, high, coding == Coding.WORD or name in _WHOLE, i < COMMANDS)
     for i, (name, number, coding, start, low, high) in enumerate(_ROWS)
 )
+Key = keys_of("Moteus", SETTINGS)
 REGISTERS = 0x160
 KIND, ROW = np.full(REGISTERS, -1), np.full(REGISTERS, -1)
 for _i, (_name, _number, _coding, *_) in enumerate(_ROWS):

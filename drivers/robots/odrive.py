@@ -23,39 +23,43 @@ A velocity beyond 1.2 vel_limit is an error. Source: ODrive's CAN protocol and i
 
 import math
 
-import numpy as np
-
 from pcpc.drivers.can.codec import four_bytes
-from pcpc.drivers.canopen.frames import put
-from pcpc.drivers.canopen.layout import Drive
-from pcpc.drivers.canopen.motion import toward
-from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.records import Byte, Cells, int64
 from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
+from pcpc.drivers.drive.layout import Whose
+from pcpc.drivers.drive.outbox import put
+from pcpc.drivers.drive.ways import braking_velocity, toward
+from pcpc.drivers.robots.fields import (
+    is_number,
+    is_taken,
+    number_at,
+    short_at,
+    value_in,
+    value_word,
+    word_of,
+    write,
+)
 from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import (
-    braking_velocity,
-    is_number,
-    number_at,
     place_at,
-    short_at,
     start_here,
     torque_for,
+    velocity_gain,
     wanted_velocity,
-    word_of,
 )
 from pcpc.drivers.robots.odrive_settings import (
     LENGTHS,
     OWN,
     SENT,
+    SETS,
     Axis,
     CommandId,
     Control,
     Error,
     Input,
-    OdriveKey,
+    Key,
     ProcedureResult,
 )
 
@@ -66,7 +70,7 @@ _REMOTE = int64(1 << 30)
 
 
 @loop_function
-def boot(r: Robot, d: Drive) -> None:
+def boot(r: Robot) -> None:
     """Be as after power-on; the offset of the position is lost."""
     x = r.state
     x.boots += 1
@@ -80,7 +84,7 @@ def boot(r: Robot, d: Drive) -> None:
     for i in range(r.n):
         r.value[i] = r.settings[i].start
     for i in range(len(SENT)):
-        r.sent_at[i] = d.k - _LONG_AGO  # all are sent at once
+        r.sent_at[i] = r.k - _LONG_AGO  # all are sent at once
     start_here(r)
 
 
@@ -94,89 +98,68 @@ def disarm(r: Robot, error: int) -> None:
 
 
 @loop_function
-def hear(r: Robot, d: Drive, frame: Cells[Byte]) -> int:
-    """Take a frame that came; return whose it is."""
+def hear(r: Robot) -> int:
+    """Take the frame in `rx`; return whose it is."""
     if r.state.boots == 0:
-        boot(r, d)
-    can_id = four_bytes(frame, 0)
+        boot(r)
+    can_id = four_bytes(r.rx, 0)
     remote, number = can_id & _REMOTE != 0, can_id & ~_REMOTE
-    if number >> 5 != d.node:
+    if number >> 5 != r.node:
         return int64(Whose.OTHER)
     command = number & 31
     if remote:
-        answer(r, d, command)
+        answer(r, command)
     elif OWN[command] != 0:
         return int64(Whose.TWIN)
-    elif frame[LENGTH] < LENGTHS[command]:
+    elif r.rx[LENGTH] < LENGTHS[command]:
         r.mistakes[Mistake.FRAME_SHORT] += 1
     else:
-        obey(r, d, command, data_of(frame))
+        obey(r, command, data_of(r.rx))
     return int64(Whose.OURS)
 
 
 @loop_function
-def obey(r: Robot, d: Drive, command: int, data: Cells[Byte]) -> None:
+def obey(r: Robot, command: int, data: Cells[Byte]) -> None:
     """Do what a frame wants."""
     x = r.state
     if command == CommandId.ESTOP:
         disarm(r, Error.ESTOP)
     elif command == CommandId.READ_OR_WRITE:
-        serve(r, d, data)
+        serve(r, data)
     elif command == CommandId.STATE:
         ask_for(r, four_bytes(data, 0))
-        x.fed_at = d.k
-    elif command == CommandId.MODE:
-        control, mode = np.float64(four_bytes(data, 0)), np.float64(four_bytes(data, 4))
-        write_both(r, OdriveKey.CONTROL_MODE, control, OdriveKey.INPUT_MODE, mode)
+        x.fed_at = r.k
     elif CommandId.POSITION <= command <= CommandId.TORQUE:
         take_input(r, command, data)
-        x.fed_at = d.k
-    elif command == CommandId.LIMITS:
-        torque = number_at(data, 4) * r.value[OdriveKey.TORQUE_CONSTANT]
-        write_both(r, OdriveKey.VELOCITY_LIMIT, number_at(data, 0), OdriveKey.TORQUE_LIMIT, torque)
-    elif command == CommandId.TRAJECTORY_VELOCITY:
-        write(r, OdriveKey.TRAJECTORY_VELOCITY, number_at(data, 0))
-    elif command == CommandId.TRAJECTORY_ACCELERATION:
-        up, down = number_at(data, 0), number_at(data, 4)
-        write_both(r, OdriveKey.ACCELERATION, up, OdriveKey.DECELERATION, down)
-    elif command == CommandId.INERTIA:
-        write(r, OdriveKey.INERTIA, number_at(data, 0))
+        x.fed_at = r.k
+    elif SETS[command, 0] >= 0:
+        write_both(r, command, data)
     elif command == CommandId.REBOOT and (data[0] == 0 or data[0] == 2):
-        boot(r, d)
+        boot(r)
     elif command == CommandId.CLEAR:
         x.errors = Error.NONE
     elif command == CommandId.ABSOLUTE:
         place_at(r, number_at(data, 0))
     elif command == CommandId.POSITION_GAIN or command == CommandId.VELOCITY_GAINS:
-        take_gains(r, d, command, data)
+        take_gains(r, command, data)
     else:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
 
 
 @loop_function
-def fits(r: Robot, key: int, value: float) -> bool:
-    """Return whether a setting takes a value; count what it does not."""
-    if not is_number(r, value):
-        return False
-    one = r.settings[key]
-    if value < one.low or value > one.high or one.writable == 0:
-        r.mistakes[Mistake.VALUE_REFUSED] += 1
-        return False
-    return True
-
-
-@loop_function
-def write(r: Robot, key: int, value: float) -> None:
-    """Give a setting a value, if it takes it."""
-    if fits(r, key, value):
-        r.value[key] = value
-
-
-@loop_function
-def write_both(r: Robot, key: int, value: float, other: int, value_of_other: float) -> None:
-    """Give two settings their values, both or none."""
-    if fits(r, key, value) and fits(r, other, value_of_other):
-        r.value[key], r.value[other] = value, value_of_other
+def write_both(r: Robot, command: int, data: Cells[Byte]) -> None:
+    """Give the settings of a command their values, both or none."""
+    first, second, other = SETS[command, 0], SETS[command, 1], 0.0
+    value = value_in(r, first, data, 0)
+    if second >= 0:
+        other = value_in(r, second, data, 4)
+    if command == CommandId.LIMITS:
+        other *= r.value[Key.TORQUE_CONSTANT]
+    if not is_number(r, value) or not is_taken(r, first, value):
+        return
+    if second >= 0 and not write(r, second, other):
+        return
+    r.value[first] = value
 
 
 @loop_function
@@ -213,17 +196,17 @@ def take_input(r: Robot, command: int, data: Cells[Byte]) -> None:
         x.target_position, x.target_velocity, x.target_torque = first, second, third
         x.arrived = 0
     elif command == CommandId.VELOCITY:
-        limit = r.value[OdriveKey.VELOCITY_LIMIT]
+        limit = r.value[Key.VEL_LIMIT]
         r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > limit else 0
         x.target_velocity, x.target_torque = first, third
     else:
-        limit = r.value[OdriveKey.TORQUE_LIMIT]
+        limit = r.value[Key.TORQUE_SOFT_MAX]
         r.mistakes[Mistake.TARGET_CLIPPED] += 1 if abs(first) > limit else 0
         x.target_torque = first
 
 
 @loop_function
-def take_gains(r: Robot, d: Drive, command: int, data: Cells[Byte]) -> None:
+def take_gains(r: Robot, command: int, data: Cells[Byte]) -> None:
     """Take gains of the loops, into those of the drive."""
     first, second = number_at(data, 0), 0.0
     if command == CommandId.VELOCITY_GAINS:
@@ -235,91 +218,93 @@ def take_gains(r: Robot, d: Drive, command: int, data: Cells[Byte]) -> None:
         return
     r.state.regained = 1
     if command == CommandId.POSITION_GAIN:
-        d.gains.position_per_s = first
+        r.gains.position_per_s = first
         return
-    d.gains.velocity = first * d.rated * r.velocity_scale
-    d.gains.integral_per_s = second / first if first > 0.0 else 0.0
+    r.gains.velocity = first * r.rated * r.velocity_scale
+    r.gains.integral_per_s = second / first if first > 0.0 else 0.0
 
 
 @loop_function
-def serve(r: Robot, d: Drive, data: Cells[Byte]) -> None:
+def serve(r: Robot, data: Cells[Byte]) -> None:
     """Read or write a setting by the number of its endpoint."""
     number = int64(data[1]) | int64(data[2]) << int64(8)
     if data[0] > 1 or number >= r.n:
         r.mistakes[Mistake.VALUE_REFUSED] += 1
         return
-    is_whole = r.settings[number].whole != 0
     if data[0] == 1:
-        word = four_bytes(data, 4)
-        write(r, number, np.float64(word) if is_whole else number_at(data, 4))
+        write(r, number, value_in(r, number, data, 4))
         return
-    value = r.value[number]
-    word = int64(value) if is_whole else word_of(value)
-    send(d, CommandId.ANSWER, number << int64(8), word)
+    send(r, CommandId.ANSWER, number << int64(8), value_word(r, number))
 
 
 @loop_function
-def send(d: Drive, command: int, low: int, high: int) -> None:
+def send(r: Robot, command: int, low: int, high: int) -> None:
     """Send one of the drive's own frames."""
-    put(d, d.node << int64(5) | command, 8, low, high)
+    put(r, r.node << int64(5) | command, 8, low, high)
 
 
 @loop_function
-def answer(r: Robot, d: Drive, command: int) -> None:
+def answer(r: Robot, command: int) -> None:
     """Send what a command tells; a remote frame of any other is a mistake."""
-    x, torque = r.state, r.state.torque
+    x = r.state
     if command == CommandId.VERSION:
         major, minor, patch = FIRMWARE
-        send(d, command, int64(PROTOCOL), int64(major | minor << 8 | patch << 16))
+        send(r, command, int64(PROTOCOL), int64(major | minor << 8 | patch << 16))
     elif command == CommandId.HEARTBEAT:
         flags = x.power | x.result << int64(8) | x.arrived << int64(16)
-        send(d, command, x.errors, flags)
+        send(r, command, x.errors, flags)
     elif command == CommandId.ERROR:
-        send(d, command, x.errors, x.disarmed_by)
-    elif command == CommandId.ENCODER:
-        send(d, command, word_of(x.position), word_of(x.velocity))
-    elif command == CommandId.IQ:
-        current = torque / max(r.value[OdriveKey.TORQUE_CONSTANT], 1e-9)
-        send(d, command, word_of(current), word_of(current))
-    elif command == CommandId.TEMPERATURE:
-        degrees = word_of(r.value[OdriveKey.TEMPERATURE])
-        send(d, command, degrees, degrees)
-    elif command == CommandId.BUS:
-        voltage = max(r.value[OdriveKey.BUS_VOLTAGE], 1e-9)
-        power = torque * x.velocity * 2.0 * math.pi
-        send(d, command, word_of(voltage), word_of(power / voltage))
-    elif command == CommandId.TORQUES:
-        send(d, command, word_of(x.way_torque), word_of(torque))
-    elif command == CommandId.POWERS:
-        power = word_of(torque * x.velocity * 2.0 * math.pi)
-        send(d, command, power, power)
+        send(r, command, x.errors, x.disarmed_by)
     else:
+        tell(r, command)
+
+
+@loop_function
+def tell(r: Robot, command: int) -> None:
+    """Send the two numbers of a command."""
+    x, v = r.state, r.value
+    power = x.torque * x.velocity * 2.0 * math.pi
+    first, second = x.position, x.velocity
+    if command == CommandId.IQ:
+        first = second = x.torque / max(v[Key.TORQUE_CONSTANT], 1e-9)
+    elif command == CommandId.TEMPERATURE:
+        first = second = v[Key.TEMPERATURE]
+    elif command == CommandId.BUS:
+        first = max(v[Key.VBUS_VOLTAGE], 1e-9)
+        second = power / first
+    elif command == CommandId.TORQUES:
+        first, second = x.way_torque, x.torque
+    elif command == CommandId.POWERS:
+        first = second = power
+    elif command != CommandId.ENCODER:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
+        return
+    send(r, command, word_of(first), word_of(second))
 
 
 @loop_function
 def advance_way(r: Robot, dt: float) -> bool:
     """Advance what is demanded, by the input mode; return False for a mode that is none."""
     x, v = r.state, r.value
-    mode, control = int64(v[OdriveKey.INPUT_MODE]), int64(v[OdriveKey.CONTROL_MODE])
+    mode, control = int64(v[Key.INPUT_MODE]), int64(v[Key.CONTROL_MODE])
     if mode == Input.PASSTHROUGH:
         x.way_position, x.way_velocity = x.target_position, x.target_velocity
         x.way_torque = x.target_torque
     elif mode == Input.VELOCITY_RAMP and control == Control.VELOCITY:
         before = x.way_velocity
-        x.way_velocity = toward(before, x.target_velocity, v[OdriveKey.RAMP_VELOCITY] * dt)
-        x.way_torque = (x.way_velocity - before) / dt * v[OdriveKey.INERTIA]
+        x.way_velocity = toward(before, x.target_velocity, v[Key.VEL_RAMP_RATE] * dt)
+        x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
     elif mode == Input.POSITION_FILTER and control == Control.POSITION:
-        k = 2.0 * min(v[OdriveKey.BANDWIDTH], 0.25 / dt)
+        k = 2.0 * min(v[Key.INPUT_FILTER_BANDWIDTH], 0.25 / dt)
         far = x.target_position - x.way_position
         a = 0.25 * k * k * far + k * (x.target_velocity - x.way_velocity)  # (1)
         x.way_velocity += a * dt
         x.way_position += x.way_velocity * dt
-        x.way_torque = a * v[OdriveKey.INERTIA]
+        x.way_torque = a * v[Key.INERTIA]
     elif mode == Input.TRAPEZOID and control == Control.POSITION:
         follow_trapezoid(r, dt)
     elif mode == Input.TORQUE_RAMP and control == Control.TORQUE:
-        x.way_torque = toward(x.way_torque, x.target_torque, v[OdriveKey.RAMP_TORQUE] * dt)
+        x.way_torque = toward(x.way_torque, x.target_torque, v[Key.TORQUE_RAMP_RATE] * dt)
     else:
         return mode == Input.INACTIVE
     return True
@@ -329,13 +314,13 @@ def advance_way(r: Robot, dt: float) -> bool:
 def follow_trapezoid(r: Robot, dt: float) -> None:
     """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
     x, v = r.state, r.value
-    slow, distance = v[OdriveKey.DECELERATION], x.target_position - x.way_position
-    goal = braking_velocity(distance, v[OdriveKey.TRAJECTORY_VELOCITY], slow, dt)
+    slow, distance = v[Key.TRAP_TRAJ_DECEL_LIMIT], x.target_position - x.way_position
+    goal = braking_velocity(distance, v[Key.TRAP_TRAJ_VEL_LIMIT], slow, dt)
     grows = abs(goal) > abs(x.way_velocity)
-    rate = v[OdriveKey.ACCELERATION] if grows else slow
+    rate = v[Key.TRAP_TRAJ_ACCEL_LIMIT] if grows else slow
     before = x.way_velocity
     x.way_velocity = toward(before, goal, rate * dt)
-    x.way_torque = (x.way_velocity - before) / dt * v[OdriveKey.INERTIA]
+    x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
     if abs(distance) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
         x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
     else:
@@ -343,46 +328,46 @@ def follow_trapezoid(r: Robot, dt: float) -> None:
 
 
 @loop_function
-def work(r: Robot, d: Drive) -> float:
-    """Do a cycle; return the torque."""
-    x, v, dt = r.state, r.value, 1.0 / d.rate_hz
+def work(r: Robot) -> int:
+    """Do a cycle, to the torque."""
+    x, v, dt = r.state, r.value, 1.0 / r.rate_hz
     if x.boots == 0:
-        boot(r, d)
-    patience = v[OdriveKey.WATCHDOG_S] * d.rate_hz
-    if v[OdriveKey.WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and d.k - x.fed_at > patience:
+        boot(r)
+    patience = v[Key.WATCHDOG_TIMEOUT] * r.rate_hz
+    if v[Key.ENABLE_WATCHDOG] != 0.0 and x.power == Axis.CLOSED_LOOP and r.k - x.fed_at > patience:
         disarm(r, Error.WATCHDOG)
         r.mistakes[Mistake.SILENT] += 1
-    velocity_limit, control = v[OdriveKey.VELOCITY_LIMIT], int64(v[OdriveKey.CONTROL_MODE])
-    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > v[OdriveKey.TOLERANCE] * velocity_limit:
+    velocity_limit, control = v[Key.VEL_LIMIT], int64(v[Key.CONTROL_MODE])
+    velocity_bound = v[Key.VEL_LIMIT_TOLERANCE] * velocity_limit
+    if x.power == Axis.CLOSED_LOOP and abs(x.velocity) > velocity_bound:
         disarm(r, Error.VELOCITY)
     if x.power == Axis.CLOSED_LOOP and (control < Control.TORQUE or not advance_way(r, dt)):
         disarm(r, Error.BAD_CONFIG)
     x.torque = 0.0
     if x.power != Axis.CLOSED_LOOP:
         x.integral, x.way_position, x.way_velocity = 0.0, x.position, 0.0
-        return 0.0
-    limit = v[OdriveKey.TORQUE_LIMIT]
+        return int64(0)
+    limit = v[Key.TORQUE_SOFT_MAX]
     if control == Control.TORQUE:
-        gain = d.gains.velocity / (d.rated * r.velocity_scale)
+        gain = velocity_gain(r)
         torque = min(
             max(x.way_torque, gain * (-velocity_limit - x.velocity)),
             gain * (velocity_limit - x.velocity),
         )
         x.torque = min(max(torque, -limit), limit)
     elif control == Control.VELOCITY:
-        x.torque = torque_for(
-            r, d, min(max(x.way_velocity, -velocity_limit), velocity_limit), limit
-        )
+        x.torque = torque_for(r, min(max(x.way_velocity, -velocity_limit), velocity_limit), limit)
     else:
-        x.torque = torque_for(r, d, wanted_velocity(r, d, velocity_limit), limit)
-    return x.torque
+        x.torque = torque_for(r, wanted_velocity(r, velocity_limit), limit)
+    return int64(0)
 
 
 @loop_function
-def speak(r: Robot, d: Drive) -> None:
+def speak(r: Robot) -> int:
     """Send what is due."""
     for i in range(len(SENT)):
         ms = r.value[i]
-        if ms > 0.0 and d.k - r.sent_at[i] >= ms * 1e-3 * d.rate_hz:
-            r.sent_at[i] = d.k
-            answer(r, d, SENT[i])
+        if ms > 0.0 and r.k - r.sent_at[i] >= ms * 1e-3 * r.rate_hz:
+            r.sent_at[i] = r.k
+            answer(r, SENT[i])
+    return int64(0)

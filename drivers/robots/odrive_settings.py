@@ -3,12 +3,13 @@
 SENT       commands that are sent by themselves, with the periods of the first settings
 LENGTHS    bytes that a command needs
 OWN        1 for commands whose data only the drive sends
+SETS       rows of the settings to which a command gives its two numbers
 """
 
 import numpy as np
 
 from pcpc.drivers.compiled.numbered import NumberedEnum
-from pcpc.drivers.robots.settings import Setting
+from pcpc.drivers.robots.settings import Setting, keys_of
 
 _AXIS, _CAN = "axis0.", "axis0.config.can."
 _CONTROL, _TRAJECTORY = "axis0.controller.config.", "axis0.trap_traj.config."
@@ -54,17 +55,6 @@ class Control(NumberedEnum):
     """Control modes."""
 
     TORQUE, VELOCITY, POSITION = 1, 2, 3
-
-
-class OdriveKey(NumberedEnum):
-    """Rows of the settings; those of what is sent by itself come first."""
-
-    (
-        HEARTBEAT_MS, ENCODER_MS, ERROR_MS, IQ_MS, TEMPERATURE_MS, BUS_MS, TORQUES_MS, POWERS_MS,
-        WATCHDOG, WATCHDOG_S, CONTROL_MODE, INPUT_MODE, VELOCITY_LIMIT, TOLERANCE, TORQUE_LIMIT,
-        RAMP_VELOCITY, RAMP_TORQUE, BANDWIDTH, INERTIA, TRAJECTORY_VELOCITY, ACCELERATION,
-        DECELERATION, TORQUE_CONSTANT, BUS_VOLTAGE, TEMPERATURE,
-    ) = range(25)  # fmt: skip
 
 
 _SENT = (  # by themselves, in the order of their settings
@@ -117,8 +107,20 @@ _LIST: tuple[tuple[str, float, float, bool], ...] = (  # name, start, highest, w
     ("vbus_voltage", 24.0, 1e6, False),
     (f"{_AXIS}motor.motor_thermistor.temperature", 25.0, 1e3, False),
 )
-_READ_ONLY = (OdriveKey.BUS_VOLTAGE, OdriveKey.TEMPERATURE)
+_READ_ONLY = ("vbus_voltage", f"{_AXIS}motor.motor_thermistor.temperature")
 SETTINGS = tuple(
-    Setting(name, i, start, 0.0, high, whole, OdriveKey(i) not in _READ_ONLY)
+    Setting(name, i, start, 0.0, high, whole, name not in _READ_ONLY)
     for i, (name, start, high, whole) in enumerate(_LIST)
 )
+Key = keys_of("Odrive", SETTINGS)
+SETS = np.full((32, 2), -1)  # the settings that a command gives values, both or none
+for _command, _keys in {
+    CommandId.MODE: (Key.CONTROL_MODE, Key.INPUT_MODE),
+    CommandId.LIMITS: (Key.VEL_LIMIT, Key.TORQUE_SOFT_MAX),
+    CommandId.TRAJECTORY_VELOCITY: (Key.TRAP_TRAJ_VEL_LIMIT, -1),
+    CommandId.TRAJECTORY_ACCELERATION: (
+        Key.TRAP_TRAJ_ACCEL_LIMIT, Key.TRAP_TRAJ_DECEL_LIMIT,
+    ),
+    CommandId.INERTIA: (Key.INERTIA, -1),
+}.items():  # fmt: skip
+    SETS[_command] = _keys

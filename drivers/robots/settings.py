@@ -1,11 +1,15 @@
 """The settings of a robot's drive: declared once, changed by a rig, installed (no numba here)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from pcpc.drivers.robots.layout import Dialect
+from pcpc.drivers.compiled.numbered import NumberedEnum
 
 LARGEST = 3.4e38  # of a float32
+_numbered: Any = NumberedEnum
+_UNSAID = (  # parts of names
+    "AXIS0", "CONFIG", "CONTROLLER", "MOTOR", "MOTOR_THERMISTOR", "COMMAND", "SERVO", "SERVOPOS",
+)  # fmt: skip
 
 
 class Setting(NamedTuple):
@@ -18,6 +22,13 @@ class Setting(NamedTuple):
     high: float = LARGEST
     whole: bool = False
     writable: bool = True
+
+
+def keys_of(dialect: str, settings: Iterable[Setting]) -> Any:
+    """Return their rows by name, as a Numbered class: TRAP_TRAJ_VEL_LIMIT."""
+    parts = (one.name.upper().split(".") for one in settings)
+    names = ["_".join(part for part in name if part not in _UNSAID) for name in parts]
+    return _numbered(f"{dialect}Key", names, start=0)
 
 
 def changed_settings(settings: Sequence[Setting], starts: Mapping[str, float]) -> list[Setting]:
@@ -38,10 +49,10 @@ def changed_settings(settings: Sequence[Setting], starts: Mapping[str, float]) -
     return changed
 
 
-def install(r: object, dialect: Dialect, settings: Sequence[Setting]) -> None:
+def install(r: object, settings: Sequence[Setting]) -> None:
     """Write settings into the zeroed Robot record `r`, which is as after power-on."""
     into: Any = r
-    into.dialect, into.n = dialect, len(settings)
+    into.n = len(settings)
     for i, setting in enumerate(settings):
         into.settings[i] = (
             setting.number,

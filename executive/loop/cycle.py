@@ -65,13 +65,13 @@ def one_pass(n: Loop, steps: Steps) -> bool:
     tune(n)
     hear_requests(n)
     n.faults.stalled = 0
-    if n.canopen.on != 0:
-        call_at(n.canopen.works, n)
+    if n.drive.on != 0:
+        call_at(n.drive.works, n)
     step(n, steps)
     limit(n)
     transmit(n)
-    if n.canopen.on != 0:
-        call_at(n.canopen.speaks, n)
+    if n.drive.on != 0:
+        call_at(n.drive.speaks, n)
     publish(n)
     next_cycle(n)
     return n.k < n.guard.cycles or not settled(n.limits)

@@ -27,8 +27,9 @@ def _marks_of(*names: str) -> Marks:
     return {name: kinds[name].carried_fields for name in names or kinds}
 
 
-OF_DRIVE, OF_ROBOT = _marks_of("canopen"), {**_marks_of("robot"), "canopen": {"state": ()}}
-KEPT = {name: marks for name, marks in _marks_of().items() if marks and name not in OF_ROBOT}
+OF_DRIVE, OF_ROBOT = _marks_of("canopen"), _marks_of("robot")
+_OF_DRIVES = {**OF_ROBOT, **OF_DRIVE}
+KEPT = {name: marks for name, marks in _marks_of().items() if marks and name not in _OF_DRIVES}
 NO_DRIVE: Marks = {}
 _LARGEST = 1 << 62  # cycles, ns, counts
 _BITS = ("odd_bits",)  # words that hold a float64: of a value that is not finite, for one
@@ -97,7 +98,7 @@ def restore(loop: Loop, held: Sequence[Span], state: bytes) -> None:
         if not record:
             loop.v[: len(values)] = values
             continue
-        into, columns = loop[record], {**KEPT, **OF_ROBOT, **OF_DRIVE}[record][name]
+        into, columns = loop[record], {**KEPT, **_OF_DRIVES}[record][name]
         shape = np.shape(into[name])
         for column in columns:
             into[name][column] = values.reshape(shape)[column]

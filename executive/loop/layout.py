@@ -5,10 +5,11 @@ loop has is a record each: what was set once, then what the loop keeps.
 """
 
 from pcpc.drivers.can.wire_layout import Wire
-from pcpc.drivers.canopen.layout import Drive
+from pcpc.drivers.canopen.layout import Canopen
 from pcpc.drivers.compiled.records import Cells, Element, Record, carried, cells
 from pcpc.drivers.compiled.rows import FrameRow, SignalRow
 from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.drive.layout import Hooks
 from pcpc.drivers.robots.layout import Robot
 from pcpc.executive.loop.control import Control
 from pcpc.executive.loop.injection_layout import Faults
@@ -260,7 +261,8 @@ class Loop(Published, Mailbox):
     wire: Wire
     plausible: Plausible
     intrusion: Intrusion
-    canopen: Drive
+    drive: Hooks
+    canopen: Canopen
     robot: Robot
 
 

@@ -16,23 +16,20 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.canopen import layout as canopen
 from pcpc.drivers.canopen.layout import Od
 from pcpc.drivers.canopen.motion import measure
-from pcpc.drivers.canopen.node import Whose, hear, speak, work
+from pcpc.drivers.canopen.node import hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.records import int64
+from pcpc.drivers.compiled.stage import call_at
 from pcpc.drivers.compiled.structures import copy
+from pcpc.drivers.drive.layout import Drive, Whose
 from pcpc.drivers.robots import layout as robots
-from pcpc.drivers.robots import mit, moteus, odrive
-from pcpc.drivers.robots.layout import Dialect
 from pcpc.drivers.robots.loops import measure as measure_robot
 from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.sending import send_tx
 from pcpc.executive.loop.strangers import note_foreign, word_of
 
-hear_odrive, work_odrive, speak_odrive = odrive.hear, odrive.work, odrive.speak
-hear_mit, work_mit, speak_mit = mit.hear, mit.work, mit.speak
-hear_moteus, work_moteus, speak_moteus = moteus.hear, moteus.work, moteus.speak
 SEEN = (  # what the table shows of one on CANopen: name, unit (or whose), meaning
     ("controlword", "", "CiA 402: what the master wants"),
     ("statusword", "", "CiA 402: state of the drive"),
@@ -70,30 +67,26 @@ def hear_drive(n: Loop) -> int:
     """Let the drive hear `wire.rx`; return 1 if it is nobody else's, else 0."""
     d = n.canopen
     d.k = n.k
-    return taken(n, hear(d, n.wire.rx))
+    return taken(n, d, hear(d, n.wire.rx))
 
 
 @loop_function
 def hear_robot(n: Loop) -> int:
     """Let a robot's drive hear it."""
-    d, r, place = n.canopen, n.robot, n.canopen.place_gains
-    d.k = n.k
-    if r.dialect == Dialect.ODRIVE:
-        whose = hear_odrive(r, d, n.wire.rx)
-    elif r.dialect == Dialect.MIT:
-        whose = hear_mit(r, d, n.wire.rx)
-    else:
-        whose = hear_moteus(r, d, n.wire.rx)
-    took = taken(n, whose)
+    r = n.robot
+    r.k = n.k
+    copy(r.rx, n.wire.rx)
+    took = taken(n, r, call_at(r.hears, r))
     if took != 0 and r.state.regained != 0:
         r.state.regained = 0
-        n.v[place], n.v[place + 1] = d.gains.position_per_s, d.gains.velocity
-        n.v[place + 2] = d.gains.integral_per_s
+        g, place = r.gains, r.place_gains
+        n.v[place], n.v[place + 1] = g.position_per_s, g.velocity
+        n.v[place + 2] = g.integral_per_s
     return took
 
 
 @loop_function
-def taken(n: Loop, whose: int) -> int:
+def taken(n: Loop, d: Drive, whose: int) -> int:
     """Record `wire.rx` and answer; return 1 if it is nobody else's, else 0."""
     word = word_of(n.wire.rx)
     awaited = whose == Whose.ALL and codec.frame_of(word, n.rx.frames, n.rx.n) >= 0
@@ -104,14 +97,14 @@ def taken(n: Loop, whose: int) -> int:
     else:
         push_frame(n, n.wire.rx, 1, FrameState.OK)
         n.control.received += 1
-    answer(n)
+    answer(n, d)
     return int64(1)
 
 
 @loop_function
-def begin(n: Loop) -> None:
+def begin(n: Loop, d: Drive) -> None:
     """Tell the drive cycle and gains."""
-    d, place = n.canopen, n.canopen.place_gains
+    place = d.place_gains
     d.k = n.k
     d.gains.position_per_s, d.gains.velocity = n.v[place], n.v[place + 1]
     d.gains.integral_per_s = n.v[place + 2]
@@ -120,36 +113,32 @@ def begin(n: Loop) -> None:
 @loop_function
 def work_drive(n: Loop) -> int:
     """Step the drive: from the last sample to its command."""
-    begin(n)
-    n.v[n.canopen.place_command] = work(n.canopen)
-    answer(n)
+    d = n.canopen
+    begin(n, d)
+    n.v[d.place_command] = work(d)
+    answer(n, d)
     return int64(0)
 
 
 @loop_function
 def work_robot(n: Loop) -> int:
     """Step a robot's drive."""
-    d, r = n.canopen, n.robot
-    begin(n)
-    if r.dialect == Dialect.ODRIVE:
-        torque = work_odrive(r, d)
-    elif r.dialect == Dialect.MIT:
-        torque = work_mit(r, d)
-    else:
-        torque = work_moteus(r, d)
-    n.v[d.place_command] = d.rated * torque
+    r = n.robot
+    begin(n, r)
+    call_at(r.works, r)
+    n.v[r.place_command] = r.rated * r.state.torque
     return int64(0)
 
 
 @loop_function
-def velocity_at(n: Loop, position: float) -> float:
+def velocity_at(n: Loop, d: Drive, position: float) -> float:
     """Return the velocity of the new sample: measured, or by the difference of positions."""
-    d, velocity = n.canopen, 0.0
+    velocity = 0.0
     if d.place_velocity >= 0:
         velocity = n.v[d.place_velocity]
     elif n.passes > 0:
-        velocity = (position - d.state.before) * d.rate_hz / (1 + n.clock.behind)
-    d.state.before = position
+        velocity = (position - d.before) * d.rate_hz / (1 + n.clock.behind)
+    d.before = position
     return velocity
 
 
@@ -157,9 +146,9 @@ def velocity_at(n: Loop, position: float) -> float:
 def speak_drive(n: Loop) -> int:
     """Let the drive take the new sample and send what is due; show it."""
     d, position = n.canopen, n.v[n.canopen.place_position]
-    measure(d, position, velocity_at(n, position))
+    measure(d, position, velocity_at(n, d, position))
     speak(d)
-    send_outbox(n)
+    send_outbox(n, d)
     x, place = d.state, d.place_seen
     n.v[place + Seen.CONTROLWORD] = d.value[Od.CONTROLWORD]
     n.v[place + Seen.STATUSWORD] = d.value[Od.STATUSWORD]
@@ -180,16 +169,11 @@ def speak_drive(n: Loop) -> int:
 @loop_function
 def speak_robot(n: Loop) -> int:
     """Do the same for a robot's drive."""
-    d, r, position = n.canopen, n.robot, n.v[n.canopen.place_position]
-    measure_robot(r, position, velocity_at(n, position))
-    if r.dialect == Dialect.ODRIVE:
-        speak_odrive(r, d)
-    elif r.dialect == Dialect.MIT:
-        speak_mit(r, d)
-    else:
-        speak_moteus(r, d)
-    send_outbox(n)
-    x, place = r.state, d.place_seen
+    r, position = n.robot, n.v[n.robot.place_position]
+    measure_robot(r, position, velocity_at(n, r, position))
+    call_at(r.speaks, r)
+    send_outbox(n, r)
+    x, place = r.state, r.place_seen
     n.v[place + SeenRobot.STATE] = x.power
     n.v[place + SeenRobot.ERRORS] = x.errors
     n.v[place + SeenRobot.TARGET_POSITION] = x.target_position / r.position_scale
@@ -204,20 +188,18 @@ def speak_robot(n: Loop) -> int:
 
 
 @loop_function
-def answer(n: Loop) -> None:
+def answer(n: Loop, d: Drive) -> None:
     """Send what the drive has to say at once; in lockstep, if there is room, behind its node's.
 
     There whoever waits for a frame of the drive goes on once it is here.
     """
-    d = n.canopen
     if d.answers_last == 0 or d.n_out > len(d.outbox) // 2:
-        send_outbox(n)
+        send_outbox(n, d)
 
 
 @loop_function
-def send_outbox(n: Loop) -> None:
+def send_outbox(n: Loop, d: Drive) -> None:
     """Send what the drive has to say."""
-    d = n.canopen
     for i in range(d.n_out):
         copy(n.wire.tx, d.outbox[i])
         send_tx(n)

@@ -134,7 +134,7 @@ def take(n: Loop, block: bool) -> int:
 @loop_function
 def take_one(n: Loop) -> None:
     """Let the drive of this node, if it is one, or the node itself take `wire.rx`."""
-    if n.canopen.on == 0 or call_at(n.canopen.hears, n) == 0:
+    if n.drive.on == 0 or call_at(n.drive.hears, n) == 0:
         take_frame(n)
 
 

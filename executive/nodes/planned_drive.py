@@ -11,7 +11,7 @@ from pcpc.drivers.canopen import eds_file, objects
 from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
-from pcpc.drivers.robots.layout import Dialect
+from pcpc.drivers.drive.layout import Drive as DriveRecord
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.units import unit
 from pcpc.executive.log.run_counts import DRIVEN
@@ -65,7 +65,7 @@ def _names(node: int, start: Any) -> dict[int, str]:
 
 
 KINDS = planned_robot.KINDS | {
-    CIA402: planned_robot.RobotKind(Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
+    CIA402: planned_robot.RobotKind(None, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
 }
 
 
@@ -259,7 +259,8 @@ class PlantDrive(Part):
         rig, drive, index = made.rig, drive_of(made.rig, made.role), made.table.index
         if drive is None:
             return
-        d, node = loop.canopen, structure(LOOP)
+        node = structure(LOOP)
+        d: DriveRecord = loop.canopen if drive.profile == CIA402 else loop.robot
         if drive.profile == CIA402:
             hooks = plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive
             objects.install(d, drive.node, dictionary_of(rig, made.role))
@@ -267,8 +268,9 @@ class PlantDrive(Part):
             d.velocity_scale = drive.scale.velocity or _SCALE
         else:
             hooks = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
-            planned_robot.install_robot(loop, rig, drive)
-        d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
+            planned_robot.install_robot(loop.robot, rig, drive)
+        h = loop.drive
+        h.on, (h.hears, h.works, h.speaks) = 1, (entry_of(one, node) for one in hooks)
         d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
         d.answers_last = loop.meeting.ordered
         d.place_position, d.place_command = index[drive.position], index[COMMAND]

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import ModuleType
 from typing import NamedTuple
 
+from pcpc.drivers.compiled.stage import entry_of
+from pcpc.drivers.compiled.structures import structure
 from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
-from pcpc.drivers.robots.layout import Dialect
-from pcpc.executive.loop.layout import Loop
+from pcpc.drivers.robots.layout import Robot
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 
@@ -14,13 +16,13 @@ Starts = Mapping[str, float]
 
 
 class RobotKind(NamedTuple):
-    """A dialect: its number, its nodes, its settings, its scale; of a node and these its ids.
+    """A dialect: what it does, its nodes, its settings, its scale; of a node and these its ids.
 
     `spoken_ids`: those that no other drive on its bus may have; a master's orders may be to many.
     `names`: what its frames are called, by id.
     """
 
-    dialect: Dialect
+    dialect: ModuleType | None
     nodes: range
     settings: Sequence[settings.Setting]
     scale: float
@@ -39,12 +41,12 @@ def _mit_ids(node: int, starts: Starts) -> set[int]:
 
 KINDS = {
     "odrive": RobotKind(
-        Dialect.ODRIVE, range(odrive.NODES), odrive_settings.SETTINGS, 0.5 / math.pi,
+        odrive, range(odrive.NODES), odrive_settings.SETTINGS, 0.5 / math.pi,
         _odrive_ids, _odrive_ids,
         lambda node, _: {node << 5 | one: one.name.lower() for one in odrive_settings.CommandId},
     ),
     "mit": RobotKind(
-        Dialect.MIT, range(mit.NODES), mit.SETTINGS, 1.0,
+        mit, range(mit.NODES), mit.SETTINGS, 1.0,
         lambda node, starts: _mit_ids(node, starts) | {mit.REGISTERS}, _mit_ids,
         lambda node, starts: {
             node: "MIT", 0x100 + node: "position", 0x200 + node: "velocity",
@@ -52,7 +54,7 @@ KINDS = {
         },
     ),
     "moteus": RobotKind(
-        Dialect.MOTEUS, range(1, moteus.NODES), moteus_registers.SETTINGS, 0.5 / math.pi,
+        moteus, range(1, moteus.NODES), moteus_registers.SETTINGS, 0.5 / math.pi,
         lambda node, _: {source << 8 | moteus.ANSWER * asks | whom for source in range(128)
                          for asks in (0, 1) for whom in (node, moteus.NODES)}
         | {node << 8 | whom for whom in range(128)},
@@ -77,11 +79,12 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
         raise rig.error(f"{section}.objects", str(error)) from None
 
 
-def install_robot(loop: Loop, rig: Rig, drive: Drive) -> None:
-    """Write the drive into the LOOP record, but for what `planned_drive` does."""
-    kind, r = KINDS[drive.profile], loop.robot
-    settings.install(r, kind.dialect, settings_of(rig, drive))
-    loop.canopen.node, loop.canopen.on = drive.node, 1
-    r.switches = rig.config.bus.data_bitrate is not None
+def install_robot(r: Robot, rig: Rig, drive: Drive) -> None:
+    """Write the drive into its record, but for what `planned_drive` does."""
+    kind, of_robot = KINDS[drive.profile], structure(Robot.dtype)
+    settings.install(r, settings_of(rig, drive))
+    r.node, r.switches = drive.node, rig.config.bus.data_bitrate is not None
     r.position_scale = kind.scale if drive.scale.position is None else drive.scale.position
     r.velocity_scale = kind.scale if drive.scale.velocity is None else drive.scale.velocity
+    hooks = [getattr(kind.dialect, name) for name in ("hear", "work", "speak")]
+    r.hears, r.works, r.speaks = (entry_of(one, of_robot) for one in hooks)

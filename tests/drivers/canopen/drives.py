@@ -14,7 +14,7 @@ from pcpc.drivers.compiled.structures import structure
 
 NODE, RATE_HZ, SCALE = 5, 1000.0, 1000.0
 BUS = np.dtype([("rx", "u1", (16,))])
-structure(layout.Drive.dtype), structure(BUS)
+structure(layout.Canopen.dtype), structure(BUS)
 
 
 @loop_function
@@ -45,7 +45,7 @@ class Bench:
     def __post_init__(self) -> None:
         every = objects.changed_dictionary(objects.objects(NODE, "bench"), self.starts)
         self.objects = every
-        self.d: Any = np.zeros(1, layout.Drive.dtype).view(np.recarray)[0]
+        self.d: Any = np.zeros(1, layout.Canopen.dtype).view(np.recarray)[0]
         objects.install(self.d, NODE, every)
         self.d.rate_hz, self.d.rated = RATE_HZ, 24.0
         self.d.position_scale = self.d.velocity_scale = SCALE

@@ -7,8 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 from moteus.protocol import ParsedRegisters, parse_registers
 
-from pcpc.drivers.canopen.layout import Drive
-from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.rows import Flag
 from pcpc.drivers.compiled.structures import structure
 from pcpc.drivers.robots import (
@@ -20,44 +18,24 @@ from pcpc.drivers.robots import (
     odrive_settings,
     settings,
 )
-from pcpc.drivers.robots.layout import Dialect, Mistake, Robot
+from pcpc.drivers.robots.layout import Mistake, Robot
 
 NODE, RATE_HZ = 5, 1000.0
-BUS = np.dtype([("rx", "u1", (72,))])
-structure(Drive.dtype), structure(Robot.dtype), structure(BUS)
-hear_odrive, hear_mit, hear_moteus = odrive.hear, mit.hear, moteus.hear
-
-
-@loop_function
-def odrive_hears(r: Any, d: Any, bus: Any) -> Any:
-    """Let the drive hear what is on a bus: in compiled code frames lie in structures."""
-    return hear_odrive(r, d, bus.rx)
-
-
-@loop_function
-def mit_hears(r: Any, d: Any, bus: Any) -> Any:
-    """Do so for the other dialect."""
-    return hear_mit(r, d, bus.rx)
-
-
-@loop_function
-def moteus_hears(r: Any, d: Any, bus: Any) -> Any:
-    """Do so for the third dialect."""
-    return hear_moteus(r, d, bus.rx)
+structure(Robot.dtype)
 
 
 class Bench:
     """A drive and its load, of inertia 1 in the units of its protocol; `held` keeps it there."""
 
-    kind: ClassVar[tuple[Any, ...]] = (mit, Dialect.MIT, mit.SETTINGS, mit_hears)
+    kind: ClassVar[tuple[Any, ...]] = (mit, mit.SETTINGS)
     flags = 0  # of the frames that it hears
 
     def __init__(self, starts: Mapping[str, float] | None = None, drag: float = 0.0) -> None:
-        self.dialect, dialect, known, self.hears = self.kind
+        self.dialect, known = self.kind
         self.r: Any = np.zeros(1, Robot.dtype).view(np.recarray)[0]
-        self.d: Any = np.zeros(1, Drive.dtype).view(np.recarray)[0]
+        self.d = self.r
         every = settings.changed_settings(known, starts or {})
-        settings.install(self.r, dialect, every)
+        settings.install(self.r, every)
         self.r.position_scale = self.r.velocity_scale = 1.0
         self.d.node, self.d.rate_hz, self.d.rated = NODE, RATE_HZ, 1.0
         self.d.gains = (20.0, 10.0, 5.0)
@@ -69,25 +47,26 @@ class Bench:
     def cycles(self, count: int) -> "Bench":
         """Let so many cycles pass."""
         for _ in range(count):
-            self.u = float(self.dialect.work(self.r, self.d))
+            self.dialect.work(self.r)
+            self.u = float(self.x.torque)
             self._collect()
             if not self.held:
                 self.w += (self.u - self.drag * self.w) / RATE_HZ
                 self.q += self.w / RATE_HZ
             loops.measure(self.r, self.q, self.w)
-            self.dialect.speak(self.r, self.d)
+            self.dialect.speak(self.r)
             self._collect()
             self.d.k += 1
         return self
 
     def send(self, can_id: int, data: bytes = b"") -> list[bytes]:
         """Let the drive hear a frame; return the data of its answers."""
-        before, bus = len(self.said), np.zeros(1, BUS).view(np.recarray)[0]
-        frame = bus.rx
+        before, frame = len(self.said), self.r.rx
+        frame[:] = 0
         frame[:4] = list(can_id.to_bytes(4, "little"))
         frame[4], frame[5] = len(data), self.flags
         frame[8 : 8 + len(data)] = list(data)
-        self.whose = int(self.hears(self.r, self.d, bus))
+        self.whose = int(self.dialect.hear(self.r))
         self._collect()
         return [data for _, _, data in self.said[before:]]
 
@@ -111,7 +90,7 @@ class Bench:
 class ODriveBench(Bench):
     """An ODrive; `do` sends a command to it."""
 
-    kind = (odrive, Dialect.ODRIVE, odrive_settings.SETTINGS, odrive_hears)
+    kind = (odrive, odrive_settings.SETTINGS)
 
     def do(self, command: int, form: str = "", *values: float) -> list[bytes]:
         """Send a command with its data; return the data of the answers."""
@@ -132,7 +111,7 @@ class ODriveBench(Bench):
 class MoteusBench(Bench):
     """A moteus; `do` sends what the client makes to it."""
 
-    kind = (moteus, Dialect.MOTEUS, moteus_registers.SETTINGS, moteus_hears)
+    kind = (moteus, moteus_registers.SETTINGS)
     flags = Flag.FD | Flag.BRS
 
     def do(self, command: Any, source: int = 0) -> ParsedRegisters | None:

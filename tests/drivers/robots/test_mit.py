@@ -11,7 +11,7 @@ from damiao_motor.core.motor import REGISTER_TABLE, DaMiaoMotor
 
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.robots import mit
-from pcpc.drivers.robots.mit import MitKey
+from pcpc.drivers.robots.mit import Key
 
 ON, OFF, ZERO, FORGET = (bytes([0xFF] * 7 + [order]) for order in (0xFC, 0xFD, 0xFE, 0xFB))
 MASTER = {"MST_ID": 0x15}
@@ -143,7 +143,7 @@ def test_registers_are_those_of_the_client() -> None:
         found = struct.unpack("<I" if one.whole else "<f", answer[4:])[0]
         other = {"ESC_ID": NODE} | MASTER
         assert found == pytest.approx(other.get(one.name, one.start)), one
-        assert row == MitKey(row)
+        assert row == Key(row)
     assert struct.unpack("<f", write(bench, 23, 7.5))[0] == 7.5
     assert struct.unpack("<f", write(bench, 60, 12.0))[0] == 24.0, "it is read only"
     assert bench.send(0x7FF, bytes([NODE, 0, 0xAA, 1]) + bytes(4))[0][2] == 0xAA

@@ -14,27 +14,27 @@ from moteus.protocol import Mode, Register, Writer, parse_registers, scale_regis
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.compiled.rows import Flag
 from pcpc.drivers.robots import moteus_registers, settings
-from pcpc.drivers.robots.moteus_registers import KIND, SCALES, MoteusKey
+from pcpc.drivers.robots.moteus_registers import KIND, SCALES, Key
 
 RESOLUTIONS = {"int8": mp.INT8, "int16": mp.INT16, "int32": mp.INT32, "float": mp.F32}
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 FREE = {"servo.default_timeout_s": 1e9}
 CLIENT = moteus.Controller(id=NODE)
 SENT = {  # of a position command: value, row, what the client writes it with
-    "position": (-0.7, MoteusKey.POSITION, Writer.write_position),
-    "velocity": (1.25, MoteusKey.VELOCITY, Writer.write_velocity),
-    "feedforward_torque": (-3.5, MoteusKey.FORWARD, Writer.write_torque),
-    "kp_scale": (0.25, MoteusKey.KP_SCALE, Writer.write_pwm),
-    "kd_scale": (0.75, MoteusKey.KD_SCALE, Writer.write_pwm),
-    "maximum_torque": (12.0, MoteusKey.MOST_TORQUE, Writer.write_torque),
-    "stop_position": (1.1, MoteusKey.STOP, Writer.write_position),
-    "watchdog_timeout": (0.4, MoteusKey.TIMEOUT, Writer.write_time),
-    "velocity_limit": (2.5, MoteusKey.MOST_VELOCITY, Writer.write_velocity),
-    "accel_limit": (3.0, MoteusKey.ACCELERATION, Writer.write_accel),
-    "fixed_voltage_override": (7.5, MoteusKey.FIXED_VOLTAGE, Writer.write_voltage),
-    "ilimit_scale": (0.5, MoteusKey.INTEGRAL_SCALE, Writer.write_pwm),
-    "fixed_current_override": (2.0, MoteusKey.FIXED_CURRENT, Writer.write_current),
-    "ignore_position_bounds": (1, MoteusKey.UNBOUNDED, Writer.write_int),
+    "position": (-0.7, Key.POSITION, Writer.write_position),
+    "velocity": (1.25, Key.VELOCITY, Writer.write_velocity),
+    "feedforward_torque": (-3.5, Key.FEEDFORWARD_TORQUE, Writer.write_torque),
+    "kp_scale": (0.25, Key.KP_SCALE, Writer.write_pwm),
+    "kd_scale": (0.75, Key.KD_SCALE, Writer.write_pwm),
+    "maximum_torque": (12.0, Key.MAXIMUM_TORQUE, Writer.write_torque),
+    "stop_position": (1.1, Key.STOP_POSITION, Writer.write_position),
+    "watchdog_timeout": (0.4, Key.WATCHDOG_TIMEOUT, Writer.write_time),
+    "velocity_limit": (2.5, Key.VELOCITY_LIMIT, Writer.write_velocity),
+    "accel_limit": (3.0, Key.ACCEL_LIMIT, Writer.write_accel),
+    "fixed_voltage_override": (7.5, Key.FIXED_VOLTAGE_OVERRIDE, Writer.write_voltage),
+    "ilimit_scale": (0.5, Key.ILIMIT_SCALE, Writer.write_pwm),
+    "fixed_current_override": (2.0, Key.FIXED_CURRENT_OVERRIDE, Writer.write_current),
+    "ignore_position_bounds": (1, Key.IGNORE_POSITION_BOUNDS, Writer.write_int),
 }
 
 

@@ -10,7 +10,7 @@ from odrive_can.utils import get_dbc
 
 from pcpc.drivers.canopen.node import Whose
 from pcpc.drivers.robots import odrive_settings, settings
-from pcpc.drivers.robots.odrive_settings import CommandId, Error, OdriveKey
+from pcpc.drivers.robots.odrive_settings import CommandId, Error, Key
 
 DBC = get_dbc()
 FAST = {"axis0.controller.config.vel_limit": 100.0}
@@ -256,23 +256,23 @@ def test_gains_limits_and_places_come_over_the_bus() -> None:
     assert bench.d.gains.position_per_s == 7.0 and bench.x.regained == 1
     assert bench.d.gains.velocity == 2.0 * 0.25 and bench.d.gains.integral_per_s == 1.5
     bench.do(0x0F, "ff", 12.0, 30.0)
-    assert bench.r.value[OdriveKey.VELOCITY_LIMIT] == 12.0
-    assert bench.r.value[OdriveKey.TORQUE_LIMIT] == pytest.approx(3.0)
+    assert bench.r.value[Key.VEL_LIMIT] == 12.0
+    assert bench.r.value[Key.TORQUE_SOFT_MAX] == pytest.approx(3.0)
     bench.do(0x11, "f", 4.0)
     bench.do(0x12, "ff", 5.0, 6.0)
     bench.do(0x13, "f", 0.5)
     keys = (
-        OdriveKey.TRAJECTORY_VELOCITY,
-        OdriveKey.ACCELERATION,
-        OdriveKey.DECELERATION,
-        OdriveKey.INERTIA,
+        Key.TRAP_TRAJ_VEL_LIMIT,
+        Key.TRAP_TRAJ_ACCEL_LIMIT,
+        Key.TRAP_TRAJ_DECEL_LIMIT,
+        Key.INERTIA,
     )
     assert [bench.r.value[one] for one in keys] == [4.0, 5.0, 6.0, 0.5]
     bench.do(0x19, "f", -4.5)
     bench.cycles(1)
     assert decoded("Get_Encoder_Estimates", bench.ask(9))["Pos_Estimate"] == -4.5
     bench.do(0x16, "B", 0)
-    assert bench.r.value[OdriveKey.VELOCITY_LIMIT] == 2.0 and bench.cycles(1).x.position == 0.0
+    assert bench.r.value[Key.VEL_LIMIT] == 2.0 and bench.cycles(1).x.position == 0.0
 
 
 @pytest.mark.parametrize(("command", "form", "values", "kind"), [

@@ -41,7 +41,7 @@ FEATURES: dict[type[Part], tuple[str, list[str]]] = {  # where it writes, what a
     OverrunPolicy: ("guard blocks", []),
     Intrusion: ("intrusion", []),
     Plausible: ("plausible", []),
-    PlantDrive: ("canopen robot", []),
+    PlantDrive: ("canopen drive robot", []),
     Schedule: ("tuning blocks", []),
     Faults: ("faults", ["faults"]),
     Fmus: ("", []),
