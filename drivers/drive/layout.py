@@ -7,6 +7,7 @@ outbox     frames to be sent, as `drivers.can.wire` has them
 from pcpc.drivers.compiled.numbered import NumberedEnum
 from pcpc.drivers.compiled.records import Cells, Element, Record, carried, cells
 from pcpc.drivers.compiled.rows import FrameBytes
+from pcpc.drivers.drive.foreign import Maker
 
 OUTBOX_FRAMES = 16
 
@@ -53,3 +54,5 @@ class Drive(Record):
     answers_last: int  # 1: in lockstep, behind what its node sends
     outbox: Cells[FrameBytes] = cells(OUTBOX_FRAMES)
     before: float = carried()  # the position, a cycle ago
+    makers: int  # a bit for each whose orders some drive of the rig takes
+    foreign: Cells[int] = carried(shape=len(Maker))  # orders of others

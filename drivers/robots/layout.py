@@ -27,6 +27,8 @@ class Mistake(WordedEnum):
     TARGET_CLIPPED = "target was outside the limits"
     SILENT = "master was silent for longer than the drive waits"
     NOT_SWITCHED = "frame of CAN FD came without the bit rate switch of the bus"
+    TO_CANOPEN = "drive was to switch to CANopen, and keeps its protocol"
+    TO_MIT = "drive was to switch to MIT mode, and keeps its protocol"
 
 
 class SettingRow(Element):
@@ -49,7 +51,8 @@ class RobotState(Element):
     result: int
     arrived: int
     boots: int
-    beat_at: int
+    host: int  # that the last order came from
+    reports: int  # 1: feedback is sent by itself
     fed_at: int
     regained: int  # 1 once the master has given gains
     position: float

@@ -10,6 +10,7 @@ command for a torque of 1. The integral stands while T is limited and would grow
 """
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.drive.ways import braking_velocity, toward
 from pcpc.drivers.robots.fields import FINITE, is_number
 from pcpc.drivers.robots.layout import Robot
 
@@ -69,3 +70,19 @@ def torque_for(r: Robot, wanted: float, torque_limit: float) -> float:
     if limited == torque or torque * e < 0.0:
         x.integral += g.integral_per_s * e * dt
     return limited
+
+
+@loop_function
+def follow_trapezoid(r: Robot, fast: float, up: float, down: float, inertia: float) -> None:
+    """Go to the target, at most `fast`, and stop there; `up`, `down`: accelerations."""
+    x, dt = r.state, 1.0 / r.rate_hz
+    distance = x.target_position - x.way_position
+    goal = braking_velocity(distance, fast, down, dt)
+    grows = abs(goal) > abs(x.way_velocity)
+    before = x.way_velocity
+    x.way_velocity = toward(before, goal, (up if grows else down) * dt)
+    x.way_torque = (x.way_velocity - before) / dt * inertia
+    if abs(distance) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * down * dt:
+        x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
+    else:
+        x.way_position += x.way_velocity * dt

@@ -30,7 +30,7 @@ from pcpc.drivers.compiled.rows import LENGTH
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.drivers.drive.layout import Whose
 from pcpc.drivers.drive.outbox import put
-from pcpc.drivers.drive.ways import braking_velocity, toward
+from pcpc.drivers.drive.ways import toward
 from pcpc.drivers.robots.fields import (
     is_number,
     is_taken,
@@ -43,6 +43,7 @@ from pcpc.drivers.robots.fields import (
 )
 from pcpc.drivers.robots.layout import Mistake, Robot
 from pcpc.drivers.robots.loops import (
+    follow_trapezoid,
     place_at,
     start_here,
     torque_for,
@@ -302,29 +303,13 @@ def advance_way(r: Robot, dt: float) -> bool:
         x.way_position += x.way_velocity * dt
         x.way_torque = a * v[Key.INERTIA]
     elif mode == Input.TRAPEZOID and control == Control.POSITION:
-        follow_trapezoid(r, dt)
+        up, down = v[Key.TRAP_TRAJ_ACCEL_LIMIT], v[Key.TRAP_TRAJ_DECEL_LIMIT]
+        follow_trapezoid(r, v[Key.TRAP_TRAJ_VEL_LIMIT], up, down, v[Key.INERTIA])
     elif mode == Input.TORQUE_RAMP and control == Control.TORQUE:
         x.way_torque = toward(x.way_torque, x.target_torque, v[Key.TORQUE_RAMP_RATE] * dt)
     else:
         return mode == Input.INACTIVE
     return True
-
-
-@loop_function
-def follow_trapezoid(r: Robot, dt: float) -> None:
-    """Go to the target with limited velocity and acceleration, as fast as it can still stop."""
-    x, v = r.state, r.value
-    slow, distance = v[Key.TRAP_TRAJ_DECEL_LIMIT], x.target_position - x.way_position
-    goal = braking_velocity(distance, v[Key.TRAP_TRAJ_VEL_LIMIT], slow, dt)
-    grows = abs(goal) > abs(x.way_velocity)
-    rate = v[Key.TRAP_TRAJ_ACCEL_LIMIT] if grows else slow
-    before = x.way_velocity
-    x.way_velocity = toward(before, goal, rate * dt)
-    x.way_torque = (x.way_velocity - before) / dt * v[Key.INERTIA]
-    if abs(distance) <= abs(x.way_velocity) * dt and abs(x.way_velocity) <= 2.0 * slow * dt:
-        x.way_position, x.way_velocity, x.arrived = x.target_position, 0.0, 1
-    else:
-        x.way_position += x.way_velocity * dt
 
 
 @loop_function

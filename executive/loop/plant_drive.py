@@ -18,10 +18,11 @@ from pcpc.drivers.canopen.layout import Od
 from pcpc.drivers.canopen.motion import measure
 from pcpc.drivers.canopen.node import hear, speak, work
 from pcpc.drivers.compiled.jit import loop_function
-from pcpc.drivers.compiled.numbered import NumberedEnum
+from pcpc.drivers.compiled.numbered import NumberedEnum, WordedEnum
 from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.stage import call_at
 from pcpc.drivers.compiled.structures import copy
+from pcpc.drivers.drive.foreign import Maker, maker_of
 from pcpc.drivers.drive.layout import Drive, Whose
 from pcpc.drivers.robots import layout as robots
 from pcpc.drivers.robots.loops import measure as measure_robot
@@ -29,6 +30,12 @@ from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.sending import send_tx
 from pcpc.executive.loop.strangers import note_foreign, word_of
+
+
+def _counted(mistakes: type[WordedEnum]) -> list[tuple[str, str, str]]:
+    every = [*((one.name, one) for one in mistakes), *((f"from_{one.name}", one) for one in Maker)]
+    return [("master." + name.lower(), "", f"how often a {one.says}") for name, one in every]
+
 
 SEEN = (  # what the table shows of one on CANopen: name, unit (or whose), meaning
     ("controlword", "", "CiA 402: what the master wants"),
@@ -42,24 +49,29 @@ SEEN = (  # what the table shows of one on CANopen: name, unit (or whose), meani
     ("demand_position", "position", "of the profile, or the target"),
     ("position", "position", "as the drive tells it, homed"),
     ("velocity", "velocity", "as the drive tells it"),
-    *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in canopen.Mistake),
+    *_counted(canopen.Mistake),
 )
 SEEN_ROBOT = (  # and of a robot's
-    ("state", "", "ODrive: 1 idle, 8 closed loop; MIT: 0 off, 1 on, 13 lost; moteus: mode"),
-    ("errors", "", "ODrive: bits of what is wrong; moteus: fault"),
+    (
+        "state",
+        "",
+        "ODrive: 1, 8 closed loop; MIT: 0, 1 on, 13 lost; RobStride: 0, 2 on; moteus: mode",
+    ),
+    ("errors", "", "ODrive, RobStride: bits of what is wrong; moteus: fault"),
     ("target_position", "position", "of the master"),
     ("target_velocity", "velocity", "of the master"),
     ("target_torque", "", "of the master, as its protocol has it"),
     ("position", "position", "as the drive tells it"),
     ("velocity", "velocity", "as the drive tells it"),
     ("torque", "", "as the drive tells it, in its protocol's unit"),
-    *(("master." + one.name.lower(), "", f"how often a {one.says}") for one in robots.Mistake),
+    *_counted(robots.Mistake),
 )
 # the place of each behind the first
 _numbered: Any = NumberedEnum
 Seen = _numbered("Seen", [name.upper() for name, *_ in SEEN], start=0)
 SeenRobot = _numbered("SeenRobot", [name.upper() for name, *_ in SEEN_ROBOT], start=0)
-MISTAKES, MISTAKES_ROBOT = len(SEEN) - len(canopen.Mistake), len(SEEN_ROBOT) - len(robots.Mistake)
+MISTAKES = len(SEEN) - len(canopen.Mistake) - len(Maker)
+MISTAKES_ROBOT = len(SEEN_ROBOT) - len(robots.Mistake) - len(Maker)
 
 
 @loop_function
@@ -90,6 +102,8 @@ def taken(n: Loop, d: Drive, whose: int) -> int:
     """Record `wire.rx` and answer; return 1 if it is nobody else's, else 0."""
     word = word_of(n.wire.rx)
     awaited = whose == Whose.ALL and codec.frame_of(word, n.rx.frames, n.rx.n) >= 0
+    if whose == Whose.OTHER:
+        note_other(n, d, word)
     if whose == Whose.OTHER or awaited:
         return int64(0)
     if whose == Whose.TWIN:
@@ -99,6 +113,15 @@ def taken(n: Loop, d: Drive, whose: int) -> int:
         n.control.received += 1
     answer(n, d)
     return int64(1)
+
+
+@loop_function
+def note_other(n: Loop, d: Drive, word: int) -> None:
+    """Count what is another maker's order to this node, unless a drive of the rig takes it."""
+    maker = maker_of(n.wire.rx, d.node)
+    known = maker < 0 or d.makers >> int64(maker) & 1 != 0
+    if not known and codec.frame_of(word, n.rx.frames, n.rx.n) < 0:
+        d.foreign[maker] += 1
 
 
 @loop_function
@@ -163,6 +186,8 @@ def speak_drive(n: Loop) -> int:
     n.v[place + Seen.VELOCITY] = x.velocity
     for i in range(len(d.mistakes)):
         n.v[place + MISTAKES + i] = d.mistakes[i]
+    for i in range(len(d.foreign)):
+        n.v[place + MISTAKES + len(d.mistakes) + i] = d.foreign[i]
     return int64(0)
 
 
@@ -184,6 +209,8 @@ def speak_robot(n: Loop) -> int:
     n.v[place + SeenRobot.TORQUE] = x.torque
     for i in range(len(r.mistakes)):
         n.v[place + MISTAKES_ROBOT + i] = r.mistakes[i]
+    for i in range(len(r.foreign)):
+        n.v[place + MISTAKES_ROBOT + len(r.mistakes) + i] = r.foreign[i]
     return int64(0)
 
 

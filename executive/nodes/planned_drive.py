@@ -11,6 +11,7 @@ from pcpc.drivers.canopen import eds_file, objects
 from pcpc.drivers.canopen.layout import COB_ID, FIRST_TPDO, PDOS, RPDO_ROWS, TPDO_ROWS
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.drive.foreign import Maker
 from pcpc.drivers.drive.layout import Drive as DriveRecord
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.units import unit
@@ -273,6 +274,8 @@ class PlantDrive(Part):
         h.on, (h.hears, h.works, h.speaks) = 1, (entry_of(one, node) for one in hooks)
         d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
         d.answers_last = loop.meeting.ordered
+        spoken = {Maker[one.profile.upper()] for one in rig.config.drives.values()}
+        d.makers = sum(1 << maker for maker in spoken)
         d.place_position, d.place_command = index[drive.position], index[COMMAND]
         d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
         shown = shown_variables(drive)[0][0]

@@ -1,13 +1,21 @@
 """The plant's drive in a robot's dialect, planned: its settings, its ids, its names."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from types import ModuleType
 from typing import NamedTuple
 
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
-from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
+from pcpc.drivers.robots import (
+    mit,
+    moteus,
+    moteus_registers,
+    odrive,
+    odrive_settings,
+    robstride,
+    settings,
+)
 from pcpc.drivers.robots.layout import Robot
 from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
@@ -26,7 +34,7 @@ class RobotKind(NamedTuple):
     nodes: range
     settings: Sequence[settings.Setting]
     scale: float
-    ids: Callable[[int, Starts], set[int]]
+    ids: Callable[[int, Starts], Container[int]]
     spoken_ids: Callable[[int, Starts], set[int]]
     names: Callable[[int, Starts], dict[int, str]]
 
@@ -37,6 +45,16 @@ def _odrive_ids(node: int, _: Starts) -> set[int]:
 
 def _mit_ids(node: int, starts: Starts) -> set[int]:
     return {node, 0x100 + node, 0x200 + node, 0x300 + node, int(starts["MST_ID"])}
+
+
+class _Addressed(Container[int]):
+    """The ids of 29 bits to a RobStride, but for type 0, which are as short as others'."""
+
+    def __init__(self, node: int) -> None:
+        self.node = node
+
+    def __contains__(self, number: object) -> bool:
+        return isinstance(number, int) and number >> 24 > 0 and number & 0xFF == self.node
 
 
 KINDS = {
@@ -60,6 +78,12 @@ KINDS = {
         | {node << 8 | whom for whom in range(128)},
         lambda node, _: {node << 8 | whom for whom in range(128)} | {node},
         lambda node, _: {},
+    ),
+    "robstride": RobotKind(
+        robstride, range(1, robstride.NODES), robstride.SETTINGS, 1.0,
+        lambda node, _: _Addressed(node), lambda node, _: {2 << 24 | node << 8},
+        lambda node, _: {2 << 24 | bits << 16 | node << 8 | robstride.HOST: "feedback"
+                         for bits in (0, 0x80)},
     ),
 }  # fmt: skip
 

@@ -78,7 +78,7 @@ class Watchdog(Keyed):
 class Scale(Keyed):
     """The protocol's unit to that of what is measured; an acceleration has that of the position.
 
-    None: 1000 increments of CiA 402, turns for a radian (ODrive, moteus), 1 for MIT.
+    None: 1000 increments of CiA 402, turns for a radian (ODrive, moteus), 1 for MIT, RobStride.
     """
 
     position: Positive | None = None
@@ -101,7 +101,7 @@ class Drive(Keyed):
     `objects`: values at the start, by index and subindex (6085, 1800.3), or a setting's name.
     """
 
-    profile: Literal["cia402", "odrive", "mit", "moteus"]
+    profile: Literal["cia402", "odrive", "mit", "moteus", "robstride"]
     node: Annotated[int, Meta(ge=0, le=255)]
     position: str
     velocity: str | None = None

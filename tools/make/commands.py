@@ -14,7 +14,7 @@ class NewRequest(Request):
     bare: Annotated[bool, "one input, one output: for a plant of your own"] = False
     device: Annotated[bool, "also write the law as a device program"] = False
     drive: Annotated[
-        Literal["cia402", "odrive", "mit", "moteus"] | None,
+        Literal["cia402", "odrive", "mit", "moteus", "robstride"] | None,
         "also write the motor as a drive: CiA 402, or a robot's, by its dialect",
     ] = None
 

@@ -48,6 +48,7 @@ def test_no_frame_on_the_line_is_later_than_its_bound(tmp_path: Path) -> None:
         ("cia402", {"TPDO1 5": 1, "heartbeat 5": 100}),
         ("odrive", {"heartbeat 0": 100, "encoder 0": 10}),
         ("mit", {"feedback 1": 1}),
+        ("robstride", {"feedback 1": 1}),
     ],
 )
 def test_a_drive_s_own_frames_are_counted(

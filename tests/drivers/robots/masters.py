@@ -52,6 +52,17 @@ class OfMoteus(Ports):
     e = port("", "what is missing")
 
 
+class OfRobStride(Ports):
+    """What a RobStride is told, which each of its frames switches on."""
+
+    on = port("", "no matter")
+    target_rad = port("rad", "its target")
+    target_rad_s = port("rad/s", "its target")
+    stiffness = port("", "of (1)")
+    damping = port("", "of (1)")
+    e = port("", "what is missing")
+
+
 @stage
 def odrive(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfODrive) -> None:
     """Ask for closed loop and a velocity."""
@@ -82,4 +93,13 @@ def mit(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfMit) -> None:
     y.e = p.wanted - u.position_rad
 
 
-ODRIVE, MIT, MOTEUS = Block(odrive), Block(mit), Block(moteus)
+@stage
+def robstride(t: float, dt: float, p: Asked, x: Nothing, u: Heard, y: OfRobStride) -> None:
+    """Hold a place with a spring, until it is let go."""
+    y.on, y.target_rad, y.target_rad_s = 1.0, p.wanted, 0.0
+    y.stiffness = 0.3 if t < p.until_s else 0.0
+    y.damping = 0.006 if t < p.until_s else 0.0
+    y.e = p.wanted - u.position_rad
+
+
+ODRIVE, MIT, MOTEUS, ROBSTRIDE = Block(odrive), Block(mit), Block(moteus), Block(robstride)

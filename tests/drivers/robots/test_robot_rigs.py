@@ -14,8 +14,8 @@ from pcpc.executive.rig.reading import load_rig
 
 HERE = Path(__file__).parent
 TEMPLATE = HERE.parents[2] / "tools/make/template"
-KINDS = ("odrive", "mit", "moteus")
-ON = {"odrive": 8.0, "mit": 1.0, "moteus": 10.0}
+KINDS = ("odrive", "mit", "moteus", "robstride")
+ON = {"odrive": 8.0, "mit": 1.0, "moteus": 10.0, "robstride": 2.0}
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -36,13 +36,19 @@ def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     log = logs.read(run)
     plant, on = log.node["plant"].columns, ON[kind]
     assert plant["drive.state"][0] != on and np.all(plant["drive.state"][20:390] == on)
-    reached = plant["motor.angle_rad" if kind == "mit" else "motor.speed_rad_s"][380]
+    is_place = kind in ("mit", "robstride")
+    reached = plant["motor.angle_rad" if is_place else "motor.speed_rad_s"][380]
     assert abs(reached - 2.0) < (0.02 if kind == "odrive" else 0.15), reached
-    assert plant["drive.state"][-1] != on and plant["drive.command"][-1] == 0.0
+    assert (plant["drive.state"][-1] != on) == (kind != "robstride"), (
+        "which is always told to be on"
+    )
+    assert abs(plant["drive.command"][-1]) < (0.04 if kind == "robstride" else 1e-9)
     counted = {name: values[-1] for name, values in plant.items() if "drive.master." in name}
     refused = counted.pop("drive.master.command_refused")
-    assert len(counted) == 6 and not any(counted.values()) and refused < 3, counted
-    answer = {"odrive": "ESTIMATES", "mit": "FEEDBACK", "moteus": "REPLY"}[kind]
+    assert len(counted) == 13 and not any(counted.values()) and refused < 3, counted
+    answer = {"odrive": "ESTIMATES", "mit": "FEEDBACK", "robstride": "FEEDBACK", "moteus": "REPLY"}[
+        kind
+    ]
     heard = log.node["executive"].columns[f"rx.{answer}.position"]
     assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
 
@@ -57,6 +63,7 @@ def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     ("odrive", "plant.drive.node=5", "5 has the id of CMD, 0x0a0; choose another"),
     ("odrive", "plant.drive.node=9", "9 has the id of FB, 0x120; choose another"),
     ("mit", "plant.drive.node=160", "160 has the id of CMD, 0x0a0; choose another"),
+    ("robstride", "plant.drive.node=128", "128 is not one of 1 to 127"),
     ("moteus", "plant.drive.node=0", "0 is not one of 1 to 126"),
     ("moteus", "plant.drive.node=127", "127 is not one of 1 to 126"),
     ("moteus", "plant.drive.eds=x.eds", "moteus has no EDS; leave it out"),

@@ -1,10 +1,10 @@
 """What a rig's drives send by themselves beside the frames of the DBC file, as the rig starts them.
 
-    heartbeat    every 0x1017 ms
-    TPDO         with each SYNC or each n-th one, which comes every cycle; one of an event at most
-                 every cycle, and no sooner than its inhibit time
-    ODrive       its cyclic messages, with their periods
-    MIT          an answer each cycle
+    heartbeat       every 0x1017 ms
+    TPDO            with each SYNC or each n-th one, which comes every cycle; one of an event at
+                    most every cycle, and no sooner than its inhibit time
+    ODrive          its cyclic messages, with their periods
+    MIT, RobStride  an answer each cycle
 
 What a master asks for besides, SDOs as an example, nothing bounds.
 """
@@ -43,8 +43,8 @@ def own_frames(rig: Rig, database: dbc.Database) -> Iterator[tuple[Role, Frame]]
         yield from ((role, frame) for frame in found if frame.can_id not in known)
 
 
-def _frame(name: str, number: int, length: int, cycle_ms: float) -> Frame:
-    return Frame(name, number, False, length, cycle_ms, False, (0, 0, 0), (0, 0, 0), (), "")
+def _frame(name: str, number: int, length: int, cycle_ms: float, extended: bool = False) -> Frame:
+    return Frame(name, number, extended, length, cycle_ms, False, (0, 0, 0), (0, 0, 0), (), "")
 
 
 def _canopen(rig: Rig, role: Role) -> Iterator[Frame]:
@@ -79,3 +79,6 @@ def _robot(rig: Rig, drive: Drive) -> Iterator[Frame]:
                 yield _frame(name, drive.node << 5 | command, 8, float(ms))
     elif drive.profile == "mit":
         yield _frame(f"feedback {drive.node}", int(start["MST_ID"]), 8, 0.0)
+    elif drive.profile == "robstride":
+        number = 0x028000FD | drive.node << 8  # from a motor that is on, to the usual host
+        yield _frame(f"feedback {drive.node}", number, 8, 0.0, True)
