@@ -5,6 +5,8 @@ api.md          signatures and docstrings of `import pcpc`
 rig-python.md   the same of what a rig's laws, plants and evaluation import
 schemas         of the structs that commands print as JSON, where they print one
 
+drive.md        of docs/howto, the table of dialects and their settings
+
 and tools/run/rig_words.json, the words of docs/rig.md for an editor
 """
 
@@ -23,6 +25,7 @@ from typing import Any
 import pcpc
 from pcpc.drivers.errors import Exit
 from pcpc.executive.laws.block import Block
+from pcpc.executive.nodes import planned_drive
 from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
 from pcpc.tools.dev import rig_words, schemas
@@ -33,6 +36,7 @@ _Words = tuple[str, str]  # a name and what it means
 _Row = tuple[str | Exit, str]  # an argument and its help, or an exit code and its words
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
+DRIVES = "../howto/drive.md"
 _COLUMNS = 100
 _NAME = 30  # of them for a name with its meaning beside it
 _NOTE = "<!-- written by `make reference`; change its source, not this page -->"
@@ -423,7 +427,23 @@ def _prose(text: str) -> str:
     return "\n\n".join(f"```text\n{one}\n```" if code else one for code, one in found)
 
 
+def drives() -> str:
+    """Return the page of drives, with the table of their dialects."""
+    page = (FOLDER / DRIVES).read_text("utf-8")
+    before, _, rest = page.partition("<!--drives-->\n")
+    rows = ["| `--drive` | nodes | settings, with numbers |", "|---|---|---|"]
+    for name, kind in planned_drive.KINDS.items():
+        settings = ", ".join(
+            f"`{one.name}`" + f" {one.number:#x}".rstrip() * (one.number >= 0)
+            for one in kind.settings
+        )
+        rows.append(f"| {name} | {kind.nodes[0]} to {kind.nodes[-1]} | {settings or 'its EDS'} |")
+    table = "\n".join(rows)
+    return f"{before}<!--drives-->\n{table}\n<!--/drives-->{rest.partition('<!--/drives-->')[2]}"
+
+
 PAGES = {"commands.md": commands, "api.md": api, "rig-python.md": rig_python}
+PAGES |= {DRIVES: drives}
 PAGES |= {"../../tools/run/rig_words.json": rig_words.written}
 PAGES |= {f"schemas/{name}": partial(str, text) for name, text in schemas.files().items()}
 

@@ -13,6 +13,8 @@ from typing import TypeVar
 import can
 import moteus
 import pytest
+import robstride
+import robstride_dynamics
 from damiao_motor import DaMiaoController
 from odrive_can.odrive import ODriveCAN
 from places import PATIENCE_S, ROOT
@@ -134,6 +136,73 @@ def test_damiao_motor_moves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             until(lambda: is_in("DISABLED", motor.disable), "it is off")
         finally:
             controller.shutdown()
+
+
+@pytest.mark.parametrize("client", ["robstride", "robstride_dynamics"])
+def test_robstride_moves_it(tmp_path: Path, client: str) -> None:
+    host = {"robstride": 0xAA, "robstride_dynamics": 0xFF}[client]
+    with drive("robstride", tmp_path / "run") as name:
+        group, port = name.split(":")[1:]
+        only = [{"can_id": host, "can_mask": 0xFF, "extended": True}]  # it hears its own frames
+        with can.Bus(group, interface="udp_multicast", port=int(port), can_filters=only) as bus:
+            {"robstride": with_robstride, "robstride_dynamics": with_dynamics}[client](bus)
+        plant = Live(sharing.attach(sh.block_name("motor-drive", name, "plant")))
+        assert plant.read()["drive.state"] == 0.0
+    known = json.loads((tmp_path / "run/drive-settings.json").read_text())["endpoints"]
+    assert known["limit_spd"] == {"id": 0x7017, "type": "float", "access": "rw", "value": 33.0}
+
+
+def with_robstride(bus: can.BusABC) -> None:
+    """Go at 3 rad/s, then to a place, with the client of that name."""
+    client = robstride.Client(bus, recv_timeout=PATIENCE_S)
+    client.write_param(1, "run_mode", robstride.RunMode.Speed)
+    client.write_param(1, "spd_ref", 3.0)
+    client.enable(1)
+    until(lambda: abs(float_of(client, "mechvel") - 3.0) < 0.2, "its velocity")
+    client.disable(1)
+    client.write_param(1, "run_mode", robstride.RunMode.Position)
+    client.enable(1)
+    client.write_param(1, "loc_ref", 1.0)
+    until(lambda: abs(float_of(client, "mechpos") - 1.0) < 0.02, "its place")
+    assert not client.disable(1).errors and client.error_rate() == 0.0
+
+
+def float_of(client: robstride.Client, name: str) -> float:
+    """Return a parameter that is a number."""
+    value = client.read_param(1, name)
+    assert isinstance(value, float)
+    return value
+
+
+def with_dynamics(bus: can.BusABC) -> None:
+    """Hold a place in operation mode, with the other client, whose `connect` takes SocketCAN."""
+    client = robstride_dynamics.RobstrideBus("bus", {"joint": robstride_dynamics.Motor(1, "rs-01")})
+    client.channel_handler = bus
+    client.enable("joint")
+
+    def at(target: float) -> bool:
+        client.write_operation_frame("joint", target, 0.2, 0.004)
+        return abs(client.read_operation_frame("joint")[0] - target) < 0.1
+
+    until(lambda: at(2.0), "its place")
+    assert client.read("joint", robstride_dynamics.ParameterType.VELOCITY_LIMIT) == 33.0
+    client.disable("joint")
+    client.channel_handler = None
+
+
+def test_orders_for_another_maker_are_told_within_a_second(tmp_path: Path) -> None:
+    bus, rig = own_bus(), TEMPLATE / "drive_robstride.yaml"
+    with Running("run", "--only=plant", str(rig), "--bus", bus) as run:
+        block = run.block("motor-drive", bus, "plant")
+        until(lambda: block.control.passes > 10, "first cycles")
+        group, port = bus.split(":")[1:]
+        with can.Bus(group, interface="udp_multicast", port=int(port)) as sending:
+            on = can.Message(arbitration_id=1, data=[255] * 7 + [0xFC], is_extended_id=False)
+            sending.send(on)
+        plant = Live(sharing.attach(sh.block_name("motor-drive", bus, "plant")))
+        until(lambda: plant.read()["drive.master.from_mit"] == 1.0, "it is told")
+        run.process.send_signal(signal.SIGINT)
+        assert "frame to this node was MIT mode's" in run.done().out
 
 
 def test_moteus_moves_it(tmp_path: Path) -> None:

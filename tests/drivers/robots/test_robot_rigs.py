@@ -1,5 +1,6 @@
 """Rigs whose plant is a robot's drive: a master in the executive, the same on a bus, replayed."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict.masters import mistakes
 
 HERE = Path(__file__).parent
 TEMPLATE = HERE.parents[2] / "tools/make/template"
@@ -88,6 +90,22 @@ def test_a_wrong_setting_is_named_with_its_place(
     with pytest.raises(RigError) as error:
         plan(load_rig(file, text=file.read_text().replace(before, after)), "plant", "real")
     assert said in str(error.value) and f"drive_{of}.yaml:" in str(error.value), error.value
+
+
+@pytest.mark.parametrize(("master", "drive", "said"), [
+    ("mit", "robstride", "MIT mode's"), ("odrive", "mit", "an ODrive's"),
+    ("robstride", "odrive", "a RobStride's"), ("moteus", "mit", "a moteus'"),
+])  # fmt: skip
+def test_a_master_for_another_maker_is_named(master: str, drive: str, said: str) -> None:
+    file = HERE / f"{master}.yaml"
+    text = re.sub(r"    objects: .*\n", "", file.read_text())
+    text = text.replace("  drive:\n", f"  drive:\n    profile: {drive}\n    objects: null\n")
+    text = text.replace(f"drive_{master}", f"drive_{drive}")
+    log = in_memory(load_rig(file, text=text, settings=["duration_s=0.05"]))
+    (line,) = [one for one in mistakes(log.node["plant"]) if "frame to this node" in one]
+    assert line.startswith(f"master: frame to this node was {said}"), line
+    own = in_memory(load_rig(file, settings=["duration_s=0.05"])).node["plant"].columns
+    assert not any(own[name].any() for name in own if ".from_" in name)
 
 
 def test_the_bus_of_a_drive_of_can_fd_takes_its_frames(tmp_path: Path) -> None:
