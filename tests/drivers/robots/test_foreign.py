@@ -2,6 +2,7 @@
 
 import struct
 from functools import partial
+from typing import Any
 
 import can
 import moteus
@@ -12,26 +13,36 @@ from damiao_motor.core.motor import DaMiaoMotor
 from robstride import Client
 
 from pcpc.drivers.can.wire_layout import Flag
-from pcpc.drivers.compiled.rows import FRAME_BYTES
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import structure
 from pcpc.drivers.drive.foreign import Maker, maker_of
+from pcpc.drivers.robots.layout import Robot
 
 EXT, REMOTE = 1 << 31, 1 << 30
+structure(Robot.dtype)
+
+
+@loop_function
+def heard(r: Any, node: int) -> Any:
+    """Return it of the frame in `rx`: in compiled code frames lie in structures."""
+    return maker_of(r.rx, node)
 
 
 def maker(word: int, data: bytes, flags: int = 0, node: int = NODE) -> int:
     """Return whose order to a node a frame is."""
-    frame = np.zeros(FRAME_BYTES, np.uint8)
+    robot: Any = np.zeros(1, Robot.dtype).view(np.recarray)[0]
+    frame = robot.rx
     frame[:4] = list(word.to_bytes(4, "little"))
     frame[4], frame[5] = len(data), flags
     frame[8 : 8 + len(data)] = list(data)
-    return int(maker_of(frame, node))
+    return int(heard(robot, node))
 
 
 def test_what_clients_send_to_switch_a_drive_on_is_recognised() -> None:
     bus = partial(can.Bus, "foreign", interface="virtual")
-    with bus() as sending, bus() as heard:
+    with bus() as sending, bus() as other:
         DaMiaoMotor(NODE, 0x15, sending, motor_type="4310").enable()
-        message = heard.recv(1.0)
+        message = other.recv(1.0)
     assert message is not None
     assert maker(message.arbitration_id, bytes(message.data)) == Maker.MIT
     stop = moteus.Controller(id=NODE).make_stop()

@@ -3,6 +3,7 @@
 import struct
 
 import moteus
+import numpy as np
 import pytest
 from benches import NODE, Bench, MoteusBench, ODriveBench, RobStrideBench
 
@@ -87,6 +88,8 @@ def test_mutants_leave_it_finite_and_alive(
     assert cycles > count // 6, cycles
     x, alive = one.x, {ODriveBench: 8, Bench: 1, MoteusBench: 10, RobStrideBench: 2}[bench]
     assert x.boots > 0 and sum(one.mistakes().values()) > count // 100, one.mistakes()
+    values = np.array(one.r.value[: one.r.n])
+    assert np.all(np.isfinite(values[~np.isnan([row.start for row in one.kind[1]])])), values
     one.q = one.w = 0.0
     one.cycles(1)
     if bench is ODriveBench:
