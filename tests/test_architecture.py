@@ -305,6 +305,7 @@ SHAPE = {"README.md", "rig.yaml", "model.py", "laws", "evaluation.py", "drawing.
 MORE = {  # not in each
     "parameters.yaml", "rigs", "identification.py", "device", "book", "figures",
     "drive_cia402.yaml", "drive_mit.yaml", "drive_moteus.yaml", "drive_odrive.yaml",
+    "drive_robstride.yaml",
     "foxglove.json", "rig.schema.json",
 }  # fmt: skip
 

@@ -61,8 +61,7 @@ from pcpc.drivers.robots.loops import (
 from pcpc.drivers.robots.settings import LARGEST, Setting, keys_of
 
 NODES = 128
-EXTENDED = int64(1 << 31)
-REMOTE = int64(1 << 30)
+EXTENDED, REMOTE = int64(1 << 31), int64(1 << 30)
 TICK_S, EVERYBODY, HOST = 50e-6, 0xFE, 0xFD
 POSITION_MOST = 12.566370614359172  # 4 pi
 SERIAL = 0x5043_5043  # the first half of the number of 64 bits, the second is the node at the start
@@ -153,6 +152,13 @@ def boot(r: Robot) -> None:
 
 
 @loop_function
+def begin(r: Robot) -> None:
+    """Begin where the motor is, as fast as it is."""
+    start_here(r)
+    r.value[Key.LOC_REF], r.state.way_velocity = r.state.position, r.state.velocity
+
+
+@loop_function
 def hear(r: Robot) -> int:
     """Take the frame in `rx`; return whose it is."""
     x, word, node = r.state, four_bytes(r.rx, 0), int64(r.value[Key.CAN_ID])
@@ -162,9 +168,8 @@ def hear(r: Robot) -> int:
     kind, data, whom = word >> int64(24) & 31, word >> int64(8) & 0xFFFF, word & 255
     if word & EXTENDED == 0 or word & REMOTE != 0 or r.rx[FLAGS] != 0:
         return int64(Whose.OTHER)
-    if data & 255 == node and (
-        kind == Kind.FEEDBACK or (kind == Kind.IDENTITY and whom == EVERYBODY)
-    ):
+    told = kind == Kind.FEEDBACK or (kind == Kind.IDENTITY and whom == EVERYBODY)
+    if data & 255 == node and told:
         return int64(Whose.TWIN)
     if whom != node:
         return int64(Whose.OTHER)
@@ -182,21 +187,17 @@ def hear(r: Robot) -> int:
 def obey(r: Robot, kind: int, data: int) -> None:
     """Do what a frame wants, and answer."""
     x, content = r.state, data_of(r.rx)
-    if kind == Kind.IDENTITY:
-        tell_identity(r)
-        return
     if kind == Kind.READ:
-        read(r)
-        return
+        return read(r)
     if kind == Kind.FAULTS:
-        tell_faults(r)
-        return
+        return tell_faults(r)
+    if kind == Kind.IDENTITY or (kind == Kind.NODE and write_node(r, data >> int64(8))):
+        return tell_identity(r)
     if kind == Kind.OPERATION:
         take_operation(r, data)
     elif kind == Kind.ON and x.errors == 0:
         if x.power != Power.RUN:
-            start_here(r)
-            r.value[Key.LOC_REF] = x.position
+            begin(r)
         x.power = Power.RUN
     elif kind == Kind.OFF:
         x.power = Power.RESET
@@ -205,17 +206,13 @@ def obey(r: Robot, kind: int, data: int) -> None:
     elif kind == Kind.ZERO and int64(r.value[Key.RUN_MODE]) != RunMode.PROFILE:
         place_at(r, 0.0)
         x.target_position = x.way_position = r.value[Key.LOC_REF] = 0.0
-    elif kind == Kind.NODE:
-        if write_node(r, data >> int64(8)):
-            tell_identity(r)
-            return
     elif kind == Kind.WRITE:
         take_value(r, content)
     elif kind == Kind.REPORT:
         x.reports = 1 if content[6] == 1 else 0
     elif kind == Kind.PROTOCOL and content[6] <= 2:
         r.mistakes[Mistake.TO_CANOPEN - 1 + content[6]] += 1 if content[6] != 0 else 0
-    elif kind != Kind.SAVE:
+    elif kind != Kind.SAVE and kind != Kind.NODE:
         r.mistakes[Mistake.COMMAND_REFUSED] += 1
     feed_back(r)
 
@@ -255,8 +252,7 @@ def take_value(r: Robot, data: Cells[Byte]) -> None:
     elif not write(r, row, value_in(r, row, data, 4)):
         return
     elif row == Key.RUN_MODE:
-        start_here(r)
-        v[Key.LOC_REF] = x.position
+        begin(r)
     elif Key.LOC_KP <= row <= Key.SPD_KI:
         g.position_per_s = v[Key.LOC_KP]
         g.velocity = v[Key.SPD_KP] * v[Key.TORQUE_CONSTANT] * r.rated * r.velocity_scale

@@ -210,7 +210,7 @@ WAYS: dict[str, Way] = {
 SLOW = ("interpreted", "in_c")
 HEAVY = ("in_a_page", "as_an_fmu", "as_a_device")  # one rig of each plant is enough
 
-DRIVES, LINES = ("mastered", "mit", "moteus", "odrive"), ("line", "fd_line", "flood")
+DRIVES, LINES = ("mastered", "mit", "moteus", "odrive", "robstride"), ("line", "fd_line", "flood")
 FAULTY = ("faults_of_*", "stall*", "flood*", "not_finite", "intrusion*", "ends_in_[fh]*", "reset",
           "watchdog", "plausibility")  # fmt: skip
 FMU, NO_C = "its state is not in the log; an FMU goes on with", "an FMU has no C"

@@ -25,7 +25,7 @@ OTHERS = (".c", ".h", ".js", ".md")
 NOT_INSTALLED = ("book", "dev", "tests", "docs")  # folders, see pyproject.toml
 TYPED = (  # rooms of compiled code, whose records have types
     "executive/loop", "executive/batch", "drivers/can", "drivers/line", "drivers/canopen",
-    "drivers/robots", "drivers/compiled",
+    "drivers/robots", "drivers/drive", "drivers/compiled",
 )  # fmt: skip
 FEATURES = {  # of a node: what names it in drivers and executive
     "intrusion": "intrusion",

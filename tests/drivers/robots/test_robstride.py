@@ -176,6 +176,16 @@ def test_profile_position_is_a_trapezoid(bench: RobStrideBench) -> None:
     assert bench.do(6, bytes([1] + [0] * 7)) and bench.mistakes() == {"COMMAND_REFUSED": 1}
 
 
+def test_a_mode_begins_as_fast_as_the_motor_is(bench: RobStrideBench) -> None:
+    bench.d.gains = (20.0, 50.0, 0.0)
+    bench.on(2).write(0x700A, 3.0)
+    bench.cycles(500).write(0x7025, 10.0)
+    bench.write(0x7005, 1)
+    assert bench.read(0x7016) == pytest.approx(bench.q, abs=1e-6), "loc_ref is here"
+    hardest = max(abs(bench.cycles(1).u) for _ in range(100))
+    assert hardest == pytest.approx(10.0, abs=0.5), "acc_set, of an inertia of 1"
+
+
 def test_cyclic_position_is_a_lag_below_its_limit(bench: RobStrideBench) -> None:
     bench.d.gains = (5.0, 200.0, 0.0)
     bench.write(0x7017, 1.0)

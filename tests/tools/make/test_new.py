@@ -88,7 +88,7 @@ def named(template: Template, *files: str, rig: str = "my-motor") -> set[str]:
 def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
     others = ("device/", "cart/", "bare/") if template is MOTOR else ("/",)
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
-    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus")}
+    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus", "robstride")}
     files = named(template, *template.files, rig=new_rig.name)
     assert known == set(template.files) and files | {SCHEMA} == files_of(new_rig)
     assert {f"my_{template.rig}.dbc", f"test_my_{template.rig}.py"} <= files
@@ -153,7 +153,7 @@ def test_a_rig_without_a_device_has_none(motor: Path) -> None:
     assert not any((motor / file).exists() for file in (*DEVICE_FILES, *DRIVE_FILES))
 
 
-@pytest.mark.parametrize("drive", ["cia402", "odrive", "mit", "moteus"])
+@pytest.mark.parametrize("drive", ["cia402", "odrive", "mit", "moteus", "robstride"])
 def test_its_drive_is_a_rig_beside_it(tmp_path: Path, drive: str) -> None:
     folder = tmp_path / "my-motor"
     done = pcpc("new", str(folder), "--drive", drive)
