@@ -435,10 +435,10 @@ def drives() -> str:
     rows = ["| `--drive` | nodes | settings by number |", "|---|---|---|"]
     for name, kind in planned_drive.KINDS.items():
         settings = ", ".join(
-            f"`{one.name}`={one.number:#x}"
-            for one in kind.settings
-            if one.number >= 0 and name in LISTED
+            f"`{one.name}`={one.number:#x}" for one in kind.settings if one.number >= 0
         )
+        if name not in LISTED:
+            settings = f"{len(kind.settings)}, in `drive-settings.json`" if settings else "its EDS"
         rows.append(f"| {name} | {kind.nodes[0]} to {kind.nodes[-1]} | {settings} |")
     table = "\n".join(rows)
     return f"{before}<!--drives-->\n{table}\n<!--/drives-->{rest.partition('<!--/drives-->')[2]}"
