@@ -142,7 +142,7 @@ def changed_dictionary(dictionary: list[Object], starts: Mapping[str, int]) -> l
 def install(d: object, node: int, dictionary: list[Object]) -> None:
     """Write the dictionary into the zeroed Canopen record `d`, which is as after power-on."""
     into: Any = d
-    into.node, into.n, into.on = node, len(dictionary), 1
+    into.node, into.n = node, len(dictionary)
     texts = 0
     for i, od_object in enumerate(dictionary):
         text_offset = -1
