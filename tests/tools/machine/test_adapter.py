@@ -7,7 +7,6 @@ import contextlib
 import json
 import math
 import random
-import shlex
 import signal
 import subprocess
 import sys
@@ -392,36 +391,6 @@ def test_ctrl_c_ends_it() -> None:
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (Exit.INTERRUPTED, ""), err
     assert "Traceback" not in err
-
-
-@pytest.mark.parametrize(
-    ("words", "told", "code"),
-    [
-        ("--bus ''", "name one or two channels", 2),
-        ("--bus auto", "name one or two channels", 2),
-        ("--bus can0,", "name one or two channels", 2),
-        ("--bus can0,can0", "named twice", 2),
-        ("--bus can0,can1,can2", "3 channels", 2),
-        ("--bus nix:1", "no bus interface nix", 2),
-        ("--bus udp_multicast:1.2.3.4", "1.2.3.4", 2),
-        ("--bus can77", "can77", 4),
-        ("--bus slcan:/dev/nowhere", "no such device", 4),
-        ("--bus udp_multicast nobody", "nobody", 2),
-        ("--frames 0 --bus can0", "positive", 2),
-        ("--bus can0 --tune", "goes without --bus", 2),
-        ("hull", "needs --bus", 2),
-        ("--frames 5", "needs --bus", 2),
-    ],
-)
-def test_wrong_words_are_refused_in_a_line(
-    words: str, told: str, code: int, capsys: Screen
-) -> None:
-    try:
-        found = main(["doctor", *shlex.split(words)])
-    except SystemExit as end:
-        found = end.code
-    err = capsys.readouterr().err
-    assert (found, told in err) == (code, True), err
 
 
 def test_a_device_that_may_not_be_opened_is_named_with_the_group(tmp_path: Path) -> None:
