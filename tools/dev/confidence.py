@@ -72,8 +72,10 @@ def rows() -> list[ConfidenceRow]:
     with (Path(__file__).with_suffix(".yaml")).open(encoding="utf-8") as file:
         by_hand = yaml.safe_load(file)
     names = {key: len(_listed(*place)) for key, place in _NAMES.items()}
-    told = ({k: v.format(**names) if isinstance(v, str) else v for k, v in one.items()}
-            for one in by_hand)  # fmt: skip
+    told: list[dict[str, Any]] = [
+        {key: text.format(**names) if isinstance(text, str) else text for key, text in one.items()}
+        for one in by_hand
+    ]
     evidence = json.loads(NUMBERS.read_text(encoding="utf-8"))
     return [*(ConfidenceRow(**one) for one in told), *_measured(evidence)]
 

@@ -236,6 +236,15 @@ def test_without_ip_nothing_is_judged_that_only_ip_knows() -> None:
     assert row.state == "not judged" and "no counters" in row.found, row
 
 
+def test_two_bit_rates_on_one_line_are_named_with_the_command() -> None:
+    fast = json.loads(json.dumps(LINK))
+    fast["linkinfo"]["info_data"]["bittiming"]["bitrate"] = 1_000_000
+    facts = cli.facts(_exam(), [interface_facts("can7", LINK), interface_facts("can8", fast)])
+    row = rows(facts)["wiring"]
+    assert row.state == "violated" and "500000/2000000, 1000000/2000000" in row.found, row
+    assert row.cure.endswith("can8 up type can bitrate 500000"), row
+
+
 class DeafEnd:
     """An end that hears nothing but what its controller says."""
 
@@ -411,11 +420,11 @@ def test_a_device_that_may_not_be_opened_is_named_with_the_group(tmp_path: Path)
 def test_a_plain_doctor_loads_nothing_of_it() -> None:
     words = (
         "import sys\nimport pcpc.tools.machine.doctor.cli\nfrom pcpc.tools.cli import main\n"
-        "main(['doctor', 'nobody'])\n"
+        "main(['doctor', '--frames', '5'])\n"
         "print([m for m in sys.modules if 'doctor.adapter' in m or m in ('can', 'numpy')])\n"
     )
     done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, cwd=ROOT)
-    assert done.stdout == "[]\n" and "nobody: needs --bus" in done.stderr, done
+    assert done.stdout == "[]\n" and "--frames: needs --bus" in done.stderr, done
 
 
 def _times(count: int, rate: float = 1.0, offset: int = -5 * 10**17) -> list[Stamped]:
@@ -514,7 +523,7 @@ def test_bus_addresses_open_as_they_are_named() -> None:
     assert end.has_fd and end.name.startswith("udp_multicast:")
     end.close()
     with pytest.raises(BusError, match="python-can cannot open it"):
-        open_end(buses.BusAddress("socketcand", ""))
+        open_end(buses.BusAddress("kvaser", "0"))
 
 
 def test_a_verdict_needs_every_row_that_is_needed() -> None:

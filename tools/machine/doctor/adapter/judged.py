@@ -12,7 +12,7 @@ from pcpc.tools.machine.doctor.adapter.stamps import FEWEST as FEWEST_STAMPS
 from pcpc.tools.machine.doctor.adapter.stamps import hardware_fault, kernel_fault
 from pcpc.tools.study.binomial import upper_bound
 
-_ACK, _OFF, _CONTROLLER, _RESTARTED = 0x20, 0x40, 0x04, 0x100  # classes of linux/can/error.h
+_ACK, _OFF = 0x20, 0x40  # classes of linux/can/error.h
 _CHECK = "compare `ip -details link show` of both ends; 120 ohm at each end; no node besides"
 _TUNE = "pcpc doctor --tune"
 _ANOTHER = "another cable, USB port, driver or adapter"
@@ -37,11 +37,18 @@ def rows_of(exam: Exam, channels: Sequence[ChannelFacts]) -> Iterator[AdapterRow
 def _wiring(exam: Exam, channels: Sequence[ChannelFacts]) -> AdapterRow:
     hello, name = exam.hello, "wiring"
     first, second = channels[0].bus, channels[-1].bus
-    errors = {bit for tally in exam.tallies for bit in tally.errors}
-    off = [one.bus for one in channels if is_off(one)] or [first] * (_OFF in errors)
+    by_end = [{bit for tally in exam.tallies for bit in tally.errors[end]} for end in (0, 1)]
+    errors = by_end[0] | by_end[1]
+    both = [channels[0], channels[-1]]
+    off = [one.bus for one, bits in zip(both, by_end, strict=True) if is_off(one) or _OFF in bits]
     if off:
         cure = f"sudo ip link set {off[0]} type can restart; {_CHECK}"
         return AdapterRow(name, "violated", f"{off[0]} went bus-off", cure)
+    rates = {(one.bitrate, one.data_bitrate) for one in both if one.bitrate}
+    if len(rates) > 1:
+        found = f"{first} and {second} have other bit rates: {_rates(both)}"
+        cure = f"sudo ip link set {second} down && sudo ip link set {second} up type can bitrate"
+        return AdapterRow(name, "violated", found, f"{cure} {channels[0].bitrate}")
     came = hello.from_end
     if len(channels) == 1:
         if sum(came) == hello.sent > 0:
@@ -57,6 +64,12 @@ def _wiring(exam: Exam, channels: Sequence[ChannelFacts]) -> AdapterRow:
         return AdapterRow(name, "violated", found, _CHECK)
     what = f"{ear} hears nothing of {mouth}" + (", nor the other way" if len(hears) == 2 else "")
     return AdapterRow(name, "violated", f"{what}: not one line", f"wire {mouth} to {ear}; {_CHECK}")
+
+
+def _rates(channels: Sequence[ChannelFacts]) -> str:
+    return ", ".join(
+        f"{one.bitrate}" + (f"/{one.data_bitrate}" if one.data_bitrate else "") for one in channels
+    )
 
 
 def _nothing_back(name: str, hello: Tally, errors: set[int], channel: ChannelFacts) -> AdapterRow:
@@ -173,7 +186,8 @@ def _load(exam: Exam, channels: Sequence[ChannelFacts]) -> AdapterRow:
     if why == "loss":
         gone = f"{found}; {above} {failed.wrong:,} of {failed.sent:,} were not"
         cure = f"keep the load below, or {_ANOTHER}"
-        return AdapterRow("load", "violated", gone, cure)
+        enough = exam.pattern.rig and hz >= exam.pattern.rate_hz
+        return AdapterRow("load", "held" if enough else "violated", gone, cure)
     what = "its queue was full" if why == "queue" else f"{failed.late:,} were late"
     return AdapterRow(
         "load", "held" if hz else "violated", f"{found}; {above} {what}", _TUNE * (not hz)
@@ -255,7 +269,7 @@ def _fd(exam: Exam, channels: Sequence[ChannelFacts]) -> AdapterRow:
 
 def _counters(exam: Exam, channels: Sequence[ChannelFacts]) -> AdapterRow:
     name = "error counters"
-    errors = sum(sum(tally.errors.values()) for tally in exam.tallies)
+    errors = sum(sum(one.values()) for tally in exam.tallies for one in tally.errors)
     gained = [
         f"{one.bus} {k} +{n}" for one in channels for k, n in (one.counters or {}).items() if n
     ]

@@ -68,8 +68,10 @@ class Tally:
     given_back: list[int] = field(default_factory=lambda: [0, 0])
     "own frames that came back, by sender"
     strange_words: Counter[int] = field(default_factory=Counter)
-    errors: Counter[int] = field(default_factory=Counter)
-    "classes of error frames"
+    errors: tuple[Counter[int], Counter[int]] = field(
+        default_factory=lambda: (Counter(), Counter())
+    )
+    "classes of error frames, by the end that was given them"
     kernel: list[Stamped] = field(default_factory=list)
     hardware: tuple[list[Stamped], list[Stamped]] = field(default_factory=lambda: ([], []))
 
@@ -166,7 +168,7 @@ class Pass:
     def _judge(self, end: int, heard: HeardFrame) -> None:
         tally, sender = self.tally, self._sender.get(heard.word)
         if heard.origin is Origin.ERROR:
-            tally.errors.update(1 << bit for bit in range(29) if heard.word >> bit & 1)
+            tally.errors[end].update(1 << bit for bit in range(29) if heard.word >> bit & 1)
         elif heard.origin is Origin.OWN and not self.alone:
             tally.given_back[end] += sender == end
         elif sender is None or (sender == end and not self.alone):
