@@ -91,7 +91,8 @@ def carry(fault: str, period: int, ports: tuple[int, int]) -> None:
     sides = [_ends(port) for port in ports]
     own = [out.getsockname() for out, _ in sides]
     later: list[tuple[float, int, int, bytes]] = []
-    draw, number, kept = random.Random(5), itertools.count(), b""
+    draw, number = random.Random(5), itertools.count()
+    kept: dict[int, bytes] = {}
     print("carries", flush=True)
     while True:
         timeout_s = max(later[0][0] - time.monotonic(), 0.0) if later else 1.0
@@ -111,17 +112,16 @@ def carry(fault: str, period: int, ports: tuple[int, int]) -> None:
                 text = text[:at] + bytes([text[at] ^ 4]) + text[at + 1 :]
             if hit and fault == "loss":
                 continue
-            if hit and fault == "order" and not kept:
-                kept = text
+            if hit and fault == "order" and to not in kept:
+                kept[to] = text
                 continue
             if hit and fault == "delay":
                 heapq.heappush(later, (time.monotonic() + DELAY_S, next(number), to, text))
                 continue
             for _ in range(2 if hit and fault == "twice" else 1):
                 sides[to][0].send(text)
-            if kept:
-                sides[to][0].send(kept)
-                kept = b""
+            if to in kept:
+                sides[to][0].send(kept.pop(to))
 
 
 if __name__ == "__main__":

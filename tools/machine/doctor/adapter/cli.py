@@ -112,7 +112,7 @@ def examined_ends(
     pattern: Pattern, frames: int, progress: Progress,
 ) -> AdapterFacts:  # fmt: skip
     """Return what became of the buses of two open ends; BusError where others talk."""
-    others = others_on({id(end): end for end in ends}.values(), QUIET_S)
+    others = others_on([*{id(end): end for end in ends}.values()], QUIET_S)
     if others:
         talk = f"{others.total()} frames in {QUIET_S:g} s, ids {named_words(others)}"
         names = ",".join(one.bus for one in before)

@@ -138,7 +138,8 @@ class UdpEnd(plain_bus.Udp):
                     self.dropped = int.from_bytes(data[:4], sys.byteorder)
             frame = plain_bus.frame_of_datagram(text) or plain_bus.BusFrame(-1, text)
             origin = Origin.OWN if sender == self._own else Origin.OTHER
-            yield HeardFrame(*frame, read_ns, stamp_ns, None, origin)
+            word, frame_data, flags = frame
+            yield HeardFrame(word, frame_data, flags, read_ns, stamp_ns, None, origin)
 
 
 class PythonCanEnd:
@@ -153,7 +154,7 @@ class PythonCanEnd:
             self._port: Any = can.Bus(
                 interface=bus.interface, channel=bus.channel or None, receive_own_messages=True
             )
-        except (can.CanError, ValueError, OSError, ImportError, TypeError) as error:
+        except Exception as error:  # without its library a driver raises NameError and others
             cure = "install its driver, plug it in, or see python-can's page of the interface"
             raise BusError(f"{bus}: python-can cannot open it: {error}; {cure}") from None
 
@@ -188,8 +189,9 @@ class PythonCanEnd:
             origin = Origin.ERROR if one.is_error_frame else Origin.OTHER
             origin = origin if one.is_rx or origin is Origin.ERROR else Origin.OWN
             word = can_id.word_of(one.arbitration_id, one.is_extended_id)
-            times = (at_ns, None) if of_host else (None, at_ns or None)
-            yield HeardFrame(word, bytes(one.data), flags_of(one), read_ns, *times, origin)
+            stamp_ns, own_ns = (at_ns, None) if of_host else (None, at_ns or None)
+            data, flags = bytes(one.data), flags_of(one)
+            yield HeardFrame(word, data, flags, read_ns, stamp_ns, own_ns, origin)
 
     def fileno(self) -> int:
         """Return what `select` waits for; -1: nothing."""

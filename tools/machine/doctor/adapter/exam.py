@@ -81,7 +81,7 @@ def examine(ends: Sequence[End], pattern: Pattern, frames: int, progress: Progre
     exam.burst = Pass(ends, burst_pattern(max(BURST, pattern.burst)), 100.0).run(1)
     _rise(exam, ends, progress)
     hz = long_hz(exam)
-    if hz:
+    if hz and not _is_hopeless(exam):
         most = max(int(LONGEST_S * hz * pattern.per_cycle), 1)
         cycles = math.ceil(min(frames, most) / pattern.per_cycle)
         of = f"of {min(frames, most):,} frames at {hz:.4g} Hz"
@@ -92,6 +92,12 @@ def examine(ends: Sequence[End], pattern: Pattern, frames: int, progress: Progre
             fd = plain_pattern(length, Flag.FD | Flag.BRS)
             exam.fd.append(Pass(ends, fd, slow_hz).run(FD_CYCLES // 2))
     return exam
+
+
+def _is_hopeless(exam: Exam) -> bool:
+    """Return whether frames were wrong even at low rates: a minute more would say no more."""
+    failed, least_hz = exam.first_failed, exam.pattern.rate_hz / 4.0 or 4.0 * FIRST_HZ
+    return failed is not None and failed.wrong > 0 and exam.highest_hz < least_hz
 
 
 def _rise(exam: Exam, ends: Sequence[End], progress: Progress) -> None:

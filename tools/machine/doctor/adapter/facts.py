@@ -14,6 +14,8 @@ from pcpc.tools.machine.jitter.nines import Quantiles
 from pcpc.tools.terminal.answer import Count
 
 State = Literal["held", "violated", "not judged"]
+Word = Literal["good", "not good", "not judged"]
+Limiting = Literal["loss", "queue", "delay", "this program", ""]
 
 
 class AdapterRow(Struct, frozen=True):
@@ -57,7 +59,7 @@ class AdapterFacts(Struct, frozen=True):
     "of the kernel: no adapter took part"
     rig: str | None
     "whose frames were sent; null: a frame each way"
-    verdict: Literal["good", "not good", "not judged"]
+    verdict: Word
     good_for_hz: float | None
     "with the frames of the rig; null: not shown"
     long: RatePass | None
@@ -73,7 +75,7 @@ class AdapterFacts(Struct, frozen=True):
     highest_frames_per_s: float | None
     highest_load: float | None
     "share of the bit rate, at most; null: unknown"
-    limited_by: Literal["loss", "queue", "delay", "this program", ""]
+    limited_by: Limiting
     "what came at higher rates; empty: nothing"
     steps: list[RatePass]
     "of rising rates"

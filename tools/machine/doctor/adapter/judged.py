@@ -6,7 +6,7 @@ from pcpc.drivers.can.can_id import EXTENDED
 from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.tools.machine.doctor.adapter.channel import ChannelFacts, is_off
 from pcpc.tools.machine.doctor.adapter.exam import CONFIDENCE, FEWEST, Exam, is_clean
-from pcpc.tools.machine.doctor.adapter.facts import AdapterRow, State
+from pcpc.tools.machine.doctor.adapter.facts import AdapterRow, Limiting, State, Word
 from pcpc.tools.machine.doctor.adapter.passes import Tally, named_words
 from pcpc.tools.machine.doctor.adapter.stamps import FEWEST as FEWEST_STAMPS
 from pcpc.tools.machine.doctor.adapter.stamps import hardware_fault, kernel_fault
@@ -142,7 +142,7 @@ def _delay(tally: Tally) -> AdapterRow:
     return AdapterRow("delay", "held", found)
 
 
-def limited_by(exam: Exam) -> str:
+def limited_by(exam: Exam) -> Limiting:
     """Return what came at a rate that was not held."""
     failed = exam.first_failed
     if failed is None:
@@ -293,7 +293,8 @@ def _rig(exam: Exam) -> AdapterRow:
     if long is None:
         failed = exam.first_failed
         state: State = "violated" if failed is not None else "not judged"
-        return AdapterRow(name, state, "no rate was held", _ANOTHER)
+        found = f"not all there and in time at {failed.rate_hz:.4g} Hz" if failed else "not tried"
+        return AdapterRow(name, state, found, _ANOTHER)
     more = f"; {pattern.left_out}" if pattern.left_out else ""
     if not is_clean(long):
         what = "this program was too slow" if not long.offered else "not all there and in time"
@@ -325,11 +326,8 @@ def _adapter(channels: Sequence[ChannelFacts]) -> AdapterRow:
     return AdapterRow("adapter", "held", "two channels of hardware", needed=False)
 
 
-VERDICTS = "good", "not good", "not judged"
-
-
-def verdict_of(rows: Sequence[AdapterRow]) -> str:
+def verdict_of(rows: Sequence[AdapterRow]) -> Word:
     """Return good only where all that is needed is held and nothing is violated."""
     if any(row.state == "violated" for row in rows):
-        return VERDICTS[1]
-    return VERDICTS[2] if any(row.needed and row.state != "held" for row in rows) else VERDICTS[0]
+        return "not good"
+    return "not judged" if any(row.needed and row.state != "held" for row in rows) else "good"
