@@ -1,16 +1,18 @@
 """`pcpc doctor --bus` on a real vcan0: sockets, queues and states of SocketCAN, no adapter."""
 
+import io
 import json
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from typing import Any
 
 import can
 import pytest
 
 from pcpc.drivers.can import bus
+from pcpc.tools.cli import main
 
 pytestmark = pytest.mark.vcan
 PCPC = [sys.executable, "-m", "pcpc.tools.cli"]
@@ -30,11 +32,12 @@ def interfaces() -> Iterator[None]:
 
 
 def examined(channels: str) -> tuple[int, dict[str, Any], str]:
-    """Return the exit code, the JSON and the rows of a short examination."""
-    words = [*PCPC, "doctor", "--bus", channels, "--frames", FEW, "--json"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    found = json.loads(done.stdout) if done.stdout else {}
-    return done.returncode, found, done.stderr
+    """Return the exit code, the JSON and the errors of a short examination, in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(["doctor", "--bus", channels, "--frames", FEW, "--json"])
+    found = json.loads(out.getvalue()) if out.getvalue() else {}
+    return code, found, err.getvalue()
 
 
 def rows(found: dict[str, Any]) -> dict[str, dict[str, str]]:
