@@ -6,7 +6,7 @@ rig-python.md   the same of what a rig's laws, plants and evaluation import
 schemas         of the structs that commands print as JSON, where they print one
 
 drive.md        of docs/howto, the table of dialects and their settings
-
+docs/tool-confidence.md of tests and docs/faults.json,
 and tools/run/rig_words.json, the words of docs/rig.md for an editor
 """
 
@@ -28,7 +28,7 @@ from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes import planned_drive
 from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
-from pcpc.tools.dev import rig_words, schemas
+from pcpc.tools.dev import confidence, rig_words, schemas
 from pcpc.tools.terminal.command import Command
 
 _Leaf = tuple[Command, argparse.ArgumentParser]  # a command without parts
@@ -447,6 +447,7 @@ def drives() -> str:
 PAGES = {"commands.md": commands, "api.md": api, "rig-python.md": rig_python}
 PAGES |= {DRIVES: drives}
 PAGES |= {"../../tools/run/rig_words.json": rig_words.written}
+PAGES |= {"../tool-confidence.md": confidence.written}
 PAGES |= {f"schemas/{name}": partial(str, text) for name, text in schemas.files().items()}
 
 if __name__ == "__main__":

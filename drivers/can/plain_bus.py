@@ -76,11 +76,11 @@ class Udp:
                 text, sender = self._rx.recvfrom(2048, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
-            if sender != self._own and (frame := _frame_of_datagram(text)) is not None:
+            if sender != self._own and (frame := frame_of_datagram(text)) is not None:
                 yield frame
 
 
-def _frame_of_datagram(text: bytes) -> BusFrame | None:
+def frame_of_datagram(text: bytes) -> BusFrame | None:
     """Return the data frame of a datagram."""
     try:
         message = msgpack.unpackb(text)

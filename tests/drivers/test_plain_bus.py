@@ -99,17 +99,17 @@ STRANGE: list[Any] = [
 
 @pytest.mark.parametrize("said", STRANGE, ids=repr)
 def test_a_strange_datagram_is_no_frame(said: Any) -> None:
-    assert plain_bus._frame_of_datagram(msgpack.packb(said)) is None
+    assert plain_bus.frame_of_datagram(msgpack.packb(said)) is None
 
 
 @pytest.mark.parametrize("text", [b"", b"\xc1", b"\x81", b"\xc7\xff\xff", b"\x93" * 600, b"junk"])
 def test_what_is_no_message_at_all_is_no_frame(text: bytes) -> None:
-    assert plain_bus._frame_of_datagram(text) is None
+    assert plain_bus.frame_of_datagram(text) is None
 
 
 def test_a_datagram_with_the_largest_numbers_is_a_frame() -> None:
     def frame(**said: Any) -> BusFrame | None:
-        return plain_bus._frame_of_datagram(msgpack.packb(GOOD | said))
+        return plain_bus.frame_of_datagram(msgpack.packb(GOOD | said))
 
     assert frame() == (0x7FF, b"hi", Flag.NONE)
     word = can_id.word_of(can_id.ID, True)

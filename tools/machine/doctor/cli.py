@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.machine.doctor.commands import DoctorRequest
 from pcpc.tools.machine.doctor.machine import MachineFact, MachineFacts, TuningFacts, machine_rows
 from pcpc.tools.terminal import screen
@@ -31,11 +31,20 @@ _IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
     "PyYAML": "yaml", "msgspec": "msgspec", "msgpack": "msgpack", "mcap": "mcap",
     "zstandard": "zstandard", "rich": "rich",
 }  # fmt: skip
+_NEEDS_BUS = "needs --bus CHANNEL[,CHANNEL]"
 _COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
 
 
 def command(request: DoctorRequest) -> int:
     """Print a row for each thing looked at; ENVIRONMENT if no rig can run."""
+    if request.bus is not None:
+        request.refuse("goes without --bus", "tune")
+        from pcpc.tools.machine.doctor.adapter.cli import command as examine  # the packages
+
+        return examine(request)
+    request.refuse(_NEEDS_BUS, "frames")
+    if request.rig is not None:
+        raise UserError(f"{request.rig}: {_NEEDS_BUS}")
     if request.tune:
         return tune(request.json)
     found = list(rows())

@@ -1,0 +1,1 @@
+"""Whether a CAN adapter is good enough."""
