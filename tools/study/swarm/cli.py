@@ -38,6 +38,7 @@ class Row(msgspec.Struct):
 
     seed: int
     cycles: int  # of all nodes, by all ways
+    simulated_s: float  # what the rig did in them
     features: list[str]
     found: dict[str, list[str]]  # by promise
     refused: str  # in a line; "" for a rig that ran
@@ -52,6 +53,7 @@ class Told(msgspec.Struct):
     first: int
     cycles: int
     cycles_per_s: float
+    times_real_time: float  # of the rig, by all ways
     seeds_per_s: float
     promises: int  # checked, in all seeds
     refused: int
@@ -132,7 +134,7 @@ def checked(world: World, names: Sequence[str] | dict[str, Any] = PROMISES) -> R
 
 def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -> Row:
     case = Case(world, folder, laws)
-    row = Row(world["seed"], 0, world["features"], {}, "", 0.0)
+    row = Row(world["seed"], 0, 0.0, world["features"], {}, "", 0.0)
     try:
         row.found = broken(case, names)
         if world["wrong"]:
@@ -143,6 +145,7 @@ def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -
         if not allowed or "\n" in row.refused:
             row.found = {"refusal": [row.refused]}
     row.cycles = case.cycles
+    row.simulated_s = row.cycles / (1 + len(world["plants"] or "1")) / world["rate_hz"]
     return row
 
 
@@ -167,7 +170,9 @@ def _told(first: int, rows: Sequence[Row], spent_s: float) -> Told:
     )
     cycles, ran = sum(row.cycles for row in rows), [row for row in rows if not row.refused]
     return Told(
-        len(rows), first, cycles, cycles / spent_s, len(rows) / spent_s, len(ran) * len(PROMISES),
+        len(rows), first, cycles, cycles / spent_s,
+        sum(row.simulated_s for row in rows) / spent_s, len(rows) / spent_s,
+        len(ran) * len(PROMISES),
         len(rows) - len(ran), dict(sorted(pairs.items())), [row for row in rows if row.found],
     )  # fmt: skip
 
@@ -178,7 +183,8 @@ def _lines(told: Told) -> list[str]:
     rare = sorted(told.pairs, key=lambda two: told.pairs[two])[:_SHOWN]
     return [
         f"{told.seeds:,} seeds from {told.first} on, {told.refused:,} of them refused",
-        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second",
+        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second, "
+        f"{told.times_real_time:.1f} x real time",
         f"{told.promises:,} promises checked, {len(told.broken)} seeds broke one",
         f"{met:,} pairs of features met, the rarest: {', '.join(rare) or 'none'}",
         *(f"seed {row.seed}: {name}: {lines[0]}\n  pcpc swarm --replay {row.folder}"

@@ -69,11 +69,13 @@ def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
     world: World = {"seed": seed, "around": base, "wrong": []}
-    world["keys"] = keys = {"seed": d.random.randint(1, 10**6), "record": {"keyframe": "100ms"}}
+    world["keys"] = keys = {"seed": d.random.randint(1, 10**6)}
     if base is None:
         _drawn(d, world, keys)
     else:
         _around(d, world, keys, load_rig(base))
+    between_s = max(d.random.randint(100, 400) / world["rate_hz"], 0.1)
+    keys["record"] = {"keyframe": f"{between_s:.3g}s"}
     world["at"] = {name: d.random.random() for name in PLACES}
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world
