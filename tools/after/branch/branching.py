@@ -3,8 +3,8 @@
     before    each node is recomputed from its record and compared with it, bit for bit
     at N - 2  what the node below the executive sent last lies in its neighbours' inboxes, behind
               what the executive had left there; no clock runs from here on
-    from N    changes act in cycle N of each node, later tunings of the log in theirs, and behind the
-              end of the log those of the rig's schedule, with the begins of its faults
+    from N    changes act in cycle N of each node, later tunings of the log in theirs, and behind
+              its end what the rig has then: tunings of the schedule, begins of faults
 
 In cycle k of the exchange in `executive.loop.exchange` the nodes below the executive are one cycle
 ahead, and a fault of frames is set in the cycle before. So the executive is recomputed to N - 3 and

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from pcpc.tools.study.swarm.promises import PROMISES, broken
 from pcpc.tools.study.swarm.shrink import smallest
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
 
 _SEEDS, _LOOK_S, _AHEAD = 100, 0.5, 2  # without a limit; between looks; seeds a process waits with
 _SHOWN = 3  # lines of a broken promise
@@ -65,11 +67,12 @@ def command(request: SwarmRequest) -> int:
     """Run seeds, or a folder again; NOT_MET if a promise is broken."""
     if request.replay is not None:
         return _replayed(request, Path(request.replay))
-    base = None if request.rig is None else str(Path(rigs.find(request.rig)).resolve())
+    names = request.rig.split(",") if request.rig else []
+    bases: list[str | None] = [str(Path(rigs.find(name)).resolve()) for name in names] or [None]
     progress, rows = Progress(request.quiet), list[Row]()
     begin_s, code = time.monotonic(), Exit.OK
     try:
-        for row in _rows(request, base, begin_s):
+        for row in _rows(request, bases, begin_s):
             rows.append(row)
             for name, lines in row.found.items():
                 progress.say(f"seed {row.seed}: {name}: {lines[0]}; {row.folder}")
@@ -83,20 +86,21 @@ def command(request: SwarmRequest) -> int:
     return Exit.NOT_MET if told.broken else code
 
 
-def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[Row]:
+def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) -> Iterator[Row]:
     """Yield what comes of seed after seed, until the limits that are asked for are reached."""
     unlimited = (request.for_s, request.cycles, request.seeds) == (None, None, None)
     seeds = _SEEDS if unlimited else request.seeds
     cycles = done = 0
-    with pool.workers(request.jobs) as workers:
+    with _workers(request) as (workers, count):
         pending: set[Any] = set()
         while True:
             late = request.for_s is not None and time.monotonic() - begin_s >= request.for_s
             enough = late or (request.cycles is not None and cycles >= request.cycles)
-            while not enough and len(pending) < _AHEAD * (request.jobs or os.cpu_count() or 1):
+            while not enough and len(pending) < _AHEAD * count:
                 if seeds is not None and done >= seeds:
                     break
-                pending.add(workers.submit(row_of, request.seed + done, base, request.output))
+                seed, base = request.seed + done, bases[done % len(bases)]
+                pending.add(workers.submit(row_of, seed, base, request.output))
                 done += 1
             if not pending:
                 return
@@ -104,6 +108,18 @@ def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[R
             for one in over:
                 cycles += one.result().cycles
                 yield one.result()
+
+
+@contextmanager
+def _workers(request: SwarmRequest) -> Iterator[tuple[Any, int]]:
+    """Give who does the seeds, and how many at once."""
+    if request.dask is not None:
+        cluster = part_of("study/sweep", "cluster")
+        with cluster.executor("--dask", request.dask) as both:
+            yield both
+        return
+    with pool.workers(request.jobs) as workers:
+        yield workers, request.jobs or os.cpu_count() or 1
 
 
 def row_of(seed: int, base: str | None, output: str) -> Row:

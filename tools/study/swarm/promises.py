@@ -228,8 +228,16 @@ def limits(case: Case) -> Iterator[str]:
 
 def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
     """Yield where a command of a node left its bounds or its rate, or was not safe."""
-    state = node.columns["supervisor.state"]
-    for name, limit in plan(rig, role, "virtual").limits.items():
+    state, wanted = node.columns["supervisor.state"], rig.config.supervisor
+    limited = plan(rig, role, "virtual").limits
+    ramp_s = max(
+        wanted.ramp_s, wanted.quick_stop_s or 0.0,
+        *(max(one.high - safe, safe - one.low) / one.rate_per_s for one in limited.values()
+          for safe in [one.safe or 0.0] if one.rate_per_s),
+    )  # fmt: skip
+    behind = np.searchsorted(node.cycle, node.cycle - int(ramp_s * rig.config.rate_hz) - 3)
+    faulted = (state == State.FAULT) & (state[behind] == State.FAULT) & (behind > 0)
+    for name, limit in limited.items():
         sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
         if not ((sent >= limit.low) & (sent <= limit.high)).all():
             yield f"{name} was beyond its bounds"
@@ -239,6 +247,8 @@ def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
                 yield f"{name} was faster than its rate"
         if (sent[state == State.INIT] != safe).any():
             yield f"{name} was not safe in INIT"
+        if (sent[faulted] != safe).any():
+            yield f"{name} was not safe behind the ramp of a fault"
         ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
         if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
             yield f"{name} rose in FAULT"
