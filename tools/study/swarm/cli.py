@@ -91,6 +91,7 @@ def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) ->
     unlimited = (request.for_s, request.cycles, request.seeds) == (None, None, None)
     seeds = _SEEDS if unlimited else request.seeds
     cycles = done = 0
+    output = str(Path(request.output).resolve()) if request.dask else request.output
     with _workers(request) as (workers, count):
         pending: set[Any] = set()
         while True:
@@ -100,7 +101,7 @@ def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) ->
                 if seeds is not None and done >= seeds:
                     break
                 seed, base = request.seed + done, bases[done % len(bases)]
-                pending.add(workers.submit(row_of, seed, base, request.output))
+                pending.add(workers.submit(row_of, seed, base, output))
                 done += 1
             if not pending:
                 return

@@ -229,7 +229,7 @@ def verdict(case: Case) -> Iterator[str]:
     top = case.log.node["executive"]
     for name, one in case.rig.config.executive.plausible.items():
         x = top.columns.get(f"rx.{name}")
-        if x is not None and not ((x >= one.low) & (x <= one.high)).all():
+        if x is not None and not (((x >= one.low) & (x <= one.high)) | (x == x[0])).all():
             yield f"{name} was taken, which is not plausible"
     pressed = top.columns.get(f"rx.{case.rig.config.supervisor.estop}", np.zeros(1)) != 0.0
     if (pressed & (top.columns["supervisor.state"] < _FAULT)).any():
@@ -288,11 +288,12 @@ def _not_begun(case: Case) -> Iterator[str]:
         for name, one in config.faults.items()
         if one.from_ is not None
     ]
+    least = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in log.node.values())
     noted = {(t["cycle"], t["name"]) for node in log.node.values() for t in node.tunings}
     for at_s, name, early in rows:
         cycle = round(at_s * config.rate_hz)  # one of frames, or of a node below, is set before
         known = {(cycle - back, name) for back in range(early + 1)}
-        if cycle < case.length - 1 and not known & noted:
+        if cycle < least and not known & noted:
             yield f"{name} was not set in cycle {cycle}"
 
 

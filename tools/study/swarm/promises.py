@@ -235,8 +235,9 @@ def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
         *(max(one.high - safe, safe - one.low) / one.rate_per_s for one in limited.values()
           for safe in [one.safe or 0.0] if one.rate_per_s),
     )  # fmt: skip
-    behind = np.searchsorted(node.cycle, node.cycle - int(ramp_s * rig.config.rate_hz) - 3)
-    faulted = (state == State.FAULT) & (state[behind] == State.FAULT) & (behind > 0)
+    places = np.where(state == State.FAULT, 0, np.arange(len(state)))
+    since = node.cycle - node.cycle[np.maximum.accumulate(places)] if len(state) else node.cycle
+    faulted = since > ramp_s * rig.config.rate_hz + 3
     for name, limit in limited.items():
         sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
         if not ((sent >= limit.low) & (sent <= limit.high)).all():
