@@ -235,8 +235,8 @@ def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
         *(max(one.high - safe, safe - one.low) / one.rate_per_s for one in limited.values()
           for safe in [one.safe or 0.0] if one.rate_per_s),
     )  # fmt: skip
-    places = np.where(state == State.FAULT, 0, np.arange(len(state)))
-    since = node.cycle - node.cycle[np.maximum.accumulate(places)] if len(state) else node.cycle
+    rows = np.arange(len(state))  # passes: what is skipped moves no ramp
+    since = rows - np.maximum.accumulate(np.where(state == State.FAULT, 0, rows))
     faulted = since > ramp_s * rig.config.rate_hz + 3
     for name, limit in limited.items():
         sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
