@@ -47,7 +47,8 @@ def passes_of(made: Plan) -> int:
 def held_spans(made: Plan) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
     drive = planned_drive.drive_of(made.rig, made.role)
-    return _spans(len(made.table.variables), bool(made.faults), drive and drive.profile)
+    profile = None if drive is None else drive.profile
+    return _spans(len(made.table.variables), bool(made.faults), profile)
 
 
 @cache

@@ -211,7 +211,7 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
                 factor, offset = scale(about)
                 low = -(1 << about["bits"] - 1) if about["kind"] == "signed" else 0
                 ends = np.array([low, low + (1 << about["bits"]) - 1]) * factor + offset
-                wrong = np.abs(sent - np.clip(meant, *ends)) > 0.5001 * factor
+                wrong = np.abs(sent - np.clip(meant, ends[0], ends[1])) > 0.5001 * factor
             if not any(one.kind == "nan" for one in case.rig.config.faults.values()):
                 wrong |= ~np.isfinite(meant)
             wrong &= _is_there(rows, frame, about)

@@ -49,7 +49,7 @@ def connected(option: str, scheduler: str) -> tuple[Any, Any]:
         silence_logs=logging.CRITICAL,
         preload=__name__,
     )
-    client = None
+    client: Any = None
     with suppress(OSError, ValueError):
         client = distributed.Client(own or scheduler, timeout=ANSWER_S)
     if client is None:
