@@ -19,6 +19,7 @@ from pcpc.executive.rig.schema import FALLBACK
 from pcpc.executive.rig.standby import BLOCK, IN_CHARGE, TO, laws
 
 _OWN = "controller"
+_blocks: dict[str, Block] = {}  # that were made in this process, by their arguments
 
 
 def complete(rig: Rig, role: Role) -> NodeSpec:
@@ -29,9 +30,9 @@ def complete(rig: Rig, role: Role) -> NodeSpec:
     blocks = _by_law(rig, spec)
     adapted = list(_adapting_values(blocks))
     outputs = _outputs(rig, spec, blocks)
-    block = handover.block(
-        names, outputs, [port for _, _, port in adapted], [owner for owner, _, _ in adapted]
-    )
+    about = names, outputs, [port for _, _, port in adapted], [owner for owner, _, _ in adapted]
+    block = _blocks.get(repr(about)) or handover.block(*about)
+    _blocks[repr(about)] = block
     config = rig.config.handover
     if config.to > len(names) - 1:
         raise rig.error("handover.to", f"{config.to:g}; expected 0 to {len(names) - 1}")

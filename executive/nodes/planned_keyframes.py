@@ -1,6 +1,7 @@
 """What a plan says of the keyframes of its node: how often, what is in them, what cannot be."""
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -46,10 +47,16 @@ def passes_of(made: Plan) -> int:
 def held_spans(made: Plan) -> list[layout.Span]:
     """Return what a keyframe of the node holds."""
     drive = planned_drive.drive_of(made.rig, made.role)
+    profile = None if drive is None else drive.profile
+    return _spans(len(made.table.variables), bool(made.faults), profile)
+
+
+@cache
+def _spans(variables: int, faults: bool, profile: str | None) -> list[layout.Span]:
     more = layout.NO_DRIVE
-    if drive is not None:
-        more = layout.OF_DRIVE if drive.profile == "cia402" else layout.OF_ROBOT
-    return layout.spans(len(made.table.variables), bool(made.faults), more)
+    if profile is not None:
+        more = layout.OF_DRIVE if profile == "cia402" else layout.OF_ROBOT
+    return layout.spans(variables, faults, more)
 
 
 def why_none(made: Plan, state: bytes) -> str:

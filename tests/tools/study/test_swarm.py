@@ -3,6 +3,8 @@
 import itertools
 import json
 import pkgutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from places import ROOT
 from pcpc.tools.study.swarm import cli, draws, shrink
 from pcpc.tools.study.swarm.files import World, write
 from pcpc.tools.study.swarm.promises import PROMISES
+from tests.swarm.planted import PLANTED as PLANTED_BY_HAND
 
 Spoil = Callable[[Any], Any]  # what is true: what stands in its place
 CASES = sorted(path.parent for path in ROOT.glob("tests/swarm/*/rig.yaml"))
@@ -185,6 +188,28 @@ def test_nothing_is_left_out_that_is_needed() -> None:
 
     small = shrink.smallest(world(), needs)
     assert needs(small) and small["cycles"] < 200 and len(small["plants"]) == 1, small
+
+
+def test_faults_planted_by_hand_have_their_place() -> None:
+    for name, (file, was, becomes) in PLANTED_BY_HAND.items():
+        text = (ROOT / file).read_text()
+        assert text.count(was) == 1 and was != becomes, name
+        compile(text.replace(was, becomes), file, "exec")
+
+
+@pytest.mark.parametrize("name", ["replay: no ramp", "branch: the next", "judge: repeated frames"])
+@pytest.mark.deep
+def test_faults_planted_by_hand_are_found(name: str) -> None:
+    command = [sys.executable, "-m", "tests.swarm.planted", name]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout and json.loads(done.stdout)["found"], done
+
+
+@pytest.mark.deep
+def test_a_cluster_does_the_seeds_too(tmp_path: Path) -> None:
+    words = ("swarm", "--dask", "local:1", "--seeds", 2, "-q", "-o", tmp_path / "found")
+    done = run_here(*words)
+    assert (done.code, "2 seeds from 1 on" in done.out) == (0, True), done
 
 
 def test_worlds_are_drawn_around_a_rig_of_mine(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
     before    each node is recomputed from its record and compared with it, bit for bit
     at N - 2  what the node below the executive sent last lies in its neighbours' inboxes, behind
               what the executive had left there; no clock runs from here on
-    from N    changes act in cycle N of each node, later tunings of the log in theirs
+    from N    changes act in cycle N of each node, later tunings of the log in theirs, and behind
+              its end what the rig has then: tunings of the schedule, begins of faults
 
 In cycle k of the exchange in `executive.loop.exchange` the nodes below the executive are one cycle
 ahead, and a fault of frames is set in the cycle before. So the executive is recomputed to N - 3 and
@@ -118,7 +119,10 @@ class Branch(VirtualRun):
         self._hand_on()
         for node in self._nodes:
             self._let_go(node.replay.block.loop)
-            _tune_later(node, self._later[node.role])
+            later = self._later[node.role]
+            newest = max([self._newest.get(node.role, -1), node.last, *(row[0] for row in later)])
+            later += [row for row in node.replay.plan.schedule if row[0] > newest]
+            _tune_later(node, later)
 
     def _hand_on(self) -> None:
         hand_on([block.loop for block in self.blocks], self._left_there())

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from pcpc.tools.study.swarm.promises import PROMISES, broken
 from pcpc.tools.study.swarm.shrink import smallest
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
 
 _SEEDS, _LOOK_S, _AHEAD = 100, 0.5, 2  # without a limit; between looks; seeds a process waits with
 _SHOWN = 3  # lines of a broken promise
@@ -38,6 +40,7 @@ class Row(msgspec.Struct):
 
     seed: int
     cycles: int  # of all nodes, by all ways
+    simulated_s: float  # what the rig did in them
     features: list[str]
     found: dict[str, list[str]]  # by promise
     refused: str  # in a line; "" for a rig that ran
@@ -52,6 +55,7 @@ class Told(msgspec.Struct):
     first: int
     cycles: int
     cycles_per_s: float
+    times_real_time: float  # of the rig, by all ways
     seeds_per_s: float
     promises: int  # checked, in all seeds
     refused: int
@@ -63,11 +67,12 @@ def command(request: SwarmRequest) -> int:
     """Run seeds, or a folder again; NOT_MET if a promise is broken."""
     if request.replay is not None:
         return _replayed(request, Path(request.replay))
-    base = None if request.rig is None else str(Path(rigs.find(request.rig)).resolve())
+    names = request.rig.split(",") if request.rig else []
+    bases: list[str | None] = [str(Path(rigs.find(name)).resolve()) for name in names] or [None]
     progress, rows = Progress(request.quiet), list[Row]()
     begin_s, code = time.monotonic(), Exit.OK
     try:
-        for row in _rows(request, base, begin_s):
+        for row in _rows(request, bases, begin_s):
             rows.append(row)
             for name, lines in row.found.items():
                 progress.say(f"seed {row.seed}: {name}: {lines[0]}; {row.folder}")
@@ -81,20 +86,22 @@ def command(request: SwarmRequest) -> int:
     return Exit.NOT_MET if told.broken else code
 
 
-def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[Row]:
+def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) -> Iterator[Row]:
     """Yield what comes of seed after seed, until the limits that are asked for are reached."""
     unlimited = (request.for_s, request.cycles, request.seeds) == (None, None, None)
     seeds = _SEEDS if unlimited else request.seeds
     cycles = done = 0
-    with pool.workers(request.jobs) as workers:
+    output = str(Path(request.output).resolve()) if request.dask else request.output
+    with _workers(request) as (workers, count):
         pending: set[Any] = set()
         while True:
             late = request.for_s is not None and time.monotonic() - begin_s >= request.for_s
             enough = late or (request.cycles is not None and cycles >= request.cycles)
-            while not enough and len(pending) < _AHEAD * (request.jobs or os.cpu_count() or 1):
+            while not enough and len(pending) < _AHEAD * count:
                 if seeds is not None and done >= seeds:
                     break
-                pending.add(workers.submit(row_of, request.seed + done, base, request.output))
+                seed, base = request.seed + done, bases[done % len(bases)]
+                pending.add(workers.submit(row_of, seed, base, output))
                 done += 1
             if not pending:
                 return
@@ -102,6 +109,18 @@ def _rows(request: SwarmRequest, base: str | None, begin_s: float) -> Iterator[R
             for one in over:
                 cycles += one.result().cycles
                 yield one.result()
+
+
+@contextmanager
+def _workers(request: SwarmRequest) -> Iterator[tuple[Any, int]]:
+    """Give who does the seeds, and how many at once."""
+    if request.dask is not None:
+        cluster = part_of("study/sweep", "cluster")
+        with cluster.executor("--dask", request.dask) as both:
+            yield both
+        return
+    with pool.workers(request.jobs) as workers:
+        yield workers, request.jobs or os.cpu_count() or 1
 
 
 def row_of(seed: int, base: str | None, output: str) -> Row:
@@ -132,7 +151,7 @@ def checked(world: World, names: Sequence[str] | dict[str, Any] = PROMISES) -> R
 
 def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -> Row:
     case = Case(world, folder, laws)
-    row = Row(world["seed"], 0, world["features"], {}, "", 0.0)
+    row = Row(world["seed"], 0, 0.0, world["features"], {}, "", 0.0)
     try:
         row.found = broken(case, names)
         if world["wrong"]:
@@ -143,6 +162,7 @@ def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -
         if not allowed or "\n" in row.refused:
             row.found = {"refusal": [row.refused]}
     row.cycles = case.cycles
+    row.simulated_s = row.cycles / (1 + len(world["plants"] or "1")) / world["rate_hz"]
     return row
 
 
@@ -167,7 +187,9 @@ def _told(first: int, rows: Sequence[Row], spent_s: float) -> Told:
     )
     cycles, ran = sum(row.cycles for row in rows), [row for row in rows if not row.refused]
     return Told(
-        len(rows), first, cycles, cycles / spent_s, len(rows) / spent_s, len(ran) * len(PROMISES),
+        len(rows), first, cycles, cycles / spent_s,
+        sum(row.simulated_s for row in rows) / spent_s, len(rows) / spent_s,
+        len(ran) * len(PROMISES),
         len(rows) - len(ran), dict(sorted(pairs.items())), [row for row in rows if row.found],
     )  # fmt: skip
 
@@ -178,7 +200,8 @@ def _lines(told: Told) -> list[str]:
     rare = sorted(told.pairs, key=lambda two: told.pairs[two])[:_SHOWN]
     return [
         f"{told.seeds:,} seeds from {told.first} on, {told.refused:,} of them refused",
-        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second",
+        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second, "
+        f"{told.times_real_time:.1f} x real time",
         f"{told.promises:,} promises checked, {len(told.broken)} seeds broke one",
         f"{met:,} pairs of features met, the rarest: {', '.join(rare) or 'none'}",
         *(f"seed {row.seed}: {name}: {lines[0]}\n  pcpc swarm --replay {row.folder}"

@@ -69,11 +69,13 @@ def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
     world: World = {"seed": seed, "around": base, "wrong": []}
-    world["keys"] = keys = {"seed": d.random.randint(1, 10**6), "record": {"keyframe": "100ms"}}
+    world["keys"] = keys = {"seed": d.random.randint(1, 10**6)}
     if base is None:
         _drawn(d, world, keys)
     else:
         _around(d, world, keys, load_rig(base))
+    between_s = max(d.random.randint(100, 400) / world["rate_hz"], 0.1)
+    keys["record"] = {"keyframe": f"{between_s:.3g}s"}
     world["at"] = {name: d.random.random() for name in PLACES}
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world
@@ -82,6 +84,9 @@ def world_of(seed: int, base: str | None = None) -> World:
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
     world |= {"rate_hz": d.one(*RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
+    world["cycles"] *= d.one(1, 1, 1, 3)
+    world["slow_ms"] = d.one(10, 20, 50, 100, 500)  # between two heartbeats, of other rates
+    d.features.append(f"slow frames each {world['slow_ms']} ms")
     count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
     world["cycles"] //= 4 if count > 3 else 1
@@ -133,13 +138,15 @@ def _plant(d: Drawing) -> World:
     reference = d.one("step", "sine", "chirp", "ramp", "quintic", "sequence")
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
+    presses = d.has(0.08, "emergency stop")
     gains = [{"first": d.near(0.1, 5.0), "second": d.near(-5.0, 5.0)} for _ in range(2)]
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
         "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
         "reference": _reference(d, reference),
         "command": _frame(d, ["command"], True, 0),
-        "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts),
+        "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
+        "press_s": d.near(0.01, 2.0) if presses else 1e6,
     }  # fmt: skip
 
 
@@ -159,7 +166,9 @@ def _reference(d: Drawing, name: str) -> World:
     return {"law": "profiles:sequence", "parameters": {"repeat": 1}, "segments": segments}
 
 
-def _frame(d: Drawing, names: list[str], downwards: bool, layouts: int) -> World:
+def _frame(
+    d: Drawing, names: list[str], downwards: bool, layouts: int, presses: bool = False
+) -> World:
     """Return a frame whose signals lie where they may, drawn until all have found a place."""
     crc = d.one(0, 8, 8, 8, 16)
     d.features.append(f"CRC {crc}" if crc else "no E2E")
@@ -181,6 +190,8 @@ def _frame(d: Drawing, names: list[str], downwards: bool, layouts: int) -> World
             used |= {8 * (signals["counter"]["start"] // 8) + bit for bit in range(8)}
         if downwards:
             signals["mode"] = _placed(d, used, length, 4, "unsigned", whole=True)
+        if presses:
+            signals["estop"] = _placed(d, used, length, 1, "unsigned", whole=True)
         if layouts:
             signals["which"] = _placed(d, used, length, 4, "unsigned", whole=True, layout=-1)
         signals |= {name: _placed(d, used, length, d.random.randint(10, 32)) for name in names}
@@ -242,6 +253,8 @@ def _supervision(d: Drawing, world: World, keys: World) -> None:
         found["quick_stop_s"] = d.near(0.002, 0.02)
     if d.has(0.08, "armed by hand"):
         found["arm"] = "manual"
+    if "estop" in world["plants"][0]["back"]["signals"]:
+        found["estop"] = "FB_1.estop"
     keys["supervisor"] = found
     if d.has(0.2, "overrun policy"):
         keys["overrun"] = d.one({"fault_after": 2}, {"fallback": "second"})

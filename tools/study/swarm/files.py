@@ -14,6 +14,7 @@ from pcpc.tools.terminal.outfile import whole_file
 
 World = dict[str, Any]
 RIG, HISTORY = "rig.yaml", "history.yaml"
+MOST_LAWS = 3  # of an executive, each with its reference
 SPAN = 128.0  # what a signal carries at least, either side of 0
 _HEAD = """VERSION ""
 BU_: EXEC {nodes}
@@ -86,23 +87,27 @@ def _drawn_rig(world: World, laws: str) -> World:
     plants = {}
     for role, i in nodes(world).items():
         one = world["plants"][i - 1]
-        name = "controller" if i == 1 else f"controller_{i}"
-        blocks[f"reference_{i}"] = one["reference"]
+        alone = i > MOST_LAWS  # without a law: its command is that of the first
+        name = "controller" if i == 1 or alone else f"controller_{i}"
         law = {"law": f"{laws}law_{one['shape']}.py:BLOCK", "parameters": one["gains"]}
         inputs = {"position": f"rx.FB_{i}.position", "target": f"reference_{i}.value"}
         if i == 1:
             found["controllers"] = {"first": law, "second": law | {"parameters": one["others"]}}
-        blocks[name] = {"inputs": inputs} | ({} if i == 1 else law)
+        if not alone:
+            blocks[f"reference_{i}"] = one["reference"]
+            blocks[name] = {"inputs": inputs} | ({} if i == 1 else law)
         sent |= {f"CMD_{i}.command": f"{name}.command", f"CMD_{i}.mode": "supervisor.state"}
         back = {f"FB_{i}.position": "lag.position", f"HB_{i}.nmt_state": "supervisor.nmt"}
         for signal in one["back"]["signals"]:
             if signal not in ("position", "counter", "crc"):
-                back[f"FB_{i}.{signal}"] = "lag.which" if signal == "which" else "lag.twice"
+                own = {"which": "lag.which", "estop": "lag.pressed"}
+                back[f"FB_{i}.{signal}"] = own.get(signal, "lag.twice")
         plants[role] = {
             "node": f"PLANT_{i}",
             "blocks": {"lag": {"law": "pcpc.tools.study.swarm.laws:BLOCK",
                                "inputs": {"command": f"rx.CMD_{i}.command"},
-                               "parameters": {"tau_s": one["tau_s"]}}},
+                               "parameters": {"tau_s": one["tau_s"],
+                                              "press_s": one.get("press_s", 1e6)}}},
             "transmit": back, "safe": {f"CMD_{i}.command": one["safe"]},
         }  # fmt: skip
     return found | {"executive": {"node": "EXEC", "blocks": blocks, "transmit": sent}} | plants
@@ -113,7 +118,8 @@ def dbc_text(world: World) -> str:
     plants = nodes(world).values()
     names = [f"PLANT_{i}" for i in plants]
     text = _HEAD.format(nodes=" ".join(names), all=",".join(names))
-    keys = [(128, 1, 0), (1793, 100, 1)]
+    slow_ms = world.get("slow_ms", 100)
+    keys = [(128, 1, 0), (1793, slow_ms, 1)]
     formats: list[int] = []
     floats: list[str] = []
     for i in plants:
@@ -133,7 +139,7 @@ def dbc_text(world: World) -> str:
                 for signal, about in one[key]["signals"].items()
                 if about["kind"] == "float"
             ]
-        keys.append((1793 + i, 100, 1))
+        keys.append((1793 + i, slow_ms, 1))
     text += _KEYS.format(formats=",".join(f'"{one}"' for one in _FORMATS))
     for word, time_ms, kind in keys:
         text += f'BA_ "GenMsgCycleTime" BO_ {word} {time_ms};\n'

@@ -12,6 +12,7 @@ class Parameters(Ports):
 
     tau_s = port("s", "time constant", None, 1e-3, 1e3)
     layouts = port("", "layouts of a frame, in turn", 2.0, 1.0, 8.0)
+    press_s = port("s", "when the emergency stop is pressed", 1e6, 0.0, 1e6)
 
 
 class States(Ports):
@@ -32,6 +33,7 @@ class Outputs(Ports):
     position = port("", "the sample", low=-2000.0, high=2000.0)
     twice = port("", "the sample, doubled")
     which = port("", "layout in turn")
+    pressed = port("", "1 once the emergency stop is pressed")
 
 
 @stage
@@ -41,6 +43,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         x.x += clip(dt / p.tau_s, 0.0, 1.0) * (u.command - x.x)
     y.position = x.x
     y.twice = 2.0 * x.x
+    y.pressed = where(t >= p.press_s, 1.0, 0.0)
     y.which = where(y.which + 1.0 < p.layouts, y.which + 1.0, 0.0)
 
 

@@ -14,17 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.executive.durations import duration_ns
 from pcpc.executive.log.reader import NodeLog
 from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.files import World, nodes, scale
 
 _OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _INJECTED = 0, 1, 2, 3, 4, 6, 16
+_REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERROR}
 _MOST_DELTA, _ON_THE_WAY = 4, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
 _SILENT = 1
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
     2: ("nan",), 8: ("nan",), 9: ("nan",), 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
-    5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",), 15: ("intrusion",),
+    12: ("estop",), 5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",),
+    15: ("intrusion",),
 }  # fmt: skip
 
 
@@ -57,6 +60,12 @@ def frames(case: Case) -> Iterator[str]:
         spent = sum(count for key, count in account.items() if key not in ("sent", "away"))
         if account.get("unread", 0) < 0 or account["sent"] != spent:
             yield f"{role}: of {account['sent']} frames {account}"
+        if role in case.log.node:
+            came = case.log.node[role].frames
+            states = came["e2e"][came["direction"] == 1]
+            for name, state in _REASONS.items():
+                if account[name] != (states == state).sum():
+                    yield f"{role}: {account[name]} {name}, {(states == state).sum()} in the log"
 
 
 def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
@@ -152,18 +161,26 @@ def _misread(case: Case, role: str, name: str, rows: NDArray[Any], frame: World)
     used, at = _recorded(node, used)
     for signal, about in frame["signals"].items():
         column = node.columns.get(f"rx.{name}.{signal}")
-        own = about["layout"] in (None, -1) and f"{name}.{signal}" not in judged
+        own = f"{name}.{signal}" not in judged
         if column is None or not own or signal in ("counter", "crc"):
             continue
         there = value(used["data"], about)
         wrong = (there != column[at]) & ~(np.isnan(there) & np.isnan(column[at]))
         gain, state = (node.columns[f"supervisor.{one}"][at] for one in ("gain", "state"))
         ramps = (gain < 1.0) | (state > _HOLD)
-        wrong &= ~ramps  # of what a plant hears to what is safe
+        wrong &= ~ramps & _is_there(used, frame, about)  # of what a plant hears to what is safe
         if wrong.any():
             k = int(np.argmax(wrong))
             where = f"{role}: {name}.{signal} in cycle {node.cycle[at[k]]}"
             yield f"{where}: {column[at[k]]}, not {there[k]}"
+
+
+def _is_there(rows: NDArray[Any], frame: World, about: World) -> NDArray[np.bool_]:
+    """Return in which frames a signal is, by the layout that each says it has."""
+    which = frame["signals"].get("which")
+    if about["layout"] in (None, -1) or which is None:
+        return np.ones(len(rows), np.bool_)
+    return np.asarray(number(rows["data"], which) == about["layout"])
 
 
 def _recorded(node: NodeLog, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
@@ -185,7 +202,7 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
             yield f"{role}: {name}_{i} was sent with another length"
         for signal, about in frame["signals"].items():
             column = node.columns.get(f"tx.{name}_{i}.{signal}")
-            if column is None or about["layout"] not in (None, -1):
+            if column is None:
                 continue
             sent, meant = value(rows["data"], about), column[at]
             if about["kind"] == "float":
@@ -193,11 +210,11 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
             else:
                 factor, offset = scale(about)
                 low = -(1 << about["bits"] - 1) if about["kind"] == "signed" else 0
-                codes = np.clip(
-                    np.round((meant - offset) / factor), low, low + 2 ** about["bits"] - 1
-                )
-                wrong = np.abs(sent - (codes * factor + offset)) > 1.0001 * factor * (codes != low)
-            wrong |= ~np.isfinite(meant)
+                ends = np.array([low, low + (1 << about["bits"]) - 1]) * factor + offset
+                wrong = np.abs(sent - np.clip(meant, ends[0], ends[1])) > 0.5001 * factor
+            if not any(one.kind == "nan" for one in case.rig.config.faults.values()):
+                wrong |= ~np.isfinite(meant)
+            wrong &= _is_there(rows, frame, about)
             if wrong.any():
                 k = int(np.argmax(wrong))
                 where = f"{role}: {name}_{i}.{signal} in cycle {rows['cycle'][k]}"
@@ -209,10 +226,19 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
 
 def verdict(case: Case) -> Iterator[str]:
     """Yield where a node faulted, or did not, or the run came to what it did not deserve."""
+    top = case.log.node["executive"]
+    for name, one in case.rig.config.executive.plausible.items():
+        x = top.columns.get(f"rx.{name}")
+        if x is not None and not (((x >= one.low) & (x <= one.high)) | (x == x[0])).all():
+            yield f"{name} was taken, which is not plausible"
+    pressed = top.columns.get(f"rx.{case.rig.config.supervisor.estop}", np.zeros(1)) != 0.0
+    if (pressed & (top.columns["supervisor.state"] < _FAULT)).any():
+        yield "the emergency stop was pressed, and the executive went on"
     for role, node in case.log.node.items():
         if case.world["around"] is None:
             yield from _silence(case, role, node)
         yield from _groundless(case, role, node)
+    yield from _not_begun(case)
     wanted, why = deserved(case)
     if case.summary.verdict not in wanted:
         yield f"verdict {case.summary.verdict}, not {' or '.join(sorted(wanted))}: {why}"
@@ -251,6 +277,24 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
         if now not in allowed:
             yield f"{role}: cycle {k[i]}: state {now} behind {before}, {missing} without input"
             return
+
+
+def _not_begun(case: Case) -> Iterator[str]:
+    """Yield what the rig does in a cycle, and no node has noted."""
+    config, log = case.rig.config, case.log
+    rows = [(one.at_s, name, 0) for one in config.schedule for name in one.set]
+    rows += [
+        (1e-9 * duration_ns(one.from_, zero=True), f"fault.{name}.left", 1)
+        for name, one in config.faults.items()
+        if one.from_ is not None
+    ]
+    least = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in log.node.values())
+    noted = {(t["cycle"], t["name"]) for node in log.node.values() for t in node.tunings}
+    for at_s, name, early in rows:
+        cycle = round(at_s * config.rate_hz)  # one of frames, or of a node below, is set before
+        known = {(cycle - back, name) for back in range(early + 1)}
+        if cycle < least and not known & noted:
+            yield f"{name} was not set in cycle {cycle}"
 
 
 def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:

@@ -54,9 +54,18 @@ def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
     """Yield in what two records differ: variables, frames."""
     yield from columns(one, other)
     for role, mine in one.node.items():
-        more, less = ({*map(bytes, n.frames[_FRAME])} for n in (mine, other.node[role]))
-        if more != less:
-            yield f"{role}: {len(more - less)} frames that the other has not, {len(less - more)}"
+        theirs = other.node[role]
+        more, less = _unlike(mine, theirs), _unlike(theirs, mine)
+        if more or less:
+            yield f"{role}: {more} frames that the other has not, {less}"
+
+
+def _unlike(one: logs.NodeLog, other: logs.NodeLog) -> int:
+    """Return how many frames the other has not."""
+    rows, theirs = (node.frames[_FRAME] for node in (one, other))
+    if rows.tobytes() == theirs[: len(rows)].tobytes():  # as a rule, and much sooner seen
+        return 0
+    return len({*map(bytes, rows)} - {*map(bytes, theirs)})
 
 
 def columns(one: logs.Log, other: logs.Log, past: int | None = None) -> Iterator[str]:
@@ -155,13 +164,16 @@ def in_lanes(case: Case) -> Iterator[str]:
 
 def in_parts(case: Case) -> Iterator[str]:
     """Yield what differs in the log that is read in parts."""
-    long = Opened(case.path).part(short=PART_CYCLES, part=PART_CYCLES)
+    long = Opened(case.path).part(
+        lambda head: {role: list(node.columns)[1:] for role, node in head.node.items()},
+        short=PART_CYCLES, part=PART_CYCLES,
+    )  # fmt: skip
     if not isinstance(long, long_logs.LongLog):
         return
     for role, node in case.log.node.items():
         pieces = [(p.node[role], a, b) for p, a, b in long.parts(role)]
         for name, values in node.columns.items():
-            whole = np.concatenate([np.array(p.columns[name])[a:b] for p, a, b in pieces])
+            whole = np.concatenate([p.columns[name][a:b] for p, a, b in pieces])
             if whole.tobytes() != values.tobytes():
                 yield f"{role}: {name} in parts"
 
@@ -216,8 +228,17 @@ def limits(case: Case) -> Iterator[str]:
 
 def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
     """Yield where a command of a node left its bounds or its rate, or was not safe."""
-    state = node.columns["supervisor.state"]
-    for name, limit in plan(rig, role, "virtual").limits.items():
+    state, wanted = node.columns["supervisor.state"], rig.config.supervisor
+    limited = plan(rig, role, "virtual").limits
+    ramp_s = max(
+        wanted.ramp_s, wanted.quick_stop_s or 0.0,
+        *(max(one.high - safe, safe - one.low) / one.rate_per_s for one in limited.values()
+          for safe in [one.safe or 0.0] if one.rate_per_s),
+    )  # fmt: skip
+    rows = np.arange(len(state))  # passes: what is skipped moves no ramp
+    since = rows - np.maximum.accumulate(np.where(state == State.FAULT, 0, rows))
+    faulted = since > ramp_s * rig.config.rate_hz + 3
+    for name, limit in limited.items():
         sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
         if not ((sent >= limit.low) & (sent <= limit.high)).all():
             yield f"{name} was beyond its bounds"
@@ -227,6 +248,8 @@ def broken_limits(rig: Rig, role: Any, node: logs.NodeLog) -> Iterator[str]:
                 yield f"{name} was faster than its rate"
         if (sent[state == State.INIT] != safe).any():
             yield f"{name} was not safe in INIT"
+        if (sent[faulted] != safe).any():
+            yield f"{name} was not safe behind the ramp of a fault"
         ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
         if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
             yield f"{name} rose in FAULT"
@@ -263,10 +286,9 @@ def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
         for name, values in other.columns.items():
             if name not in node.columns or values.tobytes() != node.columns[name][at].tobytes():
                 yield f"{role}: {name} is wrong"
-        here, there = ({*map(bytes, one.frames)} for one in (node, other))
-        if there - here:
+        if _unlike(other, node):
             yield f"{role}: frames that were not"
-        lacks += [role] * (len(other.cycle) < len(node.cycle) or there != here)
+        lacks += [role] * (len(other.cycle) < len(node.cycle) or _unlike(node, other) > 0)
     if lacks and not found.missing:
         yield f"parts of {lacks} are missing, and nothing tells it"
 

@@ -16,7 +16,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,49 +33,71 @@ Origin = tuple[tuple[str, str], ...]
 _LOCAL = re.compile(r"local(?::([1-9]\d*))?")
 
 
+def connected(option: str, scheduler: str) -> tuple[Any, Any]:
+    """Return a client of it and, for local[:N], its cluster; UserError: none, or no worker."""
+    need(f"{option} needs", "distributed")
+    import distributed
+
+    for name in logging.root.manager.loggerDict:  # what matters is told here
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+    local = _LOCAL.fullmatch(scheduler)
+    own: Any = local and distributed.LocalCluster(
+        n_workers=int(local[1]) if local[1] else None,
+        threads_per_worker=1,
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+        preload=__name__,
+    )
+    client: Any = None
+    with suppress(OSError, ValueError):
+        client = distributed.Client(own or scheduler, timeout=ANSWER_S)
+    if client is None:
+        gc.collect()  # what is half made closes itself now; beside the next one it deadlocks
+        what = f"{option} {scheduler}: no answer; start `dask scheduler`"
+        raise UserError(what, Exit.ENVIRONMENT)
+    try:
+        client.wait_for_workers(1, timeout=ANSWER_S)
+    except TimeoutError:
+        close(client, own)
+        what = f"{option} {scheduler}: it has no worker; start `dask worker {scheduler}`"
+        raise UserError(what, Exit.ENVIRONMENT) from None
+    return client, own
+
+
+def close(client: Any, own: Any) -> None:
+    """End a client, and the cluster that was started for it."""
+    client.close(timeout=1)
+    if own:
+        own.close()
+
+
+@contextmanager
+def executor(option: str, scheduler: str) -> Iterator[tuple[Any, int]]:
+    """Give an executor of `concurrent.futures` on it, and how many threads it has."""
+    client, own = connected(option, scheduler)
+    try:
+        yield client.get_executor(pure=False), sum(client.nthreads().values())
+    finally:
+        close(client, own)
+
+
 class Cluster:
     """The workers of a scheduler, for one shard; ends what it has started when it is left."""
 
     def __init__(self, scheduler: str, campaign: Campaign, into: Store) -> None:
         """Connect to it. UserError: no package, no answer, no worker."""
-        need("--scheduler needs", "distributed")
-        import distributed
-
-        for name in logging.root.manager.loggerDict:  # what matters is told here
-            if name.partition(".")[0] == "distributed":
-                logging.getLogger(name).setLevel(logging.CRITICAL)
         self._scheduler, self._store = scheduler, into
         self._origin = tuple(into.spec["origin"].items())
         rig = str(Path(campaign.rig).resolve())
         self._campaign = dataclasses.replace(campaign, rig=rig)
-        local = _LOCAL.fullmatch(scheduler)
-        self._own: Any = local and distributed.LocalCluster(
-            n_workers=int(local[1]) if local[1] else None,
-            threads_per_worker=1,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-            preload=__name__,
-        )
-        with suppress(OSError, ValueError):
-            self._client = distributed.Client(self._own or scheduler, timeout=ANSWER_S)
-        if not hasattr(self, "_client"):
-            gc.collect()  # what is half made closes itself now; beside the next one it deadlocks
-            what = f"--scheduler {scheduler}: no answer; start `dask scheduler`"
-            raise UserError(what, Exit.ENVIRONMENT)
-        try:
-            self._client.wait_for_workers(1, timeout=ANSWER_S)
-        except TimeoutError:
-            self.__exit__()
-            what = f"--scheduler {scheduler}: it has no worker; start `dask worker {scheduler}`"
-            raise UserError(what, Exit.ENVIRONMENT) from None
+        self._client, self._own = connected("--scheduler", scheduler)
 
     def __enter__(self) -> "Cluster":
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._client.close(timeout=1)
-        if self._own:
-            self._own.close()
+        close(self._client, self._own)
 
     def rows(self, pieces: Pieces) -> Iterator[list[RunVerdict]]:
         """Yield the rows of tasks as they are done.

@@ -17,7 +17,7 @@ from logcommand import Done, run_here
 from processes import RIGS, ROOT, pcpc
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.branch.branching import sender_cycle
 
@@ -231,6 +231,24 @@ def test_later_tunings_of_the_log_come_as_they_did(tmp_path: Path) -> None:
     )
     for n in (100, 200, 201, 202, 203, 500, 550):
         assert record(branched(parent, tmp_path / f"b{n}", "--cycle", str(n))) == record(parent), n
+
+
+def test_what_the_rig_begins_behind_the_end_of_its_log_comes_in_a_branch(tmp_path: Path) -> None:
+    """A fault and a tuning, of a run that a stop ended before them."""
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f"""base: {RIGS / "engage.yaml"}
+duration_s: 0.6
+faults: {{stuck: {{{FAULTS["stuck"]}, from: 400ms, for: 20ms}}}}
+schedule: [{{at_s: 0.5, set: {{controller.kv_Nms_rad: 120}}}}]
+""")
+    simulate(load_rig(rig), whole := tmp_path / "whole.mcap")
+    run = VirtualRun(load_rig(rig), short := tmp_path / "short.mcap")
+    run._at_once = 300
+    for _ in run.advance():
+        run.stop()
+    run.close()
+    assert logs.read(short).node["executive"].cycle[-1] < 399
+    assert record(branched(short, tmp_path / "b", "--cycle", "200")) == record(whole)
 
 
 def test_a_branch_of_a_branch_and_a_longer_run(tmp_path: Path) -> None:

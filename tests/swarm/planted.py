@@ -1,0 +1,201 @@
+"""Faults planted in the product, one at a time, and what `pcpc swarm` makes of them.
+
+`python -m tests.swarm.planted [NAME]... [--for S]`, from the root: each is tried
+until a promise is broken, or so long (600 s). A line of JSON each. What a promise's own test plants
+is another one. Exit code 1: more than two were not found.
+"""
+
+import argparse
+import gc
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import CodeType, FunctionType
+
+from pcpc.tools.study.swarm.cli import checked
+from pcpc.tools.study.swarm.draws import world_of
+
+ROOT = Path(__file__).resolve().parents[2]
+_LOOP, _AFTER = "executive/loop", "tools/after"
+PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what stands there instead
+    "recorder: the last row of each drain": (
+        "executive/log/recorder.py", "rows[start : start + count])\n                self.counts",
+        "rows[start : start + max(count - 1, 1)])\n                self.counts"),
+    "recorder: a keyframe a cycle late": (
+        "executive/log/recorder.py", '"keyframes", stamp_ns, cycle, state',
+        '"keyframes", stamp_ns, cycle + 1, state'),
+    "keyframe: a record is left out": (
+        f"{_LOOP}/keyframe_layout.py", "in {**KEPT, **more}.items()",
+        'in [one for one in {**KEPT, **more}.items() if one[0] != "guard"]'),
+    "reader: a damaged record is not told": (
+        "executive/log/mcap_reader.py",
+        'scanned.add_note(f"{what} at byte {place} is damaged ({error}); {lost}")', "pass"),
+    "reader: a cut end is not told": (
+        "executive/log/mcap_reader.py", "    if not summary:\n        why = _GOES_ON",
+        "    if False:\n        why = _GOES_ON"),
+    "long log: the last row of a part": (
+        "executive/log/long_logs.py", "end = min(begin + self.part_cycles, count)",
+        "end = min(begin + self.part_cycles, count - 1)"),
+    "replay: tunings of a slice's last cycle": (
+        "executive/nodes/slices.py",
+        "tunings = [t for t in self._tunings if t[0] <= last]\n"
+        "            self._tunings = [t for t in self._tunings if t[0] > last]",
+        "tunings = [t for t in self._tunings if t[0] < last]\n"
+        "            self._tunings = [t for t in self._tunings if t[0] >= last]"),
+    "replay: frames of a slice's last cycle": (
+        "executive/nodes/slices.py", '"cycle"], last, side="right"', '"cycle"], last, side="left"'),
+    "replay: no ramp at the end": (
+        "executive/nodes/replay.py", "(gain < before) & (state < State.FAULT)", "gain < 0.0"),
+    "replay: frames lost on purpose come again": (
+        "executive/nodes/replay.py", 'part.frames["e2e"] < e2e_states.INJECTED',
+        'part.frames["e2e"] < 255'),
+    "branch: a tuning in its first cycle": (
+        f"{_AFTER}/branch/branching.py", "if name in index and cycle > node.last:",
+        "if name in index and cycle > node.last + 1:"),
+    "branch: what the nodes below sent last": (
+        f"{_AFTER}/branch/branching.py", "into.inbox_put += 1", "into.inbox_put += 0"),
+    "branch: the next tuning alone": (
+        f"{_AFTER}/branch/branching.py", "loop.tuning.n, loop.tuning.done = len(later), 0",
+        "loop.tuning.n, loop.tuning.done = min(len(later), 1), 0"),
+    "lanes: the last lane begins elsewhere": (
+        "executive/batch/group.py", "seat.values[:] = self._begin[role][:, None]",
+        "seat.values[:] = self._begin[role][:, None]; seat.values[:, 7] *= 1.0 + 1e-12"),
+    "lanes: limits of commands": (
+        "executive/batch/cycle.py", "def clamp(value: Lane, low: Lane, high: Lane) -> Lane:",
+        "def clamp(value: Lane, low: Lane, high: Lane) -> Lane:\n    high = high * 0.9\n    _ = 0"),
+    "judge: repeated frames are no loss": (
+        f"{_AFTER}/verdict/frames.py", "if counts[name] > getattr(limits, key)",
+        'if counts[name] > getattr(limits, key) and name != "repeated"'),
+    "judge: a repeated frame counts as used": (
+        f"{_AFTER}/verdict/frames.py", 'STATES.get(state, "unread")',
+        'STATES.get(state * (state != 2), "unread")'),
+    "judge: silence is no fault": (
+        f"{_AFTER}/verdict/outcome.py", "if block is not None and block.control.fault:",
+        "if block is not None and block.control.fault > 1:"),
+    "judge: an end before its time is none": (
+        f"{_AFTER}/verdict/requirements.py", "(cycles - 1 - last) * period_s > END_S * clocked",
+        "False"),
+    "judge: a requirement is half a unit wider": (
+        f"{_AFTER}/verdict/monitors.py", "np.where(forced, holds.margin(rows), math.inf)",
+        "np.where(forced, holds.margin(rows) + 0.5, math.inf)"),
+    "supervisor: holds one cycle longer": (
+        "executive/nodes/planned_supervisor.py", "guard.fault_after = wanted.fault_after_cycles",
+        "guard.fault_after = wanted.fault_after_cycles + 1"),
+    "supervisor: a ramp of twice the time": (
+        "executive/nodes/planned_supervisor.py", "guard.ramp_step = period_s / wanted.ramp_s",
+        "guard.ramp_step = 0.5 * period_s / wanted.ramp_s"),
+    "plan: a rate limit in rad, not in turns": (
+        "executive/nodes/planned_commands.py", "else limit.rate_per_s * period_s",
+        "else limit.rate_per_s * period_s * 6.28"),
+    "plan: plausible a tenth beyond": (
+        "executive/nodes/planned_plausible.py", "these.bounds[i] = limit.low, limit.high, rate",
+        "these.bounds[i] = limit.low, 1.1 * limit.high, rate"),
+    "codec: the sign of a big-endian signal": (
+        "drivers/can/dbc.py", "if extends else 0, signal.kind, place",
+        "if extends and not signal.big_endian else 0, signal.kind, place"),
+    "codec: another layout's signals": (
+        "drivers/can/dbc.py", "0 if signal.layout is None else 1 + signal.layout,", "0,"),
+    "loop: a tuning a cycle late": (
+        f"{_LOOP}/tuning.py", "tuning.schedule[tuning.done].cycle <= n.k",
+        "tuning.schedule[tuning.done].cycle < n.k"),
+    "loop: a command is clamped before its ramp": (
+        f"{_LOOP}/limits.py", "value = min(max(wanted, table[i].low), table[i].high)",
+        "value = wanted if rising else min(max(wanted, table[i].low), table[i].high)"),
+    "loop: a fault forgets its ramp": (
+        f"{_LOOP}/supervisor.py", "guard.gain = max(guard.gain - guard.pace, 0.0)",
+        "guard.gain = max(guard.gain - guard.pace, 0.01)"),
+    "codec: rounds to zero": (
+        "drivers/can/codec.py", "size = (size + _TWO_52) - _TWO_52",
+        "size = (size - 0.4 + _TWO_52) - _TWO_52"),
+    "protection: a repeated frame is used": (
+        "drivers/can/e2e.py", "    if delta == 0:\n", "    if delta == 0 and before == 3:\n"),
+    "protection: the CRC of 16 bits leaves a byte out": (
+        "drivers/can/e2e.py", "if i < crc_byte or i > crc_byte + 1:",
+        "if i < crc_byte or i > crc_byte + 2:"),
+    "protection: five frames may be lost": (
+        "drivers/can/e2e.py", "MAX_DELTA = 4 ", "MAX_DELTA = 5 "),
+    "reception: the second frame of a cycle": (
+        f"{_LOOP}/reception.py", "    if has_doubts(n, row):\n        take_values(n, row, new)",
+        "    if not new:\n        pass\n    elif has_doubts(n, row):\n"
+        "        take_values(n, row, new)"),
+}  # fmt: skip
+_COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cycle")
+_INTERPRETED = (f"{_LOOP}/keyframe_layout.py",)
+
+
+def main() -> int:
+    """Try those that are named, or all; the others of the loop, which is compiled anew, last."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="how names begin")
+    parser.add_argument("--for", type=float, default=600.0, dest="for_s", metavar="S")
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    names = [one for one in PLANTED if not asked.names or one.startswith(tuple(asked.names))]
+    for seed in range(asked.seed, asked.seed + 4):  # what is compiled once
+        checked(world_of(seed))
+    codes = [_in_child(name, asked) for name in sorted(names, key=_is_compiled)]
+    return int(sum(code != 1 for code in codes) > 2)
+
+
+def _is_compiled(name: str) -> bool:
+    file = PLANTED[name][0]
+    return file.startswith(_COMPILED) and file not in _INTERPRETED
+
+
+def _in_child(name: str, asked: argparse.Namespace) -> int:
+    """Plant a fault in a copy, or in a process of its own; return 1 if it was found."""
+    if not _is_compiled(name):
+        pid = os.fork()
+        if not pid:
+            plant(*PLANTED[name])
+            os._exit(tried(name, asked.for_s, asked.seed))
+        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    with tempfile.TemporaryDirectory(prefix="pcpc-planted-") as folder:
+        for part in ("pcpc", "drivers", "executive", "plants", "tools", "tests/swarm"):
+            shutil.copytree(ROOT / part, Path(folder, part), symlinks=True)
+        file, was, becomes = PLANTED[name]
+        Path(folder, file).write_text(Path(folder, file).read_text().replace(was, becomes))
+        call = f"tried({name!r}, {asked.for_s}, {asked.seed})"
+        words = ["-c", f"import sys; from tests.swarm.planted import tried; sys.exit({call})"]
+        return subprocess.run([sys.executable, *words], cwd=folder).returncode
+
+
+def plant(file: str, was: str, becomes: str) -> None:
+    """Give the functions of a module that is not compiled the code of its changed text."""
+    text, path = (ROOT / file).read_text(), str(ROOT / "pcpc" / file)
+    assert text.count(was) == 1, (file, was)
+    module = compile(text.replace(was, becomes), path, "exec")
+    new = {one.co_qualname: one for one in _codes(module)}
+    for one in gc.get_objects():
+        if isinstance(one, FunctionType) and one.__code__.co_filename == path:
+            one.__code__ = new[one.__code__.co_qualname]
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    for one in code.co_consts:
+        if isinstance(one, CodeType):
+            yield one
+            yield from _codes(one)
+
+
+def tried(name: str, for_s: float, seed: int) -> int:
+    """Check seed after seed until one breaks a promise; print what became; return 1 if one did."""
+    begin_s, count, cycles, found = time.monotonic(), 0, 0, dict[str, list[str]]()
+    while not found and time.monotonic() - begin_s < for_s:
+        row = checked(world_of(seed + count))
+        count, cycles, found = count + 1, cycles + row.cycles, row.found
+    told = {promise: lines[0][:160] for promise, lines in found.items()}
+    spent_s = round(time.monotonic() - begin_s, 1)
+    about = {"name": name, "seeds": count, "cycles": cycles, "spent_s": spent_s, "found": told}
+    print(json.dumps(about), flush=True)
+    return int(bool(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
