@@ -64,9 +64,16 @@ def _names(node: int, start: Any) -> dict[int, str]:
     return id_names
 
 
-KINDS = planned_robot.KINDS | {
-    CIA402: planned_robot.RobotKind(Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
-}
+_CANOPEN = planned_robot.RobotKind(
+    Dialect.NONE, _NODES, (), _SCALE, _ids, _ids_of_one, _names,
+    (plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive),
+)  # fmt: skip
+_OF_ROBOT = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
+
+
+def kind_of(drive: Drive) -> planned_robot.RobotKind:
+    """Return what a drive speaks; UserError."""
+    return _CANOPEN if drive.profile == CIA402 else planned_robot.kind_of(drive.profile)
 
 
 def starts(rig: Rig, role: Role) -> Any:
@@ -125,7 +132,7 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     drive = drive_of(rig, role)
     if drive is None:
         return node_frames
-    ids, fd = KINDS[drive.profile].ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
+    ids, fd = kind_of(drive).ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
     if drive.profile == CIA402:
         return [frame for frame in node_frames if frame.can_id not in ids]
     for frame in node_frames:
@@ -169,9 +176,7 @@ def check_senders(rig: Rig, database: dbc.Database, pacing: str) -> None:
 def _spoken_ids(rig: Rig, role: Role) -> set[int]:
     """Return the ids that a drive sends, and those by which it alone is meant."""
     drive = drive_of(rig, role)
-    return (
-        set() if drive is None else KINDS[drive.profile].spoken_ids(drive.node, starts(rig, role))
-    )
+    return set() if drive is None else kind_of(drive).spoken_ids(drive.node, starts(rig, role))
 
 
 def names(rig: Rig, role: Role) -> dict[str, str]:
@@ -179,7 +184,7 @@ def names(rig: Rig, role: Role) -> dict[str, str]:
     drive = drive_of(rig, role)
     if drive is None:
         return {}
-    found = KINDS[drive.profile].names(drive.node, starts(rig, role))
+    found = kind_of(drive).names(drive.node, starts(rig, role))
     known = {message.frame_id for message in database_of(rig).messages}
     shown = {number: name for number, name in found.items() if number not in known}
     return {
@@ -261,14 +266,14 @@ class PlantDrive(Part):
             return
         d, node = loop.canopen, structure(LOOP)
         if drive.profile == CIA402:
-            hooks = plant_drive.hear_drive, plant_drive.work_drive, plant_drive.speak_drive
             objects.install(d, drive.node, dictionary_of(rig, made.role))
             d.position_scale = drive.scale.position or _SCALE
             d.velocity_scale = drive.scale.velocity or _SCALE
         else:
-            hooks = plant_drive.hear_robot, plant_drive.work_robot, plant_drive.speak_robot
             planned_robot.install_robot(loop, rig, drive)
-        d.hears, d.works, d.speaks = (entry_of(one, node) for one in hooks)
+        d.hears, d.works, d.speaks = (
+            entry_of(one, node) for one in kind_of(drive).hooks or _OF_ROBOT
+        )
         d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
         d.answers_last = loop.meeting.ordered
         d.place_position, d.place_command = index[drive.position], index[COMMAND]

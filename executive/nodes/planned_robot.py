@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from pcpc.drivers.machine import outside
 from pcpc.drivers.robots import mit, moteus, moteus_registers, odrive, odrive_settings, settings
 from pcpc.drivers.robots.layout import Dialect
 from pcpc.executive.loop.layout import Loop
@@ -17,7 +18,8 @@ class RobotKind(NamedTuple):
     """A dialect: its number, its nodes, its settings, its scale; of a node and these its ids.
 
     `spoken_ids`: those that no other drive on its bus may have; a master's orders may be to many.
-    `names`: what its frames are called, by id.
+    `names`: what its frames are called, by id. `hooks`: of one from outside: what hears,
+    works and speaks for a LOOP record, as in `executive.loop.plant_drive`.
     """
 
     dialect: Dialect
@@ -27,6 +29,7 @@ class RobotKind(NamedTuple):
     ids: Callable[[int, Starts], set[int]]
     spoken_ids: Callable[[int, Starts], set[int]]
     names: Callable[[int, Starts], dict[int, str]]
+    hooks: tuple[Any, Any, Any] | None = None
 
 
 def _odrive_ids(node: int, _: Starts) -> set[int]:
@@ -62,9 +65,20 @@ KINDS = {
 }  # fmt: skip
 
 
+def kind_of(profile: str) -> RobotKind:
+    """Return a robot's dialect, ours or that of a package of others; UserError."""
+    one = None if profile in KINDS else outside.named("drives", profile)
+    if one is None:
+        return KINDS[profile]
+    found = outside.loaded(one)
+    if not isinstance(found, RobotKind) or found.hooks is None:
+        raise outside.broken(one, f"{one.target} is no RobotKind with hooks")
+    return found
+
+
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
-    kind, section = KINDS[drive.profile], rig.config.key_of(drive)
+    kind, section = kind_of(drive.profile), rig.config.key_of(drive)
     if drive.node not in kind.nodes:
         what = f"{drive.node} is not one of {kind.nodes[0]} to {kind.nodes[-1]}"
         raise rig.error(f"{section}.node", what)
@@ -79,7 +93,7 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
 
 def install_robot(loop: Loop, rig: Rig, drive: Drive) -> None:
     """Write the drive into the LOOP record, but for what `planned_drive` does."""
-    kind, r = KINDS[drive.profile], loop.robot
+    kind, r = kind_of(drive.profile), loop.robot
     settings.install(r, kind.dialect, settings_of(rig, drive))
     loop.canopen.node, loop.canopen.on = drive.node, 1
     r.switches = rig.config.bus.data_bitrate is not None
