@@ -6,6 +6,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class DoctorRequest(Request):
@@ -26,3 +27,4 @@ COMMANDS = (
         first=True,
     ),
 )
+ROOM = Room("docs/timing.md", "tests/tools/machine/test_doctor.py", "doctor")
