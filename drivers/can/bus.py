@@ -1,4 +1,4 @@
-"""Opening a bus: SocketCAN, python-can's udp_multicast, or any other python-can interface.
+"""Opening a bus: SocketCAN, udp_multicast, one of a package of others, or any of python-can.
 
 Names are python-can's: interface, channel. As text `interface[:channel]`; for udp_multicast the
 channel is `group[:port]`. `auto` is decided in `drivers.can.choice`.
@@ -19,8 +19,10 @@ import subprocess
 from dataclasses import dataclass
 
 from pcpc.drivers.can.wire_layout import FRAME_BYTES, Medium, Wire
-from pcpc.drivers.errors import BusError
+from pcpc.drivers.errors import BusError, UserError
+from pcpc.drivers.machine import outside
 
+INTERFACES = "socketcan", "udp_multicast"  # that the compiled loop speaks itself
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
 UDP_PORT = 43113
 LOOPBACK = "127.0.0.1"
@@ -47,7 +49,13 @@ class BusAddress:
     @property
     def compiled(self) -> bool:
         """True if the compiled loop speaks to this bus itself."""
-        return self.interface in ("socketcan", "udp_multicast")
+        return self.interface in INTERFACES or self.addition is not None
+
+    @property
+    def addition(self) -> outside.Addition | None:
+        """What a package of others opens it by; None of one of pcpc's."""
+        is_ours = self.interface in INTERFACES
+        return None if is_ours else outside.named("buses", self.interface)
 
 
 def bus_named(interface: str, channel: str | None) -> BusAddress:
@@ -135,6 +143,8 @@ def open_bus(bus: BusAddress, receive_ids: list[int] | None, end: Wire) -> None:
         wire.prepare(end, Medium.SOCKETCAN, both, both)
     elif bus.interface == "udp_multicast":
         wire.prepare(end, Medium.UDP, *_open_udp(bus.channel))
+    elif bus.addition is not None:
+        wire.prepare(end, Medium.SOCKETCAN, *_open_addition(bus, bool(end.fd)))
     elif LOOP_INTERPRETED:
         wire.prepare(end, Medium.PYTHON_CAN, _open_python_can(bus), -1)
     else:
@@ -163,6 +173,8 @@ def listener(bus: BusAddress) -> socket.socket:
     Each comes with an SCM_TIMESTAMPNS: when it was sent or came in, CLOCK_REALTIME. Without a
     frame for RECEIVE_TIMEOUT_US a receive ends in BlockingIOError.
     """
+    if bus.addition is not None:
+        raise BusError(f"{bus}: who only listens needs socketcan or udp_multicast")
     if bus.interface == "socketcan":
         ear = _open_socketcan(bus.channel, None)
     else:
@@ -326,6 +338,28 @@ def _receive_options(sock: socket.socket) -> None:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+def _open_addition(bus: BusAddress, fd: bool) -> tuple[int, int]:
+    """Return the descriptors of a bus of a package of others; BusError.
+
+    Its `opened(channel, fd)` returns two sockets, to send by and to receive from: each datagram is
+    a struct can_frame, or with `fd` a canfd_frame. What one sends does not come back to it.
+    """
+    one = bus.addition
+    assert one is not None, "as it is one"
+    try:
+        both = outside.loaded(one)(bus.channel, fd)
+        sockets = [socket.socket(fileno=os.dup(end.fileno())) for end in both]
+        for end in both:
+            end.close()
+        sender, receiver = sockets
+        _receive_options(receiver)
+    except UserError as error:
+        raise BusError(str(error)) from None
+    except Exception as error:
+        raise BusError(f"{bus}: {one} cannot open it: {type(error).__name__}: {error}") from None
+    return sender.detach(), receiver.detach()
 
 
 def _open_python_can(bus: BusAddress) -> int:

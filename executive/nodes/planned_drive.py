@@ -65,9 +65,12 @@ def _names(node: int, start: Any) -> dict[int, str]:
     return id_names
 
 
-KINDS = planned_robot.KINDS | {
-    CIA402: planned_robot.RobotKind(None, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
-}
+_CANOPEN = planned_robot.RobotKind(None, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
+
+
+def kind_of(drive: Drive) -> planned_robot.RobotKind:
+    """Return what a drive speaks; UserError."""
+    return _CANOPEN if drive.profile == CIA402 else planned_robot.kind_of(drive.profile)
 
 
 def starts(rig: Rig, role: Role) -> Any:
@@ -126,7 +129,7 @@ def frames(rig: Rig, role: Role, database: dbc.Database, way: Way) -> list[dbc.F
     drive = drive_of(rig, role)
     if drive is None:
         return node_frames
-    ids, fd = KINDS[drive.profile].ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
+    ids, fd = kind_of(drive).ids(drive.node, starts(rig, role)), drive.profile in FD_PROFILES
     if drive.profile == CIA402:
         return [frame for frame in node_frames if frame.can_id not in ids]
     for frame in node_frames:
@@ -170,9 +173,7 @@ def check_senders(rig: Rig, database: dbc.Database, pacing: str) -> None:
 def _spoken_ids(rig: Rig, role: Role) -> set[int]:
     """Return the ids that a drive sends, and those by which it alone is meant."""
     drive = drive_of(rig, role)
-    return (
-        set() if drive is None else KINDS[drive.profile].spoken_ids(drive.node, starts(rig, role))
-    )
+    return set() if drive is None else kind_of(drive).spoken_ids(drive.node, starts(rig, role))
 
 
 def names(rig: Rig, role: Role) -> dict[str, str]:
@@ -180,7 +181,7 @@ def names(rig: Rig, role: Role) -> dict[str, str]:
     drive = drive_of(rig, role)
     if drive is None:
         return {}
-    found = KINDS[drive.profile].names(drive.node, starts(rig, role))
+    found = kind_of(drive).names(drive.node, starts(rig, role))
     known = {message.frame_id for message in database_of(rig).messages}
     shown = {number: name for number, name in found.items() if number not in known}
     return {
@@ -274,8 +275,10 @@ class PlantDrive(Part):
         h.on, (h.hears, h.works, h.speaks) = 1, (entry_of(one, node) for one in hooks)
         d.rate_hz, d.rated = rig.config.rate_hz, drive.rated
         d.answers_last = loop.meeting.ordered
-        spoken = {Maker[one.profile.upper()] for one in rig.config.drives.values()}
-        d.makers = sum(1 << maker for maker in spoken)
+        spoken = {one.profile.upper() for one in rig.config.drives.values()}
+        if not spoken <= {*Maker.__members__}:  # what one from outside hears may look like any
+            spoken = {*Maker.__members__}
+        d.makers = sum(1 << Maker[name] for name in spoken)
         d.place_position, d.place_command = index[drive.position], index[COMMAND]
         d.place_velocity = -1 if drive.velocity is None else index[drive.velocity]
         shown = shown_variables(drive)[0][0]

@@ -3,11 +3,15 @@
 from pathlib import Path
 
 from pcpc.drivers.can import dbc
+from pcpc.drivers.machine import outside
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes import planned_drive
 from pcpc.executive.nodes.part import Part, Plan
+from pcpc.executive.own_laws.modules import PROJECT
+from pcpc.executive.rig.bus_keys import PROFILES
+from pcpc.executive.rig.reading import Rig
 
 
 class Names(Part):
@@ -37,8 +41,18 @@ class Sources(Part):
             "attachments": texts,
             "files": rig.carried_files(made.read),
             "external": list(made.external),
-            "metadata": made.metadata,
+            "metadata": made.metadata | _packages(rig),
         }
+
+
+def _packages(rig: Rig) -> dict[str, str]:
+    """Return the packages of others that the rig or its drives are of; {} of none."""
+    dialects = {drive.profile for drive in rig.config.drives.values()}
+    used = [one for one in outside.additions("drives") if one.name in dialects - {*PROFILES}]
+    if not rig.path.is_relative_to(PROJECT):
+        used += [one for one in outside.additions("plants") if rig.path.is_relative_to(one.folder)]
+    names = sorted({f"{one.package} {one.version}" for one in used})
+    return {"packages": ", ".join(names)} if names else {}
 
 
 def _short(path: Path, rig: Path) -> Path:

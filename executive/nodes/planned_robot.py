@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
+from pcpc.drivers.machine import outside
 from pcpc.drivers.robots import (
     mit,
     moteus,
@@ -21,6 +22,7 @@ from pcpc.executive.rig.bus_keys import Drive
 from pcpc.executive.rig.reading import Rig
 
 Starts = Mapping[str, float]
+HOOKS = "hear", "work", "speak"  # of a dialect's module, each of a Robot record
 
 
 class RobotKind(NamedTuple):
@@ -88,9 +90,22 @@ KINDS = {
 }  # fmt: skip
 
 
+def kind_of(profile: str) -> RobotKind:
+    """Return a robot's dialect, ours or that of a package of others; UserError."""
+    one = None if profile in KINDS else outside.named("drives", profile)
+    if one is None:
+        return KINDS[profile]
+    found = outside.loaded(one)
+    if not isinstance(found, RobotKind):
+        raise outside.broken(one, f"{one.target} is of type {type(found).__name__}, not RobotKind")
+    if lacking := [name for name in HOOKS if not hasattr(found.dialect, name)]:
+        raise outside.broken(one, f"its dialect has no {', '.join(lacking)}")
+    return found
+
+
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
     """Return the drive's settings as they are at the start; RigError for what cannot be."""
-    kind, section = KINDS[drive.profile], rig.config.key_of(drive)
+    kind, section = kind_of(drive.profile), rig.config.key_of(drive)
     if drive.node not in kind.nodes:
         what = f"{drive.node} is not one of {kind.nodes[0]} to {kind.nodes[-1]}"
         raise rig.error(f"{section}.node", what)
@@ -105,10 +120,10 @@ def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:
 
 def install_robot(r: Robot, rig: Rig, drive: Drive) -> None:
     """Write the drive into its record, but for what `planned_drive` does."""
-    kind, of_robot = KINDS[drive.profile], structure(Robot.dtype)
+    kind, of_robot = kind_of(drive.profile), structure(Robot.dtype)
     settings.install(r, settings_of(rig, drive))
     r.node, r.switches = drive.node, rig.config.bus.data_bitrate is not None
     r.position_scale = kind.scale if drive.scale.position is None else drive.scale.position
     r.velocity_scale = kind.scale if drive.scale.velocity is None else drive.scale.velocity
-    hooks = [getattr(kind.dialect, name) for name in ("hear", "work", "speak")]
+    hooks = [getattr(kind.dialect, name) for name in HOOKS]
     r.hears, r.works, r.speaks = (entry_of(one, of_robot) for one in hooks)

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pcpc.drivers.compiled.compile_cache import cache_folder
+from pcpc.drivers.machine import outside
 
 MOST_BYTES = 64 << 20  # of all carried files of a node together
 AREAS = ("drivers", "executive", "plants", "tools")
@@ -81,7 +82,14 @@ def is_outside(file: Path) -> bool:
     What pip notes of a package, beside its source if that is editable, is read by many an import.
     """
     is_pips = any(part.endswith((".egg-info", ".dist-info")) for part in file.parts)
-    return not is_pips and not str(file).startswith(_inside()) and is_ordinary(file)
+    if is_pips or not is_ordinary(file):
+        return False
+    return not str(file).startswith(_inside()) or _is_of_plant(file)
+
+
+def _is_of_plant(file: Path) -> bool:
+    """Return whether a file belongs to a system that an installed package brings."""
+    return any(file.is_relative_to(one.folder) for one in outside.additions("plants"))
 
 
 def is_ordinary(file: Path) -> bool:

@@ -2,7 +2,7 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -93,6 +93,9 @@ class Gains(Keyed):
     integral_per_s: Gain = 0.0
 
 
+PROFILES = "cia402", "odrive", "mit", "moteus", "robstride"  # beside those of packages of others
+
+
 class Drive(Keyed):
     """The plant as a drive on CAN: a block's input is wired to `drive.command`.
 
@@ -101,7 +104,7 @@ class Drive(Keyed):
     `objects`: values at the start, by index and subindex (6085, 1800.3), or a setting's name.
     """
 
-    profile: Literal["cia402", "odrive", "mit", "moteus", "robstride"]
+    profile: Word
     node: Annotated[int, Meta(ge=0, le=255)]
     position: str
     velocity: str | None = None

@@ -11,9 +11,11 @@ from typing import Any
 
 import msgspec
 
+from pcpc.drivers.machine import outside
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.own_laws.modules import project_file
 from pcpc.executive.rig import fmu, standby, tables
+from pcpc.executive.rig.bus_keys import PROFILES
 from pcpc.executive.rig.conversion import as_data, convert, file_keys_of
 from pcpc.executive.rig.effective import file_keys, value_at
 from pcpc.executive.rig.roles import PLANTS, Role
@@ -52,6 +54,7 @@ def _texts(data: Any, keys: Keys) -> Iterator[tuple[Keys, str]]:
 def check(document: Document, config: Config) -> None:
     """Raise the first contradiction between the keys of a rig; RigError."""
     problems = chain(
+        _drives(config),
         _plants(config),
         _blocks(document, config),
         _overrun(document, config),
@@ -70,6 +73,14 @@ def check(document: Document, config: Config) -> None:
     for keys in file_keys(as_data(config)):
         if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
             document.file(keys, value_at(document.data, keys), _CURES.get(keys, ""))
+
+
+def _drives(config: Config) -> Problems:
+    for role, drive in config.drives.items():
+        name = drive.profile
+        if name not in PROFILES and outside.named("drives", name) is None:
+            known = (*PROFILES, *(one.name for one in outside.additions("drives")))
+            yield (role, "drive", "profile"), f"unknown value {name}{did_you_mean(name, known)}"
 
 
 def _plants(config: Config) -> Problems:

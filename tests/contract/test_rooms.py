@@ -18,7 +18,9 @@ from processes import ROOT
 from test_architecture import TREES, imports, within
 
 import pcpc
+from pcpc.tools import cli
 from pcpc.tools.cli.commands import COMMANDS
+from pcpc.tools.terminal.rooms import Room, declared_rooms
 
 LINKED = ("drivers", "executive", "plants", "pyproject.toml")
 _IN_THE_COPY = """
@@ -48,48 +50,21 @@ print(json.dumps({"came": came, "refused": refused, "all": pcpc.__all__,
 
 
 @dataclass(frozen=True)
-class Room:
-    """What is taken out, and a command line that asks for it then."""
+class Taken:
+    """What is taken out, and what it says of itself."""
 
     folder: str
-    asked: tuple[str, ...]
-    told: str  # in the answer
-    code: int = 2
-    goes_with: tuple[str, ...] = ()  # files and rooms that need this one
-    names: tuple[str, ...] = ()  # of `import pcpc`
+    room: Room
+
+    @property
+    def names(self) -> set[str]:
+        """Return the names of `import pcpc` that are the room's."""
+        return {one for one, place in pcpc._PLACES.items() if f"/{self.folder}/" in f"/{place}/"}
 
 
-ROOMS = (
-    Room("study/sweep", ("sweep", "probe"), "no such command", names=("Sweep", "sweep")),
-    Room("study/margin", ("margin", "probe"), "no such command",
-         goes_with=("study/book/rivals.py",), names=("Margin", "Margins", "Response", "margin")),
-    Room("study/fit", ("fit", "probe", "latest"), "no such command", names=("Fit", "fit")),
-    Room("study/swarm", ("swarm", "--seeds", "1"), "no such command", goes_with=("dev/evidence",)),
-    Room("study/bounds", ("bounds", "probe"), "no such command", names=("Bounds", "bounds")),
-    Room("make/generate", ("generate", "c", "probe"), "no such command",
-         goes_with=("dev/bench", "make/fmu/cli.py", "make/web")),
-    Room("make/fmu", ("generate", "fmu", "probe"), "'fmu' is not known"),
-    Room("make/web", ("generate", "web", "probe"), "'web' is not known"),
-    Room("live/host", ("run", "probe", "--host"), "no option --host",
-         goes_with=("make/web",)),
-    Room("live/host/foxglove", ("host", "--foxglove"), "no option --foxglove"),
-    Room("after/report", ("report", "latest"), "no such command"),
-    Room("dev/evidence", ("evidence",), "no such command"),
-    Room("live/watchdog", ("run", "watched.yaml"), "not in this installation", 4),
-    Room("live/xcp", ("xcp",), "no such command"),
-    Room("make/device", ("run", "probe", "--device", "true"), "no option --device"),
-    Room("after/bisect", ("bisect", "hull", "a", "b"), "no such command"),
-    Room("after/branch", ("branch", "latest"), "no such command"),
-    Room("after/compare", ("compare", "a", "b"), "no such command",
-         goes_with=("after/bisect", "after/branch"), names=("Comparison", "compare")),
-    Room("after/step", ("replay", "latest", "--cycle", "1"), "no option --cycle"),
-    Room("after/verify", ("replay", "latest", "--brief"), "no option --brief"),
-    Room("live/top", ("top",), "no such command"),
-    Room("machine/doctor", ("doctor",), "no such command"),
-    Room("machine/vm", ("vm",), "no such command", goes_with=("machine/doctor",)),
-    Room("study/experiment", ("experiment", "approximation"), "no such command",
-         goes_with=("study/book/rivals.py", "study/book/rough.py", "study/margin/book/tuning.py")),
-)  # fmt: skip
+DECLARED = declared_rooms()
+ROOMS = [Taken(name, one) for name, one in DECLARED.items() if one.asked]
+ROOMS.append(Taken("dev/evidence", Room("", "", "evidence")))  # of the repository only
 STAYS = "after/log", "machine/jitter", "start/bus"  # others stand on them
 
 
@@ -105,11 +80,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def without(copy: Path, room: Room) -> Iterator[None]:
+def without(copy: Path, room: Taken) -> Iterator[None]:
     """Take a room out of the copy for a while."""
     aside, folder = copy / "aside", copy / "tools" / room.folder
     aside.mkdir()
-    places = [folder, *(copy / "tools" / name for name in room.goes_with)]
+    places = [folder, *(copy / "tools" / name for name in room.room.needed_by)]
     for number, place in enumerate(places):
         place.rename(aside / f"{number}")
     (folder / "__pycache__").mkdir(parents=True)  # as where git has deleted it
@@ -156,37 +131,59 @@ def commands_in(folder: str) -> set[str]:
     return {command.name for commands in found for command in commands}
 
 
-def test_every_room_is_taken_out_here_or_stays() -> None:
+def test_every_room_says_what_it_is() -> None:
     files = (ROOT / "tools").glob("*/**/commands.py")
     rooms = {file.parent.relative_to(ROOT / "tools").as_posix() for file in files}
-    rooms = {name for name in rooms if "/" in name}
-    known = {room.folder for room in ROOMS if not room.folder.startswith("dev/")}
-    assert rooms == known | {*STAYS}
+    assert {name for name in rooms if "/" in name} == {*DECLARED}
+    assert {name for name, one in DECLARED.items() if not one.asked} == {*STAYS}
+    nav = (ROOT / "mkdocs.yml").read_text("utf-8")
+    for name, one in DECLARED.items():
+        commands = commands_in(name) | {one.asked.split()[0]} if one.asked else commands_in(name)
+        page = (ROOT / one.page).read_text("utf-8")
+        assert f"- {one.page}\n" in nav, name
+        assert any(f"pcpc {command}" in page for command in commands), (name, one.page)
+        place = ROOT / one.attacked_by
+        tests = [place] if place.is_file() else [*place.glob("**/test_*.py")]
+        text = "".join(file.read_text("utf-8") for file in tests)
+        assert re.search(r"pytest\.raises|\.code == [1-9]|refused|== 2", text), (name, place)
+        assert all((ROOT / "tools" / other).exists() for other in one.needed_by), name
+
+
+def test_help_says_what_a_room_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["help", "compare"]) == 0
+    told = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert ["page", "docs/howto/ci.md"] in told and ["without", "it   no after/branch"] in told
 
 
 @pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.folder)
-def test_a_room_can_be_taken_out(room: Room, copy: Path, tmp_path: Path) -> None:
+def test_a_room_can_be_taken_out(room: Taken, copy: Path, tmp_path: Path) -> None:
     simulate = ("simulate", "probe", "--set", "duration_s=0.02", "--no-figure", "-o", "run")
     watched = f"base: {ROOT}/plants/probe/rig.yaml\nrig: watched\nwatchdog: {{}}\n"
     (tmp_path / "watched.yaml").write_text(watched)
-    commands = [("help", "all"), ("--help",), ("check", "probe"), simulate, room.asked]
+    commands = [
+        ("help", "all"),
+        ("--help",),
+        ("check", "probe"),
+        simulate,
+        tuple(room.room.asked.split()),
+    ]
     with without(copy, room):
         found = in_copy(copy, commands, tmp_path)
     *works, (code, out, err) = found["came"]
     assert [one[0] for one in works] == [0] * 4, works
-    gone = set().union(*map(commands_in, (room.folder, *room.goes_with)))
+    gone = set().union(*map(commands_in, (room.folder, *room.room.needed_by)))
     assert listed(works[0][1]) == {*COMMANDS} - gone, works[0][1]
     assert found["refused"] == {}
-    assert set(found["all"]) == {*pcpc.__all__} - {*room.names} and not found["lost"], found["lost"]
-    assert code == room.code and not out, (code, out, err)
-    assert room.told in err and "Traceback" not in err, err
+    assert set(found["all"]) == {*pcpc.__all__} - room.names and not found["lost"], found["lost"]
+    assert code == room.room.code and not out, (code, out, err)
+    assert room.room.refused in err and "Traceback" not in err, err
 
 
 @pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.folder)
-def test_nothing_else_imports_a_room_not_in_a_function_either(room: Room) -> None:
+def test_nothing_else_imports_a_room_not_in_a_function_either(room: Taken) -> None:
     gone = tuple(
         f"tools.{name.removesuffix('.py').replace('/', '.')}"
-        for name in (room.folder, *room.goes_with)
+        for name in (room.folder, *room.room.needed_by)
     )
     left = {
         name: tree

@@ -1,4 +1,4 @@
-"""The workflow of docs/howto/ci.md: its steps are carried out in a clean environment.
+"""The workflow of docs/howto/ci.md, the actions that it uses, and GitLab's: their steps are done.
 
 A fresh repository with a user's rig, an empty home, nothing of this environment. The step on vcan0
 boots a machine for minutes: tools/vcan_stage.sh runs this file with it, `make test` without.
@@ -10,6 +10,8 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +25,51 @@ from pcpc.tools import cli
 
 pytestmark = pytest.mark.deep
 
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 (_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.text.startswith("# .github/")]
 WORKFLOW, WORKFLOW_FILE = yaml.safe_load(_TEXT), _TEXT.split()[1]
 REQUIREMENTS, *_ = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.language == "text"]
 JOB = WORKFLOW["jobs"]["rigs"]
-STEPS: dict[str, dict[str, Any]] = {s["name"]: s for s in JOB["steps"] if "run" in s}
-PACKAGES, ON_VCAN = "packages for a machine with CAN", "the same on a CAN interface of the kernel"
+ACTIONS = {
+    f"OWNER/pcpc{place}@v{VERSION}": yaml.safe_load((ROOT / file).read_text("utf-8"))
+    for place, file in (
+        ("", "action.yml"),
+        ("/.github/actions/vcan", ".github/actions/vcan/action.yml"),
+    )
+}
+GITLAB = yaml.safe_load((ROOT / ".gitlab/rigs.yml").read_text("utf-8"))
+
+
+def expanded(steps: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the steps that run something, those of our actions with their inputs."""
+    for step in steps:
+        if "run" in step:
+            yield {"inputs": {}, **step}
+        elif (action := ACTIONS.get(step["uses"])) is not None:
+            assert set(step["with"]) <= set(action["inputs"]), step
+            given = {name: one.get("default", "") for name, one in action["inputs"].items()}
+            own = [one for one in action["runs"]["steps"] if "run" in one]
+            assert all(one["shell"] == "bash" for one in own), "a composite action says its shell"
+            yield from ({"inputs": given | step["with"], **one} for one in own)
+
+
+STEPS = [*expanded(JOB["steps"])]
+PACKAGES, ON_VCAN = "packages for a machine with CAN", "script on vcan0"
 WITH_VCAN = "PCPC_CI_ON_VCAN" in os.environ
-LIMITS = "the rig in virtual time, with its limits"
-COMMENT, SAME = "tell it under the pull request", "all three have the same bits"
+LIMITS, SAME = "simulate and judge", "all three have the same bits"
 GH = """#!/bin/sh
+[ ! -e "$HOME/forbidden" ] || exit 1
 printf '%s\\n' "$@" > "$HOME/words"
 for last; do :; done
 cp "$last" "$HOME/comment.md"
 """
+CURL = """#!/bin/sh
+printf '%s\\n' "$@" > "$HOME/words"
+cp table.md "$HOME/comment.md"
+"""
+_KNOWN = {  # what the service puts in place of an expression
+    "github.base_ref": "main", "github.token": "token", "github.event.number": "7",
+}  # fmt: skip
 
 
 class Runner:
@@ -47,12 +80,13 @@ class Runner:
         (self.home / ".cache").mkdir(parents=True)
         programs = self.home / "bin"
         programs.mkdir()
-        (programs / "gh").write_text(GH)
-        (programs / "gh").chmod(0o755)
+        for name, text in (("gh", GH), ("curl", CURL)):
+            (programs / name).write_text(text)
+            (programs / name).chmod(0o755)
         self.environment = {
             "HOME": str(self.home), "LANG": "C.UTF-8", "CI": "true", "GITHUB_BASE_REF": "main",
             "GITHUB_STEP_SUMMARY": str(self.home / "summary.md"),
-            "PATH": f"{programs}:{Path(sys.executable).parent}:/usr/bin:/bin", **WORKFLOW["env"],
+            "PATH": f"{programs}:{Path(sys.executable).parent}:/usr/bin:/bin",
         }  # fmt: skip
         cache = user_cache()
         assert cache is not None
@@ -73,12 +107,13 @@ class Runner:
     def job(self) -> dict[str, bool]:
         """Carry out the steps as the service does; return which of them were, and which held."""
         held: dict[str, bool] = {}
-        for name, step in STEPS.items():
+        for step in STEPS:
+            name = step["name"]
             if name == PACKAGES or (name == ON_VCAN and not WITH_VCAN) or not due(step, held):
                 continue
             if name == SAME and not WITH_VCAN:
                 shutil.copytree(self.repo / "runs/lockstep", self.repo / "runs/vcan0")
-            given = {key: re.sub(r"\$\{\{.*\}\}", "7", v) for key, v in step.get("env", {}).items()}
+            given = {key: filled(text, step) for key, text in step.get("env", {}).items()}
             if name == "install":
                 given["PIP_DRY_RUN"] = "1"  # this environment is that of all tests
             try:
@@ -104,12 +139,32 @@ class Runner:
         return done.stdout
 
 
+def filled(text: str, step: dict[str, Any]) -> str:
+    """Return a text of a step with what the service puts in place of its expressions."""
+
+    def value(found: re.Match[str]) -> str:
+        name = found[1]
+        given = step["inputs"].get(name.removeprefix("inputs."))
+        return filled(str(given), step) if name.startswith("inputs.") else _KNOWN[name]
+
+    return re.sub(r"\$\{\{ (\S+) \}\}", value, text)
+
+
 def due(step: dict[str, Any], held: dict[str, bool]) -> bool:
     """Return whether a step is carried out after others of which these held."""
-    asked = str(step.get("if", ""))
-    ids = {STEPS[name]["id"]: good for name, good in held.items() if "id" in STEPS[name]}
-    needed = re.findall(r"steps\.(\w+)\.outcome == 'success'", asked)
-    return ("!cancelled()" in asked or all(held.values())) and all(ids.get(n) for n in needed)
+    asked = [one.strip() for one in str(step.get("if", "")).strip("${} ").split("&&") if one]
+    done = {one["id"] for one in STEPS if "id" in one and one["name"] in held}
+    for term in asked:
+        if ran := re.fullmatch(r"steps\.(\w+)\.outcome != 'skipped'", term):
+            met = ran[1] in done
+        elif found := re.fullmatch(r"(\S+) ([!=]=) '(\w*)'", term):
+            met = (filled(f"${{{{ {found[1]} }}}}", step) == found[3]) == (found[2] == "==")
+        else:
+            assert term in ("!cancelled()", "github.event.number"), term
+            met = True
+        if not met:
+            return False
+    return "!cancelled()" in asked or all(held.values())
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +187,29 @@ def test_behind_a_failed_limit_the_table_comes_all_the_same(tmp_path: Path, whee
     assert [name for name, good in held.items() if not good] == [LIMITS], held
     comment = (runner.home / "comment.md").read_text()
     assert "controllers.pid.parameters.kp_V_rad 30 -> 300" in comment, comment
+
+
+def test_without_permission_to_comment_the_job_is_still_good(runner: Runner) -> None:
+    (comment,) = [step for step in STEPS if step["name"] == "comment"]
+    assert due(comment, {LIMITS: False, "compare with the base branch": False}), "it failed: told"
+    (runner.home / "forbidden").touch()
+    told = runner.run(comment["run"], PR="7")
+    (runner.home / "forbidden").unlink()
+    assert told == "::notice::no permission to comment; the table is in the summary of this job\n"
+
+
+@pytest.mark.parametrize(("kp_V_rad", "code"), [("31.0", 0), ("300.0", 1)])
+def test_gitlab_does_the_same(kp_V_rad: str, code: int, tmp_path: Path, wheel: Path) -> None:
+    runner, job = Runner(tmp_path, wheel, kp_V_rad), GITLAB["rigs"]
+    named = GITLAB["variables"] | {"RIGS": "motor", "GITLAB_TOKEN": "t", "PIP_DRY_RUN": "1"}
+    named |= {"CI_MERGE_REQUEST_TARGET_BRANCH_NAME": "main", "CI_API_V4_URL": "https://host"}
+    script = "\n".join([*job["before_script"], *job["script"]])
+    runner.run(f"( {script}\n) && came=0 || came=$?; [ $came = {code} ]", **named)
+    comment = (runner.home / "comment.md").read_text()
+    assert f"controllers.pid.parameters.kp_V_rad 30 -> {kp_V_rad.removesuffix('.0')}" in comment
+    assert "PRIVATE-TOKEN: t" in (runner.home / "words").read_text()
+    kept = [*job["artifacts"]["paths"], job["artifacts"]["reports"]["junit"]]
+    assert [name for name in kept if not (runner.repo / name).exists()] == []
 
 
 def test_the_requirement_names_the_wheel(wheel: Path) -> None:
@@ -160,7 +238,9 @@ def test_the_table_of_the_page_is_the_one_that_comes(runner: Runner) -> None:
 
 
 def test_what_is_kept_is_there(runner: Runner) -> None:
-    (kept,) = [step["with"]["path"] for step in JOB["steps"] if "upload" in step.get("uses", "")]
+    (action, _) = ACTIONS.values()
+    steps = action["runs"]["steps"]
+    (kept,) = [step["with"]["path"] for step in steps if "upload" in step.get("uses", "")]
     assert all((runner.repo / name).exists() for name in kept.split("\n")), kept
     report = (runner.repo / "compared/report.md").read_text()
     assert (
@@ -183,20 +263,30 @@ def test_the_packages_are_those_of_make_vcan_tools() -> None:
         assert found is not None
         return found[1].split()
 
-    assert packages(STEPS[PACKAGES]["run"]) == packages((ROOT / "Makefile").read_text())
+    (step,) = [one for one in STEPS if one["name"] == PACKAGES]
+    assert packages(step["run"]) == packages((ROOT / "Makefile").read_text())
 
 
 def test_the_step_on_vcan0_is_a_command_line() -> None:
-    words = shlex.split(STEPS[ON_VCAN]["run"].replace("$RIG", "motor"))
+    (step,) = [one for one in STEPS if one["name"] == ON_VCAN]
+    words = shlex.split(step["run"].replace("$LIMIT", filled(step["env"]["LIMIT"], step)))
     options = cli.parsed_options(words[1:])
-    inner = cli.parsed_options(options.rest[1:])
-    assert (words[0], options.rest[0], options.timeout_s) == ("pcpc", "pcpc", 1200.0)
+    assert (words[0], options.timeout_s) == ("pcpc", 1200.0)
+    assert options.rest == ["bash", "-eo", "pipefail", "-c", "$RUN"]
+    pcpc, *rest = shlex.split(filled(step["env"]["RUN"], step))
+    inner = cli.parsed_options(rest)
+    assert pcpc == "pcpc"
     assert (inner.command, inner.bus, inner.pacing, inner.output) == (
         "run", "vcan0", "lockstep", "runs/vcan0",
     )  # fmt: skip
 
 
 def test_actions_are_named_with_their_versions() -> None:
-    used = [step["uses"] for step in JOB["steps"] if "uses" in step]
+    used = [step["uses"] for step in JOB["steps"] if step.get("uses") not in (None, *ACTIONS)]
     assert used and all(re.fullmatch(r"actions/[a-z-]+@v\d+", name) for name in used), used
+    steps = [step for one in ACTIONS.values() for step in one["runs"]["steps"]]
+    pinned = [step["uses"] for step in steps if "uses" in step]
+    assert len(pinned) == 3, pinned
+    assert all(re.fullmatch(r"actions/[a-z-]+@[0-9a-f]{40}", name) for name in pinned), pinned
+    assert not [step for step in steps if "${{" in step.get("run", "")], "a script takes a text"
     assert os.path.basename(WORKFLOW_FILE) == "rigs.yaml"

@@ -54,6 +54,23 @@ def test_before_a_commit_runs_what_lint_runs() -> None:
     assert [f"$(BIN)/{entry}" for entry in entries] == lines
 
 
+def test_who_changes_the_project_is_told_what_is_there() -> None:
+    text = (ROOT / "AGENTS.md").read_text("utf-8")
+    assert "](AGENTS.md)" in (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    assert len(text.splitlines()) <= 60 and max(map(len, text.splitlines())) <= 120
+    names = set(re.findall(r"`([\w./-]+/[\w./-]*|[A-Z]+\.md)`|\]\(([^)]+)\)|bash (\S+)", text))
+    paths = {name for found in names for name in found if name}
+    assert len(paths) > 25 and [name for name in paths if not (ROOT / name).exists()] == []
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    for target in set(re.findall(r"make ([a-z-]+)", text)):
+        assert re.search(rf"^([a-z -]+ )?{target}( [a-z -]+)?:", makefile, re.MULTILINE), target
+    for heading in ("Which source wins", "What to read first", "What a change has to pass",
+                    "What must never happen"):  # fmt: skip
+        assert f"## {heading}\n" in text
+    never = text.partition("## What must never happen")[2]
+    assert all(word in never for word in ("loop's path", "loosened limit", "blessed golden"))
+
+
 @pytest.mark.parametrize("name", ["fault", "wish"])
 def test_who_opens_an_issue_is_asked_for_what_is_needed(name: str) -> None:
     form = yaml.safe_load((ROOT / f".github/ISSUE_TEMPLATE/{name}.yaml").read_text("utf-8"))

@@ -2,20 +2,21 @@
 
 import argparse
 import gc
+import os
 import platform
 import re
 import resource
 import shlex
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine import outside
 from pcpc.tools.cli import completion
-from pcpc.tools.cli.commands import COMMANDS, overview
+from pcpc.tools.cli.commands import COMMANDS, named, overview
 from pcpc.tools.cli.earlier import present_words
 from pcpc.tools.terminal.command import check_places
 from pcpc.tools.terminal.ending import end_in_order
@@ -28,7 +29,12 @@ _OF_THE_REPOSITORY = {"bench": "bench", "evidence": "evidence", "soak": "evidenc
 
 def complete() -> None:
     """Answer a shell that asks which words may come next."""
-    completion.complete(parser(), [name for name in COMMANDS if " " in name])
+    name = [*os.environ.get("COMP_LINE", "").split(), "", ""][1]
+    try:
+        found = parser("" if name in COMMANDS or named(name) is None else name)
+    except UserError:  # that of a package which is broken
+        found = parser()
+    completion.complete(found, [name for name in COMMANDS if " " in name])
 
 
 def goes_on(words: Sequence[str]) -> bool:
@@ -49,7 +55,7 @@ def carry_out(words: Sequence[str], begin_ns: int) -> int:
     options = parsed_options(words)
     if note:
         print(note, file=sys.stderr)
-    command = COMMANDS[options.command]
+    command = options.whole
     options.begin_ns = begin_ns
     _allow_open_files()
     check_places(options)
@@ -62,12 +68,12 @@ def carry_out(words: Sequence[str], begin_ns: int) -> int:
         from pcpc.executive.nodes import first_start
 
         first_start.start_helper(str(options.rig))
-    module = import_module(f"pcpc.tools.{options.registered.module}")
+    function = options.registered.function()
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
     end_in_order()
-    return int(module.command(options.registered.request(options)))
+    return int(function(options.registered.request(options)))
 
 
 def _allow_open_files() -> None:
@@ -87,14 +93,14 @@ def parsed_options(words: Sequence[str]) -> argparse.Namespace:
         raise UserError(f"pcpc: {what}")
     words = joined(words)
     name = words[0]
-    if not name.startswith("-") and name not in COMMANDS:
+    command = None if name.startswith("-") else named(name)
+    if command is None and not name.startswith("-"):
         from pcpc.executive.errors import did_you_mean
 
         cure = did_you_mean(name, COMMANDS) or "; `pcpc --help` lists all"
         if module := _OF_THE_REPOSITORY.get(name):
             cure = f" any more; in the repository, `python -m pcpc.tools.dev.{module}` is it"
         raise UserError(f"pcpc {name}: no such command{cure}")
-    command = COMMANDS.get(name)
     last = command.last if command is not None else ""
     rest: list[str] = []
     behind: list[str] = []
@@ -104,7 +110,7 @@ def parsed_options(words: Sequence[str]) -> argparse.Namespace:
     if last and last in words:  # argparse would stop at a -- in it
         at = words.index(last) + 1
         words, behind = words[:at], list(words[at:])
-    options = parser(words[0]).parse_args(words, argparse.Namespace(rest=rest))
+    options = parser(name).parse_args(words, argparse.Namespace(rest=rest, whole=command))
     if any(value for name, value in vars(options).items() if name.startswith("elsewhere")):
         raise UserError(
             f"--at is gone; run it there: {_by_ssh(options.elsewhere or 'HOST', words)}"
@@ -133,14 +139,17 @@ def parser(name: str = "") -> Parser:
         prog="pcpc",
         usage="pcpc COMMAND ...",
         description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
-        epilog=overview(),
+        epilog=overview() if name in ("-h", "--help") else None,
     )
     found.add_argument("--version", action=_Version, nargs=0, help="of pcpc, Python and numba")
     commands = found.add_subparsers(
         prog="pcpc", dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS
     )
-    for command in [COMMANDS[name]] if name in COMMANDS else COMMANDS.values():
+    only = None if name.startswith("-") else named(name)
+    for command in [only] if only else COMMANDS.values():
         command.add_to(commands, completion.attach)
+    for one in [] if name else outside.additions("rooms"):
+        commands.add_parser(one.name)
     return found
 
 
@@ -150,7 +159,7 @@ def _name_files(options: argparse.Namespace) -> None:
         from pcpc.tools.start.rigs import find
 
         options.rig = type(options.rig)(find(str(options.rig)))
-    if COMMANDS[options.command].reads_logs:
+    if options.whole.reads_logs:
         from pcpc.tools.after.log.recorded import LATEST, log_of
 
         for key in {"log", "a", "b"} & vars(options).keys():

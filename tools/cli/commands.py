@@ -6,7 +6,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.command import Command, exit_codes
-from pcpc.tools.terminal.rooms import part_of, rooms_with
+from pcpc.tools.terminal.rooms import declared_rooms, part_of, rooms_with
 
 TITLES = {  # of the groups, which are the folders of tools/, in the order of use
     "start": "before a run: rigs and bus load",
@@ -54,14 +54,44 @@ def overview() -> str:
             "all commands: `pcpc help GROUP`",
             *screen.table(groups),
             "",
+            *_outside(),
             _WORDS,
             exit_codes(),
         ]
     )
 
 
+def _of_command(name: str) -> str:
+    """Return what a command is for, and what its room says of itself."""
+    rows = [("  " + name, COMMANDS[name].help)]
+    for room, one in declared_rooms().items():
+        if name in {command.name for command in part_of(room, "commands").COMMANDS}:
+            rows += [("  page", one.page), ("  attacked by", one.attacked_by)]
+            rows += [("  without it", f"no {other}") for other in one.needed_by]
+    return "\n".join([*screen.table(rows), "", f"`pcpc {name} --help` prints the options."])
+
+
+def named(name: str) -> Command | None:
+    """Return a command, ours or that of a package of others; UserError where that is broken."""
+    if (found := COMMANDS.get(name)) is not None:
+        return found
+    from pcpc.tools.terminal import additions  # here, because no command of ours needs it
+
+    return additions.command_named(name)
+
+
+def _outside() -> list[str]:
+    """Return what packages of others add; no lines for nothing."""
+    from pcpc.tools.terminal import additions  # here, because no command of ours needs it
+
+    rows = [(f"  {name}", whose) for name, whose in additions.lines()]
+    return ["of other packages:", *screen.table(rows), ""] if rows else []
+
+
 def of_group(name: str) -> str:
-    """Return the commands of a group, of all for `all`; UserError."""
+    """Return the commands of a group, of all for `all`; what a command's room says; UserError."""
+    if name in COMMANDS and name not in GROUPS:
+        return _of_command(name)
     if name != "all" and name not in GROUPS:
         cure = did_you_mean(name, [*GROUPS, "all"]) or f"; there are {', '.join(GROUPS)}, all"
         raise UserError(f"pcpc help {name}: no such group{cure}")
@@ -69,4 +99,5 @@ def of_group(name: str) -> str:
     for group in GROUPS if name == "all" else (name,):
         rows = [(f"  {one.name}", one.help) for one in GROUPS[group]]
         lines += [f"{group}: {TITLES[group]}", *screen.table(rows), ""]
+    lines += _outside() if name == "all" else []
     return "\n".join([*lines, "`pcpc COMMAND --help` prints the options, with an example."])

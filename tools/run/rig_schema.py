@@ -18,8 +18,10 @@ from urllib.parse import quote
 import msgspec
 from msgspec import inspect
 
+from pcpc.drivers.machine import outside
 from pcpc.executive.loop.fault_kinds import KINDS
 from pcpc.executive.rig import fmu, law_lookup, tables
+from pcpc.executive.rig.bus_keys import PROFILES
 from pcpc.executive.rig.roles import MORE_PLANTS
 from pcpc.executive.rig.schema import EARLIER, Config
 from pcpc.executive.rig.segments import KEY, Segment
@@ -158,6 +160,9 @@ def _add_file_keys(defs: dict[str, Schema], whole: bool) -> None:
     for name in ("Law", "BlockEntry"):
         words = defs[name]["properties"]["law"].get("description", "")
         defs[name]["properties"]["law"] = _described(words, dict(named), whole and name == "Law")
+    dialects = sorted({*PROFILES, *(one.name for one in outside.additions("drives"))})
+    drive = defs["Drive"]["properties"]
+    drive["profile"] = _described(drive["profile"]["description"], {"enum": dialects}, whole)
     defs["Fault"]["properties"]["kind"] |= {"enum": [*KINDS]}
     for name, others in (("Law", ("like",)), ("Plant", ("like", "fmu"))):
         if needs := defs[name].pop("required", None):

@@ -2,12 +2,14 @@
 
 hull, atb1000/hull      plants/atb1000/rigs/hull.yaml beside the installed package
 probe                   plants/probe/rig.yaml, which runs by itself
+acme, acme/rig          the system of an installed package of others
 any path                a rig file of your own, or a folder with a rig.yaml; a path wins
 a run that goes on      the file of its rig, by the rig's name or as RIG.BUS
 """
 
 import re
 import shlex
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pcpc.drivers.errors import Exit
+from pcpc.drivers.machine import outside
 from pcpc.executive.errors import RigError, did_you_mean, near_file
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.start.commands import RigsRequest
@@ -63,9 +66,21 @@ Listed = list[RigFacts]
 def shipped_rigs() -> Iterator[ShippedRig]:
     """Yield the rigs beside the package that run by themselves, by plant and name."""
     for folder in sorted(path.parent for path in _PLANTS.glob("*/rig.yaml")):
-        for path in (folder / "rig.yaml", *sorted(folder.glob("rigs/*.yaml"))):
-            if found := _RIG.search(path.read_text(encoding="utf-8")):
-                yield ShippedRig(folder.name, found[1], path)
+        yield from _rigs_in(folder, folder.name)
+
+
+def added_rigs() -> Iterator[ShippedRig]:
+    """Yield the rigs of systems that packages of others bring under a name of their own."""
+    ours = {path.parent.name for path in _PLANTS.glob("*/rig.yaml")}
+    for one in outside.additions("plants"):
+        if not outside.why_taken(one, ours) and (one.folder / "rig.yaml").is_file():
+            yield from _rigs_in(one.folder, one.name)
+
+
+def _rigs_in(folder: Path, plant: str) -> Iterator[ShippedRig]:
+    for path in (folder / "rig.yaml", *sorted(folder.glob("rigs/*.yaml"))):
+        if found := _RIG.search(path.read_text(encoding="utf-8", errors="replace")):
+            yield ShippedRig(plant, found[1], path)
 
 
 def find(text: str, others: Iterable[str] = ()) -> str:
@@ -82,6 +97,9 @@ def find(text: str, others: Iterable[str] = ()) -> str:
         return text
     known = list(shipped_rigs())
     found = [rig for rig in known if text in rig.names]
+    if not found:
+        known += added_rigs()
+        found = [rig for rig in known if text in rig.names]
     if len(found) == 1:
         return yamlfile.display_path(found[0].path)
     if found:
@@ -116,7 +134,7 @@ def _running(text: str) -> Path | None:
 
 def command(request: RigsRequest) -> int:
     """List the rigs, or those whose name or plant matches. RigError: no such rig."""
-    known, words = list(shipped_rigs()), request.names
+    known, words = [*shipped_rigs(), *added_rigs()], request.names
     chosen = [
         rig
         for rig in known
@@ -127,7 +145,7 @@ def command(request: RigsRequest) -> int:
         text = " ".join(words)
         names = [name for rig in known for name in (rig.plant, rig.name)]
         raise RigError(f"{text}: no such rig{did_you_mean(text, names)}")
-    listed: Listed = [_rig_facts(rig) for rig in chosen]
+    listed: Listed = [*_facts_of(chosen)]
     screen.answer(request.json, listed, _lines(listed), 2)
     return Exit.OK
 
@@ -135,6 +153,18 @@ def command(request: RigsRequest) -> int:
 def data_of(file: str | Path) -> dict[str, Any]:
     """Return what a rig file says, with that of its `base`; RigError."""
     return dict(yamlfile.load(Path(file)).data)
+
+
+def _facts_of(chosen: Iterable[ShippedRig]) -> Iterator[RigFacts]:
+    """Yield what is listed; a rig of another package that is wrong is named and left out."""
+    for rig in chosen:
+        try:
+            yield _rig_facts(rig)
+        except (RigError, KeyError, TypeError) as error:
+            if rig.path.is_relative_to(_PLANTS):
+                raise
+            said = error if isinstance(error, RigError) else f"{rig.path}: {error} is missing"
+            print(said, file=sys.stderr)
 
 
 def _rig_facts(rig: ShippedRig) -> RigFacts:

@@ -3,10 +3,13 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine import outside
+from pcpc.drivers.machine.outside import Addition
 from pcpc.tools.terminal.option_notes import note_options
 from pcpc.tools.terminal.outfile import check_file, check_folder, check_source
 from pcpc.tools.terminal.request import Add as Add
@@ -59,6 +62,7 @@ class Command:
     own_h: bool = False  # -h is an option of its own
     first: bool = False  # one that people begin with
     parts: Sequence["Command"] = ()
+    addition: Addition | None = None  # of a package of others: `module` is below nothing then
 
     def add_to(self, commands: "argparse._SubParsersAction[Any]", attach: Attach) -> None:
         """Register it; `attach` gives its arguments the words that a shell can complete."""
@@ -94,6 +98,12 @@ class Command:
     def request(self, options: argparse.Namespace) -> Request:
         """Return what `command` in its module takes of the options that were read."""
         return self.asked.from_options(options)
+
+    def function(self) -> Callable[[Request], int]:
+        """Import what carries it out; UserError where a package of others is broken."""
+        if self.addition is not None:
+            return outside.loaded(self.addition, f"{self.module}:command")
+        return import_module(f"pcpc.tools.{self.module}").command
 
     def _epilog(self) -> str:
         lines = ["example:", *(f"  {line}" for line in self.example.splitlines())]

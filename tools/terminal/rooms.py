@@ -2,7 +2,7 @@
 
 A room is known by the names of its files: what is offered to others stands in
 
-    commands.py    COMMANDS, PARTS_OF commands of others, BESIDE_... others' arguments
+    commands.py    COMMANDS, PARTS_OF commands of others, BESIDE_... others' arguments, its ROOM
     api.py         what `import pcpc` offers
     checks.py      what `pcpc check` tells of a node: KEY, report(plan) and lines(one of it)
 """
@@ -11,12 +11,33 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from pcpc.drivers.errors import Exit, UserError
 
 _TOOLS = Path(__file__).resolve().parents[1]
 _DEPTHS = ("*", "*/*", "*/*/*")  # groups, rooms in them, rooms in those
+
+
+class Room(NamedTuple):
+    """What a room says of itself: its page, its attacker's tests; and how it is missed.
+
+    `asked`: a command line for it alone, "" of one on which others stand. Where the room was taken
+    out that is `refused` with these words and this code. `needed_by`: what goes with it.
+    """
+
+    page: str
+    attacked_by: str
+    asked: str = ""
+    refused: str = "no such command"
+    code: int = 2
+    needed_by: tuple[str, ...] = ()
+
+
+def declared_rooms() -> dict[str, Room]:
+    """Return the rooms that say something of themselves, by their folders."""
+    modules = {room: part_of(room, "commands") for room in rooms_with("commands") if room != "cli"}
+    return {room: one.ROOM for room, one in modules.items() if hasattr(one, "ROOM")}
 
 
 @cache

@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class BisectRequest(Request):
@@ -47,3 +48,4 @@ COMMANDS = (
         ),
     ),
 )
+ROOM = Room("docs/howto/ci.md", "tests/tools/after/bisect", "bisect hull a b")

@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class BranchRequest(Request):
@@ -57,3 +58,4 @@ COMMANDS = (
         module="after.branch.cli",
     ),
 )
+ROOM = Room("docs/howto/branch.md", "tests/tools/after/branch", "branch latest")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import WORD, Offers, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class CompareRequest(Request):
@@ -62,4 +63,10 @@ COMMANDS = (
             INTERRUPTED="",
         ),
     ),
+)
+ROOM = Room(
+    "docs/howto/ci.md",
+    "tests/tools/after/test_compare.py",
+    "compare a b",
+    needed_by=("after/bisect", "after/branch"),
 )

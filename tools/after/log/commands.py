@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 _Log = Annotated[Path, "LOG", "log file, run folder or latest"]
 
@@ -184,3 +185,4 @@ COMMANDS = (
         first=True,
     ),
 )
+ROOM = Room("docs/log-format.md", "tests/tools/after/log")

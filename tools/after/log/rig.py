@@ -40,6 +40,7 @@ from pcpc.executive.rig.law_lookup import present_name
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
 from pcpc.plants.judging import effective_rig
+from pcpc.tools.after.log.packages import check_dialects, packages_of
 from pcpc.tools.after.trust import FOLDER, Trust
 
 MOST_UP = 64  # folders that a file may lie above its rig
@@ -77,6 +78,7 @@ def rig_of(
     with tempfile.TemporaryDirectory(prefix=FOLDER) as text:
         folder = Path(text)
         data = _resolved_rig(head, folder, whole)
+        check_dialects(head, data)
         if whole and isinstance(given := data.get("evaluation"), dict):
             given["file"] = str(_evaluation(head, str(given.get("file")), folder, trust)[0])
         data |= {} if whole else {"evaluation": None}
@@ -293,9 +295,9 @@ def _refusal(head: logs.Log, absent: list[RunFile]) -> str:
         state = "is another file now" if there else "is not there" if file.path else ""
         reasons.append(f"{file.shown()}" + (f", {file.path} {state}" if state else ""))
     return (
-        f"{head.path}: was made with files from outside the project: {'; '.join(reasons)}; "
-        "name their places with --law FILE or --rig RIG, or run the log's own copies, if you "
-        "trust its author, with --trust"
+        f"{head.path}: was made with files from outside the project: {'; '.join(reasons)}"
+        f"{packages_of(head)}; name their places with --law FILE or --rig RIG, or run "
+        "the log's own copies, if you trust its author, with --trust"
     )
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import OUTPUT_CODES, Command, codes
 from pcpc.tools.terminal.request import WORD, Offers, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class ReportRequest(Request):
@@ -57,3 +58,4 @@ COMMANDS = (
         first=True,
     ),
 )
+ROOM = Room("docs/howto/ci.md", "tests/tools/after/test_suite.py", "report latest")

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class OneCycle(Request):
@@ -19,3 +20,9 @@ class OneCycle(Request):
 
 BESIDE_REPLAY = OneCycle
 COMMANDS: tuple[Command, ...] = ()
+ROOM = Room(
+    "docs/howto/run.md",
+    "tests/tools/after/step",
+    "replay latest --cycle 1",
+    refused="no option --cycle",
+)

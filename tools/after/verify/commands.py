@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class ManyLogs(Request):
@@ -35,3 +36,9 @@ class ManyLogs(Request):
 
 BESIDE_REPLAY = ManyLogs
 COMMANDS: tuple[Command, ...] = ()
+ROOM = Room(
+    "docs/howto/ci.md",
+    "tests/tools/after/verify",
+    "replay latest --brief",
+    refused="no option --brief",
+)

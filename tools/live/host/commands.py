@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command, codes
 from pcpc.tools.terminal.request import WORD, Offers, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class PageRequest(Request):
@@ -83,4 +84,11 @@ COMMANDS = (
         codes=codes(OK="Ctrl-C", ENVIRONMENT="a package is missing, or the port is taken"),
         first=True,
     ),
+)
+ROOM = Room(
+    "docs/howto/page.md",
+    "tests/tools/live/host/test_host_attacks.py",
+    "run probe --host",
+    refused="no option --host",
+    needed_by=("make/web",),
 )

@@ -6,6 +6,7 @@ from pcpc.tools.live import arguments as take_live
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import WORD, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class TopRequest(Request):
@@ -33,3 +34,4 @@ COMMANDS = (
         codes=codes(ENVIRONMENT="--once: no such run", INTERRUPTED=""),
     ),
 )
+ROOM = Room("docs/howto/terminal.md", "tests/tools/live/test_top.py", "top")

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
+from pcpc.tools.terminal.rooms import Room
 
 
 class WatchdogRequest(take.RigRequest):
@@ -36,4 +37,11 @@ COMMANDS = (
         compiles=True,
         module="live.watchdog.serve",
     ),
+)
+ROOM = Room(
+    "docs/bus-safety.md",
+    "tests/tools/live/test_watchdog.py",
+    "run watched.yaml",
+    refused="not in this installation",
+    code=4,
 )

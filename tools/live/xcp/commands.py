@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import NODE_CODES, OUTPUT_CODES, Command
 from pcpc.tools.terminal.request import WORD, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class Ports(Request):
@@ -83,3 +84,4 @@ PARTS_OF = {
         ),
     )
 }
+ROOM = Room("docs/howto/calibrate.md", "tests/tools/live/xcp/test_xcp_can_session.py", "xcp")

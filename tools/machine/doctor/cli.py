@@ -18,6 +18,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Literal
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.machine.doctor.commands import DoctorRequest
@@ -78,6 +79,7 @@ def rows() -> Iterator[MachineFact]:
     packages = packages_row()
     yield packages
     yield figures_row()
+    yield from addition_rows()
     yield from machine_rows(_PROJECT)
     if packages.state == "ok":
         from pcpc.tools.machine.doctor.bus import bus_rows  # here, because it needs the packages
@@ -139,6 +141,23 @@ def packages_row() -> MachineFact:
         )
     versions = (f"{name} {importlib.metadata.version(name)}" for name in _IMPORTS)
     return MachineFact("packages", "ok", ", ".join(versions))
+
+
+def addition_rows() -> Iterator[MachineFact]:
+    """Yield what packages of others add; loaded in a child, which may be ended by one of them."""
+    from pcpc.tools.terminal import additions  # here, because it needs the packages
+
+    if not (names := [*additions.lines()]):
+        return
+    command = [sys.executable, "-P", "-m", additions.__name__]
+    said: list[str] = []
+    while len(said) < len(names):
+        done = subprocess.run([*command, str(len(said))], capture_output=True, text=True)
+        said += done.stdout.splitlines()
+        said += ["its import ended the process"] if len(said) < len(names) else []
+    for why, (name, whose) in zip(said, names, strict=False):
+        state: Literal["ok", "warn"] = "warn" if why else "ok"
+        yield MachineFact(name, state, why or whose, "it cannot be used" if why else "")
 
 
 def figures_row() -> MachineFact:

@@ -5,6 +5,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import WORD, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class DoctorRequest(Request):
@@ -39,3 +40,4 @@ COMMANDS = (
         first=True,
     ),
 )
+ROOM = Room("docs/timing.md", "tests/tools/machine/test_doctor.py", "doctor")

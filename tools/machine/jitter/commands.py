@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class JitterRequest(Request):
@@ -64,3 +65,4 @@ COMMANDS = (
         module="machine.jitter.cli",
     ),
 )
+ROOM = Room("docs/timing.md", "tests/tools/machine/test_jitter.py")

@@ -7,6 +7,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 _VM = """
 The command runs as you, in this folder, with this environment, on the host's
@@ -44,4 +45,7 @@ COMMANDS = (
         module="machine.vm.cli",
         codes={Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "the machine did not start, or broke"},
     ),
+)
+ROOM = Room(
+    "docs/howto/run.md", "tests/tools/machine/test_vm.py", "vm", needed_by=("machine/doctor",)
 )

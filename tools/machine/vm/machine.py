@@ -13,9 +13,10 @@ from pcpc.tools.machine.vm.programs import Programs
 
 PORTS = ("control", "job", "in", "out", "err")
 
-# console: only problems; a panic resets, and a reset ends QEMU (-no-reboot)
+# console: only problems; a panic resets, and a reset ends QEMU (-no-reboot). no_timer_check: else
+# the kernel panics where a busy host lets its ticks come late (IO-APIC + timer doesn't work)
 _KERNEL_ARGUMENTS = (
-    "console=ttyS0 quiet loglevel=4 panic=-1 oops=panic mitigations=off nokaslr "
+    "console=ttyS0 quiet loglevel=4 panic=-1 oops=panic mitigations=off nokaslr no_timer_check "
     "random.trust_cpu=on rcupdate.rcu_expedited=1 cryptomgr.notests"
 )
 

@@ -9,6 +9,7 @@ from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.rates import bits_per_s
 from pcpc.tools.terminal.request import WORD, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class SlcanRequest(Request):
@@ -51,4 +52,10 @@ COMMANDS = (
         module="make.device.slcan",
         codes=codes(OK="the serial line was closed", ENVIRONMENT="the bus cannot be used"),
     ),
+)
+ROOM = Room(
+    "docs/device.md",
+    "tests/tools/make/device",
+    "run probe --device true",
+    refused="no option --device",
 )

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class FmuRequest(Request):
@@ -31,3 +32,6 @@ PARTS_OF = {
         ),
     )
 }
+ROOM = Room(
+    "docs/howto/fmu.md", "tests/tools/make/fmu", "generate fmu probe", refused="'fmu' is not known"
+)

@@ -7,6 +7,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Offers, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class CRequest(Request):
@@ -63,4 +64,10 @@ COMMANDS = (
         compiles=True,
         parts=_PARTS,
     ),
+)
+ROOM = Room(
+    "docs/howto/generate.md",
+    "tests/tools/make/generate/test_generate_command.py",
+    "generate c probe",
+    needed_by=("dev/bench", "make/fmu/cli.py", "make/web"),
 )

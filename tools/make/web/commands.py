@@ -7,6 +7,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class WebRequest(Request):
@@ -33,3 +34,9 @@ PARTS_OF = {
         ),
     )
 }
+ROOM = Room(
+    "docs/howto/generate.md",
+    "tests/tools/make/web",
+    "generate web probe",
+    refused="'web' is not known",
+)

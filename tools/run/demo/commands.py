@@ -5,6 +5,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class DemoRequest(Request):
@@ -31,3 +32,4 @@ COMMANDS = (
         first=True,
     ),
 )
+ROOM = Room("README.md", "tests/tools/run/test_demo.py", "demo", needed_by=("dev/release.py",))

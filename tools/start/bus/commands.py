@@ -8,6 +8,7 @@ from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.rates import bits_per_s, hz
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 InOrder = Annotated[bool, "a node sends in its loop's order (SocketCAN), not by priority"]
 
@@ -90,3 +91,4 @@ COMMANDS = (
         module="start.bus.emulate",
     ),
 )
+ROOM = Room("docs/howto/bus.md", "tests/tools/start/test_bus_load.py")

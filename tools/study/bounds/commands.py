@@ -7,6 +7,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class BoundsRequest(Request):
@@ -41,3 +42,4 @@ COMMANDS = (
         module="study.bounds.bounds",
     ),
 )
+ROOM = Room("docs/theorems.md", "tests/tools/study/test_bounds.py", "bounds probe")

@@ -5,6 +5,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class ExperimentRequest(Request):
@@ -37,4 +38,10 @@ COMMANDS = (
         compiles=True,
         module="study.experiment.cli",
     ),
+)
+ROOM = Room(
+    "docs/book/README.md",
+    "tests/tools/cli/test_cli.py",
+    "experiment approximation",
+    needed_by=("study/book/rivals.py", "study/book/rough.py", "study/margin/book/tuning.py"),
 )

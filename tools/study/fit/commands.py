@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class FitRequest(Request):
@@ -52,3 +53,4 @@ COMMANDS = (
         ),
     ),
 )
+ROOM = Room("docs/howto/fit.md", "tests/tools/study/test_fit.py", "fit probe latest")

@@ -9,6 +9,7 @@ from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.rates import frequency
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 Method = Literal["both", "linearised", "measured"]
 SETTLE_S = 4.0
@@ -112,4 +113,10 @@ COMMANDS = (
         module="study.margin.cli",
         codes=codes(ENVIRONMENT="a package is missing", INTERRUPTED=""),
     ),
+)
+ROOM = Room(
+    "docs/margin.md",
+    "tests/tools/study/margin/test_margin_words.py",
+    "margin probe",
+    needed_by=("study/book/rivals.py",),
 )

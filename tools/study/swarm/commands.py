@@ -7,6 +7,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 def _count(text: str) -> int:
@@ -57,4 +58,10 @@ COMMANDS = (
         ),
         first=False,
     ),
+)
+ROOM = Room(
+    "docs/howto/swarm.md",
+    "tests/tools/study/test_swarm.py",
+    "swarm --seeds 1",
+    needed_by=("dev/evidence",),
 )

@@ -75,7 +75,7 @@ def world_of(seed: int, base: str | None = None) -> World:
     else:
         _around(d, world, keys, load_rig(base))
     between_s = max(d.random.randint(100, 400) / world["rate_hz"], 0.1)
-    keys["record"] = {"keyframe": f"{between_s:.3g}s"}
+    world["keys"]["record"] = {"keyframe": f"{between_s:.3g}s"}
     world["at"] = {name: d.random.random() for name in PLACES}
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world

@@ -6,6 +6,7 @@ from typing import Annotated
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import WORD, Request
+from pcpc.tools.terminal.rooms import Room
 
 
 class SweepRequest(Request):
@@ -142,3 +143,4 @@ COMMANDS = (
         ),
     ),
 )
+ROOM = Room("docs/howto/campaign.md", "tests/tools/study/sweep/test_command.py", "sweep probe")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
+from pcpc.tools.terminal.rooms import Room
 
 
 def port(text: str) -> int:
@@ -30,3 +31,9 @@ class FoxgloveRequest(Request):
 
 BESIDE_HOST = FoxgloveRequest
 COMMANDS: tuple[Command, ...] = ()
+ROOM = Room(
+    "docs/howto/foxglove.md",
+    "tests/tools/live/host/test_foxglove.py",
+    "host --foxglove",
+    refused="no option --foxglove",
+)

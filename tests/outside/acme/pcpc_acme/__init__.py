@@ -1,0 +1,1 @@
+"""What Acme adds to pcpc. Its system, the folder lag/, is written by `pcpc new --bare`."""
