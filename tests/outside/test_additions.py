@@ -349,7 +349,7 @@ def test_the_doctor_names_all_that_is_wrong_and_what_ends_it(tmp_path: Path) -> 
     found = {fact["name"]: fact["found"] for fact in facts if fact["state"] == "warn"}
     assert all(said in found[f"command {name}"] for name, (*_, said) in BROKEN.items()), found
     assert "no folder with a rig.yaml" in found["system hollow"]
-    assert "odd_:K is no RobotKind with hooks" in found["drive odd"]
+    assert "odd_:K is of type int, not RobotKind" in found["drive odd"]
     assert "pcpc has this name itself" in found["drive mit"]
     assert "cannot be called" in found["bus flat"]
     package(tmp_path, "zero", "zero = zero_:C", "import os\nos._exit(0)\n", "", "rooms")

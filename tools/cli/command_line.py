@@ -155,7 +155,8 @@ def parser(name: str = "") -> Parser:
 
 def _name_files(options: argparse.Namespace) -> None:
     """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
-    if getattr(options, "rig", None) is not None and getattr(options, "at", None) is None:
+    is_schema_of_all = getattr(options, "schema", False) and not options.rig
+    if getattr(options, "rig", None) is not None and not is_schema_of_all:
         from pcpc.tools.start.rigs import find
 
         options.rig = type(options.rig)(find(str(options.rig)))

@@ -28,6 +28,8 @@ SUFFIXES = (".html", ".htm")
 
 def command(request: ReportRequest) -> int:
     """Write the report of a log; LOSS if a part of the log is missing. UserError: wrong input."""
+    if request.beside.value("audit"):
+        return int(part_of("run/mcp", "report").command(request))
     suite = request.suite or request.logs
     if request.suite or len(suite) > 1 or any(map(holds_several, suite)):
         from pcpc.tools.after.report import suite_files  # time
