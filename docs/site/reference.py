@@ -25,7 +25,7 @@ from typing import Any
 import pcpc
 from pcpc.drivers.errors import Exit
 from pcpc.executive.laws.block import Block
-from pcpc.executive.nodes import planned_drive
+from pcpc.executive.nodes import planned_drive, planned_robot
 from pcpc.tools import cli
 from pcpc.tools.cli.commands import GROUPS, TITLES
 from pcpc.tools.dev import confidence, rig_words, schemas
@@ -433,7 +433,7 @@ def drives() -> str:
     page = (FOLDER / DRIVES).read_text("utf-8")
     before, _, rest = page.partition("<!--drives-->\n")
     rows = ["| `--drive` | nodes | settings by number |", "|---|---|---|"]
-    for name, kind in planned_drive.KINDS.items():
+    for name, kind in ({planned_drive.CIA402: planned_drive.CANOPEN} | planned_robot.KINDS).items():
         settings = ", ".join(
             f"`{one.name}`={one.number:#x}" for one in kind.settings if one.number >= 0
         )

@@ -65,12 +65,12 @@ def _names(node: int, start: Any) -> dict[int, str]:
     return id_names
 
 
-_CANOPEN = planned_robot.RobotKind(None, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
+CANOPEN = planned_robot.RobotKind(None, _NODES, (), _SCALE, _ids, _ids_of_one, _names)
 
 
 def kind_of(drive: Drive) -> planned_robot.RobotKind:
     """Return what a drive speaks; UserError."""
-    return _CANOPEN if drive.profile == CIA402 else planned_robot.kind_of(drive.profile)
+    return CANOPEN if drive.profile == CIA402 else planned_robot.kind_of(drive.profile)
 
 
 def starts(rig: Rig, role: Role) -> Any:

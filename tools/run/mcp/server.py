@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -225,7 +225,7 @@ def _children(parent: int) -> set[int]:
     return {int(one) for one in text.split()}
 
 
-async def _lines() -> AsyncIterator[str]:
+async def _lines() -> Any:  # stdio_server only iterates over it
     """Yield what comes on stdin; in place of what is no message a line that is none either."""
     with open(os.dup(0), encoding="utf-8", errors="replace", newline="\n") as stdin:
         async for line in anyio.wrap_file(stdin):
