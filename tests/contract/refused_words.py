@@ -360,6 +360,16 @@ TABLES: dict[str, list[Row]] = {
     "generate fmu": [("nowhere", "nowhere: no file and no rig of this name")],
     "help": [("nosuch", "pcpc help nosuch: no such group; known: start, run, live, after")],
     "completion": [("fisch", "did you mean fish?")],
+    "demo": [
+        ("--rig nowhere", "nowhere: no file and no rig of this name"),
+        ("--rig text", "text:1:1: key rig is missing"),
+        ("--terminal --port 9000", "--port: contradicts --terminal"),
+        ("--terminal", "--terminal: this is no terminal; leave it out for the page", 4),
+    ],
+    "mcp": [
+        (". --policy absent.yaml --audit /nowhere/a", "--policy absent.yaml: no such file"),
+        (". --policy text --audit /nowhere/a", "Object contains unknown field `rate_hz`"),
+    ],
     "doctor": [
         ("--bus ''", "name one or two channels"),
         ("--bus auto", "name one or two channels"),

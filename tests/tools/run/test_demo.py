@@ -134,6 +134,8 @@ class Screen:
     def __init__(self, environment: dict[str, str], *words: str) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+        sized = {"COLUMNS", "LINES"}  # of a terminal around this one
+        environment = {key: one for key, one in environment.items() if key not in sized}
         self.process = subprocess.Popen(
             [PCPC, "demo", "--terminal", *words], stdin=slave, stdout=slave, stderr=slave,
             env=environment | {"LC_ALL": "C.UTF-8"}, start_new_session=True,

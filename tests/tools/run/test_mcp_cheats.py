@@ -14,6 +14,7 @@ from mcp_door import Door
 
 from pcpc.tools import cli
 
+pytestmark = pytest.mark.deep  # each begins a server and a run or two
 Cheat = Callable[[Door], Awaitable[Any]]
 FIRST = "runs/0002-simulate"
 

@@ -16,6 +16,7 @@ from mcp_door import Door
 
 from pcpc.tools import cli
 
+pytestmark = pytest.mark.deep
 HELLO = {
     "jsonrpc": "2.0", "id": "hello", "method": "initialize",
     "params": {"protocolVersion": "2025-06-18", "capabilities": {},

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.run.demo import recorded, terminal
 from pcpc.tools.run.demo.commands import DemoRequest
@@ -47,6 +48,7 @@ def command(request: DemoRequest) -> int:
     if request.terminal:
         request.refuse("contradicts --terminal", "port")
         terminal.check()
+    load_rig(Path(request.rig), resolve=False)  # a wrong one opens no page
     try:
         room = TemporaryDirectory(prefix="pcpc-demo-", ignore_cleanup_errors=True)
     except OSError as error:
