@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-FIRST = ("tests/contract/", "tests/executive/loop/", "tests/tools/dev/evidence/", "tests/golden/")
+FIRST = ("tests/contract/", "tests/executive/loop/", "tests/tools/dev/", "tests/golden/")
 _KEY = "not_run"
 
 

@@ -133,6 +133,6 @@ def begin_ramp(n: Loop, end_asked: bool) -> None:
         rx.starters = 0
         rx.awaited = 0
         for row in range(rx.n):
-            is_peers = min(rx.role[row].peer, 1)  # it is the number of one of several plants
+            is_peers = int64(rx.role[row].peer != 0)  # it is the number of one of several plants
             rx.starters += rx.role[row].starts * is_peers
             rx.awaited += rx.role[row].awaited * is_peers

@@ -100,7 +100,7 @@ ARGUED = {  # words of mutants that nobody can notice, and why
     r"NEXT.* in row [01235], column [056]": "only FAULT has these events",
     r"NEXT.* in row 4, column [1237]": "FAULT never has these events",
     r"NEXT.* in row 0, column 7": "INIT never has this event",
-    r"odd = int64\(0\): 0 -> 1": "only a short cut: then each value is looked at by itself",
+    r"not_finite = int64\(0\): 0 -> 1": "only a short cut: then each value is looked at by itself",
     r"int64\(-1\): 1 -> 2": "any number below 0 says that there is none",
     r"place < 0 -> place <(= 0| 1)": FIRST_PLACE,
     r"(place|mode_index|estop_index) >= 0 -> .* (> 0|>= 1)$": FIRST_PLACE,
