@@ -20,6 +20,7 @@ from pcpc.tools.dev.evidence import expected
 from pcpc.tools.dev.evidence.comparison import EVENT, Compared, Episodes, same
 
 AT, OUTPUTS, WATCHED, ESTOP, MODE = 100, 102, 105, 106, 107  # places in the table
+AWAITED, OF_PEERS = 3, 2  # frames of a cycle; those of the nodes below
 SEED = 16
 EPISODES, CYCLES = 200, 80
 FEW = 40  # episodes of code that is not compiled
@@ -51,7 +52,7 @@ def supervised(n: Any, given: ComparedCycle) -> None:
     if n.guard.faulted == 0:
         n.guard.faulted = given.fault
     n.control.stop = max(n.control.stop, given.ends)
-    for i in range(2):  # a fault on purpose took both
+    for i in range(AWAITED):  # a fault on purpose took all
         n.faults.spoiled[i] = n.faults.on_wire[i].fresh = given.taken
     for i in range(3):
         if i > 0 or given.fresh > 0:
@@ -101,7 +102,7 @@ SUPERVISOR = Compared(
         "event_ends.head": lambda m: len(m.events),
         f"{EVENT}.code": lambda m: m.event[0], f"{EVENT}.argument": lambda m: m.event[1],
         f"{EVENT}.bits": lambda m: m.odd_bits if m.event[0] == Event.NOT_FINITE else 0,
-        "rx.starters": lambda m: m.awaited, "rx.state[0].age_cycles": lambda m: m.age,
+        "rx.starters": lambda m: OF_PEERS, "rx.state[0].age_cycles": lambda m: m.age,
         "faults.missed": lambda m: m.untaken, "faults.on_wire[1].age_cycles": lambda m: m.aged,
     },
     real={
@@ -126,7 +127,7 @@ def supervisor(feed: Any, draw: np.random.Generator, count: int) -> Episodes:
         _install(episodes.new_loop(), has, commands)
         rows = episodes.new_rows(CYCLES)
         _draw_events(rows, draw, number, has)
-        episodes.add(rows, Supervised(has, commands, 2, 1))
+        episodes.add(rows, Supervised(has, commands, AWAITED, OF_PEERS))
     return episodes
 
 
@@ -163,8 +164,8 @@ def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Bounded
     guard.estop_index, guard.mode_index, guard.stop_row = ESTOP, MODE, -1
     guard.n_safe, guard.safe_index[0] = 1, WATCHED
     guard.safe[0].safe = has.substitute
-    n.rx.n, n.rx.starters, n.rx.awaited = 2, 2, 2
-    n.rx.role[:2] = [(1, 1, 1, 0), (1, 1, 0, 0)]
+    n.rx.n, n.rx.starters, n.rx.awaited = 3, OF_PEERS, AWAITED
+    n.rx.role[:3] = [(1, 1, 2, 0), (1, 1, 1, 0), (0, 1, 0, 0)]  # of two plants, and of a third node
     n.tx.first, n.tx.past = AT, OUTPUTS
     n.blocks.n, n.blocks.views[0].y, n.blocks.views[0].y_end = 1, OUTPUTS, OUTPUTS + 2
     n.limits.n = len(commands)
@@ -180,7 +181,8 @@ def _draw_events(
     """Draw what happens in each cycle of an episode; values on limits."""
     given.k = np.arange(CYCLES)
     bursts = np.repeat(draw.random(CYCLES // 4) < 0.2, 4)
-    given.fresh = np.where(bursts | (draw.random(CYCLES) < 0.1), draw.integers(0, 2, CYCLES), 2)
+    few = draw.integers(0, AWAITED, CYCLES)
+    given.fresh = np.where(bursts | (draw.random(CYCLES) < 0.1), few, AWAITED)
     rare = draw.random((CYCLES, 4))
     given.fault = np.where(rare[:, 0] < 0.02, draw.integers(1, len(Fault), CYCLES), 0)
     given.ends = (rare[:, 1] < 0.005) * (number % 2)
