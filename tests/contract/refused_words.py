@@ -368,7 +368,7 @@ TABLES: dict[str, list[Row]] = {
     ],
     "mcp": [
         (". --policy absent.yaml --audit /nowhere/a", "--policy absent.yaml: no such file"),
-        (". --policy text --audit /nowhere/a", "Object contains unknown field `rate_hz`"),
+        (". --policy text --audit /nowhere/a", "there is no folder /nowhere"),
     ],
     "doctor": [
         ("--bus ''", "name one or two channels"),
