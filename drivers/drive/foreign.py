@@ -1,12 +1,13 @@
 """Orders in another maker's protocol: what a drive hears if its master takes it for another.
 
-Recognised is what a master of each cannot do without, to this node; to another one it may be right.
+Recognised is what a master of each cannot do without, to this node; to another one, or to all, it
+may be right. What J1939 and others send beside it is none of these.
 
     CiA 402     000: start, stop, reset; 600 + node, 8 bytes: SDO
     ODrive      node << 5 | 7: state 1 or 8
     MIT         node, 7 bytes of FF: on, off, zero, forget
-    moteus      CAN FD to the node
-    RobStride   29 bits, of type 1 or more, to the node
+    moteus      CAN FD to the node that begins with 01 00: one byte into its register 0, the mode
+    RobStride   29 bits, of type 03 or 12, to the node: on, write; in J1939 both are reserved
 """
 
 from pcpc.drivers.can.codec import four_bytes
@@ -33,13 +34,16 @@ def maker_of(frame: Cells[Byte], node: int) -> int:
     word, n, data = four_bytes(frame, 0), int64(frame[LENGTH]), data_of(frame)
     number, order, first = word & 0x1FFFFFFF, int64(data[7]), four_bytes(data, 0)
     if frame[FLAGS] != 0:
-        return int64(Maker.MOTEUS if number & 127 == node and number <= 0xFFFF else -1)
+        sets_mode = n >= 3 and data[0] == 1 and data[1] == 0
+        to_node = number & 127 == node and number <= 0xFFFF
+        return int64(Maker.MOTEUS if to_node and sets_mode else -1)
     if word >> int64(31) != 0:
-        addressed = number & 255 == node and 0 < number >> int64(24) <= 0x1A
-        return int64(Maker.ROBSTRIDE if addressed else -1)
+        kind = number >> int64(24)
+        to_node = number & 255 == node and n == 8
+        return int64(Maker.ROBSTRIDE if to_node and (kind == 0x03 or kind == 0x12) else -1)
     if word >> int64(30) != 0:
         return int64(-1)
-    if number == 0 and n == 2 and (data[1] == 0 or data[1] == node):
+    if number == 0 and n == 2 and data[1] == node:
         return int64(Maker.CIA402 if 0 < data[0] <= 130 else -1)
     if n == 8 and number == 0x600 + node:
         return int64(Maker.CIA402)

@@ -19,6 +19,7 @@ from pcpc.drivers.drive.foreign import Maker, maker_of
 from pcpc.drivers.robots.layout import Robot
 
 EXT, REMOTE = 1 << 31, 1 << 30
+STOP = bytes([1, 0, 0])  # to a moteus
 structure(Robot.dtype)
 
 
@@ -53,7 +54,9 @@ def test_what_clients_send_to_switch_a_drive_on_is_recognised() -> None:
     rx = bytes(bench.r.rx)
     assert maker(int.from_bytes(rx[:4], "little"), rx[8:16]) == Maker.ROBSTRIDE
     assert maker(NODE << 5 | 7, struct.pack("<I", 8)) == Maker.ODRIVE
-    assert maker(0, bytes([1, NODE])) == maker(0, bytes([0x81, 0])) == Maker.CIA402
+    assert maker(0, bytes([1, NODE])) == maker(0, bytes([0x81, NODE])) == Maker.CIA402
+    write = EXT | 0x1200_FD00 | NODE
+    assert maker(write, bytes(8)) == Maker.ROBSTRIDE
     assert maker(0x600 + NODE, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0])) == Maker.CIA402
 
 
@@ -62,10 +65,14 @@ def test_what_clients_send_to_switch_a_drive_on_is_recognised() -> None:
     (NODE, bytes([255] * 6 + [0, 0xFC]), 0), (NODE, bytes([255] * 7), 0),
     (NODE | REMOTE, bytes([255] * 7 + [0xFC]), 0), (NODE | EXT, bytes([255] * 7 + [0xFC]), 0),
     (EXT | 0x0300_FD00 | NODE + 1, bytes(8), 0), (EXT | 0x1B00_FD00 | NODE, bytes(8), 0),
-    (EXT | 0x8000 | NODE + 1, bytes(8), Flag.FD), (EXT | 0x1_0000 | NODE, bytes(8), Flag.FD),
+    (EXT | 0x8000 | NODE + 1, STOP, Flag.FD), (EXT | 0x1_0000 | NODE, STOP, Flag.FD),
+    (EXT | 0x8000 | NODE, bytes(64), Flag.FD), (NODE, b"\x01", Flag.FD),
+    (EXT | 0x18FE_F100 | NODE, bytes(8), 0), (EXT | 0x0CF0_0400 | NODE, bytes(8), 0),  # J1939
+    (EXT | 0x0300_FD00 | NODE, bytes(7), 0),
     ((NODE + 1) << 5 | 7, struct.pack("<I", 8), 0), (NODE << 5 | 7, struct.pack("<I", 2), 0),
     (NODE << 5 | 7, b"\x08\0\0", 0), (NODE << 5 | 6, struct.pack("<I", 8), 0),
-    (0, bytes([1, NODE + 1]), 0), (0, bytes([0, 0]), 0), (0, bytes([1, NODE, 0]), 0),
+    (0, bytes([1, NODE + 1]), 0), (0, bytes([1, 0]), 0), (0, bytes([0x81, 0]), 0),
+    (0, bytes([1, NODE, 0]), 0),
     (0x600 + NODE, bytes(7), 0), (0x601 + NODE, bytes(8), 0), (0x123, bytes(8), 0),
 ])  # fmt: skip
 def test_what_is_nobodys_order_to_this_node(word: int, data: bytes, flags: int) -> None:

@@ -9,7 +9,7 @@ from mcp_door import Door
 
 from pcpc.drivers.errors import UserError
 from pcpc.tools import cli
-from pcpc.tools.run.mcp import policy
+from pcpc.tools.run.mcp import policy, workspace
 from pcpc.tools.run.mcp.audit import Audit
 from pcpc.tools.run.mcp.policy import Refused
 
@@ -40,6 +40,19 @@ for name, attempt in tries.items():
     except OSError:
         print(name)
 """
+
+
+_DOUBLED = "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 60))
+WIDE = f"a0: &a0 [x]\n{_DOUBLED}"
+
+
+def test_a_document_that_holds_itself_or_repeats_itself_is_looked_at_once(tmp_path: Path) -> None:
+    (tmp_path / "wide.yaml").write_text(WIDE)
+    (tmp_path / "own.yaml").write_text("a: &a [*a, /etc/passwd]\n")
+    with pytest.raises(Refused, match="'/etc/passwd', outside the workspace"):
+        workspace.check(tmp_path, policy.Policy())
+    (tmp_path / "own.yaml").unlink()
+    workspace.check(tmp_path, policy.Policy())
 
 
 def test_what_is_locked_in_writes_nowhere_else(tmp_path: Path) -> None:
@@ -113,6 +126,18 @@ def written(tmp_path: Path) -> Door:
     for tool in ("", "rigs", "check", "rigs", ""):
         audit.add("call" if tool else "start", tool=tool)
     return door
+
+
+@pytest.mark.parametrize("text", ["a: &a [*a]\n", WIDE, "a: 2001-99-99\n", "[", "word", ""])
+def test_a_file_that_became_no_rig_is_a_finding(text: str, tmp_path: Path) -> None:
+    door = Door(tmp_path)
+    file, audit = door.work / "rig.yaml", Audit(door.audit, door.work)
+    file.write_text("a: 1\n")
+    audit.add("start")
+    file.write_text(text)
+    audit.add("call", tool="check")
+    code, told = door.report()
+    assert code == 1 and "rig.yaml" in told, told
 
 
 def test_an_audit_without_a_finding_ends_with_zero(tmp_path: Path) -> None:

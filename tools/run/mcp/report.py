@@ -11,9 +11,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig.yamlfile import Place, parse_value
 from pcpc.tools.after.report.commands import ReportRequest
 from pcpc.tools.run.mcp import audit
 from pcpc.tools.run.mcp.audit import Entry, Ran
@@ -133,8 +133,9 @@ class _Story:
 
     def _values(self, digest: str | None) -> dict[str, Any]:
         try:
-            return dict(flat(yaml.safe_load(self._texts.get(digest or "", "")) or {}))
-        except yaml.YAMLError:
+            text = self._texts.get(digest or "", "")
+            return dict(flat(parse_value(text, Place(Path(), 1, 1)) or {}))
+        except RigError:  # no rig is such a file
             return {"": digest}
 
     def _diff(self, old: str, new: str | None) -> Block:

@@ -114,12 +114,16 @@ def _checked_names(path: Path, workspace: Path) -> set[str]:
     return texts
 
 
-def _texts(one: Any) -> Iterator[str]:
-    if isinstance(one, str):
-        yield one
-    inner = [*one, *one.values()] if isinstance(one, dict) else one
-    for part in inner if isinstance(inner, list) else ():
-        yield from _texts(part)
+def _texts(whole: Any) -> Iterator[str]:
+    """Yield the texts of a document; of what its aliases repeat, once."""
+    left, seen = [whole], set[int]()
+    while left:
+        one = left.pop()
+        if isinstance(one, str):
+            yield one
+        elif isinstance(one, dict | list) and id(one) not in seen:
+            seen.add(id(one))
+            left += [*one, *one.values()] if isinstance(one, dict) else one
 
 
 def _check_python(path: Path, allowed: Sequence[str]) -> None:
