@@ -29,12 +29,12 @@ signal.signal(signal.SIGHUP, signal.SIG_IGN)
 os.execv(sys.argv[1], sys.argv[1:])
 """
 ENDLESS = """
-import signal, sys
+import sys, time
 from pcpc.tools.terminal.ending import exit_code
 def wait():
     print("waiting", flush=True)
-    while True:
-        signal.pause()
+    while True:  # no signal.pause: a signal just before it is heard by the next one
+        time.sleep(0.1)
 sys.exit(exit_code(wait, goes_on=True))
 """
 
