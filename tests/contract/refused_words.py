@@ -114,7 +114,8 @@ TABLES: dict[str, list[Row]] = {
     ],
     "report": [
         ("none.mcap", "none.mcap: "),
-        ("log.mcap -o log.txt", "-o log.txt: not an HTML file; expected FILE.html"),
+        ("log.mcap -o log.txt",
+         "-o log.txt: neither a page nor Markdown; expected FILE.html, FILE.md, or -"),
         ("log.mcap -o none/a.html", "there is no folder none"),
         ("text", "not an MCAP file"),
         ("log.mcap --law none.py", "--law none.py: no such file"),

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import pandas
 
     from pcpc.tools.after.replayed import Verdict as Replayed
+    from pcpc.tools.terminal.document import Part
 
 Vector = NDArray[np.float64]
 FRAME = np.dtype(
@@ -332,8 +333,18 @@ class Run:
             figure.save(path)
         return figure
 
+    def parts(self) -> "list[Part]":
+        """Return what `pcpc report` tells of the run: its verdict, tables, pictures and texts.
+
+        `pcpc.tools.terminal.document` makes HTML, Markdown or lines of a terminal of each.
+        """
+        known = self.result if self.judged_at_its_end else None
+        gather = part_of("after/report", "record").gather
+        record = gather(self._opened, Progress(quiet=True), known)
+        return [*part_of("after/report", "cli").report_of(record).parts]
+
     def report(self, path: str | Path) -> Path:
-        """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
+        """Write the run as one page, or FILE.md, as `pcpc report -o`; return `path`."""
         known = self.result if self.judged_at_its_end else None
         page = part_of("after/report", "cli")
         page.write(self.path, Path(path), self._opened.trust, Progress(quiet=True), known)

@@ -199,9 +199,9 @@ def _plain(value: Line) -> str:
 
 
 def terminal(part: Part) -> list[str]:
-    """Return a part as lines; pictures are left out, a table too broad for it is a list."""
+    """Return a part as lines; no pictures, no files, nothing folded; too broad a table: a list."""
     match part:
-        case None | "" | Picture():
+        case None | "" | Picture() | Block() | Section(folded=True):
             return []
         case Section(title, parts):
             body = [line for one in parts for line in terminal(one)]
@@ -212,7 +212,7 @@ def terminal(part: Part) -> list[str]:
             cells = [[*map(_bare, row)] for row in (head, *rows)]
             broad = sum(max(map(len, column)) + 2 for column in zip(*cells, strict=True))
             if broad <= screen.width():
-                return screen.table(cells, [*right])
+                return screen.table(cells if any(head) else cells[1:], [*right])
             return [line for row in cells[1:] for line in _row_lines(cells[0], row)]
         case LabelledTexts(texts, width, indent):
             return [
@@ -225,8 +225,6 @@ def terminal(part: Part) -> list[str]:
             return [one for line in lines for one in screen.wrapped_lines(_bare(line), "  ")]
         case Verdict(word, reasons):
             return [f"verdict: {word}", *terminal(Bullets(reasons))]
-        case Block():
-            return part.splitlines()
         case _:
             return screen.wrapped_lines(_bare(part), rest="  ")
 

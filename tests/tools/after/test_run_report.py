@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.report import figures, record
 from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.terminal.document import Section, markdown
 from pcpc.tools.terminal.progress import Progress
 
 RIGS = ROOT / "plants" / "atb1000" / "rigs"
@@ -107,6 +109,27 @@ def test_verdict_metrics_and_requirements_are_those_of_the_summary(folder: Path)
     assert page.tags.count("img") == 2 and "No clock ran" in page.text
     assert page.cells("Versions", "numpy") == [np.__version__]
     assert REQUIRED in page.text and "base: ../rig.yaml" in page.text  # its rig, and what was set
+
+
+def test_markdown_a_terminal_and_python_tell_what_the_page_tells(
+    folder: Path, tmp_path: Path
+) -> None:
+    """Each cell of the page's tables stands in all three; only the page has pictures and files."""
+    page = page_of(folder)
+    paper = tmp_path / "report.md"
+    assert run_here("report", folder, "-o", paper, "--quiet").out == f"{paper}\n"
+    lines = run_here("report", folder, "-o", "-").out
+    parts = package.open(folder).parts()
+    python = "".join(markdown(part) for part in parts)
+    told = [" ".join(re.sub("[`*]", "", t).split()) for t in (paper.read_text(), lines, python)]
+    cells = {cell for table in page.tables.values() for row in table[1:] for cell in row}
+    assert len(cells) > 50 and "expectation not met" in page.text
+    for text in told:
+        assert not [cell for cell in cells if cell not in text]
+        assert "expectation not met" in text and "img" not in text
+    assert max(map(len, lines.splitlines())) <= 80
+    assert "base: ../rig.yaml" in told[0] and "base: ../rig.yaml" not in told[1]
+    assert sum(type(part) is Section for part in parts) == page.tags.count("h2")
 
 
 def test_a_log_alone_is_judged_anew_to_the_same_figures(folder: Path, tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """`pcpc report LOG`: a run as one HTML file that needs no network, to hand on or to print.
 
+`-o FILE.md`: as Markdown, without its pictures; `-o -`: in the terminal.
+
 `--suite`: all runs of a project by their requirements, see `suite`.
 
 What it says, in this order: the verdict with its reasons, the figure of the evaluation,
@@ -9,6 +11,7 @@ requirements, metrics, what happened when, timing, bus, configuration, versions,
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.after.log.recorded import holds_several, log_of
@@ -16,14 +19,17 @@ from pcpc.tools.after.opened import opened
 from pcpc.tools.after.report.commands import ReportRequest
 from pcpc.tools.after.trust import Trust
 from pcpc.tools.after.verdict.summary import Summary
-from pcpc.tools.terminal.document import Part, Section, html
+from pcpc.tools.terminal.document import Part, Section, html, markdown, show, terminal
 from pcpc.tools.terminal.extras import FIGURE, need
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.outfile import LogCommandError, write_text
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import part_of
 
-SUFFIXES = (".html", ".htm")
+if TYPE_CHECKING:
+    from pcpc.tools.after.report.record import ReportedRun
+
+FORMS = (".html", ".htm", ".md")
 
 
 def command(request: ReportRequest) -> int:
@@ -55,7 +61,8 @@ def command(request: ReportRequest) -> int:
     if missing and not request.quiet:
         more = f", and {len(missing) - 1} more" if missing[1:] else ""
         print(f"{path}: missing: {missing[0]}{more}", file=sys.stderr)
-    print(output)
+    if str(output) != "-":
+        print(output)
     return Exit.LOSS if missing else Exit.OK
 
 
@@ -80,14 +87,31 @@ def write(
     LogError if it is none, UserError where the page cannot be written. `summary`: of the run, if
     it is known.
     """
-    if output.suffix.lower() not in SUFFIXES:
-        raise LogCommandError(f"-o {output}: not an HTML file; expected FILE.html")
+    if output.suffix.lower() not in FORMS and str(output) != "-":
+        raise LogCommandError(
+            f"-o {output}: neither a page nor Markdown; expected FILE.html, FILE.md, or -"
+        )
     need("a report needs", FIGURE)
-    from pcpc.tools.after.report import details, sections  # time
-    from pcpc.tools.after.report.record import gather
+    from pcpc.tools.after.report.record import gather  # time
 
-    with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder, opened(path, trust) as run:
+    with opened(path, trust) as run:
         record = gather(run, progress, summary)
+        report = report_of(record)
+        title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
+    if str(output) == "-":
+        progress.close()
+        show(terminal(report), 0)
+    else:
+        paper = output.suffix.lower() == ".md"
+        write_text(output, markdown(report, level=1) if paper else _page(title, report))
+    return [*record.log.missing, *record.tally.left_out()]
+
+
+def report_of(record: "ReportedRun") -> Section:
+    """Return all that is told of a run: facts, verdict, and the chapters of a page."""
+    from pcpc.tools.after.report import details, sections  # time
+
+    with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:
         chapters: dict[str, list[Part]] = {
             "Figure": [sections.figure(record, Path(folder))],
             "Requirements": [sections.requirements(record)],
@@ -99,12 +123,16 @@ def write(
             "Versions": [details.versions(record)],
             "Replay": details.replay(record),
         }
-    bodies = {
-        name: body for name, parts in chapters.items() if (body := html(Section(name, parts)))
-    }
-    heading = html(Section(sections.title(record), [sections.facts(record)]), 1)
+    told = [Section(name, parts) for name, parts in chapters.items()]
+    return Section(
+        sections.title(record), [sections.facts(record), sections.verdict(record), *told]
+    )
+
+
+def _page(title: str, report: Section) -> str:
+    chapters = [part for part in report.parts if isinstance(part, Section)]
+    facts, verdict = report.parts[:2]
+    bodies = {one.title: body for one in chapters if (body := html(one))}
     contents = "".join(f'<a href="#{name}">{name}</a> ' for name in bodies)
-    parts = [heading, html(sections.verdict(record)), f"<nav>{contents}</nav>", *bodies.values()]
-    title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
-    write_text(output, page(title, parts))
-    return [*record.log.missing, *record.tally.left_out()]
+    heading = html(Section(report.title, [facts]), 1)
+    return page(title, [heading, html(verdict), f"<nav>{contents}</nav>", *bodies.values()])

@@ -36,8 +36,9 @@ class ReportRequest(Request):
     output: Annotated[
         Path | None,
         "-o",
-        "FILE.html",
-        "default: report.html in the run folder, LOG.html by a log, suite.html",
+        "FILE",
+        "FILE.html, of one run also FILE.md, or - for the terminal; default: report.html in the "
+        "run folder, LOG.html by a log, suite.html",
     ] = None
     beside: Annotated[Offers, "BESIDE_REPORT"] = Offers()
     code: take.CodeOfLaws = take.CodeOfLaws()
@@ -48,7 +49,7 @@ COMMANDS = (
     Command(
         "report",
         "write a run, or a suite of runs, as one HTML file",
-        "pcpc report latest\npcpc report runs/A -o a.html\n"
+        "pcpc report latest\npcpc report runs/A -o a.html\npcpc report latest -o -\n"
         "pcpc report latest --requirements\n"
         "pcpc report latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'\n"
         "pcpc report --suite runs -o suite.html --junit suite.xml",

@@ -127,7 +127,7 @@ def course(record: ReportedRun) -> list[Part]:
     return [
         drawn and Picture(png_of(drawn), "states of the supervisor, faults and tunings over time"),
         _states(record), _faults(record), _on_purpose(record), _tunings(record), _alarms(record),
-        Note(f"Only the first {MOST_ENTRIES:,} events are summary.") if cut else None,
+        Note(f"Only the first {MOST_ENTRIES:,} events are shown.") if cut else None,
     ]  # fmt: skip
 
 
