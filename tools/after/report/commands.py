@@ -48,7 +48,7 @@ class ReportRequest(Request):
 COMMANDS = (
     Command(
         "report",
-        "write a run, or a suite of runs, as one HTML file",
+        "write a run, or a suite of runs, as a page; a run also as text",
         "pcpc report latest\npcpc report runs/A -o a.html\npcpc report latest -o -\n"
         "pcpc report latest --requirements\n"
         "pcpc report latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'\n"
