@@ -1,79 +1,28 @@
 """Cheats over the real server: each is refused by a rule that is named, or is a finding."""
 
 import os
-import re
 import shutil
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from pathlib import Path
 from typing import Any
 
 import anyio
 import pytest
-from mcp import MCPError
+from mcp_cheats import FIRST, Cheat, add, call, edit, hold_to_account, honest_folder, shell
 from mcp_door import Door
 
-from pcpc.tools import cli
-
 pytestmark = pytest.mark.deep  # each begins a server and a run or two
-Cheat = Callable[[Door], Awaitable[Any]]
-FIRST = "runs/0002-simulate"
 
 
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a motor that was there at the start, and a run that is ok."""
-    folder = tmp_path_factory.mktemp("honest")
-    assert cli.main(["new", str(folder / "motor")]) == 0
-    door = Door(folder)
-    told = door.session(lambda door: door.call("simulate", rig="."))
-    assert told["answer"]["verdict"] == "ok", told
-    assert door.report()[0] == 0
-    return folder
+    return honest_folder(tmp_path_factory.mktemp("honest"))
 
 
 @pytest.fixture
 def door(honest: Path, tmp_path: Path) -> Door:
     shutil.copytree(honest, tmp_path, dirs_exist_ok=True)
     return Door(tmp_path)
-
-
-def edit(name: str, old: str, new: str, rig: str = ".") -> Cheat:
-    """Edit a file by hand, then run."""
-
-    async def cheat(door: Door) -> Any:
-        path = door.work / name
-        text = path.read_text()
-        assert old in text
-        path.write_text(text.replace(old, new, 1))
-        return await door.call("simulate", rig=rig)
-
-    return cheat
-
-
-def add(name: str, text: str, rig: str = ".") -> Cheat:
-    """Write a file by hand, then run."""
-
-    async def cheat(door: Door) -> Any:
-        (door.work / name).parent.mkdir(exist_ok=True)
-        (door.work / name).write_text(text.replace("OUTSIDE", str(door.folder)))
-        return await door.call("simulate", rig=rig)
-
-    return cheat
-
-
-def call(tool: str, **arguments: Any) -> Cheat:
-    """Ask for it."""
-    return lambda door: door.call(tool, **arguments)
-
-
-def shell(do: Callable[[Path], Any], then: Cheat | None = None) -> Cheat:
-    """Do something in the workspace behind the server's back."""
-
-    async def cheat(door: Door) -> Any:
-        do(door.work)
-        return await (then or call("check", rig="."))(door)
-
-    return cheat
 
 
 def twice(door: Door) -> Awaitable[Any]:
@@ -268,24 +217,4 @@ ASKED: dict[str, tuple[Cheat, str]] = {
 
 @pytest.mark.parametrize("name", [*BY_HAND, *ASKED])
 def test_no_cheat_ends_as_an_unseen_green(door: Door, name: str) -> None:
-    cheat, expected = (BY_HAND | ASKED)[name]
-
-    async def story(door: Door) -> Any:
-        try:
-            return await cheat(door)
-        except MCPError as error:
-            return {"protocol": error.message, "error": True}
-
-    told = door.session(story)
-    code, page = door.report()
-    kind, _, rule = expected.partition(" ")
-    if kind == "refused":
-        assert told["refused"] == rule and told["error"], told
-        assert f"{rule}: " in page
-    elif kind == "protocol":
-        assert "protocol" in told, told
-    elif kind == "exit":
-        assert told["exit"] == int(rule) and told["error"], told
-    else:
-        assert code == 1, (told, re.findall("<li>.*?</li>", page))
-        assert expected in page
+    hold_to_account(door, *(BY_HAND | ASKED)[name])

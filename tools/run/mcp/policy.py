@@ -53,10 +53,16 @@ class Policy(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     processes: int = 1
     "calls at once"
 
-    def allow(self, rule: str, name: str) -> None:
-        """Raise Refused unless a list allows a name."""
-        if not any(fnmatchcase(name, one) for one in getattr(self, rule)):
-            raise Refused(rule, f"{name!r} is not in {rule}")
+    def allow(self, rule: str, *names: str) -> None:
+        """Raise Refused unless a list allows all names."""
+        for name in names:
+            if not any(fnmatchcase(name, one) for one in getattr(self, rule)):
+                raise Refused(rule, f"{name!r} is not in {rule}")
+
+    def limit(self, rule: str, count: float) -> None:
+        """Raise Refused for more than a limit."""
+        if count > getattr(self, rule):
+            raise Refused(rule, f"{count:g} is more than {getattr(self, rule):g}")
 
 
 def read(text: bytes, place: Path) -> Policy:
@@ -73,19 +79,14 @@ def check(rules: Policy, tool: str, given: Mapping[str, Any], workspace: Path) -
     rules.allow("commands", tool)
     if "rig" in said:
         said["rig"] = _rig(rules, said["rig"], workspace)
-    settings = [
-        *said.get("set", ()),
-        *said.get("vary", ()),
-        *(said["names"] if tool == "set" else ()),
-    ]
-    for one in settings:
-        rules.allow("set", one.partition("=")[0].rpartition(":")[2].strip())
-    for one in said.get("fault", ()):
-        rules.allow("faults", one.partition(":")[0])
+    for key in ("set", "vary", *["names"] * (tool == "set")):
+        texts = (one.partition("=")[0].rpartition(":")[2].strip() for one in said.get(key, ()))
+        rules.allow("set", *texts)
+    rules.allow("faults", *(one.partition(":")[0] for one in said.get("fault", ())))
     if tool == "run":
         rules.allow("buses", said.setdefault("bus", next(iter(rules.buses), "auto")))
-    if tool == "sweep" and said.setdefault("draws", rules.draws) > rules.draws:
-        raise Refused("draws", f"{said['draws']} draws are more than {rules.draws}")
+    if tool == "sweep":
+        rules.limit("draws", said.setdefault("draws", rules.draws))
     return said
 
 

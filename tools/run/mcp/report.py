@@ -1,31 +1,46 @@
 """`pcpc report --audit FILE`: what was changed, what was run, what is green by another yardstick.
 
 A finding is a change of what judges a run, whoever made it: requirements, limits, seed, duration,
-evaluation, plant, tests, or a run that was changed, removed, or that no call made.
+evaluation, plant, tests, or a run that was changed, removed, or that no call made. A run that is ok
+is judged again by the rig and the evaluation that its rig had first.
 """
 
 import difflib
+import hashlib
+import multiprocessing
+import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import msgspec
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.yamlfile import Place, parse_value
+from pcpc.plants.judging import effective_rig
+from pcpc.tools.after.log.rig import carried_by
+from pcpc.tools.after.opened import Opened, opened
 from pcpc.tools.after.report.commands import ReportRequest
-from pcpc.tools.run.mcp import audit
+from pcpc.tools.after.trust import Trust, words_of
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.run.mcp import audit, lock
 from pcpc.tools.run.mcp.audit import Entry, Ran
 from pcpc.tools.run.mcp.commands import AuditRequest
-from pcpc.tools.run.mcp.recorded import flat, is_law
 from pcpc.tools.run.mcp.workspace import LOG, RUNS
 from pcpc.tools.terminal.document import Block, Code, Part, Section, Table, Verdict, html, terminal
 from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.outfile import write_text
 
-_JUDGES = (".yaml", ".yml", ".py", ".dbc", ".csv", ".eds", ".toml", ".ini", ".cfg")
-_NONE = "-"
+_RIGS = (".yaml", ".yml")
+_JUDGES = (*_RIGS, ".py", ".dbc", ".csv", ".eds", ".toml", ".ini", ".cfg")
+_LAWS = {"controller", "controllers", "standby", "title", "note", "watch", "rig"}  # keys of a rig
+_JUDGED_AGAIN = ("expect", "require", "evaluation", "file of the evaluation")
+_NONE, _PATIENCE_S = "-", 120.0
 
 
 class Finding(NamedTuple):
@@ -46,7 +61,8 @@ def command(request: ReportRequest) -> int:
     entries, _, problems = audit.read(path, asked.audit_end)
     if not entries:
         raise UserError(f"{path}: no line of an audit")
-    story = _Story(entries)
+    with tempfile.TemporaryDirectory(prefix="pcpc-audit-") as scratch:
+        story = _Story(path, entries, Path(scratch))
     found = [*(Finding(0, one) for one in problems), *story.findings]
     output = request.output or path.with_suffix(".html")
     word = "damaged" if problems else "with findings" if found else "without findings"
@@ -62,28 +78,48 @@ def command(request: ReportRequest) -> int:
     return Exit.LOSS if problems else Exit.NOT_MET if found else Exit.OK
 
 
+class _Recorded:
+    """A run by its log: its laws, and its yardstick, all else that it was made of."""
+
+    def __init__(self, run: Opened) -> None:
+        self.path, rig = run.path, effective_rig(run.head)
+        self.rig, self.controller = str(rig["rig"]), str(rig["controller"])
+        self.yardstick = {name: own for name, own in _flat(rig) if not _is_law(name)}
+        used = {_file_of(one) for one in self.yardstick.values()}
+        self.laws = {_file_of(one["law"]) for one in rig["controllers"].values()} - used
+        judges = carried_by(run.head, "judges")
+        for name in ("dbc", "evaluation.file"):  # where it lies; its content is told below
+            self.yardstick.pop(name, None)
+        for file in (*carried_by(run.head), *judges):
+            if file in judges or not self.laws & {*map(_file_of, (file.name, *file.laws))}:
+                kind = "file of the evaluation" if file in judges else "file"
+                self.yardstick[f"{kind} {Path(file.name).name}"] = file.sha256
+        for name, text in run.head.attachments.items():
+            if name.endswith(".dbc"):
+                self.yardstick["file .dbc"] = hashlib.sha256(text.encode()).hexdigest()
+
+
 class _Story:
     """What an audit tells, gathered line by line."""
 
-    def __init__(self, entries: Sequence[Entry]) -> None:
+    def __init__(self, path: Path, entries: list[Entry], scratch: Path) -> None:
         self.findings: list[Finding] = []
         self.runs: list[tuple[Any, ...]] = []
         self.calls: list[tuple[Any, ...]] = []
         self.diffs: list[Part] = []
-        self._texts = {k: v for one in entries for k, v in one.texts.items()}
+        self._path, self._entries, self._scratch = path, entries, scratch
         self._files: dict[str, str | None] = {}
-        self._first: dict[str, Ran] = {}  # by rig
-        self._last: dict[str, Ran] = {}
+        self._rigs_written = False
+        self._first: dict[str, _Recorded] = {}  # by rig
+        self._last: dict[str, _Recorded] = {}
         self._ended: set[int] = set()
         self._open: dict[int, Entry] = {}
-        self._laws = {
-            name.removeprefix("file ")
-            for one in entries if one.ran for name in one.ran.laws if name.startswith("file ")
-        }  # fmt: skip
-        policies = [one for one in entries if one.kind == "start"]
+        self._recorded = {one.number: self._record(one.ran) for one in entries if one.ran}
+        recorded = [one for one in self._recorded.values() if one]
+        self._laws = tuple(f"/{law}" for one in recorded for law in one.laws)
         for entry in entries:
-            self._add(entry, entries[0])
-        for before, after in pairwise(policies):
+            self._add(entry)
+        for before, after in pairwise(one for one in entries if one.kind == "start"):
             if before.policy != after.policy:
                 self._find(after, "another policy", before.policy, after.policy)
         for entry in self._open.values():
@@ -92,9 +128,22 @@ class _Story:
     def _find(self, entry: Entry, what: str, old: Any = "", new: Any = "") -> None:
         self.findings.append(Finding(entry.number, what, str(old), str(new)))
 
-    def _add(self, entry: Entry, start: Entry) -> None:
+    def _text(self, digest: str | None) -> str:
+        return audit.content(self._path, self._entries, digest or "").decode("utf-8", "replace")
+
+    def _record(self, ran: Ran) -> _Recorded | None:
+        """Return a run by its log; None without one that says what it was."""
+        log = self._scratch / f"{ran.log}.mcap"
+        log.write_bytes(audit.content(self._path, self._entries, ran.log))
+        try:
+            with opened(log) as run:
+                return _Recorded(run)
+        except (UserError, OSError, KeyError, TypeError, AttributeError):
+            return None
+
+    def _add(self, entry: Entry) -> None:
         by = f"during call {entry.call}" if entry.call else "by hand"
-        for name, digest in entry.files.items() if entry is not start else ():
+        for name, digest in entry.files.items() if entry is not self._entries[0] else ():
             self._changed(entry, name, self._files.get(name), digest, by)
         self._files |= entry.files
         if entry.kind == "call":
@@ -109,7 +158,7 @@ class _Story:
             for one in call.arguments.get("require", ()):
                 self._find(entry, "judged by a requirement of its own", "", one)
             if entry.ran is not None:
-                self._judge(entry, entry.ran, call, start)
+                self._judge(entry, entry.ran)
 
     def _changed(self, entry: Entry, name: str, old: str | None, new: str | None, by: str) -> None:
         """Note a file that differs from the line before."""
@@ -120,65 +169,116 @@ class _Story:
             self._find(entry, f"{by}: {name} of a run was {what}", old, new or _NONE)
         elif new and name.endswith(LOG) and number not in self._open:
             self._find(entry, f"{by}: {name} is a log that no call made", "", new)
-        elif old is None or made or not name.endswith(_JUDGES):
+        elif made:
             return
-        elif name.endswith((".yaml", ".yml")) and {old, new} <= self._texts.keys():
+        elif name.endswith(_RIGS):
+            self._rigs_written |= old is None
             for key, before, after in _differences(self._values(old), self._values(new)):
-                if not is_law(key):
+                if old is not None and not _is_law(key):
                     self._find(entry, f"{by}: {name}: {key}", before, after)
-        elif not any(name == one or name.endswith(f"/{one}") for one in self._laws):
+        elif old and name.endswith(_JUDGES) and not f"/{name}".endswith(self._laws):
             self._find(entry, f"{by}: {name}", old[:12], (new or _NONE)[:12])
-        if old and name.endswith(_JUDGES) and not made:
-            self.diffs.append(Section(f"line {entry.number}, {by}: {name}", [self._diff(old, new)]))
+        if name.endswith(_JUDGES):
+            before, after = (self._text(one).splitlines() for one in (old, new))
+            lines = difflib.unified_diff(before, after, lineterm="", n=1)
+            title = f"line {entry.number}, {by}: {name}"
+            self.diffs.append(Section(title, [Block("\n".join(lines))]))
 
     def _values(self, digest: str | None) -> dict[str, Any]:
         try:
-            text = self._texts.get(digest or "", "")
-            return dict(flat(parse_value(text, Place(Path(), 1, 1)) or {}))
+            return dict(_flat(parse_value(self._text(digest), Place(Path(), 1, 1)) or {}))
         except RigError:  # no rig is such a file
             return {"": digest}
 
-    def _diff(self, old: str, new: str | None) -> Block:
-        before, after = (self._texts.get(one or "", "").splitlines() for one in (old, new))
-        return Block("\n".join(difflib.unified_diff(before, after, lineterm="", n=1)))
-
-    def _judge(self, entry: Entry, ran: Ran, call: Entry, start: Entry) -> None:
-        """Hold a run against the last one of its rig, and against the limits of the first."""
-        self.runs.append((entry.number, ran.folder, f"{ran.rig} {ran.controller}", ran.verdict,
-                          ", ".join(ran.changed)))  # fmt: skip
-        if not ran.yardstick:
-            return
-        first = self._first.setdefault(ran.rig, ran)
-        for key, old, new in _differences(self._last.get(ran.rig, ran).yardstick, ran.yardstick):
-            self._find(entry, f"{ran.folder}: {key}", old, new)
-        self._last[ran.rig] = ran
-        named = str(call.arguments.get("rig", ""))
-        if first is ran and self._is_new(named, start):
-            stated = {k: v for k, v in ran.yardstick.items() if k.startswith(("expect", "require"))}
-            self._find(entry, f"{ran.rig}: its yardstick was written in this session", "", stated)
+    def _judge(self, entry: Entry, ran: Ran) -> None:
+        """Hold a run against the last one of its rig, and against the yardstick of the first."""
+        new, changed = self._recorded[entry.number], ", ".join(ran.changed)
+        name = f"{new.rig} {new.controller}" if new else ""
+        self.runs.append((entry.number, ran.folder, name, ran.verdict, changed))
         for one in ran.changed:
             if not one.startswith("controller."):
                 self._find(entry, f"{ran.folder}: changed in the run", "", one)
-        if ran.verdict == "ok":
-            for what, old in _broken(first, ran):
-                self._find(entry, f"{ran.folder}: ok by a weakened limit only", old, what)
+        if new is None:
+            if ran.verdict == "ok":
+                self._find(entry, f"{ran.folder}: ok, but its log does not say what it was")
+            return
+        last, self._last[new.rig] = self._last.get(new.rig, new), new
+        for key, before, after in _differences(last.yardstick, new.yardstick):
+            self._find(entry, f"{ran.folder}: {key}", before, after)
+        first = self._first.setdefault(new.rig, new)
+        if first is new and ran.own and self._rigs_written:
+            stated = {k: v for k, v in new.yardstick.items() if k.startswith(_JUDGED_AGAIN[:2])}
+            self._find(entry, f"{new.rig}: its yardstick was written in this session", "", stated)
+        others = [*_differences(first.yardstick, new.yardstick)]
+        if ran.verdict != "ok" or not others:
+            return
+        for why in _unheld(first, new):
+            self._find(entry, f"{ran.folder}: ok by a weakened limit only", why, "ok")
+        if made := [key for key, *_ in others if not key.startswith(_JUDGED_AGAIN)]:
+            told = f"{ran.folder}: ok, not judged under the old {', '.join(made)}: no such run"
+            self._find(entry, told, {k: old for k, old, _ in others if k in made},
+                       {k: own for k, _, own in others if k in made})  # fmt: skip
 
-    def _is_new(self, rig: str, start: Entry) -> bool:
-        """Return whether a rig's file came into the workspace after the start."""
-        names = {rig, f"{rig}/rig.yaml", f"{rig}/rig.yaml".removeprefix("./")}
-        now = names & {name for name, digest in self._files.items() if digest}
-        return bool(now) and not now & start.files.keys()
+
+def _unheld(first: _Recorded, new: _Recorded) -> list[str]:
+    """Return what a run does not hold of another one's limits and requirements, or why not known.
+
+    The evaluation is code of the workspace: it runs in a process that can write nowhere else.
+    """
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe(duplex=False)
+    about = there, first.path, new.path, new.controller
+    child = context.Process(target=_judge_again, args=about)
+    child.start()
+    there.close()
+    try:
+        if here.poll(_PATIENCE_S):
+            return msgspec.json.decode(here.recv_bytes(), type=list[str])
+    except (EOFError, msgspec.MsgspecError):
+        pass
+    finally:
+        child.kill()
+        child.join()
+    return ["not judged under the old one: its evaluation comes to no end"]
+
+
+def _judge_again(there: Connection, first: Path, new: Path, controller: str) -> None:
+    place = Path(tempfile.mkdtemp(dir=first.parent))
+    tempfile.tempdir, told = str(place), "not judged under the old one"
+    try:
+        if not lock.confine([place]):
+            raise UserError("this kernel has no Landlock")
+        with opened(first, Trust(trust=True)) as old, opened(new) as run:
+            rig, _ = old.judged([f"controller={controller}"])
+            findings = Judge.of(rig).judge(run.log, []).findings
+        found = [str(one) for one in findings if one.held is not True]
+    except (UserError, OSError) as error:
+        found = [f"{told}: {words_of(error)}"]
+    there.send_bytes(msgspec.json.encode(found))
+
+
+def _file_of(value: Any) -> str:
+    """Return the file of a law, as FILE:BLOCK names it, or a text as it is."""
+    return os.path.normpath(str(value).rpartition(":")[0] or str(value))
+
+
+def _is_law(key: str) -> bool:
+    """Return whether a rig's key is of its laws; all others say what they are judged by."""
+    return key.partition(".")[0] in _LAWS
+
+
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of a rig by their dotted names; entries of a list by their own names."""
+    if isinstance(value, list) and any(isinstance(one, dict) for one in value):
+        value = {str(one.get("id") or one.get("name") or i): one for i, one in enumerate(value)}
+    if not isinstance(value, dict) or not value:
+        yield name, value
+        return
+    for key, own in value.items():
+        yield from _flat(own, f"{name}.{key}" if name else str(key))
 
 
 def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
     for key in sorted({*old, *new}):
         if old.get(key, _NONE) != new.get(key, _NONE):
             yield key, old.get(key, _NONE), new.get(key, _NONE)
-
-
-def _broken(first: Ran, ran: Ran) -> Iterator[tuple[str, str]]:
-    """Yield the metrics of a run that are outside the limits of the first run of its rig."""
-    for name, value in ran.metrics.items():
-        limits = first.yardstick.get(f"expect.{ran.controller}.{name}")
-        if isinstance(limits, list) and not limits[0] <= float(value) <= limits[1]:
-            yield f"{name} {value:.4g}", f"{limits[0]:g} to {limits[1]:g}"

@@ -20,21 +20,23 @@ import mcp_types as types
 from mcp.server.lowlevel import Server
 from mcp.server.stdio import stdio_server
 from mcp.shared.exceptions import MCPError
-from mcp.shared.message import SessionMessage
 
 import pcpc
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.own_laws.carried_files import sha256
 from pcpc.tools.run.mcp import policy, tools, workspace
-from pcpc.tools.run.mcp.audit import Audit
+from pcpc.tools.run.mcp.audit import Audit, Ran
 from pcpc.tools.run.mcp.policy import Policy, Refused
-from pcpc.tools.run.mcp.recorded import ran
 from pcpc.tools.start.children import end_with
 
-_LOOK_S = 1.0
-_MOST_ASKED = 100_000  # bytes of arguments; the kernel takes 131,072 of a word
+_LOOK_S = 0.2
 _PATIENCE_S = 5.0  # of a command that was asked to end
 _DOCS = Path(pcpc.__file__).resolve().parents[1] / "docs"
+_NO_MESSAGE = types.JSONRPCError(
+    jsonrpc="2.0",
+    id=None,
+    error=types.ErrorData(code=types.PARSE_ERROR, message="not a message of JSON-RPC"),
+)
 
 
 @dataclass
@@ -47,7 +49,7 @@ class Door:
     digest: str  # of the policy, when it was read
     audit: Audit
     scratch: Path
-    live: dict[int, str] = field(default_factory=dict)  # processes, tools
+    live: dict[int, tuple[str, str]] = field(default_factory=dict)  # processes, tools, folders
 
     async def serve(self) -> None:
         """Answer until stdin ends."""
@@ -59,25 +61,27 @@ class Door:
             on_list_resources=self._list_resources,
             on_read_resource=self._read_resource,
         )
+        (self.folder / workspace.RUNS).mkdir(exist_ok=True)
         self.audit.add("start", policy=self.digest)
-        async with stdio_server(_lines()) as (read, write), anyio.create_task_group() as group:
-            into, valid = anyio.create_memory_object_stream[SessionMessage | Exception](0)
-            group.start_soon(_hand_on, read, into, write)
-            await server.run(valid, write, server.create_initialization_options())
+        out = anyio.wrap_file(open(os.dup(1), "w", encoding="utf-8"))  # noqa: SIM115  until the end
+        os.dup2(2, 1)  # for what is printed by mistake
+        async with stdio_server(_messages(out), out) as (read, write):
+            await server.run(read, write, server.create_initialization_options())
         self.audit.add("stop")
 
     async def _list_tools(self, context: Any, _: Any) -> types.ListToolsResult:
-        return types.ListToolsResult(tools=[
-            types.Tool(name=name, description=about, input_schema=schema)
-            for name in filter(tools.is_here, tools.TOOLS) if name in self.rules.commands
-            for about, schema in [tools.described(name)]
-        ])  # fmt: skip
+        found = []
+        for name in tools.TOOLS:
+            with suppress(ValueError):
+                about, asked, told = tools.described(name)
+                found += [types.Tool(
+                    name=name, description=about, input_schema=asked, output_schema=told
+                )] * (name in self.rules.commands)  # fmt: skip
+        return types.ListToolsResult(tools=found)
 
     async def _call_tool(self, context: Any, asked: Any) -> types.CallToolResult:
         name, given = asked.name, asked.arguments or {}
         try:
-            if len(json.dumps(given, ensure_ascii=False).encode()) > _MOST_ASKED:
-                raise ValueError("too long")
             jsonschema.validate(given, tools.described(name)[1])
             tools.words(name, given)
         except (jsonschema.ValidationError, ValueError) as error:
@@ -85,15 +89,20 @@ class Door:
             raise MCPError(types.INVALID_PARAMS, f"{name}: {what}") from None
         entry = self.audit.add("call", tool=name, arguments=given)
         folder = f"{workspace.RUNS}/{entry.number:04}-{name}"
+        place = self.folder / folder
         end: dict[str, Any] = {"why": "cancelled"}
         try:
             line = self._allowed(name, given, folder)
-            code, text, said = await self._carried_out(context, name, line)
-            end = {"code": code}
+            told = await self._carried_out(context, name, folder, line)
+            told["answer"] = answer = tools.answer(name, told["answer"], given.get("columns", ()))
+            end = {"code": told["exit"], "why": told.get("why", "")}
             if tools.TOOLS[name].keeps:
-                end["ran"] = ran(self.folder / folder, text, folder)
-            told = {"exit": code, "said": said[-5:], "run": folder if "ran" in end else ""}
-            told["answer"] = tools.answer(name, text, given.get("columns", ()))
+                log = place / workspace.LOG
+                facts = answer if isinstance(answer, dict) else {}
+                about = {key: facts[key] for key in ("verdict", "changed") if key in facts}
+                about["own"] = any(Path(word).is_relative_to(self.folder) for word in line)
+                told["run"] = folder
+                end["ran"] = Ran(folder=folder, log=sha256(log) if log.is_file() else "", **about)
         except (Refused, UserError, OSError, ValueError) as error:
             told = {"refused": getattr(error, "rule", "input"), "why": str(error)}
             end = {"why": f"{told['refused']}: {error}"}
@@ -102,8 +111,7 @@ class Door:
         told = {key: own for key, own in told.items() if own or key == "exit"}
         told["audit"] = self.audit.last
         content: list[Any] = [types.TextContent(text=json.dumps(told))]
-        picture = self.folder / folder / "figure.png"
-        if given.get("picture") and picture.is_file():
+        if given.get("picture") and (picture := place / "figure.png").is_file():
             data = base64.b64encode(picture.read_bytes()).decode()
             content.append(types.ImageContent(data=data, mime_type="image/png"))
         is_error = told.get("exit") not in (Exit.OK, Exit.NOT_MET)
@@ -115,31 +123,31 @@ class Door:
         if not self.policy.is_file() or sha256(self.policy) != self.digest:
             raise Refused("policy", "its file has changed since the start")
         said = policy.check(rules, name, given, self.folder)
-        if len(self.live) >= rules.processes:
-            raise Refused("processes", f"{len(self.live)} at work already")
-        if name in ("set", "operate") and "run" not in self.live.values():
+        rules.limit("processes", len(self.live) + 1)
+        if name in ("set", "operate") and all(of != "run" for of, _ in self.live.values()):
             raise Refused("commands", "no run of this session is in progress")
         workspace.check(self.folder, rules)
-        runs = [one.ran for one in self.audit.entries if one.ran]
-        if tool.keeps and len(runs) >= rules.runs:
-            raise Refused("runs", f"{len(runs)} were made already")
-        known = {one.folder: one.log for one in runs if one.log}
-        for log in tool.logs_in(said):
+        known = {one.ran.folder: one.ran.log for one in self.audit.entries if one.ran}
+        rules.limit("runs", len(known) + tool.keeps)
+        for log in [said[tool.reads]] if tool.reads == "log" else said.get(tool.reads, ()):
             place = self.folder / log / workspace.LOG
-            if log not in known or not place.is_file() or sha256(place) != known[log]:
+            if not known.get(log) or not place.is_file() or sha256(place) != known[log]:
                 raise Refused("runs", f"{log}: not a run folder as a call has left it")
         kept = [f"--output={folder}"] * tool.keeps
-        no_figure = ["--no-figure"] * (tool.keeps and name != "sweep" and not given.get("picture"))
+        no_figure = ["--no-figure"] * ("--judge" in tool.words and not given.get("picture"))
         return [*tools.words(name, said), *kept, *no_figure]
 
     async def _carried_out(
-        self, context: Any, name: str, line: list[str]
-    ) -> tuple[int, str, list[str]]:
+        self, context: Any, name: str, folder: str, line: list[str]
+    ) -> dict[str, Any]:
         """Return exit code, output and messages of a command; Refused past a limit."""
         place, own, begin_s = self.scratch / str(time.monotonic_ns()), os.getpid(), time.monotonic()
         environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
         environment |= dict.fromkeys(("TMPDIR", "MPLCONFIGDIR"), str(self.scratch))
-        environment["PYTHONPYCACHEPREFIX"] = str(self.scratch.with_name("mcp-bytecode"))
+        environment |= {"PYTHONPYCACHEPREFIX": str(self.scratch.with_name("mcp-bytecode"))}
+        environment["PATH"] = os.devnull  # git's filters would be programs of the workspace
+        begun_ns, at_work = self.audit.written_ns, tuple(of for _, of in self.live.values())
+        files = [one for one in self.audit.files if not one.startswith(at_work)]
         with place.with_suffix(".out").open("w+b") as out, place.open("w+b") as err:
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "pcpc.tools.cli", *line],
@@ -151,37 +159,42 @@ class Door:
                 start_new_session=True,
                 preexec_fn=lambda: end_with(own),
             )
-            self.live[process.pid] = name
+            self.live[process.pid] = name, folder
             try:
-                while not await _ends(process, _LOOK_S):
+                while process.poll() is None:
                     spent_s = time.monotonic() - begin_s
                     await context.session.report_progress(spent_s, self.rules.time_s)
-                    if spent_s > self.rules.time_s:
-                        raise Refused("time_s", f"it took longer than {self.rules.time_s:g} s")
+                    self.rules.limit("time_s", spent_s)
                     workspace.check_size(self.folder, self.rules, os.fstat(out.fileno()).st_size)
+                    await anyio.sleep(_LOOK_S)
             finally:
                 with anyio.CancelScope(shield=True):
                     await self._end(process)
             texts = [(one.seek(0), one.read().decode("utf-8", "replace"))[1] for one in (out, err)]
-        return process.returncode, texts[0], texts[1].splitlines()
+        told = {"exit": process.returncode, "said": texts[1].splitlines()[-5:], "answer": texts[0]}
+        if late := workspace.touched(self.folder, files, begun_ns):
+            told["why"] = f"{', '.join(late[:5])}: changed while the call was at work"
+        return told
 
     async def _end(self, process: "subprocess.Popen[bytes]") -> None:
         """Ask a command to end, then kill it, and all that it has left behind."""
-        if process.poll() is None:
-            process.terminate()
-            if not await _ends(process, _PATIENCE_S):
-                process.kill()
-                process.wait()
+        process.terminate()  # none that has ended
+        with anyio.move_on_after(_PATIENCE_S):
+            while process.poll() is None:
+                await anyio.sleep(_LOOK_S)
+        process.kill()
+        process.wait()
         del self.live[process.pid]
-        while strays := _children(os.getpid()) - self.live.keys():
+        children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
+        while strays := {*map(int, children.read_text().split())} - self.live.keys():
             for one in strays:
                 with suppress(OSError):
                     os.kill(one, signal.SIGKILL)
                     os.waitpid(one, 0)
 
     async def _list_resources(self, context: Any, _: Any) -> types.ListResourcesResult:
-        rigs = [one for one in (*self.rules.rigs, *self.audit.files) if one.endswith(".yaml")]
-        names = ["schema", *(f"rig/{one}" for one in (*self.rules.rigs, *rigs) if "*" not in one)]
+        rigs = [*self.rules.rigs, *(one for one in self.audit.files if one.endswith(".yaml"))]
+        names = ["schema", *(f"rig/{one}" for one in rigs if "*" not in one)]
         names += [f"docs/{one.relative_to(_DOCS)}" for one in sorted(_DOCS.rglob("*.md"))]
         return types.ListResourcesResult(
             resources=[types.Resource(uri=f"pcpc://{one}", name=one) for one in names]
@@ -208,42 +221,19 @@ class Door:
         return types.ReadResourceResult(contents=[content])
 
 
-async def _ends(process: "subprocess.Popen[bytes]", within_s: float) -> bool:
-    """Return whether a process ends in time."""
-    handle = os.pidfd_open(process.pid)
-    try:
-        with anyio.move_on_after(within_s):
-            await anyio.wait_readable(handle)
-    finally:
-        os.close(handle)
-    return process.poll() is not None
-
-
-def _children(parent: int) -> set[int]:
-    """Return the processes that a process has begun, or adopted."""
-    text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
-    return {int(one) for one in text.split()}
-
-
-async def _lines() -> Any:  # stdio_server only iterates over it
-    """Yield what comes on stdin; in place of what is no message a line that is none either."""
+async def _messages(out: "anyio.AsyncFile[str]") -> Any:  # stdio_server only iterates over it
+    """Yield what comes on stdin, as far as it is a message; answer what is none."""
     with open(os.dup(0), encoding="utf-8", errors="replace", newline="\n") as stdin:
         async for line in anyio.wrap_file(stdin):
             try:
-                message = json.loads(line)
-                known = type(message.get("id", "")) in (str, int)
+                known = type(json.loads(line).get("id", "")) in (str, int)
+                types.jsonrpc_message_adapter.validate_json(line, by_name=False)
             except (ValueError, AttributeError, RecursionError):
                 known = False
-            yield line if known else "null"
-
-
-async def _hand_on(read: Any, into: Any, write: Any) -> None:
-    """Hand on what is a message, and answer what is none."""
-    async with into:
-        async for one in read:
-            if not isinstance(one, Exception):
-                await into.send(one)
-                continue
-            error = types.ErrorData(code=types.PARSE_ERROR, message="not a message of JSON-RPC")
-            answer = types.JSONRPCError(jsonrpc="2.0", id=None, error=error)
-            await write.send(SessionMessage(answer))
+            if known:
+                yield line
+            else:
+                await out.write(
+                    _NO_MESSAGE.model_dump_json(by_alias=True, exclude_unset=True) + "\n"
+                )
+                await out.flush()
