@@ -334,7 +334,7 @@ class Run:
         return figure
 
     def parts(self) -> "list[Part]":
-        """Return what `pcpc report` tells of the run: its verdict, tables, pictures and texts.
+        """Return the parts of `pcpc report`: facts, verdict, chapters with tables and pictures.
 
         `pcpc.tools.terminal.document` makes HTML, Markdown or lines of a terminal of each.
         """
