@@ -283,7 +283,9 @@ class Host:
         self._let_go(nodes, asked_s)
         if "line" in self.children:
             self.children["line"].end(0.0)
-            if said := run_line.summary(self.folder):
+            said, wrong_rates = run_line.summary(self.folder)
+            self.outcome.faults += wrong_rates
+            if said:
                 self.progress.say(said)
         if "watchdog" in self.children:
             self.children["watchdog"].end(0.0)

@@ -22,6 +22,7 @@ from pcpc.tools.start.bus import run_line as line
 from pcpc.tools.start.bus.emulate import BusErrors
 from pcpc.tools.start.children import Child
 
+ROBSTRIDE = Path(__file__).parents[2] / "drivers/robots/robstride.yaml"
 Screen = pytest.CaptureFixture[str]
 
 
@@ -111,6 +112,47 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     assert "line: 1 Mbit/s" + (", data at 5 Mbit/s" if data_bitrate else "") in done.err
     first, second = (side["bus"] for side in line["sides"])
     assert done.summary["bus"] == first != second
+
+
+@pytest.mark.parametrize(
+    ("rig", "of"),
+    [("probe", "executive"), ("probe", "plant"), (str(ROBSTRIDE), "plant"),
+     (str(ROBSTRIDE), "executive")],
+)  # fmt: skip
+def test_a_bit_rate_mismatch_is_named_in_the_verdict_within_a_second(
+    rig: str, of: str, tmp_path: Path, capsys: Screen
+) -> None:
+    words = ["--set", "bus.emulate=1M", "--set", f"bus.odd={{{of}: 500000}}", "--no-figure"]
+    run = tmp_path / "run"
+    assert main(["simulate", rig, *words, "--set", "duration_s=5.0", "-o", str(run)]) == 5
+    summary = json.loads((run / "summary.json").read_text())
+    said = f"line: {of} has a bit rate of 500 kbit/s, the line 1 Mbit/s: it and the others do not"
+    assert summary["faults"][0].startswith(said), summary["faults"]
+    assert summary["cycles"] < summary["rate_hz"], "a second"
+    line = json.loads((run / "line.json").read_text())
+    assert [side["sent"] for side in line["sides"]] == [0, 0]
+    assert all(side["worst_tec"] >= 128 for side in line["sides"]), line
+    assert said in capsys.readouterr().out.replace("\n           ", " ")
+
+
+def test_a_run_names_a_bit_rate_mismatch_within_a_second(tmp_path: Path) -> None:
+    words = ["probe", "--set", "bus.emulate=1M", "--set", "bus.odd={plant: 500000}", "--no-figure"]
+    done = pcpc("run", *words, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--json")
+    assert done.code == 5, str(done)
+    said = "line: plant has a bit rate of 500 kbit/s"
+    assert done.summary["faults"][0].startswith(said), str(done)
+    assert done.summary["cycles"] < 1000, "a second"
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["bus.odd={plant: 500000}"], "only an emulated line knows bit rates; give bus.emulate"),
+    (["bus.emulate=1M", "bus.odd={plnt: 500000}"], "plnt is no node at the line; did you mean pla"),
+    (["bus.emulate=1M", "bus.odd={plant: 999983, executive: 999979}"], "no clock up to 9 GHz give"),
+])  # fmt: skip
+def test_bit_rates_that_cannot_be_are_refused(words: list[str], said: str, capsys: Screen) -> None:
+    assert main(["simulate", "probe", *(part for one in words for part in ("--set", one))]) == 2
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert said in told, told
 
 
 def children(pid: int) -> dict[str, int]:
