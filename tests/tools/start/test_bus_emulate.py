@@ -135,13 +135,12 @@ def test_a_bit_rate_mismatch_is_named_in_the_verdict_within_a_second(
     assert said in capsys.readouterr().out.replace("\n           ", " ")
 
 
-def test_a_run_names_a_bit_rate_mismatch_within_a_second(tmp_path: Path) -> None:
+def test_a_run_ends_with_the_bit_rates_before_it_waits_for_a_second(tmp_path: Path) -> None:
     words = ["probe", "--set", "bus.emulate=1M", "--set", "bus.odd={plant: 500000}", "--no-figure"]
     done = pcpc("run", *words, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--json")
-    assert done.code == 5, str(done)
-    said = "line: plant has a bit rate of 500 kbit/s"
-    assert done.summary["faults"][0].startswith(said), str(done)
-    assert done.summary["cycles"] < 1000, "a second"
+    assert done.code == 4 and "line: plant" not in done.out, str(done)
+    assert "has a bit rate of 500 kbit/s, the line 1 Mbit/s: it and the others" in done.err, done
+    assert "no frame of the other node" not in done.err and "other node on" not in done.err, done
 
 
 @pytest.mark.parametrize(("words", "said"), [
