@@ -221,7 +221,7 @@ MIT_ON, STATE_8, SDO = (
 )
 ENABLE, STOP, TWIN = 0x0300_FD01, bytes([1, 0, 0]), "another sender of"
 CANOPEN, FAULT = "frame to this node was CANopen's", "supervisor.fault"
-WRONG = {
+WRONG = {  # the first is how the bus of lerobot (0.4.4) switches a RobStride on
     "MIT to RobStride": Wrong("robstride", 1, MIT_ON, "was MIT mode's", "drive.master.from_mit"),
     "CANopen to RobStride": Wrong("robstride", 0x601, SDO, CANOPEN, "drive.master.from_cia402"),
     "CANopen to MIT": Wrong("mit", 0x601, SDO, CANOPEN, "drive.master.from_cia402"),
