@@ -3,9 +3,9 @@
     sent = used + lost + lost_on_purpose + repeated + crc_errors + wrong_sequence + unread
 
 `sent` are the frames that the other nodes here put on the bus and that the DBC, or its drive, has
-this node listen to; `unread` are those that it never took: sent before it listened, or on the way when it
-ended. A stop frame comes from elsewhere and is none of them. The recorder counts them, also where
-the log keeps only a part.
+this node listen to; `unread` are those that it never took: sent before it listened, or on the way
+when it ended. A stop frame comes from elsewhere and is none of them. The recorder counts them, also
+where the log keeps only a part.
 """
 
 import re
