@@ -119,11 +119,6 @@ def virtual_pacing(rig: Rig) -> str:
 def line_options(rig: Rig) -> dict[str, Any]:
     """Return what the rig says of its emulated line, for `drivers.line.line.prepare`."""
     bus = rig.config.bus
-    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate}
     odd = {on_line(rig).index(name): rate for name, rate in bus.odd.items()}
-    return rates | {
-        "odd": odd,
-        "p": bus.bit_error_rate,
-        "burst": bus.error_burst,
-        "seed": rig.config.seed,
-    }
+    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate, "odd": odd}
+    return rates | {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}
