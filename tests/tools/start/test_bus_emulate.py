@@ -65,6 +65,38 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
     assert 0.0 < found["load"] <= 1.0
 
 
+def test_a_side_of_another_bit_rate_is_not_heard_and_told() -> None:
+    first = own_bus()
+    sides = [first, str(buses.neighbour_of(buses.bus_named(*buses.parse(first))))]
+    rates = ["--bitrate", "500k", "--bitrate-b", "250k", "--for", "2s"]
+    with subprocess.Popen(
+        [PCPC, "bus", "emulate", *sides, *rates],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as gateway:  # fmt: skip
+        assert gateway.stderr is not None
+        for said in gateway.stderr:
+            if "are one line of 500 kbit/s" in said:
+                break
+        with port(sides[0]) as a, port(sides[1]) as b:
+            a.send(can.Message(arbitration_id=0x123, data=[1], is_extended_id=False))
+            out, _ = gateway.communicate(timeout=DEADLINE_S)
+            assert b.recv(0.0) is None
+    assert gateway.returncode == 3, out
+    said = f"line: {sides[1]} has a bit rate of 250 kbit/s, the line 500 kbit/s"
+    assert said in " ".join(out.split()) and "1 times bus-off" in out, out
+
+
+@pytest.mark.parametrize(("rate", "said"), [
+    ("2M", "--bitrate-b 2 Mbit/s: classic CAN ends at 1 Mbit/s"),
+    ("999983", "--bitrate-b: no clock up to 9 GHz gives"),
+])  # fmt: skip
+def test_a_bit_rate_of_b_that_cannot_be_is_refused(rate: str, said: str, capsys: Screen) -> None:
+    assert (
+        main(["bus", "emulate", "vcan0", "vcan1", "--bitrate", "499979", "--bitrate-b", rate]) == 2
+    )
+    assert said in capsys.readouterr().err.replace("\n", " ")
+
+
 # --------------------------------------------------------------------------- a rig with bus.emulate
 
 
