@@ -207,6 +207,6 @@ def test_a_minute_of_motion_is_recomputed(package: str, tmp_path: Path) -> None:
                         time.sleep(0.02)
     plant = logs.read(folder / "log.mcap").node["plant"]
     moved = plant.columns[one.moved]
-    assert len(moved) >= MINUTE_S * rate_hz
+    assert plant.cycle[-1] - plant.cycle[0] >= MINUTE_S * rate_hz
     turns = np.count_nonzero(np.diff(np.sign(moved[np.abs(moved) > 0.5])))
     assert turns > 10, f"{turns} turns in a minute"
