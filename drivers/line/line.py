@@ -11,17 +11,23 @@
                127. Passive above 127: its flags are recessive and it lets others go first for 8
                bits after sending. Bus off above 255: what waits is lost                         (4)
     recovery   of bus off: 128 times 11 recessive bits, both counters 0                          (5)
-    alone      nobody acknowledges: an error in the ACK slot, not counted once passive           (6)
+    alone      nobody acknowledges: an error in the ACK slot; passive among passive not counted  (6)
     passive    a sender has ESI in its FD frames                                                 (7)
+    odd        a receiver of another bit rate than the sender's samples at 3/4 of its own bits; it
+               flags the sixth equal one, at the latest the ACK slot. Passive it lets the frame be.
+               It never acknowledges, and counts an error for each frame                         (8)
 
 Each sender is one controller with a transmit queue of `room` frames, the most urgent first, or
 `in_order` the oldest first. A frame more than that is refused, as by ENOBUFS. Errors are drawn:
 each bit is hit with probability `p`; after a hit the next transmission is hit too with 1 - 1/burst.
 
 Left out: two senders of one id in the same bit (the first sender wins), a hit in the last bit of
-EOF (the frame would come twice), errors of one receiver alone, overload frames. All hits count as
-errors of the sender, also in the arbitration field. Source: ISO 11898-1:2015, 10.4, 10.11, 12.1.
+EOF (the frame would come twice), errors of one receiver alone but for (8), in which nobody
+synchronises again behind SOF, overload frames. All hits count as errors of the sender, also in the
+arbitration field. Source: ISO 11898-1:2015, 10.4, 10.11, 12.1.
 """
+
+from collections.abc import Mapping
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.numbered import NumberedEnum
@@ -69,16 +75,21 @@ def prepare(
     p: float = 0.0,
     burst: float = 1.0,
     seed: int = 1,
+    odd: Mapping[int, int] | None = None,
 ) -> None:
     """Fill the zeroed Line record `line`; ValueError for wrong `senders` or `room`, or rates (0).
 
-    Bit rates in bit/s; without the second one FD frames do not switch theirs.
+    Bit rates in bit/s; without the second one FD frames do not switch theirs. `odd`: those of
+    senders that have another one.
     """
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
-    per_s = ticks_per_s(bitrate, data_bitrate)
+    own = dict.fromkeys(range(senders), bitrate) | dict(odd or {})
+    per_s = ticks_per_s(bitrate, data_bitrate, own.values())
     if per_s > MOST_TICKS:
         raise ValueError(f"{bitrate} and {data_bitrate} bit/s: no common tick")
+    for s, rate in own.items():
+        line.own_bit[s] = per_s // rate
     line.senders, line.room, line.in_order = senders, room, in_order
     line.per_s, line.bit, line.fast = per_s, per_s // bitrate, per_s // (data_bitrate or bitrate)
     line.p, line.burst, line.draw = p, burst, 1 + seed % (_PRIME - 1)
@@ -205,6 +216,7 @@ def _begin(line: Line, begin: int) -> None:
                 if line.since[s, k] <= begin and line.urgency[s, k] < least:
                     least = line.urgency[s, k]
                     line.sending, line.entry = s, k
+    line.who = line.sending
     run = (begin - line.recessive_since) // _run_ticks(line)
     for s in range(line.senders):
         line.runs_left[s] -= run * line.off[s]
@@ -220,9 +232,14 @@ def _begin(line: Line, begin: int) -> None:
         line.places[Place.FAST] = line.places[Place.FAST_END] = line.places[Place.FIXED] = 0
         line.length = encode(line.frame, line.raw, line.wire)
     line.hit = _flipped_bit(line)
-    if _listeners(line) == 0 and (line.hit < 0 or line.hit > _slot(line)):
-        line.hit = _slot(line)  # (6)
-    line.due = begin + ticks_of(line, line.length if line.hit < 0 else line.hit + 1)
+    wrong = _slot(line) if _listeners(line) == 0 else int64(_NEVER)  # (6)
+    for s in range(line.senders):
+        if line.off[s] == 0 and not hears(line, s) and not passive(line, s):
+            wrong = min(wrong, _misread_bit(line, s))  # (8)
+    if wrong < line.length and (line.hit < 0 or line.hit > wrong):
+        line.hit = wrong
+    lasts = ticks_of(line, line.length if line.hit < 0 else line.hit + 1)
+    line.due = begin + lasts * line.own_bit[line.sending] // line.bit
 
 
 @loop_inline
@@ -237,11 +254,33 @@ def _slot(line: Line) -> int:
 
 
 @loop_inline
+def hears(line: Line, s: int) -> bool:
+    """Return whether sender `s` has the bit rate of the frame that is, or was last, on the line."""
+    return bool(line.own_bit[s] == line.own_bit[line.who])
+
+
+@loop_function
+def _misread_bit(line: Line, s: int) -> int:
+    """Return the bit of the frame in which `s`, of another bit rate, finds it wrong (8)."""
+    slot, run, last = _slot(line), int64(0), int64(-1)
+    at = 3 * line.own_bit[s] // 4
+    place = at // line.own_bit[line.sending]
+    while place < slot:
+        run = run + 1 if line.wire[place] == last else int64(1)
+        if run > 5:
+            return place
+        last = int64(line.wire[place])
+        at += line.own_bit[s]
+        place = at // line.own_bit[line.sending]
+    return slot
+
+
+@loop_inline
 def _listeners(line: Line) -> int:
     """Return how many hear the frame that is on the line."""
     count = int64(-1)
     for s in range(line.senders):
-        count += line.off[s] == 0
+        count += line.off[s] == 0 and hears(line, s)
     return count
 
 
@@ -277,6 +316,12 @@ def _rest(line: Line, free_at: int, recessive: int) -> None:
     line.free_at, line.recessive_since = free_at, free_at - recessive
 
 
+@loop_inline
+def _more(line: Line, r: int) -> int:
+    """Return the receive error counter of `r` behind an error more."""
+    return min(line.receive_errors[r] + 1, 2 * PASSIVE_AT - 1)
+
+
 @loop_function
 def _succeed(line: Line, s: int) -> None:
     line.hit_before = 0
@@ -291,8 +336,8 @@ def _succeed(line: Line, s: int) -> None:
     line.transmit_errors[s] = max(line.transmit_errors[s] - 1, 0)  # (4)
     for r in range(line.senders):
         if r != s and line.off[r] == 0:
-            fewer = min(line.receive_errors[r], int64(PASSIVE_AT)) - 1
-            line.receive_errors[r] = max(fewer, int64(0))
+            fewer = max(min(line.receive_errors[r], int64(PASSIVE_AT)) - 1, int64(0))
+            line.receive_errors[r] = fewer if hears(line, r) else _more(line, r)
 
 
 @loop_function
@@ -307,9 +352,9 @@ def _fail(line: Line, s: int) -> int:
     for r in range(line.senders):
         if r != s and line.off[r] == 0:
             silent = silent and passive(line, r)
-            line.receive_errors[r] = min(line.receive_errors[r] + 1, 2 * PASSIVE_AT - 1)
+            line.receive_errors[r] = _more(line, r)
     _rest(line, line.at + flag + end, end + (flag if silent else int64(0)))
-    if not (alone and was_passive and line.hit == _slot(line)):  # (6)
+    if not (alone and silent and line.hit == _slot(line)):  # (6)
         line.transmit_errors[s] += 8
     line.worst[s] = max(line.worst[s], line.transmit_errors[s])
     if line.transmit_errors[s] >= OFF_AT:

@@ -40,6 +40,7 @@ class Line(Record):
     receive_errors: Cells[int] = cells(SENDERS)
     worst: Cells[int] = cells(SENDERS)  # the highest TEC so far
     off: Cells[int] = cells(SENDERS)
+    own_bit: Cells[int] = cells(SENDERS)  # ticks of a bit as each sender has it
     told: Cells[int] = cells(SENDERS)  # what was told last, see `drivers.line.error_frames`
     news: Cells[Byte] = cells(16)
     runs_left: Cells[int] = cells(SENDERS)  # to recover

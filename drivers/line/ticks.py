@@ -5,6 +5,7 @@ are multiples, `bit` and `fast` ticks. A controller divides one clock for both, 
 """
 
 import math
+from collections.abc import Iterable
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import int64
@@ -15,9 +16,9 @@ MOST_TICKS = 9 * 10**9  # a second: `tick_at` and `ns_of` multiply them by 1e9
 _S = 1_000_000_000
 
 
-def ticks_per_s(bitrate: int, data_bitrate: int | None) -> int:
-    """Return the ticks a second at two bit rates, or one."""
-    return math.lcm(bitrate, data_bitrate or bitrate)
+def ticks_per_s(bitrate: int, data_bitrate: int | None, others: Iterable[int] = ()) -> int:
+    """Return the ticks a second at two bit rates, or one, and at those of some senders."""
+    return math.lcm(bitrate, data_bitrate or bitrate, *others)
 
 
 @loop_function

@@ -49,7 +49,7 @@ def _go_on(line: Line, nodes: tuple[Loop, ...], until: int) -> None:
     outcome = lines.advance(line, until)
     while outcome != Outcome.NOTHING:
         for s in range(line.senders):
-            if outcome == Outcome.SENT and s != line.who:
+            if outcome == Outcome.SENT and s != line.who and lines.hears(line, s):
                 wire.deliver(line.frame, nodes[s].wire)
             if error_frames.news(line, s, line.news):
                 wire.deliver(line.news, nodes[s].wire)

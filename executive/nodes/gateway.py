@@ -83,7 +83,7 @@ def _go_on(n: Any) -> None:
     while outcome != Outcome.NOTHING:
         if outcome == Outcome.SENT:
             for s in range(n.sides):
-                if s != n.line.who:
+                if s != n.line.who and line.hears(n.line, s):
                     _hand_over(n, n.side[s])
         if n.side[0].kind == Medium.SOCKETCAN:  # udp_multicast carries no error frames to us
             for s in range(n.sides):

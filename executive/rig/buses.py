@@ -1,11 +1,13 @@
 """The buses that a rig and a command line ask for."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can.choice import BusRequest
 from pcpc.drivers.can.wire_layout import Flag
 from pcpc.drivers.line.ticks import MOST_TICKS, ticks_per_s
+from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig.messages import fd_frames, has_fd_drive
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -72,9 +74,14 @@ def on_line(rig: Rig) -> tuple[Role, ...]:
 
 def check_line(rig: Rig, pacing: str) -> None:
     """Raise RigError if the rig's line cannot be emulated; `pacing` may be virtual."""
-    if rig.config.bus.emulate is None:
+    problem, bus, nodes = "", rig.config.bus, on_line(rig)
+    if bus.odd and bus.emulate is None:
+        raise rig.error("bus.odd", "only an emulated line knows bit rates; give bus.emulate")
+    if bus.emulate is None:
         return
-    problem, bus = "", rig.config.bus
+    if strange := [name for name in bus.odd if name not in nodes]:
+        what = f"{strange[0]} is no node at the line{did_you_mean(strange[0], nodes)}"
+        raise rig.error("bus.odd", what)
     nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     switched += ["a moteus drive"] if has_fd_drive(rig) else []
@@ -88,18 +95,19 @@ def check_line(rig: Rig, pacing: str) -> None:
         )
     elif switched and fast is None:
         problem = f"{switched[0]} switches its bit rate; give bus.data_bitrate, in bit/s"
-    elif fast is not None:
-        problem = odd_rates(nominal, fast)
+    elif fast is not None or bus.odd:
+        problem = odd_rates(nominal, fast or nominal, bus.odd.values())
     if problem:
         raise rig.error("bus.emulate", problem)
 
 
-def odd_rates(bitrate: int, data_bitrate: int) -> str:
-    """Return why a line cannot have these two bit rates, "" if it can."""
+def odd_rates(bitrate: int, data_bitrate: int, others: Iterable[int] = ()) -> str:
+    """Return why a line cannot have these two bit rates, and those of some nodes; "" if it can."""
     if data_bitrate < bitrate:
         return f"data at {data_bitrate} bit/s is slower than the nominal {bitrate}; give more"
-    if ticks_per_s(bitrate, data_bitrate) > MOST_TICKS:
-        return f"no clock up to 9 GHz gives both {bitrate} and {data_bitrate} bit/s; round them"
+    if ticks_per_s(bitrate, data_bitrate, others) > MOST_TICKS:
+        rates = " and ".join(map(str, dict.fromkeys([bitrate, data_bitrate, *others])))
+        return f"no clock up to 9 GHz gives both {rates} bit/s; round them"
     return ""
 
 
@@ -111,5 +119,6 @@ def virtual_pacing(rig: Rig) -> str:
 def line_options(rig: Rig) -> dict[str, Any]:
     """Return what the rig says of its emulated line, for `drivers.line.line.prepare`."""
     bus = rig.config.bus
-    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate}
+    odd = {on_line(rig).index(name): rate for name, rate in bus.odd.items()}
+    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate, "odd": odd}
     return rates | {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

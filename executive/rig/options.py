@@ -27,7 +27,8 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
-    keys_of = dict(_leaves(as_data(config), ())) | {"xcp": ("xcp",)}  # a word or a mapping
+    keys_of = dict(_leaves(as_data(config), ()))
+    keys_of |= {"xcp": ("xcp",), "bus.odd": ("bus", "odd")}  # a word or a mapping; a mapping
     keys_of |= {dotted_path(earlier): keys for earlier, keys in EARLIER.items()}
     blocks: dict[str, list[Role]] = {}  # plants may have the same
     for role, node in config.sections.items():

@@ -72,7 +72,7 @@ class Host:
         self.nodes: dict[str, Live] = {}
         self.alarms: dict[str, Alarms] = {}
         self.begin_ns, self.heard = request.begin_ns, 0  # lines of the watchdog
-        self.waiting = PeerWait(rig, roles)
+        self.waiting, self.wrong_rates = PeerWait(rig, roles), list[str]()
         self.leader = "executive" if "executive" in roles else roles[0]
         self.keeps_log = self.leader == "executive"
         names = {role: self._block_name(role) for role in (self.leader, *roles)}
@@ -105,7 +105,7 @@ class Host:
         if self.waiting.given_up_s:
             complain(list(self.children.values()))
             said = self.waiting.message(self.leader, str(self.bus), self.request.rig)
-            print(said, file=sys.stderr)
+            print(*self.wrong_rates or [said], sep="\n", file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
         died = [c for c in self.children.values() if c.code < 0 or c.code == Exit.NOT_MET]
@@ -283,7 +283,9 @@ class Host:
         self._let_go(nodes, asked_s)
         if "line" in self.children:
             self.children["line"].end(0.0)
-            if said := run_line.summary(self.folder):
+            said, self.wrong_rates = run_line.summary(self.folder)
+            self.outcome.faults += self.wrong_rates
+            if said:
                 self.progress.say(said)
         if "watchdog" in self.children:
             self.children["watchdog"].end(0.0)

@@ -48,13 +48,17 @@ class Simulation:
         self.run.stop()
 
     def tell_line(self, folder: Path) -> str:
-        """Write what became of an emulated line, and return it in a line; "" without one."""
+        """Write what became of an emulated line, and return it in a line; "" without one.
+
+        A node of another bit rate is a fault.
+        """
         if not self.run.over:
             return ""
         from pcpc.tools.start.bus import line_report  # here, because few rigs need it
 
         found = line_report.numbers(self.run.over[0], on_line(self.rig))
         line_report.write(found, folder / LINE)
+        self.outcome.faults[:0] = line_report.mismatches(found)
         return line_report.summary(found)
 
     def to_end(self, progress: Progress) -> None:

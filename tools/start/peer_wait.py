@@ -10,6 +10,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 _MEET_S = 20.0  # nodes of one host that are ready hear each other within this
+_ODD_S = 0.5  # on an emulated line with two bit rates: nothing comes
 
 
 class PeerWait:
@@ -19,7 +20,8 @@ class PeerWait:
         self.rig, self.roles = rig, roles
         self.limit_s = rig.config.supervisor.peer_timeout_s
         if len(roles) > 1:  # the other one is ours
-            self.limit_s = min(self.limit_s, _MEET_S)
+            odd = set(rig.config.bus.odd.values()) - {rig.config.bus.bits_per_s}
+            self.limit_s = min(self.limit_s, _ODD_S if odd else _MEET_S)
         self.given_up_s = 0.0  # how long it was when it was too long
         self._ready_ns = 0
 

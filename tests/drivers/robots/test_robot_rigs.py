@@ -12,6 +12,7 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict.frames import frames_to
 from pcpc.tools.after.verdict.masters import mistakes
 
 HERE = Path(__file__).parent
@@ -53,6 +54,13 @@ def test_the_master_switches_it_on_and_moves_it(kind: str, run: Path) -> None:
     ]
     heard = log.node["executive"].columns[f"rx.{answer}.position"]
     assert min(abs(heard[380] - plant["drive.position"][at]) for at in (379, 380)) < 4e-4
+
+
+def test_no_more_frames_are_used_than_were_sent(kind: str, run: Path) -> None:
+    account = frames_to(load_rig(HERE / f"{kind}.yaml"), logs.read(run), {})
+    to_plant = account["plant"]
+    assert to_plant["sent"] >= to_plant["used"] > 900 and to_plant["unread"] >= 0, account
+    assert account["nobody"]["sent"] < 20, account
 
 
 @pytest.mark.parametrize(("of", "setting", "said"), [

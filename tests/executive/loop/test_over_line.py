@@ -181,6 +181,22 @@ def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(
     assert [faults["executive"], faults["plant"]] == [{0, named[0]}, {0, named[1]}], faults
 
 
+@both
+@pytest.mark.parametrize("of", ["executive", "plant"])
+def test_a_node_of_another_bit_rate_hears_nothing_nor_is_heard_and_the_run_is_recomputed(
+    kind: str, of: str, tmp_path: Path
+) -> None:
+    rig = rig_of(kind, tmp_path, *FAST[kind], f"bus.odd={{{of}: 500000}}", "duration_s=5.0")
+    log, line = logged(rig, tmp_path / "log.mcap")
+    assert line.sent.sum() == 0 and (line.worst[:2] >= 128).all(), line.worst[:2]
+    for name, node in log.node.items():
+        assert 0 < len(node.cycle) < 1000, f"{name}: {len(node.cycle)} cycles, at most a second"
+    faults = {fault for node in log.node.values() for fault in node.columns["supervisor.fault"]}
+    assert faults & {Fault.BUS_OFF, Fault.INPUT_MISSING}, faults
+    for verdict in replayed(tmp_path / "log.mcap"):
+        assert verdict.identical, verdict
+
+
 def test_bit_errors_put_esi_into_the_frames_of_their_sender(tmp_path: Path) -> None:
     rough = "bus.bit_error_rate=1.5e-3", "bus.error_burst=4", "supervisor.hold_cycles=100"
     rig = rig_of("fd", tmp_path, *FAST["fd"], *rough, "supervisor.fault_after_cycles=200")

@@ -22,6 +22,7 @@ from pcpc.tools.start.bus import run_line as line
 from pcpc.tools.start.bus.emulate import BusErrors
 from pcpc.tools.start.children import Child
 
+ROBSTRIDE = Path(__file__).parents[2] / "drivers/robots/robstride.yaml"
 Screen = pytest.CaptureFixture[str]
 
 
@@ -62,6 +63,38 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
     assert found["bitrate"] == 125_000 and found["not_taken"] == 0
     assert found["sides"][0]["longest_us"] >= 8 * 108 and found["sides"][0]["lost_off"] == 0
     assert 0.0 < found["load"] <= 1.0
+
+
+def test_a_side_of_another_bit_rate_is_not_heard_and_told() -> None:
+    first = own_bus()
+    sides = [first, str(buses.neighbour_of(buses.bus_named(*buses.parse(first))))]
+    rates = ["--bitrate", "500k", "--bitrate-b", "250k", "--for", "2s"]
+    with subprocess.Popen(
+        [PCPC, "bus", "emulate", *sides, *rates],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as gateway:  # fmt: skip
+        assert gateway.stderr is not None
+        for said in gateway.stderr:
+            if "are one line of 500 kbit/s" in said:
+                break
+        with port(sides[0]) as a, port(sides[1]) as b:
+            a.send(can.Message(arbitration_id=0x123, data=[1], is_extended_id=False))
+            out, _ = gateway.communicate(timeout=DEADLINE_S)
+            assert b.recv(0.0) is None
+    assert gateway.returncode == 3, out
+    said = f"line: {sides[1]} has a bit rate of 250 kbit/s, the line 500 kbit/s"
+    assert said in " ".join(out.split()) and "1 times bus-off" in out, out
+
+
+@pytest.mark.parametrize(("rate", "said"), [
+    ("2M", "--bitrate-b 2 Mbit/s: classic CAN ends at 1 Mbit/s"),
+    ("999983", "--bitrate-b: no clock up to 9 GHz gives"),
+])  # fmt: skip
+def test_a_bit_rate_of_b_that_cannot_be_is_refused(rate: str, said: str, capsys: Screen) -> None:
+    assert (
+        main(["bus", "emulate", "vcan0", "vcan1", "--bitrate", "499979", "--bitrate-b", rate]) == 2
+    )
+    assert said in capsys.readouterr().err.replace("\n", " ")
 
 
 # --------------------------------------------------------------------------- a rig with bus.emulate
@@ -111,6 +144,46 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     assert "line: 1 Mbit/s" + (", data at 5 Mbit/s" if data_bitrate else "") in done.err
     first, second = (side["bus"] for side in line["sides"])
     assert done.summary["bus"] == first != second
+
+
+@pytest.mark.parametrize(
+    ("rig", "of"),
+    [("probe", "executive"), ("probe", "plant"), (str(ROBSTRIDE), "plant"),
+     (str(ROBSTRIDE), "executive")],
+)  # fmt: skip
+def test_a_bit_rate_mismatch_is_named_in_the_verdict_within_a_second(
+    rig: str, of: str, tmp_path: Path, capsys: Screen
+) -> None:
+    words = ["--set", "bus.emulate=1M", "--set", f"bus.odd={{{of}: 500000}}", "--no-figure"]
+    run = tmp_path / "run"
+    assert main(["simulate", rig, *words, "--set", "duration_s=5.0", "-o", str(run)]) == 5
+    summary = json.loads((run / "summary.json").read_text())
+    said = f"line: {of} has a bit rate of 500 kbit/s, the line 1 Mbit/s: it and the others do not"
+    assert summary["faults"][0].startswith(said), summary["faults"]
+    assert summary["cycles"] < summary["rate_hz"], "a second"
+    line = json.loads((run / "line.json").read_text())
+    assert [side["sent"] for side in line["sides"]] == [0, 0]
+    assert all(side["worst_tec"] >= 128 for side in line["sides"]), line
+    assert said in capsys.readouterr().out.replace("\n           ", " ")
+
+
+def test_a_run_ends_with_the_bit_rates_before_it_waits_for_a_second(tmp_path: Path) -> None:
+    words = ["probe", "--set", "bus.emulate=1M", "--set", "bus.odd={plant: 500000}", "--no-figure"]
+    done = pcpc("run", *words, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--json")
+    assert done.code == 4 and "line: plant" not in done.out, str(done)
+    assert "has a bit rate of 500 kbit/s, the line 1 Mbit/s: it and the others" in done.err, done
+    assert "no frame of the other node" not in done.err and "other node on" not in done.err, done
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["bus.odd={plant: 500000}"], "only an emulated line knows bit rates; give bus.emulate"),
+    (["bus.emulate=1M", "bus.odd={plnt: 500000}"], "plnt is no node at the line; did you mean pla"),
+    (["bus.emulate=1M", "bus.odd={plant: 999983, executive: 999979}"], "no clock up to 9 GHz give"),
+])  # fmt: skip
+def test_bit_rates_that_cannot_be_are_refused(words: list[str], said: str, capsys: Screen) -> None:
+    assert main(["simulate", "probe", *(part for one in words for part in ("--set", one))]) == 2
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert said in told, told
 
 
 def children(pid: int) -> dict[str, int]:

@@ -2,10 +2,10 @@
 
     sent = used + lost + lost_on_purpose + repeated + crc_errors + wrong_sequence + unread
 
-`sent` are the frames that the other nodes here put on the bus and that the DBC has this node
-listen to; `unread` are those that it never took: sent before it listened, or on the way when it
-ended. A stop frame comes from elsewhere and is none of them. The recorder counts them, also where
-the log keeps only a part.
+`sent` are the frames that the other nodes here put on the bus and that the DBC, or its drive, has
+this node listen to; `unread` are those that it never took: sent before it listened, or on the way
+when it ended. A stop frame comes from elsewhere and is none of them. The recorder counts them, also
+where the log keeps only a part.
 """
 
 import re
@@ -105,6 +105,7 @@ def frames_to(
     sent_words = {frame.word for one in sections for frame in _frames(rig, one.node, "tx")}
     sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
     came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
+    listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
     for key, text in counts.items():
         match = _COUNTED.fullmatch(key)
         if match is None or match["role"] not in sent:
@@ -114,9 +115,9 @@ def frames_to(
             sent[role][number] += int(text)
         elif number in sent_words and state < INJECTED:  # others were on no wire
             came[role][STATES.get(state, "unread")] += int(text)
+            listens[role].add(number)  # a drive takes frames that its node's DBC file does not name
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}
-    listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
     account: dict[str, dict[str, int]] = {}
     for role in rig.roles:
         others = [sent[other] for other in rig.roles if other != role]

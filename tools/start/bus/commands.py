@@ -57,6 +57,7 @@ class EmulateRequest(Request):
     data_bitrate: Annotated[
         int | None, bits_per_s, "RATE", "CAN FD: data rate, 2M, 5M; none is carried without"
     ] = None
+    bitrate_b: Annotated[int | None, bits_per_s, "RATE", "of B, where it is another one"] = None
     in_order: InOrder = False
     queue: Annotated[
         int, take.positive, "N", "most frames that wait on a side; default: %(default)s"

@@ -84,13 +84,18 @@ def command(request: EmulateRequest) -> int:
     if request.bitrate and request.bitrate > MOST_CLASSIC:
         raise RigError(f"--bitrate {rate_of(request.bitrate)}: classic CAN ends at 1 Mbit/s")
     bitrate, fast = request.bitrate or MOST_CLASSIC, request.data_bitrate
-    if fast is not None and (what := odd_rates(bitrate, fast)):
-        raise RigError(f"--data-bitrate: {what}")
+    others = [one for one in (request.bitrate_b,) if one]
+    if any(one > MOST_CLASSIC for one in others):
+        raise RigError(f"--bitrate-b {rate_of(others[0])}: classic CAN ends at 1 Mbit/s")
+    if what := odd_rates(bitrate, fast or bitrate, others):
+        raise RigError(f"{'--bitrate-b' if fast is None else '--data-bitrate'}: {what}")
     sides = _sides([request.a, request.b])
     held = [choice.take_bus(choice.BusRequest(*one, rig="", roles=())) for one in sides]
+    odd = {1: request.bitrate_b} if request.bitrate_b else {}
     gateway = Gateway(
         request.queue,
         fast is not None,
+        odd=odd,
         bitrate=bitrate,
         data_bitrate=fast,
         in_order=request.in_order,
@@ -106,6 +111,7 @@ def command(request: EmulateRequest) -> int:
     lost = any(side.refused or side.lost_off for side in found.sides)
     if interrupted:
         return Exit.INTERRUPTED
+    lost = lost or any(side.errors and side.bitrate != found.bitrate for side in found.sides)
     return Exit.LOSS if lost or found.not_taken else Exit.OK
 
 
@@ -206,6 +212,8 @@ class LineSide(Struct):
     """What was sent on a channel."""
 
     bus: str
+    bitrate: Positive
+    "bit/s"
     sent: Count
     "frames"
     waiting: Count
@@ -266,6 +274,7 @@ def lines_of(found: EmulatedLine) -> Iterator[str]:
     """Yield the result in lines to read."""
     rates = line_report.rates_of(found.bitrate, found.data_bitrate)
     yield f"line     {rates}, {found.duration_s:.3f} s, load {found.load:.1%}"
+    yield from line_report.mismatches(to_builtins(found))
     for side in found.sides:
         yield side.bus
         yield (

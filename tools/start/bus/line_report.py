@@ -23,7 +23,8 @@ def numbers(line: Any, names: Sequence[str]) -> dict[str, Any]:
         "bitrate": per_s // bit, "data_bitrate": None if fast == bit else per_s // fast,
         "load": int(line.busy) / max(int(line.free_at - line.first), 1),
         "sides": [
-            {"bus": name} | {key: int(line[key][s]) for key in _COUNTS} | {
+            {"bus": name, "bitrate": per_s // int(line.own_bit[s])}
+            | {key: int(line[key][s]) for key in _COUNTS} | {
                 "state": STATES[state_of(line, s)], "tec": int(line.transmit_errors[s]),
                 "rec": int(line.receive_errors[s]), "worst_tec": int(line.worst[s]),
                 "longest_us": 1e6 * int(line.longest[s]) / per_s,
@@ -31,6 +32,16 @@ def numbers(line: Any, names: Sequence[str]) -> dict[str, Any]:
             for s, name in enumerate(names)
         ],
     }  # fmt: skip
+
+
+def mismatches(found: dict[str, Any]) -> list[str]:
+    """Return a line for each side that has another bit rate than the line."""
+    return [
+        f"line: {side['bus']} has a bit rate of {rate_of(side['bitrate'])}, the line "
+        f"{rate_of(found['bitrate'])}: it and the others do not hear each other"
+        for side in found["sides"]
+        if side["bitrate"] != found["bitrate"]
+    ]
 
 
 def rates_of(bitrate: int, data_bitrate: int | None) -> str:

@@ -23,9 +23,13 @@ def start(rig: Rig, bus: BusAddress, folder: Path) -> Child:
     return Child.serving("line", main)
 
 
-def summary(folder: Path) -> str:
-    """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
+def summary(folder: Path) -> tuple[str, list[str]]:
+    """Return in a line what the gateway had to tell at its end, and nodes with a wrong bit rate.
+
+    "" and none if it did not come to that.
+    """
     try:
-        return line_report.summary(json.loads((folder / LINE).read_text()))
+        found = json.loads((folder / LINE).read_text())
     except OSError:
-        return ""
+        return "", []
+    return line_report.summary(found), line_report.mismatches(found)
