@@ -4,6 +4,7 @@
 rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
+import itertools
 import random
 from collections.abc import Sequence
 from typing import Any
@@ -173,7 +174,8 @@ def _frame(
     crc = d.one(0, 8, 8, 8, 16)
     d.features.append(f"CRC {crc}" if crc else "no E2E")
     fd = d.has(0.25, "FD")
-    while True:
+    for tries in itertools.count():
+        most = max(32 - 4 * tries, 10)  # bits of a value: fewer where there was no room
         length = d.one(*_LENGTHS) if fd else 8
         signals: World = {}
         used: set[int] = set()
@@ -194,10 +196,15 @@ def _frame(
             signals["estop"] = _placed(d, used, length, 1, "unsigned", whole=True)
         if layouts:
             signals["which"] = _placed(d, used, length, 4, "unsigned", whole=True, layout=-1)
-        signals |= {name: _placed(d, used, length, d.random.randint(10, 32)) for name in names}
+        kinds = "signed", "signed", "unsigned", *["float"] * (most == 32)
+        signals |= {
+            name: _placed(d, used, length, d.random.randint(10, most), d.one(*kinds))
+            for name in names
+        }
         for i in range(layouts):
             own = set(used)
-            signals[f"part_{i}"] = _placed(d, own, length, d.random.randint(8, 16), layout=i)
+            bits = d.random.randint(8, min(most, 16))
+            signals[f"part_{i}"] = _placed(d, own, length, bits, d.one(*kinds), layout=i)
         if all(signals.values()):
             break
     d.features += ["big endian"] * any(one["big"] for one in signals.values())
@@ -211,13 +218,12 @@ def _signal(start: int, bits: int, kind: str = "unsigned", **more: Any) -> World
 
 
 def _placed(
-    d: Drawing, used: set[int], length: int, bits: int, kind: str | None = None, **more: Any
+    d: Drawing, used: set[int], length: int, bits: int, kind: str, **more: Any
 ) -> World:
-    """Return a signal of free bits, which are then used; {} if none were found."""
-    kind = kind or d.one("signed", "signed", "unsigned", "float")
-    bits = 32 if kind == "float" else bits
-    for _ in range(40):
-        one = _signal(d.random.randrange(8 * length), bits, kind, big=d.has(0.3), **more)
+    """Return a signal of free bits, which are then used; {} if there are none."""
+    bits, big = 32 if kind == "float" else bits, d.has(0.3)
+    for start in d.random.sample(range(8 * length), 8 * length):
+        one = _signal(start, bits, kind, big=big, **more)
         its = _bits(one)
         whole = max(its) < 8 * length and max(its) // 8 - min(its) // 8 < 8
         if whole and not its & used:
