@@ -5,6 +5,7 @@ rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
 import itertools
+import math
 import random
 from collections.abc import Sequence
 from typing import Any
@@ -75,9 +76,10 @@ def world_of(seed: int, base: str | None = None) -> World:
         _drawn(d, world, keys)
     else:
         _around(d, world, keys, load_rig(base))
-    between_s = max(d.random.randint(100, 400) / world["rate_hz"], 0.1)
-    world["keys"]["record"] = {"keyframe": f"{between_s:.3g}s"}
     world["at"] = {name: d.random.random() for name in PLACES}
+    if keys.get("schedule") and d.random.random() < 0.5:  # a branch beside what is tuned
+        cycle = round(d.one(*keys["schedule"])["at_s"] * world["rate_hz"]) + d.one(-1, 0, 1)
+        world["at"]["branch"] = min(max((cycle - 0.5) / (world["cycles"] - 3), 0.0), 0.999)
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world
 
@@ -88,6 +90,7 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     world["cycles"] *= d.one(1, 1, 1, 3)
     world["slow_ms"] = d.one(10, 20, 50, 100, 500)  # between two heartbeats, of other rates
     d.features.append(f"slow frames each {world['slow_ms']} ms")
+    _keyframes(d, world, keys)
     count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
     world["cycles"] //= 4 if count > 3 else 1
@@ -109,11 +112,19 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
         world["wrong"] = [[list(path), value] for path, value in [d.one(*WRONG.values())]]
 
 
+def _keyframes(d: Drawing, world: World, keys: World) -> None:
+    """Draw how often there is one: not below 0.1 s."""
+    rate_hz = world["rate_hz"]
+    world["every"] = max(d.random.randint(10, 300), math.ceil(0.1 * rate_hz))  # cycles
+    keys["record"] = {"keyframe": _ms(world, world["every"])}
+
+
 def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
     """Draw what happens to a rig that is there: faults, losses, tunings, an early end."""
     cycles = round(rig.config.duration_s * rig.config.rate_hz)
     world |= {"rate_hz": rig.config.rate_hz, "plants": []}
     world["cycles"] = min(cycles, d.random.randint(150, MOST_CYCLES))
+    _keyframes(d, world, keys)
     plans = [plan(rig, role, "virtual") for role in rig.roles]
     awaited = [one for made in plans for one in made.rx_frames if messages.is_awaited(one)]
     top = plans[0]
@@ -349,11 +360,19 @@ def _faults(
 def _moments(d: Drawing, world: World) -> World:
     """Return when a fault acts, in whole cycles."""
     cycles = world["cycles"]
-    begin, most = d.random.randint(1, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
+    begin, most = _moment(d, world, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
     found = {"from": _ms(world, begin), "for": _ms(world, d.random.randint(1, most))}
     if d.has(0.15, "fault again"):
         found["every"] = _ms(world, d.random.randint(most + 2, 200 + most))
     return found
+
+
+def _moment(d: Drawing, world: World, last: int) -> int:
+    """Return a cycle from 1 to the last; often one at a keyframe, where a replay has a seam."""
+    cycle = d.random.randint(1, last)
+    if d.random.random() < 0.4:
+        cycle += world["every"] - 1 - cycle % world["every"] + d.one(-1, 0, 0, 1)
+    return min(cycle, last)
 
 
 def _ms(world: World, cycles: int) -> str:
@@ -380,7 +399,7 @@ def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[floa
     ):  # fmt: skip
         if d.has(share, f"{name} {value:g}"):
             rows.append({"set": {f"supervisor.{name}": value}})
-    times = sorted(d.random.randint(1, world["cycles"] - 1) for _ in rows)
+    times = sorted(_moment(d, world, world["cycles"] - 1) for _ in rows)
     rows = d.random.sample(rows, len(rows))
     found = [{"at_s": at * period_s, **row} for at, row in zip(times, rows, strict=True)]
     if found:

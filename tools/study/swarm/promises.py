@@ -91,8 +91,25 @@ def replayed(case: Case) -> Iterator[str]:
 
 
 def keyframe(case: Case) -> Iterator[str]:
-    """Yield what a replay from a drawn cycle, begun at a keyframe, does not recompute."""
-    yield from _replay(case, (case.at("keyframe", 0, case.length), ALL))
+    """Yield what a replay that begins at a drawn keyframe does not recompute."""
+    yield from _replay(case, (_behind_a_keyframe(case), ALL))
+
+
+def _behind_a_keyframe(case: Case) -> int:
+    """Return a drawn cycle behind a keyframe: of one in a ramp, a hold or a fault if there is."""
+    config, found = case.rig.config, set[int]()
+    every = max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
+    last = min(int(node.cycle[-1]) for node in case.log.node.values())
+    for node in case.log.node.values():
+        state, gain, missing = (
+            node.columns[f"supervisor.{name}"] for name in ("state", "gain", "missing_cycles")
+        )
+        moves = (state != State.RUN) | (gain != 1.0) | (missing != 0.0)
+        there = (node.cycle < last) & (node.cycle % every == every - 1)
+        found |= {*node.cycle[moves & there].tolist()}
+    if found:
+        return 1 + sorted(found)[case.at("keyframe", 0, len(found))]
+    return case.at("keyframe", min(every, last), last)
 
 
 def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
@@ -262,13 +279,20 @@ def damage(case: Case) -> Iterator[str]:
     at = case.at("flip", 8, len(whole) - 8)
     flipped = bytearray(whole)
     flipped[at] ^= 1 << random.Random(at).randrange(8)
-    for how, data in ((f"cut at {cut}", whole[:cut]), (f"bit of byte {at} flipped", flipped)):
+    both, own = bytearray(whole[:cut]), at % cut
+    both[own] ^= 1 << random.Random(own).randrange(8)
+    true = case.log
+    for how, data in (
+        (f"bit of byte {at} flipped", flipped), (f"cut at {cut}", whole[:cut]),
+        (f"bit of byte {own} flipped, too", both),
+    ):  # fmt: skip
         path = case.folder / "damaged.mcap"
         path.write_bytes(data)
         with contextlib.suppress(logs.LogError):
             found = Opened(path).log
-            for line in wrong_values(case.log, found):
+            for line in wrong_values(true, found):
                 yield f"{how}: {line}"
+            true = found if how.startswith("cut") else true  # of which the next lacks something
 
 
 def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
@@ -288,8 +312,10 @@ def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
                 yield f"{role}: {name} is wrong"
         if _unlike(other, node):
             yield f"{role}: frames that were not"
-        lacks += [role] * (len(other.cycle) < len(node.cycle) or _unlike(node, other) > 0)
-    if lacks and not found.missing:
+        lost = len(other.cycle) < len(node.cycle) or _unlike(node, other) > 0
+        is_cut = true.missing and [*other.cycle[-1:]] != [*node.cycle[-1:]]  # which was told
+        lacks += [role] * (lost and not is_cut)
+    if lacks and found.missing == true.missing:
         yield f"parts of {lacks} are missing, and nothing tells it"
 
 
