@@ -4,10 +4,10 @@
 rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
-import itertools
 import math
 import random
 from collections.abc import Sequence
+from itertools import combinations, product
 from typing import Any
 
 from pcpc.executive.loop.fault_kinds import WrongFrame, WrongNode, WrongValue
@@ -17,7 +17,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
-RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
+RATES_HZ, SLOW_MS = (100, 250, 500, 1000, 1000, 2000, 4000), (10, 20, 50, 100, 500)
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
@@ -44,23 +44,69 @@ WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and b
 }
 
 
+_KINDS = {  # faults, by features
+    f"{of} {kind.word}": kind
+    for of, kinds in (("value", WrongValue), ("frame", WrongFrame), ("node", WrongNode))
+    for kind in kinds
+}
+_REFERENCES = tuple(
+    f"reference {name}" for name in ("step", "sine", "chirp", "ramp", "quintic", "sequence")
+)
+_RATES = tuple(f"{rate:g} Hz" for rate in sorted({*RATES_HZ}))
+_SLOW = tuple(f"slow frames each {ms} ms" for ms in SLOW_MS)
+FEATURES = (
+    *_RATES, *_SLOW, *_REFERENCES, *_KINDS,
+    "one plant", "many plants", "plain", "multiplexer", "emergency stop", "no E2E", "CRC 8",
+    "CRC 16", "FD", "big endian", "float", "waits in FAULT", "intrusion limits", "quick stop",
+    "armed by hand", "overrun policy", "limits", "rate limit", "plausibility", "requirement",
+    "errors allowed", "line", "bit errors", "losses", "faults", "share of a fault", "fault again",
+    ODD, "standby", "tuning", "reset 1", "stop 1", "stop 2", "disarmed 1", "disarmed 0",
+    "wrong rig",
+)  # fmt: skip
+_PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant"}
+_PARENTS |= dict.fromkeys((*_KINDS, "share of a fault", "fault again"), "faults")
+_SURE = 5  # features that a world has if it can
+NOT_TOGETHER = (  # two lists: no feature of one with one of the other
+    *((_RATES[:i], _RATES[i:]) for i in range(1, len(_RATES))),  # a rig has one rate,
+    *((_SLOW[:i], _SLOW[i:]) for i in range(1, len(_SLOW))),  # and one time of heartbeats
+    (("many plants",), ("one plant",)),
+    (("many plants",), ("node stall",)),  # of three nodes none may stand still: the rig is refused
+    (("line", "bit errors"), ("many plants", "2000 Hz", "4000 Hz")),  # 1 Mbit/s carries no more
+)  # fmt: skip
+
+
+def possible_pairs() -> set[tuple[str, str]]:
+    """Return all pairs of features that a drawn rig may have, each in order of the alphabet."""
+    never = {tuple(sorted(two)) for one, other in NOT_TOGETHER for two in product(one, other)}
+    return {*combinations(sorted(FEATURES), 2)} - never
+
+
 class Drawing:
     """Draws; notes which features there are."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(f"swarm {seed}")
         self.features: list[str] = []
+        rare = {ODD, "wrong rig"}  # which ends the rest as a rule
+        self.sure = {*self.random.sample([one for one in FEATURES if one not in rare], _SURE)}
+        for _ in range(2):  # parents of parents
+            self.sure |= {_PARENTS.get(one, one) for one in self.sure}
         self.often = 1.0  # how much of what is drawn is there
 
     def has(self, share: float, *features: str) -> bool:
         """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share * self.often
+        found = self.random.random() < share * self.often or not self.sure.isdisjoint(features)
         self.features += features * found
         return found
 
     def one(self, *values: Any) -> Any:
         """Return one of these."""
         return self.random.choice(values)
+
+    def named(self, name: str, *values: Any) -> Any:
+        """Return one of these, one whose name is sure to be there if there is one."""
+        sure = [value for value in values if name.format(value) in self.sure]
+        return self.random.choice(sure or values)
 
     def near(self, low: float, high: float) -> float:
         """Return a number of few digits between two."""
@@ -86,13 +132,15 @@ def world_of(seed: int, base: str | None = None) -> World:
 
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
-    world |= {"rate_hz": d.one(*RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
-    world["cycles"] *= d.one(1, 1, 1, 3)
-    world["slow_ms"] = d.one(10, 20, 50, 100, 500)  # between two heartbeats, of other rates
+    world |= {"rate_hz": d.named("{:g} Hz", *RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
+    world["cycles"] *= d.one(1, 1, 1, 3, 12)
+    world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats, of other rates
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
-    count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
-    count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
+    if d.has(MANY_SHARE, "many plants"):
+        count = d.one(5, 16)
+    else:
+        count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     world["cycles"] //= 4 if count > 3 else 1
     if d.has(PLAIN_SHARE, "plain"):  # most of what follows keeps a rig from lanes
         d.often = 0.15
@@ -147,7 +195,7 @@ def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
 
 
 def _plant(d: Drawing) -> World:
-    reference = d.one("step", "sine", "chirp", "ramp", "quintic", "sequence")
+    reference = d.named("{}", *_REFERENCES)
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
     presses = d.has(0.08, "emergency stop")
@@ -155,7 +203,7 @@ def _plant(d: Drawing) -> World:
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
         "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
-        "reference": _reference(d, reference),
+        "reference": _reference(d, reference.removeprefix("reference ")),
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
         "press_s": d.near(0.01, 2.0) if presses else 1e6,
@@ -182,11 +230,11 @@ def _frame(
     d: Drawing, names: list[str], downwards: bool, layouts: int, presses: bool = False
 ) -> World:
     """Return a frame whose signals lie where they may, drawn until all have found a place."""
-    crc = d.one(0, 8, 8, 8, 16)
-    d.features.append(f"CRC {crc}" if crc else "no E2E")
-    fd = d.has(0.25, "FD")
-    for tries in itertools.count():
-        most = max(32 - 4 * tries, 10)  # bits of a value: fewer where there was no room
+    protection = d.named("{}", "no E2E", "CRC 8", "CRC 8", "CRC 8", "CRC 16")
+    d.features.append(protection)
+    crc = 0 if protection == "no E2E" else int(protection.removeprefix("CRC "))
+    fd, most = d.has(0.25, "FD"), 32  # bits of a value: fewer where there was no room
+    while True:
         length = d.one(*_LENGTHS) if fd else 8
         signals: World = {}
         used: set[int] = set()
@@ -218,6 +266,7 @@ def _frame(
             signals[f"part_{i}"] = _placed(d, own, length, bits, d.one(*kinds), layout=i)
         if all(signals.values()):
             break
+        most = max(most - 4, 10)
     d.features += ["big endian"] * any(one["big"] for one in signals.values())
     d.features += ["float"] * any(one["kind"] == "float" for one in signals.values())
     return {"length": length, "fd": fd, "signals": signals, "crc": crc}
@@ -321,12 +370,16 @@ def _faults(
     """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
     if not d.has(0.65, "faults"):
         return
-    kinds = (*WrongValue, *WrongFrame, *WrongFrame, *WrongNode)
+    frames = [one for one in _KINDS if one.startswith("frame")]
+    features = [one for one in _KINDS if one in d.sure]
+    features += d.random.choices((*_KINDS, *frames), k=d.random.randint(1, 4))
     found: World = {}
-    for i in range(d.random.randint(1, 4)):
-        kind, name = d.one(*kinds), d.one(*protected)
-        if kind.row.protected and not protected[name]:
+    for i, feature in enumerate(features):
+        kind: Any = _KINDS[feature]
+        names = [one for one in protected if protected[one] or not kind.row.protected]
+        if not names:
             continue
+        name = d.one(*names)
         if kind == WrongNode.STALL and len(roles) > 2:
             continue
         entry: World = {"kind": kind.word}
@@ -352,7 +405,7 @@ def _faults(
         entry |= _moments(d, world)
         if world["plants"] and d.has(0.05, ODD):
             entry[d.one(*_FAULT_KEYS)] = d.one(*_ODD_VALUES)
-        d.features.append(kind.word)
+        d.features.append(feature)
         found[f"f{i}"] = entry
     keys["faults"] = found
 
@@ -389,7 +442,7 @@ def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[floa
         keys["handover"] = {"over_s": d.near(0.0, 0.1)}
         for name in ("second", "first")[: d.random.randint(1, 2)]:
             rows.append({"handover": name})
-    for _ in range(d.random.randint(0, 3)):
+    for _ in range(max(d.random.randint(0, 3), "tuning" in d.sure)):
         if known and d.has(0.6, "tuning"):
             name = d.one(*known)
             rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})

@@ -27,7 +27,7 @@ _SILENT = 1
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
     2: ("nan",), 8: ("nan",), 9: ("nan",), 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
     12: ("estop",), 5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",),
-    15: ("intrusion",),
+    15: ("intrusion",), 16: ("emulate",),
 }  # fmt: skip
 
 
@@ -259,7 +259,7 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
         used = (rows["id"] == word) & (rows["direction"] == 1)
         used &= np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))
         fresh &= np.isin(k, rows["cycle"][used])
-    missing, most = 0, config.supervisor.fault_after_cycles
+    missing, most = int(not fresh[0]), config.supervisor.fault_after_cycles
     for i in range(1, len(k)):
         missing = 0 if fresh[i] else missing + 1
         before, now = int(state[i - 1]), int(state[i])
