@@ -2,7 +2,8 @@
 
 `python -m tests.swarm.planted [NAME]... [--for S]`, from the root: each is tried
 until a promise is broken that the same seed keeps without it, or so long (600 s of a processor). A
-line of JSON each. What a promise's own test plants is another one. Exit code 1: more than two were not found.
+line of JSON each. What a promise's own test plants is another one. Exit code 1: more than two were
+not found.
 """
 
 import argparse

@@ -15,7 +15,7 @@ from json_schemas import strictly_holds
 from logcommand import run_here
 from places import ROOT
 
-from pcpc.tools.study.swarm import cli, draws, shrink
+from pcpc.tools.study.swarm import cli, draws, features, shrink
 from pcpc.tools.study.swarm.files import World, write
 from pcpc.tools.study.swarm.promises import PROMISES
 from tests.swarm.planted import PLANTED as PLANTED_BY_HAND
@@ -35,7 +35,7 @@ def world(**changes: Any) -> World:
     keys["supervisor"] = {}
     keys["schedule"] = [{"at_s": 0.02, "set": {"controller.first": 1.5}}]
     keys["require"] = [{"always": "abs(rx.FB_1.position) < 0.0001"}]
-    found["plants"][0]["reference"] = draws._reference(draws.Drawing(1), "sine")
+    found["plants"][0]["reference"] = draws._reference(features.Drawing(1), "sine")
     found["plants"][0]["shape"], found["wrong"] = 2, []
     found |= {key: one for key, one in changes.items() if key != "sample"}
     keys["record"] = {"keyframe": "0.1s"}
@@ -153,11 +153,21 @@ def test_seeds_keep_every_promise_and_are_summed_up(tmp_path: Path) -> None:
     told = strictly_holds("swarm", done.out)
     assert (done.code, told["broken"], told["seeds"]) == (0, [], SEEDS), done
     assert told["cycles"] > 10_000 and len(told["pairs"]) > 100
+    met, never = {*told["pairs"]}, {*told["never"]}
+    possible = {" + ".join(two) for two in features.possible_pairs()}
+    assert (met | never, met & never) == (possible, set())
 
 
 def test_the_same_seed_is_the_same_world_and_others_are_others() -> None:
     texts = [json.dumps(draws.world_of(seed)) for seed in (*range(20), *range(20))]
     assert texts[:20] == texts[20:] and len({*texts}) == 20
+
+
+@pytest.mark.deep
+def test_all_pairs_of_features_that_a_rig_may_have_are_met_within_some_thousand_seeds() -> None:
+    drawn = [sorted({*draws.world_of(seed)["features"]}) for seed in range(1, 5001)]
+    met = {two for one in drawn for two in itertools.combinations(one, 2)}
+    assert met == features.possible_pairs(), met ^ features.possible_pairs()
 
 
 @pytest.mark.parametrize("name", draws.WRONG)

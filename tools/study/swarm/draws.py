@@ -5,9 +5,7 @@ rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
 import math
-import random
 from collections.abc import Sequence
-from itertools import combinations, product
 from typing import Any
 
 from pcpc.executive.loop.fault_kinds import WrongFrame, WrongNode, WrongValue
@@ -15,13 +13,19 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
+from pcpc.tools.study.swarm.features import (
+    KINDS,
+    ODD,
+    RATES_HZ,
+    REFERENCES,
+    SLOW_MS,
+    Drawing,
+)  # fmt: skip
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
-RATES_HZ, SLOW_MS = (100, 250, 500, 1000, 1000, 2000, 4000), (10, 20, 50, 100, 500)
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
-ODD = "odd fault"  # which may be refused, or run
 _FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
                "burst", "from", "for", "every", "times", "x")  # fmt: skip
 _ODD_VALUES: tuple[Any, ...] = (
@@ -44,75 +48,6 @@ WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and b
 }
 
 
-_KINDS = {  # faults, by features
-    f"{of} {kind.word}": kind
-    for of, kinds in (("value", WrongValue), ("frame", WrongFrame), ("node", WrongNode))
-    for kind in kinds
-}
-_REFERENCES = tuple(
-    f"reference {name}" for name in ("step", "sine", "chirp", "ramp", "quintic", "sequence")
-)
-_RATES = tuple(f"{rate:g} Hz" for rate in sorted({*RATES_HZ}))
-_SLOW = tuple(f"slow frames each {ms} ms" for ms in SLOW_MS)
-FEATURES = (
-    *_RATES, *_SLOW, *_REFERENCES, *_KINDS,
-    "one plant", "many plants", "plain", "multiplexer", "emergency stop", "no E2E", "CRC 8",
-    "CRC 16", "FD", "big endian", "float", "waits in FAULT", "intrusion limits", "quick stop",
-    "armed by hand", "overrun policy", "limits", "rate limit", "plausibility", "requirement",
-    "errors allowed", "line", "bit errors", "losses", "faults", "share of a fault", "fault again",
-    ODD, "standby", "tuning", "reset 1", "stop 1", "stop 2", "disarmed 1", "disarmed 0",
-    "wrong rig",
-)  # fmt: skip
-_PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant"}
-_PARENTS |= dict.fromkeys((*_KINDS, "share of a fault", "fault again"), "faults")
-_SURE = 5  # features that a world has if it can
-NOT_TOGETHER = (  # two lists: no feature of one with one of the other
-    *((_RATES[:i], _RATES[i:]) for i in range(1, len(_RATES))),  # a rig has one rate,
-    *((_SLOW[:i], _SLOW[i:]) for i in range(1, len(_SLOW))),  # and one time of heartbeats
-    (("many plants",), ("one plant",)),
-    (("many plants",), ("node stall",)),  # of three nodes none may stand still: the rig is refused
-    (("line", "bit errors"), ("many plants", "2000 Hz", "4000 Hz")),  # 1 Mbit/s carries no more
-)  # fmt: skip
-
-
-def possible_pairs() -> set[tuple[str, str]]:
-    """Return all pairs of features that a drawn rig may have, each in order of the alphabet."""
-    never = {tuple(sorted(two)) for one, other in NOT_TOGETHER for two in product(one, other)}
-    return {*combinations(sorted(FEATURES), 2)} - never
-
-
-class Drawing:
-    """Draws; notes which features there are."""
-
-    def __init__(self, seed: int) -> None:
-        self.random = random.Random(f"swarm {seed}")
-        self.features: list[str] = []
-        rare = {ODD, "wrong rig"}  # which ends the rest as a rule
-        self.sure = {*self.random.sample([one for one in FEATURES if one not in rare], _SURE)}
-        for _ in range(2):  # parents of parents
-            self.sure |= {_PARENTS.get(one, one) for one in self.sure}
-        self.often = 1.0  # how much of what is drawn is there
-
-    def has(self, share: float, *features: str) -> bool:
-        """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share * self.often or not self.sure.isdisjoint(features)
-        self.features += features * found
-        return found
-
-    def one(self, *values: Any) -> Any:
-        """Return one of these."""
-        return self.random.choice(values)
-
-    def named(self, name: str, *values: Any) -> Any:
-        """Return one of these, one whose name is sure to be there if there is one."""
-        sure = [value for value in values if name.format(value) in self.sure]
-        return self.random.choice(sure or values)
-
-    def near(self, low: float, high: float) -> float:
-        """Return a number of few digits between two."""
-        return float(f"{self.random.uniform(low, high):.4g}")
-
-
 def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
@@ -132,9 +67,9 @@ def world_of(seed: int, base: str | None = None) -> World:
 
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
-    world |= {"rate_hz": d.named("{:g} Hz", *RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
-    world["cycles"] *= d.one(1, 1, 1, 3, 12)
-    world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats, of other rates
+    world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
+    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(1, 1, 1, 3, 12)
+    world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
     if d.has(MANY_SHARE, "many plants"):
@@ -195,7 +130,7 @@ def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
 
 
 def _plant(d: Drawing) -> World:
-    reference = d.named("{}", *_REFERENCES)
+    reference = d.named("{}", *REFERENCES)
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
     presses = d.has(0.08, "emergency stop")
@@ -277,9 +212,7 @@ def _signal(start: int, bits: int, kind: str = "unsigned", **more: Any) -> World
     return about | {"layout": None} | more
 
 
-def _placed(
-    d: Drawing, used: set[int], length: int, bits: int, kind: str, **more: Any
-) -> World:
+def _placed(d: Drawing, used: set[int], length: int, bits: int, kind: str, **more: Any) -> World:
     """Return a signal of free bits, which are then used; {} if there are none."""
     bits, big = 32 if kind == "float" else bits, d.has(0.3)
     for start in d.random.sample(range(8 * length), 8 * length):
@@ -370,17 +303,17 @@ def _faults(
     """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
     if not d.has(0.65, "faults"):
         return
-    frames = [one for one in _KINDS if one.startswith("frame")]
-    features = [one for one in _KINDS if one in d.sure]
-    features += d.random.choices((*_KINDS, *frames), k=d.random.randint(1, 4))
+    frames = [one for one in KINDS if one.startswith("frame")]
+    features = [one for one in KINDS if one in d.sure]
+    features += d.random.choices((*KINDS, *frames), k=d.random.randint(1, 4))
     found: World = {}
     for i, feature in enumerate(features):
-        kind: Any = _KINDS[feature]
+        kind: Any = KINDS[feature]
         names = [one for one in protected if protected[one] or not kind.row.protected]
         if not names:
             continue
         name = d.one(*names)
-        if kind == WrongNode.STALL and len(roles) > 2:
+        if kind is WrongNode.STALL and len(roles) > 2:
             continue
         entry: World = {"kind": kind.word}
         if isinstance(kind, WrongValue):

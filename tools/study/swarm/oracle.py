@@ -239,6 +239,7 @@ def verdict(case: Case) -> Iterator[str]:
             yield from _silence(case, role, node)
         yield from _groundless(case, role, node)
     yield from _not_begun(case)
+    yield from _requirements(case)
     wanted, why = deserved(case)
     if case.summary.verdict not in wanted:
         yield f"verdict {case.summary.verdict}, not {' or '.join(sorted(wanted))}: {why}"
@@ -295,6 +296,19 @@ def _not_begun(case: Case) -> Iterator[str]:
         known = {(cycle - back, name) for back in range(early + 1)}
         if cycle < least and not known & noted:
             yield f"{name} was not set in cycle {cycle}"
+
+
+def _requirements(case: Case) -> Iterator[str]:
+    """Yield what is said of `always` and is not so; None, not judged, where the run ends early."""
+    if case.world["around"] is not None:
+        return
+    top = case.log.node["executive"]
+    whole = top.cycle[-1] + 1 >= top.description["cycles"]
+    for asked, told in zip(case.rig.config.require, case.summary.requirements, strict=True):
+        at_most = float((asked.always or "").rpartition("<")[2])
+        held = (np.abs(top.columns["rx.FB_1.position"]) < at_most).all()
+        if told.held is not (bool(held) if whole or not held else None):
+            yield f"{asked.always}: held {told.held}; {held} in {len(top.cycle)} cycles"
 
 
 def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:
