@@ -223,10 +223,12 @@ def test_a_cluster_does_the_seeds_too(tmp_path: Path) -> None:
     assert (done.code, "2 seeds from 1 on" in done.out) == (0, True), done
 
 
-def test_worlds_are_drawn_around_a_rig_of_mine(tmp_path: Path) -> None:
-    words = ("swarm", "--rig", "probe", "--seeds", 3, "-j", 1, "-q", "-o", tmp_path / "found")
+def test_worlds_are_drawn_around_rigs_of_mine_in_turn(tmp_path: Path) -> None:
+    """One of them a drive with its master: faults of its PDOs, tunings of the master's law."""
+    rigs = f"probe,{ROOT / 'tests/drivers/canopen/mastered.yaml'}"
+    words = ("swarm", "--rig", rigs, "--seeds", 4, "-j", 1, "-q", "-o", tmp_path / "found")
     done = run_here(*words)
-    assert (done.code, "3 seeds from 1 on" in done.out) == (0, True), done
+    assert (done.code, "4 seeds from 1 on" in done.out) == (0, True), done
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda one: one.name)

@@ -69,7 +69,7 @@ def command(request: SwarmRequest) -> int:
     """Run seeds, or a folder again; NOT_MET if a promise is broken."""
     if request.replay is not None:
         return _replayed(request, Path(request.replay))
-    names = request.rig.split(",") if request.rig else []
+    names = request.around.split(",") if request.around else []
     bases: list[str | None] = [str(Path(rigs.find(name)).resolve()) for name in names] or [None]
     progress, rows = Progress(request.quiet), list[Row]()
     begin_s, code = time.monotonic(), Exit.OK
