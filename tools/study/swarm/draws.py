@@ -89,6 +89,8 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
         one = world["plants"][i - 1]
         protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
         places += [f"tx.CMD_{i}.command", f"{role}:tx.FB_{i}.position", f"{role}:lag.command"]
+    if d.has(0.1, "end asked"):
+        world["asked"] = d.random.randint(1, world["cycles"])
     _faults(d, world, keys, protected, places, ("executive", *nodes(world)))
     _schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
     if d.has(WRONG_SHARE, "wrong rig"):

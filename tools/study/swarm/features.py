@@ -24,8 +24,8 @@ FEATURES = (
     "CRC 16", "FD", "big endian", "float", "waits in FAULT", "intrusion limits", "quick stop",
     "armed by hand", "overrun policy", "limits", "rate limit", "plausibility", "requirement",
     "errors allowed", "line", "bit errors", "losses", "faults", "share of a fault", "fault again",
-    ODD, "standby", "tuning", "reset 1", "stop 1", "stop 2", "disarmed 1", "disarmed 0",
-    "wrong rig",
+    "end asked", ODD, "standby", "tuning", "reset 1", "stop 1", "stop 2", "disarmed 1",
+    "disarmed 0", "wrong rig",
 )  # fmt: skip
 _PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant"}
 _PARENTS |= dict.fromkeys((*KINDS, "share of a fault", "fault again"), "faults")

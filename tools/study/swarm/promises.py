@@ -121,9 +121,15 @@ def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
             yield f"{one.role}: {one.state}, {one.extent}: {why}"
 
 
+def _is_asked(case: Case) -> bool:
+    """Return whether its user ended the run: of which only the log's record knows."""
+    return case.world.get("asked") is not None
+
+
 def branched(case: Case) -> Iterator[str]:
     """Yield what differs in a run that goes on from a drawn cycle, without and with a change."""
-    if case.rig.config.bus.emulate is not None or case.length < 8 or not is_installed(_BRANCH):
+    emulated = case.rig.config.bus.emulate is not None
+    if _is_asked(case) or emulated or case.length < 8 or not is_installed(_BRANCH):
         return
     cycle = case.at("branch", 1, case.length - 2)
     yield from differing(case.log, _branch(case, cycle, []))
@@ -159,6 +165,8 @@ def _branch(case: Case, cycle: int, changes: list[tuple[str, str, float]]) -> lo
 
 def in_lanes(case: Case) -> Iterator[str]:
     """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
+    if _is_asked(case):
+        return
     names: dict[Any, list[str]] = {
         role: list(node.description["state_columns"]) for role, node in case.log.node.items()
     }
@@ -198,14 +206,14 @@ def in_parts(case: Case) -> Iterator[str]:
 
 def interpreted(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
-    if case.world["at"]["sample"] < SAMPLE:
+    if case.world["at"]["sample"] < SAMPLE and not _is_asked(case):
         words = ["simulate", f"--set=duration_s={INTERPRETED / case.rig.config.rate_hz!r}"]
         yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
 
 
 def lockstep(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in processes of their own on a bus."""
-    emulated = case.rig.config.bus.emulate is not None
+    emulated = case.rig.config.bus.emulate is not None or _is_asked(case)
     if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
         bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
         yield from _elsewhere(case, ["run", "--pacing=lockstep", "--bus", bus], {}, None)
