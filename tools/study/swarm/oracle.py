@@ -24,8 +24,9 @@ _REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERRO
 _MOST_DELTA, _ON_THE_WAY = 4, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
 _SILENT = 1
+_NO_NUMBER = "nan", "corruption", "payload", "addressing", "masquerade", "forgery", "insertion"
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
-    2: ("nan",), 8: ("nan",), 9: ("nan",), 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
+    2: _NO_NUMBER, 8: _NO_NUMBER, 9: _NO_NUMBER, 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
     12: ("estop",), 5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",),
     15: ("intrusion",), 16: ("emulate",),
 }  # fmt: skip
@@ -333,6 +334,14 @@ def deserved(case: Case) -> tuple[set[str], str]:
         sure = {"loss", "safety stop"}  # by frames that came late, at the end
     else:
         sure = set()
+    mistakes = [
+        name
+        for node in log.node.values()
+        for name, count in node.columns.items()
+        if name.startswith("drive.master.") and count.any()
+    ]
+    if mistakes:
+        return sure | {"expectation not met"}, f"of the drive's master: {', '.join(mistakes)}"
     if config.expect:
         return sure | {*_MILDER}, "its metrics are not judged here"
     top = log.node["executive"]
