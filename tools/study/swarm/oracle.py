@@ -302,9 +302,9 @@ def _not_begun(case: Case) -> Iterator[str]:
 
 def _requirements(case: Case) -> Iterator[str]:
     """Yield what is said of `always` and is not so; None, not judged, where the run ends early."""
-    if case.world["around"] is not None:
-        return
     top = case.log.node["executive"]
+    if case.world["around"] is not None or not len(top.cycle):
+        return
     whole = top.cycle[-1] + 1 >= top.description["cycles"]
     ran = whole and not any(
         node.columns["supervisor.fault"].any() for node in case.log.node.values()

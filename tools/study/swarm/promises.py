@@ -100,7 +100,7 @@ def _behind_a_keyframe(case: Case) -> int:
     """Return a drawn cycle behind a keyframe: of one in a ramp, a hold or a fault if there is."""
     config, found = case.rig.config, set[int]()
     every = max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
-    last = min(int(node.cycle[-1]) for node in case.log.node.values())
+    last = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in case.log.node.values())
     for node in case.log.node.values():
         state, gain, missing = (
             node.columns[f"supervisor.{name}"] for name in ("state", "gain", "missing_cycles")
