@@ -52,7 +52,8 @@ def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
     world: World = {"seed": seed, "around": base, "wrong": []}
-    world["keys"] = keys = {"seed": d.random.randint(1, 10**6)}
+    keys: World = {"seed": d.random.randint(1, 10**6)}
+    world["keys"] = keys
     if base is None:
         _drawn(d, world, keys)
     else:
