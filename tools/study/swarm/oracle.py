@@ -313,9 +313,12 @@ def _requirements(case: Case) -> Iterator[str]:
     for judged, is_whole in ((case.summary.requirements, ran), (later, whole)):
         for asked, told in zip(case.rig.config.require, judged, strict=True):
             at_most = float((asked.always or "").rpartition("<")[2])
-            held = bool((np.abs(top.columns["rx.FB_1.position"]) < at_most).all())
+            most = float(np.abs(top.columns["rx.FB_1.position"]).max())
+            held = most < at_most
             if told.held is not (held if is_whole or not held else None):
                 yield f"{asked.always}: held {told.held}; {held} in {len(top.cycle)} cycles"
+            elif told.held is not None and abs(told.margin - at_most + most) > 1e-9 * at_most:
+                yield f"{asked.always}: margin {told.margin}, not {at_most - most}"
 
 
 def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:
