@@ -317,7 +317,7 @@ def _requirements(case: Case) -> Iterator[str]:
             held = most < at_most
             if told.held is not (held if is_whole or not held else None):
                 yield f"{asked.always}: held {told.held}; {held} in {len(top.cycle)} cycles"
-            elif told.held is not None and abs(told.margin - at_most + most) > 1e-9 * at_most:
+            elif told.margin is not None and abs(told.margin - at_most + most) > 1e-9 * at_most:
                 yield f"{asked.always}: margin {told.margin}, not {at_most - most}"
 
 
