@@ -7,6 +7,8 @@ RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 # of `make swarm`: today's
 SEED ?= $(shell date +%Y%m%d)0000
+# rigs of drives with a master, around which it draws too
+DRIVES = tests/drivers/canopen/mastered.yaml,tests/drivers/robots/mit.yaml,tests/drivers/robots/moteus.yaml
 # processes of `make test`, 1 GB each; two leave a fifth of two processors idle
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
@@ -132,7 +134,8 @@ release: tools ## sdist and wheel in dist/, tried; WHEELS, TRY: others
 
 swarm: install ## five minutes of drawn rigs, with a new SEED each day
 	@echo "pcpc swarm --seed $(SEED)"
-	@$(BIN)/pcpc swarm --seed $(SEED) --for 5m
+	@$(BIN)/pcpc swarm --seed $(SEED) --for 4m
+	@$(BIN)/pcpc swarm --seed $(SEED) --for 1m --rig $(DRIVES)
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .

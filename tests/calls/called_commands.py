@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -46,6 +47,7 @@ class Command:
 BUS = "--bus {bus} --no-figure --quiet"
 COMMANDS = {
     "simulate": Command("simulate {base}/motor -o out --no-figure --quiet"),
+    "tree": Command("simulate {base}/tree -o out --no-figure --quiet"),
     "lockstep": Command("run {base}/motor -o out --pacing lockstep " + BUS),
     "real": Command("run {base}/motor -o out --pacing real " + BUS, same=False),
     "bare": Command("run {base}/bare -o out --pacing real " + BUS, same=False),
@@ -68,6 +70,8 @@ def prepare(base: Path) -> None:
     )):  # fmt: skip
         done = calls.run(words.split(), base / f"made{number}", None, "", _FIRST_S)
         assert done.code == 0, done
+    shutil.copytree(base / "motor", base / "tree")  # a work tree, which git is asked about
+    subprocess.run(["git", "init", "--quiet", str(base / "tree")], check=True)
     shutil.copytree(base / "motor", base / "bare")  # the same without counters and CRCs
     dbc = base / "bare" / "motor.dbc"
     text = re.sub(r"SG_ (counter|crc) : (?!8\|)", r"SG_ un\1 : ", dbc.read_text())

@@ -122,6 +122,16 @@ PLACE(fork)
     return pid;
 }
 
+/* One that shares memory would come back into a frame that is gone. */
+PLACE(vfork)
+{
+    REAL(fork)
+    long pid = called(real, failure(__COUNTER__, "vfork"), 0, a, b, c, d, e, f);
+    if (!(int)pid)
+        rename_process("child");
+    return pid;
+}
+
 PLACE(prctl)
 {
     REAL(prctl)

@@ -45,7 +45,11 @@ _GROUPS = (  # functions, what a failing one returns, how they fail
     (_BUS, "RETURNS_MINUS_1", "ENOBUFS ENOMEM EINTR"),
     ("waitpid getrandom", "RETURNS_MINUS_1", "EINTR"),
     ("pthread_create", "RETURNS_ERRNO", "EAGAIN"),
-    ("fork", "", "EAGAIN ENOMEM"),  # the last four are written out in failing_calls.c
+    ("execve chdir", "RETURNS_MINUS_1", "EIO ENOMEM"),
+    ("getpeername signalfd", "RETURNS_MINUS_1", "ENOBUFS ENOMEM"),
+    ("mprotect madvise", "RETURNS_MINUS_1", "ENOMEM EAGAIN"),
+    ("sched_setscheduler sched_setaffinity setpriority", "RETURNS_MINUS_1", "EPERM"),
+    ("fork vfork", "", "EAGAIN ENOMEM"),  # the last five are written out in failing_calls.c
     ("clock_nanosleep", "", "EINTR"),
     ("clock_monotonic", "", "FORWARD"),
     ("clock_real", "", "FORWARD BACK"),

@@ -1,8 +1,9 @@
 """Faults planted in the product, one at a time, and what `pcpc swarm` makes of them.
 
 `python -m tests.swarm.planted [NAME]... [--for S]`, from the root: each is tried
-until a promise is broken, or so long (600 s). A line of JSON each. What a promise's own test plants
-is another one. Exit code 1: more than two were not found.
+until a promise is broken that the same seed keeps without it, or so long (600 s of a processor). A
+line of JSON each. What a promise's own test plants is another one. Exit code 1: more than two were
+not found.
 """
 
 import argparse
@@ -15,8 +16,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType
+from typing import Any
 
 from pcpc.tools.study.swarm.cli import checked
 from pcpc.tools.study.swarm.draws import world_of
@@ -126,6 +129,8 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
         "        take_values(n, row, new)"),
 }  # fmt: skip
 _COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cycle")
+_KEEPING = ("pcpc.executive.nodes", "pcpc.executive.log", "pcpc.tools")  # rooms, results of calls
+_CACHED = type(cache(lambda: None))
 _INTERPRETED = (f"{_LOOP}/keyframe_layout.py",)
 
 
@@ -139,8 +144,25 @@ def main() -> int:
     names = [one for one in PLANTED if not asked.names or one.startswith(tuple(asked.names))]
     for seed in range(asked.seed, asked.seed + 4):  # what is compiled once
         checked(world_of(seed))
-    codes = [_in_child(name, asked) for name in sorted(names, key=_is_compiled)]
-    return int(sum(code != 1 for code in codes) > 2)
+    found = [_is_found(name, asked.for_s, asked.seed) for name in sorted(names, key=_is_compiled)]
+    return int(found.count(False) > 2)
+
+
+def _is_found(name: str, for_s: float, seed: int) -> bool:
+    """Try a fault in a child; print what became; a seed that is broken without it is passed."""
+    with tempfile.TemporaryDirectory(prefix="pcpc-planted-") as folder:
+        told: dict[str, Any] = {"seeds": 0, "cycles": 0, "spent_s": 0.0, "found": {}}
+        while not told["found"] and told["spent_s"] < for_s:
+            _in_child(name, for_s - told["spent_s"], seed + told["seeds"], Path(folder))
+            row = json.loads(Path(folder, "told").read_text())
+            told = {key: told[key] + row[key] for key in told if key != "found"}
+            last = seed + told["seeds"] - 1
+            without = checked(world_of(last), row["found"]).found if row["found"] else {}
+            if without:
+                print(f"seed {last} without a fault: {without}", file=sys.stderr, flush=True)
+            told["found"] = {k: v for k, v in row["found"].items() if k not in without}
+    print(json.dumps({"name": name, **told}), flush=True)
+    return bool(told["found"])
 
 
 def _is_compiled(name: str) -> bool:
@@ -148,26 +170,31 @@ def _is_compiled(name: str) -> bool:
     return file.startswith(_COMPILED) and file not in _INTERPRETED
 
 
-def _in_child(name: str, asked: argparse.Namespace) -> int:
-    """Plant a fault in a copy, or in a process of its own; return 1 if it was found."""
+def _in_child(name: str, for_s: float, seed: int, folder: Path) -> None:
+    """Plant a fault in a copy, or in a process of its own; `told` in the folder says what came."""
     if not _is_compiled(name):
         pid = os.fork()
         if not pid:
             plant(*PLANTED[name])
-            os._exit(tried(name, asked.for_s, asked.seed))
-        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    with tempfile.TemporaryDirectory(prefix="pcpc-planted-") as folder:
-        for part in ("pcpc", "drivers", "executive", "plants", "tools", "tests/swarm"):
-            shutil.copytree(ROOT / part, Path(folder, part), symlinks=True)
-        file, was, becomes = PLANTED[name]
-        Path(folder, file).write_text(Path(folder, file).read_text().replace(was, becomes))
-        call = f"tried({name!r}, {asked.for_s}, {asked.seed})"
-        words = ["-c", f"import sys; from tests.swarm.planted import tried; sys.exit({call})"]
-        return subprocess.run([sys.executable, *words], cwd=folder).returncode
+            tried(for_s, seed, folder)
+            os._exit(0)
+        os.waitpid(pid, 0)
+        return
+    for part in ("pcpc", "drivers", "executive", "plants", "tools", "tests/swarm"):
+        shutil.copytree(ROOT / part, folder / part, symlinks=True, dirs_exist_ok=True)
+    file, was, becomes = PLANTED[name]
+    text = (ROOT / file).read_text().replace(was, becomes)
+    (folder / file).write_text(text)
+    call = f"tried({for_s}, {seed}, Path({str(folder)!r}))"
+    words = f"from pathlib import Path; from tests.swarm.planted import tried; {call}"
+    subprocess.run([sys.executable, "-c", words], cwd=folder, check=True)
 
 
 def plant(file: str, was: str, becomes: str) -> None:
-    """Give the functions of a module that is not compiled the code of its changed text."""
+    """Give the functions of a module that is not compiled the code of its changed text.
+
+    What was kept of earlier calls is forgotten.
+    """
     text, path = (ROOT / file).read_text(), str(ROOT / "pcpc" / file)
     assert text.count(was) == 1, (file, was)
     module = compile(text.replace(was, becomes), path, "exec")
@@ -175,6 +202,8 @@ def plant(file: str, was: str, becomes: str) -> None:
     for one in gc.get_objects():
         if isinstance(one, FunctionType) and one.__code__.co_filename == path:
             one.__code__ = new[one.__code__.co_qualname]
+        elif isinstance(one, _CACHED) and one.__module__.startswith(_KEEPING):
+            one.cache_clear()
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -184,17 +213,17 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(one)
 
 
-def tried(name: str, for_s: float, seed: int) -> int:
-    """Check seed after seed until one breaks a promise; print what became; return 1 if one did."""
-    begin_s, count, cycles, found = time.monotonic(), 0, 0, dict[str, list[str]]()
-    while not found and time.monotonic() - begin_s < for_s:
+def tried(for_s: float, seed: int, folder: Path) -> None:
+    """Check seed after seed until one breaks a promise; write what became, not of compiling."""
+    checked(world_of(seed))
+    begin_s, count, cycles, found = time.process_time(), 0, 0, dict[str, list[str]]()
+    while not found and time.process_time() - begin_s < for_s:
         row = checked(world_of(seed + count))
         count, cycles, found = count + 1, cycles + row.cycles, row.found
-    told = {promise: lines[0][:160] for promise, lines in found.items()}
-    spent_s = round(time.monotonic() - begin_s, 1)
-    about = {"name": name, "seeds": count, "cycles": cycles, "spent_s": spent_s, "found": told}
-    print(json.dumps(about), flush=True)
-    return int(bool(found))
+    short = {promise: lines[0][:160] for promise, lines in found.items()}
+    spent_s = round(time.process_time() - begin_s, 1)
+    told = {"seeds": count, "cycles": cycles, "spent_s": spent_s, "found": short}
+    (folder / "told").write_text(json.dumps(told))
 
 
 if __name__ == "__main__":

@@ -15,14 +15,14 @@ from json_schemas import strictly_holds
 from logcommand import run_here
 from places import ROOT
 
-from pcpc.tools.study.swarm import cli, draws, shrink
+from pcpc.tools.study.swarm import cli, draws, features, shrink
 from pcpc.tools.study.swarm.files import World, write
 from pcpc.tools.study.swarm.promises import PROMISES
 from tests.swarm.planted import PLANTED as PLANTED_BY_HAND
 
 Spoil = Callable[[Any], Any]  # what is true: what stands in its place
 CASES = sorted(path.parent for path in ROOT.glob("tests/swarm/*/rig.yaml"))
-PLAIN, SEEDS = 17, 12  # a seed of one plant with tunings and limits; how many are tried here
+PLAIN, SEEDS = 100, 4  # a seed of one plant with tunings and limits; how many are tried here
 
 
 def world(**changes: Any) -> World:
@@ -35,7 +35,7 @@ def world(**changes: Any) -> World:
     keys["supervisor"] = {}
     keys["schedule"] = [{"at_s": 0.02, "set": {"controller.first": 1.5}}]
     keys["require"] = [{"always": "abs(rx.FB_1.position) < 0.0001"}]
-    found["plants"][0]["reference"] = draws._reference(draws.Drawing(1), "sine")
+    found["plants"][0]["reference"] = draws._reference(features.Drawing(1), "sine")
     found["plants"][0]["shape"], found["wrong"] = 2, []
     found |= {key: one for key, one in changes.items() if key != "sample"}
     keys["record"] = {"keyframe": "0.1s"}
@@ -153,11 +153,21 @@ def test_seeds_keep_every_promise_and_are_summed_up(tmp_path: Path) -> None:
     told = strictly_holds("swarm", done.out)
     assert (done.code, told["broken"], told["seeds"]) == (0, [], SEEDS), done
     assert told["cycles"] > 10_000 and len(told["pairs"]) > 100
+    met, never = {*told["pairs"]}, {*told["never"]}
+    possible = {" + ".join(two) for two in features.possible_pairs()}
+    assert (met | never, met & never) == (possible, set())
 
 
 def test_the_same_seed_is_the_same_world_and_others_are_others() -> None:
     texts = [json.dumps(draws.world_of(seed)) for seed in (*range(20), *range(20))]
     assert texts[:20] == texts[20:] and len({*texts}) == 20
+
+
+@pytest.mark.deep
+def test_all_pairs_of_features_that_a_rig_may_have_are_met_within_some_thousand_seeds() -> None:
+    drawn = [sorted({*draws.world_of(seed)["features"]}) for seed in range(1, 5001)]
+    met = {two for one in drawn for two in itertools.combinations(one, 2)}
+    assert met == features.possible_pairs(), met ^ features.possible_pairs()
 
 
 @pytest.mark.parametrize("name", draws.WRONG)
@@ -213,10 +223,12 @@ def test_a_cluster_does_the_seeds_too(tmp_path: Path) -> None:
     assert (done.code, "2 seeds from 1 on" in done.out) == (0, True), done
 
 
-def test_worlds_are_drawn_around_a_rig_of_mine(tmp_path: Path) -> None:
-    words = ("swarm", "--rig", "probe", "--seeds", 3, "-j", 1, "-q", "-o", tmp_path / "found")
+def test_worlds_are_drawn_around_rigs_of_mine_in_turn(tmp_path: Path) -> None:
+    """One of them a drive with its master: faults of its PDOs, tunings of the master's law."""
+    rigs = f"probe,{ROOT / 'tests/drivers/canopen/mastered.yaml'}"
+    words = ("swarm", "--rig", rigs, "--seeds", 4, "-j", 1, "-q", "-o", tmp_path / "found")
     done = run_here(*words)
-    assert (done.code, "3 seeds from 1 on" in done.out) == (0, True), done
+    assert (done.code, "4 seeds from 1 on" in done.out) == (0, True), done
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda one: one.name)

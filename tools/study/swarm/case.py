@@ -18,6 +18,19 @@ from pcpc.tools.terminal.progress import Progress
 QUIET = Progress(quiet=True)
 
 
+class Asking(Progress):
+    """Asks a run to end once it has come to a cycle, as its user may; None: never."""
+
+    def __init__(self, run: VirtualRun, cycle: int | None) -> None:
+        super().__init__(quiet=True)
+        self._run, self._cycle = run, cycle
+
+    def show(self, line: str) -> None:
+        """Look how far the run is, which is told behind each of its pieces."""
+        if self._cycle is not None and self._run.blocks[0].loop.passes >= self._cycle:
+            self._run.stop()
+
+
 @dataclass
 class Case:
     """A world that is run in its folder."""
@@ -66,7 +79,7 @@ class Case:
         """Run it into a log."""
         self._outcome = Outcome("virtual", "memory", changed=[])
         run = VirtualRun(self.rig, path)
-        to_end(run, self._outcome, QUIET)
+        to_end(run, self._outcome, Asking(run, self.world.get("asked")))
         self.count(run)
         return path
 

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import contextmanager
 from itertools import combinations
@@ -23,7 +23,8 @@ from pcpc.executive.rig import yamlfile
 from pcpc.tools.start import pool, rigs
 from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.commands import SwarmRequest
-from pcpc.tools.study.swarm.draws import ODD, world_of
+from pcpc.tools.study.swarm.draws import world_of
+from pcpc.tools.study.swarm.features import ODD, possible_pairs
 from pcpc.tools.study.swarm.files import HISTORY, World, write, write_laws
 from pcpc.tools.study.swarm.promises import PROMISES, broken
 from pcpc.tools.study.swarm.shrink import smallest
@@ -60,6 +61,7 @@ class Told(msgspec.Struct):
     promises: int  # checked, in all seeds
     refused: int
     pairs: dict[str, int]  # of features, met so often
+    never: list[str]  # pairs that a drawn rig may have, and none had
     broken: list[Row]
 
 
@@ -67,7 +69,7 @@ def command(request: SwarmRequest) -> int:
     """Run seeds, or a folder again; NOT_MET if a promise is broken."""
     if request.replay is not None:
         return _replayed(request, Path(request.replay))
-    names = request.rig.split(",") if request.rig else []
+    names = request.around.split(",") if request.around else []
     bases: list[str | None] = [str(Path(rigs.find(name)).resolve()) for name in names] or [None]
     progress, rows = Progress(request.quiet), list[Row]()
     begin_s, code = time.monotonic(), Exit.OK
@@ -81,7 +83,8 @@ def command(request: SwarmRequest) -> int:
     except KeyboardInterrupt:
         code = Exit.INTERRUPTED
     progress.close()
-    told = _told(request.seed, rows, time.monotonic() - begin_s)
+    possible = possible_pairs() if bases == [None] else set()
+    told = _told(request.seed, rows, time.monotonic() - begin_s, possible)
     print(screen.json_text(msgspec.to_builtins(told)) if request.json else "\n".join(_lines(told)))
     return Exit.NOT_MET if told.broken else code
 
@@ -181,16 +184,20 @@ def _replayed(request: SwarmRequest, folder: Path) -> int:
     return Exit.NOT_MET if row.found else Exit.OK
 
 
-def _told(first: int, rows: Sequence[Row], spent_s: float) -> Told:
+def _told(
+    first: int, rows: Sequence[Row], spent_s: float, possible: Iterable[tuple[str, str]]
+) -> Told:
     pairs = Counter(
         " + ".join(two) for row in rows for two in combinations(sorted({*row.features}), 2)
     )
+    never = sorted({" + ".join(two) for two in possible} - {*pairs})
     cycles, ran = sum(row.cycles for row in rows), [row for row in rows if not row.refused]
     return Told(
         len(rows), first, cycles, cycles / spent_s,
         sum(row.simulated_s for row in rows) / spent_s, len(rows) / spent_s,
         len(ran) * len(PROMISES),
-        len(rows) - len(ran), dict(sorted(pairs.items())), [row for row in rows if row.found],
+        len(rows) - len(ran), dict(sorted(pairs.items())), never,
+        [row for row in rows if row.found],
     )  # fmt: skip
 
 
@@ -204,6 +211,7 @@ def _lines(told: Told) -> list[str]:
         f"{told.times_real_time:.1f} x real time",
         f"{told.promises:,} promises checked, {len(told.broken)} seeds broke one",
         f"{met:,} pairs of features met, the rarest: {', '.join(rare) or 'none'}",
+        *[f"{len(told.never):,} pairs never: {', '.join(told.never[:_SHOWN])}"] * bool(told.never),
         *(f"seed {row.seed}: {name}: {lines[0]}\n  pcpc swarm --replay {row.folder}"
           for row in told.broken for name, lines in row.found.items()),
     ]  # fmt: skip

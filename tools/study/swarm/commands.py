@@ -31,7 +31,9 @@ class SwarmRequest(Request):
     )
     cycles: Annotated[int | None, _count, "N", "until so many cycles are done, as 1e9"] = None
     seeds: Annotated[int | None, _count, "N", "so many seeds"] = None
-    rig: Annotated[str | None, "RIG,...", "draw around these rigs in turn, not new ones"] = None
+    around: Annotated[
+        str | None, "--rig", "RIG,...", "draw around these rigs in turn, not new ones"
+    ] = None
     replay: Annotated[str | None, "FOLDER", "do again what lies in this folder"] = None
     output: Annotated[str, "-o", "DIR", "folder of what was found; default: %(default)s"] = "swarm"
     jobs: Annotated[int | None, take.positive, "-j", "N", "processes; default: one a processor"] = (

@@ -4,7 +4,7 @@
 rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
-import random
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,13 +13,19 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
+from pcpc.tools.study.swarm.features import (
+    KINDS,
+    ODD,
+    RATES_HZ,
+    REFERENCES,
+    SLOW_MS,
+    Drawing,
+)  # fmt: skip
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
-RATES_HZ = 100, 250, 500, 1000, 1000, 2000, 4000
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
-ODD = "odd fault"  # which may be refused, or run
 _FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
                "burst", "from", "for", "every", "times", "x")  # fmt: skip
 _ODD_VALUES: tuple[Any, ...] = (
@@ -42,53 +48,35 @@ WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and b
 }
 
 
-class Drawing:
-    """Draws; notes which features there are."""
-
-    def __init__(self, seed: int) -> None:
-        self.random = random.Random(f"swarm {seed}")
-        self.features: list[str] = []
-        self.often = 1.0  # how much of what is drawn is there
-
-    def has(self, share: float, *features: str) -> bool:
-        """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share * self.often
-        self.features += features * found
-        return found
-
-    def one(self, *values: Any) -> Any:
-        """Return one of these."""
-        return self.random.choice(values)
-
-    def near(self, low: float, high: float) -> float:
-        """Return a number of few digits between two."""
-        return float(f"{self.random.uniform(low, high):.4g}")
-
-
 def world_of(seed: int, base: str | None = None) -> World:
     """Return the world of a seed; around a rig, if one is its `base`. RigError."""
     d = Drawing(seed)
     world: World = {"seed": seed, "around": base, "wrong": []}
-    world["keys"] = keys = {"seed": d.random.randint(1, 10**6)}
+    keys: World = {"seed": d.random.randint(1, 10**6)}
+    world["keys"] = keys
     if base is None:
         _drawn(d, world, keys)
     else:
         _around(d, world, keys, load_rig(base))
-    between_s = max(d.random.randint(100, 400) / world["rate_hz"], 0.1)
-    world["keys"]["record"] = {"keyframe": f"{between_s:.3g}s"}
     world["at"] = {name: d.random.random() for name in PLACES}
+    if keys.get("schedule") and d.random.random() < 0.5:  # a branch beside what is tuned
+        cycle = round(d.one(*keys["schedule"])["at_s"] * world["rate_hz"]) + d.one(-1, 0, 1)
+        world["at"]["branch"] = min(max((cycle - 0.5) / (world["cycles"] - 3), 0.0), 0.999)
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world
 
 
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
-    world |= {"rate_hz": d.one(*RATES_HZ), "cycles": d.random.randint(150, MOST_CYCLES)}
-    world["cycles"] *= d.one(1, 1, 1, 3)
-    world["slow_ms"] = d.one(10, 20, 50, 100, 500)  # between two heartbeats, of other rates
+    world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
+    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(1, 1, 1, 3, 12)
+    world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
-    count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
-    count = d.one(5, 16) if d.has(MANY_SHARE, "many plants") else count
+    _keyframes(d, world, keys)
+    if d.has(MANY_SHARE, "many plants"):
+        count = d.one(5, 16)
+    else:
+        count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     world["cycles"] //= 4 if count > 3 else 1
     if d.has(PLAIN_SHARE, "plain"):  # most of what follows keeps a rig from lanes
         d.often = 0.15
@@ -102,10 +90,19 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
         one = world["plants"][i - 1]
         protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
         places += [f"tx.CMD_{i}.command", f"{role}:tx.FB_{i}.position", f"{role}:lag.command"]
+    if d.has(0.1, "end asked"):
+        world["asked"] = d.random.randint(1, world["cycles"])
     _faults(d, world, keys, protected, places, ("executive", *nodes(world)))
     _schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
     if d.has(WRONG_SHARE, "wrong rig"):
         world["wrong"] = [[list(path), value] for path, value in [d.one(*WRONG.values())]]
+
+
+def _keyframes(d: Drawing, world: World, keys: World) -> None:
+    """Draw how often there is one: not below 0.1 s."""
+    rate_hz = world["rate_hz"]
+    world["every"] = max(d.random.randint(10, 300), math.ceil(0.1 * rate_hz))  # cycles
+    keys["record"] = {"keyframe": _ms(world, world["every"])}
 
 
 def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
@@ -113,6 +110,7 @@ def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
     cycles = round(rig.config.duration_s * rig.config.rate_hz)
     world |= {"rate_hz": rig.config.rate_hz, "plants": []}
     world["cycles"] = min(cycles, d.random.randint(150, MOST_CYCLES))
+    _keyframes(d, world, keys)
     plans = [plan(rig, role, "virtual") for role in rig.roles]
     awaited = [one for made in plans for one in made.rx_frames if messages.is_awaited(one)]
     top = plans[0]
@@ -135,7 +133,7 @@ def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
 
 
 def _plant(d: Drawing) -> World:
-    reference = d.one("step", "sine", "chirp", "ramp", "quintic", "sequence")
+    reference = d.named("{}", *REFERENCES)
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
     presses = d.has(0.08, "emergency stop")
@@ -143,7 +141,7 @@ def _plant(d: Drawing) -> World:
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
         "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
-        "reference": _reference(d, reference),
+        "reference": _reference(d, reference.removeprefix("reference ")),
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
         "press_s": d.near(0.01, 2.0) if presses else 1e6,
@@ -170,9 +168,10 @@ def _frame(
     d: Drawing, names: list[str], downwards: bool, layouts: int, presses: bool = False
 ) -> World:
     """Return a frame whose signals lie where they may, drawn until all have found a place."""
-    crc = d.one(0, 8, 8, 8, 16)
-    d.features.append(f"CRC {crc}" if crc else "no E2E")
-    fd = d.has(0.25, "FD")
+    protection = d.named("{}", "no E2E", "CRC 8", "CRC 8", "CRC 8", "CRC 16")
+    d.features.append(protection)
+    crc = 0 if protection == "no E2E" else int(protection.removeprefix("CRC "))
+    fd, most = d.has(0.25, "FD"), 32  # bits of a value: fewer where there was no room
     while True:
         length = d.one(*_LENGTHS) if fd else 8
         signals: World = {}
@@ -194,12 +193,18 @@ def _frame(
             signals["estop"] = _placed(d, used, length, 1, "unsigned", whole=True)
         if layouts:
             signals["which"] = _placed(d, used, length, 4, "unsigned", whole=True, layout=-1)
-        signals |= {name: _placed(d, used, length, d.random.randint(10, 32)) for name in names}
+        kinds = "signed", "signed", "unsigned", *["float"] * (most == 32)
+        signals |= {
+            name: _placed(d, used, length, d.random.randint(10, most), d.one(*kinds))
+            for name in names
+        }
         for i in range(layouts):
             own = set(used)
-            signals[f"part_{i}"] = _placed(d, own, length, d.random.randint(8, 16), layout=i)
+            bits = d.random.randint(8, min(most, 16))
+            signals[f"part_{i}"] = _placed(d, own, length, bits, d.one(*kinds), layout=i)
         if all(signals.values()):
             break
+        most = max(most - 4, 10)
     d.features += ["big endian"] * any(one["big"] for one in signals.values())
     d.features += ["float"] * any(one["kind"] == "float" for one in signals.values())
     return {"length": length, "fd": fd, "signals": signals, "crc": crc}
@@ -210,14 +215,11 @@ def _signal(start: int, bits: int, kind: str = "unsigned", **more: Any) -> World
     return about | {"layout": None} | more
 
 
-def _placed(
-    d: Drawing, used: set[int], length: int, bits: int, kind: str | None = None, **more: Any
-) -> World:
-    """Return a signal of free bits, which are then used; {} if none were found."""
-    kind = kind or d.one("signed", "signed", "unsigned", "float")
-    bits = 32 if kind == "float" else bits
-    for _ in range(40):
-        one = _signal(d.random.randrange(8 * length), bits, kind, big=d.has(0.3), **more)
+def _placed(d: Drawing, used: set[int], length: int, bits: int, kind: str, **more: Any) -> World:
+    """Return a signal of free bits, which are then used; {} if there are none."""
+    bits, big = 32 if kind == "float" else bits, d.has(0.3)
+    for start in d.random.sample(range(8 * length), 8 * length):
+        one = _signal(start, bits, kind, big=big, **more)
         its = _bits(one)
         whole = max(its) < 8 * length and max(its) // 8 - min(its) // 8 < 8
         if whole and not its & used:
@@ -304,13 +306,17 @@ def _faults(
     """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
     if not d.has(0.65, "faults"):
         return
-    kinds = (*WrongValue, *WrongFrame, *WrongFrame, *WrongNode)
+    frames = [one for one in KINDS if one.startswith("frame")]
+    features = [one for one in KINDS if one in d.sure]
+    features += d.random.choices((*KINDS, *frames), k=d.random.randint(1, 4))
     found: World = {}
-    for i in range(d.random.randint(1, 4)):
-        kind, name = d.one(*kinds), d.one(*protected)
-        if kind.row.protected and not protected[name]:
+    for i, feature in enumerate(features):
+        kind: Any = KINDS[feature]
+        names = [one for one in protected if protected[one] or not kind.row.protected]
+        if not names:
             continue
-        if kind == WrongNode.STALL and len(roles) > 2:
+        name = d.one(*names)
+        if kind is WrongNode.STALL and len(roles) > 2:
             continue
         entry: World = {"kind": kind.word}
         if isinstance(kind, WrongValue):
@@ -335,7 +341,7 @@ def _faults(
         entry |= _moments(d, world)
         if world["plants"] and d.has(0.05, ODD):
             entry[d.one(*_FAULT_KEYS)] = d.one(*_ODD_VALUES)
-        d.features.append(kind.word)
+        d.features.append(feature)
         found[f"f{i}"] = entry
     keys["faults"] = found
 
@@ -343,11 +349,19 @@ def _faults(
 def _moments(d: Drawing, world: World) -> World:
     """Return when a fault acts, in whole cycles."""
     cycles = world["cycles"]
-    begin, most = d.random.randint(1, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
+    begin, most = _moment(d, world, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
     found = {"from": _ms(world, begin), "for": _ms(world, d.random.randint(1, most))}
     if d.has(0.15, "fault again"):
         found["every"] = _ms(world, d.random.randint(most + 2, 200 + most))
     return found
+
+
+def _moment(d: Drawing, world: World, last: int) -> int:
+    """Return a cycle from 1 to the last; often one at a keyframe, where a replay has a seam."""
+    cycle = d.random.randint(1, last)
+    if d.random.random() < 0.4:
+        cycle += world["every"] - 1 - cycle % world["every"] + d.one(-1, 0, 0, 1)
+    return min(cycle, last)
 
 
 def _ms(world: World, cycles: int) -> str:
@@ -364,7 +378,7 @@ def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[floa
         keys["handover"] = {"over_s": d.near(0.0, 0.1)}
         for name in ("second", "first")[: d.random.randint(1, 2)]:
             rows.append({"handover": name})
-    for _ in range(d.random.randint(0, 3)):
+    for _ in range(max(d.random.randint(0, 3), "tuning" in d.sure)):
         if known and d.has(0.6, "tuning"):
             name = d.one(*known)
             rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})
@@ -374,7 +388,7 @@ def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[floa
     ):  # fmt: skip
         if d.has(share, f"{name} {value:g}"):
             rows.append({"set": {f"supervisor.{name}": value}})
-    times = sorted(d.random.randint(1, world["cycles"] - 1) for _ in rows)
+    times = sorted(_moment(d, world, world["cycles"] - 1) for _ in rows)
     rows = d.random.sample(rows, len(rows))
     found = [{"at_s": at * period_s, **row} for at, row in zip(times, rows, strict=True)]
     if found:

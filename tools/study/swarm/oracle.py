@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.log.reader import NodeLog
+from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.study.swarm.case import Case
 from pcpc.tools.study.swarm.files import World, nodes, scale
 
@@ -24,10 +25,11 @@ _REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERRO
 _MOST_DELTA, _ON_THE_WAY = 4, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
 _SILENT = 1
+_NO_NUMBER = "nan", "corruption", "payload", "addressing", "masquerade", "forgery", "insertion"
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
-    2: ("nan",), 8: ("nan",), 9: ("nan",), 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
+    2: _NO_NUMBER, 8: _NO_NUMBER, 9: _NO_NUMBER, 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
     12: ("estop",), 5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",),
-    15: ("intrusion",),
+    15: ("intrusion",), 16: ("emulate",),
 }  # fmt: skip
 
 
@@ -239,6 +241,7 @@ def verdict(case: Case) -> Iterator[str]:
             yield from _silence(case, role, node)
         yield from _groundless(case, role, node)
     yield from _not_begun(case)
+    yield from _requirements(case)
     wanted, why = deserved(case)
     if case.summary.verdict not in wanted:
         yield f"verdict {case.summary.verdict}, not {' or '.join(sorted(wanted))}: {why}"
@@ -259,7 +262,7 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
         used = (rows["id"] == word) & (rows["direction"] == 1)
         used &= np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))
         fresh &= np.isin(k, rows["cycle"][used])
-    missing, most = 0, config.supervisor.fault_after_cycles
+    missing, most = int(not fresh[0]), config.supervisor.fault_after_cycles
     for i in range(1, len(k)):
         missing = 0 if fresh[i] else missing + 1
         before, now = int(state[i - 1]), int(state[i])
@@ -297,6 +300,27 @@ def _not_begun(case: Case) -> Iterator[str]:
             yield f"{name} was not set in cycle {cycle}"
 
 
+def _requirements(case: Case) -> Iterator[str]:
+    """Yield what is said of `always` and is not so; None, not judged, where the run ends early."""
+    top = case.log.node["executive"]
+    if case.world["around"] is not None or not len(top.cycle):
+        return
+    whole = top.cycle[-1] + 1 >= top.description["cycles"]
+    ran = whole and not any(
+        node.columns["supervisor.fault"].any() for node in case.log.node.values()
+    )
+    later = Judge.of(case.rig).requirements(case.log)
+    for judged, is_whole in ((case.summary.requirements, ran), (later, whole)):
+        for asked, told in zip(case.rig.config.require, judged, strict=True):
+            at_most = float((asked.always or "").rpartition("<")[2])
+            most = float(np.abs(top.columns["rx.FB_1.position"]).max())
+            held = most < at_most
+            if told.held is not (held if is_whole or not held else None):
+                yield f"{asked.always}: held {told.held}; {held} in {len(top.cycle)} cycles"
+            elif told.margin is not None and abs(told.margin - at_most + most) > 1e-9 * at_most:
+                yield f"{asked.always}: margin {told.margin}, not {at_most - most}"
+
+
 def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield a fault for which nothing in the rig is a reason."""
     text = str(case.rig.effective())
@@ -319,6 +343,14 @@ def deserved(case: Case) -> tuple[set[str], str]:
         sure = {"loss", "safety stop"}  # by frames that came late, at the end
     else:
         sure = set()
+    mistakes = [
+        name
+        for node in log.node.values()
+        for name, count in node.columns.items()
+        if name.startswith("drive.master.") and count.any()
+    ]
+    if mistakes:
+        return sure | {"expectation not met"}, f"of the drive's master: {', '.join(mistakes)}"
     if config.expect:
         return sure | {*_MILDER}, "its metrics are not judged here"
     top = log.node["executive"]

@@ -37,6 +37,7 @@ PART_CYCLES = 100
 SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
 _FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
 _GAIN = "controller.first"
+_NOT_SURE = "is unknown"  # in a line that does not say that something is missing
 _BRANCH, _VERIFY = "after/branch", "after/verify"  # rooms that may have been taken out
 
 
@@ -91,8 +92,25 @@ def replayed(case: Case) -> Iterator[str]:
 
 
 def keyframe(case: Case) -> Iterator[str]:
-    """Yield what a replay from a drawn cycle, begun at a keyframe, does not recompute."""
-    yield from _replay(case, (case.at("keyframe", 0, case.length), ALL))
+    """Yield what a replay that begins at a drawn keyframe does not recompute."""
+    yield from _replay(case, (_behind_a_keyframe(case), ALL))
+
+
+def _behind_a_keyframe(case: Case) -> int:
+    """Return a drawn cycle behind a keyframe: of one in a ramp, a hold or a fault if there is."""
+    config, found = case.rig.config, set[int]()
+    every = max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
+    last = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in case.log.node.values())
+    for node in case.log.node.values():
+        state, gain, missing = (
+            node.columns[f"supervisor.{name}"] for name in ("state", "gain", "missing_cycles")
+        )
+        moves = (state != State.RUN) | (gain != 1.0) | (missing != 0.0)
+        there = (node.cycle < last) & (node.cycle % every == every - 1)
+        found |= {*node.cycle[moves & there].tolist()}
+    if found:
+        return 1 + sorted(found)[case.at("keyframe", 0, len(found))]
+    return case.at("keyframe", min(every, last), last)
 
 
 def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
@@ -103,9 +121,15 @@ def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
             yield f"{one.role}: {one.state}, {one.extent}: {why}"
 
 
+def _is_asked(case: Case) -> bool:
+    """Return whether its user ended the run: of which only the log's record knows."""
+    return case.world.get("asked") is not None
+
+
 def branched(case: Case) -> Iterator[str]:
     """Yield what differs in a run that goes on from a drawn cycle, without and with a change."""
-    if case.rig.config.bus.emulate is not None or case.length < 8 or not is_installed(_BRANCH):
+    emulated = case.rig.config.bus.emulate is not None
+    if _is_asked(case) or emulated or case.length < 8 or not is_installed(_BRANCH):
         return
     cycle = case.at("branch", 1, case.length - 2)
     yield from differing(case.log, _branch(case, cycle, []))
@@ -141,6 +165,8 @@ def _branch(case: Case, cycle: int, changes: list[tuple[str, str, float]]) -> lo
 
 def in_lanes(case: Case) -> Iterator[str]:
     """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
+    if _is_asked(case):
+        return
     names: dict[Any, list[str]] = {
         role: list(node.description["state_columns"]) for role, node in case.log.node.items()
     }
@@ -180,14 +206,14 @@ def in_parts(case: Case) -> Iterator[str]:
 
 def interpreted(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
-    if case.world["at"]["sample"] < SAMPLE:
+    if case.world["at"]["sample"] < SAMPLE and not _is_asked(case):
         words = ["simulate", f"--set=duration_s={INTERPRETED / case.rig.config.rate_hz!r}"]
         yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
 
 
 def lockstep(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in processes of their own on a bus."""
-    emulated = case.rig.config.bus.emulate is not None
+    emulated = case.rig.config.bus.emulate is not None or _is_asked(case)
     if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
         bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
         yield from _elsewhere(case, ["run", "--pacing=lockstep", "--bus", bus], {}, None)
@@ -262,13 +288,20 @@ def damage(case: Case) -> Iterator[str]:
     at = case.at("flip", 8, len(whole) - 8)
     flipped = bytearray(whole)
     flipped[at] ^= 1 << random.Random(at).randrange(8)
-    for how, data in ((f"cut at {cut}", whole[:cut]), (f"bit of byte {at} flipped", flipped)):
+    both, own = bytearray(whole[:cut]), at % cut
+    both[own] ^= 1 << random.Random(own).randrange(8)
+    true = case.log
+    for how, data in (
+        (f"bit of byte {at} flipped", flipped), (f"cut at {cut}", whole[:cut]),
+        (f"bit of byte {own} flipped, too", both),
+    ):  # fmt: skip
         path = case.folder / "damaged.mcap"
         path.write_bytes(data)
         with contextlib.suppress(logs.LogError):
             found = Opened(path).log
-            for line in wrong_values(case.log, found):
+            for line in wrong_values(true, found):
                 yield f"{how}: {line}"
+            true = found if how.startswith("cut") else true  # of which the next lacks something
 
 
 def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
@@ -288,8 +321,11 @@ def wrong_values(true: logs.Log, found: logs.Log) -> Iterator[str]:
                 yield f"{role}: {name} is wrong"
         if _unlike(other, node):
             yield f"{role}: frames that were not"
-        lacks += [role] * (len(other.cycle) < len(node.cycle) or _unlike(node, other) > 0)
-    if lacks and not found.missing:
+        lost = len(other.cycle) < len(node.cycle) or _unlike(node, other) > 0
+        is_cut = true.missing and [*other.cycle[-1:]] != [*node.cycle[-1:]]  # which was told
+        lacks += [role] * (lost and not is_cut)
+    told, before = ([one for one in log.missing if _NOT_SURE not in one] for log in (found, true))
+    if lacks and told == before:
         yield f"parts of {lacks} are missing, and nothing tells it"
 
 
