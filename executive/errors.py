@@ -3,7 +3,7 @@
 import errno
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
 from pathlib import Path
@@ -63,17 +63,24 @@ def _path_below(file: Path, folder: str) -> str:
     return str(file.relative_to(folder) if file.is_relative_to(folder) else file)
 
 
-def near_file(path: Path) -> str:
-    """Return `; did you mean X?` for a file that is not there, `; there is no folder Y`, or ""."""
+def near_file(path: Path, would_do: Callable[[Path], bool] = Path.is_file) -> str:
+    """Return `; did you mean X?` for a file that is not there, `; there is no folder Y`, or "".
+
+    X is another file beside it, one that `would_do`.
+    """
     try:
         beside = os.listdir(path.parent)
     except (OSError, ValueError):
         return f"; there is no folder {one_line(str(path.parent))}"
-    names = [name for name in sorted(beside) if not name.startswith(".")]
+    names = [
+        name
+        for name in sorted(beside)
+        if not name.startswith(".") and name != path.name and would_do(path.parent / name)
+    ]
     best = _nearest(path.name, names)
     if not _nearest(path.stem, [Path(best).stem]):  # only their suffixes are alike
         return ""
-    return f"; did you mean {one_line(str(path.with_name(best)))}?"
+    return f"; did you mean {one_line(str(path.parent / best))}?"
 
 
 def _nearest(word: str, known: Sequence[str]) -> str:
@@ -83,7 +90,7 @@ def _nearest(word: str, known: Sequence[str]) -> str:
 
 
 def _likeness(word: str, name: str) -> float:
-    parts = name.split("_")
+    parts = name.split("_") if "/" not in name else [name]  # a unit is no folder
     stems = ["_".join(parts[:n]) for n in range(1, len(parts) + 1) if parts[0]] or [name]
     scores = [SequenceMatcher(None, word.lower(), stem.lower()).ratio() for stem in stems]
     return max(scores[-1], *(0.95 * score for score in scores))  # the whole name wins a tie

@@ -306,7 +306,7 @@ def test_what_can_be_installed_is_used() -> None:
 SHAPE = {"README.md", "rig.yaml", "model.py", "laws", "evaluation.py", "drawing.py", "layout.json"}
 MORE = {  # not in each
     "parameters.yaml", "rigs", "identification.py", "device", "book", "figures",
-    "drive_cia402.yaml", "drive_mit.yaml", "drive_moteus.yaml", "drive_odrive.yaml",
+    "drive.yaml", "drive_cia402.yaml", "drive_mit.yaml", "drive_moteus.yaml", "drive_odrive.yaml",
     "drive_robstride.yaml",
     "foxglove.json", "rig.schema.json",
 }  # fmt: skip

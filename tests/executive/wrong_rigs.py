@@ -72,3 +72,9 @@ BLOCKS = [
     Case(", parameters: {size_rad: 1}", "",
          "18:5: executive.blocks.reference: parameter size_rad [rad] is missing: height"),
 ]  # fmt: skip
+UNKNOWN = (  # to the schema of any rig: two keys, a base, an infinity, a rig's own names
+    "", "{", "bus: null", "{low: 3.0,", "rate_per_s: .inf", "safe: 2.5", "{safe: .inf}",
+    "local: {node: L, blocks: {}, limits: {A.b: {low: 2, high: -2}}}\nwatch: ",
+    "local: {node: L, blocks: {}, safe: {A.b: -.inf}}\nwatch: ", "[3.9, 3.8]", "[-.inf, .inf]",
+    "expect: {pdd:", "controller: pdd\n", "window_s: [6, 3]",
+)  # fmt: skip

@@ -25,22 +25,6 @@ from pcpc.tools.make import new
 from pcpc.tools.terminal import additions
 
 ACME = Path(__file__).with_name("acme")
-DRIVE = """\
-base: rig.yaml
-rig: motor-acme
-plant:
-  drive:
-    profile: acme-torque
-    node: 5
-    position: motor.encoder_rad
-    velocity: motor.speed_rad_s
-    rated: 146.0
-    gains: {position_per_s: 20.0, velocity: 0.2}
-  blocks:
-    motor: {inputs: {voltage_V: drive.command}}
-expect: {pid: null, pd: null}
-require: null
-"""
 LISTED = ["command spin", "system acme", "drive acme-torque", "bus acme"]
 
 
@@ -134,8 +118,7 @@ def test_what_the_log_of_a_system_needs_travels_in_it(site: Path, tmp_path: Path
 def test_a_master_reaches_its_drive_over_its_bus(
     site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    new.write(tmp_path / "motor")
-    (tmp_path / "motor/drive.yaml").write_text(DRIVE)
+    pcpc(site, "new", "motor", "--drive", "acme-torque", cwd=tmp_path)
     monkeypatch.syspath_prepend(str(site))
     (bus,) = outside.additions("buses")
     port = str(own_port())
@@ -147,12 +130,12 @@ def test_a_master_reaches_its_drive_over_its_bus(
 
         def answer() -> float | None:
             assert process.poll() is None, process.communicate()
-            sender.send(struct.pack("=IB3xf4x", 0x305, 4, 0.02))
+            sender.send(struct.pack("=IB3xf4x", 0x301, 4, 0.02))
             try:
                 number, position = struct.unpack("=I4xf4x", receiver.recv(72))
             except TimeoutError:
                 return None
-            return position if number == 0x385 else None
+            return position if number == 0x381 else None
 
         until(lambda: (answer() or 0.0) > 0.5, "the motor turns")
     finally:
@@ -197,7 +180,8 @@ def test_nothing_of_it_is_read_or_loaded_at_a_plain_start(
 
 
 def test_a_shell_completes_it(site: Path, tmp_path: Path) -> None:
-    for line, word in (("pcpc sp", "spin"), ("pcpc spin --b", "--backwards")):
+    for line, word in (("pcpc sp", "spin"), ("pcpc spin --b", "--backwards"),
+                       ("pcpc new x --drive a", "acme-torque")):  # fmt: skip
         answer = tmp_path / "answer"
         environment = os.environ | {
             "_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)),
@@ -335,6 +319,15 @@ def test_a_package_whose_folder_has_another_form_is_judged_by_its_words(beside: 
     (one,) = outside.additions("rooms")
     with pytest.raises(UserError, match="is made for pcpc>=9"):
         outside.check_version(one)
+
+
+def test_a_rig_for_a_broken_dialect_is_not_begun(
+    beside: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package(beside, "odd", "odd = odd_:K", "K = 1\n", "", "drives")
+    assert cli.main(["new", str(beside / "motor"), "--drive", "odd"]) == 4
+    assert "odd of odd 1.0: odd_:K is of type int, not RobotKind" in capsys.readouterr().err
+    assert not (beside / "motor").exists()
 
 
 def test_the_doctor_names_all_that_is_wrong_and_what_ends_it(tmp_path: Path) -> None:

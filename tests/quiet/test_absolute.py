@@ -46,3 +46,22 @@ def test_wake_up_and_work_stay_far_inside_the_period(minute: dict[str, Any]) -> 
     timing = minute["timing_us"]
     assert timing["wake_late"]["p99"] < 70.0, timing
     assert minute["timing_share"] < 0.3, f"{minute['timing_share']:.1%} of the period at p99.9"
+
+
+def test_a_machine_with_vcan0_is_up_in_15_s_without_kvm() -> None:
+    subprocess.run([PCPC, "vm", "--", "true"], check=True)  # its kernel is there then
+    command = [
+        PCPC,
+        "vm",
+        "--accel",
+        "tcg",
+        "--timeout",
+        "15s",
+        "--",
+        "ip",
+        "link",
+        "show",
+        "vcan0",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "UP" in done.stdout, done

@@ -1,6 +1,7 @@
 """All commands of `pcpc`: those that the rooms of tools/ offer in their commands.py."""
 
 from dataclasses import replace
+from importlib import import_module
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
@@ -8,15 +9,13 @@ from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.command import Command, exit_codes
 from pcpc.tools.terminal.rooms import declared_rooms, part_of, rooms_with
 
-TITLES = {  # of the groups, which are the folders of tools/, in the order of use
-    "start": "before a run: rigs and bus load",
-    "run": "runs and single nodes",
-    "live": "during a run",
-    "after": "after a run",
-    "study": "many runs and studies",
-    "make": "write rigs, DBC files, C and FMUs",
-    "machine": "this machine",
-}
+
+def _titles() -> dict[str, str]:
+    """Return what the groups, folders of tools/ with rooms, say that they are, in their order."""
+    names = {room.split("/")[0] for room in rooms_with("commands")} - {"cli"}
+    modules = {name: import_module(f"pcpc.tools.{name}") for name in names}
+    ordered = sorted(modules, key=lambda name: modules[name].PLACE)
+    return {name: modules[name].TITLE for name in ordered}
 
 
 def _commands_by_group() -> dict[str, tuple[Command, ...]]:
@@ -34,6 +33,7 @@ def _commands_by_group() -> dict[str, tuple[Command, ...]]:
     return {group: tuple(commands) for group, commands in groups.items() if commands}
 
 
+TITLES = _titles()
 GROUPS = _commands_by_group()
 COMMANDS = {command.name: command for group in GROUPS.values() for command in group}
 _WORDS = """\

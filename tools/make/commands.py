@@ -1,9 +1,20 @@
 """Commands: new, dbc."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pcpc.tools.terminal.command import Command, codes
 from pcpc.tools.terminal.request import WORD, Request
+
+
+class _Dialects:
+    """Names of drives, read when they are asked for: ours and those of packages of others."""
+
+    def __iter__(self) -> Iterator[str]:
+        from pcpc.drivers.machine import outside  # here, because they take time
+        from pcpc.executive.rig.bus_keys import PROFILES
+
+        yield from dict.fromkeys((*PROFILES, *(one.name for one in outside.additions("drives"))))
 
 
 class NewRequest(Request):
@@ -14,8 +25,10 @@ class NewRequest(Request):
     bare: Annotated[bool, "one input, one output: for a plant of your own"] = False
     device: Annotated[bool, "also write the law as a device program"] = False
     drive: Annotated[
-        Literal["cia402", "odrive", "mit", "moteus", "robstride"] | None,
-        "also write the motor as a drive: CiA 402, or a robot's, by its dialect",
+        str | None,
+        "DIALECT",
+        "also write the motor as a drive: %(choices)s",
+        {"choices": _Dialects()},
     ] = None
 
 

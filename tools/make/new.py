@@ -8,6 +8,7 @@ With `--drive` also the rig of a drive, with `--device` also the files of templa
 README.md continues that of the motor.
 """
 
+import json
 import re
 import shlex
 from collections.abc import Mapping
@@ -141,12 +142,13 @@ def write(
         what = f"'{name}' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'"
         what += ", which is not its first" if name.startswith("-") else ""
         raise RigError(f"{folder}: {what}; try {cure}")
+    texts = _texts(template, device, drive)
     is_new, written = not folder.exists(), []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
-        for file, text in _texts(template, device, drive).items():
+        for file, text in texts.items():
             path = folder / template.renamed(file, name)
             path.parent.mkdir(exist_ok=True)
             written.append(path)
@@ -179,10 +181,21 @@ def _texts(template: Template, device: bool, drive: str | None) -> dict[str, str
         texts["README.md"] += _text(more / "README.md")
     texts[SCHEMA] = screen.json_text(rig_schema(), 1) + "\n"
     if drive:
-        texts["drive.yaml"] = _text(TEMPLATE / f"drive_{drive}.yaml")
+        texts["drive.yaml"] = _drive(drive)
     return {
         file: f"{_MODELINE if file.endswith('.yaml') else ''}{text}" for file, text in texts.items()
     }
+
+
+def _drive(profile: str) -> str:
+    """Return the motor as a drive; UserError where the package of its dialect is broken."""
+    if (file := TEMPLATE / f"drive_{profile}.yaml").is_file():
+        return _text(file)
+    from pcpc.executive.nodes.planned_robot import kind_of  # here, because it loads numba
+
+    node = kind_of(profile).nodes[0]
+    text = _text(TEMPLATE / "drive.yaml").replace("node: 0", f"node: {node}")
+    return text.replace("profile: NAME", f"profile: {json.dumps(profile)}")
 
 
 def _text(file: Path) -> str:

@@ -111,10 +111,14 @@ def find(text: str, others: Iterable[str] = ()) -> str:
     if path.suffix in _SUFFIXES:
         there = any(path.stem in rig.names for rig in known)
         cure = f"; the rig that comes with pcpc is called {path.stem}" if there else ""
-        raise RigError(f"{text}: no such file{cure or near_file(path)}")
+        raise RigError(f"{text}: no such file{cure or near_file(path, _may_be_a_rig)}")
     what = "a folder without rig.yaml" if path.is_dir() else "no file and no rig of this name"
-    cure = did_you_mean(text, [*names, *others]) or near_file(path)
+    cure = did_you_mean(text, [*names, *others]) or near_file(path, _may_be_a_rig)
     raise RigError(f"{text}: {what}{cure}; `pcpc rigs` lists all")
+
+
+def _may_be_a_rig(path: Path) -> bool:
+    return (path / "rig.yaml").is_file() or (path.suffix in _SUFFIXES and path.is_file())
 
 
 def shell_name(file: str | Path) -> str:

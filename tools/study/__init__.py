@@ -1,1 +1,3 @@
 """Many runs and what they show: campaigns, margins, fits, theorems, studies."""
+
+TITLE, PLACE = "many runs and studies", 5  # in `pcpc help`

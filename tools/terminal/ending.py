@@ -136,7 +136,7 @@ def refusal_text(error: OSError) -> str:
     if isinstance(error, FileNotFoundError) and not _folder_exists():
         return "the working folder is gone; change to another one"
     if isinstance(error, FileNotFoundError) and len(files) == 1:
-        cure = near_file(Path(files[0]))
+        cure = near_file(Path(files[0]), Path.exists)
     return ": ".join([*files, reason]).replace("\n", " ") + cure
 
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from places import ROOT
 
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError, did_you_mean, near_file
 from pcpc.executive.rig import yaml_parser, yamlfile
 from pcpc.executive.rig.yaml_parser import reads_the_same
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, dump, load, parse_scalar, parse_value
@@ -182,6 +182,17 @@ def test_did_you_mean_looks_past_the_unit() -> None:
     assert did_you_mean("controller.torque", [f"controller.{n}" for n in names]).endswith("max_Nm?")
     assert did_you_mean("zzz", names) == "; known: kp_Nm_rad, kv_Nms_rad, torque_max_Nm"
     assert did_you_mean("zzz", []) == "" == did_you_mean("zzz", map(str, range(100)))
+
+
+def test_what_is_suggested_is_another_file_that_would_do(tmp_path: Path) -> None:
+    (tmp_path / "motors").mkdir()
+    (tmp_path / "motor.yaml").touch()
+    for text, cure in (("motr.yaml", "motor.yaml"), ("motor.yaml", ""), ("motor", "motor.yaml")):
+        wanted = f"; did you mean {tmp_path / cure}?" if cure else ""
+        assert near_file(tmp_path / text) == wanted, text
+    assert near_file(tmp_path / "motor", Path.is_dir) == f"; did you mean {tmp_path / 'motors'}?"
+    assert near_file(Path("/")) == near_file(tmp_path) == ""
+    assert "there is no folder" in near_file(tmp_path / "none/motor.yaml")
 
 
 SCALARS = (

@@ -264,6 +264,19 @@ def test_an_unknown_rig_is_refused_with_the_likely_one(
         rigs.find(text)
 
 
+def test_what_is_no_rig_is_never_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("tmp", "motor", "motors", "cart"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "cart/rig.yaml").touch()
+    for text in ("tmp", "./tmp", "motor", str(tmp_path / "motor"), "/", "motor.yaml"):
+        with pytest.raises(RigError) as caught:
+            rigs.find(text)
+        assert "did you mean" not in str(caught.value), caught.value
+    with pytest.raises(RigError, match=r"mean cart\?"):
+        rigs.find("./carts")
+
+
 def test_a_name_of_two_rigs_is_refused_with_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,7 +12,7 @@ import pytest
 from jsonschema import Draft7Validator
 from places import ROOT
 from small_rig import RIG, Case
-from wrong_rigs import BLOCKS, SCHEMA
+from wrong_rigs import BLOCKS, SCHEMA, UNKNOWN
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
@@ -28,12 +28,6 @@ RIGS = sorted(
     for pattern in ("plants/*/rig.yaml", "plants/*/rigs/*.yaml", "tests/rigs/**/*.yaml",
                     "tests/drivers/*/*.yaml", "tools/make/template/**/*.yaml")
     for file in ROOT.glob(pattern)
-)  # fmt: skip
-UNKNOWN = (  # to the schema of any rig: two keys, a base, an infinity, a rig's own names
-    "", "{", "bus: null", "{low: 3.0,", "rate_per_s: .inf", "safe: 2.5", "{safe: .inf}",
-    "local: {node: L, blocks: {}, limits: {A.b: {low: 2, high: -2}}}\nwatch: ",
-    "local: {node: L, blocks: {}, safe: {A.b: -.inf}}\nwatch: ", "[3.9, 3.8]", "[-.inf, .inf]",
-    "expect: {pdd:", "controller: pdd\n", "window_s: [6, 3]",
 )  # fmt: skip
 NAMES = {  # what is wrong in the motor's rig, and the key at which its own schema says so
     "controller: pid\n": ("controller: pidd\n", "controller"),
