@@ -75,16 +75,16 @@ def prepare(
     p: float = 0.0,
     burst: float = 1.0,
     seed: int = 1,
-    odd: Mapping[int, int] | None = None,
+    others: Mapping[int, int] | None = None,
 ) -> None:
     """Fill the zeroed Line record `line`; ValueError for wrong `senders` or `room`, or rates (0).
 
-    Bit rates in bit/s; without the second one FD frames do not switch theirs. `odd`: those of
+    Bit rates in bit/s; without the second one FD frames do not switch theirs. `others`: those of
     senders that have another one.
     """
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
-    own = dict.fromkeys(range(senders), bitrate) | dict(odd or {})
+    own = dict.fromkeys(range(senders), bitrate) | dict(others or {})
     per_s = ticks_per_s(bitrate, data_bitrate, own.values())
     if per_s > MOST_TICKS:
         raise ValueError(f"{bitrate} and {data_bitrate} bit/s: no common tick")

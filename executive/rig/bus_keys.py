@@ -20,7 +20,7 @@ class Bus(Keyed):
     """A bus as python-can names it; without `bitrate` its load is not checked.
 
     `emulate`: a line of this bit rate, see `drivers.line.line`, with `queue` places in each node.
-    `odd`: nodes that have another bit rate, in bit/s.
+    `bitrates`: of nodes that have another bit rate, in bit/s.
     """
 
     interface: Word = "auto"
@@ -31,7 +31,7 @@ class Bus(Keyed):
     queue: Annotated[int, Meta(ge=1, le=256)] = 64
     bit_error_rate: Fraction = 0.0
     error_burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
-    odd: dict[str, Annotated[int, Meta(ge=1000, le=10**6)]] = {}
+    bitrates: dict[str, Annotated[int, Meta(ge=1000, le=10**6)]] = {}
 
     @property
     def bits_per_s(self) -> int | None:

@@ -75,13 +75,13 @@ def on_line(rig: Rig) -> tuple[Role, ...]:
 def check_line(rig: Rig, pacing: str) -> None:
     """Raise RigError if the rig's line cannot be emulated; `pacing` may be virtual."""
     problem, bus, nodes = "", rig.config.bus, on_line(rig)
-    if bus.odd and bus.emulate is None:
-        raise rig.error("bus.odd", "only an emulated line knows bit rates; give bus.emulate")
+    if bus.bitrates and bus.emulate is None:
+        raise rig.error("bus.bitrates", "only an emulated line knows bit rates; give bus.emulate")
     if bus.emulate is None:
         return
-    if strange := [name for name in bus.odd if name not in nodes]:
+    if strange := [name for name in bus.bitrates if name not in nodes]:
         what = f"{strange[0]} is no node at the line{did_you_mean(strange[0], nodes)}"
-        raise rig.error("bus.odd", what)
+        raise rig.error("bus.bitrates", what)
     nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     switched += ["a moteus drive"] if has_fd_drive(rig) else []
@@ -95,8 +95,8 @@ def check_line(rig: Rig, pacing: str) -> None:
         )
     elif switched and fast is None:
         problem = f"{switched[0]} switches its bit rate; give bus.data_bitrate, in bit/s"
-    elif fast is not None or bus.odd:
-        problem = odd_rates(nominal, fast or nominal, bus.odd.values())
+    elif fast is not None or bus.bitrates:
+        problem = odd_rates(nominal, fast or nominal, bus.bitrates.values())
     if problem:
         raise rig.error("bus.emulate", problem)
 
@@ -119,6 +119,6 @@ def virtual_pacing(rig: Rig) -> str:
 def line_options(rig: Rig) -> dict[str, Any]:
     """Return what the rig says of its emulated line, for `drivers.line.line.prepare`."""
     bus = rig.config.bus
-    odd = {on_line(rig).index(name): rate for name, rate in bus.odd.items()}
-    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate, "odd": odd}
+    others = {on_line(rig).index(name): rate for name, rate in bus.bitrates.items()}
+    rates = {"bitrate": bus.bits_per_s, "data_bitrate": bus.data_bitrate, "others": others}
     return rates | {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

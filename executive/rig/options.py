@@ -28,7 +28,7 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
     keys_of = dict(_leaves(as_data(config), ()))
-    keys_of |= {"xcp": ("xcp",), "bus.odd": ("bus", "odd")}  # a word or a mapping; a mapping
+    keys_of |= {"xcp": ("xcp",), "bus.bitrates": ("bus", "bitrates")}  # a mapping, or a word
     keys_of |= {dotted_path(earlier): keys for earlier, keys in EARLIER.items()}
     blocks: dict[str, list[Role]] = {}  # plants may have the same
     for role, node in config.sections.items():

@@ -15,7 +15,7 @@ PAIRS = [(RATE, RATE // 2), (RATE // 2, RATE), (RATE, 125_000), (500_000, 800_00
 
 def of_rates(sender: int, receiver: int, senders: int = 2, **options: Any) -> Any:
     """Return a line at the sender's bit rate, on which B has another one."""
-    return new(senders, bitrate=sender, odd={B: receiver}, **options)
+    return new(senders, bitrate=sender, others={B: receiver}, **options)
 
 
 def found_wrong(bits: str, sender: int, receiver: int) -> int:
@@ -45,7 +45,7 @@ def test_both_ends_are_passive_or_off_within_a_hundredth_of_a_second_and_nothing
     kind: Kind,
 ) -> None:
     rates = kind.rates or {"bitrate": RATE}
-    line = new(2, **rates, odd={B: RATE // 2})
+    line = new(2, **rates, others={B: RATE // 2})
     for tick in range(0, until := int(line.per_s) // 10, until // 100):
         for s in (A, B):
             lines.put(line, s, kind.frame(s + 1, b"\1"), tick)
@@ -66,7 +66,7 @@ def test_who_flags_and_does_not_send_takes_the_other_off_the_bus() -> None:
 
 
 def test_among_three_the_odd_one_spoils_frames_until_it_is_passive_and_then_hears_nothing() -> None:
-    line = new(3, bitrate=RATE, odd={B: RATE // 2})
+    line = new(3, bitrate=RATE, others={B: RATE // 2})
     line.receive_errors[B] = 127
     lines.put(line, A, frame(1, b"\1"), 0)
     whats = [what for what, *_ in events(line, 1000)]
@@ -76,7 +76,7 @@ def test_among_three_the_odd_one_spoils_frames_until_it_is_passive_and_then_hear
 
 
 def test_an_odd_sender_is_acknowledged_by_nobody_and_its_bits_last_as_long_as_it_says() -> None:
-    line = new(3, bitrate=RATE, odd={B: RATE // 4})
+    line = new(3, bitrate=RATE, others={B: RATE // 4})
     line.receive_errors[A] = line.receive_errors[C] = 200  # passive: they flag nothing
     one = frame(0x123, b"\x55")
     lines.put(line, B, one, 0)
@@ -87,10 +87,10 @@ def test_an_odd_sender_is_acknowledged_by_nobody_and_its_bits_last_as_long_as_it
 
 def test_equal_rates_are_no_mismatch() -> None:
     one, made = CLASSIC.frame(5, b"\1\2"), []
-    for odd in ({}, {B: RATE}):
-        line = new(2, bitrate=RATE, odd=odd)
+    for others in ({}, {B: RATE}):
+        line = new(2, bitrate=RATE, others=others)
         lines.put(line, A, one, 3)
         made.append((events(line, 5000), line.tobytes()))
     assert made[0] == made[1]
     with pytest.raises(ValueError, match="no common tick"):
-        new(2, **FD.rates, odd={B: 999_983})
+        new(2, **FD.rates, others={B: 999_983})

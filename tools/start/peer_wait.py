@@ -20,8 +20,8 @@ class PeerWait:
         self.rig, self.roles = rig, roles
         self.limit_s = rig.config.supervisor.peer_timeout_s
         if len(roles) > 1:  # the other one is ours
-            odd = set(rig.config.bus.odd.values()) - {rig.config.bus.bits_per_s}
-            self.limit_s = min(self.limit_s, _ODD_S if odd else _MEET_S)
+            others = set(rig.config.bus.bitrates.values()) - {rig.config.bus.bits_per_s}
+            self.limit_s = min(self.limit_s, _ODD_S if others else _MEET_S)
         self.given_up_s = 0.0  # how long it was when it was too long
         self._ready_ns = 0
 

@@ -186,7 +186,7 @@ def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(
 def test_a_node_of_another_bit_rate_hears_nothing_nor_is_heard_and_the_run_is_recomputed(
     kind: str, of: str, tmp_path: Path
 ) -> None:
-    rig = rig_of(kind, tmp_path, *FAST[kind], f"bus.odd={{{of}: 500000}}", "duration_s=5.0")
+    rig = rig_of(kind, tmp_path, *FAST[kind], f"bus.bitrates={{{of}: 500000}}", "duration_s=5.0")
     log, line = logged(rig, tmp_path / "log.mcap")
     assert line.sent.sum() == 0 and (line.worst[:2] >= 128).all(), line.worst[:2]
     for name, node in log.node.items():

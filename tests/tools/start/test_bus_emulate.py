@@ -154,7 +154,7 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
 def test_a_bit_rate_mismatch_is_named_in_the_verdict_within_a_second(
     rig: str, of: str, tmp_path: Path, capsys: Screen
 ) -> None:
-    words = ["--set", "bus.emulate=1M", "--set", f"bus.odd={{{of}: 500000}}", "--no-figure"]
+    words = ["--set", "bus.emulate=1M", "--set", f"bus.bitrates={{{of}: 500000}}", "--no-figure"]
     run = tmp_path / "run"
     assert main(["simulate", rig, *words, "--set", "duration_s=5.0", "-o", str(run)]) == 5
     summary = json.loads((run / "summary.json").read_text())
@@ -168,7 +168,14 @@ def test_a_bit_rate_mismatch_is_named_in_the_verdict_within_a_second(
 
 
 def test_a_run_ends_with_the_bit_rates_before_it_waits_for_a_second(tmp_path: Path) -> None:
-    words = ["probe", "--set", "bus.emulate=1M", "--set", "bus.odd={plant: 500000}", "--no-figure"]
+    words = [
+        "probe",
+        "--set",
+        "bus.emulate=1M",
+        "--set",
+        "bus.bitrates={plant: 500000}",
+        "--no-figure",
+    ]
     done = pcpc("run", *words, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--json")
     assert done.code == 4 and "line: plant" not in done.out, str(done)
     assert "has a bit rate of 500 kbit/s, the line 1 Mbit/s: it and the others" in done.err, done
@@ -176,9 +183,9 @@ def test_a_run_ends_with_the_bit_rates_before_it_waits_for_a_second(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["bus.odd={plant: 500000}"], "only an emulated line knows bit rates; give bus.emulate"),
-    (["bus.emulate=1M", "bus.odd={plnt: 500000}"], "plnt is no node at the line; did you mean pla"),
-    (["bus.emulate=1M", "bus.odd={plant: 999983, executive: 999979}"], "no clock up to 9 GHz give"),
+    (["bus.bitrates={plant: 500000}"], "only an emulated line knows bit rates; give bus.emulate"),
+    (["bus.emulate=1M", "bus.bitrates={plnt: 500000}"], "plnt is no node at the line; did you"),
+    (["bus.emulate=1M", "bus.bitrates={plant: 999983, executive: 999979}"], "no clock up to 9 GHz"),
 ])  # fmt: skip
 def test_bit_rates_that_cannot_be_are_refused(words: list[str], said: str, capsys: Screen) -> None:
     assert main(["simulate", "probe", *(part for one in words for part in ("--set", one))]) == 2
