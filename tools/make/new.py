@@ -194,8 +194,8 @@ def _drive(profile: str) -> str:
     from pcpc.executive.nodes.planned_robot import kind_of  # here, because it loads numba
 
     node = kind_of(profile).nodes[0]
-    text = _text(TEMPLATE / "drive.yaml").replace("node: 0", f"node: {node}")
-    return text.replace("profile: NAME", f"profile: {json.dumps(profile)}")
+    text = _text(TEMPLATE / "drive.yaml").replace("node: 1", f"node: {node}")
+    return text.replace("profile: mit", f"profile: {json.dumps(profile)}")
 
 
 def _text(file: Path) -> str:

@@ -88,7 +88,8 @@ def named(template: Template, *files: str, rig: str = "my-motor") -> set[str]:
 def test_every_file_of_the_template_is_written_and_named(template: Template, new_rig: Path) -> None:
     others = ("device/", "cart/", "bare/") if template is MOTOR else ("/",)
     known = {name for name in files_of(template.folder) if not name.startswith(others)}
-    known -= {f"drive_{kind}.yaml" for kind in ("cia402", "odrive", "mit", "moteus", "robstride")}
+    drives = ("_cia402", "_odrive", "_mit", "_moteus", "_robstride", "")  # that of others' dialects
+    known -= {f"drive{kind}.yaml" for kind in drives}
     files = named(template, *template.files, rig=new_rig.name)
     assert known == set(template.files) and files | {SCHEMA} == files_of(new_rig)
     assert {f"my_{template.rig}.dbc", f"test_my_{template.rig}.py"} <= files
