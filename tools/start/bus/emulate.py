@@ -91,11 +91,11 @@ def command(request: EmulateRequest) -> int:
         raise RigError(f"{'--bitrate-b' if fast is None else '--data-bitrate'}: {what}")
     sides = _sides([request.a, request.b])
     held = [choice.take_bus(choice.BusRequest(*one, rig="", roles=())) for one in sides]
-    others = {1: request.bitrate_b} if request.bitrate_b else {}
+    own_rates = {1: request.bitrate_b} if request.bitrate_b else {}
     gateway = Gateway(
         request.queue,
         fast is not None,
-        others=others,
+        others=own_rates,
         bitrate=bitrate,
         data_bitrate=fast,
         in_order=request.in_order,
