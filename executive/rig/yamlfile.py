@@ -300,6 +300,8 @@ def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> PlacedMa
             raise RigError(f"{place}: expected text as the key")
         if key == "<<" and not key_node.style:
             raise RigError(f"{place}: merge keys are not supported; share values with `base:`")
+        if node.flow_style and ":" in key and not (key_node.style or value_node.value):
+            raise RigError(f"{place}: {key}: write a blank behind the colon")
         if key in pairs:
             first = pairs.at[key]
             raise RigError(f"{place}: {key}: given twice, first at {first}; remove one of the two")

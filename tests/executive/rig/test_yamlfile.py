@@ -176,6 +176,15 @@ def test_an_options_value_is_read_like_one_in_a_file(tmp_path: Path) -> None:
             parse_value(text, place)
 
 
+def test_a_colon_without_a_blank_is_no_key(tmp_path: Path) -> None:
+    """YAML reads {a:1} as a key "a:1" of nothing."""
+    place = Place(tmp_path, option="--set x={a:1}")
+    for text in ("{a:1}", "{b: 1, a:1}", "[{a:1}]"):
+        with pytest.raises(RigError, match=r"a:1: write a blank behind the colon$"):
+            parse_value(text, place)
+    assert parse_value('{"a:1": , b:c: 2}', place) == {"a:1": None, "b:c": 2}
+
+
 def test_did_you_mean_looks_past_the_unit() -> None:
     names = ["kp_Nm_rad", "kv_Nms_rad", "torque_max_Nm"]
     assert did_you_mean("kvv", names) == "; did you mean kv_Nms_rad?"
