@@ -82,6 +82,8 @@ def check_line(rig: Rig, pacing: str) -> None:
     if strange := [name for name in bus.bitrates if name not in nodes]:
         what = f"{strange[0]} is no node at the line{did_you_mean(strange[0], nodes)}"
         raise rig.error("bus.bitrates", what)
+    if len(bus.bitrates) == len(nodes):
+        raise rig.error("bus.bitrates", "one node at least has that of bus.emulate; leave it out")
     nominal, fast = bus.bits_per_s or 0, bus.data_bitrate
     switched = [one.name for one in fd_frames(rig) if one.flags & Flag.BRS]
     switched += ["a moteus drive"] if has_fd_drive(rig) else []

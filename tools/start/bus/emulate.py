@@ -84,18 +84,17 @@ def command(request: EmulateRequest) -> int:
     if request.bitrate and request.bitrate > MOST_CLASSIC:
         raise RigError(f"--bitrate {rate_of(request.bitrate)}: classic CAN ends at 1 Mbit/s")
     bitrate, fast = request.bitrate or MOST_CLASSIC, request.data_bitrate
-    others = [one for one in (request.bitrate_b,) if one]
-    if any(one > MOST_CLASSIC for one in others):
-        raise RigError(f"--bitrate-b {rate_of(others[0])}: classic CAN ends at 1 Mbit/s")
-    if what := odd_rates(bitrate, fast or bitrate, others):
+    others = {1: request.bitrate_b} if request.bitrate_b else {}
+    if any(rate > MOST_CLASSIC for rate in others.values()):
+        raise RigError(f"--bitrate-b {rate_of(others[1])}: classic CAN ends at 1 Mbit/s")
+    if what := odd_rates(bitrate, fast or bitrate, others.values()):
         raise RigError(f"{'--bitrate-b' if fast is None else '--data-bitrate'}: {what}")
     sides = _sides([request.a, request.b])
     held = [choice.take_bus(choice.BusRequest(*one, rig="", roles=())) for one in sides]
-    own_rates = {1: request.bitrate_b} if request.bitrate_b else {}
     gateway = Gateway(
         request.queue,
         fast is not None,
-        others=own_rates,
+        others=others,
         bitrate=bitrate,
         data_bitrate=fast,
         in_order=request.in_order,
