@@ -3,8 +3,8 @@
 A test that takes more than SHARE of the time of all is deep but for its first cases, see
 seconds.csv beside this file; so is what is marked `deep`, and what is marked `quick` is not.
 `make test` leaves the deep ones out, `make test-all` has them, and so has pytest where it is given
-files. The files that took longest the last time come first: in the end no processor waits for one
-of them.
+files. A file of which no test can run is not imported: one compiles two loops. The files that took
+longest the last time come first: in the end no processor waits for one of them.
 The tests of a file that starts programs as a user does are `paced`: such programs keep time by the
 machine's clock, and one that fails while the machine could not is repeated once, and named: it
 waits for a time where an event, a count or virtual time would do. Their commands are copies, which
@@ -134,6 +134,11 @@ def _is_deep(item: pytest.Item, case: int) -> bool:
     name = f"{item.path.name}::{item.nodeid.partition('::')[2].partition('[')[0]}"
     seconds, cases = _costs().get(name, (0.0, 1))
     return case * seconds / cases > SHARE * _costs()["all"][0]
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out, before it is imported, what no test is wanted of."""
+    return reach.is_left_out(collection_path, config.option.deep, config.option.markexpr) or None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -7,6 +7,7 @@ before a release all tests run.
 """
 
 import ast
+import re
 import subprocess
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -16,6 +17,25 @@ import pcpc
 
 ROOT = Path(__file__).resolve().parents[1]
 FOR_ALL = ("pyproject.toml", "Makefile", "tests/conftest.py", "tests/reach.py", "tests/copies.py")
+
+_OF_ALL = re.compile(r"^pytestmark = (\[[^]]*\]|.*)", re.MULTILINE)
+
+
+def marks_of_all(text: str) -> set[str]:
+    """Return the marks of all tests of a file; none where one is `quick` all the same."""
+    said = _OF_ALL.search(text)
+    if said is None or "mark.quick" in text:
+        return set()
+    return set(re.findall(r"\bmark\.(\w+)", said[1]))
+
+
+def is_left_out(path: Path, deep: str, marks: str) -> bool:
+    """Return whether no test is wanted of a file of deep tests, or of a folder named as a mark."""
+    if path.is_dir():
+        return f"not {path.name}" in marks
+    if deep != "no" or not path.name.startswith("test_"):
+        return False
+    return "deep" in marks_of_all(path.read_text(encoding="utf-8"))
 
 
 def changed_files(reference: str) -> set[Path]:

@@ -1,5 +1,6 @@
 """Which tests run with a change: those that it can reach, and none by a name that is gone."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from deadline import FIRST, turn
-from reach import ROOT, changed_files, reached
+from reach import ROOT, changed_files, is_left_out, marks_of_all, reached
 
 TESTS = {file.name: file for file in (ROOT / "tests").rglob("test_*.py")}
 
@@ -54,6 +55,62 @@ def test_each_cost_is_that_of_a_test_that_is_there() -> None:
         if f"def {name}(" not in text and f"{function.partition('::')[0]} =" not in text:
             gone.append(row)
     assert gone == []
+
+
+def test_the_marks_of_all_tests_of_a_file_are_those_that_python_reads() -> None:
+    """A wrong one leaves out a file; so does a folder's name that is no mark of it."""
+    found = 0
+    for file in TESTS.values():
+        text = file.read_text()
+        said = {
+            node.attr
+            for line in (ast.parse(text).body if "pytestmark" in text else [])
+            if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "pytestmark"
+            for node in ast.walk(line.value)
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "pytest.mark"
+        }
+        assert marks_of_all(text) == (set() if "mark.quick" in text else said), file
+        assert file.parent.name not in ("browser", "quiet", "vcan") or file.parent.name in said, (
+            file
+        )
+        found += "deep" in said
+    assert found > 20
+
+
+@pytest.mark.parametrize(
+    ("deep", "marks", "left"),
+    [
+        ("no", "", {"slow/test_deep.py"}),
+        ("no", "not slow", {"slow", "slow/test_deep.py"}),
+        ("only", "not slow", {"slow"}),
+        ("too", "slow", set[str]()),
+    ],
+)
+def test_what_no_test_is_wanted_of_is_left_out(
+    tmp_path: Path, deep: str, marks: str, left: set[str]
+) -> None:
+    _write_two(tmp_path / "slow")
+    names = ("slow", "slow/test_deep.py", "slow/test_plain.py")
+    assert {name for name in names if is_left_out(tmp_path / name, deep, marks)} == left
+
+
+def test_a_file_of_deep_tests_is_not_imported_where_they_are_left_out(tmp_path: Path) -> None:
+    _write_two(tmp_path / "some")
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "conftest",
+               "-c", "/dev/null", "--rootdir", ".", "--deep", "no"]  # fmt: skip
+    done = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "tests")},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "1 passed" in done.stdout and "deselected" not in done.stdout, done
+
+
+def _write_two(folder: Path) -> None:
+    """Write a file of a deep test, which cannot be imported, and one of a plain test."""
+    folder.mkdir()
+    for name, begin in (("deep", "raise SystemError"), ("plain", "")):
+        mark = f"import pytest\npytestmark = pytest.mark.{name}\n"
+        (folder / f"test_{name}.py").write_text(f"{mark}{begin}\ndef test_it(): pass\n")
 
 
 def test_the_proofs_come_first_and_the_others_have_their_turn() -> None:
