@@ -21,14 +21,20 @@ COVERED = tests/contract tests/executive/loop tests/executive/loop/rare_cycles.p
 	tests/executive/nodes tests/drivers
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-# bytecode is made on all processors, where pip takes one; packages' own tests are not imported
+# uv takes a third of pip's time; it knows no mirror that pip is told of. Bytecode is made on all
+# processors, where pip takes one; packages' own tests are not imported
+PIP_INSTALL = $(BIN)/pip install --no-compile --disable-pip-version-check
+INSTALLING = $(PYTHON) -P tools/dev/installing.py
 define PIP
-@$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --no-compile \
-	--disable-pip-version-check --progress-bar off -e '.[$(EXTRAS)]'
+@mirror=$$($(BIN)/pip config list | grep '[.]index-url='); \
+	[ -n "$$mirror" ] || [ -x $(UV) ] || $(PIP_INSTALL) -q uv >/dev/null 2>&1; \
+	{ [ -z "$$mirror" ] && [ -x $(UV) ] && \
+	$(INSTALLING) $(UV) pip install --python $(BIN)/python -e '.[$(EXTRAS)]'; } || \
+	$(INSTALLING) $(PIP_INSTALL) --progress-bar off -e '.[$(EXTRAS)]'
 @$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib >/dev/null 2>&1 || true
 endef
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-lowest test-locked lock test-quiet coverage install lint release swarm loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test quick test-deep test-all test-choice test-pythons test-lowest test-locked lock test-quiet coverage install lint release swarm loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -39,7 +45,10 @@ help: ## this list
 test test-deep test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
 test test-deep test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
 test: tools ## what each change needs; CHANGED=main: what that can reach
-	$(MAKE) --no-print-directory -j2 compiled lint
+	$(MAKE) --no-print-directory -j2 compiled
+	$(MAKE) --no-print-directory -j2 lint quick
+
+quick:
 	$(PYTEST) $(if $(CHANGED),--changed $(CHANGED))
 
 test-deep: tools ## the other tests, 40 minutes; MINUTES=20: a part

@@ -1,10 +1,10 @@
-"""`make` installs with this: pip, and in one line what it is about. Needs nothing but Python.
+"""`make` installs with this: pip or uv, and in one line what it is about. Needs only Python.
 
-    python -P tools/dev/installing.py PIP-COMMAND...
+    python -P tools/dev/installing.py COMMAND...
 
-pip's own words are shown only if it fails. On a terminal the line changes in place; elsewhere, as
-in CI, there is one at the beginning, one at the end and one every half a minute. The exit code is
-pip's.
+The command's own words are shown only if it fails. On a terminal the line changes in place;
+elsewhere, as in CI, there is one at the beginning, one at the end and one every half a minute. The
+exit code is the command's.
 """
 
 import re
@@ -17,40 +17,47 @@ from collections.abc import Iterable, Sequence
 _LOOK_S = 0.5
 _LINES_S = 30.0  # where it is no terminal
 _PACKAGE = re.compile(r"^(?:Collecting|Requirement already satisfied:) ([A-Za-z0-9._-]+)")
-_LOADING = re.compile(r"^\s+(?:Downloading|Using cached) (\S+?)-[0-9].* \((.+)\)")
+_LOADING = re.compile(r"^\s*(?:Downloading|Using cached) (\S+?)(?:-[0-9].*)? \((.+)\)")
+_RESOLVED = re.compile(r"^Resolved ([0-9]+) packages")  # uv
 
 
 class Course:
-    """What pip has said so far: packages found, and what it does now."""
+    """What pip or uv has said so far: packages found, and what it does now."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
         self.packages: set[str] = set()
+        self.resolved = 0
         self.doing = "looking for packages"
 
     def take(self, line: str) -> None:
-        """Take a line of pip's."""
+        """Take a line."""
         self.said.append(line)
         if found := _PACKAGE.match(line):
             self.packages.add(found[1].lower())
+        if found := _RESOLVED.match(line):
+            self.resolved = int(found[1])
         if found := _LOADING.match(line):
             self.doing = f"loading {found[1]} ({found[2]})"
+        if line.startswith("Prepared "):
+            self.doing = "unpacking them, the last step"
         if line.startswith("Installing collected packages: "):
             self.doing = f"unpacking {line.count(',') + 1} packages, the last step"
 
     def follow(self, lines: Iterable[str]) -> None:
-        """Take all that pip says, to its end."""
+        """Take all that is said, to its end."""
         for line in lines:
             self.take(line)
 
     def words(self, spent_s: float) -> str:
-        """Return where pip is, in a line."""
-        found = f"{len(self.packages)} packages, " if self.packages else ""
+        """Return how far it is, in a line."""
+        count = self.resolved or len(self.packages)
+        found = f"{count} packages, " if count else ""
         return f"installing: {found}{self.doing}, {spent_s:.0f} s"
 
 
 def main(command: Sequence[str]) -> int:
-    """Run pip and show its course; return its exit code."""
+    """Run pip or uv and show its course; return its exit code."""
     course, begin_s = Course(), time.monotonic()
     if not sys.stderr.isatty():
         print("installing: about 50 packages, a minute or two", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""What `make` shows of pip: a line that moves on a terminal, two lines in CI, all on failure."""
+"""What `make` installs with, and shows: a moving line on a terminal, two in CI, all on failure."""
 
 import os
 import pty
@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from places import PATIENCE_S, ROOT
+
+from pcpc.tools.dev.installing import Course
 
 SCRIPT = str(ROOT / "tools" / "dev" / "installing.py")
 PIP = """
@@ -27,7 +29,11 @@ PYTHON = """\
 case $1 in
 -m) [ $2 = compileall ] || { mkdir -p $3/bin; cp $0 $3/bin/python; cp $0 $3/bin/pip; };;
 -P) shift 2; exec "$@";;
-install) echo "$@" >> "$(dirname "$0")/installed";;
+config) echo "$PIP_SAYS";;
+install | pip)
+    [ $# -lt 6 ] || echo "$(basename $0) $@" >> "$(dirname "$0")/installed"
+    [ "$UV_IS_THERE" = no ] || cp $0 "$(dirname "$0")/uv"
+    [ $1 = install ] || exit ${UV_ENDS:-0};;
 esac
 """
 WORDS = [sys.executable, "-P", SCRIPT, sys.executable, "-c", PIP]
@@ -38,6 +44,15 @@ def test_in_ci_there_is_a_line_before_and_a_line_after() -> None:
     first, last = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (0, ""), done
     assert first.startswith("installing: about ") and last.startswith("installed in "), done.stderr
+
+
+def test_how_far_uv_is() -> None:
+    course = Course()
+    course.take("Resolved 206 packages in 1.96s\n")
+    course.take("Downloading scipy (33.7MiB)\n")
+    assert course.words(3.0) == "installing: 206 packages, loading scipy (33.7MiB), 3 s"
+    course.take("Prepared 206 packages in 5.78s\n")
+    assert course.words(9.0) == "installing: 206 packages, unpacking them, the last step, 9 s"
 
 
 def test_a_failure_shows_what_pip_said_and_keeps_its_code() -> None:
@@ -79,16 +94,40 @@ def shown(terminal: int, words: bytes) -> None:
         (["install", "tools", "tools"], ["plot", "plot,test"]),
     ],
 )
-def test_pip_runs_once_for_all_that_is_asked_for(
+def test_it_runs_once_for_all_that_is_asked_for(
     goals: list[str], extras: list[str], tmp_path: Path
 ) -> None:
+    lines = installed(goals, tmp_path)
+    assert [line.partition("-e ")[2] for line in lines] == [f".[{one}]" for one in extras]
+
+
+@pytest.mark.parametrize(
+    ("given", "programs"),
+    [
+        ({}, ["uv pip"]),
+        ({"UV_IS_THERE": "no"}, ["pip install"]),
+        ({"UV_ENDS": "2"}, ["uv pip", "pip install"]),
+        ({"PIP_SAYS": "global.index-url='https://mirror'"}, ["pip install"]),
+        ({"PIP_SAYS": "global.extra-index-url='https://more'"}, ["uv pip"]),
+    ],
+)
+def test_uv_installs_unless_it_is_not_to_be_had_or_pip_has_a_mirror(
+    given: dict[str, str], programs: list[str], tmp_path: Path
+) -> None:
+    lines = installed(["install"], tmp_path, given)
+    assert [" ".join(line.split()[:2]) for line in lines] == programs
+
+
+def installed(goals: list[str], folder: Path, given: dict[str, str] | None = None) -> list[str]:
+    """Return the commands that install pcpc when these goals are made, in turn, in a new place."""
     alone = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
-    python, venv = tmp_path / "python", tmp_path / "venv"
+    python, venv = folder / "python", folder / "venv"
     python.write_text(PYTHON)
     python.chmod(0o755)
     for goal in goals:
         words = ["make", f"PYTHON={python}", f"VENV={venv}", goal]
-        done = subprocess.run(words, cwd=ROOT, env=alone, capture_output=True, text=True)
+        done = subprocess.run(
+            words, cwd=ROOT, env=alone | (given or {}), capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
-    lines = (venv / "bin" / "installed").read_text().splitlines()
-    assert [line.partition("-e ")[2] for line in lines] == [f".[{one}]" for one in extras]
+    return (venv / "bin" / "installed").read_text().splitlines()
