@@ -113,7 +113,7 @@ class _Seconds:
         if self.config.option.write_seconds:
             rows = [f"all,{sum(self.spent.values()):.0f},{sum(self.cases.values())}"]
             for function, seconds in self.spent.most_common():
-                if seconds > SHARE / 2 * sum(self.spent.values()):
+                if seconds > SHARE * sum(self.spent.values()):
                     name = function.rpartition("/")[2]
                     rows.append(f"{name},{seconds:.2f},{max(self.cases[function], 1)}")
             _COSTS.write_text("\n".join(["test,seconds,cases", *rows, ""]))

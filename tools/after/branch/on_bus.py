@@ -9,7 +9,7 @@ A run that begins anew meets as `pcpc run` does, and waits for that no longer.
 
 import os
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,10 @@ from numpy.typing import NDArray
 from pcpc.drivers.can import choice
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
-from pcpc.drivers.compiled.jit import i8, loop, types
-from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.loop.clock import Time
-from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.running import run
 from pcpc.executive.nodes.process import claim_frames, open_buses
@@ -38,21 +35,12 @@ from pcpc.tools.start.peer_wait import PeerWait
 _DRAIN_S = 0.005  # between two drains of the recorder, whose rings hold several seconds
 
 
-def _go_on(n: Any, steps: Any, frames: Any) -> Any:
-    """Run a node that has met the others from its cycle to its end; say `frames` (k, 16) first."""
-    for i in range(frames.shape[0]):
-        copy(n.wire.tx, frames[i])
+def _go_on(n: Any, steps: Any, frames: NDArray[np.uint8]) -> Any:
+    """Say `frames` (k, FRAME_BYTES), then run the node to its end."""
+    for frame in frames:
+        n.wire.tx[: len(frame)] = frame
         put_frame(n.wire)
-    while one_pass(n, steps):
-        pass
-    finish(n)
-    return n.passes
-
-
-@cache
-def _compiled_go_on() -> Any:
-    """Return `_go_on`, compiled on first use."""
-    return loop(i8(N, STEPS, types.Array(types.uint8, 2, "C")))(_go_on)
+    return run(n, steps)
 
 
 class BranchOnBus(Branch):
@@ -101,7 +89,8 @@ class BranchOnBus(Branch):
     def advance(self) -> Iterator[int]:
         """Run to the end; yield the cycles done now and then. Raises StepError."""
         loops = [block.loop for block in self.blocks]
-        works = [Work(call) for call in map(self._call, loops, self.steps, self._again)]
+        given = zip(loops, self.steps, self._again, strict=True)
+        works = [Work(partial(_go_on, *one)) for one in given]
         for work in reversed(works):  # who waits first hears all
             work.start()
         watch, looks, meeting = Watch(loops), 0.0, PeerWait(self.rig, self.rig.roles)
@@ -132,10 +121,6 @@ class BranchOnBus(Branch):
         if meeting.too_long(by_role, begun) or (self._stopped and not begun):
             for block in self.blocks:
                 block.control.stop = 1
-
-    @staticmethod
-    def _call(n: Any, steps: Any, again: NDArray[np.uint8]) -> Any:
-        return partial(_compiled_go_on(), n, steps, again) if n.passes else partial(run, n, steps)
 
     def discard(self) -> None:
         """Leave no log behind, nor the bus."""
