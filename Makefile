@@ -9,8 +9,8 @@ PLANT ?= *
 SEED ?= $(shell date +%Y%m%d)0000
 # rigs of drives with a master, around which it draws too
 DRIVES = tests/drivers/canopen/mastered.yaml,tests/drivers/robots/mit.yaml,tests/drivers/robots/moteus.yaml
-# processes of `make test`, 1 GB each; two leave a fifth of two processors idle
-WORKERS ?= 2
+# processes of `make test`, 1 GB each; two leave a fifth of two processors idle, as tests wait
+WORKERS ?= 3
 # what another Python or numpy can change: types, bits, machine code, processes
 CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/nodes/test_,virtual.py first_sample.py) tests/contract/test_ways.py \

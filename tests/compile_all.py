@@ -1,18 +1,25 @@
 """Compile what several tests share, once: no worker waits for another one that compiles it.
 
     python tests/compile_all.py loop    the loop in its uses; each has all of its code in it
-    python tests/compile_all.py laws    laws, plants, lanes: what stands beside the loop
+    python tests/compile_all.py laws    laws, plants, lanes; and, where one was not there, what
+                                        the import of test files compiles, and their bytecode
 
-At once, in two processes: what the uses of the loop share is typed once in one.
+At once, in two processes: what the uses of the loop share is typed once in one. Workers that
+collect would do the same at the same time, and wait for each other.
 """
 
+import contextlib
 import importlib
+import os
 import pkgutil
 import sys
 from pathlib import Path
 
+import pytest
+
 import pcpc.executive.laws
 import pcpc.plants
+from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.compiled.stage import entry_of
 from pcpc.drivers.compiled.structures import structure
 from pcpc.drivers.robots.layout import Robot
@@ -20,6 +27,7 @@ from pcpc.executive.batch.group import LaneGroup
 from pcpc.executive.loop import exchange, over_line, plant_drive, shared
 from pcpc.executive.nodes import planned_robot
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.study.margin import measured
 from pcpc.tools.terminal.progress import Compiling
 
 HERE = Path(__file__).parent
@@ -52,8 +60,12 @@ def compile_laws() -> None:
     lanes = LaneGroup(load_rig(HULL, settings=["duration_s=0.01"]), {})
     lanes.begin()
     lanes.run()
+    measured._drive_of(2)
     for name in ("gateway", "player"):
         importlib.import_module(f"pcpc.executive.nodes.{name}")
+    if compile_cache.watch.done:
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+            pytest.main(["--collect-only", "-qq", "-p", "no:cacheprovider"])
 
 
 if __name__ == "__main__":

@@ -113,7 +113,9 @@ class _Seconds:
         if self.config.option.write_seconds:
             rows = [f"all,{sum(self.spent.values()):.0f},{sum(self.cases.values())}"]
             for function, seconds in self.spent.most_common():
-                if seconds > SHARE * sum(self.spent.values()):
+                file = self.config.rootpath / function.partition("::")[0]
+                marked = "deep" in reach.marks_of_all(file.read_text(encoding="utf-8"))
+                if seconds > SHARE * sum(self.spent.values()) and not marked:
                     name = function.rpartition("/")[2]
                     rows.append(f"{name},{seconds:.2f},{max(self.cases[function], 1)}")
             _COSTS.write_text("\n".join(["test,seconds,cases", *rows, ""]))
