@@ -13,7 +13,8 @@ import re
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,27 @@ from pcpc.executive.own_laws.purity import has_decorator, impure_uses
 AREAS = ("drivers", "executive", "plants", "tools")
 FILES = sorted(path for area in AREAS for path in (ROOT / area).rglob("*.py"))
 NAMES = {path: path.relative_to(ROOT).as_posix() for path in FILES}
-TREES = {NAMES[path]: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+
+
+class _Trees(Mapping[str, ast.Module]):
+    """The files by name, each parsed when it is first asked for: every worker imports this."""
+
+    def __getitem__(self, name: str) -> ast.Module:
+        return _tree(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(NAMES.values())
+
+    def __len__(self) -> int:
+        return len(NAMES)
+
+
+@cache
+def _tree(name: str) -> ast.Module:
+    return ast.parse((ROOT / name).read_text(encoding="utf-8"))
+
+
+TREES = _Trees()
 MODULES = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in TREES}
 
 ENGINE = [name for name in TREES if not name.startswith("tools/")]

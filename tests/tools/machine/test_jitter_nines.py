@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy  # loads its parts when they are used
 from json_schemas import holds
 from logcommand import Done, run_here
 from processes import own_bus
-from scipy.stats import binom
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
@@ -36,7 +36,7 @@ PERIOD_US = 1000.0
 def test_ranks_are_the_tightest_that_cover_the_quantile(cycles: int, percent: Fraction) -> None:
     """Of the times below the quantile there are B of Bin(n, q): P(B >= l), P(B < u) >= 97.5 %."""
     low, middle, high = nines.ranks(cycles, percent)
-    below = binom(cycles, float(percent / 100))
+    below = scipy.stats.binom(cycles, float(percent / 100))
     assert middle == max(math.ceil(percent * cycles / 100), 1)
     if high is None:
         assert below.cdf(cycles - 1) < 0.975
@@ -72,7 +72,7 @@ def test_intervals_cover_the_true_quantile_as_often_as_they_say() -> None:
         found = nines.point(np.sort(rng.exponential(size=1000)), Fraction(99))
         assert found.low is not None and found.high is not None
         covered += found.low <= -math.log(0.01) <= found.high
-    assert covered >= binom(rounds, 0.95).ppf(1e-6), f"{covered} of {rounds}"
+    assert covered >= scipy.stats.binom(rounds, 0.95).ppf(1e-6), f"{covered} of {rounds}"
 
 
 def test_nines_go_as_far_as_their_interval_is_known() -> None:

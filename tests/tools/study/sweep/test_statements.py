@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+import scipy
 
 from pcpc.executive.errors import RigError
 from pcpc.tools.study import binomial
@@ -34,7 +34,7 @@ def ended(statement: st.Statement, p: float, block: int, blocks: int) -> list[tu
 
 def test_bounds_of_a_fixed_number_of_runs_are_those_of_scipy() -> None:
     for failures, runs in ((0, 10), (3, 40), (10, 10), (7, 100_000)):
-        exact = binomtest(failures, runs).proportion_ci(0.9, "exact")
+        exact = scipy.stats.binomtest(failures, runs).proportion_ci(0.9, "exact")
         assert binomial.clopper_pearson(failures, runs, 0.9) == pytest.approx(exact, rel=1e-9)
     assert binomial.clopper_pearson(0, 0, 0.9) == (0.0, 1.0)
 
