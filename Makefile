@@ -27,7 +27,7 @@ PIP_INSTALL = $(BIN)/pip install --no-compile --disable-pip-version-check
 INSTALLING = $(PYTHON) -P tools/dev/installing.py
 define PIP
 @mirror=$$($(BIN)/pip config list | grep '[.]index-url='); \
-	[ -n "$$mirror" ] || [ -x $(UV) ] || $(PIP_INSTALL) -q uv >/dev/null 2>&1; \
+	[ -x $(UV) ] || $(PIP_INSTALL) -q --only-binary :all: uv >/dev/null 2>&1; \
 	{ [ -z "$$mirror" ] && [ -x $(UV) ] && \
 	$(INSTALLING) $(UV) pip install --python $(BIN)/python -e '.[$(EXTRAS)]'; } || \
 	$(INSTALLING) $(PIP_INSTALL) --progress-bar off -e '.[$(EXTRAS)]'

@@ -75,6 +75,8 @@ def test_the_marks_of_all_tests_of_a_file_are_those_that_python_reads() -> None:
         )
         found += "deep" in said
     assert found > 20
+    deep = "pytestmark = pytest.mark.deep\n"
+    assert marks_of_all(deep) == {"deep"} and not marks_of_all(f"{deep}@pytest.mark.quick\n")
 
 
 @pytest.mark.parametrize(

@@ -31,11 +31,12 @@ case $1 in
 -P) shift 2; exec "$@";;
 config) echo "$PIP_SAYS";;
 install | pip)
-    [ $# -lt 6 ] || echo "$(basename $0) $@" >> "$(dirname "$0")/installed"
+    case "$*" in *" -e "*) echo "$(basename $0) $@" >> "$(dirname "$0")/installed";; esac
     [ "$UV_IS_THERE" = no ] || cp $0 "$(dirname "$0")/uv"
     [ $1 = install ] || exit ${UV_ENDS:-0};;
 esac
 """
+MIRROR = {"PIP_SAYS": "global.index-url='https://mirror'"}
 WORDS = [sys.executable, "-P", SCRIPT, sys.executable, "-c", PIP]
 
 
@@ -107,7 +108,7 @@ def test_it_runs_once_for_all_that_is_asked_for(
         ({}, ["uv pip"]),
         ({"UV_IS_THERE": "no"}, ["pip install"]),
         ({"UV_ENDS": "2"}, ["uv pip", "pip install"]),
-        ({"PIP_SAYS": "global.index-url='https://mirror'"}, ["pip install"]),
+        (MIRROR, ["pip install"]),
         ({"PIP_SAYS": "global.extra-index-url='https://more'"}, ["uv pip"]),
     ],
 )
@@ -116,6 +117,12 @@ def test_uv_installs_unless_it_is_not_to_be_had_or_pip_has_a_mirror(
 ) -> None:
     lines = installed(["install"], tmp_path, given)
     assert [" ".join(line.split()[:2]) for line in lines] == programs
+
+
+def test_a_mirror_that_is_named_later_is_asked_by_pip(tmp_path: Path) -> None:
+    installed(["install"], tmp_path)
+    lines = installed(["tools"], tmp_path, MIRROR)
+    assert [" ".join(line.split()[:2]) for line in lines] == ["uv pip", "pip install"]
 
 
 def installed(goals: list[str], folder: Path, given: dict[str, str] | None = None) -> list[str]:
