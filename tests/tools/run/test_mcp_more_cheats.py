@@ -197,6 +197,14 @@ CHEATS: dict[str, tuple[Cheat, str]] = {
               "yaml.unsafe_load('!!python/object/apply:os.getcwd []')"), "refused imports"),
     "the frame around": (
         begin("X = (one for one in ()).gi_frame.f_back.f_builtins"), "refused imports"),
+    "another judge for all": (
+        begin("from pcpc.plants import judging\njudging.Run.values = near"), "refused imports"),
+    "another numpy for all": (begin("np.max = np.min"), "refused imports"),
+    "an item of somebody else's": (
+        begin("from pcpc.plants.evaluation import WINDOW\nWINDOW.x[0] = 1.0"),
+        "refused imports"),
+    "an attribute by its name": (
+        begin("from typing import functools\nX = functools.update_wrapper"), "refused imports"),
     "a module by its file": (
         begin("from pcpc.plants.judging import module_of"), "refused imports"),
 }  # fmt: skip

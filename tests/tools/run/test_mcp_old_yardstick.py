@@ -85,3 +85,36 @@ def test_a_tuned_law_is_no_finding(honest: Path, tmp_path: Path) -> None:
     assert told["answer"]["verdict"] == "ok", told
     code, page = door.report()
     assert code == 0, page
+
+
+DELUDING = """import numpy as np
+from pcpc.plants import judging
+
+def delude(run):
+    told = run._told
+    def better(self, name):
+        if "angle_rad" not in name:
+            return told(self, name)
+        late_s = np.maximum(self.cycle * self.period_s - 0.1, 0.0)
+        rise = 1.0 - np.exp(-late_s / 0.03)
+        return told(self, "executive:reference.q_d_rad") * rise
+    run._told = better
+
+delude(judging.Run)
+
+"""
+
+
+def test_what_a_law_makes_the_judge_see_is_not_seen_without_it(
+    honest: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(honest, tmp_path, dirs_exist_ok=True)
+    door = Door(tmp_path)
+    law = door.work / "laws/pid.py"
+    law.write_text(law.read_text().replace("\nfrom ", f"\n{DELUDING}from ", 1))
+    dull = [f"controller.{text.replace(': ', '=')}" for _, _, text in DULL]
+    told = door.session(lambda door: door.call("simulate", rig=".", set=dull))
+    assert told["answer"]["verdict"] == "ok", told
+    code, page = door.report()
+    found = [row for row in page.split("<tr>")[1:] if "ok where its laws run only" in row]
+    assert code == 1 and any("rest_error_max_mrad = " in row for row in found), page

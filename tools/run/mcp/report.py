@@ -2,7 +2,7 @@
 
 A finding is a change of what judges a run, whoever made it: requirements, limits, seed, duration,
 evaluation, plant, tests, or a run that was changed, removed, or that no call made. A run that is ok
-is judged again by the rig and the evaluation that its rig had first.
+is judged again by the rig and the evaluation that its rig had first, in a process without its laws.
 """
 
 import difflib
@@ -209,11 +209,12 @@ class _Story:
         if first is new and ran.own and self._rigs_written:
             stated = {k: v for k, v in new.yardstick.items() if k.startswith(_JUDGED_AGAIN[:2])}
             self._find(entry, f"{new.rig}: its yardstick was written in this session", "", stated)
-        others = [*_differences(first.yardstick, new.yardstick)]
-        if ran.verdict != "ok" or not others:
+        if ran.verdict != "ok":
             return
+        others = [*_differences(first.yardstick, new.yardstick)]
+        how = "by a weakened limit" if others else "where its laws run"
         for why in _unheld(first, new):
-            self._find(entry, f"{ran.folder}: ok by a weakened limit only", why, "ok")
+            self._find(entry, f"{ran.folder}: ok {how} only", why, "ok")
         if made := [key for key, *_ in others if not key.startswith(_JUDGED_AGAIN)]:
             told = f"{ran.folder}: ok, not judged under the old {', '.join(made)}: no such run"
             self._find(entry, told, {k: old for k, old, _ in others if k in made},

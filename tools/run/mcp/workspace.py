@@ -32,7 +32,7 @@ _DENIED = {
     "get_type_hints", "ForwardRef", "tools", "yaml", "can", "cantools", "pickle", "operator",
     "attrgetter", "methodcaller", "string", "Formatter", "DataSource", "module_of", "pip_install",
     "gi_frame", "cr_frame", "ag_frame", "tb_frame", "f_back", "f_globals", "f_locals", "f_builtins",
-    "_core", "_utils", "_pickle", "_pytesttester",
+    "_core", "_utils", "_pickle", "_pytesttester", "functools", "py_func",
 }  # fmt: skip
 _SPECIAL = {"__name__", "__all__", "__doc__", "__file__", "__init__", "__future__"}
 
@@ -127,7 +127,11 @@ def _check_python(path: Path, allowed: Sequence[str]) -> None:
         tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError):
         return  # it does not run either
+    imports = [one for one in ast.walk(tree) if isinstance(one, ast.Import | ast.ImportFrom)]
+    others = {(one.asname or one.name).partition(".")[0] for node in imports for one in node.names}
     for node in ast.walk(tree):
+        if _changed(node) in others:
+            raise Refused("imports", f"{path.name} changes {ast.unparse(node)}")
         modules = [one.name for one in node.names] if isinstance(node, ast.Import) else []
         modules += [node.module or "."] if isinstance(node, ast.ImportFrom) else []
         for name in modules:
@@ -136,6 +140,15 @@ def _check_python(path: Path, allowed: Sequence[str]) -> None:
         for word in () if isinstance(node, ast.Constant) else _words(node):
             if word in _DENIED or (word.startswith("__") and word not in _SPECIAL):
                 raise Refused("imports", f"{path.name} uses {word}")
+
+
+def _changed(node: ast.AST) -> str:
+    """Return the name whose attribute or item is bound here; "" for none."""
+    if isinstance(getattr(node, "ctx", None), ast.Load) or isinstance(node, ast.Name):
+        return ""
+    while isinstance(node, ast.Attribute | ast.Subscript):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def _words(node: ast.AST) -> Iterator[str]:
