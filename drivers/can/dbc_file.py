@@ -163,3 +163,5 @@ def _check_format(path: str | Path, content: str) -> None:
         raise DbcError(f"{path}: {what}")
     if not begin:
         raise DbcError(f"{path}: it is empty; give the plant's DBC file")
+    if begin.startswith("version https://git-lfs"):
+        raise DbcError(f"{path}: a Git LFS pointer; fetch the file itself by `git lfs pull`")

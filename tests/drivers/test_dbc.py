@@ -188,6 +188,7 @@ def test_units_and_comments_are_read_in_the_encodings_of_the_world(
         (b"", "it is empty"), (b" \r\n", "it is empty"), (b"\0\1\2", "not text"),
         (b'<?xml version="1.0"?><NetworkDefinition/>', "XML (KCD, ARXML?), not DBC"),
         (b"FormatVersion=6.0 // SYM", "SYM, not DBC; convert it"),
+        (b"version https://git-lfs.github.com/spec/v1\noid", "a Git LFS pointer; fetch the file"),
         (b'BU_: A\nBO_ 1 M: 8 A\n' + 8 * b' SG_ "' + b"\n", "not DBC syntax"),
         (b"BU_: A\nBO_ 4294967295 M: 8 A\n", "more than 29 bits"),
         (b"\x1b[2JVERSION", "not DBC syntax at"),

@@ -49,6 +49,17 @@ def sample(name: str, seed: int, count: int = 6) -> tuple[list[Sent], bytes, str
     return frames, writer(frames), suffix
 
 
+@pytest.mark.parametrize("line", [
+    b" (1700000000.000100)  can0  123   [2]  11 22", b"  can0  123   [2]  11 22",
+    b" (1700000000.000100)  can0  RX - -  123   [2]  11 22", b"(1700000000.000100) can0 123#1122",
+])  # fmt: skip
+@pytest.mark.parametrize("before", [b"", b"# a note, longer than a line\r\n#\n\n" * 40])
+def test_candump_is_known_by_its_lines(line: bytes, before: bytes, tmp_path: Path) -> None:
+    for file in ("a.txt", "a"):
+        found = recorded(tmp_path / file, before + line + b"\n")
+        assert [(one.id, one.spaced) for one in frames_of(found)] == [("123", "11 22")]
+
+
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("seed", range(4))
 def test_every_frame_comes_back_plain_and_packed(name: str, seed: int, tmp_path: Path) -> None:

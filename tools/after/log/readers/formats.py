@@ -28,6 +28,10 @@ class _Format(NamedTuple):
     frames: Callable[[IO[bytes], Account], Iterator[RecordedFrame]]
 
 
+_CANDUMP = (  # comments first; then a line of its log, or of its screen
+    rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*\s*(?:\([^()\n]*\)\s+)?\S+\s+"
+    rb"(?:[0-9A-Fa-f]{3,8}#|(?:[RT]X [B-] [E-]\s+)?[0-9A-Fa-f]{3,8}\s+\[[0-9]+\]\s)"
+)
 _FORMATS = {  # by suffix
     ".blf": _Format(re.compile(rb"LOGG"), blf.frames),
     ".mf4": _Format(re.compile(rb"MDF     |UnFinMF "), measurement.frames),
@@ -35,10 +39,10 @@ _FORMATS = {  # by suffix
     ".asc": _Format(re.compile(rb"\s*(date\s|base\s+(hex|dec)\b)"), asc.frames),
     ".trc": _Format(re.compile(rb";\$FILEVERSION"), trc.frames),
     ".csv": _Format(re.compile(rb"timestamp,arbitration_id,"), can_csv.frames),
-    ".log": _Format(re.compile(rb"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#"), candump.frames),
+    ".log": _Format(re.compile(_CANDUMP), candump.frames),
 }
 _GZIP_WINDOW, _SUM_BYTES = 31, 8
-_GZIP, _HEAD_BYTES = b"\x1f\x8b", 512
+_GZIP, _HEAD_BYTES = b"\x1f\x8b", 4096
 _BOMS = (b"\xef\xbb\xbf",)
 _NOT_READ = (
     (rb"version https://git-lfs", "a Git LFS pointer; fetch the file itself by `git lfs pull`"),
