@@ -185,6 +185,7 @@ _GOOD = "100#1122"
         (".asc", f"{_ASC}0.0 1 MY NAME Rx d 2 11 22  Length = 0 BitCount = 0 ID = 256", "damaged"),
         (".asc", f"{_ASC}0.0 100 Rx d 2 11 22", "damaged"),
         (".asc", f"{_ASC}0.0 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6 60 3B D1 40 1F", "event"),
+        (".asc", f"{_ASC}0.0 1  J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6 60 3B D1 40 1F", "event"),
         (".asc", f"{_ASC}0.0 1 100 Rx d f 11 22 33 44 55 66 77 88", "100#1122334455667788"),
         (".asc", "date 2023-11-14 22:13:20\nbase dec\n0.0 1 256 Rx d 2 17 34", _GOOD),
         (".asc", f"{_ASC}0.0 1 18FEF100 Rx d 1 11", "18FEF100#11"),

@@ -70,7 +70,7 @@ class _Asc:
         frame = self._of_words(time_ns, words, line if has_end else None)
         if frame is None and not has_end:
             raise ValueError(NO_END)
-        if frame is None and words[1:2] != ["J1939TP"] and _LIKE_CLASSIC.search(line):
+        if frame is None and "J1939TP" not in words[1:3] and _LIKE_CLASSIC.search(line):
             raise foreign_line(line, "ASC with a channel and an id")
         if frame is None and "Start of measurement" not in line:
             self._account.others += 1
