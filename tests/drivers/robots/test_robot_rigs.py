@@ -61,6 +61,8 @@ def test_no_more_frames_are_used_than_were_sent(kind: str, run: Path) -> None:
     to_plant = account["plant"]
     assert to_plant["sent"] >= to_plant["used"] > 900 and to_plant["unread"] >= 0, account
     assert account["nobody"]["sent"] < 20, account
+    to_executive = account["executive"]
+    assert to_executive["used"] > 500 and 0 <= to_executive["unread"] <= 10, account
 
 
 @pytest.mark.parametrize(("of", "setting", "said"), [

@@ -106,15 +106,15 @@ def frames_to(
     sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
     came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
     listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
-    for key, text in counts.items():
-        match = _COUNTED.fullmatch(key)
-        if match is None or match["role"] not in sent:
-            continue
+    found = [match for key in counts if (match := _COUNTED.fullmatch(key)) and match["role"] in sent]
+    for match in found:
+        if match["state"] is None:
+            sent[match["role"]][int(match["id"], 16)] += int(counts[match[0]])
+    sent_words.update(*sent.values())  # a drive's are those of a node that is none of the rig's
+    for match in found:
         role, number, state = match["role"], int(match["id"], 16), int(match["state"] or -1)
-        if state < 0:
-            sent[role][number] += int(text)
-        elif number in sent_words and state < INJECTED:  # others were on no wire
-            came[role][STATES.get(state, "unread")] += int(text)
+        if number in sent_words and 0 <= state < INJECTED:  # others were on no wire
+            came[role][STATES.get(state, "unread")] += int(counts[match[0]])
             listens[role].add(number)  # a drive takes frames that its node's DBC file does not name
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}
