@@ -40,6 +40,8 @@ def apply_options(document: Document, controller: str | None, settings: Sequence
         if not place.option:  # of a file: settings of blocks only
             rest.append((name, value, place))
         elif name in keys_of:
+            if name == "controller" and controller not in (None, value):
+                raise RigError(f"{place}: --controller {controller} is another; leave one out")
             document.put(keys_of[name], value, place)
         elif section == "faults" and fault and isinstance(value, dict):
             document.put((section, fault), value, place)

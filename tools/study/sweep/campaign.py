@@ -78,10 +78,22 @@ class Campaign:
         """Raise RigError for a name that no run of a controller has, or values it cannot take."""
         if not self.variations and self.sampling == "grid":
             raise RigError("--sampling grid: nothing is varied; give --vary NAME=lo:hi:n")
+        self._check_set()
         middle = 0, np.full(len(self.variations), 0.5)
         first = middle if self.sampling in SEARCHES else next(self.numbered(Shard()))
         for name in self.controllers:
             self.draw(name, *first)
+
+    def _check_set(self) -> None:
+        """Raise RigError for a setting that no run would have, for each draw replaces it."""
+        drawn = {one.name: f"--vary {one.name}={one.text}" for one in self.variations if not one.relative}
+        for text in self.settings:
+            name = text.partition("=")[0].strip()
+            if name in drawn:
+                raise RigError(f"--set {text}: {drawn[name]} replaces it in every run; leave one out")
+            if name == "seed":
+                what = "each run has a seed of its own; --seed gives the campaign's"
+                raise RigError(f"--set {text}: {what}")
 
     def check_requirement(self, name: str) -> None:
         """Raise RigError where a controller has no requirement of this name."""
@@ -144,7 +156,9 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
     """Return what differs between the specs of two campaigns, in words; "" of equal ones."""
     keys = [key for key in {**one, **other} if one.get(key) != other.get(key)]
     origins = [spec.get("origin", {}) for spec in (one, other)]
-    return ", ".join(difference(*origins) if key == "origin" else key for key in keys)
+    words = [key for key in keys if key != "origin"]
+    words += difference(*origins).split(", ") if "origin" in keys else []
+    return ", ".join(dict.fromkeys(words))
 
 
 class _Spec(TypedDict):

@@ -250,6 +250,28 @@ def test_a_wrong_name_or_distribution_is_told_before_a_run(vary: str, what: str)
         campaign.check()
 
 
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("motor.coulomb_Nm=0.1", r"--vary motor\.coulomb_Nm=1:2 replaces it in every run"),
+        ("seed=3", "each run has a seed of its own; --seed gives"),
+        ("controller=pd", "--controller pid is another; leave one out"),
+        ("reference.start_s=0.2", ""),
+    ],
+)
+def test_a_setting_that_no_run_would_have_is_refused(text: str, what: str) -> None:
+    vary = ("motor.coulomb_Nm=1:2",)
+    campaign = dataclasses.replace(BOTH, controllers=("pid",), vary=vary, settings=(text,))
+    if what:
+        with pytest.raises(RigError, match=f"--set {text}: .*{what}"):
+            campaign.check()
+        return
+    campaign.check()
+    dataclasses.replace(
+        campaign, vary=("motor.coulomb_Nm=x0.5:2",), settings=("motor.coulomb_Nm=0.1",)
+    ).check()
+
+
 def test_what_is_out_of_range_or_diverges_is_counted_and_the_rest_goes_on() -> None:
     bench = Bench(Path(RIG), "pid", SHORT)
     values = [19e-6, -1.0, 1e-9, 19e-6, 2e4, 19e-6, 19e-6, 19e-6]
