@@ -300,6 +300,12 @@ def test_an_overshoot_is_measured_from_the_step_and_in_its_direction() -> None:
     assert down.first is not None and (down.first[0], down.events) == (12, 1), down
 
 
+def test_a_reference_that_begins_is_no_step() -> None:
+    y = [math.nan] * 3 + [0.0] * 8 + [1.0] * 4
+    one = watched(Record(list(range(15)), [0.0] * 15, y), overshoot="x", over="y", at_most="20 %")
+    assert (one.events, one.first) == (1, None), one
+
+
 def test_a_rate_is_that_between_recorded_cycles() -> None:
     record = Record([0, 1, 2, 6, 7], [0.0, 1.0, 2.0, 6.0, 4.0], [0.0] * 5)
     one = watched(record, rate="x", at_most="1000")
