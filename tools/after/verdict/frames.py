@@ -106,12 +106,13 @@ def frames_to(
     sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
     came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
     listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
-    found = [match for key in counts if (match := _COUNTED.fullmatch(key)) and match["role"] in sent]
-    for match in found:
+    keys = [match for key in counts if (match := _COUNTED.fullmatch(key))]
+    counted = [match for match in keys if match["role"] in sent]
+    for match in counted:
         if match["state"] is None:
             sent[match["role"]][int(match["id"], 16)] += int(counts[match[0]])
     sent_words.update(*sent.values())  # a drive's are those of a node that is none of the rig's
-    for match in found:
+    for match in counted:
         role, number, state = match["role"], int(match["id"], 16), int(match["state"] or -1)
         if number in sent_words and 0 <= state < INJECTED:  # others were on no wire
             came[role][STATES.get(state, "unread")] += int(counts[match[0]])

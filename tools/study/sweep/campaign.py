@@ -86,13 +86,13 @@ class Campaign:
 
     def _check_set(self) -> None:
         """Raise RigError for a setting that no run would have, for each draw replaces it."""
-        drawn = {one.name: f"--vary {one.name}={one.text}" for one in self.variations if not one.relative}
+        drawn = {one.name: one.text for one in self.variations if not one.relative}
         for text in self.settings:
             name = text.partition("=")[0].strip()
+            what = "each run has a seed of its own; --seed gives the campaign's"
             if name in drawn:
-                raise RigError(f"--set {text}: {drawn[name]} replaces it in every run; leave one out")
-            if name == "seed":
-                what = "each run has a seed of its own; --seed gives the campaign's"
+                what = f"--vary {name}={drawn[name]} replaces it in every run; leave one out"
+            if name in drawn or name == "seed":
                 raise RigError(f"--set {text}: {what}")
 
     def check_requirement(self, name: str) -> None:
