@@ -102,6 +102,14 @@ def test_what_does_not_hold_is_told(
 # ------------------------------------------------------------------------------- ok, falsely?
 
 
+def test_a_run_with_two_names_is_one_run(tmp_path: Path) -> None:
+    run = made(tmp_path / "a")
+    (tmp_path / "link").symlink_to(run)
+    assert suite(tmp_path, run, tmp_path / "link", tmp_path / "a/../a").code == 0
+    text = (tmp_path / "suite.xml").read_text("utf-8")
+    assert (text.count("R-1"), text.count("R-2")) == (1, 1), text
+
+
 def test_words_that_begin_alike_are_not_one_limit_or_one_id(tmp_path: Path) -> None:
     rest = "{name: muzzle_error_rms_mrad at rest, always: time.t_s < 0.1}"
     soon = "{id: R, name: Reached soon, never: abs(controller.e_rad) > 1000}"

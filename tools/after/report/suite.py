@@ -140,8 +140,10 @@ class Suite:
 
 def gather(names: Sequence[str], needed: Sequence[str], trust: Trust, progress: Progress) -> Suite:
     """Judge the runs of folders and logs; UserError where there is none."""
-    paths = list(dict.fromkeys(path for name in names for path in _paths(name)))
-    runs = []
+    found = dict[str, Path]()  # a log under two names is one
+    for path in (path for name in names for path in _paths(name)):
+        found.setdefault(os.path.realpath(path), path)
+    paths, runs = list(found.values()), []
     for number, path in enumerate(paths, 1):
         progress.show(f"judging {number}/{len(paths)}: {path}")
         runs.append(_judged_run(path, trust))
