@@ -255,7 +255,7 @@ def test_without_orders_it_lets_go() -> None:
     bench = RobStrideBench(RS01)
     bench.write(0x7028, 2000)  # of 50 us
     bench.on()
-    assert bench.cycles(100).x.power == 2 and bench.cycles(2).x.power == 0
+    assert bench.cycles(101).x.power == 2 and bench.cycles(1).x.power == 0
     assert bench.mistakes() == {"SILENT": 1}
     bench.do(3)
     assert bench.x.power == 2, "no fault"
