@@ -144,12 +144,16 @@ def test_a_drive_that_is_stopped_reacts_as_its_option_says(option: int, end: Pow
     assert not [one for one in bench.sent(0x085) if one.cycle > 500], "stopped, it says nothing"
 
 
-def test_a_lost_connection_disables_only_what_has_power_and_cyclic_modes_follow() -> None:
-    bench = Bench(starts={"6007": 2, "1016.1": 0x01_0032}).operational()
+@pytest.mark.parametrize("option", [2, 3])
+def test_a_lost_connection_ends_only_what_has_power(option: int) -> None:
+    bench = Bench(starts={"6007": option, "1016.1": 0x01_0032}).operational()
     for word, power in ((6, READY), (7, ON)):
         bench[Od.CONTROLWORD] = word
         assert bench.cycles(2).d.state.power == power
     bench.send(0x701, b"\x05")
     assert bench.cycles(100).d.state.power == ON
+
+
+def test_cyclic_modes_follow() -> None:
     bench = Bench().operational().enabled(8).cycles(1)
     assert bench[Od.STATUSWORD] & 1 << 12
