@@ -60,6 +60,19 @@ def test_candump_is_known_by_its_lines(line: bytes, before: bytes, tmp_path: Pat
         assert [(one.id, one.spaced) for one in frames_of(found)] == [("123", "11 22")]
 
 
+@pytest.mark.parametrize(("file", "text", "is_whole"), [
+    ("a.log", "(1.0) can0 7FF#\n(1.0) can0 123#1122334455667788", True),
+    ("a.log", "(1.0) can0 7FF#\n(1.0) can0 123#11223344556677", False),
+    ("a.asc", "base hex\n0.0 1 7FFx Rx d 0\n0.0 CANFD 1 Rx 100 0 0 2 2 11 22 0 0 201000", True),
+    ("a.asc", "base hex\n0.0 1 7FFx Rx d 0\n0.0 CANFD 1 Rx 100 0 0 2 2 11 22 0 0", False),
+])  # fmt: skip
+def test_a_last_line_without_its_end_is_whole_if_it_can_lack_nothing(
+    file: str, text: str, is_whole: bool, tmp_path: Path
+) -> None:
+    found = recorded(tmp_path / file, text.encode())
+    assert (found.account.is_whole, len(found.frames)) == (is_whole, 1 + is_whole), found.account
+
+
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("seed", range(4))
 def test_every_frame_comes_back_plain_and_packed(name: str, seed: int, tmp_path: Path) -> None:
