@@ -179,11 +179,13 @@ def test_a_wrong_rig_is_refused_in_a_line(name: str) -> None:
     assert row.found == {} and row.refused and "\n" not in row.refused
 
 
-def test_any_entry_of_faults_is_run_or_refused_in_a_line() -> None:
-    worlds = [one for seed in range(1, 301) if ODD in (one := draws.world_of(seed))["features"]]
-    rows = [cli.checked(one | {"cycles": min(one["cycles"], 400)}, ["limits"]) for one in worlds]
+def test_any_entry_of_faults_is_run_or_refused_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(draws, "MOST_CYCLES", 300)
+    monkeypatch.setattr(draws, "TIMES", (1,))
+    worlds = [one for seed in range(1, 101) if ODD in (one := draws.world_of(seed))["features"]]
+    rows = [cli.checked(one, ["limits"]) for one in worlds]
     assert [row for row in rows if row.found] == []
-    assert sum(bool(row.refused) for row in rows) > 20 and sum(row.cycles > 0 for row in rows) > 5
+    assert sum(bool(row.refused) for row in rows) > 2 and sum(row.cycles > 0 for row in rows) > 2
 
 
 def test_what_raises_an_error_of_python_is_a_find(monkeypatch: pytest.MonkeyPatch) -> None:

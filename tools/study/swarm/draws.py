@@ -54,7 +54,6 @@ def world_of(seed: int, base: str | None = None) -> World:
         _around(d, world, keys, load_rig(base))
     world["at"] = {name: d.random.random() for name in PLACES}
     if keys.get("schedule") and d.random.random() < 0.5:  # a branch beside what is tuned
-        # a branch runs freely from two cycles before on
         cycle = round(d.one(*keys["schedule"])["at_s"] * world["rate_hz"]) + d.one(-1, 0, 1, 2, 2)
         world["at"]["branch"] = min(max((cycle - 0.5) / (world["cycles"] - 3), 0.0), 0.999)
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
@@ -270,8 +269,7 @@ def _values(d: Drawing, world: World, keys: World) -> None:
         if d.has(0.25, "plausibility"):
             full = d.near(5.0, SPAN)
             if d.random.random() < 0.7:  # near what it comes to, without limits
-                one = world["plants"][i - 1]
-                gain = one["gains"]["first"]
+                one, gain = world["plants"][i - 1], world["plants"][i - 1]["gains"]["first"]
                 full = max(abs(one["large"]) * gain / (1.0 + gain) / d.near(0.95, 1.15), 0.1)
             plausible[f"FB_{i}.position"] = {"low": -full, "high": full}
             if d.has(0.4):
@@ -342,7 +340,11 @@ def _faults(
         entry |= _moments(d, world)
         if world["plants"] and d.has(0.08, ODD):
             for key in d.random.sample(_FAULT_KEYS, d.one(1, 1, 2)):
-                entry[key] = d.one(*_ODD_VALUES)
+                if d.random.random() < 0.5:
+                    entry.pop(key, None)
+                else:
+                    words = (one.word for one in KINDS.values())
+                    entry[key] = d.one(*_ODD_VALUES, *places, *protected, *words, "5ms", "20ms")
         d.features.append(feature)
         found[f"f{i}"] = entry
     keys["faults"] = found
