@@ -199,6 +199,7 @@ def test_what_is_found_is_made_small_and_its_folder_repeats_it(
     place, spoil = "pcpc.tools.after.verdict.summary.verdict_of", lambda *_: "ok"
     monkeypatch.setattr(place, spoil)
     monkeypatch.setattr(cli, "world_of", lambda seed, base: world())
+    monkeypatch.setattr("pcpc.tools.study.swarm.counts.judged", lambda case: ())
     row = cli.row_of(PLAIN, None, str(tmp_path))
     assert [*row.found] == ["verdict"]
     done = run_here("swarm", "--replay", row.folder)
