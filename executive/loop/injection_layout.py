@@ -20,6 +20,7 @@ class Faults(Record):
     own_stall: Cells[int] = cells(MAX_FAULTS)  # places of `left`
     n_peer_stalls: int
     peer_stall: Cells[int] = cells(MAX_FAULTS)
+    peer_stood: int  # 1 in a replay: it stood still when this cycle's input was taken
     stalled: int = carried()  # periods of a stall since the last cycle
     kind: Cells[int] = cells(MAX_FAULTS)
     how: Cells[int] = cells(MAX_FAULTS)

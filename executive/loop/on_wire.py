@@ -17,6 +17,7 @@ from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import data_of
+from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.doubts import is_doubted
 from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
 from pcpc.executive.loop.injection import peer_stalled
@@ -62,7 +63,7 @@ def count(n: Loop, state: int, lost: int) -> None:
 @loop_function
 def taken_on_purpose(n: Loop) -> bool:
     """Return whether all input that is missing in this cycle was taken by faults on purpose."""
-    if peer_stalled(n):
+    if n.faults.peer_stood != 0 if n.clock.kind == Time.GIVEN else peer_stalled(n):
         return True
     short = n.rx.awaited - n.rx.fresh
     for row in range(n.rx.n):

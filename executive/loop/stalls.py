@@ -41,7 +41,7 @@ def pass_stalled_period(n: Loop) -> None:
 @loop_inline
 def forget(n: Loop) -> None:
     """Take nothing that came in this period for new in the next."""
-    n.rx.started = 0
+    n.rx.started = n.rx.fresh = 0
     for row in range(n.rx.n):
         n.rx.state[row].fresh = n.faults.on_wire[row].fresh = 0
 

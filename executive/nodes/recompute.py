@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.drivers.compiled.jit import f8, i8, loop, loop_function, u1
 from pcpc.drivers.compiled.kinds import tuple_with
+from pcpc.drivers.compiled.records import int64
 from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.line import error_frames
 from pcpc.executive.loop.bus_state import note_bus_error
@@ -118,8 +119,8 @@ def take_input(n: Loop, recorded: Recording, i: int, k: int) -> None:
     row, done = recorded.rows[i], recorded.done
     while done[_FRAMES] < row[FRAMES_END]:
         hear_next(n, recorded)
-    if peer_stalled(n):
-        n.rx.started += n.rx.starters
+    n.faults.peer_stood = int64(peer_stalled(n))
+    n.rx.started += n.rx.starters * n.faults.peer_stood
     while done[_TUNINGS] < row[TUNINGS_END]:
         periods = max(recorded.times[done[_TUNINGS]] + 1 - k, 0)
         count_down(n, periods)

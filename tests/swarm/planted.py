@@ -21,8 +21,10 @@ from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
+from pcpc.tools.study.swarm import draws
 from pcpc.tools.study.swarm.cli import checked
 from pcpc.tools.study.swarm.draws import world_of
+from pcpc.tools.study.swarm.files import World
 
 ROOT = Path(__file__).resolve().parents[2]
 _LOOP, _AFTER = "executive/loop", "tools/after"
@@ -132,6 +134,8 @@ _COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cyc
 _KEEPING = ("pcpc.executive.nodes", "pcpc.executive.log", "pcpc.tools")  # rooms, results of calls
 _CACHED = type(cache(lambda: None))
 _INTERPRETED = (f"{_LOOP}/keyframe_layout.py",)
+_NO_JIT = "NUMBA_DISABLE_JIT"
+_SHORT_CYCLES = 160  # of a world that is interpreted, at most
 
 
 def main() -> int:
@@ -157,7 +161,8 @@ def _is_found(name: str, for_s: float, seed: int) -> bool:
             row = json.loads(Path(folder, "told").read_text())
             told = {key: told[key] + row[key] for key in told if key != "found"}
             last = seed + told["seeds"] - 1
-            without = checked(world_of(last), row["found"]).found if row["found"] else {}
+            world = _world(last, _is_compiled(name) and not _is_in_lanes(name))
+            without = checked(world, row["found"]).found if row["found"] else {}
             if without:
                 print(f"seed {last} without a fault: {without}", file=sys.stderr, flush=True)
             told["found"] = {k: v for k, v in row["found"].items() if k not in without}
@@ -170,8 +175,26 @@ def _is_compiled(name: str) -> bool:
     return file.startswith(_COMPILED) and file not in _INTERPRETED
 
 
+def _is_in_lanes(name: str) -> bool:
+    return PLANTED[name][0].startswith("executive/batch")
+
+
+def _world(seed: int, short: bool) -> World:
+    """Return the world of a seed; `short`: of few cycles, for what is interpreted."""
+    most = draws.MOST_CYCLES, draws.TIMES
+    if short:
+        draws.MOST_CYCLES, draws.TIMES = _SHORT_CYCLES, (1,)
+    try:
+        return world_of(seed)
+    finally:
+        draws.MOST_CYCLES, draws.TIMES = most
+
+
 def _in_child(name: str, for_s: float, seed: int, folder: Path) -> None:
-    """Plant a fault in a copy, or in a process of its own; `told` in the folder says what came."""
+    """Plant a fault in a copy, or in a process of its own; `told` in the folder says what came.
+
+    What would be compiled anew in a copy is interpreted, but for lanes.
+    """
     if not _is_compiled(name):
         pid = os.fork()
         if not pid:
@@ -187,7 +210,8 @@ def _in_child(name: str, for_s: float, seed: int, folder: Path) -> None:
     (folder / file).write_text(text)
     call = f"tried({for_s}, {seed}, Path({str(folder)!r}))"
     words = f"from pathlib import Path; from tests.swarm.planted import tried; {call}"
-    subprocess.run([sys.executable, "-c", words], cwd=folder, check=True)
+    env = os.environ | ({} if _is_in_lanes(name) else {_NO_JIT: "1"})
+    subprocess.run([sys.executable, "-c", words], cwd=folder, check=True, env=env)
 
 
 def plant(file: str, was: str, becomes: str) -> None:
@@ -215,10 +239,12 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 def tried(for_s: float, seed: int, folder: Path) -> None:
     """Check seed after seed until one breaks a promise; write what became, not of compiling."""
-    checked(world_of(seed))
+    short = _NO_JIT in os.environ
+    if not short:
+        checked(world_of(seed))
     begin_s, count, cycles, found = time.process_time(), 0, 0, dict[str, list[str]]()
     while not found and time.process_time() - begin_s < for_s:
-        row = checked(world_of(seed + count))
+        row = checked(_world(seed + count, short))
         count, cycles, found = count + 1, cycles + row.cycles, row.found
     short = {promise: lines[0][:160] for promise, lines in found.items()}
     spent_s = round(time.process_time() - begin_s, 1)

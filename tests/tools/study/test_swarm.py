@@ -16,13 +16,15 @@ from logcommand import run_here
 from places import ROOT
 
 from pcpc.tools.study.swarm import cli, draws, features, shrink
+from pcpc.tools.study.swarm.features import ODD
 from pcpc.tools.study.swarm.files import World, write
 from pcpc.tools.study.swarm.promises import PROMISES
 from tests.swarm.planted import PLANTED as PLANTED_BY_HAND
 
 Spoil = Callable[[Any], Any]  # what is true: what stands in its place
 CASES = sorted(path.parent for path in ROOT.glob("tests/swarm/*/rig.yaml"))
-PLAIN, SEEDS = 100, 4  # a seed of one plant with tunings and limits; how many are tried here
+PLAIN, SEEDS = 100, 4  # a seed of one plant; how many are tried here
+FIRST_TURN = 524289 / 2**20  # of `at.sample`: a log in parts, cut, a branch without a change
 
 
 def world(**changes: Any) -> World:
@@ -35,7 +37,7 @@ def world(**changes: Any) -> World:
     keys["supervisor"] = {}
     keys["schedule"] = [{"at_s": 0.02, "set": {"controller.first": 1.5}}]
     keys["require"] = [{"always": "abs(rx.FB_1.position) < 0.0001"}]
-    found["plants"][0]["reference"] = draws._reference(features.Drawing(1), "sine")
+    found["plants"][0]["reference"] = draws._reference(features.Drawing(1), "sine", 12.0)
     found["plants"][0]["shape"], found["wrong"] = 2, []
     found |= {key: one for key, one in changes.items() if key != "sample"}
     keys["record"] = {"keyframe": "0.1s"}
@@ -98,7 +100,7 @@ PLANTED: list[tuple[str, World, str, Spoil]] = [
     ("branched", {}, "pcpc.tools.after.branch.branching._tune_later",
      lambda true: lambda node, later: None),
     ("in_lanes", {}, "pcpc.executive.batch.group.LaneGroup.begin", _a_lane_off),
-    ("in_parts", {}, "pcpc.executive.log.long_logs._column_slice",
+    ("in_parts", {"sample": FIRST_TURN}, "pcpc.executive.log.long_logs._column_slice",
      lambda true: lambda columns, begin, end: true(columns, max(begin - 1, 0), end - 1)),
     ("verdict", {}, "pcpc.tools.after.verdict.summary.verdict_of", lambda true: lambda *_: "ok"),
     ("frames", {}, "pcpc.drivers.can.dbc._signal_row",
@@ -134,7 +136,7 @@ def test_a_wrong_value_of_a_damaged_log_is_told(monkeypatch: pytest.MonkeyPatch)
         return found
 
     def found() -> list[bool]:
-        worlds = [world() for _ in range(5)]
+        worlds = [world(sample=FIRST_TURN) for _ in range(5)]
         for i, one in enumerate(worlds):
             one["at"]["cut"] = 0.5 + 0.1 * i
         return [bool(cli.checked(one, ["damage"]).found) for one in worlds]
@@ -177,12 +179,27 @@ def test_a_wrong_rig_is_refused_in_a_line(name: str) -> None:
     assert row.found == {} and row.refused and "\n" not in row.refused
 
 
+def test_any_entry_of_faults_is_run_or_refused_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(draws, "MOST_CYCLES", 300)
+    monkeypatch.setattr(draws, "TIMES", (1,))
+    worlds = [one for seed in range(1, 101) if ODD in (one := draws.world_of(seed))["features"]]
+    rows = [cli.checked(one, ["limits"]) for one in worlds]
+    assert [row for row in rows if row.found] == []
+    assert sum(bool(row.refused) for row in rows) > 2 and sum(row.cycles > 0 for row in rows) > 2
+
+
+def test_what_raises_an_error_of_python_is_a_find(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pcpc.tools.study.swarm.case.load_rig", lambda path: path.none)
+    assert "no attribute" in cli.checked(world()).found["refusal"][0]
+
+
 def test_what_is_found_is_made_small_and_its_folder_repeats_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place, spoil = "pcpc.tools.after.verdict.summary.verdict_of", lambda *_: "ok"
     monkeypatch.setattr(place, spoil)
     monkeypatch.setattr(cli, "world_of", lambda seed, base: world())
+    monkeypatch.setattr("pcpc.tools.study.swarm.counts.judged", lambda case: ())
     row = cli.row_of(PLAIN, None, str(tmp_path))
     assert [*row.found] == ["verdict"]
     done = run_here("swarm", "--replay", row.folder)
@@ -208,7 +225,7 @@ def test_faults_planted_by_hand_have_their_place() -> None:
         compile(text.replace(was, becomes), file, "exec")
 
 
-@pytest.mark.parametrize("name", ["replay: no ramp", "branch: the next", "judge: repeated frames"])
+@pytest.mark.parametrize("name", ["replay: no ramp", "branch: a tuning", "judge: repeated frames"])
 @pytest.mark.deep
 def test_faults_planted_by_hand_are_found(name: str) -> None:
     command = [sys.executable, "-m", "tests.swarm.planted", name]

@@ -57,9 +57,14 @@ class Case:
         return self._outcome
 
     @cached_property
+    def opened(self) -> Opened:
+        """Its run."""
+        return Opened(self.path)
+
+    @property
     def log(self) -> logs.Log:
         """The records of its run."""
-        return Opened(self.path).log
+        return self.opened.log
 
     @cached_property
     def summary(self) -> Summary:
@@ -74,6 +79,10 @@ class Case:
     def at(self, what: str, least: int, past: int) -> int:
         """Return the drawn cycle for a promise."""
         return least + int(self.world["at"][what] * max(past - least, 1))
+
+    def turn(self, of: int) -> int:
+        """Return whose turn it is of so many, by the seed: slow ways take turns."""
+        return int(self.world["at"]["sample"] * 2**20) % of
 
     def recorded(self, path: Path) -> Path:
         """Run it into a log."""

@@ -45,7 +45,7 @@ class Row(msgspec.Struct):
     features: list[str]
     found: dict[str, list[str]]  # by promise
     refused: str  # in a line; "" for a rig that ran
-    spent_s: float
+    spent_s: float  # of a processor
     folder: str = ""  # of what was found
 
 
@@ -55,8 +55,8 @@ class Told(msgspec.Struct):
     seeds: int
     first: int
     cycles: int
-    cycles_per_s: float
-    times_real_time: float  # of the rig, by all ways
+    cycles_per_s: float  # of a processor
+    times_real_time: float  # of the rig, by all ways, a processor
     seeds_per_s: float
     promises: int  # checked, in all seeds
     refused: int
@@ -128,14 +128,19 @@ def _workers(request: SwarmRequest) -> Iterator[tuple[Any, int]]:
 
 def row_of(seed: int, base: str | None, output: str) -> Row:
     """Return what comes of a seed; what it breaks is made small, and stays in a folder."""
-    begin_s, world = time.monotonic(), world_of(seed, base)
+    begin_s, world = _spent_s(), world_of(seed, base)
     row = checked(world)
-    row.spent_s = time.monotonic() - begin_s
+    row.spent_s = _spent_s() - begin_s
     if row.found:
         folder = Path(output) / f"seed-{seed}"
         write(smallest(world, lambda one: same(row, checked(one, row.found))), folder)
         row.folder = str(folder)
     return row
+
+
+def _spent_s() -> float:
+    """Return what this process and those it has waited for have spent of processors."""
+    return sum(os.times()[:4])
 
 
 def same(one: Row, other: Row) -> bool:
@@ -164,6 +169,8 @@ def _checked(world: World, folder: Path, names: Any, laws: Path | None = None) -
         allowed = world["wrong"] or ODD in world["features"]
         if not allowed or "\n" in row.refused:
             row.found = {"refusal": [row.refused]}
+    except Exception as error:
+        row.found = {"refusal": [f"{type(error).__name__}: {error}"]}
     row.cycles = case.cycles
     row.simulated_s = row.cycles / (1 + len(world["plants"] or "1")) / world["rate_hz"]
     return row
@@ -192,9 +199,10 @@ def _told(
     )
     never = sorted({" + ".join(two) for two in possible} - {*pairs})
     cycles, ran = sum(row.cycles for row in rows), [row for row in rows if not row.refused]
+    busy_s = max(sum(row.spent_s for row in rows), 1e-9)
     return Told(
-        len(rows), first, cycles, cycles / spent_s,
-        sum(row.simulated_s for row in rows) / spent_s, len(rows) / spent_s,
+        len(rows), first, cycles, cycles / busy_s,
+        sum(row.simulated_s for row in rows) / busy_s, len(rows) / spent_s,
         len(ran) * len(PROMISES),
         len(rows) - len(ran), dict(sorted(pairs.items())), never,
         [row for row in rows if row.found],
@@ -207,7 +215,7 @@ def _lines(told: Told) -> list[str]:
     rare = sorted(told.pairs, key=lambda two: told.pairs[two])[:_SHOWN]
     return [
         f"{told.seeds:,} seeds from {told.first} on, {told.refused:,} of them refused",
-        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second, "
+        f"{told.cycles:,} cycles, {told.cycles_per_s:,.0f} a second of a processor, "
         f"{told.times_real_time:.1f} x real time",
         f"{told.promises:,} promises checked, {len(told.broken)} seeds broke one",
         f"{met:,} pairs of features met, the rarest: {', '.join(rare) or 'none'}",

@@ -13,17 +13,11 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
-from pcpc.tools.study.swarm.features import (
-    KINDS,
-    ODD,
-    RATES_HZ,
-    REFERENCES,
-    SLOW_MS,
-    Drawing,
-)  # fmt: skip
+from pcpc.tools.study.swarm.features import KINDS, ODD, RATES_HZ, REFERENCES, SLOW_MS, Drawing
 from pcpc.tools.study.swarm.files import SPAN, World, nodes
 
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
+TIMES = 1, 3, 10, 30  # as many, of the cycles of a history
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 _FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
@@ -60,7 +54,7 @@ def world_of(seed: int, base: str | None = None) -> World:
         _around(d, world, keys, load_rig(base))
     world["at"] = {name: d.random.random() for name in PLACES}
     if keys.get("schedule") and d.random.random() < 0.5:  # a branch beside what is tuned
-        cycle = round(d.one(*keys["schedule"])["at_s"] * world["rate_hz"]) + d.one(-1, 0, 1)
+        cycle = round(d.one(*keys["schedule"])["at_s"] * world["rate_hz"]) + d.one(-1, 0, 1, 2, 2)
         world["at"]["branch"] = min(max((cycle - 0.5) / (world["cycles"] - 3), 0.0), 0.999)
     world["features"] = [*dict.fromkeys([*d.features, f"{world['rate_hz']:g} Hz"])]
     return world
@@ -69,7 +63,7 @@ def world_of(seed: int, base: str | None = None) -> World:
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
     world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
-    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(1, 1, 1, 3, 12)
+    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(*TIMES)
     world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
@@ -100,8 +94,9 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
 
 def _keyframes(d: Drawing, world: World, keys: World) -> None:
     """Draw how often there is one: not below 0.1 s."""
-    rate_hz = world["rate_hz"]
-    world["every"] = max(d.random.randint(10, 300), math.ceil(0.1 * rate_hz))  # cycles
+    rate_hz, many = world["rate_hz"], d.one(1, 1, 1, world["cycles"] // 300 + 1)
+    cycles = d.random.randint(10, 300) * (world["cycles"] // 300 + 1) // many
+    world["every"] = max(cycles, math.ceil(0.1 * rate_hz))
     keys["record"] = {"keyframe": _ms(world, world["every"])}
 
 
@@ -137,19 +132,20 @@ def _plant(d: Drawing) -> World:
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
     presses = d.has(0.08, "emergency stop")
+    large = d.near(-20.0, 20.0)
     gains = [{"first": d.near(0.1, 5.0), "second": d.near(-5.0, 5.0)} for _ in range(2)]
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
         "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
-        "reference": _reference(d, reference.removeprefix("reference ")),
+        "large": large,
+        "reference": _reference(d, reference.removeprefix("reference "), large),
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
         "press_s": d.near(0.01, 2.0) if presses else 1e6,
     }  # fmt: skip
 
 
-def _reference(d: Drawing, name: str) -> World:
-    large = d.near(-20.0, 20.0)
+def _reference(d: Drawing, name: str, large: float) -> World:
     given: dict[str, dict[str, float]] = {
         "step": {"amplitude": large, "start_s": d.near(0.0, 0.2)},
         "ramp": {"slope": large, "end_s": d.near(0.1, 2.0)},
@@ -266,12 +262,15 @@ def _values(d: Drawing, world: World, keys: World) -> None:
     limits, plausible = {}, {}
     for i in range(1, len(world["plants"]) + 1):
         if d.has(0.6, "limits"):
-            full = d.near(2.5, 30.0)
+            full = d.near(*d.one((0.3, 3.0), (2.5, 30.0)))
             limits[f"CMD_{i}.command"] = {"low": -full, "high": full}
             if d.has(0.5, "rate limit"):
                 limits[f"CMD_{i}.command"]["rate_per_s"] = d.near(20.0, 5000.0)
         if d.has(0.25, "plausibility"):
             full = d.near(5.0, SPAN)
+            if d.random.random() < 0.7:  # near what it comes to, without limits
+                one, gain = world["plants"][i - 1], world["plants"][i - 1]["gains"]["first"]
+                full = max(abs(one["large"]) * gain / (1.0 + gain) / d.near(0.95, 1.15), 0.1)
             plausible[f"FB_{i}.position"] = {"low": -full, "high": full}
             if d.has(0.4):
                 plausible[f"FB_{i}.position"]["rate_per_s"] = d.near(100.0, 1e5)
@@ -339,8 +338,13 @@ def _faults(
             entry["share"] = d.near(0.05, 0.9)
             entry["burst"] = d.one(1, 2, 5)
         entry |= _moments(d, world)
-        if world["plants"] and d.has(0.05, ODD):
-            entry[d.one(*_FAULT_KEYS)] = d.one(*_ODD_VALUES)
+        if world["plants"] and d.has(0.08, ODD):
+            for key in d.random.sample(_FAULT_KEYS, d.one(1, 1, 2)):
+                if d.random.random() < 0.5:
+                    entry.pop(key, None)
+                else:
+                    words = (one.word for one in KINDS.values())
+                    entry[key] = d.one(*_ODD_VALUES, *places, *protected, *words, "5ms", "20ms")
         d.features.append(feature)
         found[f"f{i}"] = entry
     keys["faults"] = found
@@ -383,8 +387,8 @@ def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[floa
             name = d.one(*known)
             rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})
     for share, name, value in (
-        (0.15, "reset", 1.0), (0.12, "stop", 1.0), (0.06, "stop", 2.0), (0.1, "disarmed", 1.0),
-        (0.15, "disarmed", 0.0),
+        (0.7 if "on_fault" in keys.get("supervisor", ()) else 0.1, "reset", 1.0),
+        (0.12, "stop", 1.0), (0.06, "stop", 2.0), (0.1, "disarmed", 1.0), (0.15, "disarmed", 0.0),
     ):  # fmt: skip
         if d.has(share, f"{name} {value:g}"):
             rows.append({"set": {f"supervisor.{name}": value}})

@@ -48,7 +48,7 @@ def frames(case: Case) -> Iterator[str]:
         return
     for role, node in case.log.node.items():
         for name, word, frame in received(case.world, role):
-            rows = node.frames[(node.frames["id"] == word) & (node.frames["direction"] == 1)]
+            rows = _frames_of(node, word, 1)
             states = accepted(rows[rows["e2e"] != _TAKEN], frame, word)
             told = rows["e2e"][rows["e2e"] != _TAKEN] % _INJECTED
             differ = np.flatnonzero(states != told)
@@ -70,6 +70,17 @@ def frames(case: Case) -> Iterator[str]:
                     yield f"{role}: {account[name]} {name}, {(states == state).sum()} in the log"
 
 
+def _frames_of(node: NodeLog, word: int, direction: int) -> NDArray[Any]:
+    """Return the frames of an id that a node sent (0) or that came (1)."""
+    rows = node.frames
+    return rows[(rows["id"] == word) & (rows["direction"] == direction)]
+
+
+def _used(rows: NDArray[Any]) -> NDArray[Any]:
+    """Return those that are right, also by a fault."""
+    return rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
+
+
 def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
     """Yield frames that were sent on an ideal bus, did not come, and were not on the way."""
     config = case.rig.config
@@ -78,11 +89,9 @@ def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
         return
     heard = case.log.node[role]
     sender = case.log.node[senders(case.world)[name]]
-    rows = heard.frames[(heard.frames["id"] == word) & (heard.frames["direction"] == 1)]
-    came = int((rows["e2e"] < _INJECTED).sum())
-    its = sender.frames[(sender.frames["id"] == word) & (sender.frames["direction"] == 0)]
+    came = int((_frames_of(heard, word, 1)["e2e"] < _INJECTED).sum())
     past = int(heard.cycle[-1]) if len(heard.cycle) else 0
-    sent = int((its["cycle"] < past).sum())
+    sent = int((_frames_of(sender, word, 0)["cycle"] < past).sum())
     if not -_ON_THE_WAY <= sent - came <= _ON_THE_WAY:
         yield f"{role}: {name} was sent {sent} times and came {came} times"
 
@@ -157,7 +166,7 @@ def _misread(case: Case, role: str, name: str, rows: NDArray[Any], frame: World)
     judged = {**keys.executive.plausible} if role == "executive" else {}
     if keys.supervisor.intrusion != "count":
         return
-    used = rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
+    used = _used(rows)
     last = np.append(np.diff(used["cycle"]) != 0, True)[: len(used)]
     node, used = case.log.node[role], used[last]
     used, at = _recorded(node, used)
@@ -198,8 +207,7 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     for i in others.values() if role == "executive" else [others[role]]:
         name, word, key = ("CMD", 160, "command") if role == "executive" else ("FB", 288, "back")
         frame = case.world["plants"][i - 1][key]
-        rows = node.frames[(node.frames["id"] == word + i) & (node.frames["direction"] == 0)]
-        rows, at = _recorded(node, rows)
+        rows, at = _recorded(node, _frames_of(node, word + i, 0))
         if (rows["dlc"] != frame["length"]).any():
             yield f"{role}: {name}_{i} was sent with another length"
         for signal, about in frame["signals"].items():
@@ -207,8 +215,9 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
             if column is None:
                 continue
             sent, meant = value(rows["data"], about), column[at]
+            none = np.isnan(meant)  # which is sent as 0
             if about["kind"] == "float":
-                wrong = sent != meant.astype(np.float32)
+                wrong = sent != np.where(none, 0.0, meant.astype(np.float32))
             else:
                 factor, offset = scale(about)
                 low = -(1 << about["bits"] - 1) if about["kind"] == "signed" else 0
@@ -249,7 +258,7 @@ def verdict(case: Case) -> Iterator[str]:
 
 def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield a cycle whose state is not that of the input that came."""
-    config, rows = case.rig.config, node.frames
+    config = case.rig.config
     doubts = config.supervisor.intrusion == "hold" or (
         role == "executive" and config.executive.plausible
     )
@@ -259,9 +268,7 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     fault = node.columns["supervisor.fault"]
     fresh = np.ones(len(k), bool)
     for _, word, _ in received(case.world, role):
-        used = (rows["id"] == word) & (rows["direction"] == 1)
-        used &= np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))
-        fresh &= np.isin(k, rows["cycle"][used])
+        fresh &= np.isin(k, _used(_frames_of(node, word, 1))["cycle"])
     missing, most = int(not fresh[0]), config.supervisor.fault_after_cycles
     for i in range(1, len(k)):
         missing = 0 if fresh[i] else missing + 1
@@ -377,7 +384,7 @@ def _lost(case: Case) -> str:
     counts = dict.fromkeys((_SOME_LOST, _REPEATED, _WRONG, _ERROR), 0)
     for role, node in case.log.node.items():
         for _, word, frame in received(case.world, role):
-            rows = node.frames[(node.frames["id"] == word) & (node.frames["direction"] == 1)]
+            rows = _frames_of(node, word, 1)
             states = accepted(rows[rows["e2e"] < _INJECTED], frame, word)
             for state in counts:
                 counts[state] += int((states == state).sum())

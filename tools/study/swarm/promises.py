@@ -22,19 +22,20 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop.states import State
+from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.opened import Opened
 from pcpc.tools.after.replay import replay
 from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.virtual_end import to_end
-from pcpc.tools.study.swarm import oracle
+from pcpc.tools.study.swarm import counts, oracle
 from pcpc.tools.study.swarm.case import QUIET, Case
 from pcpc.tools.study.swarm.files import RIG, write
 from pcpc.tools.terminal.rooms import is_installed, part_of
 
-PART_CYCLES = 100
-SAMPLE, INTERPRETED = 0.005, 60  # share of seeds; cycles
+PART_CYCLES, PARTS = 100, 7  # at least; at most
+SAMPLE, INTERPRETED, LOCKSTEP = 0.005, 60, 2000  # share of seeds; cycles, at most
 _FRAME = ["cycle", "id", "dlc", "direction", "e2e", "data"]
 _GAIN = "controller.first"
 _NOT_SURE = "is unknown"  # in a line that does not say that something is missing
@@ -44,11 +45,14 @@ _BRANCH, _VERIFY = "after/branch", "after/verify"  # rooms that may have been ta
 def bits(case: Case) -> Iterator[str]:
     """Yield in what a second run has other bits; the log's digest is the same."""
     again = case.recorded(case.folder / "again.mcap")
+    same = is_installed(_VERIFY) and case.turn(4) > 0
     if is_installed(_VERIFY):
         digest = part_of(_VERIFY, "digest").digest
         if digest(case.path) != digest(again):
             yield "its log has another digest"
-    yield from differing(case.log, Opened(again).log)
+            same = False
+    if not same:
+        yield from differing(case.log, Opened(again).log)
 
 
 def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
@@ -114,7 +118,7 @@ def _behind_a_keyframe(case: Case) -> int:
 
 
 def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
-    for one in replay(Opened(case.path), QUIET, span=span):
+    for one in replay(case.opened, QUIET, span=span):
         case.cycles += one.cycles
         if not one.identical:
             why = one.first() or one.incomplete or one.missing
@@ -127,13 +131,16 @@ def _is_asked(case: Case) -> bool:
 
 
 def branched(case: Case) -> Iterator[str]:
-    """Yield what differs in a run that goes on from a drawn cycle, without and with a change."""
-    emulated = case.rig.config.bus.emulate is not None
-    if _is_asked(case) or emulated or case.length < 8 or not is_installed(_BRANCH):
+    """Yield what differs in a run that goes on from a drawn cycle, without or with a change."""
+    of_rig = [step_of(one) for node in case.rig.nodes().values() for one in node.blocks]
+    unknown = case.rig.config.bus.emulate is not None or any(of_rig)  # states that no log holds
+    if _is_asked(case) or unknown or case.length < 8 or not is_installed(_BRANCH):
         return
-    cycle = case.at("branch", 1, case.length - 2)
-    yield from differing(case.log, _branch(case, cycle, []))
-    if case.world["around"] is not None or len(case.rig.config.schedule) > 8:
+    cycle = _branch_cycle(case)
+    if cycle == case.length:
+        return
+    if case.turn(2) or case.world["around"] is not None or len(case.rig.config.schedule) > 8:
+        yield from differing(case.log, _branch(case, cycle, []))
         return
     value = 0.1 + 4.0 * case.world["at"]["branch"]
     branch = _branch(case, cycle, [("executive", _GAIN, value)])
@@ -148,13 +155,27 @@ def branched(case: Case) -> Iterator[str]:
     case.cycles += other.cycles
 
 
+def _branch_cycle(case: Case) -> int:
+    """Return the drawn cycle, or the next whose last ones before no node has skipped, or `length`.
+
+    The executive goes on freely from two cycles before on, the others from one.
+    """
+    cycle, lasts = case.at("branch", 1, case.length - 2), [*case.log.node.values()]
+    while cycle < case.length and any(
+        cycle - behind >= 0 and cycle - behind not in node.cycle
+        for behind, node in zip((3, *(2 for _ in lasts[1:])), lasts, strict=True)
+    ):
+        cycle += 1
+    return cycle
+
+
 def _branch(case: Case, cycle: int, changes: list[tuple[str, str, float]]) -> logs.Log:
     path = case.folder / f"branch-{len(changes)}.mcap"
-    with Opened(case.path).rig(whole=True) as rig:
+    with case.opened.rig(whole=True) as rig:
         about = facts() | {"pacing": "virtual", "bus": "memory", "seed": str(rig.config.seed)}
         about |= {"controller": rig.config.controller, "rate_hz": repr(rig.config.rate_hz)}
         branching = part_of(_BRANCH, "branching")
-        run = branching.Branch(Opened(case.path).head, rig, cycle, about, path, None)
+        run = branching.Branch(case.opened.head, rig, cycle, about, path, None)
         run.change([branching.Change(*change) for change in changes])
         for _ in run.before():
             pass
@@ -189,10 +210,13 @@ def in_lanes(case: Case) -> Iterator[str]:
 
 
 def in_parts(case: Case) -> Iterator[str]:
-    """Yield what differs in the log that is read in parts."""
-    long = Opened(case.path).part(
+    """Yield, of a quarter, what differs in the log that is read in parts."""
+    if case.turn(4) != 1:
+        return
+    part = max(PART_CYCLES, case.length // PARTS)
+    long = case.opened.part(
         lambda head: {role: list(node.columns)[1:] for role, node in head.node.items()},
-        short=PART_CYCLES, part=PART_CYCLES,
+        short=part, part=part,
     )  # fmt: skip
     if not isinstance(long, long_logs.LongLog):
         return
@@ -207,7 +231,7 @@ def in_parts(case: Case) -> Iterator[str]:
 def interpreted(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
     if case.world["at"]["sample"] < SAMPLE and not _is_asked(case):
-        words = ["simulate", f"--set=duration_s={INTERPRETED / case.rig.config.rate_hz!r}"]
+        words = ["simulate", _shorter(case, INTERPRETED)]
         yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
 
 
@@ -216,12 +240,16 @@ def lockstep(case: Case) -> Iterator[str]:
     emulated = case.rig.config.bus.emulate is not None or _is_asked(case)
     if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
         bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
-        yield from _elsewhere(case, ["run", "--pacing=lockstep", "--bus", bus], {}, None)
+        words = ["run", "--pacing=lockstep", "--bus", bus, _shorter(case, LOCKSTEP)]
+        yield from _elsewhere(case, words, {}, LOCKSTEP)
 
 
-def _elsewhere(
-    case: Case, words: list[str], more: dict[str, str], past: int | None
-) -> Iterator[str]:
+def _shorter(case: Case, most: int) -> str:
+    """Return the setting of a run of at most so many cycles."""
+    return f"--set=duration_s={min(most, case.world['cycles']) / case.rig.config.rate_hz!r}"
+
+
+def _elsewhere(case: Case, words: list[str], more: dict[str, str], past: int) -> Iterator[str]:
     """Yield in what the run of another command differs, up to the end of the shorter one."""
     out = case.folder / words[0]
     line = [sys.executable, "-m", "pcpc.tools.cli", *words, str(case.folder / RIG), "-o", str(out),
@@ -233,12 +261,13 @@ def _elsewhere(
     log = Opened(out / "log.mcap").log
     case.cycles += sum(len(node.cycle) for node in log.node.values())
     least = min(int(node.cycle[-1]) for one in (log, case.log) for node in one.node.values())
-    yield from (f"{words[0]}: {line}" for line in columns(case.log, log, past or least))
+    yield from (f"{words[0]}: {line}" for line in columns(case.log, log, min(past, least)))
 
 
 def verdict(case: Case) -> Iterator[str]:
     """Yield where the verdict is not what the oracle says of the frames and the rig."""
     yield from oracle.verdict(case)
+    yield from counts.judged(case)
 
 
 def frames(case: Case) -> Iterator[str]:
@@ -290,11 +319,12 @@ def damage(case: Case) -> Iterator[str]:
     flipped[at] ^= 1 << random.Random(at).randrange(8)
     both, own = bytearray(whole[:cut]), at % cut
     both[own] ^= 1 << random.Random(own).randrange(8)
-    true = case.log
-    for how, data in (
-        (f"bit of byte {at} flipped", flipped), (f"cut at {cut}", whole[:cut]),
-        (f"bit of byte {own} flipped, too", both),
-    ):  # fmt: skip
+    true, turn = case.log, case.turn(3)
+    ways = (
+        (f"cut at {cut}", whole[:cut]), (f"bit of byte {own} flipped, too", both),
+        (f"bit of byte {at} flipped", flipped),
+    )  # fmt: skip
+    for how, data in ways[2:] if turn == 2 else ways[: turn + 1]:
         path = case.folder / "damaged.mcap"
         path.write_bytes(data)
         with contextlib.suppress(logs.LogError):
