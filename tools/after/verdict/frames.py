@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.e2e_states import INJECTED
+from pcpc.drivers.can.e2e_states import are_of_wire
 from pcpc.drivers.errors import BusError
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.log.reader import Log
@@ -113,7 +113,7 @@ def frames_to(
         role, number, state = match["role"], int(match["id"], 16), int(match["state"] or -1)
         if state < 0:
             sent[role][number] += int(text)
-        elif number in sent_words and state < INJECTED:  # others were on no wire
+        elif number in sent_words and are_of_wire(state):
             came[role][STATES.get(state, "unread")] += int(text)
             listens[role].add(number)  # a drive takes frames that its node's DBC file does not name
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
