@@ -123,7 +123,7 @@ def _git() -> str:
     `git describe --dirty` would lock the index, whatever it is told.
     """
     commit = _answer_of_git(_PROJECT, "describe", "--always", "--abbrev=12")
-    changed = _answer_of_git(_PROJECT, "status", "--porcelain", "--untracked-files=no")
-    if not commit or changed is None:
+    if not commit:
         return "none"
-    return commit.strip() + "-dirty" * bool(changed)
+    changed = _answer_of_git(_PROJECT, "status", "--porcelain", "--untracked-files=no")
+    return "none" if changed is None else commit.strip() + "-dirty" * bool(changed)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from places import ROOT
 
+from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time, Trigger
 from pcpc.executive.nodes import install as installing
@@ -62,3 +63,51 @@ def test_a_quick_stop_has_a_ramp_of_its_own_if_the_rig_says_so() -> None:
     for settings, steps in (((ramp,), (0.01, 0.01)), ((ramp, quick), (0.01, 0.05))):
         guard = loop_of("executive", "real", *settings).guard
         assert (guard.ramp_step, guard.quick_step) == pytest.approx(steps)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("record: {keep: 0s}", "record.keep: 0s: expected more than 0 and no more than 12 days"),
+    ("record: {keep: 16667min}", "record.keep: 16667min: expected more than 0 and no more"),
+    ("record: {keyframe: 99ms}", "record.keyframe: 99ms: expected 100ms to 12 days, or 0s for"),
+    ("record: {keyframe: 16667min}", "record.keyframe: 16667min: expected 100ms to 12 days"),
+    ("executive: {plausible: {FB.position: {low: 1e9, high: 2e9}}}", "lies within these bounds"),
+    ("executive: {plausible: {FB.position: {low: -2e9, high: -1e9}}}", "lies within these bounds"),
+    ("losses: {HB_PLANT: {share: 0.1}}", "is a heartbeat, for which the start waits; losses"),
+    ("faults: {a: {kind: noise, at: tx.CMD.command, value: -1}}", "-1 is outside 0..inf"),
+    ("faults: {a: {kind: flood, node: plant, value: 201}}", "201 is outside 1..200, which a flood"),
+    ("faults: {a: {kind: masquerade, frame: HB_PLANT}}", "HB_PLANT has no counter and CRC"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused_at_its_place(text: str, said: str) -> None:
+    with pytest.raises(RigError) as caught:
+        loop_of("executive", "real", text=text)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [
+    "record: {keep: 16666min, keyframe: 100ms}", "record: {keyframe: 0s}",
+    "record: {keyframe: 16666min}", "faults: {a: {kind: flood, node: plant, value: 200}}",
+])  # fmt: skip
+def test_what_is_just_possible_is_taken(text: str) -> None:
+    assert loop_of("executive", "real", text=text).n_variables
+
+
+def test_a_stall_needs_a_rig_of_two_nodes() -> None:
+    rig = ROOT / "plants/telerobot/rigs/telerobot-u0.yaml"
+    text = f"base: {rig}\nrig: more\nfaults: {{a: {{kind: stall, node: plant, for: 1s}}}}\n"
+    with pytest.raises(RigError, match="a stall needs a rig of two nodes"):
+        planning.plan(load_rig(rig.with_name("more.yaml"), text=text), "executive", "real")
+
+
+def test_a_stall_of_the_node_above_is_missed_a_cycle_later_and_none_begins_before_the_run() -> None:
+    text = f"base: {PROBE}\nrig: more\nfaults: {{a: {{kind: stall, node: executive, %s}}}}\n"
+    for moment, cycles in (("from: 50ms, for: 9ms", (49, 50)), ("from: 0s, for: 9ms", (0, 0))):
+        rig = load_rig(PROBE.with_name("more.yaml"), text=text % moment)
+        plans = [planning.plan(rig, role, "lockstep") for role in rig.roles]
+        assert tuple(made.schedule[0][0] for made in plans) == cycles
+
+
+def test_what_a_plausible_value_may_be_is_counted_in_cycles() -> None:
+    limits = "{low: -1, high: 1, rate_per_s: 50}"
+    n = loop_of("executive", "real", text=f"executive: {{plausible: {{FB.position: {limits}}}}}")
+    assert n.plausible.bounds[0].tolist() == (-1.0, 1.0, 0.05)
+    assert n.plausible.still_cycles[0] == 2**62 and n.plausible.fault_after[0] == 10**9
