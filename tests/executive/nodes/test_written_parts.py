@@ -1,5 +1,6 @@
 """What parts of a node write by role, pacing and rig: buses, clocks, ramps, sizes of frames."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -111,3 +112,19 @@ def test_what_a_plausible_value_may_be_is_counted_in_cycles() -> None:
     n = loop_of("executive", "real", text=f"executive: {{plausible: {{FB.position: {limits}}}}}")
     assert n.plausible.bounds[0].tolist() == (-1.0, 1.0, 0.05)
     assert n.plausible.still_cycles[0] == 2**62 and n.plausible.fault_after[0] == 10**9
+
+
+def test_a_local_node_obeys_the_node_above_whatever_one_below_calls_mode(tmp_path: Path) -> None:
+    relay = ROOT / "tests/executive/relay"
+    signal = ' SG_ mode : 32|4@1+ (1,0) [0|15] "" LOCAL'  # of feedback with the lowest id
+    text = (relay / "relay.dbc").read_text().replace("BO_ 288", "BO_ 20").replace(" 288 ", " 20 ")
+    lines = text.split("\n")
+    at = next(i for i, line in enumerate(lines) if line.startswith("BO_ 20 FB"))
+    (tmp_path / "relay.dbc").write_text("\n".join([*lines[: at + 2], signal, *lines[at + 2 :]]))
+    rig = (relay / "rig.yaml").read_text().replace("relay.dbc", str(tmp_path / "relay.dbc"))
+    made = planning.plan(load_rig(relay / "rig.yaml", text=rig), "local", "real")
+    loop = np.recarray(1, sh.LOOP, sh.blank())[0]
+    installing.install(made, loop)
+    modes = [name for name in made.names if name.startswith("rx.") and name.endswith(".mode")]
+    assert modes == ["rx.FB.mode", "rx.ASK.mode"]
+    assert made.names[loop.guard.mode_index] == "rx.ASK.mode"
