@@ -115,6 +115,9 @@ def test_an_fmu_that_asks_to_end_is_told_so(tmp_path: Path) -> None:
         pass
     (line,) = failures(run.plans[1])
     assert "its step in cycle" in line and "returned an end of the simulation" in line
+    assert [block.description["keyframe_passes"] for block in run.blocks] == [10, 0], "elsewhere"
+    run.close()
+    assert run.plans[1].opened == [] == list(failures(run.plans[1]))
 
 
 def test_only_one_instance_in_a_process_is_enough(tmp_path: Path) -> None:
