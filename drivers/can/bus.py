@@ -346,10 +346,10 @@ def _open_addition(bus: BusAddress, fd: bool) -> tuple[int, int]:
     Its `opened(channel, fd)` returns two sockets, to send by and to receive from: each datagram is
     a struct can_frame, or with `fd` a canfd_frame. What one sends does not come back to it.
     """
-    one = bus.addition
-    assert one is not None, "as it is one"
+    addition = bus.addition
+    assert addition is not None, "as it is one"
     try:
-        both = outside.loaded(one)(bus.channel, fd)
+        both = outside.loaded(addition)(bus.channel, fd)
         sockets = [socket.socket(fileno=os.dup(end.fileno())) for end in both]
         for end in both:
             end.close()
@@ -358,7 +358,9 @@ def _open_addition(bus: BusAddress, fd: bool) -> tuple[int, int]:
     except UserError as error:
         raise BusError(str(error)) from None
     except Exception as error:
-        raise BusError(f"{bus}: {one} cannot open it: {type(error).__name__}: {error}") from None
+        raise BusError(
+            f"{bus}: {addition} cannot open it: {type(error).__name__}: {error}"
+        ) from None
     return sender.detach(), receiver.detach()
 
 

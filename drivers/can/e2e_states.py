@@ -1,6 +1,12 @@
 """What a receiver makes of a frame, states and names without numba; see `drivers.can.e2e`."""
 
+from typing import TYPE_CHECKING, Any
+
 from pcpc.drivers.compiled.numbered import NumberedEnum
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class FrameState(NumberedEnum):
@@ -16,6 +22,11 @@ class FrameState(NumberedEnum):
 
 INJECTED = 16  # added to the state of a frame that a fault on purpose put on the way
 _NAMES = FrameState.names()
+
+
+def are_of_wire(states: "int | NDArray[np.integer]") -> Any:
+    """Return whether frames of these states, (n,) or one, came as they are over the wire."""
+    return states < INJECTED
 
 
 def name_of(state: int) -> str:

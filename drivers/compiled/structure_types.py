@@ -129,8 +129,8 @@ def copy(typing: TypingContext, target: types.Type, source: types.Type) -> Any:
         )
 
         def move(first: int, past: int) -> None:
-            at, piece = ir.Constant(_I64, first), ir.VectorType(byte, past - first).as_pointer()
-            here, there = (builder.bitcast(builder.gep(p, [at]), piece) for p in (out_of, into))
+            offset, piece = ir.Constant(_I64, first), ir.VectorType(byte, past - first).as_pointer()
+            here, there = (builder.bitcast(builder.gep(p, [offset]), piece) for p in (out_of, into))
             builder.store(builder.load(here, align=1), there, align=1)
 
         move(0, CLASSIC_BYTES)
@@ -138,8 +138,8 @@ def copy(typing: TypingContext, target: types.Type, source: types.Type) -> Any:
         with builder.if_then(
             builder.icmp_unsigned("!=", builder.and_(flags, byte(Flag.FD)), byte(0)), likely=False
         ):
-            for at in range(CLASSIC_BYTES, FRAME_BYTES, 8):
-                move(at, at + 8)
+            for first in range(CLASSIC_BYTES, FRAME_BYTES, 8):
+                move(first, first + 8)
         return context.get_dummy_value()
 
     return types.void(target, source), generate

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled.jit import inline
-from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.drivers.fmi.calls import call, instance_at, read, write
 from pcpc.drivers.fmi.layout import (
     FLOAT64,
@@ -28,15 +27,6 @@ from pcpc.drivers.fmi.layout import (
 
 NEVER = np.int32(1)  # is an earlier state set again
 ENDS = 0xFFFF00  # of what doStep tells: bytes 1 and 2, it wants an end, it returned early
-
-
-class FmuValues:
-    """The values of a block whose names only the FMU knows, as `x.of[i]`."""
-
-    layout, size = Layout("Values", (Field("of", 0, (1,), None),)), 0
-
-    def __init__(self, of: Any, letter: str = "") -> None:
-        self.of = of
 
 
 @inline

@@ -84,11 +84,11 @@ def prepare(
     """
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
-    own = dict.fromkeys(range(senders), bitrate) | dict(others or {})
-    per_s = ticks_per_s(bitrate, data_bitrate, own.values())
+    rates = dict.fromkeys(range(senders), bitrate) | dict(others or {})
+    per_s = ticks_per_s(bitrate, data_bitrate, rates.values())
     if per_s > MOST_TICKS:
         raise ValueError(f"{bitrate} and {data_bitrate} bit/s: no common tick")
-    for s, rate in own.items():
+    for s, rate in rates.items():
         line.own_bit[s] = per_s // rate
     line.senders, line.room, line.in_order = senders, room, in_order
     line.per_s, line.bit, line.fast = per_s, per_s // bitrate, per_s // (data_bitrate or bitrate)
@@ -263,15 +263,15 @@ def hears(line: Line, s: int) -> bool:
 def _misread_bit(line: Line, s: int) -> int:
     """Return the bit of the frame in which `s`, of another bit rate, finds it wrong (8)."""
     slot, run, last = _slot(line), int64(0), int64(-1)
-    at = 3 * line.own_bit[s] // 4
-    place = at // line.own_bit[line.sending]
-    while place < slot:
-        run = run + 1 if line.wire[place] == last else int64(1)
+    tick = 3 * line.own_bit[s] // 4
+    sampled = tick // line.own_bit[line.sending]
+    while sampled < slot:
+        run = run + 1 if line.wire[sampled] == last else int64(1)
         if run > 5:
-            return place
-        last = int64(line.wire[place])
-        at += line.own_bit[s]
-        place = at // line.own_bit[line.sending]
+            return sampled
+        last = int64(line.wire[sampled])
+        tick += line.own_bit[s]
+        sampled = tick // line.own_bit[line.sending]
     return slot
 
 

@@ -105,15 +105,15 @@ def check_version(one: Addition) -> None:
 
     from packaging.requirements import Requirement
 
-    own = metadata.version("pcpc")
+    this_version = metadata.version("pcpc")
     try:
         lines = metadata.PathDistribution(one.info).requires or ()
         wanted_packages = [Requirement(line) for line in lines]
     except Exception as error:
         raise broken(one, _cause(error)) from None
     for wanted in wanted_packages:
-        if wanted.name == "pcpc" and not wanted.specifier.contains(own, prereleases=True):
-            raise broken(one, f"is made for pcpc{wanted.specifier}, this is {own}")
+        if wanted.name == "pcpc" and not wanted.specifier.contains(this_version, prereleases=True):
+            raise broken(one, f"is made for pcpc{wanted.specifier}, this is {this_version}")
 
 
 def _cause(error: BaseException) -> str:
@@ -130,7 +130,7 @@ def _cause(error: BaseException) -> str:
 @cache
 def _all_additions(paths: tuple[str, ...]) -> list[Addition]:
     """Return what all packages on the paths add; of one that is there twice, the first."""
-    found: dict[str, list[Addition]] = {}
+    by_package: dict[str, list[Addition]] = {}
     for site in (Path(path) for path in paths):
         try:
             names = [name for name in os.listdir(site) if name.endswith(".dist-info")]
@@ -138,11 +138,11 @@ def _all_additions(paths: tuple[str, ...]) -> list[Addition]:
             continue
         for name in sorted(names):
             package, _, version = name.removesuffix(".dist-info").rpartition("-")
-            if package not in found:
+            if package not in by_package:
                 about = package.replace("_", "-"), version, site / name
                 rows = _entries(site / name / "entry_points.txt")
-                found[package] = [Addition(*row, *about) for row in rows]
-    return sorted(one for some in found.values() for one in some)
+                by_package[package] = [Addition(*row, *about) for row in rows]
+    return sorted(one for some in by_package.values() for one in some)
 
 
 def _entries(file: Path) -> Iterator[tuple[str, str, str]]:

@@ -24,7 +24,6 @@ from pcpc.executive.batch import cycle
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.layout import Loop
-from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import StepError, watched_result
@@ -106,7 +105,7 @@ class DrivenPlant:
             raise rig.error("plant.drive", what)
         made = plan(rig, "plant", "lockstep")
         for spec in made.spec.blocks:
-            if LOOP_INTERPRETED or step_of(spec) or not isinstance(spec.block.step, Stage):
+            if LOOP_INTERPRETED or spec.is_opaque or not isinstance(spec.block.step, Stage):
                 raise RigError(f"{spec.where()}: {spec.name} has no compiled step to be fitted")
         self.rig, self._made = rig, made
         self._block = sh.private(describe(made, {}))

@@ -15,11 +15,15 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.executive.log.schemas import ENTRY_KINDS
 from pcpc.executive.rig.roles import ROLES
 
 Rows = NDArray[np.uint8]  # (messages, bytes of each record)
 
 KINDS = ("state", "timing", "can/frames", "events", "tunings")
+_OTHER_ENTRIES = {  # topics of JSON that not every log has; what the recorder counts of them
+    name: word for name, word in ENTRY_KINDS.items() if name not in KINDS
+}
 _LEAST = {"state": 1, "timing": 1, "can/frames": 0, "tunings": 0}  # cycles from message to message
 SEQUENCE = slice(11, 15)  # its bytes in a message record
 _HALF = 1 << 31
@@ -113,7 +117,8 @@ class Inventory:
             written = {key: run.get(f"written.{node}.{key}", 0) for key in ("record", "frame")}
             state, timing, frames, *others = (topic(node, kind) for kind in KINDS)
             columns |= {state: written["record"], frames: written["frame"]}
-            columns[topic(node, "keyframes")] = run.get(f"written.{node}.keyframe", 0)
+            for name, word in _OTHER_ENTRIES.items():
+                columns[topic(node, name)] = run.get(f"written.{node}.{word}", 0)
             if f"variables:{timing}" in metadata or self.kept[timing]:  # imported logs have none
                 columns[timing] = written["record"]
             low = run.get(f"written.{node}.event", 0)

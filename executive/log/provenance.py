@@ -10,10 +10,13 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from pcpc.executive.rig.file_laws import FILE_LAWS
+
 _PROJECT = Path(__file__).resolve().parents[2]
 RIG_COMMIT = "rig_git"  # the key of `of_rig`
-_RIGS_OWN = (".yaml", ".yml", ".py", ".dbc", ".csv", ".fmu")  # of files that nobody has added yet
-_PATIENCE_S = 2.0
+_OF_LAWS = (ending for law in FILE_LAWS.values() for ending in law.endings)
+_RIGS_OWN = (".yaml", ".yml", ".py", ".dbc", *_OF_LAWS)  # of files that nobody has added yet
+_PATIENCE_S = 5.0  # of one answer of git
 _PACKAGES = ("pcpc", "numba", "llvmlite", "numpy", "cantools", "python-can", "mcap")
 
 
@@ -35,17 +38,25 @@ def of_rig(rig: Path) -> dict[str, str]:
     root = next((above for above in file.parents if (above / ".git").exists()), None)
     if root is None:
         return {}
-    command = [
-        "git", "-c", "core.fsmonitor=false", "--literal-pathspecs", "-C", str(file.parent),
+    text = _answer_of_git(
+        file.parent,
         "status", "--porcelain=v2", "--branch", "--no-ahead-behind", "-z", "--no-renames",
         "--untracked-files=all", "--ignored=matching", "--", ".",
-    ]  # fmt: skip
+    )  # fmt: skip
+    if text is None:
+        return {}
+    commit = _commit(text.split("\0"), file.relative_to(root).as_posix())
+    return {RIG_COMMIT: commit} if commit else {}
+
+
+def _answer_of_git(folder: Path, *words: str) -> str | None:
+    """Return what git prints in a folder, None if it fails or is slow; it takes no lock there."""
     ours = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE")  # of a hook that runs us
     environment = {key: value for key, value in os.environ.items() if key not in ours}
     environment["GIT_OPTIONAL_LOCKS"] = "0"
     try:
         done = subprocess.run(
-            command,
+            ["git", "-c", "core.fsmonitor=false", "--literal-pathspecs", "-C", str(folder), *words],
             capture_output=True,
             stdin=subprocess.DEVNULL,
             check=True,
@@ -53,9 +64,8 @@ def of_rig(rig: Path) -> dict[str, str]:
             env=environment,
         )
     except (OSError, subprocess.SubprocessError):
-        return {}
-    text = _commit(os.fsdecode(done.stdout).split("\0"), file.relative_to(root).as_posix())
-    return {RIG_COMMIT: text} if text else {}
+        return None
+    return os.fsdecode(done.stdout)
 
 
 def rig_commits(metadata: Mapping[str, Mapping[str, str]], nodes: Iterable[str]) -> str:
@@ -108,10 +118,12 @@ def _processor() -> str:
 
 
 def _git() -> str:
-    """Return the commit, with `-dirty` where files differ from it; `none` outside a checkout."""
-    command = ["git", "-C", str(_PROJECT), "describe", "--always", "--dirty", "--abbrev=12"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=5)
-    except (OSError, subprocess.TimeoutExpired):
+    """Return the commit, with `-dirty` where files differ from it; `none` outside a checkout.
+
+    `git describe --dirty` would lock the index, whatever it is told.
+    """
+    commit = _answer_of_git(_PROJECT, "describe", "--always", "--abbrev=12")
+    if not commit:
         return "none"
-    return done.stdout.strip() or "none"
+    changed = _answer_of_git(_PROJECT, "status", "--porcelain", "--untracked-files=no")
+    return "none" if changed is None else commit.strip() + "-dirty" * bool(changed)

@@ -30,6 +30,7 @@ JSON_SCHEMAS = {
         },
     },
 }  # fmt: skip
+ENTRY_KINDS = {f"{name.lower()}s": name.lower() for name in JSON_SCHEMAS}  # topics, and one of each
 
 # kinds of events by code: about a variable and its value; about an id; all without a variable
 VALUE_EVENTS = {int(kind): kind.says for kind in Event if kind.about == VARIABLE}

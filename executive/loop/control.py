@@ -93,6 +93,10 @@ COUNTERS = (  # counted since the start: control word, variable, meaning
         "signs of a second sender that a fault on purpose gave",
     ),
 )
+FROM_FRAMES = (  # those that follow from frames alone, not from clocks
+    "held", "stale", "received", "lost", "crc_errors", "repeated", "saturated", "lost_on_purpose",
+    "wrong_sequence", "foreign", "missed", "starved",
+)  # fmt: skip
 BUS_COUNTERS = (  # by `executive.loop.bus_state`: control word, variable, meaning
     (
         "bus_warnings",

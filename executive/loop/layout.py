@@ -26,7 +26,6 @@ from pcpc.executive.loop.ring_layout import (
     Rings,
 )
 from pcpc.executive.loop.sizes import (
-    KEYFRAME_WORDS,
     LINE_WORDS,
     MAX_BLOCKS,
     MAX_COPIES,
@@ -34,10 +33,11 @@ from pcpc.executive.loop.sizes import (
     MAX_LIMITS,
     MAX_SCHEDULE,
     MAX_SIGNALS,
-    MAX_SPANS,
     MAX_VARIABLES,
 )
 from pcpc.executive.loop.timing_layout import BUCKETS, LATEST, STAGES, Figures, Late, Timing
+
+KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
 
 
 class Published(Record, fills="end_of_published"):

@@ -11,5 +11,4 @@ MAX_FRAMES = 32
 MAX_PEERS = 16  # nodes below one
 MAX_SIGNALS = 256
 MAX_SCHEDULE = 2048
-KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
 LINE_WORDS = 8  # what two processes write lies on lines of its own

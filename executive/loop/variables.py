@@ -1,6 +1,6 @@
 """The variables that the loop itself writes, at the head of every table."""
 
-from pcpc.executive.loop.control import BUS_COUNTERS, COUNTERS
+from pcpc.executive.loop.control import BUS_COUNTERS, COUNTERS, FROM_FRAMES
 
 HEAD = (
     ("time.t_s", "s", "time of the cycle, k T"),
@@ -52,17 +52,4 @@ STATUS_WORD = DISARMED + 1
 ERROR_CODE, ERROR_REGISTER = STATUS_WORD + 1, STATUS_WORD + 2
 BUS_AT = ERROR_REGISTER + 1
 STATISTICS_AT = RESET - 12
-COUNTED = (  # of these, what follows from the frames alone, not from clocks
-    "health.held_cycles",
-    "health.stale_cycles",
-    "health.frames_received",
-    "health.frames_lost",
-    "health.crc_errors",
-    "health.frames_repeated",
-    "health.saturated_values",
-    "health.frames_lost_on_purpose",
-    "health.wrong_sequence",
-    "health.frames_foreign",
-    "health.frames_missed",
-    "health.starved_cycles",
-)
+COUNTED = tuple(name for word, name, _ in COUNTERS if word in FROM_FRAMES)

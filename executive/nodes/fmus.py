@@ -2,7 +2,7 @@
 
 The part makes one for each block that is an FMU, for each memory that is to run; it is freed with
 the plan. What goes wrong before the first step is a RigError with the FMU's own words, what goes
-wrong later a fault of the loop, which `failures` puts into words.
+wrong later a fault of the loop, which `Fmus.failures` puts into words.
 
 FMUs are unpacked once, into a folder beside the compiled code that is named by their hash.
 """
@@ -91,19 +91,17 @@ class Fmus(Part):
             made.opened.append(one)
             loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.address)
 
+    def failures(self, made: Plan) -> Iterator[str]:
+        """Yield a line for each that failed, or warned."""
+        first = {one.name: one for one in reversed(made.opened)}  # others are of warm-ups
+        for one in reversed(first.values()):
+            if text := one.failure() or one.warning():
+                yield text
 
-def failures(made: Plan) -> Iterator[str]:
-    """Yield a line for each FMU of a node that failed while it ran, or warned."""
-    first = {one.name: one for one in reversed(made.opened)}  # others are of warm-ups
-    for one in reversed(first.values()):
-        if text := one.failure() or one.warning():
-            yield text
-
-
-def close(made: Plan) -> None:
-    """Free the instances of a node, whose loop has ended."""
-    while made.opened:
-        made.opened.pop().close()
+    def close(self, made: Plan) -> None:
+        """Free the instances."""
+        while made.opened:
+            made.opened.pop().close()
 
 
 class Instance:

@@ -25,15 +25,15 @@ class InjectedFault:
 
 def faults_of(nodes: Sequence[Live]) -> list[InjectedFault]:
     """Return the faults that these nodes have."""
-    found = []
+    faults = []
     for live in nodes:
         values, role = live.read(), live.name.rpartition(".")[2]
         for name, about in _fault_descriptions(live).items():
             left, value, share = (values[f"fault.{name}.{x}"] for x in ("left", "value", "share"))
             unit = live.variables[f"fault.{name}.value"].unit
             what = f"{about['kind']} of {about['of']}"
-            found.append(InjectedFault(name, role, what, left, value, unit, share))
-    return found
+            faults.append(InjectedFault(name, role, what, left, value, unit, share))
+    return faults
 
 
 def _fault_descriptions(live: Live) -> Mapping[str, Mapping[str, str]]:

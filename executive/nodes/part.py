@@ -1,7 +1,8 @@
 """The plan of one node, and what each of its features is: a `Part` that adds to it.
 
 A part is the one place where a feature of a node enters it: what of the rig it takes and refuses,
-which variables it adds to the table, what it writes into the LOOP record, what a log says of it.
+which variables it adds to the table, what it writes into the LOOP record, what a log says of it,
+what of it has failed, what it closes.
 Its keys stand in `executive.rig.schema`, its code and memory in `executive.loop`.
 """
 
@@ -146,3 +147,10 @@ class Part:
     def described(self, made: Plan) -> NodeDescription:
         """Return what the node's shared memory and its log say of it."""
         return {}
+
+    def failures(self, made: Plan) -> Iterable[str]:
+        """Return what went wrong in it while the node ran, a line each."""
+        return ()
+
+    def close(self, made: Plan) -> None:
+        """Give back what `install` has opened: the loop has ended."""

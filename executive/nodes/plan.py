@@ -4,10 +4,12 @@ plan(rig, role, ...)      checks the wiring and lays out the table; opens nothin
                           compiles nothing, the steps of laws when they are imported
 describe(plan, ...)       what the node's memory and its log say of it
 install(plan, loop)       in `executive.nodes.install`: writes it into a zeroed LOOP record
+failures(plan), close     what went wrong while it ran; what was opened is given back
 
 Each walks the PARTS.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
@@ -20,7 +22,7 @@ from pcpc.executive.rig import standby
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
-__all__ = ["Plan", "check_pacing", "cycles_of", "describe", "plan"]
+__all__ = ["Plan", "check_pacing", "close", "cycles_of", "describe", "failures", "plan"]
 
 
 def plan(rig: Rig, role: Role, pacing: str) -> Plan:
@@ -44,6 +46,18 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
     for part in PARTS:
         description |= part.described(told)
     return description
+
+
+def failures(made: Plan) -> Iterator[str]:
+    """Yield a line for each thing of a node that failed while it ran; before `close`."""
+    for part in PARTS:
+        yield from part.failures(made)
+
+
+def close(made: Plan) -> None:
+    """Give back what the parts of a node, whose loop has ended, have opened."""
+    for part in PARTS:
+        part.close(made)
 
 
 def check_pacing(rig: Rig, pacing: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive.log.description import NodeDescription
+from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.loop import keyframe_layout as layout
 from pcpc.executive.loop.layout import Loop
 from pcpc.executive.nodes import planned_drive
@@ -38,7 +39,7 @@ class Keyframes(Part):
 def passes_of(made: Plan) -> int:
     """Return the passes between two keyframes, 0 for none: not all state is the table's then."""
     config = made.rig.config
-    elsewhere = made.external or any(hasattr(one.block.step, "model") for one in made.spec.blocks)
+    elsewhere = made.external or any(one.is_opaque for one in made.spec.blocks)
     if elsewhere or not config.record.keyframe_ns:
         return 0
     return max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
@@ -94,8 +95,8 @@ def differences(made: Plan, one: bytes, other: bytes) -> Iterator[tuple[str, Any
                 yield variables[i].name, float(old[i]), float(new[i])
 
 
-def restore(made: Plan, loop: Loop, passes: int, cycle: int, state: bytes) -> None:
-    """Let a node, as it was installed, stand behind a cycle, the last of so many passes and one."""
-    layout.restore(loop, held_spans(made), state)
-    loop.k, loop.passes = cycle + 1, passes + 1
-    loop.keep.next = passes + loop.keep.every if loop.keep.every else -1
+def restore(made: Plan, loop: Loop, frame: Keyframe) -> None:
+    """Let a node, as it was installed, stand behind the cycle of a keyframe."""
+    layout.restore(loop, held_spans(made), frame.state)
+    loop.k, loop.passes = frame.cycle + 1, frame.passes + 1
+    loop.keep.next = frame.passes + loop.keep.every if loop.keep.every else -1

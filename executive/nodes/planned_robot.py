@@ -92,15 +92,17 @@ KINDS = {
 
 def kind_of(profile: str) -> RobotKind:
     """Return a robot's dialect, ours or that of a package of others; UserError."""
-    one = None if profile in KINDS else outside.named("drives", profile)
-    if one is None:
+    addition = None if profile in KINDS else outside.named("drives", profile)
+    if addition is None:
         return KINDS[profile]
-    found = outside.loaded(one)
-    if not isinstance(found, RobotKind):
-        raise outside.broken(one, f"{one.target} is of type {type(found).__name__}, not RobotKind")
-    if lacking := [name for name in HOOKS if not hasattr(found.dialect, name)]:
-        raise outside.broken(one, f"its dialect has no {', '.join(lacking)}")
-    return found
+    kind = outside.loaded(addition)
+    if not isinstance(kind, RobotKind):
+        raise outside.broken(
+            addition, f"{addition.target} is of type {type(kind).__name__}, not RobotKind"
+        )
+    if lacking := [name for name in HOOKS if not hasattr(kind.dialect, name)]:
+        raise outside.broken(addition, f"its dialect has no {', '.join(lacking)}")
+    return kind
 
 
 def settings_of(rig: Rig, drive: Drive) -> list[settings.Setting]:

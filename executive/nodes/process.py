@@ -44,13 +44,15 @@ from pcpc.executive.loop.cycle import STEPS, N, finish
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.running import run
-from pcpc.executive.nodes import fmus, greeting, planned_drive, without_effect
+from pcpc.executive.nodes import greeting, planned_drive, without_effect
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
     check_pacing,
+    close,
     cycles_of,
     describe,
+    failures,
     plan,
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, loop_error
@@ -163,9 +165,9 @@ class Process:
         except StepError as error:
             print(f"{self.role}: {error}", file=sys.stderr, flush=True)
             finish(block.loop)
-        for line in fmus.failures(self.plan):
+        for line in failures(self.plan):
             print(f"{self.role}: {line}", file=sys.stderr, flush=True)
-        fmus.close(self.plan)
+        close(self.plan)
         fault, passes = block.control.fault, block.control.passes
         refused = fault == Fault.ANOTHER_SENDER and not passes
         if not refused:

@@ -20,22 +20,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import e2e_states
-from pcpc.drivers.can.e2e_states import FrameState
+from pcpc.drivers.can.e2e_states import FrameState, are_of_wire
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import Time
 from pcpc.executive.loop.control import COUNTERS
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import COUNTED, GAIN
-from pcpc.executive.nodes import planned_keyframes
-from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.recompute import (
@@ -100,7 +97,7 @@ class Replay:
             f"{spec.name}.{name}"
             for spec in made.spec.blocks
             if spec.name in external
-            for port in (*spec.block.outputs, *(spec.block.states if step_of(spec) else ()))
+            for port in (*spec.block.outputs, *(spec.block.states if spec.is_opaque else ()))
             if port.recorded
             for name in port.names()
         ]
@@ -111,16 +108,16 @@ class Replay:
         self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if is_heartbeat(f)]
 
-    def begin_behind(self, frame: Keyframe) -> None:
-        """Let the node, which has done no cycle yet, stand behind that of a keyframe of its log."""
+    def begin_at(self, put: Callable[[Plan, Loop], None]) -> None:
+        """Let the node, which has done no cycle yet, begin in the state in which `put` puts it."""
         loop = self.block.loop
-        planned_keyframes.restore(self.plan, loop, frame.passes, frame.cycle, frame.state)
+        put(self.plan, loop)
         self._gain = np.array([loop.v[GAIN]])
         self._clocked = np.array([loop.v[self._places[: len(self._clocks)]]])
 
     def advance(self, part: Slice, names: Sequence[str]) -> Recomputation:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
-        wire = part.frames["e2e"] < e2e_states.INJECTED  # others are put in their place again
+        wire = are_of_wire(part.frames["e2e"])  # others are put in their place again
         received = part.frames[(part.frames["direction"] == 1) & wire]
         raw = logs.on_bus(received)
         raw[:, 6] = received["e2e"] == FrameState.FOREIGN

@@ -24,10 +24,9 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.over_line import run_over_line
 from pcpc.executive.loop.ring_layout import RECORD_HEAD
-from pcpc.executive.nodes import fmus, planned_keyframes
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
-from pcpc.executive.nodes.plan import Plan, describe, plan
+from pcpc.executive.nodes.plan import Plan, close, describe, plan
 from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.buses import check_line, line_options, on_line, virtual_pacing
 from pcpc.executive.rig.reading import Rig
@@ -146,7 +145,7 @@ class VirtualRun:
         self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self.memory = Memory(blocks, rig)
         self._stopped = False
-        every = [planned_keyframes.passes_of(made) or CYCLES_BETWEEN_DRAINS for made in plans]
+        every = [int(one.loop.keep.every) or CYCLES_BETWEEN_DRAINS for one in blocks]
         self._at_once = min(CYCLES_BETWEEN_DRAINS, *every)  # none is missed
         self.recorder = (
             None if log is None else Recorder(log, blocks, judged=judged, clock=lambda: 0)
@@ -179,7 +178,7 @@ class VirtualRun:
         if self.recorder is not None:
             self.recorder.finish()
         for made in self.plans:
-            fmus.close(made)
+            close(made)
 
 
 def _over_line(rig: Rig) -> tuple[Any, NDArray[np.int64]]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig import fmu, tables, wired_units, yamlfile
+from pcpc.executive.rig import wired_units, yamlfile
 from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.file_laws import FILE_LAWS
 from pcpc.executive.rig.law_lookup import Use, law_block
 from pcpc.executive.rig.node_keys import BlockEntry, Plant, Section
 from pcpc.executive.rig.roles import Role
@@ -28,7 +29,7 @@ Shared = tuple[Parameter, Document, Keys]  # an entry of a parameters file, and 
 class BlockSpec:
     """A block of a node: its complete settings, its wiring, and where each was given.
 
-    `table`: the numbers of `law: table`, or the description of an FMU, as text.
+    `table`: what a law of FILE_LAWS makes of its file, as text.
     """
 
     name: str
@@ -41,6 +42,11 @@ class BlockSpec:
     def where(self, path: str = "") -> str:
         """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
         return self.places.get(path, self.places[""])
+
+    @property
+    def is_opaque(self) -> bool:
+        """Whether its step has a state of its own, which no port shows."""
+        return getattr(self.block.step, "is_opaque", False)
 
 
 @dataclass(frozen=True)
@@ -96,10 +102,8 @@ def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]
         given = {setting: parameter.value for setting, (parameter, *_) in shared.items()}
         use = Use(given | law.parameters, config.rate_hz, config.seed)
         text = ""
-        if law is entry and entry.law == tables.LAW:
-            block, text = tables.read_table(document, keys, entry)
-        elif law is entry and entry.law == fmu.LAW:
-            block, text, entry = fmu.read_fmu(document, keys, entry)
+        if law is entry and entry.law in FILE_LAWS:
+            block, text, entry = FILE_LAWS[entry.law].read(document, keys, entry)
             law = entry
         else:
             block = law_block(document, keys, str(law.law), use)

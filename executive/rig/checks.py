@@ -14,10 +14,11 @@ import msgspec
 from pcpc.drivers.machine import outside
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.own_laws.modules import project_file
-from pcpc.executive.rig import fmu, standby, tables
+from pcpc.executive.rig import standby, tables
 from pcpc.executive.rig.bus_keys import PROFILES
 from pcpc.executive.rig.conversion import as_data, convert, file_keys_of
 from pcpc.executive.rig.effective import file_keys, value_at
+from pcpc.executive.rig.file_laws import FILE_LAWS
 from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Expected
 from pcpc.executive.rig.yamlfile import Document, Keys
@@ -28,8 +29,6 @@ _STEERS = re.compile(  # a terminal, or the direction of writing
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 _CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
-_SHORTEST_KEYFRAME_NS = 10**8
-_LONGEST_KEEP_NS = 10**15  # the longest run
 _PORTS = 1 << 16
 _TAKEN = {*file_keys_of(Config), FALLBACK, "rx", "tx", "timing"} - {"controller"}
 
@@ -59,7 +58,7 @@ def check(document: Document, config: Config) -> None:
         _blocks(document, config),
         _overrun(document, config),
         standby.problems(document, config),
-        _keep(config),
+        ((("record", key), what) for key, what in config.record.problems()),
         _xcp(config),
         _limits(config),
         _patience(config),
@@ -111,7 +110,7 @@ def _blocks(document: Document, config: Config) -> Problems:
                 where = document.where((first[name], "blocks", name))
                 yield keys, f"the {first[name]} has this block, {where}; rename one"
             first.setdefault(name, role)
-            has_file = entry.file is not None and entry.law != fmu.LAW
+            has_file = entry.file is not None and entry.law not in FILE_LAWS
             if entry.law != tables.LAW and (has_file or entry.signal or entry.interpolation):
                 yield keys, "only `law: table` takes file, signal, interpolation"
             if (role, name) == ("executive", "controller"):
@@ -133,16 +132,6 @@ def _overrun(document: Document, config: Config) -> Problems:
     document.known(its_keys, fallback, config.controllers, "controller")
     if fallback == config.controller:
         yield its_keys, f"{fallback} is the controller itself; name another one"
-
-
-def _keep(config: Config) -> Problems:
-    if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
-        problem = f"{config.record.keep}: expected more than 0 and no more than 12 days"
-        yield ("record", "keep"), problem
-    every = config.record.keyframe_ns
-    if every and not _SHORTEST_KEYFRAME_NS <= every <= _LONGEST_KEEP_NS:
-        problem = f"{config.record.keyframe}: expected 100ms to 12 days, or 0s for none"
-        yield ("record", "keyframe"), problem
 
 
 def _xcp(config: Config) -> Problems:

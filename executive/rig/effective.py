@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.own_laws.modules import project_name
-from pcpc.executive.rig import fmu
 from pcpc.executive.rig.blocks import BlockSpec, law_keys
 from pcpc.executive.rig.conversion import as_data
+from pcpc.executive.rig.file_laws import FILE_LAWS, FileLaw
 from pcpc.executive.rig.roles import PLANTS, ROLES, Role
 from pcpc.executive.rig.schema import Config
 from pcpc.executive.rig.yamlfile import Document, Keys
@@ -33,9 +33,7 @@ def data(
             entry["parameters"] = dict(block.settings)
             if block.table:
                 entry["file"] = table_name(role, block, config)
-            if block.table and not _is_fmu(role, block, config):
-                entry["signal"] = None
-                entry["interpolation"] = entry["interpolation"] or "hold"
+                _file_law(role, block, config).resolve(entry)
     if config.xcp is None:
         del rig_data["xcp"]
     for role in config.plants:
@@ -55,11 +53,11 @@ def eds_name(role: Role) -> str:
 
 def table_name(role: Role, block: BlockSpec, config: Config) -> str:
     """Return the name of the file that holds a block's table."""
-    return f"{role}-{block.name}.{'json' if _is_fmu(role, block, config) else 'csv'}"
+    return f"{role}-{block.name}.{_file_law(role, block, config).kept_as}"
 
 
-def _is_fmu(role: Role, block: BlockSpec, config: Config) -> bool:
-    return config.sections[role].blocks[block.name].law == fmu.LAW
+def _file_law(role: Role, block: BlockSpec, config: Config) -> FileLaw:
+    return FILE_LAWS[config.sections[role].blocks[block.name].law]
 
 
 def file_keys(rig_data: Mapping[str, Any]) -> list[Keys]:

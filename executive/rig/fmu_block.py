@@ -15,9 +15,19 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.compiled.stage import Stage, stage
-from pcpc.drivers.fmi.step import FmuValues, advance
+from pcpc.drivers.compiled.views import Field, Layout
+from pcpc.drivers.fmi.step import advance
 from pcpc.executive.laws.block import Block, Ports, Prepared, port
 from pcpc.executive.rig.fmu_model import INPUT, OUTPUT, PARAMETER, START, FmuModel, FmuVariable
+
+
+class FmuValues:
+    """The values of a block whose names only the FMU knows, as `x.of[i]`."""
+
+    layout, size = Layout("Values", (Field("of", 0, (1,), None),)), 0
+
+    def __init__(self, of: Any, letter: str = "") -> None:
+        self.of = of
 
 
 class States(Ports):
@@ -39,6 +49,8 @@ def step(t: float, dt: float, p: FmuValues, x: States, u: FmuValues, y: FmuValue
 
 class FmuStep(Stage):
     """The step of one FMU, whose instance is made where it runs. `file` None: of a log."""
+
+    is_opaque = True
 
     def __init__(
         self,

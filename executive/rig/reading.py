@@ -35,9 +35,10 @@ from pcpc.executive.own_laws.carried_files import (
     file_entries,
     with_local_imports,
 )
-from pcpc.executive.rig import checks, effective, fmu, yamlfile
+from pcpc.executive.rig import checks, effective, yamlfile
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys
 from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.file_laws import expand_shorthands
 from pcpc.executive.rig.inheritance import inherit_entries
 from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.options import apply_options, rename_earlier_keys
@@ -201,7 +202,7 @@ def load_rig(
     """
     document = yamlfile.load(path, text)
     checks.check_characters(document)
-    for expand in (rename_earlier_keys, inherit_entries, fmu.expand_shorthand, expand_segments):
+    for expand in (rename_earlier_keys, inherit_entries, expand_shorthands, expand_segments):
         expand(document)
     if controller is not None or settings:
         apply_options(document, controller, settings)

@@ -2,7 +2,7 @@
 
 # ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
@@ -181,6 +181,7 @@ class Handover(Keyed):
     to: Annotated[float, Meta(ge=0, le=8)] = 0.0
 
 
+_LONGEST_RUN_NS = 10**15
 Happening = Literal["fault", "change", "skip", "tuning"]
 
 
@@ -208,6 +209,13 @@ class Record(Keyed):
     def events(self) -> list[str]:
         """`on` as a list."""
         return [self.on] if isinstance(self.on, str) else list(self.on)
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """Yield each key whose value is out of range, and what is wrong with it."""
+        if self.keep is not None and not 0 < self.keep_ns <= _LONGEST_RUN_NS:
+            yield "keep", f"{self.keep}: expected more than 0 and no more than 12 days"
+        if self.keyframe_ns and not 10**8 <= self.keyframe_ns <= _LONGEST_RUN_NS:
+            yield "keyframe", f"{self.keyframe}: expected 100ms to 12 days, or 0s for none"
 
 
 class Config(Keyed):

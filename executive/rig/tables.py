@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,10 @@ def table_reader(ending: str) -> Callable[[Reader], Reader]:
     return registered_reader
 
 
-def read_table(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Block, str]":
-    """Return the block of a table and its numbers as text; RigError for what is wrong."""
+def read_table(
+    document: Document, keys: Keys, entry: BlockEntry
+) -> "tuple[Block, str, BlockEntry]":
+    """Return the block of a table, its numbers as text, and `entry`; RigError for what is wrong."""
     from pcpc.executive.laws import table  # here, because it imports numba
 
     if entry.file is None:
@@ -85,7 +87,13 @@ def read_table(document: Document, keys: Keys, entry: BlockEntry) -> "tuple[Bloc
         columns[column[1]] = table.unit_of(column[1]) if column[2] is None else column[2].strip()
     linear = entry.interpolation == "linear"
     block = table.block(numbers.times_s, numbers.values, columns, linear, entry.repeat)
-    return block, numbers.text()
+    return block, numbers.text(), entry
+
+
+def resolve(entry: dict[str, Any]) -> None:
+    """Let the entry of a rig be that of the CSV in its log."""
+    entry["signal"] = None
+    entry["interpolation"] = entry["interpolation"] or "hold"
 
 
 def _read_csv(file: Path) -> Numbers:

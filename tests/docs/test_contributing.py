@@ -1,4 +1,4 @@
-"""The four worked changes of CONTRIBUTING.md: each is carried out on a copy of the repository."""
+"""The six worked changes of CONTRIBUTING.md: each is carried out on a copy of the repository."""
 
 import shutil
 import subprocess
@@ -11,7 +11,7 @@ from blocks import KNOWN, ROOT, Reader, blocks_of
 pytestmark = pytest.mark.deep
 
 PAGE = ROOT / "CONTRIBUTING.md"
-TITLES = ("A law", "A plant", "A kind of fault", "A command")
+TITLES = ("A law", "A plant", "A kind of fault", "An alarm", "A part of a node", "A command")
 PARTS = (
     "drivers", "executive", "plants", "tools", "pcpc", "tests", "docs", "pyproject.toml",
     "mkdocs.yml", "README.md",

@@ -2,8 +2,10 @@
 
     probe-2be7d52.mcap    21 November 2026: stamps of a clock, no counts of frames
     motor-b919103.mcap    22 November 2026: carries law, plant and evaluation of its own
+    faulty-68cde00.mcap   26 November 2026: probe with faults of a value and a frame, a schedule
 
-Both say 0.1.0. Each was written by `pcpc simulate` of the commit that its name tells.
+The last says 0.2.0, the others 0.1.0. Each was written by `pcpc simulate` of the commit that its
+name tells.
 """
 
 import json
@@ -13,12 +15,17 @@ import numpy as np
 import pytest
 
 import pcpc
+from pcpc.drivers.errors import Exit
 from pcpc.tools import cli
 
 HERE = Path(__file__).parent
 PROBE, MOTOR = HERE / "probe-2be7d52.mcap", HERE / "motor-b919103.mcap"
-CYCLES = {PROBE: 100, MOTOR: 60}
-LOGS = pytest.mark.parametrize("log", [PROBE, MOTOR], ids=["probe", "motor"])
+FAULTY = HERE / "faulty-68cde00.mcap"
+CYCLES = {PROBE: 100, MOTOR: 60, FAULTY: 100}
+NOT_JUDGED = {PROBE: Exit.OK, MOTOR: Exit.NOT_MET, FAULTY: Exit.OK}  # 60 ms are too short for it
+VERSIONS = {PROBE: "0.1.0", MOTOR: "0.1.0", FAULTY: "0.2.0"}
+LOGS = pytest.mark.parametrize("log", CYCLES, ids=["probe", "motor", "faulty"])
+CHANGES = {PROBE: "controller.gain=6", MOTOR: "reference.start_s=0", FAULTY: "controller.gain=6"}
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> str:
@@ -32,7 +39,7 @@ def said(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> str:
 @LOGS
 def test_it_is_read_and_nothing_is_missing(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     about = json.loads(said(capsys, "log", "info", str(log), "--json"))
-    assert about["versions"]["pcpc"] == "0.1.0", "else it shows nothing of earlier versions"
+    assert about["versions"]["pcpc"] == VERSIONS[log], "else it shows nothing of earlier versions"
     assert about["versions"]["git"].startswith(log.stem.partition("-")[2])
     assert about["nodes"]["executive"]["cycles"] == CYCLES[log]
     run = pcpc.open(log)
@@ -45,6 +52,44 @@ def test_it_is_read_and_nothing_is_missing(log: Path, capsys: pytest.CaptureFixt
 def test_it_is_recomputed_to_the_bit(log: Path) -> None:
     nodes = pcpc.open(log, trust=True).replay()
     assert [node.identical for node in nodes] == [True, True], nodes
+
+
+@LOGS
+def test_it_goes_on_from_a_cycle_with_a_change(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, change in (("same", []), ("changed", ["--set", CHANGES[log]])):
+        words = "--cycle", "20", "--trust", "--no-figure", "--quiet", "-o", str(tmp_path / name)
+        said(capsys, "branch", str(log), *words, *change, code=NOT_JUDGED[log])
+    old, same, changed = (
+        pcpc.open(one, trust=True) for one in (log, tmp_path / "same", tmp_path / "changed")
+    )
+    received, last = [name for name in old.names if name.startswith("rx.FB.")], CYCLES[log] - 1
+    for run, cycles, is_equal in ((same, last, True), (changed, 20, True), (changed, last, False)):
+        assert run.replay()[0].identical
+        pairs = [np.array_equal(old[name][:cycles], run[name][:cycles]) for name in received]
+        assert all(pairs) == is_equal and pairs, (cycles, pairs)
+
+
+def test_all_are_verified_but_for_keyframes_of_another_layout_and_a_cut_one_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (cut := tmp_path / "cut.mcap").write_bytes(PROBE.read_bytes()[:60_000])
+    logs = [*map(str, CYCLES), str(cut)]
+    rows = json.loads(said(capsys, "verify", *logs, "--trust", "--json", code=Exit.LOSS))["logs"]
+    found = {Path(row["log"]).name.partition("-")[0]: row for row in rows}
+    verdicts = {name: row["verdict"] for name, row in found.items()}
+    assert verdicts == {
+        "probe": "identical", "motor": "identical", "faulty": "incomplete",
+        "cut.mcap": "incomplete",
+    }  # fmt: skip
+    assert {why.partition(": its keyframes")[0] for why in found["faulty"]["why"]} == {
+        "executive", "plant",
+    }  # fmt: skip
+    checked = "executive {0} of {0} cycles, plant {1} of {1} cycles"
+    for log, cycles in CYCLES.items():
+        row = found[log.name.partition("-")[0]]
+        assert row["first"] is None and row["checked"] == checked.format(cycles, cycles + 1)
 
 
 @LOGS

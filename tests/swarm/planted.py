@@ -58,7 +58,7 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
     "replay: no ramp at the end": (
         "executive/nodes/replay.py", "(gain < before) & (state < State.FAULT)", "gain < 0.0"),
     "replay: frames lost on purpose come again": (
-        "executive/nodes/replay.py", 'part.frames["e2e"] < e2e_states.INJECTED',
+        "executive/nodes/replay.py", 'are_of_wire(part.frames["e2e"])',
         'part.frames["e2e"] < 255'),
     "branch: a tuning in its first cycle": (
         f"{_AFTER}/branch/branching.py", "if name in index and cycle > node.last:",

@@ -21,7 +21,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL, Frontier
 from pcpc.executive.log.keyframes import newest
 from pcpc.executive.nodes.fmus import step_of
-from pcpc.executive.nodes.planned_keyframes import why_none
+from pcpc.executive.nodes.planned_keyframes import restore, why_none
 from pcpc.executive.nodes.replay import Replay
 from pcpc.executive.nodes.slices import HEAD, PASSES, STAMP, Assembler, K
 from pcpc.executive.nodes.watched import StepError
@@ -248,7 +248,7 @@ class NodeComparison:
         why = partial(why_none, self.replay.plan)
         frame = newest(head, self.role, cycle, name, why, self.notes)
         if frame is not None:
-            self.replay.begin_behind(frame)
+            self.replay.begin_at(partial(restore, frame=frame))
             self.recorded.behind, self._passes = frame.cycle, frame.passes + 1
             self.since_ns = frame.stamp_ns
 

@@ -59,7 +59,7 @@ def obstacles(root: Path) -> list[str]:
     """
     found = []
     if (root / ".git").exists():
-        words = ["git", "status", "--porcelain"]
+        words = ["git", "--no-optional-locks", "status", "--porcelain"]
         done = subprocess.run(words, cwd=root, capture_output=True, text=True, check=True)
         found = [f"not committed: {line[3:]}" for line in done.stdout.splitlines()]
     stale = [root / "build/lib", *root.glob("dist/*")]

@@ -20,8 +20,9 @@ from msgspec import inspect
 
 from pcpc.drivers.machine import outside
 from pcpc.executive.loop.fault_kinds import KINDS
-from pcpc.executive.rig import fmu, law_lookup, tables
+from pcpc.executive.rig import law_lookup
 from pcpc.executive.rig.bus_keys import PROFILES
+from pcpc.executive.rig.file_laws import FILE_LAWS
 from pcpc.executive.rig.roles import MORE_PLANTS
 from pcpc.executive.rig.schema import EARLIER, Config
 from pcpc.executive.rig.segments import KEY, Segment
@@ -149,7 +150,7 @@ def _add_file_keys(defs: dict[str, Schema], whole: bool) -> None:
     )
     for key, words in _SEGMENT.items():
         defs["Segment"]["properties"][key]["description"] = words
-    laws = [*sorted(law_lookup.shipped_laws()), tables.LAW, fmu.LAW]
+    laws = [*sorted(law_lookup.shipped_laws()), *map(str, FILE_LAWS)]
     named = {"anyOf": [{"enum": laws}, {**_TEXT, "pattern": "[:.]"}]}
     defs["Law"]["properties"]["like"] = _LIKE
     defs["Plant"]["properties"] |= {

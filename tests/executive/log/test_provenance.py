@@ -111,6 +111,28 @@ def test_a_hook_of_another_repository_changes_nothing(
     assert told(rig) == commit != "none"
 
 
+def test_the_commit_of_pcpc_is_found_without_a_lock_of_its_checkout(
+    rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "_PROJECT", tmp_path)
+    commit, index = git(tmp_path, "rev-parse", "--short=12", "HEAD"), tmp_path / ".git/index"
+    os.utime(rig, (1, 1))  # git would write its index anew
+    before = index.read_bytes()
+    assert provenance._git() == told(rig) == commit and index.read_bytes() == before
+    (tmp_path / ".git/index.lock").touch()  # somebody commits
+    rig.write_text("changed\n")
+    assert provenance._git() == told(rig) == f"{commit}-dirty"
+    (tmp_path / ".git/index.lock").unlink()
+    git(tmp_path, "tag", "-am", "v1", "v1")
+    git(tmp_path, "checkout", "-q", ".")
+    (tmp_path / "new.py").touch()
+    assert provenance._git() == "v1", "files that nobody has added are none of it"
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / "nowhere"))  # of a hook
+    assert provenance._git() == "v1"
+    index.write_bytes(b"damaged")
+    assert provenance._git() == "none", "whether it has changed is not known"
+
+
 def test_nodes_that_differ_are_told_one_by_one() -> None:
     logs = {"executive": {"rig_git": "a"}, "plant": {"rig_git": "b-dirty"}, "local": {}}
     assert rig_commits(logs, logs) == "a (executive), b-dirty (plant)"

@@ -98,10 +98,19 @@ class Beats(Part):
     def install(self, made: Plan, loop: Any) -> None:
         """Count the variables before it."""
         loop.guard.grace_passes = self.place
+        self.is_open = True
 
     def described(self, made: Plan) -> NodeDescription:
         """Return its name."""
         return {"watch": "beats.count"}
+
+    def failures(self, made: Plan) -> list[str]:
+        """Return what is open."""
+        return [f"{self.place} is open"] * self.is_open
+
+    def close(self, made: Plan) -> None:
+        """Close it."""
+        self.is_open = False
 
 
 def test_a_part_more_adds_its_variables_behind_all_others(
@@ -114,6 +123,9 @@ def test_a_part_more_adds_its_variables_behind_all_others(
     assert loop.v[len(whole.names)] == 7.0 and loop.guard.grace_passes == len(whole.names)
     assert more["watch"] == "beats.count" and list(more) == list(said)
     assert more["state_columns"][-1] == "beats.count"
+    assert list(planning.failures(made)) == [f"{len(whole.names)} is open"]
+    planning.close(made)
+    assert not list(planning.failures(made))
     with pytest.raises(RigError, match=r"executive: 3 beats; one node holds 2 \(see"):
         planning.plan(rig.changed(seed=5), "executive", "lockstep")
 

@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can import can_id, e2e_states
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.e2e_states import are_of_wire
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES
 from pcpc.drivers.compiled.rows import HEAD_BYTES
 from pcpc.drivers.errors import UserError
@@ -138,7 +139,7 @@ class Branch(VirtualRun):
         if top.role in piece.node and pacing_of(self.head, top.role) in WITHOUT_CLOCK:
             rows = piece.node[top.role].frames
             here = (rows["cycle"] == top.last + 1) & (rows["direction"] == 1)
-            self._heard += [*logs.on_bus(rows[here & (rows["e2e"] < e2e_states.INJECTED)])]
+            self._heard += [*logs.on_bus(rows[here & are_of_wire(rows["e2e"])])]
         for role, node in piece.node.items():
             sent = node.frames[node.frames["direction"] == 0]
             self._sends[role].update(np.unique(sent["id"]).tolist())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.e2e_states import INJECTED, name_of
+from pcpc.drivers.can.e2e_states import are_of_wire, name_of
 from pcpc.drivers.can.frame_bits import frame_bits
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
@@ -132,7 +132,7 @@ class Tally:
         for (topic, number, direction, state, size, flags), n in self._frames.items():
             if topic == heard:
                 total[direction, number] += n
-                wired = n if state < INJECTED else 0
+                wired = n if are_of_wire(state) else 0
                 nominal, data = frame_bits(size, number > can_id.ID, flags)
                 bits[direction, number] += wired * (nominal + data_bit * data)
         return [

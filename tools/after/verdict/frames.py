@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.e2e_states import INJECTED
+from pcpc.drivers.can.e2e_states import are_of_wire
 from pcpc.drivers.errors import BusError
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.log.reader import Log
@@ -114,7 +114,7 @@ def frames_to(
     sent_words.update(*sent.values())  # a drive's are those of a node that is none of the rig's
     for match in counted:
         role, number, state = match["role"], int(match["id"], 16), int(match["state"] or -1)
-        if number in sent_words and 0 <= state < INJECTED:  # others were on no wire
+        if number in sent_words and state >= 0 and are_of_wire(state):
             came[role][STATES.get(state, "unread")] += int(counts[match[0]])
             listens[role].add(number)  # a drive takes frames that its node's DBC file does not name
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):

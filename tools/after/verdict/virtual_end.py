@@ -4,7 +4,7 @@ import sys
 import time
 
 from pcpc.executive.log.mcap_writer import RecordError
-from pcpc.executive.nodes import fmus
+from pcpc.executive.nodes.plan import failures
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.tools.after.verdict.outcome import Outcome
@@ -25,7 +25,7 @@ def to_end(run: VirtualRun, outcome: Outcome, progress: Progress, before: int = 
     except RecordError as error:
         outcome.missing.append(str(error))
     progress.close()
-    for line in (line for made in run.plans for line in fmus.failures(made)):  # while they are open
+    for line in (line for made in run.plans for line in failures(made)):  # while they are open
         print(line, file=sys.stderr)
     try:
         run.close()

@@ -15,7 +15,6 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.variables import GAIN, NMT, STATE, T_S
-from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.roles import PLANTS, Role
 from pcpc.executive.rig.schema import FALLBACK
@@ -116,7 +115,7 @@ class CycleMap:
         for b, (spec, views) in enumerate(zip(made.spec.blocks, made.views, strict=True)):
             if spec.name == FALLBACK:
                 continue
-            if step_of(spec):
+            if spec.is_opaque:
                 what = "is an FMU, of which no step can be repeated; --method measured can do it"
                 raise UserError(f"{spec.where()}: {spec.name} {what}")
             if self._moving or role != "executive" or spec.block.inputs:

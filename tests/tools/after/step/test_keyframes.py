@@ -151,6 +151,21 @@ def test_a_node_whose_state_is_elsewhere_has_none() -> None:
     assert planned_keyframes.passes_of(made) == 0
 
 
+def test_what_a_fault_makes_of_a_parameter_is_a_state_that_a_run_has() -> None:
+    probe = ROOT / "plants/probe/rig.yaml"
+    fault = "faults: {far: {kind: value, at: controller.gain, value: 1.0e+12, from: 10ms}}"
+    text = f"base: {probe}\nrig: far\nduration_s: 0.25\nrecord: {{keyframe: 100ms}}\n{fault}\n"
+    run = VirtualRun(load_rig(probe.with_name("far.yaml"), text=text), None)
+    for _ in run.advance():
+        pass
+    made, frame = run.plans[0], keyframes.Keyframes(run.blocks[0]).newest()
+    assert frame is not None and frame.cycle == 199
+    assert planned_keyframes.why_none(made, frame.state) == ""
+    made.faults.clear()
+    said = planned_keyframes.why_none(made, frame.state)
+    assert said == "controller.gain is 1e+12, which no run has"
+
+
 def test_all_cycles_are_those_of_a_log_without(log: Path, tmp_path: Path) -> None:
     settings = ["duration_s=0.45", "record.keyframe=0s"]
     simulate(load_rig(RIGS / "engage.yaml", settings=settings), tmp_path / "log.mcap")

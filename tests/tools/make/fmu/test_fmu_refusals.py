@@ -14,6 +14,7 @@ from reference_fmus import PLATFORM, columns, fmu, made, rig
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes import fmus
+from pcpc.executive.nodes.plan import failures
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.fmu import checks
@@ -139,7 +140,7 @@ def test_an_fmu_that_fails_is_a_fault_of_the_plant_with_its_own_words(tmp_path: 
     run = VirtualRun(load_rig(rig(tmp_path, file, "fmu.x0", duration=1.0)), None)
     for _ in run.advance():
         pass
-    assert list(fmus.failures(run.plans[1])) == [
+    assert list(failures(run.plans[1])) == [
         "fmu: getting its outputs in cycle 51 returned error: The oven is cold."
     ]
     found = run.memory.log().node["plant"].columns

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from reference_fmus import columns, fmu, made, rig
 
-from pcpc.executive.nodes import fmus
+from pcpc.executive.nodes.plan import failures
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
 
@@ -102,7 +102,7 @@ def test_two_fmus_in_one_plant_speak_for_themselves(tmp_path: Path) -> None:
     run = VirtualRun(load_rig(path), None)
     for _ in run.advance():
         pass
-    (line,) = fmus.failures(run.plans[1])
+    (line,) = failures(run.plans[1])
     assert re.fullmatch(r"other: .* in cycle 51 returned error: It is cold\.", line)
     found = run.memory.log().node["plant"].columns
     assert np.isfinite(found["fmu.x0"]).all() and np.isnan(found["other.x0"][-1])
@@ -113,8 +113,11 @@ def test_an_fmu_that_asks_to_end_is_told_so(tmp_path: Path) -> None:
     run = VirtualRun(load_rig(path), None)
     for _ in run.advance():
         pass
-    (line,) = fmus.failures(run.plans[1])
+    (line,) = failures(run.plans[1])
     assert "its step in cycle" in line and "returned an end of the simulation" in line
+    assert [block.description["keyframe_passes"] for block in run.blocks] == [10, 0], "elsewhere"
+    run.close()
+    assert run.plans[1].opened == [] == list(failures(run.plans[1]))
 
 
 def test_only_one_instance_in_a_process_is_enough(tmp_path: Path) -> None:
