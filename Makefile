@@ -42,13 +42,13 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-15s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
-test test-deep test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
-test test-deep test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
+test quick test-deep test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
+test quick test-deep test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
 test: tools ## what each change needs; CHANGED=main: what that can reach
 	$(MAKE) --no-print-directory -j2 compiled
 	$(MAKE) --no-print-directory -j2 lint quick
 
-quick:
+quick: tools ## its tests alone, without types and style
 	$(PYTEST) $(if $(CHANGED),--changed $(CHANGED))
 
 test-deep: tools ## the other tests, 40 minutes; MINUTES=20: a part
