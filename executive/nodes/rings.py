@@ -7,6 +7,14 @@ from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
 
+MOST_CYCLES = 1000  # between two looks at the rings of nodes in one process
+
+
+def kept_cycles(block: sh.NodeMemory) -> int:
+    """Return how many cycles the rings hold, if each frame comes twice in each; MOST_CYCLES."""
+    frames = max(1, int(block.loop.rx.n + block.loop.tx.n))
+    return max(1, min(MOST_CYCLES, int(block.loop.rings.frame_rows) // (2 * frames)))
+
 
 def put(block: sh.NodeMemory, ring: str) -> int:
     """Return how many rows the node has put into a ring so far."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import ALL
+from pcpc.executive.nodes.rings import MOST_CYCLES
 
-CYCLES_AT_ONCE = 1000  # the rings hold several thousand
 K, PASSES, STAMP, HEAD = range(4)  # first columns of Slice.rows, and how many
 
 
@@ -32,6 +32,7 @@ class Assembler:
 
     def __init__(self, names: Sequence[str]) -> None:
         """`names`: the recorded variables, state and timing."""
+        self.most = MOST_CYCLES  # in a slice
         self.names, self.behind = names, -1  # later cycles are taken
         self.every = 0  # passes: a slice ends where their number is a multiple of it; 0: anywhere
         self.alone = ALL  # from this cycle on a slice has one
@@ -67,7 +68,7 @@ class Assembler:
     def take(self, until: int, end: bool) -> Iterator[Slice]:
         """Yield the slices up to cycle `until`; before the `end` only full ones."""
         while True:
-            here = self._rows[:CYCLES_AT_ONCE]
+            here = self._rows[: self.most]
             count = int(np.argmax(here[:, K] > until)) if (here[:, K] > until).any() else len(here)
             if not count or ((full := self._full(here[:count])) == 0 and not end):
                 return
@@ -88,7 +89,7 @@ class Assembler:
             ends += [
                 int(i) + 1 for i in np.flatnonzero((rows[:, PASSES] + 1) % self.every == 0)[:1]
             ]
-        return min(ends, default=CYCLES_AT_ONCE if len(rows) == CYCLES_AT_ONCE else 0)
+        return min(ends, default=self.most if len(rows) == self.most else 0)
 
 
 def tuning_of(entry: Mapping[str, Any]) -> tuple[int, str, float]:

@@ -27,11 +27,10 @@ from pcpc.executive.loop.ring_layout import RECORD_HEAD
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, close, describe, plan
+from pcpc.executive.nodes.rings import kept_cycles
 from pcpc.executive.nodes.watched import watched_result
 from pcpc.executive.rig.buses import check_line, line_options, on_line, virtual_pacing
 from pcpc.executive.rig.reading import Rig
-
-CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
 
 
 class Memory:
@@ -145,8 +144,8 @@ class VirtualRun:
         self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self.memory = Memory(blocks, rig)
         self._stopped = False
-        every = [int(one.loop.keep.every) or CYCLES_BETWEEN_DRAINS for one in blocks]
-        self._at_once = min(CYCLES_BETWEEN_DRAINS, *every)  # none is missed
+        every = [int(one.loop.keep.every) for one in blocks if one.loop.keep.every]
+        self._at_once = min(*every, *map(kept_cycles, blocks))  # none is missed
         self.recorder = (
             None if log is None else Recorder(log, blocks, judged=judged, clock=lambda: 0)
         )

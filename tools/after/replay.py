@@ -23,6 +23,7 @@ from pcpc.executive.log.keyframes import newest
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.planned_keyframes import restore, why_none
 from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.rings import kept_cycles
 from pcpc.executive.nodes.slices import HEAD, PASSES, STAMP, Assembler, K
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
@@ -234,6 +235,7 @@ class NodeComparison:
         layout = "" if changed else about.get("keyframe_layout", "")
         self.keyframes = KeyframeCheck(self.replay, self.verdict, layout)
         self.recorded.every = self.keyframes.every
+        self.recorded.most = kept_cycles(self.replay.block)
         if about.get("keyframe_passes") and not (self.keyframes.every or changed):
             self.verdict.from_record.append(OTHER_LAYOUT)
         self.notes: list[str] = []  # on keyframes

@@ -20,6 +20,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.rings import kept_cycles
 from pcpc.executive.nodes.slices import HEAD, PASSES, Assembler, K, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
@@ -48,6 +49,7 @@ class DeviceComparison:
         self.below, self.role = NodesBelow(rig), rig.config.below[0]  # the node whose record it is
         self.recorded, self._each = Assembler([]), each
         self.replay = Replay(rig, "executive", "lockstep", [])
+        self.recorded.most = kept_cycles(self.replay.block)
         names = [one.name for one in self.replay.plan.table.variables]
         self._schedule = [(k, names[place], value) for k, place, value in self.replay.plan.schedule]
         heard = [frame for _, frame in self.below.heard]

@@ -20,6 +20,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.nodes.replay import Replay
+from pcpc.executive.nodes.rings import kept_cycles
 from pcpc.executive.nodes.slices import HEAD, Assembler, K
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import yamlfile
@@ -96,6 +97,7 @@ class _Node:
         pacing = head.metadata[role].get("pacing", "lockstep")
         names = self.recorded.names
         self.replay = Replay(rig, role, pacing, names, about.get("external", []), recording(states))
+        self.recorded.most = kept_cycles(self.replay.block)
         self._both = [
             (HEAD + i, self.replay.names.index(name))
             for i, name in enumerate(names)
