@@ -71,7 +71,8 @@ def received(n: Any, given: Step) -> Any:
         n.rx.started = n.rx.fresh = n.wire.muted = 0
     n.k, n.clock.behind, n.wire.source = given.k, given.behind, given.source
     n.faults.count[0] = given.done
-    n.faults.peer_stall[0] = given.stall
+    n.faults.peer_stall[0], n.faults.peer_stood = given.stall, given.stood
+    n.clock.kind = Time.GIVEN if given.replays != 0 else Time.LOCKSTEP
     n.v[20] += given.bias
     if given.row >= 0 and given.acts != 0:
         n.faults.acted[given.row] = n.passes + 1
@@ -168,6 +169,7 @@ def _draw_steps(given: Any, draw: np.random.Generator) -> None:
     given.second = draw.random(STEPS) < 0.5
     given.bias = np.where(given.k % 7 == 0, 0.125 * (given.k % 5 - 2), 0.0)
     given.stall = np.where(draw.random(STEPS) < 0.05, STALLED, STALLED - 1)
+    given.replays, given.stood = draw.random(STEPS) < 0.5, draw.random(STEPS) < 0.05
     for step in given:
         if draw.random() < 0.04:
             step.error, kind = 1, draw.choice([0x4, 0x40, 0x100, 0x20, 0x1, 0x144, 0x2, 0x165])
@@ -200,7 +202,6 @@ def _draw_early_beats(given: Any) -> None:
 
 
 def _install(n: Any, has: Settings) -> None:
-    n.clock.kind = Time.GIVEN
     n.rx.n, n.tx.n, n.rx.awaited = len(ROWS), len(OWN), 2
     n.tx.frames["can_id"][: len(OWN)] = OWN
     n.guard.stop_row, n.v[STALLED], n.faults.n_peer_stalls = STOP, 1.0, 1

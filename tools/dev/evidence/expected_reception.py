@@ -77,6 +77,8 @@ class Step(NamedTuple):
     fault: int
     second: int
     stall: int  # the place of a stall of the node above
+    replays: int  # what is noted of it counts, `stood`, not what is so now
+    stood: int
     bias: float  # of the first value, by a fault on purpose
     error: int
     frame: Annotated[list[int], "u1", 16]
@@ -128,7 +130,8 @@ class ExpectedNode(Senders):
             self.bus_error(frame) if given.error else self.take(given.row, given.source, frame)
         )
         short = sum(AWAITED[i] for i in SPOILED if self.came[i].fresh and self.unused(i))
-        self.on_purpose = given.stall == STALLED or 2 - self.fresh - short <= 0
+        stood = given.stood != 0 if given.replays else given.stall == STALLED
+        self.on_purpose = stood or 2 - self.fresh - short <= 0
 
     def last_frame(self, back: int) -> tuple[int, int]:
         """Return the last recorded frame but so many."""
