@@ -210,9 +210,9 @@ class NodeComparison:
         fmus = {name: step.model for name, step in steps.items() if step and not step.file}
         external += fmus
         self.external, self._is_written = external, metadata is not None
-        names = self.recorded.names
-        self.replay = Replay(rig, role, pacing, names, external, metadata=metadata)
-        theirs, ours = self.recorded.names, self.replay.names
+        theirs = self.recorded.names
+        self.replay = Replay(rig, role, pacing, theirs, external, metadata=metadata)
+        ours, self.recorded.most = self.replay.names, kept_cycles(self.replay.block)
         absent = [name for name in self.replay.needed if name not in theirs]
         if absent or len(set(theirs)) != len(theirs):
             what = f"has no {absent[0]}" if absent else "names a variable twice"
@@ -235,7 +235,6 @@ class NodeComparison:
         layout = "" if changed else about.get("keyframe_layout", "")
         self.keyframes = KeyframeCheck(self.replay, self.verdict, layout)
         self.recorded.every = self.keyframes.every
-        self.recorded.most = kept_cycles(self.replay.block)
         if about.get("keyframe_passes") and not (self.keyframes.every or changed):
             self.verdict.from_record.append(OTHER_LAYOUT)
         self.notes: list[str] = []  # on keyframes
