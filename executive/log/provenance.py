@@ -14,8 +14,10 @@ from pcpc.executive.rig.file_laws import FILE_LAWS
 
 _PROJECT = Path(__file__).resolve().parents[2]
 RIG_COMMIT = "rig_git"  # the key of `of_rig`
-_OF_LAWS = (ending for law in FILE_LAWS.values() for ending in law.endings)
-_RIGS_OWN = (".yaml", ".yml", ".py", ".dbc", *_OF_LAWS)  # of files that nobody has added yet
+_RIGS_OWN = (  # endings of files that nobody has added yet
+    ".yaml", ".yml", ".py", ".dbc",
+    *(ending for law in FILE_LAWS.values() for ending in law.endings),
+)  # fmt: skip
 _PATIENCE_S = 5.0  # of one answer of git
 _PACKAGES = ("pcpc", "numba", "llvmlite", "numpy", "cantools", "python-can", "mcap")
 

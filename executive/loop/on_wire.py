@@ -62,8 +62,12 @@ def count(n: Loop, state: int, lost: int) -> None:
 
 @loop_function
 def taken_on_purpose(n: Loop) -> bool:
-    """Return whether all input that is missing in this cycle was taken by faults on purpose."""
-    if n.faults.peer_stood != 0 if n.clock.kind == Time.GIVEN else peer_stalled(n):
+    """Return whether all input that is missing in this cycle was taken by faults on purpose.
+
+    In a replay a cycle's tunings come before: whether the other node stood still is noted.
+    """
+    stood = n.faults.peer_stood != 0 if n.clock.kind == Time.GIVEN else peer_stalled(n)
+    if stood:
         return True
     short = n.rx.awaited - n.rx.fresh
     for row in range(n.rx.n):

@@ -11,7 +11,10 @@ MOST_CYCLES = 1000  # between two looks at the rings of nodes in one process
 
 
 def kept_cycles(block: sh.NodeMemory) -> int:
-    """Return how many cycles the rings hold, if each frame comes twice in each; MOST_CYCLES."""
+    """Return how many cycles a node's ring of frames holds, at most MOST_CYCLES.
+
+    Each frame is there twice in each of them: as it came, and as a fault on purpose has made it.
+    """
     frames = max(1, int(block.loop.rx.n + block.loop.tx.n))
     return max(1, min(MOST_CYCLES, int(block.loop.rings.frame_rows) // (2 * frames)))
 

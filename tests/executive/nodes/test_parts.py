@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fd_rig import fd_rig
+from installed import loop_of
 from places import ROOT
 
 from pcpc.executive.errors import RigError
@@ -142,18 +143,6 @@ def test_tunings_of_a_cycle_keep_their_order(rig: Rig) -> None:
     assert [row[:2] for row in made.schedule] == [(1, 2), (1, 1), (2, 9), (3, 1), (3, 0)]
 
 
-def loop_of(role: Role, pacing: str, *settings: str, text: str = "") -> Any:
-    """Return the LOOP record of a node of the probe with more in its rig."""
-    probe = ROOT / "plants/probe/rig.yaml"
-    own = f"base: {probe}\nrig: more\n{text}\n"
-    made = planning.plan(
-        load_rig(probe.with_name("more.yaml"), settings=settings, text=own), role, pacing
-    )
-    loop = np.recarray(1, sh.LOOP, sh.blank())[0]
-    installing.install(made, loop)
-    return loop
-
-
 def test_parts_write_what_the_role_and_the_pacing_are() -> None:
     top, low = loop_of("executive", "real"), loop_of("plant", "lockstep")
     for n, leads in ((top, 1), (low, 0)):
@@ -203,6 +192,16 @@ def test_frames_that_may_be_doubted_are_marked_by_what_doubts_them(
      "faults: 33 faults; one node holds 32"),
     ("losses: {FB_X: {share: 0.1}}", "losses.FB_X: no frame FB_X; did you mean FB?"),
     ("supervisor: {stop_frame: STOP}", "no node receives a frame of GenMsgSendType Event STOP"),
+    ("record: {keep: 0s}", "record.keep: 0s: expected more than 0 and no more than 12 days"),
+    ("record: {keep: 16667min}", "record.keep: 16667min: expected more than 0 and no more"),
+    ("record: {keyframe: 99ms}", "record.keyframe: 99ms: expected 100ms to 12 days, or 0s for"),
+    ("record: {keyframe: 16667min}", "record.keyframe: 16667min: expected 100ms to 12 days"),
+    ("executive: {plausible: {FB.position: {low: 1e9, high: 2e9}}}", "lies within these bounds"),
+    ("executive: {plausible: {FB.position: {low: -2e9, high: -1e9}}}", "lies within these bounds"),
+    ("losses: {HB_PLANT: {share: 0.1}}", "is a heartbeat, for which the start waits; losses"),
+    ("faults: {a: {kind: noise, at: tx.CMD.command, value: -1}}", "-1 is outside 0..inf"),
+    ("faults: {a: {kind: flood, node: plant, value: 201}}", "201 is outside 1..200, which a flood"),
+    ("faults: {a: {kind: masquerade, frame: HB_PLANT}}", "HB_PLANT has no counter and CRC"),
 ])  # fmt: skip
 def test_each_part_refuses_what_it_cannot_hold_or_find(text: str, said: str) -> None:
     with pytest.raises(RigError) as caught:

@@ -1,10 +1,10 @@
 """What parts of a node write by role, pacing and rig: buses, clocks, ramps, sizes of frames."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from installed import PROBE, loop_of
 from places import ROOT
 
 from pcpc.executive.errors import RigError
@@ -14,17 +14,6 @@ from pcpc.executive.nodes import install as installing
 from pcpc.executive.nodes import plan as planning
 from pcpc.executive.rig.reading import load_rig
 from pcpc.executive.rig.roles import Role
-
-PROBE = ROOT / "plants/probe/rig.yaml"
-
-
-def loop_of(role: Role, pacing: str, *settings: str, text: str = "") -> Any:
-    """Return the LOOP record of a node of the probe with more in its rig."""
-    own = f"base: {PROBE}\nrig: more\n{text}\n"
-    rig = load_rig(PROBE.with_name("more.yaml"), settings=settings, text=own)
-    loop = np.recarray(1, sh.LOOP, sh.blank())[0]
-    installing.install(planning.plan(rig, role, pacing), loop)
-    return loop
 
 
 def test_a_local_node_listens_and_sends_on_either_bus_to_the_node_that_is_there() -> None:
@@ -64,24 +53,6 @@ def test_a_quick_stop_has_a_ramp_of_its_own_if_the_rig_says_so() -> None:
     for settings, steps in (((ramp,), (0.01, 0.01)), ((ramp, quick), (0.01, 0.05))):
         guard = loop_of("executive", "real", *settings).guard
         assert (guard.ramp_step, guard.quick_step) == pytest.approx(steps)
-
-
-@pytest.mark.parametrize(("text", "said"), [
-    ("record: {keep: 0s}", "record.keep: 0s: expected more than 0 and no more than 12 days"),
-    ("record: {keep: 16667min}", "record.keep: 16667min: expected more than 0 and no more"),
-    ("record: {keyframe: 99ms}", "record.keyframe: 99ms: expected 100ms to 12 days, or 0s for"),
-    ("record: {keyframe: 16667min}", "record.keyframe: 16667min: expected 100ms to 12 days"),
-    ("executive: {plausible: {FB.position: {low: 1e9, high: 2e9}}}", "lies within these bounds"),
-    ("executive: {plausible: {FB.position: {low: -2e9, high: -1e9}}}", "lies within these bounds"),
-    ("losses: {HB_PLANT: {share: 0.1}}", "is a heartbeat, for which the start waits; losses"),
-    ("faults: {a: {kind: noise, at: tx.CMD.command, value: -1}}", "-1 is outside 0..inf"),
-    ("faults: {a: {kind: flood, node: plant, value: 201}}", "201 is outside 1..200, which a flood"),
-    ("faults: {a: {kind: masquerade, frame: HB_PLANT}}", "HB_PLANT has no counter and CRC"),
-])  # fmt: skip
-def test_what_makes_no_sense_is_refused_at_its_place(text: str, said: str) -> None:
-    with pytest.raises(RigError) as caught:
-        loop_of("executive", "real", text=text)
-    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("text", [

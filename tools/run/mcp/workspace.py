@@ -130,7 +130,7 @@ def _check_python(path: Path, allowed: Sequence[str]) -> None:
     imports = [one for one in ast.walk(tree) if isinstance(one, ast.Import | ast.ImportFrom)]
     others = {(one.asname or one.name).partition(".")[0] for node in imports for one in node.names}
     for node in ast.walk(tree):
-        if _changed(node) in others:
+        if _owner_name(node) in others:
             raise Refused("imports", f"{path.name} changes {ast.unparse(node)}")
         modules = [one.name for one in node.names] if isinstance(node, ast.Import) else []
         modules += [node.module or "."] if isinstance(node, ast.ImportFrom) else []
@@ -142,8 +142,8 @@ def _check_python(path: Path, allowed: Sequence[str]) -> None:
                 raise Refused("imports", f"{path.name} uses {word}")
 
 
-def _changed(node: ast.AST) -> str:
-    """Return the name whose attribute or item is bound here; "" for none."""
+def _owner_name(node: ast.AST) -> str:
+    """Return the name of the object that a node sets or deletes something of; "" for none."""
     if isinstance(getattr(node, "ctx", None), ast.Load) or isinstance(node, ast.Name):
         return ""
     while isinstance(node, ast.Attribute | ast.Subscript):

@@ -89,10 +89,11 @@ class Campaign:
         drawn = {one.name: one.text for one in self.variations if not one.relative}
         for text in self.settings:
             name = text.partition("=")[0].strip()
-            what = "each run has a seed of its own; --seed gives the campaign's"
             if name in drawn:
                 what = f"--vary {name}={drawn[name]} replaces it in every run; leave one out"
-            if name in drawn or name == "seed":
+                raise RigError(f"--set {text}: {what}")
+            if name == "seed":
+                what = "each run has a seed of its own; --seed gives the campaign's"
                 raise RigError(f"--set {text}: {what}")
 
     def check_requirement(self, name: str) -> None:

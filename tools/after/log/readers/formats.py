@@ -29,7 +29,7 @@ class _Format(NamedTuple):
 
 
 _CANDUMP = (  # comments first; then a line of its log, or of its screen
-    rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*\s*(?:\([^()\n]*\)\s+)?\S+\s+"
+    rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*+\s*(?:\([^()\n]*\)\s+)?\S+\s+"
     rb"(?:[0-9A-Fa-f]{3,8}#|(?:[RT]X [B-] [E-]\s+)?[0-9A-Fa-f]{3,8}\s+\[[0-9]+\]\s)"
 )
 _FORMATS = {  # by suffix
