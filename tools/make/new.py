@@ -138,9 +138,11 @@ def write(
         raise UserError(f"{what}: pcpc generate c {folder} --device makes one of the law")
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
-        cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or template.rig
+        cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64]
+        cure = cure if cure.strip(".") else template.rig
         what = f"'{name}' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'"
         what += ", which is not its first" if name.startswith("-") else ""
+        what += ", at most 64 of them" if len(name) > 64 else ""
         raise RigError(f"{folder}: {what}; try {cure}")
     texts = _texts(template, device, drive)
     is_new, written = not folder.exists(), []

@@ -32,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcpc.tools.study.arrays import Flags, Vector
+from pcpc.tools.study.binomial import clopper_pearson
 
 Margins = Callable[[Vector], Vector]
 MOST_GENERATIONS = 12  # p0 = 0.1: down to 1e-12
@@ -53,11 +54,16 @@ class Rare:
     failing: Vector
     resolved: float
 
-    def interval(self, z: float = 1.96) -> tuple[float, float]:
-        """Return the interval of p at +-`z` deviations of ln p; (0, resolved) without failure."""
+    def interval(self) -> tuple[float, float]:
+        """Return the interval of p at 95 %; (0, resolved) without failure.
+
+        One generation is drawn plainly: its failures are counted. Of more, ln p is normal.
+        """
         if self.p == 0.0:
             return 0.0, self.resolved
-        factor = math.exp(z * math.sqrt(math.log1p(self.cov**2)))
+        if len(self.levels) == 1:
+            return clopper_pearson(round(self.p * self.runs), self.runs, 0.95)
+        factor = math.exp(1.96 * math.sqrt(math.log1p(self.cov**2)))
         return self.p / factor, min(self.p * factor, 1.0)
 
 

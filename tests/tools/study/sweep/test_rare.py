@@ -51,6 +51,18 @@ def test_a_likely_failure_is_counted_plainly() -> None:
     assert found.cov == pytest.approx(math.sqrt((1 - found.p) / (found.p * 1000)))
 
 
+@pytest.mark.parametrize("beta", [-2.0, -1.0, 0.0])
+def test_few_likely_failures_are_covered_too(beta: float) -> None:
+    found = [subset(linear(beta, 2), 2, 20, seed).interval() for seed in range(400)]
+    covered = np.mean([low <= float(ndtr(-beta)) <= high for low, high in found])
+    assert covered >= 0.95 - 2.0 * math.sqrt(0.05 * 0.95 / 400), covered
+
+
+def test_failures_of_all_runs_are_no_certainty() -> None:
+    low, high = subset(linear(-99.0, 2), 2, 50).interval()
+    assert low == pytest.approx(0.025 ** (1 / 50)) and high == 1.0
+
+
 def test_failing_points_fail_and_levels_fall_to_zero() -> None:
     margins = linear(4.5, 5)
     found = subset(margins, 5, 500, 3)
