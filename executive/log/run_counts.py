@@ -18,7 +18,7 @@ from pcpc.executive.log.long_logs import ColumnFile, sidecar
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame, OfRecord
 
 DRIVEN = "drive.command"  # a variable of drives alone
-_ID_DIRECTION_E2E = ~(0xFF << 32)  # of the word of a frame's row, without its length
+_ID_DIRECTION_E2E = 0xFFFF00FFFFFFFF  # of the word of a frame's row: no length, no flags
 
 
 class Absences:

@@ -27,10 +27,11 @@ from rings import (
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.log.run_counts import RunCounts
 from pcpc.executive.log.schemas import field_names
 from pcpc.executive.loop import shared
 from pcpc.executive.loop.events import Event
-from pcpc.executive.loop.ring_layout import RECORD_HEAD
+from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfFrame
 
 
 def test_state_payload_is_the_ring_row_byte_for_byte(
@@ -45,6 +46,15 @@ def test_state_payload_is_the_ring_row_byte_for_byte(
         written = logs.payloads(tmp_path / "log.mcap", topic)
         assert written == [row.tobytes() for row in expected], f"{topic}: {len(written)} payloads"
         assert written[0][:4] == b"\0\1\0\0", f"{topic}: CDR header {written[0][:4]!r}"
+
+
+def test_frames_of_an_id_are_counted_whatever_their_flags_and_length() -> None:
+    """A sender that is error-passive sets a flag of CAN FD."""
+    counts, rows = RunCounts({"node": "plant", "variables": []}), np.zeros((6, 5), np.int64)
+    for row, flags in zip(rows, (0, 4, 5, 7, 6, 7), strict=True):
+        row[OfFrame.ABOUT] = 0x121 | (8 + flags) << 32 | (flags & 1) << 40 | flags << 56
+    counts.add("frame", rows)
+    assert counts.frame_counts() == {"plant.sent.121": 3, "plant.received.121.0": 3}
 
 
 def test_ros2_decoder_reads_every_field_of_every_message(
