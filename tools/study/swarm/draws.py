@@ -356,7 +356,8 @@ def _moments(d: Drawing, world: World) -> World:
     begin, most = _moment(d, world, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
     found = {"from": _ms(world, begin), "for": _ms(world, d.random.randint(1, most))}
     if d.has(0.15, "fault again"):
-        found["every"] = _ms(world, d.random.randint(most + 2, 200 + most))
+        seldom = cycles // 200  # of some faults: a node's schedule holds 1,024 beginnings and ends
+        found["every"] = _ms(world, seldom + d.random.randint(most + 2, 200 + most))
     return found
 
 
