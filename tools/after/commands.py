@@ -24,10 +24,14 @@ class ReplayRequest(Request):
         "node to recompute; device: its frames, by the rig's law; default: all",
         {"choices": (*ROLES, "device", "all")},
     ] = "all"
-    since: Annotated[float | None, "--from", "S", "first time that is compared, s of the run"] = (
-        None
-    )
-    until: Annotated[float | None, "--to", "S", "last time that is compared, s"] = None
+    since: Annotated[
+        float | None,
+        take.time,
+        "--from",
+        "TIME",
+        "first time of the run that is compared: 1.5, 500ms",
+    ] = None
+    until: Annotated[float | None, take.time, "--to", "TIME", "last time that is compared"] = None
     show: Annotated[
         Sequence[str], "NAME", "print this variable as CSV, a row a cycle; * is any text"
     ] = ()

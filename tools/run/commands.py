@@ -68,8 +68,12 @@ class PlayRequest(Request):
     loop: Annotated[
         int | None, "N", "play N times; without N for ever", {"nargs": "?", "const": 0}
     ] = None
-    start_s: Annotated[float, "--start", "S", "start S seconds after the log's first frame"] = 0.0
-    duration_s: Annotated[float | None, "--duration", "S", "play S seconds"] = None
+    start_s: Annotated[
+        float, take.time, "--start", "TIME", "start 1.5 or 500ms after the log's first frame"
+    ] = 0.0
+    duration_s: Annotated[
+        float | None, take.time, "--duration", "TIME", "play as long, as 2 or 500ms"
+    ] = None
     step: Annotated[
         Literal["frame", "cycle"] | None,
         "send one frame, or one cycle, at each Enter",

@@ -1,6 +1,7 @@
 """What several commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
+import math
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
@@ -10,6 +11,7 @@ from pcpc.tools.terminal.option_notes import need_value
 from pcpc.tools.terminal.request import Request
 
 MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
+_LONGEST_S = 1e9  # 30 years: in ns behind any wall time it is an int64
 BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
@@ -85,6 +87,25 @@ def duration(text: str) -> float:
         return duration_s(text, unit="")
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def time(text: str) -> float:
+    """Return the s of a time of a run: 0, 1.5, 500ms. ArgumentTypeError: not a time."""
+    try:
+        found = float(text)
+    except ValueError:
+        found = _written_s(text)
+    if not abs(found) <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text}: not a time; expected like 0, 1.5, 500ms")
+    return found
+
+
+def _written_s(text: str) -> float:
+    """Return the s of a duration with a unit; NaN of what is none."""
+    try:
+        return float(duration_ns(text, zero=True) / 10**9)
+    except ValueError:
+        return math.nan
 
 
 def seconds(option: str, zero: bool = False) -> Callable[[str], float]:

@@ -14,7 +14,9 @@ class BranchRequest(Request):
 
     log: take.Log
     cycle: Annotated[int | None, "N", "first cycle that is different, of the executive"] = None
-    time: Annotated[float | None, "S", "the same as a time of the run, s"] = None
+    time: Annotated[
+        float | None, take.time, "TIME", "the same as a time of the run: 1.5, 500ms"
+    ] = None
     set: Annotated[
         Sequence[str],
         "NAME=VALUE",

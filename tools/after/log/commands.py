@@ -15,8 +15,10 @@ _Log = Annotated[Path, "LOG", "log file, run folder or latest"]
 class Window(Request):
     """A part of a log, in time."""
 
-    start: Annotated[str | None, "TIME", "from this time on: 1.5 or 500ms after the start"] = None
-    end: Annotated[str | None, "TIME", "up to this time"] = None
+    start_s: Annotated[
+        float | None, take.time, "--start", "TIME", "from 1.5 or 500ms after the start on"
+    ] = None
+    end_s: Annotated[float | None, take.time, "--end", "TIME", "up to this time"] = None
 
 
 class InfoRequest(Request):

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.names import why_unrecorded
@@ -120,29 +119,13 @@ def _bare(name: str) -> str:
     return next((name.removeprefix(p) for p in _PREFIXES if name.startswith(p)), name)
 
 
-_LONGEST_S = 1e9  # 30 years: in ns behind any wall time it is an int64
-
-
-def seconds(text: str | None, otherwise: float, option: str) -> float:
-    """Return the seconds of `0`, `1.5`, `500ms`; LogCommandError names the option."""
-    if text is None:
-        return otherwise
-    try:
-        value = float(text)
-    except ValueError:
-        try:
-            value = duration_s(text)
-        except ValueError as error:
-            raise LogCommandError(f"{option} {error}") from None
-    if not abs(value) <= _LONGEST_S:
-        raise LogCommandError(f"{option} {text}: not a time; expected like 0, 1.5, 500ms")
-    return value
-
-
 def window_s(window: Window) -> tuple[float, float]:
     """Return the times of --start and --end, those of EVER_S where they are not given."""
     begin_s, end_s = EVER_S
-    return seconds(window.start, begin_s, "--start"), seconds(window.end, end_s, "--end")
+    return (
+        begin_s if window.start_s is None else window.start_s,
+        end_s if window.end_s is None else window.end_s,
+    )
 
 
 def label(unit: str) -> str:

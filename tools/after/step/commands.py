@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.request import Request
 from pcpc.tools.terminal.rooms import Room
@@ -15,7 +16,9 @@ class OneCycle(Request):
         "N",
         "show this cycle only, stage by stage, hidden states included",
     ] = None
-    time: Annotated[float | None, "S", "the same as a time of the run, s"] = None
+    time: Annotated[
+        float | None, take.time, "TIME", "the same as a time of the run: 1.5, 500ms"
+    ] = None
 
 
 BESIDE_REPLAY = OneCycle

@@ -24,7 +24,7 @@ class Question(Request):
     ] = None
     at_s: Annotated[
         float,
-        take.duration,
+        take.time,
         "--at",
         "TIME",
         "hold the reference of this time of the run; default: 0 s",
