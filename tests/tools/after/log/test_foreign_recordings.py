@@ -234,7 +234,9 @@ _GOOD = "100#1122"
         (".trc", f"{_TRC}1 0.000 DT 1 0100 Rx - 2 11 22", _GOOD),
         (".trc", f"{_TRC}1 0.000 DT 1 0100 Rx - 9 11 22 33 44 55 66 77 88", "100#1122334455667788"),
         (".trc", f"{_TRC}1 0.000 FE 1 0100 Rx - 9 11 22 33 44 55 66 77 88 99 AA BB CC",
-         "100##3112233445566778899AABBCC"),
+         "100##2112233445566778899AABBCC"),
+        (".trc", f"{_TRC}1 0.000 FB 1 0100 Rx - 1 11", "100##111"),
+        (".trc", f"{_TRC}1 0.000 BI 1 0100 Rx - 1 11", "100##311"),
         (".trc", f"{_TRC}1 0.000 RR 1 0100 Rx - 2", "remote"),
         (".trc", f"{_TRC}1 0.000 ER 1 - Rx - 5 04 00 02 00 00", "error"),
         (".trc", f"{_TRC}1 0.000 ST 1 - Rx - 4 00 00 00 08", "event"),
@@ -301,6 +303,7 @@ _OTHER_TRC = {  # by what stands in a file of that version
         ("a.mf4", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         ("a.csv", b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1\n1,2,false,Rx,0,1,3\n", "SavvyCAN's CSV"),
         ("a.csv", b"time;id;data\n1;2;3\n", "not python-can's CSV"),
+        ("a.csv", b"No,Offset,Type,ID,Rx/Tx,Length,Data\n1,0,DT,1,Rx,0,\n", "not python-can's CSV"),
         ("a.blf", b"PK\x03\x04 and so on", "an archive; unpack it first"),
         (
             "a.log",

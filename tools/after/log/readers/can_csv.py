@@ -40,7 +40,8 @@ class _Csv:
         first, self._is_first = self._is_first, False
         if first and words[0] == "timestamp" and len(words) == _COLUMNS:
             return None
-        if first and len(words) != _COLUMNS:
+        is_head = words[0][:1].isalpha() and not _SWITCHES.keys() & words[2:5]
+        if first and (len(words) != _COLUMNS or is_head):
             raise NotReadError("not python-can's CSV; give a candump log, BLF, ASC, TRC or MDF 4")
         if len(words) != _COLUMNS:
             what = f"{len(words)} columns, expected {_COLUMNS}"

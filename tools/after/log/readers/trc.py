@@ -34,8 +34,8 @@ _CLASSIC = ("RX", "TX", "DT")
 _FLAGS = {
     "FD": Flag.FD,
     "FB": Flag.FD | Flag.BRS,
-    "FE": Flag.FD | Flag.BRS | Flag.ESI,
-    "BI": Flag.FD | Flag.ESI,
+    "FE": Flag.FD | Flag.ESI,
+    "BI": Flag.FD | Flag.BRS | Flag.ESI,
 }
 _KINDS = {"ERROR": "error", "ER": "error", "RR": "remote", "RTR": "remote"}
 _EVENTS = ("WARNG", "ST", "EC", "EV")
