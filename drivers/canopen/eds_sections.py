@@ -83,7 +83,11 @@ def _text(data: bytes) -> str:
 
 
 def variables(file: Sections) -> Iterator[EdsVariable]:
-    """Yield each variable, and what is odd into `found.odd`."""
+    """Yield each variable, and what is odd into `found.odd`.
+
+    Of a compact array those that have no section of their own.
+    """
+    given, compact = set[str](), list[EdsVariable]()
     for name, keys in file.of.items():
         if match := _VALUES.fullmatch(name):
             array = file.of.get(match[1], {})
@@ -98,13 +102,16 @@ def variables(file: Sections) -> Iterator[EdsVariable]:
                 file.odd.append(f"{match[1]} ({error})")
                 continue
             if match[2] is None and count > 0:
-                yield from _compact(file, index, keys, count)
+                compact += _compact(file, index, keys, count)
             elif match[2] or not is_record:
-                yield EdsVariable(index, subindex, keys)
+                one = EdsVariable(index, subindex, keys)
+                given.add(one.key)
+                yield one
         elif "datatype" in keys:
             file.odd.append(
                 f"[{printable(name[:40])}] (no index of an object, as 2001 or 2001sub1)"
             )
+    yield from (one for one in compact if one.key not in given)
 
 
 def _compact(file: Sections, index: int, keys: dict[str, str], count: int) -> Iterator[EdsVariable]:

@@ -204,6 +204,8 @@ def content_of(folder: Path, text: str | bytes) -> eds_file.EdsContent:
         ("[2040]\nDataType=6\nDataType=7", "line 7 (DataType again)"),
         ("[3000]\nDataType=6", "line 5 ([3000] again)"),
         ("[2040]\nDataType=6\nnothing", "line 7 (no key=value)"),
+        ("[3000sub0]\nDataType=6\nDefaultValue=1", "3000 (again)"),
+        ("[1017]\nDataType=6\n[1017sub0]\nDataType=6\nDefaultValue=9", "1017 (again)"),
     ],
 )  # fmt: skip
 def test_one_odd_entry_is_left_out_and_listed(entry: str, said: str, tmp_path: Path) -> None:
@@ -236,6 +238,8 @@ def test_one_odd_entry_is_left_out_and_listed(entry: str, said: str, tmp_path: P
          0xFFFE),
         ("[2000]\nDataType=3\nDefaultValue=0x8000", 0x2000, 0, 0x8000),
         ("[2000]\nDataType=6\nDefaultValue=1\nParameterValue=2", 0x2000, 0, 2),
+        ("[2020]\nObjectType=8\nDataType=6\nDefaultValue=7\nCompactSubObj=2\n"
+         "[2020sub2]\nDataType=6\nDefaultValue=9", 0x2020, 2, 9),
         *(("[2020]\nObjectType=8\nDataType=6\nDefaultValue=7\nCompactSubObj=3\n"
            "[2020Value]\nNrOfEntries=2\n1=100\n3=300", 0x2020, i, value)
           for i, value in enumerate((3, 100, 7, 300))),
