@@ -12,7 +12,7 @@ they to N - 2, from N = 3 on; before that the run begins anew. Of a paced log th
 whose frames the executive took in N - 2. Its nodes go on with deadlines, at which no time passes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -301,14 +301,7 @@ def _origin(head: logs.Log, role: str, lasts: Mapping[str, int]) -> dict[str, st
 
 def _meeting_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[str, int]:
     """Return by node below the cycle whose frames the node above took, the executive's `cycle`."""
-    frames: dict[str, NDArray[Any]] = {}
-    for piece, _ in logs.pieces(head.path):
-        for role in (role for role in roles if role in piece.node):
-            new = piece.node[role].frames
-            kept = frames.get(role, new[:0])[-_FRAMES_KEPT:]
-            frames[role] = np.concatenate((kept, new))
-        if (frames[roles[0]]["cycle"][-1:] > cycle + 2).any():
-            break
+    frames = frames_until((piece for piece, _ in logs.pieces(head.path)), roles, cycle)
     cycle_by_role: dict[str, int] = {}
     chain = pairwise(roles) if "local" in roles else ((roles[0], role) for role in roles[1:])
     for above, role in chain:
@@ -326,6 +319,21 @@ def _meeting_cycles(head: logs.Log, roles: Sequence[str], cycle: int) -> dict[st
             raise UserError(f"{head.path}: {what}; choose another --cycle")
         cycle_by_role[role] = max(known, default=above_cycle)
     return cycle_by_role
+
+
+def frames_until(
+    pieces: Iterable[logs.Log], roles: Sequence[str], cycle: int
+) -> dict[str, NDArray[Any]]:
+    """Return by node the frames before and in the executive's `cycle`, and some behind."""
+    frames: dict[str, NDArray[Any]] = {}
+    for piece in pieces:
+        for role in (role for role in roles if role in piece.node):
+            new = piece.node[role].frames
+            kept = frames.get(role, new[:0])[-_FRAMES_KEPT:]
+            frames[role] = np.concatenate((kept, new))
+        if (frames[roles[0]]["cycle"][-1:] > cycle + 2).any():
+            break
+    return frames
 
 
 def sender_cycle(frame: Any, sent: NDArray[Any], near: int | None) -> int:

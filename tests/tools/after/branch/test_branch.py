@@ -7,6 +7,7 @@ the loop with the branch, but neither the recomputation nor the cycle at which i
 import json
 import random
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from processes import RIGS, ROOT, pcpc
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.branch.branching import sender_cycle
+from pcpc.tools.after.branch.branching import frames_until, sender_cycle
 
 ALL_RIGS = sorted(ROOT.glob("plants/*/rigs/*.yaml"))
 FAULTS = {
@@ -176,6 +177,23 @@ def test_the_sender_of_a_frame_that_repeats_is_the_last_one_before_it() -> None:
     assert [sender_cycle(frame, sent, near) for near in (6, 19, 27, 40)] == [4, 20, 20, 36]
     frame["data"][1] = 1
     assert sender_cycle(frame, sent, None) == -1
+
+
+@pytest.mark.parametrize("last", [98, 99, 100, 101])
+def test_frames_of_a_cycle_are_found_wherever_a_piece_of_the_log_ends(
+    last: int, hull: Path
+) -> None:
+    whole, parts = logs.read(hull), []
+    for first, past in ((0, last + 1), (last + 1, 1000)):
+        nodes = dict(whole.node)
+        for role, node in nodes.items():
+            cycle = node.frames["cycle"]
+            nodes[role] = replace(node, frames=node.frames[(first <= cycle) & (cycle < past)])
+        parts.append(replace(whole, node=nodes))
+    found = frames_until(parts, [*whole.node], 100)
+    for role, node in whole.node.items():
+        both = [rows[abs(rows["cycle"] - 100) < 2] for rows in (found[role], node.frames)]
+        assert len(both[1]) and both[0].tobytes() == both[1].tobytes(), role
 
 
 def test_a_parameter_of_the_plant_changes_in_its_own_cycle(hull: Path, tmp_path: Path) -> None:
