@@ -174,6 +174,16 @@ def test_a_slow_clock_source_is_a_warning_with_the_better_one() -> None:
     assert doctor_machine.clock_row("tsc", "tsc hpet").state == "ok"
 
 
+@pytest.mark.parametrize(("stat", "found"), [
+    ("cpu  600 200 100 9000 50 0 20 100 0 0\ncpu0 1 1 1 1 1 1 1 1\n",
+     "kvm; its host took 10 % of the time that programs wanted (steal)"),
+    ("cpu  600 200 100 9000 50 0 20 0 0 0\n", "kvm"), ("", "kvm"),
+])  # fmt: skip
+def test_what_a_host_has_taken_is_told(stat: str, found: str) -> None:
+    assert doctor_machine.hypervisor_row("kvm", stat).found == found
+    assert doctor_machine.hypervisor_row("", stat).found == "none"
+
+
 def test_the_doctor_needs_no_numba() -> None:
     code = "import sys; import pcpc.tools.machine.doctor.bus; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

@@ -76,7 +76,7 @@ def machine_rows(project: Path) -> Iterator[MachineFact]:
     yield _isolation_row()
     yield governor(CPUS)
     yield clock_row(*(text(_CLOCKS / f"{which}_clocksource") for which in ("current", "available")))
-    yield _hypervisor()
+    yield hypervisor_row(_hypervisor(), text(Path("/proc/stat")))
 
 
 def text(path: Path) -> str:
@@ -178,15 +178,23 @@ def clock_row(current: str, available: str) -> MachineFact:
     )
 
 
-def _hypervisor() -> MachineFact:
+def _hypervisor() -> str:
+    """Return the kind of hypervisor, "" for none."""
     kind = ""
     if program := shutil.which("systemd-detect-virt"):
         done = subprocess.run([program, "--vm"], capture_output=True, text=True)
         kind = "" if done.stdout.strip() == "none" else done.stdout.strip()
     cpu_flags = text(Path("/proc/cpuinfo")).split()
-    if not kind and "hypervisor" in cpu_flags:
-        kind = "unknown kind"
+    return kind or ("unknown kind" if "hypervisor" in cpu_flags else "")
+
+
+def hypervisor_row(kind: str, stat: str) -> MachineFact:
+    """Return the row for a kind of hypervisor and the text of /proc/stat."""
     if not kind:
         return MachineFact("hypervisor", "ok", "none")
+    user, nice, system, *_, stolen = [int(word) for word in stat.split()[1:9]] or 4 * [0]
+    if stolen:
+        percent = 100.0 * stolen / (user + nice + system + stolen)
+        kind += f"; its host took {percent:.2g} % of the time that programs wanted (steal)"
     cost = "its host can take a CPU away for milliseconds, whatever is set here"
     return MachineFact("hypervisor", "warn", kind, cost, "# run on a machine without a hypervisor")
