@@ -91,19 +91,21 @@ def write(
         raise LogCommandError(
             f"-o {output}: neither a page nor Markdown; expected FILE.html, FILE.md, or -"
         )
-    need("a report needs", FIGURE)
+    is_page = output.suffix.lower() in FORMS[:2]
+    if is_page:
+        need("a report needs", FIGURE)
     from pcpc.tools.after.report.record import gather  # time
 
     with opened(path, trust) as run:
         record = gather(run, progress, summary)
+        record.is_drawn = is_page
         report = report_of(record)
         title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
     if str(output) == "-":
         progress.close()
         show(terminal(report), 0)
     else:
-        paper = output.suffix.lower() == ".md"
-        write_text(output, markdown(report, level=1) if paper else _page(title, report))
+        write_text(output, _page(title, report) if is_page else markdown(report, level=1))
     return [*record.log.missing, *record.tally.left_out()]
 
 

@@ -42,7 +42,7 @@ def timing(record: ReportedRun) -> list[Part]:
     summary = record.summary
     if record.facts.get("pacing") in WITHOUT_CLOCK:
         return ["No clock ran: nothing could be late."]
-    page = figures.lateness(record)
+    page = figures.lateness(record) if record.is_drawn else None
     drawn = page and Picture(png_of(page), "histogram of lateness and work")
     if summary is None or not summary.timing_us:
         return [drawn]

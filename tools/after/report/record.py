@@ -48,7 +48,7 @@ class ReportedRun:
     `unjudged`: why nobody judges it here, or by another evaluation; then `summary` may be None,
     where nothing can be said of what it came to. `at_end`: the verdict is the run's own; `doubt`:
     why the summary beside it is not of it.
-    `groups`: the variables to draw, where the evaluation draws none.
+    `groups`: the variables to draw, where the evaluation draws none. `is_drawn`: pictures are wanted.
     """
 
     log: logs.Log
@@ -60,6 +60,7 @@ class ReportedRun:
     at_end: bool = False
     doubt: str = ""
     groups: list[list[str]] = field(default_factory=list)
+    is_drawn: bool = True
 
     @property
     def path(self) -> Path:

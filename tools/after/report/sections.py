@@ -100,6 +100,8 @@ def metrics(record: ReportedRun) -> Table | None:
 
 def figure(record: ReportedRun, folder: Path) -> Part:
     """Return the evaluation's figure; where it draws none the run's own, or variables over time."""
+    if not record.is_drawn:
+        return None
     judge, summary, place = record.judge, record.summary, folder / "figure.png"
     if judge is not None and not record.groups:
         told = (summary.requirements, summary.changed) if summary else ()
@@ -120,7 +122,7 @@ def figure(record: ReportedRun, folder: Path) -> Part:
 
 def course(record: ReportedRun) -> list[Part]:
     """Return states, faults, tunings and alarms over time."""
-    drawn = figures.course(record)
+    drawn = figures.course(record) if record.is_drawn else None
     nodes = record.log.node.values()
     most = max((len(one) for node in nodes for one in (node.events, node.tunings)), default=0)
     cut = isinstance(record.log, LongLog) and most >= MOST_ENTRIES
