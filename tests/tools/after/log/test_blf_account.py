@@ -72,6 +72,12 @@ def test_a_recording_that_ends_early_gives_the_same_under_each_name(
     assert not found.account.is_whole
 
 
+def test_each_damaged_object_of_a_container_counts(tmp_path: Path) -> None:
+    parts = [blf_container(classic(0x33) + classic(8) + classic(2, number=0x900))]
+    found = recorded(tmp_path, blf_file(parts, 3))
+    assert found.account.damaged == 2 and len(found.frames) == 1, found.account
+
+
 def _flipped(part: bytes, at: int) -> bytes:
     changed = bytearray(part)
     changed[at] ^= 0xFF
@@ -106,7 +112,7 @@ def test_a_damaged_part_is_told_with_its_place_and_the_others_are_read(
     found = recorded(tmp_path, blf_file([PARTS[0], middle, PARTS[2]], 0))
     place = 144 + len(PARTS[0])
     told = [line for line in found.account.damage if said in line]
-    assert told and place - 3 <= int(told[0].split()[1].rstrip(":")) <= place, found.account
+    assert told and place - 3 <= int(told[0].split()[1].rstrip(":,")) <= place, found.account
     data = [row["data"][: row["dlc"]].tobytes() for row in found.frames]
     sent = [frame.data for frame in FRAMES]
     assert data[:10] == sent[:10] and data[-10:] == sent[20:], found.account

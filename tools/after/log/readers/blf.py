@@ -174,7 +174,7 @@ class _Blf:
             time_ns = self._start_ns + time * (10_000 if flags == _TEN_US else 1)
             yield _of_kind(time_ns, kind, body[head.size :], _HEAD.size + head.size)
         except (ValueError, struct.error) as error:
-            self._account.lose(f"byte {place}", error)
+            self._account.lose(f"byte {place}, object {self._objects}", error)
 
 
 def _of_kind(time_ns: int, kind: int, body: bytes, begin: int) -> RecordedFrame:
