@@ -48,7 +48,7 @@ class ReportedRun:
     `unjudged`: why nobody judges it here, or by another evaluation; then `summary` may be None,
     where nothing can be said of what it came to. `at_end`: the verdict is the run's own; `doubt`:
     why the summary beside it is not of it.
-    `groups`: the variables to draw, where the evaluation draws none. `is_drawn`: pictures are wanted.
+    `groups`: the variables to draw, where the evaluation draws none. `is_drawn`: with pictures.
     """
 
     log: logs.Log
