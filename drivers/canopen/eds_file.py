@@ -62,11 +62,13 @@ def read(path: Path, dictionary: Sequence[Object], node: int) -> EdsContent:
     if not entries:
         raise ValueError(f"has no object{', ' + file.odd[0] if file.odd else ''}; {_WANTED}")
     rows = {(one.index, one.subindex): i for i, one in enumerate(dictionary)}
-    for i, entry in enumerate(entries):
+    taken = set[str]()
+    for entry in entries:
         try:
-            if i and entry.key == entries[i - 1].key:
+            if entry.key in taken:
                 raise ValueError("again")
             _take(content, entry, rows.get((entry.index, entry.subindex)), node)
+            taken.add(entry.key)
         except ValueError as error:
             content.left_out.append(f"{entry.key} ({error})")
     content.left_out += file.odd

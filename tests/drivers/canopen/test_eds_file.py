@@ -367,6 +367,12 @@ def test_kinds_that_are_no_whole_numbers_are_named() -> None:
     assert {kind.name for kind in ObjectType} - {kind.name for kind in objects.BITS} == {"TEXT"}
 
 
+def test_a_head_without_a_type_hides_no_object(tmp_path: Path) -> None:
+    found = content_of(tmp_path, "[2040]\nSubNumber=1\n[2040sub0]\nDataType=5\nDefaultValue=1")
+    assert found.left_out == ["2040 (no DataType)"]
+    assert {one.key: one.start for one in found.every}["2040"] == 1
+
+
 @pytest.mark.parametrize(("count", "listed"), [(254, []), (256, ["2020.255 to 256"])])
 def test_an_array_has_at_most_254_values(count: int, listed: list[str], tmp_path: Path) -> None:
     text = f"[2020]\nObjectType=8\nDataType=5\nCompactSubObj={count}\n"
