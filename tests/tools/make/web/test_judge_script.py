@@ -14,6 +14,7 @@ from judging_node import judged_in_node, node_json, page_columns
 
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig import schema
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.evaluation import Evaluation, Judged, Mean, Peak, Rms, Run, Vector
@@ -180,9 +181,12 @@ def test_a_run_that_was_cut_off_leaves_limits_and_obligations_open(tmp_path: Pat
     assert {one["met"] for one in page["metrics"] if "limit" in one} == {None}
 
 
-@pytest.mark.parametrize("at", [0, 40, 99])
+@pytest.mark.parametrize(("at", "end_s", "failed"), [
+    (0, 0.1, ["mean", "peak"]), (40, 0.1, ["mean", "peak"]), (99, 0.1, ["mean", "peak"]),
+    (59, 0.06, ["mean", "peak"]), (60, 0.06, ["mean"]),
+])  # fmt: skip
 def test_a_value_that_is_none_fails_what_ignores_it_in_the_order_of_the_limits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int, end_s: float, failed: list[str]
 ) -> None:
     x = np.ones(100)
     x[at] = math.nan
@@ -191,10 +195,12 @@ def test_a_value_that_is_none_fails_what_ignores_it_in_the_order_of_the_limits(
     rig, log = required(monkeypatch, {"x": x, "y": np.ones(100), "z": np.ones(100)}, evaluation)
     limits = {"mean": [2.0, 3.0], "peak": [0.0, 2.0]}
     rig = rig.changed(expect={rig.config.controller: limits}, require=[])
+    window = schema.Evaluation(file="", window_s=(0.0, end_s))
+    monkeypatch.setattr(Judge, "given", window)
     native = Judge.of(rig).judge(log, [])
     page = answer(tmp_path, rig, log, 100)
     assert failed_lines(native) == page["failed"]
-    assert [line.split()[0] for line in page["failed"]] == ["mean", "peak"]
+    assert [line.split()[0] for line in page["failed"]] == failed
 
 
 def test_what_cannot_be_written_down_is_named_and_the_rest_is_judged(
