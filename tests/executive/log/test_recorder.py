@@ -218,6 +218,24 @@ def test_chunks_stay_within_1_mib_and_the_index_agrees_with_mcaps_own(
         assert logs.digest(path, topic) == logs.digest(plain, topic), topic
 
 
+def test_a_chunk_is_half_a_second_old_when_it_ends(
+    block: shared.NodeMemory, tmp_path: Path
+) -> None:
+    now_ns = 0
+    log = Recorder(tmp_path / "log.mcap", [block], clock=lambda: now_ns)
+    for cycle in range(2000):
+        put_cycle(block, cycle)
+        now_ns += PERIOD_NS
+        if cycle % 20 == 19:
+            log.drain()
+    log.finish()
+    with (tmp_path / "log.mcap").open("rb") as file:
+        found = make_reader(file).get_summary()
+    assert found is not None
+    ends_s = sorted(round(1e-9 * one.message_end_time, 2) for one in found.chunk_indexes)
+    assert np.diff(ends_s[-4:]) == pytest.approx([0.5] * 3, abs=0.03), ends_s
+
+
 def indexed_times(path: Path) -> dict[int, list[int]]:
     """Return log times by channel as the message indexes have them, checked at their offsets."""
     times: dict[int, list[int]] = {}
