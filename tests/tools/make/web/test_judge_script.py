@@ -27,6 +27,7 @@ from pcpc.tools.start.rigs import find
 RELATIVE = 1e-9
 ALL_KINDS: tuple[dict[str, str], ...] = (
     {"always": "x < 2"},
+    {"always": "0.1 * x + 0.1 <= 0.3"},
     {"always": "x < 1.5 or y > 0 and not abs(y) < 0.3", "after": "10ms"},
     {"never": "-0.2 < x - 2 * y < 0.2", "before": "90ms"},
     {"always": "x < 1.9", "until": "y > 1.9"},
