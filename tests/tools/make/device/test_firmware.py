@@ -187,6 +187,8 @@ def test_a_replay_by_another_law_differs_from_the_device(barrel: Held, tmp_path:
     made(barrel.folder, "linux")
     done = with_device(barrel, tmp_path / "run", str(barrel.folder / "linux"), "{bus}")
     assert done.ran, done
+    one = pcpc("replay", "--brief", str(tmp_path / "run"))
+    assert one.code == 0 and "identical" in one.out, one
     changed = "--set", "controller.kv_Nms_rad=111", "--node", "device"
     replayed = pcpc("replay", str(tmp_path / "run"), *changed)
     assert replayed.code == 1 and "first difference: cycle " in replayed.out, replayed
