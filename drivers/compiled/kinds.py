@@ -177,6 +177,6 @@ def leaves_of(value: Any, into: list[Any]) -> None:
         into += (None, None, value.size, value.itemsize, value.ctypes.data)
         into += (*value.shape, *value.strides)
     elif isinstance(value, np.record):
-        into.append(value.__array_interface__["data"][0])
+        into.append(np.asarray(value).ctypes.data)  # its own interface lists each field
     else:
         into.append(int(value) if isinstance(value, np.int64) else value)
