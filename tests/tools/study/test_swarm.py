@@ -6,6 +6,7 @@ import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -113,16 +114,21 @@ PLANTED: list[tuple[str, World, str, Spoil]] = [
 ]  # fmt: skip
 
 
+@cache
+def _found_in_truth(text: str) -> dict[str, list[str]]:
+    """Return what all promises find in a world, whose text this is, before anything is spoilt."""
+    return cli.checked(json.loads(text)).found
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "place", "spoil"), PLANTED, ids=lambda one: str(one)[:12]
 )
 def test_each_promise_is_seen_to_fail(
     name: str, changes: World, place: str, spoil: Spoil, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wrong = changes.get("wrong", [])
-    assert cli.checked(world(**changes | {"wrong": []})).found == {}
+    assert _found_in_truth(json.dumps(world(**changes | {"wrong": []}))) == {}
     monkeypatch.setattr(place, spoil(pkgutil.resolve_name(place)))
-    assert name in cli.checked(world(**changes | {"wrong": wrong})).found
+    assert name in cli.checked(world(**changes), [name]).found
 
 
 def test_a_wrong_value_of_a_damaged_log_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
