@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 import reach
-from copies import PROGRAMS, Copy, copies, say_no_compiling
+from copies import PROGRAMS, Copy, copies, defer_grammars, say_no_compiling
 from hypothesis import HealthCheck, settings
 
 from pcpc.tools.start.children import Child
@@ -40,6 +40,7 @@ _PROCESSORS = os.sched_getaffinity(0)
 _started = Child.started
 
 gc.disable()
+defer_grammars()
 say_no_compiling()
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any speed")

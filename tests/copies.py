@@ -28,7 +28,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn
 
 PROGRAMS = {name: str(Path(sys.executable).with_name(name)) for name in ("pcpc", "pytest")}
@@ -191,6 +193,20 @@ def say_no_compiling() -> None:
     vars(import_module("pcpc.drivers.compiled.compile_cache"))["SHORT_S"] = math.inf
 
 
+def defer_grammars() -> None:
+    """Let 38 grammars be made once jsonschema has an IRI to check, not at its import: a second."""
+    name, later = "rfc3987_syntax", ModuleType("rfc3987_syntax")
+
+    def is_valid_syntax(term: str, text: str) -> bool:
+        if sys.modules[name] is later:
+            del sys.modules[name]
+        return bool(import_module(name).is_valid_syntax(term, text))
+
+    vars(later)["is_valid_syntax"] = is_valid_syntax
+    if name not in sys.modules and find_spec(name) is not None:
+        sys.modules[name] = later
+
+
 def as_of_a_terminal() -> None:
     """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -301,6 +317,7 @@ def _leave(code: int) -> None:
 
 
 if __name__ == "__main__":
+    defer_grammars()
     for _command in import_module("pcpc.tools.cli.commands").COMMANDS.values():
         for _one in _command.parts or (_command,):
             import_module(f"pcpc.tools.{_one.module}")

@@ -5,6 +5,7 @@ A feature brings a rig into `tests/rigs/`, or a line into MADE if its files are 
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from places import ROOT
 from recorded import Given
 
 from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.schema import Config
 
 CYCLES = 300  # of a shipped rig
 QUICK = ("fd",)
@@ -51,6 +53,11 @@ MADE: dict[str, Callable[[Path], Path]] = {
 }
 
 
+@cache
+def _config(path: Path) -> Config:
+    return load_rig(path, resolve=False).config
+
+
 def shipped() -> Iterator[tuple[Path, str]]:
     """Return every rig once, and every controller of every plant at least once.
 
@@ -58,17 +65,17 @@ def shipped() -> Iterator[tuple[Path, str]]:
     """
     for folder in sorted({rig.parents[1] for rig in SHIPPED}):
         rigs = [rig for rig in SHIPPED if rig.parents[1] == folder]
-        controllers = list(load_rig(rigs[0], resolve=False).config.controllers)
+        controllers = list(_config(rigs[0]).controllers)
         number = max(len(rigs), len(controllers))
         turns = zip(range(number), itertools.cycle(rigs), itertools.cycle(controllers))
         for _, rig, turn in turns:
-            config = load_rig(rig, resolve=False).config
+            config = _config(rig)
             known = turn in config.expect or not config.expect
             yield rig, turn if known else config.controller
 
 
 def _short(path: Path, controller: str) -> Given:
-    rate_hz = load_rig(path, resolve=False).config.rate_hz
+    rate_hz = _config(path).rate_hz
     return Given(path, controller, (f"duration_s={CYCLES / rate_hz!r}", "record.keyframe=100ms"))
 
 

@@ -6,14 +6,15 @@ import sys
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import anyio
 import yaml
-from mcp.client.client import Client
-from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from pcpc.tools import cli
+
+if TYPE_CHECKING:  # half a second, for each worker
+    from mcp.client.client import Client
 
 POLICY: dict[str, Any] = {
     "commands": ["rigs", "check", "simulate", "report", "replay", "compare", "log", "branch"],
@@ -28,7 +29,7 @@ POLICY: dict[str, Any] = {
 class Door:
     """A workspace, a policy and an audit beside it, and a client while a session goes on."""
 
-    client: Client
+    client: "Client"
 
     def __init__(self, folder: Path, **policy: Any) -> None:
         self.folder, self.work = folder, folder / "motor"
@@ -42,8 +43,11 @@ class Door:
         places = [str(self.work), "--policy", str(self.policy), "--audit", str(self.audit)]
         return ["-P", "-m", "pcpc.tools.cli", "mcp", *places]
 
-    def connect(self) -> AbstractAsyncContextManager[Client]:
+    def connect(self) -> "AbstractAsyncContextManager[Client]":
         """Return a client of a new server."""
+        from mcp.client.client import Client
+        from mcp.client.stdio import StdioServerParameters, stdio_client
+
         return Client(stdio_client(StdioServerParameters(command=sys.executable, args=self.words)))
 
     def session(self, story: "Callable[[Door], Awaitable[Any]]") -> Any:

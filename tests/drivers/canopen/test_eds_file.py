@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import canopen
 import pytest
 from drives import NODE, Bench
 
@@ -132,6 +131,8 @@ def test_its_own_eds_then_has_the_manufacturers_objects(
     read: eds_file.EdsContent, tmp_path: Path
 ) -> None:
     (tmp_path / "drive.eds").write_text(eds.text(read.every))
+    import canopen  # python-can reads MF4 with pandas: 0.4 s, for each worker at the top
+
     theirs = canopen.import_od(str(tmp_path / "drive.eds"), NODE)
     assert theirs[0x2001].default == -7 and theirs[0x2002][2].default == 9
     assert theirs[0x1017].default == 250 and 0x60B9 not in theirs

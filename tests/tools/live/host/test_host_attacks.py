@@ -149,7 +149,8 @@ SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
     "another kind of client": (
         first_word('{"do": "hello", "token": "x", "kind": "root"}'), (TOKEN,)),
     "a question of a terminal": (then('{"do": "nodes", "id": 1}'), (MESSAGE,)),
-    "a compressed bomb": (raw(frame(0xC1, bomb())), (PROTOCOL, BIG, 1, 1006)),
+    "a compressed bomb": (
+        lambda host: raw(frame(0xC1, bomb()))(host), (PROTOCOL, BIG, 1, 1006)),
     "a frame that says it is huge": (
         raw(bytes([0x81, 0xFF]) + struct.pack(">Q", 1 << 40) + b"mask"), (BIG, PROTOCOL, 1, 1006)),
     "a message in endless parts": (

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import pytest
 from logcommand import run_here
-from pya2l import import_a2l, model
 
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
@@ -79,6 +78,8 @@ class Read(NamedTuple):
 
 def by_pya2ldb(path: Path) -> tuple[Read, Any]:
     """Return what pya2ldb reads, and its IF_DATA by tags."""
+    from pya2l import import_a2l, model  # half a second, for each worker at the top
+
     session = import_a2l(str(path), in_memory=True, encoding="utf-8", progress_bar=False)
     units = {one.name: one.unit for one in session.query(model.CompuMethod)}
     entries = {}
@@ -203,6 +204,8 @@ def test_a_long_help_with_quotes_ends_with_its_text(tmp_path: Path) -> None:
     variables = [A2lVariable(f"x.v{i}", "", help_, None, i > 0) for i, help_ in enumerate(helps)]
     path = tmp_path / "a.a2l"
     path.write_text(a2l_text("rig", "node", "1", 10**6, variables, ethernet([("UDP", "::", 1)])))
+    from pya2l import import_a2l, model  # half a second, for each worker at the top
+
     session = import_a2l(str(path), in_memory=True, encoding="utf-8", progress_bar=False)
     read = [one.longIdentifier for one in session.query(model.Measurement)]
     assert read[0] == "a" * 240 + " (polled only)"

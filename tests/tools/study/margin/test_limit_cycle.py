@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from json_schemas import holds
-from scipy.integrate import quad
-from scipy.optimize import brentq
 
 import pcpc
 from pcpc.tools.cli import main
@@ -35,6 +33,7 @@ KNOWN = {"gap": play, "slack": slack}
 
 def integral(name: str, ratio: float) -> complex:
     """Return the first harmonic of the wave itself, by quadrature."""
+    from scipy.integrate import quad
 
     def wave(th: float) -> float:
         u = np.cos(th)
@@ -85,6 +84,8 @@ def found(plant: Linear, folder: Path, **options: object) -> LimitCycle:
 
 @pytest.mark.parametrize("name", list(KNOWN))
 def test_the_branch_is_that_of_the_closed_form(name: str, tmp_path: Path) -> None:
+    from scipy.optimize import brentq
+
     plant = PLANTS["lag"]
     ours = found(plant, tmp_path, **{name: 1000.0})
     assert len(ours.branch) > 6
