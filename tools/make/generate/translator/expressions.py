@@ -129,7 +129,7 @@ class Expressions:
                 return Value(number_text(float(value)), FLOAT, fixed=True)
             return Value(str(value), WHOLE, fixed=True)
         if isinstance(value, float):
-            said = ast.get_source_segment(self.file.text, node) or ""
+            said = self.file.said_by(node)
             text = said if _PLAIN_FLOAT.fullmatch(said) else number_text(value)
             return Value(text, FLOAT, fixed=True)
         raise self.error(node, f"{value!r} is no number")

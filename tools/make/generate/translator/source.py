@@ -6,7 +6,7 @@ import io
 import tokenize
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,15 @@ class File:
     def shown(self) -> str:
         """Return the path as messages and generated files show it."""
         return str(self.path.relative_to(PROJECT) if self._inside else self.path.name)
+
+    def said_by(self, node: ast.Constant) -> str:
+        """Return what the source says for a number, which is all in one line."""
+        line = self._lines[node.lineno - 1].encode()
+        return line[node.col_offset : node.end_col_offset].decode()
+
+    @cached_property
+    def _lines(self) -> list[str]:
+        return self.text.split("\n")
 
     @property
     def _inside(self) -> bool:
