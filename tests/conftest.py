@@ -187,4 +187,5 @@ def _starts_programs(module: ModuleType) -> bool:
 
 def pytest_collection_finish() -> None:
     gc.freeze()
+    gc.set_threshold(10_000)  # of 700: what is kept, as trees of all sources are, is searched less
     gc.enable()
