@@ -129,6 +129,8 @@ def test_a_bill_has_vendored_files_packages_and_compilers_and_the_schema_takes_i
     assert found["pypi/scipy"]["scope"] == "optional"
     strict = JsonStrictValidator(SchemaVersion.V1_6)
     assert strict.validate_str(json.dumps(made)) is None
+    no_iri = made | {"externalReferences": [{"type": "website", "url": "a b"}]}
+    assert strict.validate_str(json.dumps(no_iri)) is not None  # its grammar is made here
     made["components"][0]["type"] = "thing"
     assert strict.validate_str(json.dumps(made)) is not None
     (page / "plot.js").write_text("code")
