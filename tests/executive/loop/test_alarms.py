@@ -99,8 +99,8 @@ def test_without_a_clock_nothing_is_an_alarm(tmp_path: Path) -> None:
     assert not list(Alarms(made).look(1.0))
 
 
-def test_alarms_are_events_of_the_log(tmp_path: Path) -> None:
-    made = block_of("alarms")
+def test_alarms_are_events_of_the_log(tmp_path: Path, name: str) -> None:
+    made = block_of(name)
     made.description["alarms"] = {"late_us": None}
     recorder = Recorder(tmp_path / "log.mcap", [made])
     for cycle in range(8):
