@@ -5,7 +5,9 @@ import inspect
 import os
 import re
 import socket
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +25,7 @@ from pcpc.drivers.can.bus import BusAddress
 from pcpc.drivers.can.dbc import BusError
 from pcpc.drivers.can.wire_layout import Arrival, Medium
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
+from pcpc.drivers.machine import outside
 
 OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"
 GROUPS = (bus.UDP_GROUP, OTHER_GROUP)
@@ -297,6 +300,55 @@ def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
         got = [receive(end) for _ in range(5)]
         foreign = [Arrival.FOREIGN] * 3
         assert got == [(0x7FF, b"hi"), *foreign, Arrival.NOTHING], f"{got}"
+
+
+CABLE = """
+import socket
+left = []
+
+def opened(channel, fd):
+    if channel != "1":
+        raise ValueError(f"no cable {channel}")
+    one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    left.append(other)
+    return one, one.dup()
+"""
+
+
+@pytest.fixture
+def cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Return the name of a bus of a package that this process finds."""
+    name = f"cable{os.getpid()}"
+    (info := tmp_path / f"{name}-1.0.dist-info").mkdir()
+    (tmp_path / f"{name}.py").write_text(CABLE)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    points = f"[pcpc.buses]\n{name} = {name}:opened\nno{name} = no{name}:opened\n"
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    outside._all_additions.cache_clear()
+    yield name
+    outside._all_additions.cache_clear()
+    sys.modules.pop(name, None)
+
+
+def test_a_bus_of_a_package_carries_frames_or_says_why_it_cannot(cable: str) -> None:
+    ends = new_wire(), new_wire()
+    bus.open_bus(BusAddress(cable, "1"), [], ends[0])
+    far = sys.modules[cable].left[0].detach()
+    wire.prepare(ends[1], Medium.SOCKETCAN, far, far)
+    for end, other in (ends, ends[::-1]):
+        send(end, 0x123, b"abc")
+        assert receive(other) == (0x123, b"abc")
+    for descriptor in {int(ends[0].fd_tx), int(ends[0].fd_rx), far}:
+        os.close(descriptor)
+    for name, channel, said in (
+        (cable, "2", f"^{cable}:2: .* cannot open it: ValueError: no cable 2$"),
+        (f"no{cable}", "1", f"ModuleNotFoundError: No module named 'no{cable}'"),
+    ):
+        with pytest.raises(BusError, match=said):
+            bus.open_bus(BusAddress(name, channel), [], new_wire())
+    with pytest.raises(BusError, match="who only listens needs socketcan or udp_multicast"):
+        bus.listener(BusAddress(cable, "1"))
 
 
 def test_a_bus_that_python_can_cannot_open_is_a_bus_error() -> None:

@@ -363,10 +363,19 @@ def test_nan_is_sent_as_raw_zero_and_counted() -> None:
 
 @pytest.mark.parametrize("bits", [32, 64])
 @pytest.mark.parametrize("is_float", [True, False])
-def test_nan_in_a_float_or_a_wide_signal_is_raw_zero_too(bits: int, is_float: bool) -> None:
+@pytest.mark.parametrize("layout", [None, 0])
+def test_nan_in_a_float_or_a_wide_signal_is_raw_zero_too(
+    bits: int, is_float: bool, layout: int | None
+) -> None:
     conversion = BaseConversion.factory(is_float=is_float)
-    table = single(Signal("s", 0, bits, conversion=conversion, is_signed=True))
-    assert pack({"s": math.nan}, 0, table) == (bytes(8), 1)
+    signal = Signal("s", 0, bits, conversion=conversion, is_signed=True)
+    chosen = [signal]
+    if layout is not None:
+        chosen.append(Signal("m", 64, 8, is_multiplexer=True))
+        signal.multiplexer_ids, signal.multiplexer_signal = [layout], "m"
+    message = Message(1, "M", 12, chosen, cycle_time=1, strict=True, is_fd=True)
+    table = dbc.table([dbc.frame(message)], 1000.0)
+    assert pack({"s": math.nan, "m": 0.0}, 0, table) == (bytes(12), 1)
 
 
 def test_a_frame_is_found_by_id_and_format() -> None:

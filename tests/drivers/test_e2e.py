@@ -205,6 +205,19 @@ def test_protection_changes_only_counter_and_crc(name: str) -> None:
     assert rest == b"\xff" * entry.dlc, f"{rest.hex(' ')}"
 
 
+@pytest.mark.parametrize("name", PROTECTED)
+def test_a_crc_that_stands_in_a_frame_can_be_read_and_exchanged(name: str) -> None:
+    data, row = sent(name, 9, fill=0x5A), ROWS[name]
+    right = e2e.right_crc(data, row, TABLE.frames)
+    assert e2e.crc_of(data, row, TABLE.frames) == right
+    wrong, changed = data.copy(), right ^ (0xFFFF if name in WITH_CRC_16 else 0xFF)
+    e2e.put_crc(wrong, row, TABLE.frames, changed)
+    assert e2e.crc_of(wrong, row, TABLE.frames) == changed
+    places = np.flatnonzero(wrong != data).tolist()
+    size, first, _ = FRAMES[row].crc
+    assert places == [*range(first, first + size)], f"{places}"
+
+
 def test_an_unprotected_frame_is_left_alone_and_always_ok() -> None:
     state = e2e.new_state(len(FRAMES))
     data = sent("HB_PLANT", 7, fill=5)

@@ -3,6 +3,8 @@
 Run interpreted, see `test_interpreted_loop.py`: functions of the loop are called one by one.
 """
 
+import signal
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +19,14 @@ from pcpc.drivers.can import wire
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, Arrival, Flag
 from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.executive.loop import (
+    clock,
     draws,
     faults,
     keyframe_layout,
     losses,
     meeting,
     reception,
+    rings,
     timing,
     tuning,
 )
@@ -30,9 +34,11 @@ from pcpc.executive.loop.control import blank
 from pcpc.executive.loop.cycle import N, finish
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.limits import check_finite
 from pcpc.executive.loop.ring_layout import OfFrame
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.shared import GREETING
+from pcpc.executive.loop.stalls import pass_stalled_period
 from pcpc.executive.loop.states import State
 from pcpc.executive.loop.strangers import blame
 from pcpc.executive.loop.supervisor import Overrun, judge_overrun
@@ -73,6 +79,65 @@ def test_a_full_ring_of_frames_drops_and_counts() -> None:
     rows = n.frame[: 2 * n.rings.frame_words].reshape(2, -1)[:, OfFrame.PAYLOAD :]
     assert rows[0].tobytes() == frame[8:].tobytes(), "FD: all of its data"
     assert rows[1].tobytes() == frame[8:16].tobytes() + bytes(56), "and of a classic one eight"
+
+
+def test_a_loop_that_waits_for_the_recorder_waits_no_longer_than_once_when_it_is_to_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    n, frame = zeroed(), np.zeros(72, np.uint8)
+    n.rings.frame_rows, n.rings.frame_words, n.rings.wait_recorder = 1, OfFrame.PAYLOAD + 8, 1
+    push_frame(n, frame, 1, 0)
+
+    def take() -> None:
+        n.frame_taken[0] = 1
+
+    recorder = threading.Timer(0.01, take)
+    recorder.start()
+    push_frame(n, frame, 1, 0)
+    assert (int(n.frame_taken[0]), int(n.frame_ends.head), int(n.frame_ends.dropped)) == (1, 2, 0)
+    recorder.join()
+    n.control.stop = 1
+    for wait_ns in (1_000_000, 10**18):  # the second would not end
+        monkeypatch.setattr(rings, "LAST_WAIT_NS", wait_ns)
+        push_frame(n, frame, 1, 0)
+    assert (int(n.frame_ends.head), int(n.frame_ends.dropped)) == (2, 2)
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_signal_wakes_who_sleeps_only_if_it_is_to_stop(stops: bool) -> None:
+    n, came = zeroed(), []
+
+    def note(number: int, _: object) -> None:
+        came.append(number)
+        n.control.stop = int(stops and len(came) > 1)
+
+    n.clock.deadline = clock.now(n.clock) + (600_000_000_000 if stops else 50_000_000)
+    before = signal.signal(signal.SIGALRM, note)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.002, 0.002)
+        clock._sleep(n)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert came and (n.clock.wake < n.clock.deadline) == stops
+
+
+def test_on_a_clock_a_node_that_stands_still_leaves_what_comes_on_its_bus(bench: Bench) -> None:
+    n = bench.executive.loop
+    n.wire.inbox_put += 1
+    before, deadline = n.copy(), int(n.clock.deadline)
+    pass_stalled_period(n)
+    assert n.wire.inbox_taken == before.wire.inbox_taken == n.wire.inbox_put - 1
+    assert (n.k, n.passes, n.control.skipped) == (before.k + 1, before.passes, 1)
+    assert n.clock.deadline == deadline + n.clock.period_ns and n.faults.stalled == 1
+
+
+def test_of_odd_outputs_that_of_the_first_block_is_named(bench: Bench) -> None:
+    n = bench.executive.loop
+    places = [int(n.blocks.views[i].y) for i in range(int(n.blocks.n))]
+    n.v[places] = np.nan
+    assert check_finite(n) and len(places) > 1
+    assert n.control.odd_place == places[0] + 1
 
 
 def test_a_bus_that_takes_no_frame_is_counted(bench: Bench) -> None:
