@@ -16,9 +16,11 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/nodes/test_,virtual.py first_sample.py) tests/contract/test_ways.py \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
-# what reaches the loop and the bus, and needs no pace of them
-COVERED = tests/contract tests/executive/loop tests/executive/loop/rare_cycles.py \
-	tests/executive/nodes tests/drivers
+# what reaches the loop and the bus
+COVERED = tests/executive/loop $(addprefix tests/executive/loop/rare_,cycles.py frames.py) \
+	tests/executive/nodes/test_waits_end.py tests/drivers/canopen/test_drive_frames.py \
+	$(addprefix tests/drivers/test_,bus.py choice.py codec.py dbc.py dbc_entries.py e2e.py \
+	frame_bits.py plain_bus.py stuffing.py wire.py)
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # uv takes a third of pip's time; it knows no mirror that pip is told of. Bytecode is made on all

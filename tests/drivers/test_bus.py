@@ -6,6 +6,7 @@ import os
 import re
 import socket
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -110,6 +111,11 @@ def test_an_end_on_two_buses_sends_by_the_id_and_hears_both(open_udp: Open) -> N
     send(second, 2, b"")
     assert wire._wait_for_either(end) == 1
     assert receive(end) == (2, b"") and wire.get_frame(end, False) == Arrival.NOTHING
+    later = threading.Timer(0.01, send, (second, 5, b""))
+    later.start()
+    while (taken := receive(end)) == Arrival.NOTHING:  # it waits for both
+        pass
+    assert taken == (5, b"")
     end.in_turn = 1  # it waits for one bus after the other
     send(second, 3, b"")
     assert receive(end) == Arrival.NOTHING

@@ -33,7 +33,10 @@ from pcpc.executive.loop import (
 from pcpc.executive.loop.control import blank
 from pcpc.executive.loop.cycle import N, finish
 from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.fault_kinds import WrongValue as Wrong
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.injected_values import wrong
+from pcpc.executive.loop.injection import BURST, SHARE
 from pcpc.executive.loop.limits import check_finite
 from pcpc.executive.loop.ring_layout import OfFrame
 from pcpc.executive.loop.rings import push_frame
@@ -138,6 +141,16 @@ def test_of_odd_outputs_that_of_the_first_block_is_named(bench: Bench) -> None:
     n.v[places] = np.nan
     assert check_finite(n) and len(places) > 1
     assert n.control.odd_place == places[0] + 1
+
+
+@pytest.mark.parametrize(("kind", "kept"), [(Wrong.DROPOUT, 2.0), (Wrong.STUCK, 1.0)])
+def test_what_a_fault_leaves_alone_is_true_and_kept_but_by_what_is_stuck(
+    kind: Wrong, kept: float
+) -> None:
+    n = zeroed()
+    n.faults.kind[0], n.faults.kept[0], n.faults.seed[0] = kind, 1.0, 1
+    n.v[SHARE], n.v[BURST] = 0.0, 1.0
+    assert (wrong(n, 0, 2.0), n.faults.kept[0]) == (2.0, kept)
 
 
 def test_a_bus_that_takes_no_frame_is_counted(bench: Bench) -> None:

@@ -10,14 +10,9 @@ from places import ROOT
 
 
 @pytest.mark.deep
-def test_rare_cycles_are_as_they_should_be() -> None:
-    words = [
-        "-m",
-        "pytest",
-        "-p",
-        "no:cacheprovider",
-        str(Path(__file__).with_name("rare_cycles.py")),
-    ]
+@pytest.mark.parametrize("name", ["rare_cycles.py", "rare_frames.py"])
+def test_rare_cycles_are_as_they_should_be(name: str) -> None:
+    words = ["-m", "pytest", "-p", "no:cacheprovider", str(Path(__file__).with_name(name))]
     done = subprocess.run(
         [sys.executable, *words],
         cwd=ROOT,
