@@ -16,11 +16,13 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 	$(addprefix tests/executive/nodes/test_,virtual.py first_sample.py) tests/contract/test_ways.py \
 	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
 	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
-# what reaches the loop and the bus
+# what reaches the loop and the bus; of the last also what takes long
 COVERED = tests/executive/loop $(addprefix tests/executive/loop/rare_,cycles.py frames.py) \
-	tests/executive/nodes/test_waits_end.py tests/drivers/canopen/test_drive_frames.py \
-	$(addprefix tests/drivers/test_,bus.py choice.py codec.py dbc.py dbc_entries.py e2e.py \
-	frame_bits.py plain_bus.py stuffing.py wire.py)
+	tests/drivers/canopen/test_drive_frames.py \
+	$(addprefix tests/drivers/test_,bus.py choice.py e2e.py frame_bits.py plain_bus.py stuffing.py)
+COVERED_DEEP = $(addprefix tests/drivers/test_,codec.py dbc.py dbc_entries.py wire.py) \
+	$(addprefix tests/executive/loop/test_,injected_frames.py injected_values.py reset.py) \
+	tests/executive/nodes/test_waits_end.py
 
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # uv takes a third of pip's time; it knows no mirror that pip is told of. Bytecode is made on all
@@ -92,7 +94,8 @@ test-quiet: tools ## gates of timing, for a machine that does nothing else
 
 coverage: tools ## lines and branches of loop and bus that tests reach; hours
 	@rm -rf build/coverage
-	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep too $(COVERED)
+	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep no $(COVERED) $(COVERED_DEEP)
+	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep only $(COVERED_DEEP)
 	@$(BIN)/coverage combine -q
 	@$(BIN)/coverage report
 
