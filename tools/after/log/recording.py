@@ -101,6 +101,7 @@ def reader(path: Path, channel: str | None, limits: ReaderLimits) -> Iterator[IO
                 raise EndedError(code, lines[-1] if lines else "") from None
             finally:
                 process.kill()
+                process.wait()  # at an interruption `with` itself waits for no more than 0.25 s
 
 
 def read(
