@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Others(Progress):
         elif "send" in act:
             wire = block.loop.wire
             for count in range(act["send"]):
-                frame = np.full(wire.inbox.shape[1], count, np.uint8)
+                frame: Any = np.full(wire.inbox.shape[1], count, np.uint8)
                 word = int(made.tx_frames[-1].word)
                 frame[:8] = [*word.to_bytes(4, "little"), 8, 0, 0, 0]
                 deliver(frame, wire)

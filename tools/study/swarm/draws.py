@@ -24,7 +24,7 @@ from pcpc.tools.study.swarm.files import (
 from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
-TIMES = 1, 3, 10, 30  # as many, of the cycles of a history
+TIMES: tuple[int, ...] = (1, 3, 10, 30)  # as many, of the cycles of a history
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what

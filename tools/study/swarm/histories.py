@@ -1,5 +1,6 @@
 """What happens to a drawn rig: faults, what its user does, frames of another sender."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,7 +26,11 @@ def acts(d: Drawing, world: World) -> None:
         acts.append({"set": asked})
     if d.has(0.06, "second sender"):
         acts.append({"send": d.one(1, 2, 3, 5), "node": d.one("executive", "plant")})
-    cycles = sorted(d.random.randint(1, world["cycles"]) for _ in acts)
+    if acts:  # which wait for the end of a piece: as long as a keyframe's
+        world["every"] = math.ceil(0.1 * world["rate_hz"])
+        world["keys"]["record"] = {"keyframe": ms(world, world["every"])}
+    last = max(world["cycles"] - world["every"], 1)
+    cycles = sorted(d.random.randint(1, last) for _ in acts)
     acts = d.random.sample(acts, len(acts))
     world["acts"] = [{"cycle": at} | act for at, act in zip(cycles, acts, strict=True)]
 

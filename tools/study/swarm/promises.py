@@ -273,6 +273,7 @@ def verdict(case: Case) -> Iterator[str]:
 def frames(case: Case) -> Iterator[str]:
     """Yield frames of which nobody knows what became of them, and wrong ones that were used."""
     yield from oracle.frames(case)
+    yield from counts.paced(case)
 
 
 def limits(case: Case) -> Iterator[str]:
